@@ -47,6 +47,10 @@ def solve_pose(monkeypatch):
         Solver(model.chain, "direction")(np.eye(4), model.chain_pose("home"))
 
 
+def is_target(_):
+    return single.is_target(np.vstack([np.zeros(3), np.eye(3)]), True)
+
+
 def min_distances(_):
     checker = CollisionChecker(every_kind_of_joint(), 0.02, BOXES)
     checker.distances(np.zeros((3, checker.dof)))
@@ -80,6 +84,7 @@ def find_in_square(_):
 ENTRIES = [
     (search, "solve_all", solve_all),
     (single, "solve_pose", solve_pose),
+    (single, "is_target", is_target),
     (collision_kernel, "min_distances", min_distances),
     (collision_kernel, "gravity_torques_kernel", gravity_torques_kernel),
     (raycast, "raycast", cast_rays),
@@ -144,7 +149,7 @@ def in_another_way(random, a):
 def changed(random, arguments):
     """Return other arguments: some changed, some missing, some too many."""
     given = copied(arguments)
-    for i in random.integers(len(given), size=random.integers(1, 4)):
+    for i in set(random.integers(len(given), size=random.integers(1, 4)).tolist()):
         if isinstance(given[i], np.ndarray) and given[i].ndim:
             ways = (
                 with_one_number_changed,

@@ -18,13 +18,10 @@ from ikservo.ik.kernel.compiled import bind
 from ikservo.ik.kernel.layout import (
     ITERATIONS,
     POSITION_ERROR,
-    PROBLEM_SIZE,
     REACHED,
     REACHED_POINT,
     ROTATION_ERROR,
     TRACE_LENGTH_OUT,
-    WANTED_POSITION,
-    WANTED_ROTATION,
 )
 from ikservo.ik.prepare import (
     PackedProblem,
@@ -37,11 +34,10 @@ from ikservo.ik.prepare import (
 from ikservo.ik.problem import Options, Target, check_position
 from ikservo.ik.result import ActiveLimit, Result
 from ikservo.kinematics import Chain
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.arrays import Vector
 
 __all__ = [
     "bounded",
-    "pack_target",
     "problem_for_target",
     "target_kind_of",
     "unpack_result",
@@ -116,9 +112,7 @@ class Search:
             given = ready.make_seeds(chain, np.array(first), swinging=False)
             seeds = np.hstack([given, seeds])
         worker = SolverBuffers(chain.dof, restarts, traced=_TRACED if options.trace else 0)
-        question, self._start = worker.question[0], worker.start[0]
-        self._position = question[WANTED_POSITION : WANTED_POSITION + 3]
-        self._rotation = question[WANTED_ROTATION:].reshape(3, 3)
+        self._question, self._start = worker.question.reshape(4, 3), worker.start[0]
         self._answer, self._trace = worker.answer[0], worker.trace
         load_kernel()  # where it is not compiled, its module makes it known
         run = bind(
@@ -129,7 +123,7 @@ class Search:
 
     def solve(self, chain: Chain, target: Target, q0: Vector) -> Result:
         """Return the result for a target, from ``q0`` (dof,)."""
-        _fill_question(self._position, self._rotation, self._kind, target)
+        self._question[:] = target.packed
         self._start[:] = q0
         if self._run_kernel() >= 0:
             raise BadValueError("The question", "none", "finite numbers and a rotation")
@@ -147,7 +141,8 @@ class Search:
         return (start, *(steps[1:] if steps and np.array_equal(steps[0], start) else steps))
 
 
-_Key = tuple[TargetKind, str | None, bytes, bytes, Options]
+_Key = tuple[bool, str | None, bytes, bytes, Options]
+"""Whether the orientation is free, the frame, its point, the axis that has a direction, options."""
 
 
 class _Searches(threading.local):
@@ -158,9 +153,10 @@ class _Searches(threading.local):
 
     def find(self, chain: Chain, target: Target, options: Options) -> Search:
         """Return the search for such targets, prepared now if it was not before."""
-        kind, offset = target_kind_of(target), _offset_array(target)
-        axis = target.axis.tobytes() if kind is TargetKind.DIRECTION else b""
-        key = (kind, target.frame, b"" if offset is None else offset.tobytes(), axis, options)
+        offset = _offset_array(target)
+        point = b"" if offset is None else offset.tobytes()
+        axis = b"" if target.direction is None else target.axis.tobytes()
+        key = (target.orientation is None, target.frame, point, axis, options)
         kept = self._prepared.get(chain)
         if kept is None:
             kept = self._prepared[chain] = {}
@@ -191,19 +187,3 @@ def problem_for_target(chain: Chain, target: Target, restarts: int = 1) -> Packe
 
 def _offset_array(target: Target) -> Vector | None:
     return None if target.offset_m is None else check_position(target.offset_m, "offset_m")
-
-
-def pack_target(target: Target) -> Vector:
-    """Return a target as the kernels read it (PROBLEM_SIZE,); a direction uses only z."""
-    question = np.zeros(PROBLEM_SIZE)
-    position, rotation = question[:WANTED_ROTATION], question[WANTED_ROTATION:].reshape(3, 3)
-    _fill_question(position, rotation, target_kind_of(target), target)
-    return question
-
-
-def _fill_question(position: Vector, rotation: Matrix, kind: TargetKind, target: Target) -> None:
-    position[:] = target.position
-    if kind is TargetKind.POSE:
-        rotation[:] = cast("Matrix", target.rotation)
-    elif kind is TargetKind.DIRECTION:
-        rotation[:, 2] = target.target_axis

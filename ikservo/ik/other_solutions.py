@@ -11,7 +11,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from ikservo.ik.bounded import pack_target, problem_for_target, target_kind_of
+from ikservo.ik.bounded import problem_for_target, target_kind_of
 from ikservo.ik.closed_form import direction_intervals, solutions
 from ikservo.ik.closed_form_structure import recognise_structure
 from ikservo.ik.jacobian_methods import ResidualFunction, pinv
@@ -184,7 +184,7 @@ def _solutions_around(chain: Chain, target: Target, q0: Vector, options: Options
     kind, ready = target_kind_of(target), problem_for_target(chain, target)
     settings = pack_settings(kind, chain.dof, _single_start_options(options))
     worker = SolverBuffers(chain.dof, 1, questions=len(starts))
-    worker.question[:] = pack_target(target)
+    worker.question[:] = target.packed.ravel()
     search = load_kernel()
     search(
         ready.arm,

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cache
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -31,7 +33,6 @@ __all__ = [
 ]
 
 
-_ROTATION_TOLERANCE = 1e-6
 _TOOL_AXIS = (0.0, 0.0, 1.0)
 _TOOL_AXIS_ARRAY = read_only(_TOOL_AXIS)
 
@@ -51,6 +52,8 @@ class Target:
         target_axis: The target direction as a unit vector, or None.
         rotation: The target orientation as an array of its own, or None.
         axis: The tool axis as a unit vector.
+        packed: Position and rotation (4, 3) as the kernels read them; a direction is its last
+            column.
 
     Raises:
         BadValueError: A number is not finite, a shape is wrong, an axis has no length, the
@@ -67,6 +70,7 @@ class Target:
     target_axis: Vector | None = field(init=False, repr=False)
     rotation: Matrix | None = field(init=False, repr=False)
     axis: Vector = field(init=False, repr=False)
+    packed: Matrix = field(init=False, repr=False)
 
     # Written out, as the one that dataclasses make of a frozen class takes three times as long.
     def __init__(
@@ -83,22 +87,21 @@ class Target:
         _check_frame(frame)
         if offset_m is not None:
             check_position(offset_m, "offset_m")
-        self.__dict__.update(
-            position_m=position_m,
-            direction=direction,
-            orientation=orientation,
-            frame=frame,
-            offset_m=offset_m,
-            tool_axis=tool_axis,
-            position=check_position(position_m, "The target position"),
-            target_axis=None if direction is None else normalise(direction, "The wanted direction"),
-            rotation=None if orientation is None else _check_rotation(orientation),
-            axis=(
-                _TOOL_AXIS_ARRAY
-                if tool_axis is _TOOL_AXIS
-                else normalise(tool_axis, "The tool axis")
-            ),
+        packed = _pack_target(position_m, direction, orientation)
+        fields = self.__dict__
+        fields["position_m"] = position_m
+        fields["direction"] = direction
+        fields["orientation"] = orientation
+        fields["frame"] = frame
+        fields["offset_m"] = offset_m
+        fields["tool_axis"] = tool_axis
+        fields["position"] = packed[0]
+        fields["target_axis"] = None if direction is None else packed[1:, 2]
+        fields["rotation"] = None if orientation is None else packed[1:]
+        fields["axis"] = (
+            _TOOL_AXIS_ARRAY if tool_axis is _TOOL_AXIS else normalise(tool_axis, "The tool axis")
         )
+        fields["packed"] = packed
 
     @property
     def only_position(self) -> bool:
@@ -153,22 +156,29 @@ def normalise(v: ArrayLike, what: str) -> Vector:
     return vector / length
 
 
-def _check_rotation(R: ArrayLike) -> Matrix:
-    matrix = array_of_shape(R, (3, 3), "The orientation")
-    (a, b, c), (d, e, f), (g, h, i) = matrix.tolist()
-    off = max(
-        abs(a * a + b * b + c * c - 1.0),
-        abs(d * d + e * e + f * f - 1.0),
-        abs(g * g + h * h + i * i - 1.0),
-        abs(a * d + b * e + c * f),
-        abs(d * g + e * h + f * i),
-        abs(g * a + h * b + i * c),
-    )
-    det = a * (e * i - f * h) + b * (f * g - d * i) + c * (d * h - e * g)
-    if off > _ROTATION_TOLERANCE or not det >= 0.0:  # NaN where a number is not finite
-        finite_array(matrix, (3, 3), "The orientation")
-        raise BadValueError("The orientation", "no rotation matrix", "R Rᵀ = 1 and det R = 1")
-    return matrix.copy()
+def _pack_target(
+    position_m: ArrayLike, direction: ArrayLike | None, orientation: ArrayLike | None
+) -> Matrix:
+    """Return position and rotation (4, 3); BadValueError if they are none."""
+    packed = np.zeros((4, 3))
+    packed[0] = array_of_shape(position_m, (3,), "The target position")
+    if orientation is not None:
+        packed[1:] = array_of_shape(orientation, (3, 3), "The orientation")
+    elif direction is not None:
+        packed[1:, 2] = normalise(direction, "The wanted direction")
+    if _load_check()(packed, orientation is not None):
+        return packed
+    check_position(packed[0], "The target position")
+    finite_array(packed[1:], (3, 3), "The orientation")
+    raise BadValueError("The orientation", "no rotation matrix", "R Rᵀ = 1 and det R = 1")
+
+
+@cache
+def _load_check() -> Callable[[Matrix, bool], bool]:
+    """Return the check of a packed target, compiled where that is possible."""
+    from ikservo.ik.kernel.single import is_target  # noqa: PLC0415  # loads with the first target
+
+    return is_target
 
 
 DEFAULT_RESTARTS = 400

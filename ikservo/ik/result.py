@@ -132,24 +132,22 @@ class Result:
         trace: tuple[Vector, ...] = (),
         question: SolvedProblem | None = None,
     ) -> None:
-        self.__dict__.update(
-            q=q,
-            reached=reached,
-            position_error_m=position_error_m,
-            orientation_error_rad=orientation_error_rad,
-            binding=binding,
-            iterations=iterations,
-            nearest_m=nearest_m,
-            method=method,
-            trace=trace,
-            question=question,
-        )
+        fields = self.__dict__
+        fields["q"] = q
+        fields["reached"] = reached
+        fields["position_error_m"] = position_error_m
+        fields["orientation_error_rad"] = orientation_error_rad
+        fields["binding"] = binding
+        fields["iterations"] = iterations
+        fields["nearest_m"] = nearest_m
+        fields["method"] = method
+        fields["trace"] = trace
+        fields["question"] = question
 
-    def with_question(self, question: SolvedProblem) -> Result:
-        """Return the result with the problem that it solves."""
-        other = object.__new__(Result)
-        other.__dict__.update(self.__dict__, question=question)
-        return other
+    def attach_question(self, question: SolvedProblem) -> Result:
+        """Set the problem that it solves, before it is handed out; return it."""
+        self.__dict__["question"] = question
+        return self
 
     @property
     def solutions(self) -> SolutionSet:

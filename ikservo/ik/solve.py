@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -120,7 +121,7 @@ def solve(
         UnknownNameError: No such method, or the target's frame is no link of the arm.
     """
     values = (
-        tolerance or _TOLERANCE,
+        tolerance,
         restarts,
         max_iterations,
         posture,
@@ -133,19 +134,26 @@ def solve(
     try:
         options = _checked_options(*values)
     except TypeError:  # a value that no table can look up, and no option takes
-        options = Options(*values)
+        options = _make_options(*values)
     check_chain(chain)
     _check_target(target)
     expected = "radians and metres, at most 1e6"
     start = chain.mid_range() if q0 is None else q0
     start = bounded_vector(start, chain.dof, MAX_ANGLE_RAD, "q0", expected)
     result = get_method(method)(chain, target, start, options)
-    return result.with_question(SolvedProblem(chain, target, solution_set))
+    return result.attach_question(SolvedProblem(chain, target, solution_set))
 
 
 _TOLERANCE = Tolerance()
+
+
+def _make_options(tolerance: Tolerance | None, *others: object) -> Options:
+    make = cast("Callable[..., Options]", Options)  # which looks at each of them
+    return make(tolerance or _TOLERANCE, *others)
+
+
 # Options that were checked for a call before; typed, as 1 is no True.
-_checked_options = lru_cache(32, typed=True)(Options)
+_checked_options = lru_cache(32, typed=True)(_make_options)
 
 
 def _check_target(target: object) -> None:

@@ -77,7 +77,7 @@ def bounded_vector(values: ArrayLike, size: int, most: float, what: str, expecte
         BadValueError: As of ``finite_array``, or a number is larger: they are not as expected.
     """
     array = array_of_shape(values, (size,), what)
-    if size <= _FEW and sum(map(abs, array.tolist())) <= most:  # false for NaN, too
+    if size <= _FEW and math.hypot(*array.tolist()) <= most:  # false for NaN, too
         return array
     if float(np.abs(_require_finite(array, what)).max(initial=0.0)) > most:
         raise BadValueError(what, array.tolist(), expected)

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ikservo.ik.kernel import compiled, search
+from ikservo.ik.kernel import compiled, search, single
 from ikservo.ik.kernel.layout import (
     KIND,
     PROBLEM_SIZE,
@@ -203,6 +203,23 @@ def test_a_solver_gives_the_same_bits_both_ways(monkeypatch, kind):
             python_q, python_reached = getattr(other, name)(pose, q0)
             assert q.tobytes() == python_q.tobytes()
             assert reached == python_reached
+
+
+@pytest.mark.parametrize("way", ["compiled", "uncompiled"])
+@pytest.mark.parametrize(
+    ("position", "rotation", "accepted"),
+    [
+        ((0.3, 0.1, 0.0), np.eye(3), (True, True)),
+        ((0.3, 0.1, 0.0), 1.00001 * np.eye(3), (True, False)),
+        ((0.3, 0.1, 0.0), np.diag([1.0, 1.0, -1.0]), (True, False)),
+        ((0.3, 0.1, math.nan), np.eye(3), (False, False)),
+        ((1001.0, 0.1, 0.0), np.eye(3), (False, False)),
+    ],
+)
+def test_a_target_is_judged_by_its_numbers(way, position, rotation, accepted):
+    judge = single.is_target if way == "compiled" else compiled.uncompiled["is_target"]
+    packed = np.vstack([position, rotation])
+    assert (judge(packed, False), judge(packed, True)) == accepted
 
 
 @pytest.mark.parametrize(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from ikservo.ik.kernel.compiled import entry
 from ikservo.ik.kernel.layout import (
     DIRECTION,
@@ -13,19 +15,42 @@ from ikservo.ik.kernel.layout import (
     INVALID,
     IS_REACHED,
     KIND,
+    MAX_POSITION_M,
     NOT_HOMOGENEOUS,
     POSE,
+    POSITION_ONLY,
     REACHED,
     WANTED_POSITION,
     WANTED_ROTATION,
 )
-from ikservo.ik.kernel.search import fits, solve_rows
+from ikservo.ik.kernel.search import all_within, fits, is_rotation, solve_rows
 from ikservo.kinematics.arrays import Matrix, Vector
 
-__all__ = ["NAME", "solve_pose"]
+__all__ = ["NAME", "is_target", "solve_pose"]
 
 NAME = "solve_pose"
 """For ``bind``."""
+
+
+def target_fits(packed: Matrix, with_rotation: bool) -> bool:
+    """Return whether a packed target has the shape that ``is_target`` needs."""
+    return len(packed) == 4 and packed.shape[1] == 3
+
+
+@entry(target_fits)
+def is_target(packed: Matrix, with_rotation: bool) -> bool:
+    """Return whether a target's numbers are finite and not too large, and its rotation is one.
+
+    Args:
+        packed: The wanted position, then the rotation row by row (4, 3).
+        with_rotation: Whether the rotation counts.
+    """
+    problem = np.empty(12)
+    for r in range(4):
+        for c in range(3):
+            problem[3 * r + c] = packed[r, c]
+    kind = POSE if with_rotation else POSITION_ONLY
+    return all_within(problem, MAX_POSITION_M) and is_rotation(problem, kind)
 
 
 def pose_fits(
