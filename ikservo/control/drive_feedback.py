@@ -1,4 +1,4 @@
-"""Duty, current and supply voltage of the joints' servos, read while they move."""
+"""Duty, current, supply voltage and position of the joints' servos, read while they move."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from ikservo.calibration import JointMap
 from ikservo.guard import CommandLimits
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.servo import ServoSpec
@@ -29,7 +30,7 @@ class DriveReader:
     ) -> None:
         self._bus = bus
         self._ids = [(fence.servo_id, *others) for fence, others in joints]
-        self._signs = [fence.joint_map.sign for fence, _ in joints]
+        self._maps = [fence.joint_map for fence, _ in joints]
         self._most = max(len(ids) for ids in self._ids)
         self._keys = {i: _drive_registers(bus.servos[i]) for ids in self._ids for i in ids}
 
@@ -47,34 +48,36 @@ class DriveReader:
         return found
 
     def read(self) -> Matrix | None:
-        """Return duty, current [A] and supply [V] of each servo of each joint (joints, most, 3).
+        """Return duty, current [A], supply [V] and position of the servos (joints, most, 4).
 
         Duty and current are positive towards larger positions; a current whose direction the servo
         does not measure is its size. What is not measured is NaN, and so are the rows of joints
         with fewer servos than others. A further servo has the direction of its joint's first one.
-        None where a reply is missing.
+        Positions are the joint's, rad or m, by its first servo. None where a reply is missing.
         """
         readings = self._bus.bulk_read(
-            {servo_id: list(keys.values()) for servo_id, keys in self._keys.items()}
+            {servo_id: list(keys.values()) for servo_id, keys in self._keys.items()}, raw=True
         )
         if readings.errors:
             return None
-        table = np.full((len(self._ids), self._most, 3), math.nan)
+        table = np.full((len(self._ids), self._most, 4), math.nan)
         for j, ids in enumerate(self._ids):
             for k, servo_id in enumerate(ids):
-                table[j, k] = self._row(servo_id, self._signs[j], readings.values[servo_id])
+                table[j, k, :3] = self._row(servo_id, self._maps[j], readings.values[servo_id])
+            own = readings.values[ids[0]]
+            table[j, :, 3] = self._maps[j].position(own[self._keys[ids[0]]["position"]])
             table[j, 1 : len(ids), :2] = np.copysign(table[j, 1 : len(ids), :2], table[j, 0, :2])
         return table
 
     def _row(
-        self, servo_id: int, sign: int, found: Mapping[Register, float]
+        self, servo_id: int, joint_map: JointMap, found: Mapping[Register, int]
     ) -> tuple[float, float, float]:
-        keys = self._keys[servo_id]
-        current_a = math.nan
-        if "current" in keys:
-            current_a = found[keys["current"]]
-            current_a *= 1 if keys["current"].range[0] >= 0 else sign
-        return sign * found[keys["duty"]], current_a, found[keys["voltage"]]
+        keys, sign = self._keys[servo_id], joint_map.sign
+        value = {name: key.to_value(found[key]) for name, key in keys.items()}
+        current_a = value.get("current", math.nan)
+        if "current" in keys and keys["current"].range[0] < 0:
+            current_a *= sign
+        return sign * value["duty"], current_a, value["voltage"]
 
 
 def _drive_registers(servo: ServoSpec) -> dict[str, Register]:
@@ -82,6 +85,7 @@ def _drive_registers(servo: ServoSpec) -> dict[str, Register]:
     keys = {
         "duty": registers.get("present_pwm", servo.table.present_load),
         "voltage": servo.table.find(RegisterName.PRESENT_VOLTAGE),
+        "position": servo.table.find(RegisterName.PRESENT_POSITION),
     }
     if "present_current" in registers:
         keys["current"] = registers["present_current"]

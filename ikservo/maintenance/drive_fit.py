@@ -3,13 +3,14 @@
 A servo that measures its current says what its motor is: ``u V = R i + kt w``, with the duty u, the
 supply V and the speed w, has the resistance R and the torque constant kt, which is also the
 back-EMF. Its position loop is a spring to the goal: ``u = k (e - d w) + u0 sign(e)`` with the error
-e, the delay d of the goals and the start-up force u0. The speed of the motor by its back-EMF less
-that of the joint is what the gears lose in their backlash.
+e and the start-up force u0; d is what the D gain does between two goals, and delays. The speed of
+the motor by its back-EMF less that of the joint is what the gears lose in their backlash.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,6 +25,7 @@ __all__ = [
     "fit_backlash",
     "fit_loop",
     "fit_motors",
+    "mean_duties",
 ]
 
 _CLEAR_SHARE = 0.1  # of the voltages: less does not say in which direction the current flows
@@ -33,7 +35,7 @@ _VOLTS, _SUPPLY_VOLTS, _MIN_WINDOWS = 0.01, 0.03, 10
 _NOMINAL_SHARE = 0.1  # by which a servo's winding and magnets may differ from its model's
 # By which the duty of a rad may differ from the firmware's, and where its gain was not read.
 _KNOWN_GAIN_SHARE, _GAIN_SHARE = 0.04, 0.3
-_DELAY_S, _DELAY_DEVIATION_S = 0.015, 0.015
+_DELAY_S, _DELAY_DEVIATION_S = 0.0, 0.03
 _LOOP_NOISE = 0.004  # of a window's mean duty
 # A joint whose gravity torque is below this share of that of the whole duty has its gears free.
 _FREE_SHARE = 0.02
@@ -98,12 +100,14 @@ class LoopFit:
         duty_per_rad_error: Its standard error.
         share_before: Its standard deviation before, as a share of it.
         startup_duty: Duty that is added in the direction of the error.
+        delay_s: By which the duty seems to be that of an earlier position: d.
     """
 
     duty_per_rad: float
     duty_per_rad_error: float
     share_before: float
     startup_duty: float
+    delay_s: float = 0.0
 
 
 def fit_motors(windows: SteadyWindows, prior: JointPrior) -> MotorConstants | None:
@@ -169,7 +173,25 @@ def fit_loop(windows: SteadyWindows, prior: JointPrior) -> LoopFit:
     A = np.vstack([columns / noise, np.diag(1.0 / deviations)])
     found, *_ = np.linalg.lstsq(A, np.concatenate([duty / noise, before / deviations]))
     error = np.sqrt(np.linalg.inv(A.T @ A)[0, 0])
-    return LoopFit(float(found[0]), float(error), share, float(found[2]))
+    k, from_delay, startup = found.tolist()
+    return LoopFit(k, float(error), share, startup, from_delay / k)
+
+
+def mean_duties(windows: SteadyWindows, loops: Sequence[LoopFit]) -> SteadyWindows:
+    """Return windows with the duties in the mean over time, which balance friction and load.
+
+    Servos are read at some times between two goals. There the D gain brakes the joint; with each
+    goal it drives it on by as much, in a moment that is hardly ever read. And the error falls from
+    goal to goal.
+
+    Args:
+        windows: As read.
+        loops: Of each joint.
+    """
+    gains = np.array([loop.duty_per_rad for loop in loops])[windows.joint]
+    delays_s = np.array([loop.delay_s for loop in loops])[windows.joint]
+    added = gains * (delays_s + windows.goal_age_s) * windows.speed
+    return replace(windows, duty=windows.duty + added[:, None])
 
 
 def fit_backlash(

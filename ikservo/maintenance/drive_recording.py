@@ -30,12 +30,14 @@ class DriveRecording:
         leg: Which part of the motion each sample is of (m,).
         speed: Of the reference (m, dof), rad/s or m/s.
         goal: Goals (m, dof), rad or m.
-        position: Measured (m, dof), rad or m.
+        position: Measured with the duty (m, dof), rad or m.
         duty: Share of the whole duty (m, dof, most), -1 to 1, positive towards larger positions.
             NaN for a servo that a joint does not have.
         current_a: Of the winding, likewise, or its size where the servo does not measure the
             direction; NaN where it measures none.
         voltage_v: At the servo, likewise.
+        goal_age_s: For how much longer than in the mean a joint's goal had been in force when its
+            servos were read (m, dof), seconds.
     """
 
     time_s: Vector
@@ -46,6 +48,7 @@ class DriveRecording:
     duty: Cube
     current_a: Cube
     voltage_v: Cube
+    goal_age_s: Matrix
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,6 +61,7 @@ class SteadyWindows:
         q: All joints of the chain (k, dof).
         speed: Of the joint, rad/s.
         lead: Goal less position, rad.
+        goal_age_s: See `DriveRecording`.
         duty: Share of the whole duty of each servo of the joint (k, most).
         current_a: Likewise; see `DriveRecording`.
         voltage_v: Likewise.
@@ -68,6 +72,7 @@ class SteadyWindows:
     q: Matrix
     speed: Vector
     lead: Vector
+    goal_age_s: Vector
     duty: Matrix
     current_a: Matrix
     voltage_v: Matrix
@@ -133,7 +138,9 @@ def _follows(recording: DriveRecording, joint: int, window: slice) -> bool:
 
 
 def _mean_row(recording: DriveRecording, joint: int, window: slice) -> tuple[object, ...]:
-    times = recording.time_s[window] - recording.time_s[window].mean()
+    ages_s = recording.goal_age_s[window, joint]
+    times = recording.time_s[window] + ages_s
+    times = times - times.mean()
     # A joint whose load changes does not have the speed of its goals.
     speed = times @ recording.position[window, joint] / (times @ times)
     return (
@@ -142,6 +149,7 @@ def _mean_row(recording: DriveRecording, joint: int, window: slice) -> tuple[obj
         recording.position[window].mean(axis=0),
         float(speed),
         float((recording.goal - recording.position)[window, joint].mean()),
+        float(ages_s.mean()),
         recording.duty[window, joint].mean(axis=0),
         recording.current_a[window, joint].mean(axis=0),
         recording.voltage_v[window, joint].mean(axis=0),

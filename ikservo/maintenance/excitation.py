@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from bisect import bisect
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import count, islice
 
 import numpy as np
@@ -37,8 +37,9 @@ _PATH_STEP = 10  # samples of a path between two where gravity is evaluated
 _MAX_WAY = 1.5  # rad of each joint between two postures
 _PAUSE_S = 0.3  # at rest in every posture
 _SLOW = 0.3  # of the speed class: the speed of the last part of a tour
-_READ_PERIOD_S = 0.01
-_PHASE_SHARE, _GOLDEN = 0.4, 0.6180339887498949  # of the cycle in which servos are read
+# Between two readings: a reading delays the next goal, then some come in time again.
+_READ_PERIOD_S, _READ_CYCLES = 0.01, 2.5
+_PHASE_SHARE, _GOLDEN = 0.7, 0.6180339887498949  # of the cycle in which servos are read
 _PRIOR = 1e-3  # of the largest information: what is not excited yet counts most
 
 
@@ -266,39 +267,67 @@ def record_excitation(
     excitation = excitation.starting_at(context.servos.goals())
     context.check_streamed_path(excitation, "slow")
     reader = context.servos.drive_reader([model.name for model in _chain_joints(context)])
-    phases = _phases(_PHASE_SHARE * runner.loop.cycle_time_s)
+    cycle_s = runner.loop.cycle_time_s
+    phases, period_s = _phases(_PHASE_SHARE * cycle_s), max(_READ_PERIOD_S, _READ_CYCLES * cycle_s)
+    goals_s: list[float] = []
     times: list[tuple[float, float]] = []
-    joints: list[tuple[Vector, Vector]] = []
+    replies: list[tuple[float, float]] = []
+    goals: list[Vector] = []
     drives: list[Matrix] = []
 
     def record(cycle: ControlCycle) -> None:
-        context.servos.clock.sleep_until(context.now_s() + next(phases))
         now_s = context.now_s()
-        if not times or now_s - times[-1][0] >= _READ_PERIOD_S:
+        goals_s.append(now_s)
+        if not times or now_s - times[-1][0] >= period_s:
+            context.servos.clock.sleep_until(now_s + next(phases))
+            asked_s = context.now_s()
             measured = reader.read()
             if measured is not None:
+                replies.append((asked_s - now_s, context.now_s() - now_s))
                 times.append((now_s, cycle.time_s))
-                joints.append((cycle.goals, cycle.measured))
+                goals.append(cycle.goals)
                 drives.append(measured)
         if on_cycle:
             on_cycle(cycle)
 
     runner.run(lambda _: excitation, record, _SPEED_CLASS)
-    return _make_recording(context, excitation, np.array(times), np.array(joints), np.array(drives))
+    recording = _make_recording(
+        context, excitation, np.array(times), np.array(goals), np.array(drives)
+    )
+    ages_s = _reply_ages(np.array(replies), drives[0])
+    return replace(recording, goal_age_s=ages_s - _mean_age_s(np.array(goals_s)))
+
+
+def _reply_ages(replies: Matrix, drive: Matrix) -> Matrix:
+    """Return how old its goal was when each joint's servos replied (m, joints), seconds.
+
+    Args:
+        replies: When each reading began and ended, after the goals (m, 2).
+        drive: One reading (joints, most, 4): servos reply one after the other.
+    """
+    counts = np.isfinite(drive[..., 0]).sum(axis=1)
+    share = (np.cumsum(counts) - 0.5 * counts) / counts.sum()
+    return replies[:, :1] + (replies[:, 1:] - replies[:, :1]) * share
+
+
+def _mean_age_s(goals_s: Vector) -> float:
+    """Return the age of a goal in the mean over time, of goals that came at some times (k,)."""
+    held_s = np.diff(goals_s)
+    return float(0.5 * (held_s @ held_s) / held_s.sum())
 
 
 def _phases(longest_s: float) -> Iterator[float]:
     """Yield times between 0 and the longest, evenly spread.
 
-    Goals come once a cycle: a servo that is read at the same time after each of them seems to lag
-    by the same part of a step.
+    Goals come once a cycle, and the duty follows each step: how it depends on the time since is
+    fitted to readings at different times; see `DriveRecording`.
     """
     for k in count():
         yield longest_s * (_GOLDEN * k % 1.0)
 
 
 def _make_recording(
-    context: ArmContext, excitation: Excitation, times: Matrix, joints: Matrix, drives: Matrix
+    context: ArmContext, excitation: Excitation, times: Matrix, goals: Matrix, drives: Matrix
 ) -> DriveRecording:
     columns = list(context.index.chain)
     clock_s, motion_s = times.T
@@ -310,11 +339,12 @@ def _make_recording(
         time_s=clock_s - clock_s[0],
         leg=np.array([bisect(starts, float(at_s) + _PAUSE_S) - 1 for at_s in motion_s]),
         speed=smooth_samples(speeds[:, columns] * rate[:, None]),
-        goal=joints[:, 0, columns],
-        position=joints[:, 1, columns],
+        goal=goals[:, columns],
+        position=drives[:, :, 0, 3],
         duty=drives[..., 0],
         current_a=drives[..., 1],
         voltage_v=drives[..., 2],
+        goal_age_s=np.zeros_like(goals[:, columns]),
     )
 
 

@@ -31,6 +31,7 @@ from ikservo.maintenance.drive_fit import (
     fit_backlash,
     fit_loop,
     fit_motors,
+    mean_duties,
 )
 from ikservo.maintenance.drive_recording import (
     Cube,
@@ -160,11 +161,11 @@ def identify(
         CalibrationError: A joint has not moved enough.
     """
     windows = _checked_windows(dynamics, recording)
-    model = _make_model(dynamics, priors, windows)
+    loops = [fit_loop(windows.of_joint(j), prior) for j, prior in enumerate(priors)]
+    model = _make_model(dynamics, priors, windows, loops)
     x, fitted = _solve(model)
     covariance = _sandwich(fitted, x)
     motors = _motors(dynamics, priors, windows)
-    loops = [fit_loop(windows.of_joint(j), prior) for j, prior in enumerate(priors)]
     nominal = nominal_prior([(prior, None) for prior in priors], len(dynamics.bodies))
     estimates = _joint_estimates(dynamics.chain.names, x, covariance, nominal)
     estimates |= _stiffness_estimates(dynamics.chain.names, estimates, loops, priors)
@@ -196,7 +197,9 @@ def identify_payload(
     Raises:
         CalibrationError: A joint has not moved enough.
     """
-    model = _make_model(dynamics, priors, _checked_windows(dynamics, recording))
+    windows = _checked_windows(dynamics, recording)
+    loops = [fit_loop(windows.of_joint(j), prior) for j, prior in enumerate(priors)]
+    model = _make_model(dynamics, priors, windows, loops)
     if known is not None:
         model = model.with_prior(_known_prior(known, model.prior))
     x, fitted = _solve(model)
@@ -216,13 +219,16 @@ def _checked_windows(dynamics: Dynamics, recording: DriveRecording) -> SteadyWin
 
 
 def _make_model(
-    dynamics: Dynamics, priors: Sequence[JointPrior], windows: SteadyWindows
+    dynamics: Dynamics,
+    priors: Sequence[JointPrior],
+    windows: SteadyWindows,
+    loops: Sequence[LoopFit],
 ) -> DutyModel:
     motors = _motors(dynamics, priors, windows)
     joints = [
         (prior, motors.get(name)) for name, prior in zip(dynamics.chain.names, priors, strict=True)
     ]
-    return DutyModel.of(windows, gravity_columns(dynamics, windows.q), joints)
+    return DutyModel.of(mean_duties(windows, loops), gravity_columns(dynamics, windows.q), joints)
 
 
 def _motors(

@@ -46,7 +46,7 @@ def prior_of(drive=None):
     return JointPrior(find_servo_torque("XM430-W350", None), 1, SUPPLY_V)
 
 
-def record(dynamics, drives, seed=0, legs=16, dead=()):
+def record(dynamics, drives, seed=0, legs=16, dead=(), d_gain_s=0.0):
     """Return the recording of an arm on straight ways between random postures.
 
     Args:
@@ -55,6 +55,8 @@ def record(dynamics, drives, seed=0, legs=16, dead=()):
         seed: Of the postures.
         legs: How many ways.
         dead: Joints that do not move.
+        d_gain_s: With goals in steps: between two the D gain takes its duty for each rad/s, and
+            the error falls.
     """
     random, chain = np.random.default_rng(seed), dynamics.chain
     lower, upper = np.maximum(chain.lower_rad, -1.2), np.minimum(chain.upper_rad, 1.2)
@@ -65,9 +67,12 @@ def record(dynamics, drives, seed=0, legs=16, dead=()):
     speed = np.repeat(np.diff(ends, axis=0) / LEG_S, len(fractions), axis=0)
     gravity = dynamics.gravity_torques(q)
     duty = np.column_stack([d.duty(speed[:, j], gravity[:, j]) for j, d in enumerate(drives)])
+    lead = duty / [d.gain for d in drives]
+    age_s = random.uniform(-0.003, 0.003, q.shape) if d_gain_s else np.zeros(q.shape)
+    lead = lead - age_s * speed
+    duty = duty - (np.array([d.gain for d in drives]) * age_s + d_gain_s) * speed
     current = (duty * SUPPLY_V - speed * [d.kt for d in drives]) / [d.ohm for d in drives]
     current[:, [not d.senses for d in drives]] = np.nan
-    lead = duty / [d.gain for d in drives]
     return DriveRecording(
         time_s=np.arange(len(q)) * DT_S,
         leg=np.repeat(np.arange(legs), len(fractions)),
@@ -77,4 +82,5 @@ def record(dynamics, drives, seed=0, legs=16, dead=()):
         duty=duty[..., None],
         current_a=current[..., None],
         voltage_v=np.full((*q.shape, 1), SUPPLY_V),
+        goal_age_s=age_s,
     )

@@ -71,6 +71,15 @@ def test_stiffness_is_the_torque_of_the_duty_of_a_rad(found):
         assert stiffness.value == pytest.approx(Drive().gain * Drive().full_nm, rel=0.05)
 
 
+def test_what_a_d_gain_does_between_two_goals_is_not_taken_for_friction(found):
+    stepped = identify(DYNAMICS, PRIORS, recorded(d_gain_s=0.15))
+    for name in found.joints[1:3]:
+        for key in ("damping_nm_s", "coulomb_nm"):
+            usual, own = (each.estimates[f"{name}.{key}"] for each in (found, stepped))
+            assert own.value == pytest.approx(usual.value, abs=2.0 * usual.error)
+    assert stepped.payload_kg == pytest.approx(found.payload_kg, abs=0.004)
+
+
 def test_legs_kept_aside_are_predicted_better_than_before(found):
     for name in found.joints[1:]:
         assert found.validation[name].identified < 0.3 * found.validation[name].nominal
