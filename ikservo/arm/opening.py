@@ -20,6 +20,7 @@ from ikservo.arm.calibrated_arm import (
 )
 from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_runner import MotionRunner
+from ikservo.calibration.identified_file import load_identified
 from ikservo.control.feed_forward import FeedForward
 from ikservo.control.goal_compensation import GoalCompensator
 from ikservo.control.servo_group import ServoGroup
@@ -37,7 +38,8 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix
 from ikservo.model import Model, ModelJoint, ModelServo, load_model
 from ikservo.model.collision_model import collision_body, collision_body_with_gripper
-from ikservo.model.joint_drive import nominal_parameters
+from ikservo.model.identified_drives import identified_parameters
+from ikservo.model.joint_drive import ArmParameters, nominal_parameters
 from ikservo.model.lifting import lifting_lags
 from ikservo.model.sag import joint_compliances, link_masses, stall_error
 from ikservo.registers import control_table
@@ -145,7 +147,8 @@ def open_arm(
         servos = ServoGroup(bus, fences, shadows, bus.port.clock, model.health, gripper)
         checker = _make_collision_checker(model) if collisions else None
         chain = _narrow_chain(own.chain(), fences)
-        servos.compensator = _make_compensator(own, model, chain, fences)
+        serial_number = serial_number_of(opened_port.name)
+        servos.compensator = _make_compensator(own, model, chain, fences, serial_number)
         context = ArmContext.build(model, chain, servos, opened_port, checker, own.zeros)
         opened = Arm(context, MotionRunner(context), on_exit)
         opened.listen()
@@ -187,14 +190,29 @@ def _make_collision_checker(model: Model) -> CollisionChecker:
 
 
 def _make_compensator(
-    own: CalibratedArm, model: Model, chain: Chain, fences: Sequence[CommandLimits]
+    own: CalibratedArm,
+    model: Model,
+    chain: Chain,
+    fences: Sequence[CommandLimits],
+    serial_number: str,
 ) -> GoalCompensator:
-    """Return what corrects goals; by masses only where the posture is known."""
+    """Return what corrects goals: by masses only where the posture is known, identified ones first.
+
+    Raises:
+        FileFormatError: The arm's identification is malformed.
+    """
     names = [fence.joint for fence in fences]
     columns = [names.index(name) for name in chain.names]
-    parameters = nominal_parameters(model, chain) if own.zeros.are_known else None
+    parameters = _arm_parameters(model, chain, serial_number) if own.zeros.are_known else None
     feed_forward = None if parameters is None else FeedForward(parameters, columns)
     return GoalCompensator(fences, columns, feed_forward)
+
+
+def _arm_parameters(model: Model, chain: Chain, serial_number: str) -> ArmParameters | None:
+    identified = load_identified(model.name, serial_number)
+    if identified is None:
+        return nominal_parameters(model, chain)
+    return identified_parameters(model, chain, identified)
 
 
 def make_collision_filter(model: Model) -> Callable[[Matrix], NDArray[np.bool_]]:

@@ -4,6 +4,7 @@ import json
 
 import pytest
 
+import ikservo
 import servosim
 from ikservo.calibration.identified_file import load_identified, read_identified, save_identified
 from ikservo.calibration.paths import identified_path
@@ -12,6 +13,7 @@ from ikservo.errors import FileFormatError, InputError
 from ikservo.model import find_arm, load_model
 from ikservo.model.identified_drives import identified_parameters
 from ikservo.model.joint_drive import nominal_parameters
+from tests.arm.simulated import servo_group
 from tests.cli.fixtures_ports import run_arguments
 
 ARM = "open_manipulator_x"
@@ -56,6 +58,13 @@ def test_the_parameters_of_the_arm_follow_the_file(home):
     joint = found.joint("joint2")
     assert own.drives[1].stiffness_nm_rad == pytest.approx(joint.stiffness_nm_rad)
     assert own.drives[1].friction.coulomb_nm == pytest.approx(joint.coulomb_nm)
+
+
+def test_an_identified_arm_is_moved_by_its_own_parameters(home):
+    joint = load_identified(ARM, "sim").joint("joint2")
+    with ikservo.open_arm(ARM, port="sim") as arm:
+        own = servo_group(arm).compensator.feed_forward.parameters
+    assert own.drives[1].stiffness_nm_rad == pytest.approx(joint.stiffness_nm_rad)
 
 
 def test_the_simulator_has_the_masses_and_motors_of_the_file(home, monkeypatch):
