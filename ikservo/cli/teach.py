@@ -3,17 +3,34 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from typing import Annotated
 
 import typer
 
 from ikservo.arm import Arm
 from ikservo.calibration import JointUnit
-from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption, YesOption
+from ikservo.cli.options import (
+    ArmOption,
+    JsonOption,
+    PortOption,
+    UncalibratedOption,
+    YesOption,
+    parse_time_s,
+)
 from ikservo.cli.posture_reports import joint_lines
-from ikservo.cli.session import announce_lowering, open_from_options
-from ikservo.cli.terminal import print_json, print_lines, print_status, wait_for_enter
+from ikservo.cli.session import announce_lowering, confirm_motion, open_from_options
+from ikservo.cli.terminal import (
+    format_port,
+    print_json,
+    print_lines,
+    print_status,
+    read_keys,
+    wait_for_enter,
+)
 from ikservo.errors import InputError
+from ikservo.maintenance.hand_guiding import guide_by_hand
 
 __all__ = ["command"]
 
@@ -23,6 +40,19 @@ Now = Annotated[
     typer.Option("--now", help="Save the present pose; torque stays as it is, nothing is asked."),
 ]
 Hold = Annotated[bool, typer.Option("--hold", help="Switch torque on there afterwards.")]
+Float = Annotated[
+    bool,
+    typer.Option("--float", help="Keep torque on: the arm carries its weight and follows you."),
+]
+Duration = Annotated[
+    float | None,
+    typer.Option(
+        "--duration",
+        parser=parse_time_s,
+        metavar="TIME",
+        help="With --float: end after this time, without a key.",
+    ),
+]
 
 
 def command(
@@ -32,25 +62,31 @@ def command(
     port: PortOption = None,
     now: Now = False,
     hold: Hold = False,
+    floating: Float = False,
+    duration: Duration = None,
     uncalibrated: UncalibratedOption = False,
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
     """Switch torque off, let you move the arm by hand, and save its pose under a name.
 
+    With --float torque stays on: the arm carries its weight, follows your hand, and then holds.
+
     ikservo teach cup --arm so101
+
+    ikservo teach cup --float --arm so101
 
     ikservo pose cup --arm so101
     """
-    if not now and not sys.stdin.isatty():
-        raise InputError(
-            "Cannot ask: input is not a terminal.", "To save the present pose, add --now."
-        )
+    _check_options(now=now, floating=floating, duration=duration)
     with open_from_options(arm, port, uncalibrated=uncalibrated) as machine:
         machine.poses.check_name(name)
-        if not now:
+        if floating:
+            _float(machine, duration, yes=yes)
+        elif not now:
             _confirm_relaxing(machine, yes=yes)
-        positions = machine.teach(name, None if now else _wait_until_enter, hold=hold)
+        until = None if now or floating else _wait_until_enter
+        positions = machine.teach(name, until, hold=hold)
         path = machine.poses.path
     if json:
         print_json("teach", name=name, joints_rad=positions, path=str(path))
@@ -61,6 +97,48 @@ def command(
     }
     print_lines(joint_lines(joints))
     print_status(f'Saved pose "{name}" in {path}.')
+
+
+def _check_options(*, now: bool, floating: bool, duration: float | None) -> None:
+    if floating and now:
+        raise InputError("--float and --now exclude each other.", "Leave one of them out.")
+    if duration is not None and not floating:
+        raise InputError("--duration is for --float only.", "Add --float, or leave it out.")
+    if not now and duration is None and not sys.stdin.isatty():
+        hint = "Add --duration, as in --duration 20s." if floating else (
+            "To save the present pose, add --now.")  # fmt: skip
+        raise InputError("Cannot ask: input is not a terminal.", hint)
+
+
+def _float(machine: Arm, duration: float | None, *, yes: bool) -> None:
+    """Announce and run hand guiding; the arm holds afterwards."""
+    how = "until you press Enter" if duration is None else f"for {duration:g} s"
+    print_status(
+        f"{machine.model.title} on {format_port(machine.port_name)}: torque comes on and carries "
+        f"the arm's weight {how}; guide it by hand. Ctrl-C ends it, too; it then holds."
+    )
+    confirm_motion(machine, yes=yes)
+    with _end_check(machine, duration) as ended:
+        guide_by_hand(machine, ended)
+    print_status("It holds.")
+
+
+@contextmanager
+def _end_check(machine: Arm, duration: float | None) -> Generator[Callable[[], bool]]:
+    """Yield a function that returns whether Enter was pressed, or a time is over."""
+    if duration is None:
+        with read_keys() as keys:
+            yield lambda: bool(set(keys()) & {"\n", "\r"})
+        return
+    ends_s: list[float] = []
+
+    def is_over() -> bool:
+        now_s = machine.clock.now_s()
+        if not ends_s:  # the time begins with the guiding: torque comes on before it
+            ends_s.append(now_s + duration)
+        return now_s >= ends_s[0]
+
+    yield is_over
 
 
 def _confirm_relaxing(machine: Arm, *, yes: bool) -> None:

@@ -79,6 +79,11 @@ class StreamedServos:
         self._measured = self._feedback.measure_positions()
         return self._measured
 
+    @property
+    def measured(self) -> Vector:
+        """The joints (n,) as they were last measured, rad or m."""
+        return self._measured
+
     def goals(self) -> Vector:
         """Return the last goals sent (n,), rad or m."""
         return self._to_positions(self._gate.goals)

@@ -69,6 +69,10 @@ def test_jog_says_once_that_an_uncompiled_solver_is_slow(run_cli, monkeypatch, c
         ("gripper 30mm", "The width is 0.03 m."),
         ("gripper close --force 2", "The force is 2."),
         ("teach cup", "Cannot ask: input is not a terminal."),
+        ("teach cup --float", "Cannot ask: input is not a terminal."),
+        ("teach cup --float --now", "--float and --now exclude each other."),
+        ("teach cup --duration 2s --now", "--duration is for --float only."),
+        ("teach home --float --duration 1s", "The name of the pose is home, a pose of the arm"),
         ("teach home --now", "The name of the pose is home, a pose of the arm file."),
         ("pose cupp", "There is no pose named 'cupp'."),
         ("record wave.jsonl", "Cannot wait for Ctrl-C: input is not a terminal."),
@@ -244,6 +248,33 @@ def test_a_held_key_jogs_and_letting_go_stops(run_cli, monkeypatch):
     assert result.json["ended"] == "key released"
     assert result.json["measured_rad"]["shoulder_pan"] > 0.2
     assert "Hold the space bar" in result.err
+
+
+def test_a_floating_arm_is_taught_and_holds_when_enter_is_pressed(run_cli, monkeypatch):
+    from contextlib import contextmanager
+
+    pressed = iter([*[""] * 300, "\n"])
+
+    @contextmanager
+    def keyboard():
+        yield lambda: next(pressed)
+
+    monkeypatch.setattr("ikservo.cli.teach.read_keys", keyboard)
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
+    result = run_cli(f"teach cup --float {SIM} --json")
+    assert result.code == 0, result.err
+    assert next(pressed, None) is None
+    assert "carries the arm's weight until you press Enter" in result.err
+    assert "It holds." in result.err
+    there = result.json["joints_rad"]
+    where = {joint["name"]: joint for joint in run_cli(f"where {SIM} --json").json["joints"]}
+    assert set(there) == set(where)
+
+
+def test_floating_ends_after_a_time_where_no_key_can_be_pressed(run_cli):
+    result = run_cli(f"teach cup --float --duration 1.5s {SIM} --json")
+    assert result.code == 0, result.err
+    assert "carries the arm's weight for 1.5 s" in result.err
 
 
 def test_recording_is_announced_once_the_arm_is_being_read(run_cli, tmp_path, monkeypatch):
