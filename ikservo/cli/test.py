@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -10,7 +11,9 @@ import typer
 
 from ikservo import __version__
 from ikservo.arm import Arm, ZeroSource
+from ikservo.cli.accuracy_by_touch import measure_by_touch
 from ikservo.cli.direction_check import check_directions_once
+from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import (
     CollisionOption,
     JsonOption,
@@ -31,15 +34,17 @@ from ikservo.cli.terminal import (
     print_table,
     progress_bar,
 )
-from ikservo.errors import BadValueError, IkservoError, format_point
+from ikservo.errors import BadValueError, IkservoError, InputError, format_point
 from ikservo.files.writing import write_atomic
 from ikservo.maintenance.accuracy_report import (
     accuracy_fields,
     accuracy_page,
     statements,
     summary_rows,
+    touched_fields,
 )
 from ikservo.maintenance.accuracy_test import PARTS, AccuracyTest, TestSettings
+from ikservo.model import Model
 
 __all__ = ["command"]
 
@@ -76,6 +81,17 @@ Html = Annotated[
     ),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace that file.")]
+Touch = Annotated[
+    bool,
+    typer.Option("--touch", help="Instead: put the tip on known points by hand, torque off."),
+]
+Points = Annotated[
+    Path | None,
+    typer.Option("--points", metavar="FILE", help="Points to touch: NAME X Y Z, one a line."),
+]
+Touches = Annotated[
+    int, typer.Option("--touches", min=1, max=100, help="How often each point is touched.")
+]
 Note = Annotated[
     str, typer.Option("--note", help="Printed in the report: payload, servos, what was changed.")
 ]
@@ -92,6 +108,9 @@ def command(
     html: Html = None,
     overwrite: Overwrite = False,
     note: Note = "",
+    touch: Touch = False,
+    points: Points = None,
+    touches: Touches = 3,
     collision: CollisionOption = True,
     uncalibrated: UncalibratedOption = False,
     no_wiggle: NoWiggleOption = False,
@@ -107,14 +126,22 @@ def command(
     ikservo test so101 --port sim
 
     ikservo test so101 --cycles 5 --path-cycles 3 --drift 60s --html so101.html --note "no payload"
+
+    ikservo test so101 --touch          accuracy on a printed sheet, which no joint sensor knows
     """
+    if touch:
+        _test_by_touch(arm, port, html, note, points, touches, overwrite=overwrite, yes=yes,
+                       json=json)  # fmt: skip
+        return
+    if points:
+        raise InputError("Points are touched with --touch only.", "Add: --touch")
     names = tuple(name.strip() for name in parts.split(",") if name.strip())
     settings = TestSettings(cycles, path_cycles, drift, names)
     started = datetime.now(UTC)
     with open_from_options(
         arm, port, tip=tip, collisions=collision, uncalibrated=uncalibrated
     ) as machine:
-        path = _page_path(html, machine, started, overwrite=overwrite)
+        path = _page_path(html, machine.model.name, started, overwrite=overwrite)
         test = _prepare(machine, settings, yes=yes)
         if not no_wiggle:
             check_directions_once(machine, yes=yes)
@@ -131,13 +158,39 @@ def command(
             raise stopped
 
 
-def _page_path(html: Path | None, machine: Arm, started: datetime, *, overwrite: bool) -> Path:
+def _test_by_touch(
+    arm: str | None,
+    port: str | None,
+    html: Path | None,
+    note: str,
+    points: Path | None,
+    touches: int,
+    *,
+    overwrite: bool,
+    yes: bool,
+    json: bool,
+) -> None:
+    """Measure accuracy from touches, and report it as the test by motions is."""
+    model, started = model_from_option(arm), datetime.now(UTC)
+    path = _page_path(html, model.name, started, overwrite=overwrite)
+    interactive = not yes and sys.stdin.isatty()
+    found = measure_by_touch(model, port, points, touches, yes=yes, interactive=interactive)
+    why = "" if found.stopped is None else str(getattr(found.stopped, "message", "") or "Ctrl-C")
+    head = _head(model, started, note, why, simulated=False)
+    fields = head | touched_fields(found.poses)
+    write_atomic(path, accuracy_page(fields))
+    _print(fields, path, json=json)
+    if found.stopped is not None:
+        raise found.stopped
+
+
+def _page_path(html: Path | None, arm: str, started: datetime, *, overwrite: bool) -> Path:
     """Return where the page is written.
 
     Raises:
         BadValueError: The file exists.
     """
-    path = html or Path(f"ikservo-test-{machine.model.name}-{started:%Y%m%d-%H%M%S}.html")
+    path = html or Path(f"ikservo-test-{arm}-{started:%Y%m%d-%H%M%S}.html")
     if path.exists() and not overwrite:
         raise BadValueError("The file", f"{path}, which exists", "another, or --overwrite")
     return path
@@ -170,15 +223,22 @@ def _fields(
     stopped: BaseException | None,
 ) -> dict[str, Any]:
     why = str(getattr(stopped, "message", "") or machine.stopped_for) if stopped else ""
+    simulated = machine.zeros is ZeroSource.SIMULATED
+    head = _head(machine.model, started, note, why, simulated=simulated)
+    return head | accuracy_fields(test, settings)
+
+
+def _head(
+    model: Model, started: datetime, note: str, stopped: str, *, simulated: bool
+) -> dict[str, Any]:
     return {
-        "arm": machine.model.name,
-        "title": machine.model.title,
+        "arm": model.name,
+        "title": model.title,
         "date": started.strftime("%Y-%m-%d %H:%M UTC"),
         "version": __version__,
-        "simulated": machine.zeros is ZeroSource.SIMULATED,
+        "simulated": simulated,
         "note": note,
-        "stopped": why,
-        **accuracy_fields(test, settings),
+        "stopped": stopped,
     }
 
 

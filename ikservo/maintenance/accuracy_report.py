@@ -16,10 +16,11 @@ from ikservo.maintenance.accuracy_test import (
     STANDARD_DRIFT_S,
     STANDARD_PATH_CYCLES,
     AccuracyTest,
+    PoseResult,
     TestSettings,
 )
 
-__all__ = ["accuracy_fields", "accuracy_page", "statements", "summary_rows"]
+__all__ = ["accuracy_fields", "accuracy_page", "statements", "summary_rows", "touched_fields"]
 
 Fields = Mapping[str, Any]
 
@@ -29,11 +30,17 @@ MEASURED_BY = (
     "of a measuring device outside the arm."
 )
 
+TOUCHED = (
+    "Measured by hand: the tip on known points, torque off. The figures are those of the arm's own "
+    "coordinates: errors of calibration, links, play and the hand are in them, the motors are not."
+)
+
 
 def accuracy_fields(test: AccuracyTest, settings: TestSettings) -> dict[str, Any]:
     """Return what was measured as JSON values: metres, seconds, base frame."""
     cube, drift = test.cube, test.drift
     return {
+        "measured_by": "joints",
         "cube": {
             "center_m": cube.center_m.tolist(),
             "edge_m": cube.edge_m,
@@ -47,18 +54,7 @@ def accuracy_fields(test: AccuracyTest, settings: TestSettings) -> dict[str, Any
             "is_standard": settings.is_standard,
         },
         "top_speed_m_s": test.top_speed_m_s or None,
-        "poses": [
-            {
-                "name": pose.name,
-                "target_m": pose.target_m.tolist(),
-                "cycles": len(pose.attained_m),
-                "ap_m": pose.ap_m,
-                "rp_m": pose.rp_m,
-                "attained_m": np.array(pose.attained_m).tolist(),
-            }
-            for pose in test.poses
-            if pose.attained_m
-        ],
+        "poses": _pose_fields(test.poses),
         "directions": [
             {
                 "name": pose.name,
@@ -84,6 +80,7 @@ def accuracy_fields(test: AccuracyTest, settings: TestSettings) -> dict[str, Any
         else {
             "name": drift.name,
             "dap_m": drift.dap_m,
+            "drp_m": drift.drp_m,
             "times_s": drift.times_s,
             "ap_m": [group.ap_m for group in drift.groups],
             "rp_m": [group.rp_m for group in drift.groups],
@@ -91,12 +88,35 @@ def accuracy_fields(test: AccuracyTest, settings: TestSettings) -> dict[str, Any
     }
 
 
+def touched_fields(poses: Sequence[PoseResult]) -> dict[str, Any]:
+    """Return what was measured by touches, with the keys of ``accuracy_fields``."""
+    nothing: dict[str, Any] = {"cube": None, "settings": None, "top_speed_m_s": None}
+    rest: dict[str, Any] = {"directions": [], "paths": [], "drift": None}
+    return {"measured_by": "touches", **nothing, "poses": _pose_fields(poses), **rest}
+
+
+def _pose_fields(poses: Sequence[PoseResult]) -> list[dict[str, Any]]:
+    return [
+        {
+            "name": pose.name,
+            "target_m": pose.target_m.tolist(),
+            "cycles": len(pose.attained_m),
+            "ap_m": pose.ap_m,
+            "rp_m": pose.rp_m,
+            "attained_m": np.array(pose.attained_m).tolist(),
+        }
+        for pose in poses
+        if pose.attained_m
+    ]
+
+
 def summary_rows(fields: Fields) -> list[tuple[str, str, str, str]]:
     """Return the figures as rows: quantity, where, value, cycles."""
     rows: list[tuple[str, str, str, str]] = []
     for pose in fields["poses"]:
         rows.append(("AP", pose["name"], _mm(pose["ap_m"]), str(pose["cycles"])))
-        rows.append(("RP", pose["name"], _mm(pose["rp_m"]), str(pose["cycles"])))
+        if pose["rp_m"] is not None:
+            rows.append(("RP", pose["name"], _mm(pose["rp_m"]), str(pose["cycles"])))
     rows += [("vAP", d["name"], _mm(d["vap_m"]), str(d["cycles"])) for d in fields["directions"]]
     for path in fields["paths"]:
         where = (
@@ -107,13 +127,26 @@ def summary_rows(fields: Fields) -> list[tuple[str, str, str, str]]:
     drift = fields["drift"]
     if drift is not None:
         where = f"{drift['name']}, {_duration(drift['times_s'][-1])}"
-        rows.append(("dAP", where, _mm(drift["dap_m"]), str(10 * len(drift["times_s"]))))
+        cycles = str(10 * len(drift["times_s"]))
+        rows.append(("dAP", where, _mm(drift["dap_m"]), cycles))
+        rows.append(("dRP", where, _mm(drift["drp_m"]), cycles))
     return rows
 
 
 def statements(fields: Fields) -> list[str]:
     """Return what a reader must know to compare: how it was measured, and what is shorter."""
-    settings, found = fields["settings"], [MEASURED_BY]
+    if fields["measured_by"] == "touches":
+        found = [TOUCHED]
+    else:
+        found = [MEASURED_BY, *_shortened(fields["settings"]), *_small_cube(fields["cube"])]
+    if fields["simulated"]:
+        found.append("A simulated arm.")
+    if fields["stopped"]:
+        found.append(f"Not complete: {fields['stopped']}")
+    return found
+
+
+def _shortened(settings: Fields) -> list[str]:
     short = {
         f"{settings['cycles']} cycles of poses instead of {STANDARD_CYCLES}": settings["cycles"]
         < STANDARD_CYCLES,
@@ -126,18 +159,16 @@ def statements(fields: Fields) -> list[str]:
         and settings["drift_s"] < STANDARD_DRIFT_S,
     }
     shorter = [text for text, is_short in short.items() if is_short]
-    if shorter:
-        found.append(f"Shorter than ISO 9283 asks for: {'; '.join(shorter)}.")
-    if fields["cube"]["edge_m"] < 0.25:
-        found.append(
-            f"The cube has {1000 * fields['cube']['edge_m']:.0f} mm, the largest that is free; "
-            "the standard's smallest has 250 mm."
-        )
-    if fields["simulated"]:
-        found.append("A simulated arm.")
-    if fields["stopped"]:
-        found.append(f"Not complete: {fields['stopped']}")
-    return found
+    return [f"Shorter than ISO 9283 asks for: {'; '.join(shorter)}."] if shorter else []
+
+
+def _small_cube(cube: Fields) -> list[str]:
+    if cube["edge_m"] >= 0.25:
+        return []
+    return [
+        f"The cube has {1000 * cube['edge_m']:.0f} mm, the largest that is free; "
+        "the standard's smallest has 250 mm."
+    ]
 
 
 def accuracy_page(fields: Fields) -> str:
@@ -168,8 +199,8 @@ def accuracy_page(fields: Fields) -> str:
 _LEGEND = (
     "AP: distance of the mean attained point from the commanded one. RP: mean distance from that "
     "mean plus three standard deviations. vAP: largest distance between the means of approaches "
-    "from different directions. AT, RT: the same as AP and RP, largest along a path. dAP: largest "
-    "change of AP over time. All after ISO 9283:1998, positions only."
+    "from different directions. AT, RT: the same as AP and RP, largest along a path. dAP, dRP: "
+    "largest change of AP and RP over time. All after ISO 9283:1998, positions only."
 )
 _STYLE = """
 :root{color-scheme:light dark;--ink:#1c2430;--dim:#66707f;--line:#d5dae1;--paper:#fff;
@@ -196,14 +227,14 @@ p{color:var(--dim);font-size:.9rem}
 
 
 def _facts(fields: Fields) -> dict[str, str]:
-    cube = fields["cube"]
-    center = ", ".join(f"{x:.3f}" for x in cube["center_m"])
     facts = {
         "Arm": f"{fields['title']} ({fields['arm']})",
         "Date": fields["date"],
         "Software": f"ikservo {fields['version']}",
-        "Cube": f"{1000 * cube['edge_m']:.0f} mm about ({center}) m",
     }
+    if fields["cube"] is not None:
+        center = ", ".join(f"{x:.3f}" for x in fields["cube"]["center_m"])
+        facts["Cube"] = f"{1000 * fields['cube']['edge_m']:.0f} mm about ({center}) m"
     if fields["top_speed_m_s"]:
         facts["100 % speed"] = f"{1000 * fields['top_speed_m_s']:.0f} mm/s, what the joints allow"
     if fields["note"]:

@@ -12,12 +12,12 @@ from ikservo.arm import Arm, MotionProgress
 from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.maintenance.iso9283 import (
+    largest_drift,
     multidirectional_variation,
     path_accuracy,
     path_crossings,
     path_repeatability,
     pose_accuracy,
-    pose_drift,
     pose_repeatability,
 )
 from ikservo.maintenance.iso_cube import IsoCube, place_cube
@@ -191,7 +191,14 @@ class DriftResult:
     def dap_m(self) -> float | None:
         """Return dAP_P; None for a single group."""
         accuracies = [group.ap_m for group in self.groups]
-        return pose_drift(accuracies) if len(accuracies) > 1 else None
+        return largest_drift(accuracies) if len(accuracies) > 1 else None
+
+    @property
+    def drp_m(self) -> float | None:
+        """Return dRP_P; None for a single group."""
+        found = [group.rp_m for group in self.groups]
+        known = [value for value in found if value is not None]
+        return largest_drift(known) if len(known) > 1 else None
 
 
 class AccuracyTest:

@@ -16,18 +16,18 @@ from ikservo.errors import BadValueError
 from ikservo.kinematics.arrays import Matrix, Vector
 
 __all__ = [
+    "largest_drift",
     "multidirectional_variation",
     "path_accuracy",
     "path_crossings",
     "path_repeatability",
     "pose_accuracy",
-    "pose_drift",
     "pose_repeatability",
 ]
 
 
 def pose_accuracy(attained: ArrayLike, commanded: ArrayLike) -> float:
-    """Return the positioning accuracy AP_P, ISO 9283 clause 7.2.1.
+    """Return the positioning accuracy AP_P of ISO 9283.
 
     ``AP_P = √((x̄ - x_c)² + (ȳ - y_c)² + (z̄ - z_c)²)``, with x̄, ȳ, z̄ the barycentre of the cluster.
 
@@ -43,7 +43,7 @@ def pose_accuracy(attained: ArrayLike, commanded: ArrayLike) -> float:
 
 
 def pose_repeatability(attained: ArrayLike) -> float:
-    """Return the positioning repeatability RP_l, ISO 9283 clause 7.2.2.
+    """Return the positioning repeatability RP_l of ISO 9283.
 
     ``RP_l = l̄ + 3 S_l`` with ``l_j`` the distance of point j from the barycentre, l̄ its mean and
     ``S_l = √(Σ (l_j - l̄)² / (n - 1))``.
@@ -59,7 +59,7 @@ def pose_repeatability(attained: ArrayLike) -> float:
 
 
 def multidirectional_variation(clusters: Sequence[ArrayLike]) -> float:
-    """Return the multi-directional pose accuracy variation vAP_P, ISO 9283 clause 7.2.3.
+    """Return the multi-directional pose accuracy variation vAP_P of ISO 9283.
 
     ``vAP_P = max √((x̄_h - x̄_k)² + (ȳ_h - ȳ_k)² + (z̄_h - z̄_k)²)`` over the directions h and k.
 
@@ -76,7 +76,7 @@ def multidirectional_variation(clusters: Sequence[ArrayLike]) -> float:
 
 
 def path_accuracy(attained: ArrayLike, commanded: ArrayLike) -> float:
-    """Return the positioning path accuracy AT_P, ISO 9283 clause 8.2.
+    """Return the positioning path accuracy AT_P of ISO 9283.
 
     ``AT_P = max_i √((x̄_i - x_ci)² + (ȳ_i - y_ci)² + (z̄_i - z_ci)²)`` over m points of the path,
     with x̄_i, ȳ_i, z̄_i the barycentre of the points in which n attained paths cross the plane normal
@@ -95,7 +95,7 @@ def path_accuracy(attained: ArrayLike, commanded: ArrayLike) -> float:
 
 
 def path_repeatability(attained: ArrayLike) -> float:
-    """Return the positioning path repeatability RT_P, ISO 9283 clause 8.3.
+    """Return the positioning path repeatability RT_P of ISO 9283.
 
     ``RT_P = max_i (l̄_i + 3 S_li)``: in each plane normal to the path as ``pose_repeatability``.
 
@@ -108,15 +108,15 @@ def path_repeatability(attained: ArrayLike) -> float:
     return float(_sphere_radii(_paths(attained, 2)).max())
 
 
-def pose_drift(accuracies: Sequence[float]) -> float:
-    """Return the drift of pose accuracy dAP_P, ISO 9283 clause 7.6.
+def largest_drift(values: Sequence[float]) -> float:
+    """Return the drift of pose accuracy dAP_P, or of repeatability dRP_P, of ISO 9283.
 
-    ``dAP_P = max |AP_P(t=0) - AP_P(t)|``.
+    ``dAP_P = max |AP_P(t=0) - AP_P(t)|``, and dRP_P likewise.
 
     Args:
-        accuracies: AP_P of one pose at successive times, at least one.
+        values: AP_P or RP_l of one pose at successive times, at least one.
     """
-    return max(abs(value - accuracies[0]) for value in accuracies)
+    return max(abs(value - values[0]) for value in values)
 
 
 def path_crossings(measured: ArrayLike, points: ArrayLike, tangents: ArrayLike) -> Matrix:

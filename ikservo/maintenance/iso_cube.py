@@ -21,9 +21,9 @@ __all__ = ["EDGES_M", "IsoCube", "place_cube"]
 EDGES_M = (0.25, 0.2, 0.16, 0.125, 0.1, 0.08, 0.063, 0.05, 0.04)
 """The edges that are tried, the largest first; the standard's smallest cube has 250 mm."""
 
-# The poses P2 to P5 are 10 % of a diagonal from its ends (clause 6.8.4).
+# The poses P2 to P5 are 10 % of a diagonal from its ends.
 _OF_HALF_DIAGONAL = 0.8
-# The diameter of the large circle, of the edge (clause 6.9).
+# The diameter of the large circle, of the edge.
 _CIRCLE_OF_EDGE = 0.8
 # Between the arm's body and itself, the table and boxes; less where parts are always nearer.
 _CLEARANCE_M, _OF_HOME = 0.02, 0.9

@@ -195,3 +195,54 @@ def test_a_person_touches_skips_and_takes_back_by_single_keys(
     assert "Enter   s skip   u undo" in done.err
     assert "8 points touched.  a evaluate" in done.err
     assert len(done.json["touches"]) == 8
+
+
+def reported_errors_m(answer):
+    tips = [
+        np.array(tip) - pose["target_m"] for pose in answer["poses"] for tip in pose["attained_m"]
+    ]
+    return np.linalg.norm(tips, axis=1)
+
+
+def test_an_accuracy_test_by_touch_finds_the_errors_of_the_calibration(
+    arm, truth, tmp_path, run_cli, monkeypatch
+):
+    monkeypatch.chdir(tmp_path)
+    true = math.sqrt(np.mean(tip_errors_m(arm, truth) ** 2))
+    test = f"test {NAME} --port {PORT} --touch --touches 1 --html a.html --overwrite --yes --json"
+    done = run_cli(f"{test} --points {guide(arm, truth, tmp_path, 12)}")
+    assert done.code == 0, done.err
+    before = math.sqrt(np.mean(reported_errors_m(done.json) ** 2))
+    assert len(done.json["poses"]) == 12
+    assert before == pytest.approx(true, rel=0.35)
+    assert "the tip on known points" in (tmp_path / "a.html").read_text()
+    assert run_cli(f"{WORDS} --points {guide(arm, truth, tmp_path)} --yes").code == 0
+    again = run_cli(f"{test} --points {guide(arm, truth, tmp_path, 12)}")
+    assert math.sqrt(np.mean(reported_errors_m(again.json) ** 2)) < 0.2 * before
+
+
+def test_points_that_are_touched_again_have_a_repeatability(arm, truth, tmp_path, run_cli):
+    lines = guide(arm, truth, tmp_path, 6).read_text().splitlines()
+    (tmp_path / "points").write_text("\n".join(lines[:4]))  # three points, each twice
+    words = f"test {NAME} --port {PORT} --touch --touches 2 --points {tmp_path / 'points'}"
+    done = run_cli(f"{words} --html {tmp_path / 'a.html'} --yes --json")
+    assert done.code == 0, done.err
+    assert [pose["cycles"] for pose in done.json["poses"]] == [2, 2, 2]
+    assert all(pose["rp_m"] > 0.0 for pose in done.json["poses"])
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--touch", "Cannot ask: input is not a terminal."),
+        ("--points points", "Points are touched with --touch only."),
+        ("--touch --touches 0 --yes", "--touches"),
+        ("--touch --points nowhere --yes", "nowhere"),
+    ],
+)
+def test_what_a_test_by_touch_needs_is_said(arm, run_cli, tmp_path, monkeypatch, words, message):
+    monkeypatch.chdir(tmp_path)
+    result = run_cli(f"test {NAME} --port {PORT} {words}")
+    assert result.code in (1, 2)
+    assert message in result.err
+    assert not list(tmp_path.glob("*.html"))

@@ -7,12 +7,12 @@ import pytest
 
 from ikservo.errors import BadValueError
 from ikservo.maintenance.iso9283 import (
+    largest_drift,
     multidirectional_variation,
     path_accuracy,
     path_crossings,
     path_repeatability,
     pose_accuracy,
-    pose_drift,
     pose_repeatability,
 )
 
@@ -59,7 +59,7 @@ def test_path_repeatability_is_the_worst_place_of_the_spread():
 
 
 def test_drift_is_the_largest_change_since_the_start():
-    assert pose_drift([0.3, 0.4, 0.1, 0.2]) == pytest.approx(0.2)
+    assert largest_drift([0.3, 0.4, 0.1, 0.2]) == pytest.approx(0.2)
 
 
 def test_crossings_are_interpolated_in_the_planes_normal_to_the_path():
