@@ -43,6 +43,7 @@ __all__ = [
     "BusError",
     "CalibrationError",
     "CartesianPathError",
+    "CollisionError",
     "ExitCode",
     "FileFormatError",
     "HeldUpError",
@@ -395,6 +396,23 @@ class RefusedError(IkservoError):
     """The guard does not allow a goal; nothing was sent."""
 
     exit_code = ExitCode.REFUSED
+
+
+class CollisionError(RefusedError):
+    """The path of a goal touches something; nothing was sent.
+
+    Attributes:
+        pair: A link, and another link or the name of a thing.
+    """
+
+    def __init__(self, pair: tuple[str, str], depth_m: float, fraction: float) -> None:
+        self.pair = pair
+        super().__init__(
+            f"Collision {pair[0]}-{pair[1]}, {depth_m * 1e3:.1f} mm, "
+            f"at {fraction * 100:.0f} % of the path.",
+            "Use --via, correct the obstacles in the arm file, or --no-collision if you can see "
+            "that the path is clear.",
+        )
 
 
 class HeldUpError(RefusedError):

@@ -3,6 +3,7 @@
 from ikservo.arm.arm import Arm, OnExit
 from ikservo.arm.background_motion import Motion
 from ikservo.arm.calibrated_arm import ZeroSource
+from ikservo.arm.following import check_followed_goal
 from ikservo.arm.opening import open_arm
 from ikservo.arm.plan import MotionPlan
 from ikservo.arm.recording import Recording, read_recording
@@ -37,6 +38,7 @@ __all__ = [
     "StopReason",
     "ToolOrientation",
     "ZeroSource",
+    "check_followed_goal",
     "open_arm",
     "read_recording",
 ]

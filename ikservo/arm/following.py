@@ -33,6 +33,7 @@ __all__ = [
     "FollowResult",
     "GoalSource",
     "TargetTracker",
+    "check_followed_goal",
     "follow",
     "follow_arm",
     "follow_goals",
@@ -76,6 +77,18 @@ def follow_goals(arm: ArmParts, source: GoalSource, *, speed: str = "normal") ->
     if controller.error:
         raise controller.error
     return controller.settled_goal
+
+
+def check_followed_goal(context: ArmContext, start: Vector, goal: Vector, speed: str) -> None:
+    """Check a goal (n,) as ``follow_goals`` would from rest at ``start`` (n,); moves nothing.
+
+    Raises:
+        RefusedError: Something would be touched on the way.
+    """
+    lower, upper = context.limits()
+    limits = context.planner.motion_limits(speed)
+    trajectory = OnlineTrajectory(start, limits, lower=lower, upper=upper)
+    trajectory.retarget(goal, 0.0, context.check_trajectory)
 
 
 class _OnlineController:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo.errors import RefusedError
+from ikservo.errors import CollisionError
 from ikservo.guard.sag import Sag
 from ikservo.kinematics.arrays import Matrix, Vector, finite_vectors
 from ikservo.kinematics.collision import CollisionBody
@@ -131,7 +131,7 @@ class CollisionChecker:
             load: Multiple of gravity that acts on the arm: more than 1 while it brakes.
 
         Raises:
-            RefusedError: A collision; names the pair and the place on the path.
+            CollisionError: Names the pair and the place on the path.
             BadValueError: A joint is not finite.
         """
         fractions, gap_m = self._sample_path(
@@ -140,7 +140,8 @@ class CollisionChecker:
         samples, pairs = np.nonzero(_touching_pairs(gap_m))
         if len(samples):
             at = int(samples[0])
-            raise self._collision_error(float(fractions[at]), gap_m[at], int(pairs[0]))
+            pair = int(pairs[0])
+            raise CollisionError(self.pairs[pair], -float(gap_m[at, pair]), float(fractions[at]))
 
     def collision_free(self, postures: Matrix) -> NDArray[np.bool_]:
         """Return for each posture (n, dof) whether it is free of collisions (n,)."""
@@ -204,15 +205,6 @@ class CollisionChecker:
         sagged_m = self.distances(path + load * self._sag(path))
         gap_m[:, things] = np.minimum(gap_m[:, things], sagged_m[:, things])
         return gap_m
-
-    def _collision_error(self, fraction: float, gap_m: Vector, pair: int) -> RefusedError:
-        link, other = self.pairs[pair]
-        return RefusedError(
-            f"Collision {link}-{other}, {-gap_m[pair] * 1e3:.1f} mm, "
-            f"at {fraction * 100:.0f} % of the path.",
-            "Use --via, correct the obstacles in the arm file, or --no-collision if you can see "
-            "that the path is clear.",
-        )
 
 
 def _touching_pairs(gap_m: Matrix) -> NDArray[np.bool_]:

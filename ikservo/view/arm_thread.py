@@ -10,13 +10,14 @@ from typing import Protocol
 
 import numpy as np
 
-from ikservo.arm import DEAD_MAN_TIMEOUT_S, Arm, StopKind, StopReason
+from ikservo.arm import DEAD_MAN_TIMEOUT_S, Arm, JointState, StopKind, StopReason
 from ikservo.clock import Clock
 from ikservo.control.loop import ControlCycle
 from ikservo.errors import BusError, IkservoError, PortLostError, RefusedError
 from ikservo.kinematics.arrays import Vector
 from ikservo.view.calibration import CalibrationDriver
-from ikservo.view.snapshot import ArmCommand, ArmSnapshot, StopNotice
+from ikservo.view.goal_check import refusal_of
+from ikservo.view.snapshot import ArmCommand, ArmSnapshot, LogEntry, StopNotice
 
 __all__ = ["ArmThread", "CycleObserver", "LiveSession"]
 
@@ -33,8 +34,8 @@ class CycleObserver(Protocol):
         """Receive a control cycle."""
         ...
 
-    def log_message(self, message: str) -> None:
-        """Receive a message for the user."""
+    def on_refused(self, goal: Vector, error: RefusedError) -> None:
+        """Receive a goal (n,) that the guard refused."""
         ...
 
 
@@ -55,6 +56,7 @@ class LiveSession:
         self._observer, self._clock, self._dead_man_s = observer, clock, dead_man_s
         self.session_id, self.speed = observer.command.session_id, observer.command.speed
         self._start: Vector | None = None
+        self._last_goal: Vector | None = None
         self._had_goal = self.silent = False
 
     def next_goal(self, beat: ControlCycle) -> Vector | None:
@@ -71,7 +73,8 @@ class LiveSession:
             or self._is_goal_withdrawn(command)
         ):
             return None
-        return self._start if command.goal is None else command.goal
+        self._last_goal = self._start if command.goal is None else command.goal
+        return self._last_goal
 
     def _is_goal_withdrawn(self, command: ArmCommand) -> bool:
         """Return whether the goal was withdrawn: the arm brakes and holds there."""
@@ -85,8 +88,9 @@ class LiveSession:
         return not command.live or command.session_id != self.session_id
 
     def on_rejected(self, error: RefusedError) -> None:
-        """Log why the guard rejected a goal."""
-        self._observer.log_message(f"{error.message} {error.command_hint}")
+        """Tell why the guard rejected a goal; the arm keeps the one before."""
+        if self._last_goal is not None:
+            self._observer.on_refused(self._last_goal, error)
 
 
 _POLL_PERIOD_S = 0.033  # while no session runs
@@ -96,6 +100,11 @@ _CLOSED = StopReason(StopKind.CLOSED, "The view was closed; torque stays on.")
 _SILENCE_TEXT = (
     "The page does not answer; stopped, torque stays on. Switch Live on again to continue."
 )
+_TORQUE_LOST_TEXT = (
+    "{} lost torque without being told to: reset, supply broken down, or another program. "
+    "Live switches it on again."
+)
+_REOPEN_TEXT = "Check cable and power of the adapter, then continue: the port is opened again."
 _CHECK_FIRST_TEXT = "Check the arm, then continue."
 _RESTART_TEXT = "Torque stays on. End `ikservo view` with Ctrl-C and start it again."
 
@@ -174,7 +183,8 @@ class ArmThread:
             self._run_step()
         except IkservoError as error:
             self._lost = self._lost or isinstance(error, PortLostError)
-            self._end_session(StopNotice(error.message, error.command_hint))
+            hint = _REOPEN_TEXT if isinstance(error, PortLostError) else error.command_hint
+            self._end_session(StopNotice(error.message, hint))
 
     def on_cycle(self, cycle: ControlCycle) -> None:
         """Store a cycle's positions; poll telemetry once a second (``CycleObserver``)."""
@@ -189,12 +199,21 @@ class ArmThread:
             with contextlib.suppress(BusError):  # the control cycle itself detects a lost port
                 self.snapshot = replace(self.snapshot, states=self.arm.where().joints)
 
+    def on_refused(self, goal: Vector, error: RefusedError) -> None:
+        """Store a refused goal and log why (``CycleObserver``)."""
+        refusal = refusal_of(goal, error)
+        self.snapshot = replace(self.snapshot, refusal=refusal)
+        self.log_message(refusal.reason)
+
     def log_message(self, message: str) -> None:
-        """Append a message for the user, unless it repeats the last one (``CycleObserver``)."""
-        if message and self.snapshot.messages[-1:] != (message,):
-            self.snapshot = replace(
-                self.snapshot, messages=(*self.snapshot.messages, message)[-_MAX_MESSAGES:]
-            )
+        """Append a message for the user; one that repeats the last only renews its time."""
+        if not message:
+            return
+        entries = self.snapshot.messages
+        if entries and entries[-1].message == message:
+            entries = entries[:-1]
+        entry = LogEntry(self._clock.now_s(), message, "bad")
+        self.snapshot = replace(self.snapshot, messages=(*entries, entry)[-_MAX_MESSAGES:])
 
     def _run_thread(self) -> None:
         try:
@@ -230,11 +249,20 @@ class ArmThread:
     def _poll_state(self, *, ignore_errors: bool = False) -> None:
         """Read the arm's state while no session runs."""
         try:
+            before = self.snapshot.states
             self.snapshot = replace(self._update_positions(), reference=None)
+            self._log_lost_torque(before)
         except IkservoError:
             if not ignore_errors:
                 raise
         self._clock.sleep_until(self._clock.now_s() + _POLL_PERIOD_S)
+
+    def _log_lost_torque(self, before: tuple[JointState, ...]) -> None:
+        """Log which servos are limp that held at the reading before: nobody asked for that."""
+        pairs = zip(before, self.snapshot.states, strict=True)
+        lost = [now.name for then, now in pairs if then.torque and not now.torque]
+        if lost:
+            self.log_message(_TORQUE_LOST_TEXT.format(", ".join(lost)))
 
     def _restart(self) -> None:
         """Continue after a stop; a lost port is opened again.

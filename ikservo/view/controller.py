@@ -16,15 +16,18 @@ from ikservo.view.auth import Permission
 from ikservo.view.camera import Viewport
 from ikservo.view.connection import Client, ControlLease
 from ikservo.view.frames import FrameComposer
+from ikservo.view.goal_check import PreviewGuard
 from ikservo.view.interaction import Interaction, PosturePreference
 from ikservo.view.labels import describe_torque
 from ikservo.view.messages import BadMessageError, Message
 from ikservo.view.server import Frame
+from ikservo.view.snapshot import StopNotice
 from ikservo.view.viewpoints import Viewpoint, available_views
 
 __all__ = ["SessionController"]
 
 _ORBIT_RAD_PX = 0.008
+_GO_LIVE_TEXT = "The arm does not follow. What was wanted is forgotten."
 
 Handler = Callable[[Any, Client], None]
 """Handles one type of message."""
@@ -43,7 +46,9 @@ class SessionController:
     def __init__(self, arm_thread: ArmThread, clock: Clock) -> None:
         self._arm_thread, self._clock = arm_thread, clock
         self._arm = arm_thread.arm
-        self._interaction = Interaction(arm_thread.arm)
+        self._interaction = Interaction(arm_thread.arm, clock)
+        self._guard = PreviewGuard(arm_thread.arm)
+        self._fallback: StopNotice | None = None  # why Live has ended
         self._composer = FrameComposer(arm_thread, self._interaction, clock)
         self._lease = ControlLease()
         self._clients: dict[int, Client] = {}
@@ -93,8 +98,10 @@ class SessionController:
         if client_id == self._lease.holder:
             self._interaction.continue_target(self._arm_thread.snapshot, self._clock.now_s())
             self._send_setpoint()
+            self._update_refusal()
         controller = {None: "none", client_id: "you"}.get(self._lease.holder, "other")
-        return self._composer.compose(self._clients[client_id], controller=controller)
+        client = self._clients[client_id]
+        return self._composer.compose(client, controller=controller, fallback=self._fallback)
 
     # --- messages of any client ---
 
@@ -117,8 +124,10 @@ class SessionController:
             self._arm_thread.post(
                 replace(self._arm_thread.command, heartbeat_s=self._clock.now_s())
             )
-        else:
-            self._stop_session()
+            return
+        if self._arm_thread.command.live:
+            self._fallback = StopNotice("Live ended: the page was hidden.", _GO_LIVE_TEXT)
+        self._stop_session()
 
     def _set_viewport(self, message: msg.SetViewport, client: Client) -> None:
         if message.view not in available_views(self._composer.extent):
@@ -195,6 +204,9 @@ class SessionController:
         arm_thread, on = self._arm_thread, message.on
         if on and (arm_thread.snapshot.stop_notice or arm_thread.snapshot.calibration):
             raise BadMessageError("The arm was stopped.", "Check it, then acknowledge.")
+        if on:
+            arm_thread.arm.context.require_zeros()
+        self._fallback = None
         self._interaction.reset()
         session_id = (
             arm_thread.command.session_id + 1
@@ -218,24 +230,41 @@ class SessionController:
             self._reset_for_arm()
         command, snapshot = self._arm_thread.command, self._arm_thread.snapshot
         if command.live and snapshot.ended_session >= command.session_id:
+            if not snapshot.stop_notice:
+                self._fallback = StopNotice("Live ended: the page did not answer.", _GO_LIVE_TEXT)
             self._stop_session()
 
     def _reset_for_arm(self) -> None:
         """Start again with a reopened arm: its limits may have changed."""
         self._arm = self._arm_thread.arm
         self._composer.close()
-        self._interaction = Interaction(self._arm)
+        self._interaction = Interaction(self._arm, self._clock)
+        self._guard = PreviewGuard(self._arm)
         self._composer = FrameComposer(self._arm_thread, self._interaction, self._clock)
 
     def _grant_control(self, client_id: int) -> None:
         """Give control to a client; it starts at slow speed in the preview."""
         self._lease.acquire(client_id)
+        self._fallback = None
         self._stop_session()
         self._arm_thread.post(replace(self._arm_thread.command, speed="slow"))
 
     def _stop_session(self) -> None:
         self._interaction.reset()
         self._arm_thread.post(replace(self._arm_thread.command, live=False, goal=None))
+
+    def _update_refusal(self) -> None:
+        """Tell the interaction whether the guard refuses its goal: in Live by what it did."""
+        goal, snapshot = self._interaction.goal, self._arm_thread.snapshot
+        if self._arm_thread.command.live:
+            refused = snapshot.refusal
+            refusal = refused if refused is not None and refused.goal is goal else None
+        else:
+            start = snapshot.measured if snapshot.reference is None else snapshot.reference
+            speed, now_s = self._arm_thread.command.speed, self._clock.now_s()
+            self._guard.update(goal, start, speed, now_s)
+            refusal = self._guard.refusal
+        self._interaction.set_refusal(refusal)
 
     def _send_setpoint(self) -> None:
         command = self._arm_thread.command

@@ -115,11 +115,17 @@ class TargetMarker:
         return float(np.linalg.norm(self.target_m - self.nearest_m))
 
 
-def draw_target(marker: TargetMarker, camera: Camera) -> list[DrawItem]:
-    """Return a green cross, or a red one with the nearest point and a line between the two."""
+def draw_target(marker: TargetMarker, camera: Camera, *, refused: bool = False) -> list[DrawItem]:
+    """Return a green cross, or a red one with the nearest point and a line between the two.
+
+    Args:
+        marker: The target.
+        camera: The camera.
+        refused: Whether the guard refuses its goal: the cross is red.
+    """
     ends, _ = camera.project(np.array([marker.target_m, marker.nearest_m]))
     if marker.reached:
-        return [cross("target", ends[0], _CROSS_PX)]
+        return [cross("target_refused" if refused else "target", ends[0], _CROSS_PX)]
     return [
         polyline("gap", ends),
         circle("nearest", ends[1], _RING_PX),

@@ -19,10 +19,11 @@ from ikservo.view.auth import Permission
 from ikservo.view.calibration import calibration_view
 from ikservo.view.camera import Camera
 from ikservo.view.connection import Client
-from ikservo.view.draw_items import DrawItem, link_poses
+from ikservo.view.draw_items import DrawItem, link_poses, to_pixels
 from ikservo.view.interaction import Interaction
 from ikservo.view.labels import (
     candidate_rows,
+    condition_rows,
     format_solve_time,
     format_supply,
     health_rows,
@@ -37,7 +38,7 @@ from ikservo.view.reachable_region import (
 )
 from ikservo.view.scene import SceneRenderer, SceneState
 from ikservo.view.server import Frame
-from ikservo.view.snapshot import ArmSnapshot
+from ikservo.view.snapshot import ArmSnapshot, LogEntry, StopNotice
 from ikservo.view.viewpoints import ArmExtent, ViewName, available_views, make_camera
 from ikservo.view.visibility import PostureAnalyser, PostureAnalysis, VisibilityChecker
 
@@ -67,17 +68,23 @@ def mode(snapshot: ArmSnapshot, *, live: bool) -> str:
     return "live" if live else "preview"
 
 
-def banner(snapshot: ArmSnapshot) -> dict[str, str] | None:
-    """Return why the arm holds until a user acknowledges it."""
-    notice = snapshot.stop_notice
-    return None if notice is None else {"message": notice.message, "hint": notice.hint}
+def banner(snapshot: ArmSnapshot, fallback: StopNotice | None) -> dict[str, str] | None:
+    """Return why the arm was stopped, or else why Live has ended, with what a user can do."""
+    notice = snapshot.stop_notice or fallback
+    if notice is None or snapshot.calibration:
+        return None
+    action = "acknowledge" if snapshot.stop_notice else "go_live"
+    return {"message": notice.message, "hint": notice.hint, "action": action}
 
 
-def messages(snapshot: ArmSnapshot, interaction_messages: Sequence[str]) -> list[dict[str, str]]:
-    """Return the latest messages of the arm and of the interaction."""
+def messages(
+    snapshot: ArmSnapshot, interaction_messages: Sequence[LogEntry]
+) -> list[dict[str, object]]:
+    """Return the latest messages of the arm and of the interaction in the order of time."""
+    entries = sorted((*snapshot.messages, *interaction_messages), key=lambda entry: entry.time_s)
     return [
-        {"message": text, "hint": "", "level": ""}
-        for text in (*snapshot.messages, *interaction_messages)[-_MAX_STATUS_MESSAGES:]
+        {"message": entry.message, "level": entry.level, "time_s": round(entry.time_s, 1)}
+        for entry in entries[-_MAX_STATUS_MESSAGES:]
     ]
 
 
@@ -123,6 +130,7 @@ def arm_frame(
     interaction: Interaction,
     permission: Permission,
     views: Sequence[ViewName],
+    now_s: float,
 ) -> Frame:
     """Return the frame of what does not change while an arm is open."""
     arm, model = arm_thread.arm, arm_thread.arm.model
@@ -138,6 +146,8 @@ def arm_frame(
         "joints": [state.name for state in arm_thread.snapshot.states],
         "gripper": model.gripper is not None,
         "chain": list(arm.chain.names),
+        "zeros": arm.context.zeros.name.lower(),
+        "now_s": round(now_s, 3),
     }
 
 
@@ -148,6 +158,7 @@ def status_frame(
     controller: str,
     now_s: float,
     analysis: PostureAnalysis | None = None,
+    fallback: StopNotice | None = None,
 ) -> Frame:
     """Return the frame with everything that the page shows beside the drawing.
 
@@ -158,6 +169,7 @@ def status_frame(
         controller: Which page has control: ``you``, ``other`` or ``none``.
         now_s: The time, which dates what was measured.
         analysis: Analysis of the arm at rest; None while it moves.
+        fallback: Why Live has ended, until the user has answered.
     """
     snapshot, live, trace = arm_thread.snapshot, arm_thread.command.live, interaction.solver_trace
     return {
@@ -167,7 +179,8 @@ def status_frame(
         "age_s": math.floor(now_s - snapshot.read_s),
         "controller": controller,
         "speed": arm_thread.command.speed,
-        "banner": banner(snapshot),
+        "banner": banner(snapshot, fallback),
+        "refused": interaction.refusal is not None,
         "joints": joint_readouts(arm_thread.arm.model, snapshot, interaction.goal),
         "health": health(snapshot.states, arm_thread.arm.model.health),
         "tip": _tip_rows(arm_thread, interaction),
@@ -190,12 +203,14 @@ def _tip_rows(arm_thread: ArmThread, interaction: Interaction) -> list[tuple[str
     marker = interaction.marker
     rows = [("tip", format_point(_measured_tip_m(arm_thread)), "")]
     if marker is not None:
-        rows.append(("target", format_point(marker.target_m), "good" if marker.reached else "bad"))
+        good = marker.reached and interaction.refusal is None
+        rows.append(("target", format_point(marker.target_m), "good" if good else "bad"))
         if not marker.reached:
             rows.append(
                 ("nearest", f"{format_point(marker.nearest_m)}, {marker.gap_m * 1000:.0f} mm", "")
             )
-    return rows
+    model = arm_thread.arm.model
+    return rows + condition_rows(arm_thread.snapshot.states, model.supply_v, model.health)
 
 
 def _measured_chain_joints(arm_thread: ArmThread) -> Vector:
@@ -251,25 +266,32 @@ class FrameComposer:
         yaw_rad = self.extent.yaw_rad(self._chain_joints(self._arm_thread.snapshot.measured))
         return make_camera(self.extent, client.view, client.viewport, yaw_rad)
 
-    def compose(self, client: Client, controller: str) -> list[Frame]:
+    def compose(
+        self, client: Client, controller: str, fallback: StopNotice | None = None
+    ) -> list[Frame]:
         """Return the new frames for a client."""
         frames: list[Frame] = []
         if "arm_info" not in client.sent:
             client.sent["arm_info"] = True
             views = available_views(self.extent)
-            frames.append(arm_frame(self._arm_thread, self._interaction, client.permission, views))
+            now_s = self._clock.now_s()
+            frames.append(
+                arm_frame(self._arm_thread, self._interaction, client.permission, views, now_s)
+            )
         if client.viewport is not None:
             frames += self._scene_frames(client)
-        return frames + self._status_frames(client, controller)
+        return frames + self._status_frames(client, controller, fallback)
 
-    def _status_frames(self, client: Client, controller: str) -> list[Frame]:
+    def _status_frames(
+        self, client: Client, controller: str, fallback: StopNotice | None
+    ) -> list[Frame]:
         if not self._is_due(client, "status", _STATUS_PERIOD_S):
             return []
         now_s = self._clock.now_s()
         step = self._interaction.trace_step(now_s)
         analysis = None if client.viewport is None else self._posture_analysis(client)
         status = status_frame(
-            self._arm_thread, self._interaction, step, controller, now_s, analysis
+            self._arm_thread, self._interaction, step, controller, now_s, analysis, fallback
         )
         return self._frame_if_changed(client, status)
 
@@ -315,6 +337,7 @@ class FrameComposer:
             grabbed=interaction.grabbed_link,
             behind=interaction.chosen > 0,
             picked=interaction.picked_object,
+            refused_pair=None if interaction.refusal is None else interaction.refusal.pair,
             other_joints=self._other_positions(snapshot),
         )
         frame: dict[str, object] = {
@@ -323,12 +346,26 @@ class FrameComposer:
             "hover": interaction.hover,
             "grabbed": interaction.grabbed_link,
             "picked": interaction.picked_object,
+            "refusal": self._refusal_fields(camera),
         }
         backdrop_key = (camera.fingerprint, region and region.fingerprint)
         if client.sent.get("backdrop") != backdrop_key:
             client.sent["backdrop"] = backdrop_key
             frame["backdrop"] = self._renderer.backdrop(state)
         return [frame]
+
+    def _refusal_fields(self, camera: Camera) -> dict[str, object] | None:
+        """Return why the goal is refused, and the pixel (2,) of the target that it is said at."""
+        refusal, marker, goal = (
+            self._interaction.refusal,
+            self._interaction.marker,
+            self._interaction.shown_goal,
+        )
+        if refusal is None or goal is None:
+            return None
+        chain = self._arm_thread.arm.chain
+        at_m = chain.forward(goal)[:3, 3] if marker is None else marker.target_m
+        return {"at": to_pixels(camera.project(at_m)[0]), "reason": refusal.reason}
 
     def _solver_trace_items(self, camera: Camera) -> list[DrawItem]:
         trace = self._interaction.solver_trace

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ikservo.arm import Arm
+from ikservo.clock import Clock
 from ikservo.errors import UnknownNameError
 from ikservo.ik import Posture, Target
 from ikservo.kinematics import Chain
@@ -25,7 +26,7 @@ from ikservo.view.draw_items import TargetMarker
 from ikservo.view.labels import describe_target
 from ikservo.view.messages import DragCommand, DragTarget, Gamepad, JointTarget, Message
 from ikservo.view.picking import PickCandidate, Picker, PointerContext
-from ikservo.view.snapshot import ArmSnapshot
+from ikservo.view.snapshot import ArmSnapshot, GoalRefusal, LogEntry
 from ikservo.view.solver_demo import ITERATIVE, SOLVERS, SolverTrace, trace_method
 from ikservo.view.viewpoints import Viewpoint, arm_extent, available_views, make_camera
 
@@ -185,10 +186,12 @@ class Interaction:
 
     Args:
         arm: The arm to move, inside its own limits.
+        clock: Dates the messages.
 
     Attributes:
         goal: Goal of all joints (n,), rad or m; None to hold position.
         marker: The target of the goal, if there is one.
+        refusal: Why the guard refuses the goal; None if it does not.
         hover: The link that a press would grab.
         under: Everything under the pointer; None for the plane in which a click moves the tip.
         chosen: Index of the one that a press selects.
@@ -196,13 +199,13 @@ class Interaction:
         solver_text: Progress of a chosen solver method in the current drag.
         preference: The preferred posture.
         solver_trace: Iterations of a chosen method on the last click, to be drawn one by one.
-        messages: Messages about targets out of reach, the oldest first.
+        messages: Messages about targets, the oldest first.
         revision: Changes whenever the scene has to be drawn again.
     """
 
-    def __init__(self, arm: Arm) -> None:
+    def __init__(self, arm: Arm, clock: Clock) -> None:
         chain = arm.chain
-        self._arm, self._chain = arm, chain
+        self._arm, self._chain, self._clock = arm, chain, clock
         self._index = arm.joint_index
         picker = Picker(link_primitives(capsules_of(arm.model)))
         self._drag = Drag(chain, picker, Picker(object_primitives(arm.model)))
@@ -213,6 +216,7 @@ class Interaction:
         self._trace_start_s = 0.0
         self.goal: Vector | None = None
         self.marker: TargetMarker | None = None
+        self.refusal: GoalRefusal | None = None
         self.hover: str | None = None
         self.under: tuple[PickCandidate | None, ...] = ()
         self.chosen = 0
@@ -220,8 +224,9 @@ class Interaction:
         self.solve_s: float | None = None
         self.solver_text = ""
         self.preference = PosturePreference()
-        self.messages: deque[str] = deque(maxlen=_MAX_WARNINGS)
+        self.messages: deque[LogEntry] = deque(maxlen=_MAX_WARNINGS)
         self.revision = 0
+        self._logged: GoalRefusal | None = None
         self._warm_up()
 
     @property
@@ -256,6 +261,21 @@ class Interaction:
         self._command = self.goal = self.marker = self.solver_trace = None
         self.revision += 1
 
+    def set_refusal(self, refusal: GoalRefusal | None) -> None:
+        """Set why the guard refuses the goal, or None; logged once the gesture has ended."""
+        if refusal is not self.refusal:
+            self.refusal = refusal
+            self.revision += 1
+        if refusal is not None and refusal is not self._logged and not self._drag.is_busy:
+            self._logged = refusal
+            self._log(refusal.reason, "bad")
+
+    def _log(self, message: str, level: str = "") -> None:
+        """Append a message; a message that was told before is moved to the end."""
+        for entry in [each for each in self.messages if each.message == message]:
+            self.messages.remove(entry)
+        self.messages.append(LogEntry(self._clock.now_s(), message, level))
+
     def choose_solver(self, name: str) -> None:
         """Select the solver for clicks and drags.
 
@@ -287,7 +307,8 @@ class Interaction:
         limited = self._arm.pose_within_limits(name, measured)
         self.reset()
         self.goal = np.array([limited.positions[joint] for joint in self._index.names])
-        self.messages.extend(text for text in limited.changed if text not in self.messages)
+        for text in limited.changed:
+            self._log(text)
 
     def handle(
         self, message: Message, context: PointerContext, snapshot: ArmSnapshot, now_s: float
@@ -445,6 +466,4 @@ class Interaction:
         ):
             return
         method = self.solver if self.solver in ITERATIVE else None
-        text = describe_target(self.marker, method)
-        if text not in self.messages:
-            self.messages.append(text)
+        self._log(describe_target(self.marker, method))

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "candidate_rows",
+    "condition_rows",
     "describe_range",
     "describe_target",
     "describe_torque",
@@ -32,6 +33,9 @@ __all__ = [
 
 
 _LOADED_PERCENT = 80.0
+# A supply outside these fractions of the nominal one is a wrong or an exhausted one: the three
+# cells of an 11.1 V battery give 9 to 12.6 V.
+_LOW_SUPPLY, _HIGH_SUPPLY = 0.8, 1.2
 
 
 def describe_target(marker: TargetMarker, method: str | None = None) -> str:
@@ -102,6 +106,36 @@ def health_rows(states: Sequence[JointState], limits: HealthLimits) -> list[dict
         }
         for state in states
     ]
+
+
+def condition_rows(
+    states: Sequence[JointState], supply_v: float | None, limits: HealthLimits
+) -> list[tuple[str, str, str]]:
+    """Return rows of name, text and level for what is wrong now: supply, alarms, limp servos.
+
+    Args:
+        states: The servos.
+        supply_v: The nominal supply of the arm; None where the arm file does not say.
+        limits: The limits of the supply that the arm file gives.
+    """
+    rows = [(state.name, ", ".join(state.alarms), "bad") for state in states if state.alarms]
+    limp = [state.name for state in states if not state.torque]
+    if limp and len(limp) < len(states):
+        rows.append(("limp", ", ".join(limp), "bad"))
+    return [*_supply_rows([state.voltage_v for state in states], supply_v, limits), *rows]
+
+
+def _supply_rows(
+    volts: Sequence[float], supply_v: float | None, limits: HealthLimits
+) -> list[tuple[str, str, str]]:
+    low_v, high_v = limits.low_v, limits.high_v
+    if supply_v is not None:
+        low_v, high_v = max(low_v, _LOW_SUPPLY * supply_v), min(high_v, _HIGH_SUPPLY * supply_v)
+    wrong = [each for each in volts if not low_v <= each <= high_v]
+    if not wrong:
+        return []
+    side = f"below {low_v:.1f} V" if min(wrong) < low_v else f"above {high_v:.1f} V"
+    return [("supply", f"{format_supply(volts)}, {side}", "bad")]
 
 
 def _warning_level(state: JointState, limits: HealthLimits) -> str:

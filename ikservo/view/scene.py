@@ -6,7 +6,8 @@ Created once per arm, then called for every frame::
     items = renderer.draw(SceneState(camera, measured=q, goal=q_goal, marker=marker, …))
 
 Items are in painting order, see ``draw_items``. Styles, back to front: ``floor``, ``grid``,
-``reach``, ``keep_out``, ``picked``, the links of the goal ``ghost`` and of the arm ``measured``
+``reach``, ``keep_out``, ``picked``, the links of the goal ``ghost`` (``refused``, and those that
+would touch something ``touching``) and of the arm ``measured``
 (``hover`` and ``grabbed`` where the pointer is, ``behind`` over others), arcs ``limit`` |
 ``amber`` | ``red`` with ``needle`` and ``hub``, ``trace``, ``tip``, ``gap``, ``nearest``,
 ``target`` | ``target_far``, ``scale``.
@@ -51,6 +52,8 @@ class SceneState:
         grabbed: The link that is being dragged.
         behind: Whether the hovered link was selected behind others: its outline is drawn on top.
         picked: The object of the scene under the pointer.
+        refused_pair: What the goal would touch, if the guard refuses it; may be empty. None for a
+            goal that is not refused.
         other_joints: Positions of joints that are not in the chain, such as the gripper's.
     """
 
@@ -63,6 +66,7 @@ class SceneState:
     grabbed: str | None = None
     behind: bool = False
     picked: str | None = None
+    refused_pair: tuple[str, ...] | None = None
     other_joints: Mapping[str, float] = field(default_factory=dict[str, float])
 
 
@@ -100,7 +104,8 @@ class SceneRenderer:
     def foreground(self, state: SceneState) -> list[DrawItem]:
         """Return the items of the arm and everything that moves with it."""
         poses = link_poses(self.chain, state.measured, state.other_joints)
-        picked_boxes = [box for box in self._model.keep_out if box.name == state.picked]
+        marked = (state.picked, *(state.refused_pair or ()))
+        picked_boxes = [box for box in self._model.keep_out if box.name in marked]
         return [
             *(draw_box(state.camera, box, "picked") for box in picked_boxes),
             *self._draw_goal(state),
@@ -117,7 +122,10 @@ class SceneRenderer:
             return []
         poses = link_poses(self.chain, goal, state.other_joints)
         outlines = self._outlines.outlines_from(state.camera, poses)
-        return [polygon("ghost", outline.rings, link=outline.link) for outline in outlines]
+        return [
+            polygon(_goal_style(each.link, state.refused_pair), each.rings, link=each.link)
+            for each in outlines
+        ]
 
     def _draw_arm(self, state: SceneState, poses: Mapping[str, Matrix]) -> list[DrawItem]:
         outlines = self._outlines.outlines_from(state.camera, poses)
@@ -150,8 +158,17 @@ def _style_of(link: str, state: SceneState) -> str:
     return "grabbed" if link == state.grabbed else "hover" if link == state.hover else "measured"
 
 
+def _goal_style(link: str, refused_pair: tuple[str, ...] | None) -> str:
+    if refused_pair is None:
+        return "ghost"
+    return "touching" if link in refused_pair else "refused"
+
+
 def _draw_markers(state: SceneState, tip_m: Vector) -> list[DrawItem]:
     """Return the items of the tip and the target."""
     camera = state.camera
     items = [circle("tip", camera.project(tip_m)[0], _TIP_PX)]
-    return items if state.marker is None else items + draw_target(state.marker, camera)
+    if state.marker is None:
+        return items
+    refused = state.refused_pair is not None
+    return items + draw_target(state.marker, camera, refused=refused)

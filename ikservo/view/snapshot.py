@@ -11,7 +11,14 @@ from ikservo.arm import JointState
 from ikservo.calibration.procedure import CalibrationState
 from ikservo.kinematics.arrays import Vector
 
-__all__ = ["ArmCommand", "ArmSnapshot", "CalibrationView", "StopNotice"]
+__all__ = [
+    "ArmCommand",
+    "ArmSnapshot",
+    "CalibrationView",
+    "GoalRefusal",
+    "LogEntry",
+    "StopNotice",
+]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -31,6 +38,36 @@ class ArmCommand:
     goal: Vector | None = None
     speed: str = "slow"
     heartbeat_s: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class LogEntry:
+    """A message for the user.
+
+    Attributes:
+        time_s: When, by the clock of heartbeats.
+        message: What happened.
+        level: ``bad`` for what went wrong, empty for news.
+    """
+
+    time_s: float
+    message: str
+    level: str = ""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GoalRefusal:
+    """A goal that the guard refuses.
+
+    Attributes:
+        goal: Goal of all joints (n,), the array that was refused.
+        reason: Why, in one sentence.
+        pair: What would touch: a link, and another link or a thing; empty where nothing would.
+    """
+
+    goal: Vector
+    reason: str
+    pair: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +111,7 @@ class ArmSnapshot:
         states: Telemetry of the servos, a little older.
         stop_notice: Why the arm holds; None if it is not stopped.
         ended_session: The last session that has ended.
+        refusal: The goal that was refused last in a session; None if there is none.
         messages: Messages for the user, the oldest first.
         calibration: The running calibration, if any.
     """
@@ -84,5 +122,6 @@ class ArmSnapshot:
     states: tuple[JointState, ...] = ()
     stop_notice: StopNotice | None = None
     ended_session: int = 0
-    messages: tuple[str, ...] = ()
+    refusal: GoalRefusal | None = None
+    messages: tuple[LogEntry, ...] = ()
     calibration: CalibrationView | None = None

@@ -4,7 +4,9 @@ Only here do tests reach for the parts of an open arm: its port, its servos and 
 """
 
 import math
+from dataclasses import replace
 
+from ikservo.arm import ZeroSource
 from ikservo.motion import KinematicLimits
 from tests.oracle import arm_file, joints_from_ticks, tip_from_ticks
 
@@ -27,6 +29,12 @@ def clock_of(arm):
 def context_of(arm):
     """Return what the arm is made of: its servos, planner and collision checker."""
     return arm._context
+
+
+def without_zeros(arm):
+    """Return the arm as one that was never calibrated."""
+    arm._context = replace(arm._context, zeros=ZeroSource.UNKNOWN)
+    return arm
 
 
 def motion_runner(arm):

@@ -12,7 +12,7 @@ from ikservo.model import load_model
 from ikservo.view.app import ViewApp
 from ikservo.view.auth import Permission
 from ikservo.view.messages import read_message
-from tests.arm.simulated import line_of, registers, true_joints, true_tip_m
+from tests.arm.simulated import line_of, registers, true_joints, true_tip_m, without_zeros
 from tests.oracle import pinocchio_model
 
 PATIENCE_MS = 15_000
@@ -84,16 +84,21 @@ class ServedView:
 class HoldingView(ViewApp):
     """A view of an arm that holds itself when it is opened, as one in use does."""
 
+    def __init__(self, *args, calibrated=True, **options):
+        self._calibrated = calibrated
+        super().__init__(*args, **options)
+
     def _open_arm(self):
         arm = super()._open_arm()
         arm.enable()
-        return arm
+        return arm if self._calibrated else without_zeros(arm)
 
 
 @contextmanager
-def serve_view(arm="so101", port="sim:?pose=home", dead_man_s=5.0):
+def serve_view(arm="so101", port="sim:?pose=home", dead_man_s=5.0, *, calibrated=True):
     """Serve a view; a busy machine makes pages stutter, so the dead man is patient by default."""
-    view = HoldingView(load_model(arm), port, dead_man_s=dead_man_s)
+    model = load_model(arm)
+    view = HoldingView(model, port, dead_man_s=dead_man_s, calibrated=calibrated)
     with view as urls, view.serve_in_thread() as server:
         yield ServedView(view, urls, server)
 

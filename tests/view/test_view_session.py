@@ -474,7 +474,7 @@ def test_a_pose_beyond_narrower_limits_is_gone_to_at_the_limit_and_told(pose, jo
         # as far inside as friction may keep it short of a goal: 0.207 N m on 17.5 N m/rad
         inside_deg = upper_deg - math.degrees(0.207 / 17.5)
         assert math.degrees(goal[joint]) == pytest.approx(inside_deg, abs=0.1)
-        assert any(words.startswith(joint) for words in session.interaction.messages)
+        assert any(entry.message.startswith(joint) for entry in session.interaction.messages)
 
 
 def test_what_stands_still_is_not_sent_sixty_times_a_second(session):
@@ -501,7 +501,9 @@ def test_commands_to_the_pilot_are_posted_whole(session):
 def test_a_page_that_has_told_no_size_has_no_camera(session):
     client = Client(9, Permission.WATCH, Viewpoint("side"))
     with pytest.raises(BadMessageError, match="size of its drawing"):
-        FrameComposer(session.arm_thread, Interaction(session.arm), session.clock).camera(client)
+        FrameComposer(
+            session.arm_thread, Interaction(session.arm, session.clock), session.clock
+        ).camera(client)
 
 
 def test_a_gesture_before_the_size_is_told_is_no_gesture(session):

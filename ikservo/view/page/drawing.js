@@ -8,6 +8,8 @@ const STYLES = {
   keep_out: ["keep-out", "bad", 1],
   picked: ["keep-out", "bad", 2],
   ghost: ["ghost", "ghost-edge", 1.25],
+  refused: ["refused", "bad", 1.25],
+  touching: ["touching", "bad", 2.5],
   measured: ["link", "link-edge", 1.25],
   hover: ["link-hover", "link-edge", 1.25],
   grabbed: ["link-hover", "link-edge", 1.5],
@@ -26,6 +28,7 @@ const STYLES = {
   nearest: [null, "bad", 2],
   target: [null, "good", 2.25],
   target_far: [null, "bad", 2.25],
+  target_refused: [null, "bad", 2.25],
   scale: ["text", "text", 1.5],
 };
 const FALLBACK = [null, "text", 1.5];

@@ -3,7 +3,7 @@
 
 import { Connection } from "./connection.js";
 import { Drawing } from "./drawing.js";
-import { $, updateChoices } from "./elements.js";
+import { $, setText, updateChoices } from "./elements.js";
 import { Freshness } from "./freshness.js";
 import { Gamepads } from "./gamepad.js";
 import { Panel } from "./panel.js";
@@ -100,8 +100,21 @@ function show(scene) {
   canvas.toggleAttribute("data-hover", Boolean(scene.hover));
   canvas.toggleAttribute("data-grabbed", Boolean(scene.grabbed));
   canvas.toggleAttribute("data-picked", Boolean(scene.picked));
+  showRefusal(scene.refusal);
   window.ikservo.scene = scene;
   window.ikservo.drawn += 1;
+}
+
+// Why the goal is refused, beside its target and inside the drawing.
+function showRefusal(refusal) {
+  const box = $("refusal");
+  box.hidden = !refusal;
+  if (!refusal) return;
+  setText(box, refusal.reason);
+  const [x, y] = refusal.at;
+  const left = Math.max(8, Math.min(x + 18, canvas.clientWidth - box.offsetWidth - 8));
+  const top = Math.max(8, Math.min(y + 14, canvas.clientHeight - box.offsetHeight - 8));
+  box.style.transform = `translate(${left}px, ${top}px)`;
 }
 
 // Space and Escape stop, wherever the focus is; a button is pressed with Enter.

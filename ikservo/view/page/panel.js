@@ -5,7 +5,7 @@ import { Meter } from "./meter.js";
 import { Preference } from "./preference.js";
 
 const MODES = {
-  preview: "Preview – the arm does not move",
+  preview: "Preview",
   live: "Live – the arm follows",
   stopped: "Stopped",
   lost: "Not connected",
@@ -13,12 +13,17 @@ const MODES = {
   waiting: "Connecting …",
   calibration: "Calibration – the arm is limp",
 };
-const RANGES = { own: "calibrated range", file: "range of the arm file" };
+// Where the zeros of the joints come from, and with them what their positions mean.
+const ZEROS = {
+  calibrated: "calibrated range", vendor: "the maker's zeros", simulated: "range of the arm file",
+  accepted: "zeros of the arm file", unknown: "not calibrated",
+};
 const SOLVERS = {
   auto: "automatic", pseudo_inverse: "pseudo-inverse", transpose: "transpose", ccd: "CCD",
   bounded: "bounded", closed_form: "closed form",
 };
 const REFUSAL_MS = 5000;
+const MAX_REFUSALS = 12;
 const formatTitle = (name) => name[0].toUpperCase() + name.slice(1).replaceAll("_", " ");
 
 export class Panel {
@@ -27,8 +32,11 @@ export class Panel {
     this.status = null;
     this.preference = new Preference(send);
     this.offline = null; // what there is to say while the server does not answer
+    this.refusals = []; // for the list of messages
     this.refusal = null; // the last refused command; shown for REFUSAL_MS
     $("acknowledge").onclick = () => send("acknowledge");
+    $("go-live").onclick = () => send("set_live", { on: true });
+    $("dismiss").onclick = () => send("set_live", { on: false });
     $("take").onclick = () => send("take_control", { on: true });
     $("live").onclick = () => send("set_live", { on: $("live").getAttribute("aria-checked") !== "true" });
     $("calibrate").onclick = () => send("calibration", { action: "start" });
@@ -36,6 +44,9 @@ export class Panel {
 
   setArm(armInfo) {
     this.armInfo = armInfo;
+    this.clockStart = Date.now() - 1000 * armInfo.now_s; // of the server's clock, which dates messages
+    setText($("unit"), ZEROS[armInfo.zeros]);
+    $("unit").classList.toggle("uncalibrated", armInfo.zeros === "unknown");
     document.title = `${armInfo.title} – ikservo`;
     setText($("title"), armInfo.title);
     setText($("port"), armInfo.port);
@@ -53,7 +64,8 @@ export class Panel {
     this.offline = null;
     setAttribute(document.body, "data-mode", status.mode);
     const inControl = status.controller === "you";
-    setText($("mode"), MODES[status.mode] + (inControl || status.mode === "stopped" ? "" : status.controller === "other" ? " · somebody else controls" : " · you watch"));
+    document.body.toggleAttribute("data-refused", status.refused);
+    setText($("mode"), this.describeMode(status) + (inControl || status.mode === "stopped" ? "" : status.controller === "other" ? " · somebody else controls" : " · you watch"));
     this.showControls(status, inControl);
     this.showBanner();
     this.showJoints(status.joints);
@@ -66,12 +78,20 @@ export class Panel {
     this.showMessages(status.messages);
   }
 
+  // A limp arm does not hold, and one that was never calibrated cannot follow.
+  describeMode({ mode, health }) {
+    if (mode !== "preview") return MODES[mode];
+    const limp = health.joints.filter((joint) => joint.torque !== "on").map((joint) => joint.name);
+    const arm = !limp.length ? "the arm holds" : limp.length === health.joints.length ? "the arm is limp" : `limp: ${limp.join(", ")}`;
+    return `Preview – ${arm}${this.armInfo.zeros === "unknown" ? "; not calibrated, Live needs that" : ""}`;
+  }
+
   showControls(status, inControl) {
     updateChoices($("speeds"), this.armInfo.speeds, status.speed, (name) => this.send("set_speed", { name }), formatTitle);
     updateChoices($("solvers"), this.armInfo.solvers, status.solver.name, (name) => this.send("set_solver", { name }), (name) => SOLVERS[name] ?? name);
     const live = $("live");
     setAttribute(live, "aria-checked", status.live);
-    live.disabled = !inControl || (status.mode !== "preview" && status.mode !== "live");
+    live.disabled = !inControl || this.armInfo.zeros === "unknown" || (status.mode !== "preview" && status.mode !== "live");
     const mayControl = this.armInfo.permission === "control";
     $("take").hidden = inControl || !mayControl;
     for (const button of document.querySelectorAll(".poses button")) button.disabled = !inControl || status.mode === "stopped";
@@ -86,7 +106,13 @@ export class Panel {
     setText($("banner-message"), banner.message);
     setText($("banner-hint"), banner.hint);
     $("acknowledge").disabled = this.armInfo?.permission !== "control";
-    $("acknowledge").hidden = Boolean(this.offline) || this.status?.mode !== "stopped"; // only a stop is acknowledged
+    $("acknowledge").hidden = banner.action !== "acknowledge"; // only a stop is acknowledged
+    const fellBack = banner.action === "go_live";
+    $("banner").classList.toggle("news", fellBack);
+    for (const id of ["go-live", "dismiss"]) {
+      $(id).hidden = !fellBack;
+      $(id).disabled = this.status?.controller !== "you";
+    }
   }
 
   // Without the server: what was last known of torque says what the arm does now.
@@ -98,6 +124,8 @@ export class Panel {
 
   showRefusal(refusal) {
     this.refusal = refusal;
+    this.refusals = [...this.refusals, { ...refusal, level: "bad", at: Date.now() }].slice(-MAX_REFUSALS);
+    this.showMessages(this.status?.messages ?? []);
     this.showBanner();
     setTimeout(() => {
       if (this.refusal !== refusal) return;
@@ -107,7 +135,6 @@ export class Panel {
   }
 
   showJoints(joints) {
-    setText($("unit"), RANGES[joints.every((joint) => joint.limit_source.startsWith("arm file")) ? "file" : "own"]);
     updateRows($("joints"), joints, createJointRow, (row, joint) => {
       setAttribute(row.element, "data-joint", joint.name);
       setText(row.name, joint.name);
@@ -154,13 +181,23 @@ export class Panel {
     });
   }
 
+  // What the arm and its guard say and what was refused to this page, in the order of time.
   showMessages(messages) {
-    const fingerprint = JSON.stringify(messages);
+    const dated = messages.map((entry) => ({ ...entry, at: this.clockStart + 1000 * entry.time_s }));
+    const entries = [...dated, ...this.refusals].sort((a, b) => a.at - b.at);
+    const fingerprint = JSON.stringify(entries);
     if (fingerprint === this.shownMessages) return;
     this.shownMessages = fingerprint;
-    $("log").replaceChildren(...messages.map(({ message, hint, level }) => createElement("li", { class: level }, createElement("div", {}, message), hint ? createElement("div", { class: "hint-line" }, hint) : null)));
+    $("log").replaceChildren(...entries.map(createMessage));
     $("log").scrollTop = $("log").scrollHeight;
   }
+}
+
+function createMessage({ message, hint, level, at }) {
+  const time = createElement("time", { datetime: new Date(at).toISOString() }, new Date(at).toLocaleTimeString());
+  return createElement("li", { class: level },
+    createElement("div", {}, time, ` ${message}`),
+    hint ? createElement("div", { class: "hint-line" }, hint) : null);
 }
 
 function describeAlone(status) {

@@ -1,0 +1,100 @@
+"""What the page says is what is so: refused goals, limp servos, supplies, Live that has ended."""
+
+import numpy as np
+import pytest
+
+from servosim.faults import Fault
+from tests.arm.simulated import servo_id
+from tests.browser.test_browser_safety import FAR, OWN
+
+pytestmark = pytest.mark.browser
+
+
+def below_the_table(operator):
+    """Return a pixel 40 mm below the table, under the tip: the arm could bend to there."""
+    tip_m = operator.served.tip_m()
+    return operator.tip_px() + np.array([0.0, (tip_m[2] + 0.04) * operator.pixels_per_metre])
+
+
+REFUSED = "status.refused && scene.refusal"
+
+
+def test_in_preview_a_target_below_the_table_is_refused_at_once_beside_the_pointer(operator):
+    at = below_the_table(operator)
+    operator.click(at).wait_for(REFUSED)
+    assert operator.items("target_refused")
+    assert not operator.items("target")
+    assert not operator.items("ghost")
+    assert operator.items("touching")
+    words = operator.page.inner_text("#refusal")
+    assert "would touch the floor" in words
+    box = operator.page.locator("#refusal").bounding_box()
+    assert abs(box["x"] - operator.over(at)[0]) < 60
+    assert abs(box["y"] - operator.over(at)[1]) < 60
+    assert ["target", "bad"] in [[name, level] for name, _, level in operator.status["tip"]]
+    assert operator.status["messages"][-1]["message"] == words
+    operator.click(operator.tip_px() + FAR / 2).wait_for("!status.refused && !scene.refusal")
+    assert operator.page.is_hidden("#refusal")
+    assert operator.items("ghost")
+
+
+def test_in_live_a_refused_target_is_shown_as_refused_and_no_goal_is_sent(live):
+    before = live.served.goals()
+    live.click(below_the_table(live)).wait_for(REFUSED)
+    assert live.items("target_refused")
+    assert "would touch the floor" in live.page.inner_text("#refusal")
+    live.until_still()
+    assert max(abs(live.served.goals()[i] - before[i]) for i in before) <= 2
+
+
+@pytest.mark.parametrize("view", [{"calibrated": False}], indirect=True, ids=["uncalibrated"])
+def test_an_arm_that_was_never_calibrated_says_so_beside_the_button_that_calibrates(operator):
+    assert operator.page.inner_text("#unit") == "not calibrated"
+    assert operator.page.is_enabled("#calibrate")
+    assert operator.page.is_disabled("#live")
+    assert "not calibrated" in operator.page.inner_text("#mode")
+
+
+def test_live_that_fell_back_says_why_and_goes_on_by_one_button(live):
+    live.page.evaluate(
+        "Object.defineProperty(document, 'visibilityState', { get: () => 'hidden', configurable: true });"  # noqa: E501
+        "document.dispatchEvent(new Event('visibilitychange'));"
+        "delete document.visibilityState;"
+    )
+    live.wait_for("status.mode === 'preview' && status.banner?.action === 'go_live'")
+    assert "the page was hidden" in live.page.inner_text("#banner-message")
+    live.page.click("#go-live")
+    live.wait_for("status.mode === 'live' && !status.banner").until_still()
+    live.click(live.tip_px() + FAR / 2).until_moving()
+
+
+@OWN
+def test_a_limp_servo_and_a_wrong_supply_are_told_and_not_that_the_arm_holds(operator):
+    assert operator.page.inner_text("#mode") == "Preview – the arm holds"
+    operator.served.line.servos[servo_id("so101", "elbow_flex")].write("torque_enable", 0)
+    operator.until("document.getElementById('mode').textContent.includes('limp: elbow_flex')")
+    operator.wait_for("status.tip.some(([name, text]) => name === 'limp' && text === 'elbow_flex')")
+    operator.wait_for(
+        "status.messages.some((m) => m.message.startsWith('elbow_flex lost torque without'))"
+    )
+    line = operator.served.line
+    line.faults.add(Fault("voltage", volts=4.5, at_s=line.world.time_s))
+    operator.wait_for("status.tip.some(([name]) => name === 'supply')")
+    row = next(text for name, text, _ in operator.status["tip"] if name == "supply")
+    assert row == "4.5 V, below 5.9 V"
+
+
+def test_messages_of_the_arm_and_of_its_guard_are_one_list_in_the_order_of_time(operator):
+    operator.click(below_the_table(operator)).wait_for(REFUSED)
+    operator.page.click("#stop")
+    operator.wait_for("status.mode === 'stopped'")
+    operator.page.click("#acknowledge")
+    operator.wait_for("status.mode === 'preview'")
+    operator.click(below_the_table(operator)).wait_for(REFUSED)
+    latest = operator.status["messages"][-2:]
+    assert "Stopped from the page" in latest[0]["message"]
+    assert "would touch" in latest[1]["message"]
+    times = [entry["time_s"] for entry in operator.status["messages"]]
+    assert times == sorted(times)
+    shown = operator.page.locator("#log li").all_inner_texts()
+    assert latest[1]["message"] in shown[-1]
