@@ -189,7 +189,8 @@ def accuracy_page(fields: Fields) -> str:
         f'<meta name="viewport" content="width=device-width"><style>{_STYLE}</style></head>'
         f"<body><h1>{title}</h1><dl>{facts}</dl><ul>{notes}</ul>"
         f'<div class="headline">{_headline(fields)}</div>'
-        f"<section>{''.join(_plots(fields))}</section>"
+        f"<section>{''.join(_line_plots(fields))}</section>"
+        f"<section>{''.join(_pose_plots(fields))}</section>"
         "<h2>All figures</h2><table><thead><tr><th>Quantity</th><th>Where</th><th>Value</th>"
         f"<th>Cycles</th></tr></thead><tbody>{rows}</tbody></table><p>{_LEGEND}</p>"
         f'<script type="application/json" id="data">{data}</script></body></html>\n'
@@ -216,11 +217,15 @@ dt{color:var(--dim)}dd{margin:0}ul{padding-left:1.1rem;color:var(--dim)}
 .headline div{border:1px solid var(--line);border-radius:.5rem;padding:.5rem .9rem;min-width:8rem}
 .headline b{display:block;font-size:1.4rem;font-variant-numeric:tabular-nums}
 .headline span{color:var(--dim);font-size:.85rem}
-section{display:grid;grid-template-columns:repeat(auto-fit,minmax(20rem,1fr));gap:1.2rem}
+section{display:grid;grid-template-columns:repeat(auto-fit,minmax(20rem,1fr));gap:1.2rem;
+margin-bottom:1.2rem}
+@media(max-width:30rem){.headline{display:grid;grid-template-columns:1fr 1fr;gap:.5rem}
+.headline div{min-width:0}th,td{padding:.2rem .3rem}}
 figure{margin:0}figcaption{font-size:.85rem;color:var(--dim)}svg{width:100%;height:auto}
 svg text{fill:var(--dim);font:11px system-ui,sans-serif}
 table{border-collapse:collapse;width:100%;font-variant-numeric:tabular-nums}
 th,td{text-align:left;padding:.2rem .6rem;border-bottom:1px solid var(--line)}
+td:nth-child(3){white-space:nowrap}
 td:nth-child(3),td:nth-child(4),th:nth-child(3),th:nth-child(4){text-align:right}
 p{color:var(--dim);font-size:.9rem}
 """
@@ -260,7 +265,7 @@ def _headline(fields: Fields) -> str:
     )
 
 
-def _plots(fields: Fields) -> Iterable[str]:
+def _line_plots(fields: Fields) -> Iterable[str]:
     for shape in ("line", "circle"):
         paths = [path for path in fields["paths"] if path["shape"] == shape]
         if paths:
@@ -273,28 +278,31 @@ def _plots(fields: Fields) -> Iterable[str]:
         yield _line_plot(
             f"Drift at {drift['name']}: pose accuracy over time", series, ("minutes", "mm")
         )
+
+
+def _pose_plots(fields: Fields) -> Iterable[str]:
+    about = "the known one, by touch" if fields["measured_by"] == "touches" else "the commanded one"
     off_mm = [
         1000.0 * np.subtract(pose["attained_m"], pose["target_m"]) for pose in fields["poses"]
     ]
     reach = _round_up(max((float(np.abs(off).max()) for off in off_mm), default=0.0))
     for pose, off in zip(fields["poses"], off_mm, strict=True):
-        yield _pose_plot(pose["name"], off, reach)
+        yield _pose_plot(f"{pose['name']}: attained points about {about}", off, reach)
 
 
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 340, 230, 40, 30
 _COLOURS = ("var(--a)", "var(--b)", "var(--c)")
 
 
-def _pose_plot(name: str, off_mm: Matrix, reach: float) -> str:
-    """Return the attained points from above and from the side, about the commanded one."""
+def _pose_plot(text: str, off_mm: Matrix, reach: float) -> str:
+    """Return the attained points from above and from the side, about their target."""
     above = _scatter(0, ("x", "y"), off_mm[:, [0, 1]], reach)
     side = _scatter(170, ("x", "z"), off_mm[:, [0, 2]], reach)
-    text = f"{name}: attained points about the commanded one, from above and from the side"
-    return _figure(above + side, text, 172)
+    return _figure(above + side, f"{text}, from above and from the side", 172)
 
 
 def _scatter(left: int, names: Sequence[str], points: Matrix, reach: float) -> str:
-    size, middle_x, middle_y = 130.0, left + 95.0, 85.0
+    size, middle_x, middle_y = 130.0, left + 85.0, 85.0
     scale = 0.5 * size / reach
     dots = "".join(
         f'<circle cx="{middle_x + scale * a:.2f}" cy="{middle_y - scale * b:.2f}" r="2.2" '
@@ -371,6 +379,7 @@ def _axis_lines(top: float, end: float, width: float, height: float, axes: tuple
 
 
 def _figure(parts: str, text: str, height: int) -> str:
+    text = html.escape(text)
     return (
         f'<figure><svg viewBox="0 0 {_WIDTH} {height}" role="img" aria-label="{text}">{parts}</svg>'
         f"<figcaption>{text}</figcaption></figure>"

@@ -112,6 +112,8 @@ def test_bad_settings_move_nothing(run_cli, folder, words, message):
 def test_a_note_cannot_put_markup_into_the_page(run_cli, folder):
     words = f"test planar2 {SIM} --parts poses --cycles 2 --html a.html --json".split()
     answer = run_cli(" ".join(words)).json
-    page = accuracy_page({**answer, "note": "</script><b>x</b>"})
-    assert "<b>x</b>" not in page
+    poses = [{**pose, "name": "<b>x</b>"} for pose in answer["poses"]]  # names are from a file
+    page = accuracy_page({**answer, "poses": poses, "note": "</script><b>x</b>"})
+    assert "<b>x</b>" not in page.partition('id="data"')[0]
+    assert "</script><b>" not in page
     assert not any("Not complete" in text for text in statements(answer))
