@@ -22,6 +22,7 @@ from ikservo.cli.terminal import (
     print_status,
     print_table,
 )
+from ikservo.files.writing import check_writable
 from ikservo.maintenance.arm_identification import QUICK_TOUR, IdentificationRun
 from ikservo.maintenance.duty_model import JOINT_PARAMETERS
 from ikservo.maintenance.identification import Identification, ParameterEstimate
@@ -55,6 +56,8 @@ def command(
     """
     with open_from_options(arm, port) as machine:
         run = IdentificationRun.plan(machine, QUICK_TOUR if quick else None)
+        if not dry_run:  # a full disk is found before the arm moves for minutes
+            check_writable(run.path.parent)
         announce_tour(run, yes=yes, wiggle=not no_wiggle)
         with progress_bar() as on_progress:
             recording = run.record(on_progress)

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import datetime
 from importlib.metadata import version
+from pathlib import Path
 
 import numpy as np
 
@@ -14,6 +15,7 @@ from ikservo.arm import Arm
 from ikservo.arm.context import ArmContext
 from ikservo.arm.reports import OnProgress
 from ikservo.calibration.identified_file import IdentifiedArm, IdentifiedJoint, load_identified
+from ikservo.calibration.paths import identified_path
 from ikservo.errors import RefusedError
 from ikservo.kinematics.dynamics import Dynamics
 from ikservo.maintenance.drive_fit import JointPrior
@@ -96,6 +98,12 @@ class IdentificationRun:
     def plan_weighing(cls, arm: Arm) -> IdentificationRun:
         """Plan a short tour that is enough for a mass in the jaws; nothing moves."""
         return cls.plan(arm, QUICK_TOUR)
+
+    @property
+    def path(self) -> Path:
+        """Return the arm's file."""
+        context = self.arm.context
+        return identified_path(context.model.name, context.serial_number)
 
     @property
     def duration_s(self) -> float:

@@ -1,6 +1,7 @@
 """``ikservo identify``, ``sim --as-identified`` and ``gripper --weigh``."""
 
 import json
+import signal
 
 import pytest
 
@@ -9,11 +10,19 @@ import servosim
 from ikservo.calibration.identified_file import load_identified, read_identified, save_identified
 from ikservo.calibration.paths import identified_path
 from ikservo.cli import sim
-from ikservo.errors import FileFormatError, InputError
+from ikservo.errors import (
+    CalibrationError,
+    FileFormatError,
+    InputError,
+    RefusedError,
+    StoppedError,
+)
+from ikservo.maintenance.arm_identification import IdentificationRun
 from ikservo.model import find_arm, load_model
 from ikservo.model.identified_drives import identified_parameters
 from ikservo.model.joint_drive import nominal_parameters
 from tests.arm.simulated import servo_group
+from tests.cli.fixtures_mounted_arm import PORT, connect_arm
 from tests.cli.fixtures_ports import run_arguments
 
 ARM = "open_manipulator_x"
@@ -114,3 +123,66 @@ def test_a_damaged_file_is_refused(home):
 def test_a_saved_file_is_read_as_it_was(home):
     found = load_identified(ARM, "sim")
     assert read_identified(save_identified(found)) == found
+
+
+def files_in(folder):
+    return {path: path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+def test_ctrl_c_stops_the_tour_and_leaves_the_file_as_it_was(home, monkeypatch):
+    record, before = IdentificationRun.record, files_in(home / "identified")
+
+    def interrupted(run, _):
+        cycles = iter(range(10**6))
+
+        def interrupt(_):
+            if next(cycles) == 100:
+                signal.raise_signal(signal.SIGINT)
+
+        return record(run, interrupt)
+
+    monkeypatch.setattr(IdentificationRun, "record", interrupted)
+    result = run_arguments(["identify", "--arm", ARM, "--port", "sim", "--quick"])
+    assert result.code == StoppedError("").exit_code
+    assert result.out == ""
+    assert "Ctrl-C" in result.err
+    assert files_in(home / "identified") == before
+
+
+def test_an_arm_without_a_calibration_is_not_moved(monkeypatch, tmp_path):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+    arm = connect_arm(monkeypatch, "so101")
+    result = run_arguments(["identify", "--arm", "so101", "--port", PORT, "--yes"])
+    assert result.code == CalibrationError("").exit_code
+    assert "calibrate" in result.err
+    assert not any(arm.register(i, "torque_enable") for i in range(1, 7))
+    assert not (tmp_path / "identified").exists()
+
+
+def test_an_arm_without_masses_is_refused(home, monkeypatch):
+    monkeypatch.setattr("ikservo.maintenance.arm_identification.link_masses", lambda *_: [])
+    result = run_arguments(["identify", "--arm", ARM, "--port", "sim"])
+    assert result.code == RefusedError("").exit_code
+    assert "has no masses in its URDF" in result.err
+
+
+def test_a_folder_that_cannot_be_written_is_found_before_the_arm_moves(monkeypatch, tmp_path):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+    (tmp_path / "identified").write_text("a file, not a folder")
+    monkeypatch.setattr(IdentificationRun, "go_to_start", lambda *_: pytest.fail("it moved"))
+    result = run_arguments(["identify", "--arm", ARM, "--port", "sim", "--quick"])
+    assert result.code == 1
+    assert "Traceback" not in result.err
+    assert "identified" in result.err
+
+
+def test_a_damaged_file_stops_every_command_with_one_clear_error(home):
+    path = identified_path(ARM, "sim")
+    before = path.read_text()
+    try:
+        path.write_text(before[:-20])
+        result = run_arguments(["where", "--arm", ARM, "--port", "sim"])
+        assert result.code == FileFormatError(path, "", "").exit_code
+        assert str(path) in result.err
+    finally:
+        path.write_text(before)
