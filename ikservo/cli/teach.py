@@ -47,7 +47,7 @@ Float = Annotated[
 Duration = Annotated[
     float | None,
     typer.Option(
-        "--duration",
+        "--for",
         parser=parse_time_s,
         metavar="TIME",
         help="With --float: end after this time, without a key.",
@@ -103,9 +103,9 @@ def _check_options(*, now: bool, floating: bool, duration: float | None) -> None
     if floating and now:
         raise InputError("--float and --now exclude each other.", "Leave one of them out.")
     if duration is not None and not floating:
-        raise InputError("--duration is for --float only.", "Add --float, or leave it out.")
+        raise InputError("--for goes with --float only.", "Add --float, or leave it out.")
     if not now and duration is None and not sys.stdin.isatty():
-        hint = "Add --duration, as in --duration 20s." if floating else (
+        hint = "Add --for, as in --for 20s." if floating else (
             "To save the present pose, add --now.")  # fmt: skip
         raise InputError("Cannot ask: input is not a terminal.", hint)
 

@@ -71,8 +71,8 @@ def test_jog_says_once_that_an_uncompiled_solver_is_slow(run_cli, monkeypatch, c
         ("teach cup", "Cannot ask: input is not a terminal."),
         ("teach cup --float", "Cannot ask: input is not a terminal."),
         ("teach cup --float --now", "--float and --now exclude each other."),
-        ("teach cup --duration 2s --now", "--duration is for --float only."),
-        ("teach home --float --duration 1s", "The name of the pose is home, a pose of the arm"),
+        ("teach cup --for 2s --now", "--for goes with --float only."),
+        ("teach home --float --for 1s", "The name of the pose is home, a pose of the arm"),
         ("teach home --now", "The name of the pose is home, a pose of the arm file."),
         ("pose cupp", "There is no pose named 'cupp'."),
         ("record wave.jsonl", "Cannot wait for Ctrl-C: input is not a terminal."),
@@ -272,7 +272,7 @@ def test_a_floating_arm_is_taught_and_holds_when_enter_is_pressed(run_cli, monke
 
 
 def test_floating_ends_after_a_time_where_no_key_can_be_pressed(run_cli):
-    result = run_cli(f"teach cup --float --duration 1.5s {SIM} --json")
+    result = run_cli(f"teach cup --float --for 1.5s {SIM} --json")
     assert result.code == 0, result.err
     assert "carries the arm's weight for 1.5 s" in result.err
 
