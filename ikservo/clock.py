@@ -1,11 +1,12 @@
-"""Time as an argument: the protocol of a clock, and the real one."""
+"""Time as an argument: the protocol of a clock, the real one, and loops at a fixed rate."""
 
 from __future__ import annotations
 
 import time
+from collections.abc import Iterator
 from typing import Protocol
 
-__all__ = ["Clock", "RealClock"]
+__all__ = ["Clock", "Rate", "RealClock"]
 
 
 class Clock(Protocol):
@@ -32,3 +33,32 @@ class RealClock:
         rest_s = deadline_s - time.monotonic()
         if rest_s > 0:
             time.sleep(rest_s)
+
+
+class Rate:
+    """Yields every ``period_s``, at multiples of the period counted from the first cycle.
+
+    A late cycle does not shift the later ones; missed cycles are skipped, not repeated in a burst.
+
+    Attributes:
+        cycles: The number of cycles.
+    """
+
+    def __init__(self, clock: Clock, period_s: float) -> None:
+        self._clock, self._period_s = clock, period_s
+        self.cycles = 0
+
+    def __iter__(self) -> Iterator[float]:
+        """Yield the seconds since the first cycle, at each cycle, without end."""
+        start_s = self._clock.now_s()
+        index = 0
+        while True:
+            due_s = start_s + index * self._period_s
+            self._clock.sleep_until(due_s)
+            elapsed_s = self._clock.now_s() - start_s
+            self.cycles += 1
+            yield elapsed_s
+            index = self._next_cycle(index, self._clock.now_s() - start_s)
+
+    def _next_cycle(self, index: int, elapsed_s: float) -> int:
+        return max(index + 1, int(elapsed_s / self._period_s))

@@ -17,6 +17,7 @@ from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_options import FollowOptions, parse_options
 from ikservo.arm.reports import OnProgress
 from ikservo.arm.settling import settle_at
+from ikservo.clock import Rate
 from ikservo.control.loop import ControlCycle
 from ikservo.control.streamed_servos import STALL_S
 from ikservo.deprecation import current_name
@@ -26,7 +27,7 @@ from ikservo.ik import Solver, Target
 from ikservo.kinematics import Chain, JointIndex, finite_array
 from ikservo.kinematics.arrays import Matrix, Vector, as_floats
 from ikservo.kinematics.se3 import exp_so3
-from ikservo.motion import OnlineTrajectory, Rate
+from ikservo.motion import OnlineTrajectory
 
 __all__ = [
     "CartesianOrJointTarget",

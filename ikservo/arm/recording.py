@@ -26,14 +26,13 @@ import numpy as np
 from ikservo.arm.arguments import check_callable, parse_number, parse_path
 from ikservo.arm.context import ArmContext
 from ikservo.arm.reports import SampledTrajectory
-from ikservo.clock import Clock
+from ikservo.clock import Clock, Rate
 from ikservo.deprecation import current_name
 from ikservo.errors import BadValueError, FileFormatError, InputError
 from ikservo.files.reading import parse_json
 from ikservo.files.writing import FileWriteError
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model import Model
-from ikservo.motion import Rate
 
 __all__ = [
     "SCHEMA",

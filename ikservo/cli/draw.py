@@ -10,7 +10,7 @@ import typer
 from ikservo.arm import MoveResult
 from ikservo.arm.motion_options import PlanDrawOptions
 from ikservo.cli.direction_check import check_directions_once
-from ikservo.cli.move_report import print_move_report, print_preview
+from ikservo.cli.motion_report import print_move_report, print_preview
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,

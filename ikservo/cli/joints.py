@@ -9,6 +9,7 @@ import typer
 
 from ikservo.arm import Arm, JointMoveResult
 from ikservo.cli.direction_check import check_directions_once
+from ikservo.cli.motion_report import print_plan
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
@@ -23,7 +24,6 @@ from ikservo.cli.options import (
     parse_angle_rad,
     parse_length_m,
 )
-from ikservo.cli.plan_report import print_plan
 from ikservo.cli.session import announce, open_from_options, progress_bar
 from ikservo.cli.terminal import print_json, print_lines
 from ikservo.errors import BadValueError, ExitCode, InputError, format_point

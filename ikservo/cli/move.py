@@ -16,7 +16,7 @@ from ikservo.cli.model_options import (
     posture_from_options,
     report_missing_freedom,
 )
-from ikservo.cli.move_report import print_move_report, print_preview
+from ikservo.cli.motion_report import print_move_report, print_preview
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,

@@ -1,11 +1,11 @@
 """Trajectories in time: pure functions, and the loop timer of the stream."""
 
+from ikservo.clock import Rate
 from ikservo.motion.arc import ArcPath, arc_about_axis, arc_through_points
 from ikservo.motion.cartesian import CartesianTrajectory, straight_lines
 from ikservo.motion.online import OnlineTrajectory
 from ikservo.motion.path import BlendedPath, ToolPath
 from ikservo.motion.point_to_point import JointMove, RuckigMotion, stop_trajectory
-from ikservo.motion.rate import Rate
 from ikservo.motion.time_scaling import JointWaypointTrajectory
 from ikservo.motion.trajectory import (
     ConcatenatedTrajectory,

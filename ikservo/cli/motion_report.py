@@ -1,18 +1,19 @@
-"""Print a motion plan: target, duration, active limits."""
+"""Print the plan of a motion, and the result of one of the tip."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 
-from ikservo.arm import MotionPlan
+from ikservo.arm import Arm, MotionPlan, MoveResult
 from ikservo.arm.plan import NearLimit
 from ikservo.calibration import JointUnit
 from ikservo.cli.posture_reports import joint_lines
 from ikservo.cli.terminal import print_json, print_lines
+from ikservo.errors import format_point
 from ikservo.model import Model
 
-__all__ = ["describe_orientation_error", "print_plan"]
+__all__ = ["print_move_report", "print_plan", "print_preview"]
 
 
 def print_plan(
@@ -39,7 +40,48 @@ def print_plan(
     print_lines(_plan_lines(plan, change_rad), indent=9)
 
 
-def describe_orientation_error(angle_rad: float, *, requested: bool) -> str:
+def print_preview(plan: MotionPlan, machine: Arm, *, json: bool) -> None:
+    """Print a plan of the tip: the joints at its end, duration, limits."""
+    goals = machine.joint_index.by_name(plan.goal)
+    joints = {name: goals[name] for name in machine.chain.names}
+    print_plan(plan, machine.model, joints, plan.orientation_change_rad, json=json)
+
+
+def print_move_report(report: MoveResult, *, json: bool) -> None:
+    """Print how a motion of the tip ended."""
+    if json:
+        print_json(
+            "move",
+            target_m=report.target_m,
+            commanded_tip_m=report.commanded_tip_m,
+            measured_tip_m=report.measured_tip_m,
+            error_m=report.error_m,
+            duration_s=report.duration_s,
+            reached=report.reached,
+            binding=report.binding,
+            orientation_error_rad=report.orientation_error_rad,
+            orientation_requested=report.orientation_requested,
+            orientation_change_rad=report.orientation_change_rad,
+            path_error_rms_m=report.path_error_rms_m,
+            path_error_max_m=report.path_error_max_m,
+        )
+        return
+    print_lines(
+        [
+            f"target     {format_point(report.target_m)}",
+            f"commanded  {format_point(report.commanded_tip_m)}",
+            f"measured   {format_point(report.measured_tip_m)}",
+            f"error      {report.error_m * 1000:.2f} mm",
+            *_path_error_lines(report),
+            f"tool       {_format_orientation(report)}",
+            f"duration   {report.duration_s:.2f} s",
+            f"reached    {'yes' if report.reached else 'no'}",
+            *(f"binds      {text}" for text in report.binding),
+        ]
+    )
+
+
+def _describe_orientation_error(angle_rad: float, *, requested: bool) -> str:
     """Return the error of a requested orientation as text, or the change if none was requested."""
     angle = f"{math.degrees(angle_rad):.1f}°"
     if requested:
@@ -72,7 +114,7 @@ def _plan_fields(plan: MotionPlan, goal: Mapping[str, float]) -> dict[str, objec
 
 def _plan_lines(plan: MotionPlan, change_rad: float) -> list[str]:
     angle_rad = plan.orientation_error_rad if plan.orientation_requested else change_rad
-    tool = describe_orientation_error(angle_rad, requested=plan.orientation_requested)
+    tool = _describe_orientation_error(angle_rad, requested=plan.orientation_requested)
     return [
         f"duration {plan.duration_s:.2f} s",
         f"path     {plan.path_m:.3f} m of the tip",
@@ -93,3 +135,16 @@ def _limiting_lines(plan: MotionPlan) -> list[str]:
 def _format_near_limit(near: NearLimit) -> str:
     room = f"{near.margin:.4f} m" if near.unit == "m" else f"{math.degrees(near.margin):.1f}°"
     return f"{near.joint} to {room} from its {near.side} limit"
+
+
+def _path_error_lines(report: MoveResult) -> list[str]:
+    rms_m, max_m = report.path_error_rms_m, report.path_error_max_m
+    if rms_m is None or max_m is None:
+        return []
+    return [f"path error {rms_m * 1000:.2f} mm rms, {max_m * 1000:.2f} mm at most"]
+
+
+def _format_orientation(report: MoveResult) -> str:
+    requested = report.orientation_requested
+    rad = report.orientation_error_rad if requested else report.orientation_change_rad
+    return _describe_orientation_error(rad, requested=requested)
