@@ -58,10 +58,10 @@ def follow(arm: Arm) -> bool:
 def search(arm: Arm) -> bool:
     """Drive one joint gently towards its stop, as ``calibrate --auto`` does."""
     joint = SEARCHED[arm.model.name]
-    context, bus = arm._context, _bus_of(arm)  # pyright: ignore[reportPrivateUsage]
+    context, bus = arm.context, _bus_of(arm)
     low, _ = context.limits()
     end = float(low[context.index.column(joint)])
-    runner = arm._runner  # pyright: ignore[reportPrivateUsage]
+    runner = arm.runner
     felt = probe_end_stop(context, runner, bus, joint, end, 0.3, lambda _: None)
     return felt.contact in (ContactState.STOP, ContactState.MOVING)
 
@@ -70,7 +70,7 @@ TASKS: dict[str, Task] = {"move": move, "line": line, "follow": follow, "search"
 
 
 def _bus_of(arm: Arm) -> ServoBus:
-    return vars(arm._context.servos)["_bus"]  # pyright: ignore[reportPrivateUsage]
+    return vars(arm.context.servos)["_bus"]
 
 
 def _there_and_back(arm: Arm) -> list[Vector]:
@@ -94,7 +94,7 @@ def attempt(arm: Served, task: Task) -> int:
     try:
         with open_arm(arm.name, port=str(arm.port), collisions=False) as machine:
             machine.pose("home")
-            machine._context.warm_up()  # pyright: ignore[reportPrivateUsage]
+            machine.context.warm_up()
             return 0 if task(machine) else 1
     except ikservo.IkservoError as error:
         print(f"{arm.name}: {error}", file=sys.stderr, flush=True)

@@ -292,7 +292,7 @@ def tell():  # after whatever ikservo does at the end of a program
 atexit.register(tell)
 import ikservo
 arm = ikservo.open_arm("so101", port="sim:?pose=home&paced=1")
-servos, began = arm._port.transport.line.servos, threading.Event()
+servos, began = arm.context.port.transport.line.servos, threading.Event()
 arm.enable()
 motion = arm.move_joints({"shoulder_pan": 1.6}, on_progress=lambda _: began.set(), wait=False)
 began.wait(60)

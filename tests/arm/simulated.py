@@ -13,7 +13,7 @@ from tests.oracle import arm_file, joints_from_ticks, tip_from_ticks
 
 def transport_of(arm):
     """Return the simulated serial port of the arm."""
-    return arm._port.transport
+    return arm.context.port.transport
 
 
 def line_of(arm):
@@ -28,7 +28,7 @@ def clock_of(arm):
 
 def context_of(arm):
     """Return what the arm is made of: its servos, planner and collision checker."""
-    return arm._context
+    return arm.context
 
 
 def without_zeros(arm):
@@ -39,7 +39,7 @@ def without_zeros(arm):
 
 def motion_runner(arm):
     """Return what runs the motions of the arm."""
-    return arm._runner
+    return arm.runner
 
 
 def servo_group(arm):

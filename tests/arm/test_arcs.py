@@ -21,7 +21,7 @@ def held(name):
 
 
 def tip_of_reference(arm):
-    reference = arm._context.servos.reference()
+    reference = arm.context.servos.reference()
     return arm.chain.forward(arm.joint_index.chain_joints(reference))[:3, 3]
 
 

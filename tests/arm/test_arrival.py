@@ -128,7 +128,7 @@ def ending_at(arm, plan, positions):
     """Return a plan to the same point with other joints."""
     names = arm.joint_names
     goal = np.array([positions.get(n, at) for n, at in zip(names, plan.start, strict=True)])
-    limits = arm._context.planner.motion_limits(plan.speed)
+    limits = arm.context.planner.motion_limits(plan.speed)
     return replace(plan, goal=goal, trajectory=JointMove(plan.start, goal, limits))
 
 

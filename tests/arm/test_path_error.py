@@ -46,9 +46,9 @@ def test_cycles_with_a_missing_reply_are_not_counted():
         recorder = PathRecorder(plan.trajectory, plan.cartesian_s)
         at = plan.trajectory.state(0.5).position
         recorder.record(ControlCycle(0.5, plan.duration_s, at, at, at + 0.1, lost=("elbow_flex",)))
-        assert recorder.error(arm._context.planner) is None
+        assert recorder.error(arm.context.planner) is None
         recorder.record(ControlCycle(0.5, plan.duration_s, at, at, at))
-        assert recorder.error(arm._context.planner).max_m < 1e-5
+        assert recorder.error(arm.context.planner).max_m < 1e-5
 
 
 @pytest.mark.parametrize("name", ["so101", "open_manipulator_x"])
@@ -83,7 +83,7 @@ def test_a_motion_before_the_line_is_not_counted():
         for time_s in np.linspace(0.0, joined.duration_s, 500).tolist():
             at = joined.state(time_s).position
             recorder.record(ControlCycle(time_s, joined.duration_s, at, at, at))
-        assert recorder.error(arm._context.planner).max_m < 1e-4
+        assert recorder.error(arm.context.planner).max_m < 1e-4
 
 
 def test_a_motion_of_joints_has_no_path_error():

@@ -209,10 +209,10 @@ def test_a_button_that_is_held_down_closes_the_gripper_until_it_is_let_go(live):
 
 
 LISTEN = """
-window.said = [];
+window.sentPhases = [];
 const send = WebSocket.prototype.send;
 WebSocket.prototype.send = function (text) {
-  said.push(JSON.parse(text).phase);
+  sentPhases.push(JSON.parse(text).phase);
   send.call(this, text);
 };
 0;
@@ -237,7 +237,7 @@ def test_two_fingers_come_nearer_and_move_nothing(visit):
     hand.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
     operator.page.wait_for_timeout(300)
     assert operator.pixels_per_metre == pytest.approx(2 * scale, rel=0.3)
-    assert "down" not in operator.page.evaluate("said")  # not even by the first of them
+    assert "down" not in operator.page.evaluate("sentPhases")  # not even by the first of them
     assert operator.served.goals() == goals
 
 

@@ -1,4 +1,4 @@
-"""The page itself: legible in both colours, worked without a mouse, on a desk and on a phone."""
+"""The page itself: legible in both colours, worked without a mouse, on a desktop and on a phone."""
 
 import pytest
 

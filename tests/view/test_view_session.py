@@ -159,7 +159,7 @@ def longest_brake_s(arm):
 
 
 def held_s(session, cut_s, way):
-    """Drag until the line is cut; return when the servos were last told anything new."""
+    """Drag until the line is cut; return when the servos were last sent a new goal."""
     heartbeats_s = []
 
     def drag(_):
@@ -401,7 +401,7 @@ def later(session, name):
         if "status" in sent_goals and name in posture_rows(sent_goals):
             return posture_rows(sent_goals)[name]
         threading.Event().wait(0.01)
-    raise AssertionError(f"{name} is never told")
+    raise AssertionError(f"{name} is never sent")
 
 
 def test_manipulability_is_that_of_the_jacobian(session):

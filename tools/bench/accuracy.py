@@ -66,7 +66,7 @@ class Judge:
         self._arm, self._rng = arm, np.random.default_rng(seed)
         self._body: Any = self._pin.buildModelFromUrdf(str(arm.model.path.with_name("arm.urdf")))
         self._data: Any = self._body.createData()
-        port: Any = arm._port  # pyright: ignore[reportPrivateUsage]
+        port: Any = arm.context.port
         self._world: Any = port.transport.line.world
 
     def trial(
@@ -143,7 +143,7 @@ def _corrected(arm: Arm, judge: Judge, plan: MotionPlan) -> Trial:
 
 def _plain(arm: Arm, judge: Judge, plan: MotionPlan) -> Trial:
     """Execute the same plan without the correction at the goal."""
-    context, runner = arm._context, arm._runner  # pyright: ignore[reportPrivateUsage]
+    context, runner = arm.context, arm.runner
     servos, limits = context.servos, context.planner.motion_limits(plan.speed)
     with runner.motion():
         runner.loop.run(rebase_trajectory(plan, servos.goals(), limits, servos.names))

@@ -85,7 +85,7 @@ def measure(port: str, name: str, rate_hz: float, duration_s: float) -> list[flo
     sent_s: list[float] = []
     with ikservo.open_arm(name, port=port) as arm:
         arm.enable()
-        servos = arm._context.servos  # pyright: ignore[reportPrivateUsage]
+        servos = arm.context.servos
         clock = servos.clock
 
         def note(_: ControlCycle) -> None:

@@ -83,7 +83,7 @@ class Observer:
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
-        port: Any = arm._port  # pyright: ignore[reportPrivateUsage]
+        port: Any = arm.context.port
         self._world: Any = port.transport.line.world
 
     def tip_m(self) -> Array:

@@ -47,7 +47,7 @@ def latencies_ms() -> list[float]:
 def _goal_times(house: ViewApp) -> list[tuple[float, object]]:
     """Return a list that grows by the time and the command of each goal that is sent."""
     out: list[tuple[float, object]] = []
-    servos = house.arm_thread.arm._context.servos  # pyright: ignore[reportPrivateUsage]
+    servos = house.arm_thread.arm.context.servos
     send: Callable[[Vector, float], bool] = servos.send_goals
     on_cycle = house.arm_thread.on_cycle
     taken: list[object] = [None]
