@@ -8,7 +8,11 @@ import signal
 import sys
 
 import pytest
+from hypothesis import settings
 
+# A busy machine may suspend a test at any place.
+settings.register_profile("suite", deadline=None)
+settings.load_profile("suite")
 # Dozens of tests start Python: they share its compiled files.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
