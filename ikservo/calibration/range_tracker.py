@@ -7,6 +7,7 @@ rest for a while, well behind its goal, with its servo near its maximum load, th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
@@ -220,25 +221,24 @@ class EndStopDetector:
         max_load_percent: The load limit of its servo.
         min_lag_rad: How far it must be behind its goal.
         contact: The state of the joint.
-        since_s: When it last moved; None before the first sample.
+        since_s: When it last moved; infinity before the first sample.
         at_rad: Its position then.
     """
 
     max_load_percent: float
     min_lag_rad: float
     contact: ContactState = ContactState.MOVING
-    since_s: float | None = None
+    since_s: float = math.inf
     at_rad: float = 0.0
 
     def may_be_blocked(self, at_s: float, at_rad: float, goal_rad: float) -> bool:
         """Return whether the load must be checked: at rest behind its goal for long enough."""
-        updated = self.update(at_s, at_rad)
-        at_rest_s = at_s - (at_s if updated.since_s is None else updated.since_s)
+        at_rest_s = at_s - self.update(at_s, at_rad).since_s
         return at_rest_s >= _BLOCKED_S and abs(goal_rad - at_rad) >= self.min_lag_rad
 
     def update(self, at_s: float, at_rad: float) -> EndStopDetector:
         """Return it with one more position sample."""
-        if self.since_s is None or abs(at_rad - self.at_rad) > _BLOCKED_RAD:
+        if self.since_s == math.inf or abs(at_rad - self.at_rad) > _BLOCKED_RAD:
             return replace(self, since_s=at_s, at_rad=at_rad, contact=ContactState.MOVING)
         return self
 
@@ -258,9 +258,8 @@ class EndStopDetector:
             return updated
         if abs(load_percent) >= _CONTACT_LOAD_PERCENT * self.max_load_percent:
             return replace(updated, contact=ContactState.STOP)
-        at_rest_s = at_s - (at_s if updated.since_s is None else updated.since_s)
         return (
             replace(updated, contact=ContactState.NO_CONTACT)
-            if at_rest_s >= _TIME_TOLERANCE_S
+            if at_s - updated.since_s >= _TIME_TOLERANCE_S
             else updated
         )

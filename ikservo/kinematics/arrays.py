@@ -76,10 +76,10 @@ def bounded_vector(values: ArrayLike, size: int, most: float, what: str, expecte
     Raises:
         BadValueError: As of ``finite_array``, or a number is larger: they are not as expected.
     """
-    array = array_of_shape(values, (size,), what)
-    if size <= _FEW and math.hypot(*array.tolist()) <= most:  # false for NaN, too
+    array, is_short = array_of_shape(values, (size,), what), size <= _FEW
+    if is_short and math.hypot(*array.tolist()) <= most:  # false for NaN, too
         return array
-    if float(np.abs(_require_finite(array, what)).max(initial=0.0)) > most:
+    if float(np.abs(_require_finite(array, what)).max()) > most:
         raise BadValueError(what, array.tolist(), expected)
     return array
 
@@ -108,7 +108,8 @@ def read_only(values: ArrayLike) -> Vector:
 
 
 def _require_finite(array: Vector, what: str) -> Vector:
-    if array.ndim == 1 and len(array) <= _FEW and math.isfinite(sum(array.tolist())):
+    is_short = array.ndim == 1 and len(array) <= _FEW
+    if is_short and math.isfinite(sum(array.tolist())):  # not where one of them is not
         return array
     if not np.isfinite(array).all():
         raise BadValueError(what, str(array.tolist()), "finite numbers")

@@ -63,7 +63,8 @@ class LinkMass:
             raise BadValueError(f"The mass of {self.link}", f"{mass:g} kg", "zero or more")
         centre = finite_vector(self.centre_m, 3, f"The centre of mass of {self.link}")
         tensor = finite_array(self.inertia_kg_m2, (3, 3), f"The inertia tensor of {self.link}")
-        if np.abs(tensor - tensor.T).max() > _SYMMETRY * np.abs(tensor).max():
+        skewness = (tensor - tensor.T).max()  # each difference is there with both signs
+        if skewness > _SYMMETRY * np.abs(tensor).max():
             raise BadValueError(
                 f"The inertia tensor of {self.link}", str(tensor.tolist()), "a symmetric one"
             )
@@ -85,7 +86,7 @@ def pseudo_inertia(mass: LinkMass) -> Matrix:
 
 def parameters_of(P: Matrix) -> Vector:
     """Return the ten parameters (10,) of a pseudo-inertia matrix (4, 4); see ``PARAMETERS``."""
-    tensor = np.trace(P[:3, :3]) * np.eye(3) - P[:3, :3]
+    tensor = np.diag(P)[:3].sum() * np.eye(3) - P[:3, :3]
     return np.array([P[3, 3], *P[:3, 3], *tensor[np.triu_indices(3)]])
 
 

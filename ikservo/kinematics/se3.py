@@ -84,8 +84,7 @@ def rotation_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Matrix:
 def _rodrigues(theta: float) -> tuple[float, float]:
     """Return sin(θ)/θ and (1 - cos θ)/θ², also at zero."""
     if theta < _SMALL_RAD:
-        t2 = theta * theta
-        return 1.0 - t2 / 6.0, 0.5 - t2 / 24.0
+        return 1.0 - theta * theta / 6.0, 0.5  # times θ² the next term is below rounding
     half = math.sin(0.5 * theta) / (0.5 * theta)
     return math.sin(theta) / theta, 0.5 * half * half
 

@@ -84,3 +84,9 @@ def test_what_does_not_turn_past_a_dead_centre_is_at_the_furthest_where_it_is():
 def test_turns_are_said_in_degrees_and_slides_in_millimetres():
     assert JointMap.revolute("waist", 1, 1, 0.0, 4096).format(math.radians(101.34)) == "101.3°"
     assert JointMap.prismatic("lift", 1, 1, 0.0, 4096, 0.04).format(0.01234) == "12.3 mm"
+
+
+def test_a_rack_has_its_travel_for_each_radian_of_the_horn():
+    rack = JointMap.prismatic("gripper", 5, 1, 2048.0, 4096, m_per_turn=0.05)
+    assert rack.horn_rad_per_tick == pytest.approx(math.tau / 4096)
+    assert rack.unit_per_horn_rad == pytest.approx(0.05 / math.tau)

@@ -52,3 +52,11 @@ def test_the_reading_that_began_the_half_second_is_kept():
 
 def test_the_middle_is_the_mean_of_the_readings():
     assert after([(0.0, 10, 0), (0.25, 11, 2), (0.5, 15, 4)]).mean_ticks() == {1: 12.0, 2: 2.0}
+
+
+def test_a_restarted_detector_waits_for_another_half_second():
+    still = after([(0.0, 7, 9), (0.25, 7, 9), (0.5, 7, 9)]).restarted()
+    assert not still.add_reading(0.6, {1: 7, 2: 9}).is_at_rest()
+    for at_s in (0.6, 0.85, 1.1):
+        still = still.add_reading(at_s, {1: 7, 2: 9})
+    assert still.is_at_rest()

@@ -478,3 +478,13 @@ def test_joints_without_a_recent_reading_are_named():
     gate.update_measured({"wrist": 2048}, CYCLE_S + 0.1)
     assert gate.stale_joints(CYCLE_S + 0.2501) == ("elbow",)
     assert Gate([make_limits()], Recorder(), clock).stale_joints(0.0) == ("elbow",)
+
+
+def test_a_stop_can_be_asked_about_before_a_goal_is_computed():
+    gate, _, _ = make_gate_at(2048)
+    gate.check_stop()
+    gate.latch_stop(StopReason(StopKind.PROGRAM, "enough"))
+    with pytest.raises(RefusedError, match="enough"):
+        gate.check_stop()
+    gate.acknowledge()
+    gate.check_stop()

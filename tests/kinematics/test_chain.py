@@ -161,3 +161,8 @@ def test_origins_of_unknown_joints_or_that_are_no_poses_are_refused():
             chain.with_origins({"j2": T})
     with pytest.raises(BadValueError, match="The origins"):
         chain.with_origins([np.eye(4)])
+
+
+def test_a_chain_is_shown_without_the_tables_that_it_computes_with():
+    assert "names=('turn', 'slide')" in repr(crane())
+    assert "ChainJoint" not in repr(crane())

@@ -8,6 +8,7 @@ import pytest
 from ikservo.errors import BadValueError
 from ikservo.kinematics.arrays import (
     as_floats,
+    bounded_vector,
     finite_array,
     finite_vector,
     finite_vectors,
@@ -67,3 +68,32 @@ def test_a_frozen_copy_cannot_be_written_to_and_follows_nothing():
     assert (copy.dtype, copy.tolist()) == (np.float64, [1.0, 2.0])
     with pytest.raises(ValueError, match="read-only"):
         copy[0] = 3.0
+
+
+@pytest.mark.parametrize("size", [1, 2, 16, 17, 40])
+def test_numbers_up_to_a_bound_are_taken_however_large_their_sum(size):
+    for values in (np.full(size, 3.0), np.full(size, -3.0), np.zeros(size)):
+        assert bounded_vector(values, size, 3.0, "q", "small numbers") is values
+
+
+@pytest.mark.parametrize("size", [1, 2, 16, 17, 40])
+@pytest.mark.parametrize("bad", [3.001, -3.001])
+def test_a_number_beyond_a_bound_is_refused_with_what_was_expected(size, bad):
+    values = np.zeros(size)
+    values[-1] = bad
+    with pytest.raises(BadValueError, match="q") as caught:
+        bounded_vector(values, size, 3.0, "q", "small numbers")
+    assert "small numbers" in str(caught.value)
+
+
+@pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf])
+@pytest.mark.parametrize("size", [2, 17])
+def test_what_is_not_finite_is_within_no_bound(size, bad):
+    for values in (np.full(size, bad), np.append(np.ones(size - 1), bad)):
+        with pytest.raises(BadValueError, match="finite"):
+            bounded_vector(values, size, 3.0, "q", "small numbers")
+
+
+def test_no_numbers_are_within_the_smallest_bound():
+    assert bounded_vector(np.zeros(0), 0, 0.5, "q", "small numbers").shape == (0,)
+    assert bounded_vector(np.full(17, 0.5), 17, 0.5, "q", "small numbers").shape == (17,)
