@@ -48,9 +48,6 @@ class Target:
         frame: The link the point belongs to; the tip if None.
         offset_m: The point in that link's coordinates (3,), metres; its origin if None.
         tool_axis: The axis (3,) in the link's coordinates for ``direction``.
-        position: The target position as an array of its own.
-        target_axis: The target direction as a unit vector, or None.
-        rotation: The target orientation as an array of its own, or None.
         axis: The tool axis as a unit vector.
         packed: Position and rotation (4, 3) as the kernels read them; a direction is its last
             column.
@@ -66,9 +63,6 @@ class Target:
     frame: str | None = None
     offset_m: ArrayLike | None = None
     tool_axis: ArrayLike = _TOOL_AXIS
-    position: Vector = field(init=False, repr=False)
-    target_axis: Vector | None = field(init=False, repr=False)
-    rotation: Matrix | None = field(init=False, repr=False)
     axis: Vector = field(init=False, repr=False)
     packed: Matrix = field(init=False, repr=False)
 
@@ -87,7 +81,6 @@ class Target:
         _check_frame(frame)
         if offset_m is not None:
             check_position(offset_m, "offset_m")
-        packed = _pack_target(position_m, direction, orientation)
         fields = self.__dict__
         fields["position_m"] = position_m
         fields["direction"] = direction
@@ -95,13 +88,25 @@ class Target:
         fields["frame"] = frame
         fields["offset_m"] = offset_m
         fields["tool_axis"] = tool_axis
-        fields["position"] = packed[0]
-        fields["target_axis"] = None if direction is None else packed[1:, 2]
-        fields["rotation"] = None if orientation is None else packed[1:]
         fields["axis"] = (
             _TOOL_AXIS_ARRAY if tool_axis is _TOOL_AXIS else normalise(tool_axis, "The tool axis")
         )
-        fields["packed"] = packed
+        fields["packed"] = _pack_target(position_m, direction, orientation)
+
+    @property
+    def position(self) -> Vector:
+        """Return the target position (3,), metres, as an array of its own."""
+        return self.packed[0]
+
+    @property
+    def target_axis(self) -> Vector | None:
+        """Return the target direction (3,) as a unit vector, or None."""
+        return None if self.direction is None else self.packed[1:, 2]
+
+    @property
+    def rotation(self) -> Matrix | None:
+        """Return the target orientation (3, 3) as an array of its own, or None."""
+        return None if self.orientation is None else self.packed[1:]
 
     @property
     def only_position(self) -> bool:

@@ -79,8 +79,8 @@ def _measure() -> Times:
         poses = chain.forward(rng.uniform(chain.lower_rad, chain.upper_rad, (_BATCH, chain.dof)))
         for kind in _KINDS:
             found |= _prepared(f"{name}, {kind}", chain, kind, q0, poses)
-        solve = partial(_solve_position, chain, q0)
-        found[f"{name}, position, solve()"] = _percentiles(solve, poses[:_TARGETS])
+            solve = partial(_solve_target, chain, kind, q0)
+            found[f"{name}, {kind}, solve()"] = _percentiles(solve, poses[:_TARGETS])
     return found
 
 
@@ -99,8 +99,10 @@ def _prepared(what: str, chain: Chain, kind: TargetKindName, q0: Vector, poses: 
     return found
 
 
-def _solve_position(chain: Chain, q0: Vector, T: Matrix) -> None:
-    ikservo.solve(chain, ikservo.Target(T[:3, 3]), q0, nearest=False)
+def _solve_target(chain: Chain, kind: TargetKindName, q0: Vector, T: Matrix) -> None:
+    """Solve with a new target, of which the result is an object, too."""
+    target = ikservo.Target(T[:3, 3], orientation=T[:3, :3] if kind == "pose" else None)
+    ikservo.solve(chain, target, q0, nearest=False)
 
 
 def _percentiles(run: Callable[[Matrix], object], poses: Matrix) -> list[float]:
