@@ -162,6 +162,23 @@ class MotionRunner:
         with self._after_motion(*_RELEASED):
             self._servos.disable_torque()
 
+    def set_joint_torque(self, joint: str, *, on: bool) -> None:
+        """Switch one joint's torque; its goal is set to its position first, so nothing moves.
+
+        A joint without torque falls, with all that it carries.
+
+        Raises:
+            RefusedError: A motion is running, or a stop was not acknowledged.
+            UnknownNameError: No such joint.
+        """
+        with self._lock:
+            self._servos.torque.check_idle()
+            self._context.index.column(joint)
+            if on:
+                self._servos.enable_joint(joint, self._context.model.speed("slow").rad_s)
+            else:
+                self._servos.disable_joint(joint)
+
     def request_stop(self, reason: StopReason) -> None:
         """Brake the running motion and hold; safe from signals and other threads."""
         self.loop.request_stop(reason)

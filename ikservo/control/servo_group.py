@@ -102,7 +102,7 @@ class ServoGroup(StreamedServos):
             with_retries(self.clock, partial(self._prepare_servo, fence, gripping=gripping))
         self._limits.invalidate()
         self._limits.set_speed(speed_rad_s)
-        start = self._switch_on()
+        start = self._switch_on(self.fences)
         if not all(torque.values()):
             self._catch_falling_joints(start)
         names = dict(zip(self._ids, self.names, strict=True)) | self._shadows
@@ -114,6 +114,30 @@ class ServoGroup(StreamedServos):
         self.set_reference(np.where(held, self.measure_positions(), self.goals()))
         self.compensator.start(read_gain_shares(self._bus, self.fences))
         self.torque.enabled()
+
+    def enable_joint(self, joint: str, speed_rad_s: float) -> None:
+        """Switch one joint's torque on as ``enable`` does for all, the others being as they are.
+
+        Raises:
+            ServoAlarmError, RefusedError, ServoRejectedError: As ``enable``.
+        """
+        fence = self.fences[self.names.index(joint)]
+        self.torque.enabling(was_on=False)  # the next motion is slow, and enables the others
+        with_retries(self.clock, partial(self._prepare_servo, fence, gripping=False))
+        self._limits.invalidate()
+        self._limits.set_speed(speed_rad_s)
+        self._switch_on((fence,))
+
+    def disable_joint(self, joint: str) -> None:
+        """Switch one joint's torque off; what it carries falls.
+
+        Raises:
+            BusError: Its servo does not answer.
+        """
+        self.torque.releasing()
+        servo_id = self._ids[self.names.index(joint)]
+        for error in torque_off(self._bus, (servo_id, *self._shadow_ids.get(joint, ()))).values():
+            raise error
 
     @contextmanager
     def tolerate_heat(self) -> Generator[None]:
@@ -218,15 +242,16 @@ class ServoGroup(StreamedServos):
             start = self._clamp_goals(*self._measure_hold_ticks())
             self._gate.reset_goals(start)
 
-    def _switch_on(self) -> dict[str, int]:
+    def _switch_on(self, fences: Sequence[CommandLimits]) -> dict[str, int]:
         """Switch torque on where the joints are; return the goals."""
         ticks, ranges = self._measure_hold_ticks()
-        start = self._clamp_goals(ticks, ranges)
+        held = self._clamp_goals(ticks, ranges)
+        start = {fence.joint: held[fence.joint] for fence in fences}
         self._gate.check_stop()
-        with self._bus.enabling({fence.servo_id: ticks[fence.joint] for fence in self.fences}):
+        with self._bus.enabling({fence.servo_id: ticks[fence.joint] for fence in fences}):
             self._gate.reset_goals(start)
-            verify_goals(self._bus, {fence.servo_id: start[fence.joint] for fence in self.fences})
-            for fence in self.fences:
+            verify_goals(self._bus, {fence.servo_id: start[fence.joint] for fence in fences})
+            for fence in fences:
                 switch_on = partial(
                     self._bus.write, fence.servo_id, RegisterName.TORQUE_ENABLE, 1, raw=True
                 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import threading
+from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 from typing import Protocol
@@ -138,6 +139,7 @@ class ArmThread:
         self.snapshot = self._read_snapshot()
         self._states_s = clock.now_s()
         self._stop_reason: StopReason | None = None
+        self._torque_requests: deque[tuple[str, bool]] = deque(maxlen=_MAX_MESSAGES)
         self._acknowledged = self._ending = self._lost = False
         self._thread = threading.Thread(target=self._run_thread, name="ikservo pilot", daemon=True)
 
@@ -176,6 +178,10 @@ class ArmThread:
     def acknowledge(self) -> None:
         """Acknowledge a stop: the arm may be moved again, and nothing moves yet."""
         self._acknowledged = True
+
+    def request_torque(self, joint: str, *, on: bool) -> None:
+        """Switch a joint's torque while no session runs. Safe from any thread."""
+        self._torque_requests.append((joint, on))
 
     def step(self) -> None:
         """Run one session until it ends, or poll the state once."""
@@ -229,7 +235,10 @@ class ArmThread:
         elif self._stop_reason is not None and not self.snapshot.stop_notice:
             self._end_session(StopNotice(self._stop_reason.text, _CHECK_FIRST_TEXT))
         if self.snapshot.stop_notice:
+            self._torque_requests.clear()
             self._poll_state(ignore_errors=True)
+        elif self._torque_requests:
+            self._switch_torque(*self._torque_requests.popleft())
         elif self.calibration and self.calibration.requested:
             self._run_calibration(self.calibration)
         elif self.command.live and self.command.session_id > self.snapshot.ended_session:
@@ -256,6 +265,11 @@ class ArmThread:
             if not ignore_errors:
                 raise
         self._clock.sleep_until(self._clock.now_s() + _POLL_PERIOD_S)
+
+    def _switch_torque(self, joint: str, on: bool) -> None:
+        self.arm.runner.set_joint_torque(joint, on=on)
+        self.snapshot = self._update_positions()  # before it is looked for torque that was lost
+        self.log_message(f"Torque of {joint} switched {'on' if on else 'off'} from the page.")
 
     def _log_lost_torque(self, before: tuple[JointState, ...]) -> None:
         """Log which servos are limp that held at the reading before: nobody asked for that."""

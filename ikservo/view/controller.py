@@ -7,6 +7,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from ikservo.arm import StopKind, StopReason
 from ikservo.clock import Clock
 from ikservo.errors import IkservoError
@@ -69,6 +71,12 @@ class SessionController:
             msg.PreferPosture: self._prefer_posture,
             msg.CalibrationAnswer: self._handle_calibration,
             msg.GoToPose: self._go_to_pose,
+            msg.SetJoint: self._set_typed_target,
+            msg.JogJoint: self._set_typed_target,
+            msg.SetTool: self._set_typed_target,
+            msg.JogTool: self._set_typed_target,
+            msg.PointTool: self._set_typed_target,
+            msg.SetTorque: self._set_torque,
         }
 
     def close(self) -> None:
@@ -190,6 +198,41 @@ class SessionController:
     def _go_to_pose(self, message: msg.GoToPose, _client: Client) -> None:
         self._interaction.pose(message.name, self._arm_thread.snapshot.measured)
 
+    def _set_typed_target(self, message: Any, _client: Client) -> None:  # noqa: ANN401
+        """Handle a position or a step of a joint or of the tool."""
+        snapshot, interaction = self._arm_thread.snapshot, self._interaction
+        self._require_ready()
+        match message:
+            case msg.SetJoint():
+                interaction.set_joint(message.joint, message.value, snapshot)
+            case msg.JogJoint():
+                interaction.jog_joint(message.joint, message.step, snapshot)
+            case msg.SetTool():
+                interaction.set_tool(message.what, message.value, snapshot, step=False)
+            case msg.JogTool():
+                interaction.set_tool(message.what, message.step, snapshot, step=True)
+            case _:
+                interaction.point_tool(np.array(message.direction), snapshot)
+
+    def _set_torque(self, message: msg.SetTorque, _client: Client) -> None:
+        """Switch a servo's torque; the goal of the preview started from where the arm was."""
+        self._require_ready()
+        if self._arm_thread.command.live:
+            raise BadMessageError("Torque is on while the arm follows.", "Switch Live off first.")
+        self._arm.joint_index.column(message.joint)
+        self._interaction.reset()
+        self._arm_thread.request_torque(message.joint, on=message.on)
+
+    def _require_ready(self) -> None:
+        """Raise where the arm takes no targets.
+
+        Raises:
+            BadMessageError: It was stopped, or is being calibrated.
+        """
+        snapshot = self._arm_thread.snapshot
+        if snapshot.stop_notice or snapshot.calibration:
+            raise BadMessageError("The arm was stopped.", "Check it, then acknowledge.")
+
     def _handle_input(self, message: Any, client: Client) -> None:  # noqa: ANN401
         """Handle pointer, wheel, key and gamepad messages."""
         snapshot = self._arm_thread.snapshot
@@ -202,9 +245,8 @@ class SessionController:
     def _set_live(self, message: msg.SetLive, _client: Client) -> None:
         """Switch Live: the arm starts at its measured position, whatever the preview showed."""
         arm_thread, on = self._arm_thread, message.on
-        if on and (arm_thread.snapshot.stop_notice or arm_thread.snapshot.calibration):
-            raise BadMessageError("The arm was stopped.", "Check it, then acknowledge.")
         if on:
+            self._require_ready()
             arm_thread.arm.context.require_zeros()
         self._fallback = None
         self._interaction.reset()

@@ -116,9 +116,6 @@ def _joint_meter_fields(model: Model, state: JointState, at: float, to: float) -
     return {
         "name": state.name,
         "text": format_position(at, unit),
-        "low": format_position(low, unit),
-        "high": format_position(high, unit),
-        "limit_source": state.limit_from,
         "fraction": fraction(at),
         "goal": fraction(to),
         "state": "at" if at_it else "near" if near_it else "",
@@ -144,6 +141,7 @@ def arm_frame(
         "speeds": list(model.speeds),
         "solvers": interaction.solvers,
         "joints": [state.name for state in arm_thread.snapshot.states],
+        "ranges": interaction.range_fields(),
         "gripper": model.gripper is not None,
         "chain": list(arm.chain.names),
         "zeros": arm.context.zeros.name.lower(),
@@ -182,6 +180,8 @@ def status_frame(
         "banner": banner(snapshot, fallback),
         "refused": interaction.refusal is not None,
         "joints": joint_readouts(arm_thread.arm.model, snapshot, interaction.goal),
+        "goals": interaction.goal_fields(snapshot.measured),
+        "tool": interaction.tool_fields(snapshot.measured),
         "health": health(snapshot.states, arm_thread.arm.model.health),
         "tip": _tip_rows(arm_thread, interaction),
         "posture": insight_rows(arm_thread.arm.chain, _measured_chain_joints(arm_thread), analysis),
@@ -339,6 +339,9 @@ class FrameComposer:
             picked=interaction.picked_object,
             refused_pair=None if interaction.refusal is None else interaction.refusal.pair,
             other_joints=self._other_positions(snapshot),
+            goal_other_joints=None
+            if interaction.goal is None
+            else self._index.by_name(interaction.goal),
         )
         frame: dict[str, object] = {
             "kind": "scene",

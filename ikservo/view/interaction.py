@@ -28,6 +28,7 @@ from ikservo.view.messages import DragCommand, DragTarget, Gamepad, JointTarget,
 from ikservo.view.picking import PickCandidate, Picker, PointerContext
 from ikservo.view.snapshot import ArmSnapshot, GoalRefusal, LogEntry
 from ikservo.view.solver_demo import ITERATIVE, SOLVERS, SolverTrace, trace_method
+from ikservo.view.typed_targets import JointRanges, ToolTargets
 from ikservo.view.viewpoints import Viewpoint, arm_extent, available_views, make_camera
 
 __all__ = [
@@ -61,23 +62,25 @@ class GripperControl:
         self._last_s = -1e9
 
     def next_position(
-        self, grip: float, goal: float, measured: Vector, now_s: float
+        self, grip: float, goal: float, measured: Vector | None, now_s: float
     ) -> float | None:
         """Return the next goal of the joint, rad or m; None while no button is held.
 
         Args:
             grip: 1 closes, -1 opens, smaller values do it more slowly.
             goal: Its goal so far, rad or m.
-            measured: Measured positions of all joints (n,).
+            measured: Measured positions of all joints (n,), which the goal must not lead by much;
+                None in the preview, where nothing presses.
             now_s: The time.
         """
         elapsed_s, self._last_s = min(now_s - self._last_s, _MAX_GRIP_STEP_S), now_s
         if not grip:
             return None
         travel = self._closed - self._opened
-        at, ahead = float(measured[self.column]), abs(travel) * _LEAD_FRACTION
         target = goal + grip * travel * elapsed_s / _FULL_TRAVEL_S
-        target = min(max(target, at - ahead), at + ahead)
+        if measured is not None:
+            at, ahead = float(measured[self.column]), abs(travel) * _LEAD_FRACTION
+            target = min(max(target, at - ahead), at + ahead)
         low, high = sorted((self._closed, self._opened))
         return min(max(target, low), high)
 
@@ -211,6 +214,7 @@ class Interaction:
         self._drag = Drag(chain, picker, Picker(object_primitives(arm.model)))
         self._solver, self._gamepad = DragSolver(chain), GamepadControl()
         self._gripper = gripper_control(arm)
+        self._ranges, self._tool_targets = JointRanges(arm), ToolTargets(arm)
         self._command: DragCommand | None = None
         self.solver_trace: SolverTrace | None = None
         self._trace_start_s = 0.0
@@ -298,6 +302,73 @@ class Interaction:
         self.preference = preference
         self.revision += 1
 
+    def set_joint(self, joint: str, value: float, snapshot: ArmSnapshot) -> None:
+        """Set the goal of one joint, degrees or mm; the others keep theirs.
+
+        Raises:
+            UnknownNameError: No such joint.
+            InputError: It is past a limit; nothing has changed.
+        """
+        self._set_goal(self._ranges.moved(self._goal_or_rest(snapshot), joint, value))
+
+    def jog_joint(self, joint: str, step: float, snapshot: ArmSnapshot) -> None:
+        """Move the goal of one joint by a step, degrees or mm, at most to its limit.
+
+        Raises:
+            UnknownNameError: No such joint.
+            InputError: It is at that limit already; nothing has changed.
+        """
+        self._set_goal(self._ranges.stepped(self._goal_or_rest(snapshot), joint, step))
+
+    def set_tool(self, what: str, value: float, snapshot: ArmSnapshot, *, step: bool) -> None:
+        """Set one coordinate [mm] or angle [degrees] of the tool, or move it by a step.
+
+        Raises:
+            IkservoError: The arm cannot; nothing has changed.
+        """
+        q = self._index.chain_joints(self._goal_or_rest(snapshot))
+        wanted = self._tool_targets.values(q)[what] + value if step else value
+        self._set_tool_goal(snapshot, *self._tool_targets.solve_value(q, what, wanted))
+
+    def point_tool(self, direction: Vector, snapshot: ArmSnapshot) -> None:
+        """Point the tool in a direction (3,) of the base frame; its tip stays.
+
+        Raises:
+            IkservoError: The arm cannot; nothing has changed.
+        """
+        q = self._index.chain_joints(self._goal_or_rest(snapshot))
+        self._set_tool_goal(snapshot, *self._tool_targets.solve_direction(q, direction))
+
+    def tool_fields(self, measured: Vector) -> dict[str, object]:
+        """Return the tool's values at the goal, or where the joints (n,) are measured."""
+        q = self._index.chain_joints(measured if self.goal is None else self.goal)
+        values = {name: round(value, 1) for name, value in self._tool_targets.values(q).items()}
+        return {**values, "direction": np.round(self._tool_targets.direction(q), 2).tolist()}
+
+    def goal_fields(self, measured: Vector) -> list[float]:
+        """Return each joint's goal, or where it is measured (n,), in degrees or mm."""
+        shown = measured if self.goal is None else self.goal
+        return [
+            round(self._ranges.to_shown(column, position), 1)
+            for column, position in enumerate(shown.tolist())
+        ]
+
+    def range_fields(self) -> list[dict[str, object]]:
+        """Return name, unit and range of each joint."""
+        return self._ranges.fields()
+
+    def _goal_or_rest(self, snapshot: ArmSnapshot) -> Vector:
+        return self._resting_joints(snapshot) if self.goal is None else self.goal
+
+    def _set_tool_goal(self, snapshot: ArmSnapshot, q: Vector, marker: TargetMarker) -> None:
+        self._set_goal(self._index.with_chain(self._goal_or_rest(snapshot), q))
+        self.marker = marker
+
+    def _set_goal(self, goal: Vector) -> None:
+        """Set a goal (n,) that no pointer gave; a drag ends."""
+        self.reset()
+        self.goal = goal
+
     def pose(self, name: str, measured: Vector) -> None:
         """Set a named pose as goal, clipped to this arm's limits; ``measured`` (n,).
 
@@ -365,8 +436,9 @@ class Interaction:
         self, gripper: GripperControl, grip: float, snapshot: ArmSnapshot, now_s: float
     ) -> None:
         """Close or open the gripper while a button is held."""
-        goal = self._resting_joints(snapshot) if self.goal is None else self.goal
-        at = gripper.next_position(grip, float(goal[gripper.column]), snapshot.measured, now_s)
+        goal = self._goal_or_rest(snapshot)
+        measured = None if snapshot.reference is None else snapshot.measured
+        at = gripper.next_position(grip, float(goal[gripper.column]), measured, now_s)
         if at is not None:
             self.goal = goal.copy()
             self.goal[gripper.column] = at

@@ -23,16 +23,22 @@ __all__ = [
     "Heartbeat",
     "Hello",
     "HoldCommand",
+    "JogJoint",
+    "JogTool",
     "JointTarget",
     "Key",
     "Message",
     "OrbitCamera",
+    "PointTool",
     "Pointer",
     "PreferPosture",
     "SelectBehind",
+    "SetJoint",
     "SetLive",
     "SetSolver",
     "SetSpeed",
+    "SetTool",
+    "SetTorque",
     "SetViewport",
     "Stop",
     "TakeControl",
@@ -215,6 +221,57 @@ class GoToPose(_Message):
     name: Name
 
 
+Amount = Annotated[float, Field(ge=-1e5, le=1e5, allow_inf_nan=False)]
+ToolValue = Literal["x", "y", "z", "pitch", "roll"]
+
+
+class SetJoint(_Message):
+    """Set the goal of one joint, degrees or millimetres."""
+
+    kind: Literal["set_joint"]
+    joint: Name
+    value: Amount
+
+
+class JogJoint(_Message):
+    """Move the goal of one joint by a step, degrees or millimetres."""
+
+    kind: Literal["jog_joint"]
+    joint: Name
+    step: Amount
+
+
+class SetTool(_Message):
+    """Set one coordinate of the tool [mm] or angle [degrees]; the others stay if they can."""
+
+    kind: Literal["set_tool"]
+    what: ToolValue
+    value: Amount
+
+
+class JogTool(_Message):
+    """Move one coordinate of the tool [mm] or angle [degrees] by a step."""
+
+    kind: Literal["jog_tool"]
+    what: ToolValue
+    step: Amount
+
+
+class PointTool(_Message):
+    """Point the tool in a direction of the base frame, of any length; its tip stays."""
+
+    kind: Literal["point_tool"]
+    direction: Annotated[list[Amount], Field(min_length=3, max_length=3)]
+
+
+class SetTorque(_Message):
+    """Switch the torque of one joint's servo; a joint without torque falls."""
+
+    kind: Literal["set_torque"]
+    joint: Name
+    on: bool
+
+
 class CalibrationAnswer(_Message):
     """User input of a calibration; ``start`` starts it and ``cancel`` ends it."""
 
@@ -242,6 +299,12 @@ Message = (
     | SetSolver
     | PreferPosture
     | GoToPose
+    | SetJoint
+    | JogJoint
+    | SetTool
+    | JogTool
+    | PointTool
+    | SetTorque
     | CalibrationAnswer
 )
 

@@ -55,6 +55,7 @@ class SceneState:
         refused_pair: What the goal would touch, if the guard refuses it; may be empty. None for a
             goal that is not refused.
         other_joints: Positions of joints that are not in the chain, such as the gripper's.
+        goal_other_joints: Their goals; None where they stay.
     """
 
     camera: Camera
@@ -68,6 +69,7 @@ class SceneState:
     picked: str | None = None
     refused_pair: tuple[str, ...] | None = None
     other_joints: Mapping[str, float] = field(default_factory=dict[str, float])
+    goal_other_joints: Mapping[str, float] | None = None
 
 
 class SceneRenderer:
@@ -118,9 +120,10 @@ class SceneRenderer:
     def _draw_goal(self, state: SceneState) -> list[DrawItem]:
         """Return the items of the goal, if it differs from the measured arm."""
         goal = state.goal
-        if goal is None or float(np.abs(goal - state.measured).max()) < _SAME_RAD:
+        others = state.other_joints if state.goal_other_joints is None else state.goal_other_joints
+        if goal is None or _is_same(goal, others, state):
             return []
-        poses = link_poses(self.chain, goal, state.other_joints)
+        poses = link_poses(self.chain, goal, others)
         outlines = self._outlines.outlines_from(state.camera, poses)
         return [
             polygon(_goal_style(each.link, state.refused_pair), each.rings, link=each.link)
@@ -156,6 +159,12 @@ class SceneRenderer:
 
 def _style_of(link: str, state: SceneState) -> str:
     return "grabbed" if link == state.grabbed else "hover" if link == state.hover else "measured"
+
+
+def _is_same(goal: Vector, others: Mapping[str, float], state: SceneState) -> bool:
+    """Return whether the goal is where the arm is measured, but for what servos resolve."""
+    away = [abs(others[name] - at) for name, at in state.other_joints.items() if name in others]
+    return max(float(np.abs(goal - state.measured).max()), *away, 0.0) < _SAME_RAD
 
 
 def _goal_style(link: str, refused_pair: tuple[str, ...] | None) -> str:

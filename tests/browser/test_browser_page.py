@@ -43,7 +43,7 @@ CONTRAST = """() => {
 }"""  # noqa: E501
 
 # What a person tabs through, in order, by the name that a screen reader says.
-NAMES = """() => [...document.querySelectorAll("a[href], button, summary, [tabindex]")]
+NAMES = """() => [...document.querySelectorAll("a[href], button, input, summary, [tabindex]")]
   .filter((e) => e.checkVisibility() && !e.disabled && e.tabIndex >= 0)
   .map((e) => e.getAttribute("aria-label") || e.textContent.trim())"""
 

@@ -27,6 +27,11 @@ WORDS = [
     {"kind": "set_speed", "name": "fast"},
     {"kind": "behind", "step": -1},
     {"kind": "prefer", "pose": "rest", "weights": {"elbow_flex": 0.5}},
+    {"kind": "set_joint", "joint": "elbow_flex", "value": 12.5},
+    {"kind": "jog_joint", "joint": "wrist_roll", "step": -5},
+    {"kind": "set_tool", "what": "x", "value": 200}, {"kind": "jog_tool", "what": "z", "step": 5},
+    {"kind": "point_tool", "direction": [0, 0, -1]},
+    {"kind": "set_torque", "joint": "elbow_flex", "on": False},
     {"kind": "calibration", "action": "start", "joint": None},
 ]  # fmt: skip
 VALUES = [None, True, -1, 0, 1e308, -1e308, 2**63, "", "x" * 70, "../rest", [], {}, [[]], 1e-320,

@@ -17,7 +17,10 @@ export class Gamepads {
 
   // The gripper moves as long as the button is held down, by a pointer or by Enter.
   bindButton(button, grip) {
-    const press = () => { this.buttonGrip = grip; };
+    const press = () => {
+      this.buttonGrip = grip;
+      this.poll(performance.now(), true); // a click may be shorter than the time between two polls
+    };
     const release = () => { this.buttonGrip = 0; };
     button.addEventListener("pointerdown", press);
     button.addEventListener("keydown", (event) => event.key === "Enter" && press());
@@ -25,8 +28,8 @@ export class Gamepads {
     button.addEventListener("contextmenu", (event) => event.preventDefault());
   }
 
-  poll(now) {
-    if (now - this.polledAt < POLL_PERIOD_MS) return;
+  poll(now, atOnce = false) {
+    if (!atOnce && now - this.polledAt < POLL_PERIOD_MS) return;
     this.polledAt = now;
     const pad = [...navigator.getGamepads()].find((found) => found?.connected);
     const axes = [0, 1, 2, 3].map((i) => applyDeadZone(pad?.axes[i] ?? 0));

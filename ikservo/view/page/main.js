@@ -90,6 +90,7 @@ function sendViewport() {
 function onAnimationFrame(now) {
   requestAnimationFrame(onAnimationFrame);
   pointerInput.flush();
+  panel.joints.flush();
   gamepads.poll(now);
   if (scenes.length) show(scenes.shift());
 }

@@ -1,8 +1,9 @@
 // The texts and meters beside the drawing; everything shown comes from the server's status.
 
 import { $, createElement, setAttribute, setText, updateChoices, updateRows } from "./elements.js";
-import { Meter } from "./meter.js";
+import { Joints } from "./joints.js";
 import { Preference } from "./preference.js";
+import { Tool } from "./tool.js";
 
 const MODES = {
   preview: "Preview",
@@ -31,6 +32,9 @@ export class Panel {
     this.send = send;
     this.status = null;
     this.preference = new Preference(send);
+    const refuse = (message) => this.showRefusal({ message, hint: "" });
+    this.joints = new Joints(send, refuse);
+    this.tool = new Tool(send, refuse);
     this.offline = null; // what there is to say while the server does not answer
     this.refusals = []; // for the list of messages
     this.refusal = null; // the last refused command; shown for REFUSAL_MS
@@ -53,6 +57,7 @@ export class Panel {
     $("poses").replaceChildren(...armInfo.poses.map((name) => createElement("button", { type: "button", onclick: () => this.send("go_to_pose", { name }) }, formatTitle(name))));
     $("gripper").hidden = !armInfo.gripper;
     this.preference.setArm(armInfo);
+    this.joints.setArm(armInfo);
     $("calibrate").hidden = armInfo.permission !== "control";
     $("hint").textContent = matchMedia("(pointer: coarse)").matches
       ? "Touch the arm and pull, or tap where the tip should go. Two fingers move the view."
@@ -68,7 +73,9 @@ export class Panel {
     setText($("mode"), this.describeMode(status) + (inControl || status.mode === "stopped" ? "" : status.controller === "other" ? " · somebody else controls" : " · you watch"));
     this.showControls(status, inControl);
     this.showBanner();
-    this.showJoints(status.joints);
+    const movable = inControl && (status.mode === "preview" || status.mode === "live");
+    this.joints.show(status, movable);
+    this.tool.show(status, movable);
     this.showSolver(status.solver);
     this.preference.show(status.preference, inControl);
     this.showHealth(status.health);
@@ -134,17 +141,6 @@ export class Panel {
     }, REFUSAL_MS);
   }
 
-  showJoints(joints) {
-    updateRows($("joints"), joints, createJointRow, (row, joint) => {
-      setAttribute(row.element, "data-joint", joint.name);
-      setText(row.name, joint.name);
-      setText(row.value, joint.text);
-      setAttribute(row.value, "class", `value ${joint.state}`);
-      const text = `${joint.text}, of ${joint.low} to ${joint.high}`;
-      row.meter.show({ value: joint.fraction, text, goal: joint.goal, state: joint.state, label: joint.name });
-    });
-  }
-
   showSolver(solver) {
     setText($("solver-time"), solver.time);
     setText($("solver-text"), solver.text);
@@ -206,11 +202,6 @@ function describeAlone(status) {
     : torque.every((each) => each === "on") ? "When last seen its torque was on: it goes to its last goal and holds. "
       : torque.every((each) => each === "off") ? "When last seen the arm was limp. " : "When last seen some of its servos were limp. ";
   return `${arm}To stop it: ikservo stop in a terminal, or switch off its power. Connecting again …`;
-}
-
-function createJointRow() {
-  const [name, value, meter] = [createElement("span"), createElement("span"), new Meter()];
-  return { element: createElement("li", {}, name, value, meter.element), name, value, meter };
 }
 
 function createHealthRow() {
