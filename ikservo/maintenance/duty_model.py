@@ -43,6 +43,8 @@ PAYLOAD_KG = 0.5
 _N, _LOGARITHMIC = len(JOINT_PARAMETERS), (0, len(JOINT_PARAMETERS) - 1)
 _DUTY_NOISE = 0.004  # of a window's mean: whole ticks and counts
 _LOAD_FRICTION, _MAX_LOAD_FRICTION = 0.1, 0.45
+# Back-EMF is kt (kt / R): the torque of the whole duty tells kt / R to 5 %, magnets differ by 10 %.
+_DAMPING_SHARE = 0.15
 _SENSOR_SHARE = 0.02  # scale of current and voltage sensors
 _STEP = 1e-4  # of a derivative
 
@@ -201,7 +203,7 @@ def _joint_prior(
     force, gears = prior.force, prior.servo.friction
     full, share = np.log(prior.full_duty_nm), prior.full_duty_share
     damping_nm_s = prior.servo.damping_nm_s * force / prior.per_horn_rad
-    damping = (damping_nm_s, 0.3 * damping_nm_s)
+    damping = (damping_nm_s, _DAMPING_SHARE * damping_nm_s)
     if motors is not None:
         own_share = float(np.hypot(_SENSOR_SHARE, motors.full_duty_error))
         weight = share**2 / (share**2 + own_share**2)

@@ -40,6 +40,8 @@ _SLOW = 0.3  # of the speed class: the speed of the last part of a tour
 # Between two readings: a reading delays the next goal, then some come in time again.
 _READ_PERIOD_S, _READ_CYCLES = 0.01, 2.5
 _PHASE_SHARE, _GOLDEN = 0.7, 0.6180339887498949  # of the cycle in which servos are read
+# Half a loop of the servo until a goal counts, and half of one since what it tells was measured.
+_SERVO_LOOP_S = 0.001
 _PRIOR = 1e-3  # of the largest information: what is not excited yet counts most
 
 
@@ -294,12 +296,12 @@ def record_excitation(
     recording = _make_recording(
         context, excitation, np.array(times), np.array(goals), np.array(drives)
     )
-    ages_s = _reply_ages(np.array(replies), drives[0])
+    ages_s = _reply_ages(np.array(replies), drives[0]) - context.servos.goals_wire_s - _SERVO_LOOP_S
     return replace(recording, goal_age_s=ages_s - _mean_age_s(np.array(goals_s)))
 
 
 def _reply_ages(replies: Matrix, drive: Matrix) -> Matrix:
-    """Return how old its goal was when each joint's servos replied (m, joints), seconds.
+    """Return the time from the goals to the reply of each joint's servos (m, joints), seconds.
 
     Args:
         replies: When each reading began and ended, after the goals (m, 2).
