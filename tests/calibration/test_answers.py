@@ -120,3 +120,15 @@ def test_a_script_may_have_the_former_words_for_joints(tmp_path):
     path = tmp_path / "script"
     path.write_text("again elbow\nfree wrist\ncontinuous wrist\n")
     assert read_script(path) == ["again elbow", "free wrist", "continuous wrist"]
+
+
+def test_an_answer_that_changed_nothing_is_given_again_after_another_wait():
+    wizard, script = swept().wizard, ScriptedAnswers()
+    answers = [script.next_answer(wizard, at_s) for at_s in (5.0, 6.01, 6.02, 6.5, 7.03)]
+    assert answers == [None, "accept", None, None, "accept"]
+
+
+def test_one_narrow_sweep_of_two_joints_takes_the_longer_wait():
+    hand = Hand(subject(), subject("wrist", 2)).rest().accept()
+    hand.move(1000, 1).move(-2000, 1).move(500, 2).move(-1000, 2)
+    assert answered_at(hand, ScriptedAnswers()) == (pytest.approx(4.0, abs=0.03), "accept")
