@@ -6,7 +6,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from types import MappingProxyType
 
 from ikservo.errors import BusError, RefusedError, ServoAlarmError, ServoRejectedError
-from ikservo.hardware.bus import MAX_ENABLING_TICKS, ServoBus
+from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.register_access import MAX_ENABLING_TICKS
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import ControlTable, Family, FeetechMode, OperatingMode, RegisterName
 
