@@ -265,6 +265,17 @@ def test_a_column_counts_by_its_effect_in_proportion_to_the_largest_one():
         assert list(independent_columns(Y, [1.0, 0.1], 5e-4).columns) == [0]
 
 
+def test_the_largest_effect_is_that_of_a_column_not_of_a_sample():
+    # the third column has 1.2e-3 of the largest; the first sample is longer than any column
+    Y = [[1.0, 1.0, 0.0], [0.0, 0.0, 1.2e-3]]
+    assert list(independent_columns(Y, np.ones(3), 1e-3).columns) == [0, 2]
+    assert list(independent_columns(Y, np.ones(3), 1.3e-3).columns) == [0]
+
+
+def test_the_last_columns_count_where_there_are_fewer_samples_than_parameters():
+    assert list(independent_columns([[0.0, 0.0, 2.0]], np.ones(3)).columns) == [2]
+
+
 def test_a_regressor_of_zeros_tells_nothing():
     found = independent_columns(np.zeros((4, 3)), np.ones(3))
     assert found.columns.size == 0

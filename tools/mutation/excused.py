@@ -48,6 +48,8 @@ _DEEPER = "touching[-1] |= ~(gap_m[-1] >= np.minimum(gap_m[0], 0.0) - _SAME_M)"
 _NO_TICK = "the bound is no whole number of ticks"
 _DIRECTION = "subject, subject.free_direction if moved > 0 else -subject.free_direction"
 _NO_UNIT = "the number of a lock has no unit"
+_CHOSEN = "between what matters and what does not lie orders of magnitude"
+_ANY_BELOW_ZERO = "NumPy takes any number below zero for the size that is left"
 _BODIES = (
     "return np.tensordot(parameters.reshape(-1, len(PARAMETERS)), PSEUDO_INERTIA_BASIS, axes=1)"
 )
@@ -55,6 +57,31 @@ _BOTH_WAYS = "short and long arrays are checked differently, with the same resul
 _AS_IT_IS = "NumPy returns the same array, only later"
 EXCUSED: dict[tuple[str, str, str], str] = {
     ("kinematics.arrays", "_FEW = 16", "number"): _BOTH_WAYS,
+    **{
+        ("kinematics.base_parameters", line, "number"): _CHOSEN
+        for line in (
+            "_TOLERANCE = 3e-5",
+            "_ROUNDING = 1e-12  # of the largest effect",
+            "_MOTIONS = 200",
+            "TYPICAL_PARAMETERS = read_only([1.0, *[0.1] * 3, *[0.01] * 6])",
+            "speed_rad_s: float = 3.0,",
+            "acceleration_rad_s2: float = 10.0,",
+            "seed: int = 0,",
+        )
+    },
+    (
+        "kinematics.base_parameters",
+        "return independent_columns(Y.reshape(-1, Y.shape[-1]), typical, tolerance)",
+        "1 -> 2",
+    ): _ANY_BELOW_ZERO,
+    ("kinematics.body_tree", "BASE = -1", "1 -> 2"): "any number below zero is no body",
+    **{
+        ("kinematics.body_tree", line, "1 -> 2"): _ANY_BELOW_ZERO
+        for line in (
+            "return (self.carries @ X.reshape(len(X), -1)).reshape(X.shape)",
+            "return (self.carries.T @ X.reshape(len(X), -1)).reshape(X.shape)",
+        )
+    },
     (
         "kinematics.arrays",
         "if type(values) is np.ndarray and values.dtype is _FLOAT64 and values.shape == shape:",
@@ -92,7 +119,7 @@ EXCUSED: dict[tuple[str, str, str], str] = {
         "kinematics.inertia",
         _BODIES,
         "1 -> 2",
-    ): "NumPy takes any number below zero for the size that is left",
+    ): _ANY_BELOW_ZERO,
     (
         "calibration.joint_map",
         "return -offset - offset * along / math.sqrt(self.rod_m**2 - offset**2)",
