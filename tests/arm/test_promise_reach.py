@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from ikservo.ik import Target, solve
+from ikservo.ik import Target, Tolerance, solve
 from ikservo.model import load_model
 from tests.arm.seeds import campaign, log
 from tests.oracle import ARMS, tip_from_joints
 
-NEAR_M = 1e-4  # what a solver may call reached
+NEAR_M = Tolerance().position_m  # what a solver may call reached
 A_HUNDRED = 100  # targets a seed
 
 
