@@ -384,7 +384,7 @@ class StreamedServos:
 
 
 # Watchdogs are armed in less than this, or armed again this many times.
-_WATCHDOG_DELAY_S, _ATTEMPTS = 0.08, 3
+_WATCHDOG_DELAY_S, _ATTEMPTS = 0.08, 10
 
 
 def prepare_servos(
