@@ -7,7 +7,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
 from servosim.arm_file import JointEntry, ServoEntry, SimulatedArmFile
-from servosim.dynamics import FreeBody, GravityBody
+from servosim.dynamics import FreeBody, RigidArm
 from servosim.errors import ArmFileError, SimulatorError
 from servosim.joint import SimulatedJoint
 from servosim.motor import Motor
@@ -73,7 +73,7 @@ def make_arm_world(
     if physics and specimen.changes_masses:
         raise SimulatorError("bodies of MuJoCo have the masses of the URDF and no payload")
     names = [joint.name for joint in arm.joints]
-    body = GravityBody(arm.urdf, names, specimen, arm.tip)
+    body = RigidArm(arm.urdf, names, specimen, arm.tip)
     build = _ServoBuild(arm, seed, backlash_deg, specimen)
     joints = [
         _make_joint(build, entry, arm.poses[pose].get(entry.name, 0.0), limits)

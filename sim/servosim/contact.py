@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from servosim.gravity import MassTree, MimicDrive
+from servosim.mass_tree import MassTree, MimicDrive
 from servosim.urdf import BoxShape, Matrix, MovingJoint
 
 __all__ = ["Contacts"]
@@ -18,6 +18,7 @@ _STIFFNESS, _DAMPING = 0.05, 0.5
 _MAX_DEPTH_M = 0.006
 # Nearer to the axes of all limp joints a contact is hardly theirs to end: its force stays finite.
 _MIN_LEVER_M = 0.03
+_HELD = 1e9  # kg m², or kg: a joint that a servo holds
 _TABLE = -1
 _BASE = np.eye(4)[None]
 
@@ -91,7 +92,8 @@ class Contacts:
         self,
         positions: Sequence[float],
         velocities: Sequence[float],
-        inertias: Sequence[float],
+        mass: Matrix,
+        free: Matrix,
         interval_s: float,
     ) -> list[float]:
         """Return the torque (force) on each driven joint.
@@ -99,17 +101,24 @@ class Contacts:
         Args:
             positions: Of the driven joints [rad or m].
             velocities: Likewise.
-            inertias: Inertia of each; infinite if a servo holds it.
+            mass: Mass matrix of the arm with its motors (n, n).
+            free: Which joints no servo holds (n,); only these give way and are pushed.
             interval_s: Until the next evaluation.
         """
         places, frames = self._world_frames(positions)
         loads = np.zeros(len(positions))
-        light = 1.0 / np.asarray(inertias)
-        for slope, depth_m in self._find_contacts(places, frames, len(positions)):
-            mobility = float(slope @ (slope * light)) + _MIN_LEVER_M**2 * float(light.max())
-            if not slope[light > 0.0].any():
+        found = self._find_contacts(places, frames, len(positions))
+        if not found:
+            return loads.tolist()
+        # Joints that do not give way are as heavy as that by themselves.
+        held = np.where(free, 0.0, _HELD)
+        light = np.linalg.inv(mass * np.outer(free, free) + np.diag(held))
+        for contact, depth_m in found:
+            slope = np.where(free, contact, 0.0)
+            if not slope.any():
                 continue
-            leaving_m_s = float(slope @ np.asarray(velocities))
+            mobility = float(slope @ light @ slope) + _MIN_LEVER_M**2 * float(light.max())
+            leaving_m_s = float(contact @ np.asarray(velocities))
             pushed_m_s = (
                 _STIFFNESS * min(depth_m, _MAX_DEPTH_M) / interval_s - _DAMPING * leaving_m_s
             )

@@ -11,7 +11,7 @@ import numpy as np
 
 from servosim.contact import Contacts
 from servosim.errors import ArmFileError, SimulatorError
-from servosim.gravity import MassTree, MimicDrive
+from servosim.mass_tree import LocalDynamics, MassTree, MimicDrive
 from servosim.specimen import Specimen
 from servosim.urdf import Matrix, MovingJoint, read_joints, read_link_frame, read_shapes
 
@@ -21,6 +21,8 @@ NEAR_M = 1e-5  # a tick of a servo moves the tip of an arm ten times as far
 ITERATIONS = 200
 DAMPING_M = 0.01  # of the least-squares steps: keeps them short near singular postures
 LONGEST_STEP = 0.2  # rad, or m: the slopes hold no further
+# As far as an expansion of the dynamics is used: gravity is wrong by the square of it.
+NEAR_RAD, NEAR_SLIDE_M = 0.03, 0.003
 
 
 class Tip:
@@ -151,11 +153,11 @@ class Dynamics(Protocol):
         ...
 
     def load_nm(self, positions: Sequence[float], velocities: Sequence[float]) -> list[float]:
-        """External torque (force) on each joint; positive towards larger positions."""
+        """Torque (force) on each joint, velocity forces included; positive forward."""
         ...
 
-    def inertia(self, positions: Sequence[float]) -> list[float]:
-        """Inertia of each joint alone [kg m², on sliding joints kg]."""
+    def mass_matrix(self, positions: Sequence[float]) -> list[list[float]]:
+        """Joint forces of unit accelerations, without the motors [kg m², on sliding joints kg]."""
         ...
 
 
@@ -168,21 +170,23 @@ class FreeBody:
         self.names = tuple(names)
         self.limits = tuple(limits or [(-math.inf, math.inf)] * len(self.names))
         self._nothing = [0.0] * len(self.names)
+        self._massless = [self._nothing] * len(self.names)
 
     def load_nm(self, positions: Sequence[float], velocities: Sequence[float]) -> list[float]:
         """Return no load."""
         return self._nothing
 
-    def inertia(self, positions: Sequence[float]) -> list[float]:
-        """Return no inertia."""
-        return self._nothing
+    def mass_matrix(self, positions: Sequence[float]) -> list[list[float]]:
+        """Return no masses."""
+        return self._massless
 
 
-class GravityBody:
-    """An arm read from its URDF, its base on a level table, each joint for itself.
+class RigidArm:
+    """An arm read from its URDF, its base on a level table.
 
-    Gravity is exact for any tree of revolute and prismatic joints, mimic joints included; velocity
-    forces and the pull of one joint's acceleration on another are left out.
+    The whole dynamics of any tree of revolute and prismatic joints, mimic joints included: mass
+    matrix, Coriolis and centrifugal forces, gravity. They are computed exactly at a posture and
+    expanded about it until the arm has left it by `NEAR_RAD`.
 
     Args:
         urdf_path: The arm.
@@ -216,14 +220,30 @@ class GravityBody:
         self._joints, self._path = joints, Path(urdf_path)
         self._drivers = [self._make_mimic_drive(joint) for joint in joints]
         self._tree = MassTree(joints, self._drivers, len(self.names))
+        self._reach = [NEAR_SLIDE_M if by_name[n].sliding else NEAR_RAD for n in self.names]
+        self._centre: tuple[float, ...] = ()
+        self._local: LocalDynamics | None = None
 
     def load_nm(self, positions: Sequence[float], velocities: Sequence[float]) -> list[float]:
-        """Gravity's torque (force) on each joint."""
-        return self._tree.torques(positions)
+        """Torque (force) of gravity and of the velocities on each joint."""
+        near = self._near(positions)
+        return near.load_at(np.array(positions), np.array(velocities)).tolist()
 
-    def inertia(self, positions: Sequence[float]) -> list[float]:
-        """The diagonal of the arm's mass matrix."""
-        return self._tree.inertias(positions)
+    def mass_matrix(self, positions: Sequence[float]) -> list[list[float]]:
+        """The mass matrix, without the motors."""
+        return self._near(positions).mass_at(np.array(positions)).tolist()
+
+    def _near(self, positions: Sequence[float]) -> LocalDynamics:
+        """Return the dynamics about a posture near to this one."""
+        if self._local is not None:
+            for here, there, reach in zip(positions, self._centre, self._reach, strict=True):
+                if not -reach <= here - there <= reach:
+                    break
+            else:
+                return self._local
+        self._centre = tuple(positions)
+        self._local = self._tree.expand(positions)
+        return self._local
 
     def contacts(self, floor_m: float | None, postures: Sequence[Sequence[float]]) -> Contacts:
         """Return the contacts of the arm where no servo holds it; see `Contacts`.

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from statistics import fmean
 from typing import Protocol
 
 from servosim.servo import Servo
@@ -222,10 +223,9 @@ class SimulatedJoint:
         return self.servos[0].motor.velocity_rad_s * self.m_per_rad
 
     @property
-    def inertia(self) -> float:
-        """Inertia of the joint: rotors, gears and its load."""
-        motors = [servo.motor for servo in self.servos]
-        total = sum(m.parameters.armature_kg_m2 + m.load_inertia_kg_m2 for m in motors)
+    def armature(self) -> float:
+        """Inertia of rotors and gears, felt at the joint."""
+        total = sum(servo.motor.parameters.armature_kg_m2 for servo in self.servos)
         return total / self.m_per_rad**2
 
     @property
@@ -238,38 +238,23 @@ class SimulatedJoint:
         for servo in self.servos:
             servo.motor.place(self.transmission.horn_rad(position))
 
-    def set_inertia(self, inertia: float) -> None:
-        """Set the inertia of the joint's load."""
-        for servo in self.servos:
-            servo.motor.load_inertia_kg_m2 = inertia * self.m_per_rad**2 / len(self.servos)
+    def press(self) -> float:
+        """Begin a step: run the servos' controllers; return the mean torque on their shaft.
 
-    def hand_force(self, hand: Hand) -> float:
-        """Return a hand's force on the joint."""
-        return hand.hand_force(STEP_S, self.position, self.velocity, self.inertia)
-
-    def step_servos(self, load: float) -> None:
-        """Step the servos under an external load, which is divided between them."""
-        lead = self.servos[0]
-        if len(self.servos) == 1:
-            direct = self.transmission is DIRECT
-            lead.step(STEP_S, load if direct else load * self.m_per_rad)
-            return
-        self._step_together(lead, load * self.m_per_rad / len(self.servos))
-
-    def _step_together(self, lead: Servo, share_nm: float) -> None:
-        """Step servos on one shaft: they turn as one, under the mean of their torques.
-
-        A stiff spring between the shafts would throw each of them from one flank of its play to
-        the other in every step, and the gears would carry no load.
+        Servos on one shaft turn as one. A stiff spring between the shafts would throw each of them
+        from one flank of its play to the other in every step, and the gears would carry no load.
         """
-        followers = self.servos[1:]
-        for follower in followers:
+        for follower in self.servos[1:]:
             follower.motor.carried = True
-            follower.step(STEP_S, share_nm)
-        given_nm = [servo.motor.torque_nm * servo.motor.grip for servo in self.servos]
-        lead.step(STEP_S, share_nm + sum(given_nm) / len(given_nm) - given_nm[0])
-        for follower in followers:
-            follower.motor.set_state(lead.motor.position_rad, lead.motor.velocity_rad_s)
+        return fmean(servo.press(STEP_S) for servo in self.servos)
+
+    def finish_step(self, after_rad_s: float) -> None:
+        """Turn the servos with this velocity of the leading one's shaft after the step."""
+        for servo in self.servos:
+            servo.motor.finish_step(STEP_S, servo.drive, after_rad_s)
+        lead = self.servos[0].motor
+        for follower in self.servos[1:]:
+            follower.motor.set_state(lead.position_rad, lead.velocity_rad_s)
 
     def drive_force(self) -> float:
         """Let carried servos work for one step; return their force on the joint."""

@@ -37,6 +37,27 @@ FREE_PLAY_FRACTION = 1e-3  # loads below this fraction of the stall torque do no
 STRIBECK_SPAN = 8.0  # beyond this multiple of its velocity the Stribeck friction has gone
 
 
+# Of a shaft's step: velocity after it without load and dry friction, gain of velocity by a torque,
+# by how much dry friction changes it, and the least and greatest for the stops [rad/s, per N m].
+ShaftStep = tuple[float, float, float, float, float]
+
+
+def solve_velocity(shaft: ShaftStep, load_nm: float) -> float:
+    """Return the velocity of a shaft after a step under an external torque [rad/s].
+
+    Newton's law; dry friction stops a motion but never reverses it, and no motion passes a stop.
+    """
+    free_rad_s, per_nm, stop_rad_s, least_rad_s, most_rad_s = shaft
+    after_rad_s = free_rad_s + per_nm * load_nm
+    if after_rad_s > stop_rad_s + AT_REST_RAD_S:
+        after_rad_s -= stop_rad_s
+        return after_rad_s if after_rad_s < most_rad_s else most_rad_s
+    if after_rad_s < -stop_rad_s - AT_REST_RAD_S:
+        after_rad_s += stop_rad_s
+        return after_rad_s if after_rad_s > least_rad_s else least_rad_s
+    return 0.0
+
+
 class Motor:
     """A motor that follows a drive and carries a load.
 
@@ -83,14 +104,17 @@ class Motor:
         "_back_emf",
         "_controller",
         "_duty",
+        "_falling",
         "_free_play_nm",
         "_full_nm",
         "_gear_rad",
         "_half_play_rad",
         "_limits_itself",
+        "_load_nm",
         "_most_a",
         "_nm_per_a",
         "_nm_per_v",
+        "_pressed_nm",
         "_resistance_ohm",
         "_slope",
         "_viscous",
@@ -144,7 +168,8 @@ class Motor:
         """Set the shaft's position inside its stops, at rest, in the middle of its play."""
         position_rad = min(self.upper_stop_rad, max(self.lower_stop_rad, position_rad))
         self._gear_rad = self.position_rad = position_rad
-        self.lash_rad = self.velocity_rad_s = 0.0
+        self.lash_rad = self.velocity_rad_s = self._pressed_nm = self._load_nm = 0.0
+        self._falling = False
         self.torque_nm = self.current_a = self.pwm = self._slope = self._full_nm = 0.0
         self.moving = False
         self._controller.release(position_rad)
@@ -188,15 +213,54 @@ class Motor:
             drive: The firmware's commands.
             supply_v: Voltage at the servo's plug [V].
         """
-        pressed_nm = self._motor_torque(dt_s, drive, supply_v)
-        if self.carried:
-            self._update_sensors(dt_s, pressed_nm, drive)
-            return
-        before_rad_s = self.velocity_rad_s
-        self._integrate_motion(dt_s, pressed_nm * self.grip, load_nm)
-        self._update_sensors(
-            dt_s, pressed_nm - self._slope * (self.velocity_rad_s - before_rad_s), drive
+        pressed_nm = self.press(dt_s, drive, supply_v)
+        after_rad_s = 0.0
+        if not self.carried:
+            after_rad_s = solve_velocity(self.begin_motion(dt_s, load_nm, pressed_nm), load_nm)
+        self.finish_step(dt_s, drive, after_rad_s)
+
+    # The parts of a step, for shafts that are coupled by what they move.
+
+    def press(self, dt_s: float, drive: DriveCommand, supply_v: float) -> float:
+        """Run the controller; return the motor's torque that reaches the shaft, before friction."""
+        self._pressed_nm = self._motor_torque(dt_s, drive, supply_v)
+        return self._pressed_nm * self.grip
+
+    def begin_motion(self, dt_s: float, load_nm: float, pressed_nm: float) -> ShaftStep:
+        """Return the equation of the velocity after the step: inertia, friction, play and stops.
+
+        Args:
+            dt_s: Time that passes [s].
+            load_nm: External torque [N m], as far as it is known.
+            pressed_nm: Torque of the motor that reaches the shaft [N m].
+        """
+        if self.stuck:
+            self._load_nm, self._falling = load_nm, False
+            return 0.0, 0.0, 0.0, 0.0, 0.0
+        self._load_nm = load_nm
+        self._falling = falling = self._take_up_backlash(dt_s, load_nm)
+        velocity_rad_s, position_rad = self.velocity_rad_s, self.position_rad
+        damping = self._slope * self.grip + self._viscous
+        inertia = self.parameters.armature_kg_m2 + self.load_inertia_kg_m2
+        per_nm = dt_s / (inertia + damping * dt_s)
+        geared_nm = 0.0 if falling else load_nm
+        least_rad_s = (self.lower_stop_rad - position_rad) / dt_s
+        most_rad_s = (self.upper_stop_rad - position_rad) / dt_s
+        return (
+            velocity_rad_s + per_nm * (pressed_nm - self._viscous * velocity_rad_s),
+            0.0 if falling else per_nm,
+            per_nm * self._dry_friction(pressed_nm, geared_nm, abs(velocity_rad_s)),
+            least_rad_s if least_rad_s < 0.0 else 0.0,
+            most_rad_s if most_rad_s > 0.0 else 0.0,
         )
+
+    def finish_step(self, dt_s: float, drive: DriveCommand, after_rad_s: float) -> None:
+        """Move the shaft with the velocity after the step, and update the sensors."""
+        braked_nm = 0.0
+        if not self.carried:
+            braked_nm = self._slope * (after_rad_s - self.velocity_rad_s)
+            self._move(dt_s, after_rad_s)
+        self._update_sensors(dt_s, self._pressed_nm - braked_nm, drive)
 
     def set_state(self, position_rad: float, velocity_rad_s: float) -> None:
         """Set the state to that of the joint."""
@@ -236,39 +300,20 @@ class Motor:
         self._controller.saturated = True
         return math.copysign(limit_nm, torque_nm)
 
-    def _integrate_motion(self, dt_s: float, pressed_nm: float, load_nm: float) -> None:
-        """Newton's law with dry friction, then the play of the gears and the end stops."""
-        if self.stuck:
-            self.velocity_rad_s = 0.0
-            return
-        falling = self._take_up_backlash(dt_s, load_nm)
-        speed_rad_s = self._step_velocity(dt_s, pressed_nm, 0.0 if falling else load_nm)
+    def _move(self, dt_s: float, speed_rad_s: float) -> None:
+        """Turn the gears, which take the shaft along but for the play."""
         self.velocity_rad_s = speed_rad_s
         if speed_rad_s:
             travel_rad = speed_rad_s * dt_s
             self._gear_rad += travel_rad
-            if -self._free_play_nm <= load_nm <= self._free_play_nm:
+            if -self._free_play_nm <= self._load_nm <= self._free_play_nm:
                 half_rad = self._half_play_rad
                 self.lash_rad = min(half_rad, max(-half_rad, self.lash_rad - travel_rad))
-        elif not falling:
+        elif not self._falling:
             return
         self.position_rad = self._gear_rad + self.lash_rad
-        if not self.lower_stop_rad <= self.position_rad <= self.upper_stop_rad:
-            self._hit_stop()
-
-    def _step_velocity(self, dt_s: float, pressed_nm: float, load_nm: float) -> float:
-        """The velocity after the step; dry friction stops a motion but never reverses it."""
-        velocity_rad_s = self.velocity_rad_s
-        viscous = self._viscous
-        inertia = self.parameters.armature_kg_m2 + self.load_inertia_kg_m2
-        rad_s_per_nm = dt_s / (inertia + (self._slope * self.grip + viscous) * dt_s)
-        after_rad_s = velocity_rad_s + rad_s_per_nm * (
-            pressed_nm + load_nm - viscous * velocity_rad_s
-        )
-        stop_rad_s = rad_s_per_nm * self._dry_friction(pressed_nm, load_nm, abs(velocity_rad_s))
-        if after_rad_s > stop_rad_s + AT_REST_RAD_S:
-            return after_rad_s - stop_rad_s
-        return after_rad_s + stop_rad_s if after_rad_s < -stop_rad_s - AT_REST_RAD_S else 0.0
+        if not self.lower_stop_rad < self.position_rad < self.upper_stop_rad:
+            self._rest_on_stop()
 
     def _dry_friction(self, pressed_nm: float, load_nm: float, speed_rad_s: float) -> float:
         """The largest torque of the dry friction [N m]."""
@@ -292,10 +337,8 @@ class Motor:
         self.lash_rad = min(half_rad, sunk_rad) if load_nm > 0.0 else max(half_rad, sunk_rad)
         return True
 
-    def _hit_stop(self) -> None:
+    def _rest_on_stop(self) -> None:
         stop_rad = min(self.upper_stop_rad, max(self.lower_stop_rad, self.position_rad))
-        if (self.position_rad - stop_rad) * self.velocity_rad_s > 0.0:
-            self.velocity_rad_s = 0.0
         self._gear_rad -= self.position_rad - stop_rad
         self.position_rad = stop_rad
 

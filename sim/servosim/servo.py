@@ -280,6 +280,11 @@ class Servo:
         self.time_s += dt_s
         self.motor.step(dt_s, load_nm, self.drive, self.supply_v)
 
+    def press(self, dt_s: float) -> float:
+        """Begin a step: run the firmware's controller; return the torque that reaches the shaft."""
+        self.time_s += dt_s
+        return self.motor.press(dt_s, self.drive, self.supply_v)
+
     @property
     def is_active(self) -> bool:
         """Whether a resting shaft may start by itself: profile running or integral growing."""

@@ -15,7 +15,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
+import numpy as np
+
 from servosim.contact import Contacts
+from servosim.coupling import CoupledJoints
 from servosim.dynamics import Dynamics, FreeBody, Tip
 from servosim.errors import SimulatorError
 from servosim.frames import Frame, FrameReader
@@ -50,7 +53,8 @@ class PowerSupply:
         return max(0.0, self.open_v - self.resistance_ohm * drawn_a)
 
 
-GRAVITY_STEPS = 4  # steps between two evaluations of the arm's posture; a lone joint has each
+LOAD_STEPS = 4  # steps between two updates of the arm's loads; a lone joint has each
+MASS_STEPS = 16  # likewise of its mass matrix
 PROTECTION_STEPS = 10  # steps between two checks of temperature, load and watchdog by the firmware
 IDLE_CHECK_STEPS = 20  # likewise while nothing moves
 AT_REST_STEPS = 20  # steps without any motion after which the world may be idle
@@ -121,8 +125,9 @@ class World:
         self._order = itertools.count()
         self._positions: list[float] = []
         self._loads = [0.0] * len(self.joints)
-        # A late load drives what swings: a limp pendulum without friction by 11 % within 3 s.
-        self._gravity_steps = GRAVITY_STEPS if len(self.joints) > 1 else 1
+        self._coupled = CoupledJoints(self.joints)
+        self._gripped = self._grip_inertias()
+        self._load_steps = LOAD_STEPS if len(self.joints) > 1 else 1
         for servo in self.servos:
             servo.changed = self.leave_idle
         if self._mover is not None:
@@ -176,6 +181,7 @@ class World:
     def place(self, name: str, position: float) -> None:
         """Set a joint's position, at rest, as by hand."""
         self.joint(name).place(position)
+        self._coupled.come_to_rest()
         if self._mover is not None:
             self._mover.place([joint.position for joint in self.joints])
         self.leave_idle()
@@ -255,19 +261,24 @@ class World:
         return any(abs(now - before) > MAX_REST_DRIFT_RAD for now, before in paths)
 
     def _step_joints(self) -> None:
-        """Step each joint by itself under gravity and the hands."""
-        if self.steps % self._gravity_steps == 0:
-            self._update_gravity()
-        for joint, load in zip(self.joints, self._loads, strict=True):
-            hand = self.hands.get(joint.name)
-            joint.step_servos(load if hand is None else load + joint.hand_force(hand))
+        """Step all joints under the body's loads and the hands."""
+        if self.steps % self._load_steps == 0:
+            self._update_loads()
+        loads = self._loads
+        if self.hands:
+            loads = list(loads)
+            for k, joint in enumerate(self.joints):
+                hand = self.hands.get(joint.name)
+                if hand is not None:
+                    loads[k] += _hand_force(hand, joint, self._gripped[k])
+        self._coupled.step(loads)
 
     def _step_body(self, mover: ExternalDynamics) -> None:
         """Step the body with all joints at once under the motors and the hands."""
         forces = [joint.drive_force() for joint in self.joints]
         for k, joint in enumerate(self.joints):
             if joint.name in self.hands:
-                forces[k] += joint.hand_force(self.hands[joint.name])
+                forces[k] += _hand_force(self.hands[joint.name], joint, joint.armature)
         mover.set_transmission_slopes([joint.m_per_rad for joint in self.joints])
         positions, velocities = mover.step(STEP_S, forces)
         for joint, position, velocity in zip(self.joints, positions, velocities, strict=True):
@@ -277,26 +288,36 @@ class World:
         rest_s = self._events[0][0] - self.time_s if self._events else math.inf
         return max(1, math.ceil(rest_s / STEP_S)) if rest_s < 1.0 else IDLE_CHECK_STEPS
 
-    def _update_gravity(self) -> None:
+    def _update_loads(self) -> None:
+        """Update loads and masses for the steps until the next time: at the posture amidst them.
+
+        Where the arm is now, they would be late, and drive what swings.
+        """
         positions = [joint.position for joint in self.joints]
         velocities = [joint.velocity for joint in self.joints]
-        self._loads = self.body.load_nm(positions, velocities)
-        if self._contacts is not None and not self.hands and any(j.is_free for j in self.joints):
+        if self.steps % MASS_STEPS == 0:
+            amidst = _advanced(positions, velocities, MASS_STEPS)
+            self._coupled.set_mass_matrix(self.body.mass_matrix(amidst))
+        amidst = _advanced(positions, velocities, self._load_steps)
+        self._loads = self.body.load_nm(amidst, velocities)
+        if self.hands:
+            self._gripped = self._grip_inertias()
+        elif self._contacts is not None and any(joint.is_free for joint in self.joints):
             self._update_contacts(self._contacts, positions, velocities)
-        if self.steps % (GRAVITY_STEPS * 10) == 0:
-            for joint, inertia in zip(self.joints, self.body.inertia(positions), strict=True):
-                joint.set_inertia(inertia)
+
+    def _grip_inertias(self) -> list[float]:
+        """Return each joint's inertia while all others give way: the least that a hand feels."""
+        return (1.0 / np.linalg.inv(self._coupled.mass_matrix()).diagonal()).tolist()
 
     def _update_contacts(
         self, contacts: Contacts, positions: list[float], velocities: list[float]
     ) -> None:
         """Apply contacts to joints without torque: the table and the arm's own links."""
-        inertias = [joint.inertia if joint.is_free else math.inf for joint in self.joints]
-        pushed = contacts.torques(positions, velocities, inertias, STEP_S * GRAVITY_STEPS)
-        self._loads = [
-            load + push if joint.is_free else load
-            for joint, load, push in zip(self.joints, self._loads, pushed, strict=True)
-        ]
+        free = np.array([joint.is_free for joint in self.joints])
+        interval_s = STEP_S * self._load_steps
+        mass = self._coupled.mass_matrix()
+        pushed = contacts.torques(positions, velocities, mass, free, interval_s)
+        self._loads = [load + push for load, push in zip(self._loads, pushed, strict=True)]
 
     def _run_protections(self, dt_s: float) -> None:
         for volts, supply in self.rails.items():
@@ -316,6 +337,16 @@ class World:
                 servo.advance_heating(self._unheated * STEP_S)
             self._run_protections(self._unheated * STEP_S)
             self._unheated = 0
+
+
+def _advanced(positions: list[float], velocities: list[float], steps: int) -> list[float]:
+    """Return the mean of the positions at the beginnings of the next steps."""
+    ahead_s = STEP_S * (steps - 1) / 2.0
+    return [q + v * ahead_s for q, v in zip(positions, velocities, strict=True)]
+
+
+def _hand_force(hand: Hand, joint: SimulatedJoint, inertia: float) -> float:
+    return hand.hand_force(STEP_S, joint.position, joint.velocity, inertia)
 
 
 POLL_PERIOD_S = 0.05  # between two polls of which joints are without torque

@@ -1,16 +1,20 @@
-"""Gravity on an arm, against MuJoCo and against pencil and paper."""
+"""Gravity, masses and velocity forces of an arm, against MuJoCo and against pencil and paper."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
-from servosim.dynamics import GravityBody
+from servosim.dynamics import RigidArm
 from servosim.errors import ArmFileError
+
+Array = NDArray[np.float64]
 
 CONFIGS = sorted((Path(__file__).parents[2] / "configs").glob("*/arm.urdf"))
 
@@ -72,7 +76,7 @@ def driven_joints(model: mujoco.MjModel) -> tuple[str, ...]:
     return tuple(model.joint(k).name for k in range(model.njnt))
 
 
-def poses(body: GravityBody, count: int) -> list[list[float]]:
+def poses(body: RigidArm, count: int) -> list[list[float]]:
     rng = np.random.default_rng(7)
     limits = np.clip(np.array(body.limits), -math.pi, math.pi)
     return [list(rng.uniform(limits[:, 0], limits[:, 1])) for _ in range(count)]
@@ -86,37 +90,51 @@ def mujoco_state(model: mujoco.MjModel, names: tuple[str, ...], q: list[float]) 
     return data
 
 
-def mass_along(model: mujoco.MjModel, data: mujoco.MjData, name: str) -> float:
-    """The joint's element on the diagonal of the mass matrix."""
-    unit, pushed = np.zeros(model.nv), np.zeros(model.nv)
-    unit[model.joint(name).dofadr[0]] = 1.0
-    mujoco.mj_mulM(model, data, pushed, unit)
-    return float(unit @ pushed)
+def mass_matrix(model: mujoco.MjModel, data: mujoco.MjData, names: Sequence[str]) -> Array:
+    """The mass matrix of these joints, in this order."""
+    columns = [int(model.joint(name).dofadr[0]) for name in names]
+    M = np.zeros((model.nv, model.nv))
+    for unit, row in zip(np.eye(model.nv), M, strict=True):
+        mujoco.mj_mulM(model, data, row, unit)
+    return M[np.ix_(columns, columns)]
 
 
 def test_gravity_agrees_with_mujoco_on_a_cranked_branching_arm(tmp_path: Path) -> None:
     path = write(tmp_path, CRANKED)
-    body, model = GravityBody(path, CRANKED_JOINTS), mujoco_model(path)
+    body, model = RigidArm(path, CRANKED_JOINTS), mujoco_model(path)
     for q in poses(body, 50):
         data = mujoco_state(model, CRANKED_JOINTS, q)
         expected = [-data.joint(name).qfrc_bias[0] for name in CRANKED_JOINTS]
         assert body.load_nm(q, [0.0] * 4) == pytest.approx(expected, abs=1e-9)
 
 
-def test_inertia_agrees_with_the_diagonal_of_mujocos_mass_matrix(tmp_path: Path) -> None:
+def test_the_mass_matrix_is_mujocos_on_a_cranked_branching_arm(tmp_path: Path) -> None:
     path = write(tmp_path, CRANKED)
-    body, model = GravityBody(path, CRANKED_JOINTS), mujoco_model(path)
+    body, model = RigidArm(path, CRANKED_JOINTS), mujoco_model(path)
     for q in poses(body, 10):
         data = mujoco_state(model, CRANKED_JOINTS, q)
-        expected = [mass_along(model, data, name) for name in CRANKED_JOINTS]
-        assert body.inertia(q) == pytest.approx(expected, abs=1e-9)
+        expected = mass_matrix(model, data, CRANKED_JOINTS)
+        assert np.array(body.mass_matrix(q)) == pytest.approx(expected, abs=1e-9)
+
+
+def test_velocity_forces_are_mujocos_on_a_cranked_branching_arm(tmp_path: Path) -> None:
+    path = write(tmp_path, CRANKED)
+    body, model = RigidArm(path, CRANKED_JOINTS), mujoco_model(path)
+    rng = np.random.default_rng(8)
+    for q in poses(body, 20):
+        data, v = mujoco_state(model, CRANKED_JOINTS, q), rng.normal(size=4)
+        for name, velocity in zip(CRANKED_JOINTS, v, strict=True):
+            data.joint(name).qvel[0] = velocity
+        mujoco.mj_forward(model, data)
+        expected = [-data.joint(name).qfrc_bias[0] for name in CRANKED_JOINTS]
+        assert body.load_nm(q, v.tolist()) == pytest.approx(expected, abs=1e-9)
 
 
 @pytest.mark.parametrize("path", CONFIGS, ids=lambda path: path.parent.name)
 def test_gravity_agrees_with_mujoco_on_every_shipped_arm(path: Path) -> None:
     model = mujoco_model(path)
     names = driven_joints(model)
-    body = GravityBody(path, names)
+    body = RigidArm(path, names)
     for q in poses(body, 10):
         data = mujoco_state(model, names, q)
         expected = [-data.joint(name).qfrc_bias[0] for name in names]
@@ -124,12 +142,12 @@ def test_gravity_agrees_with_mujoco_on_every_shipped_arm(path: Path) -> None:
 
 
 def test_a_level_pendulum_is_pulled_down_with_its_weight_times_its_length(tmp_path: Path) -> None:
-    body = GravityBody(write(tmp_path, PENDULUM.format(more="")), ["swing"])
+    body = RigidArm(write(tmp_path, PENDULUM.format(more="")), ["swing"])
     assert body.load_nm([0.0], [0.0]) == pytest.approx([0.5 * 9.81 * 0.2])
 
 
 def test_a_hanging_pendulum_is_not_pulled(tmp_path: Path) -> None:
-    body = GravityBody(write(tmp_path, PENDULUM.format(more="")), ["swing"])
+    body = RigidArm(write(tmp_path, PENDULUM.format(more="")), ["swing"])
     assert body.load_nm([math.pi / 2], [0.0]) == pytest.approx([0.0], abs=1e-12)
 
 
@@ -138,7 +156,7 @@ def test_a_mimic_joint_hands_its_pull_to_the_joint_it_copies(tmp_path: Path) -> 
       <axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="1" velocity="1"/>
       <mimic joint="swing" multiplier="2"/></joint>
       <link name="twin"><inertial><origin xyz="0.1 0 0"/><mass value="1"/></inertial></link>"""
-    body = GravityBody(write(tmp_path, PENDULUM.format(more=copy)), ["swing"])
+    body = RigidArm(write(tmp_path, PENDULUM.format(more=copy)), ["swing"])
     swing_nm = 0.5 * 9.81 * 0.2 * math.cos(0.3)
     twin_nm = 2 * 1.0 * 9.81 * 0.1 * math.cos(0.6)
     assert body.load_nm([0.3], [0.0]) == pytest.approx([swing_nm + twin_nm])
@@ -147,10 +165,10 @@ def test_a_mimic_joint_hands_its_pull_to_the_joint_it_copies(tmp_path: Path) -> 
 def test_a_missing_joint_is_named_together_with_those_there_are(tmp_path: Path) -> None:
     path = write(tmp_path, PENDULUM.format(more=""))
     with pytest.raises(ArmFileError, match=r"no moving joint 'elbow'; has: swing"):
-        GravityBody(path, ["elbow"])
+        RigidArm(path, ["elbow"])
 
 
 def test_a_file_that_is_no_urdf_is_refused_with_its_name(tmp_path: Path) -> None:
     path = write(tmp_path, "<robot><joint type='revolute' name='a'/></robot>")
     with pytest.raises(ArmFileError, match=r"arm\.urdf"):
-        GravityBody(path, ["a"])
+        RigidArm(path, ["a"])

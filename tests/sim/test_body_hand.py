@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from servosim.control import ControlMode, DriveCommand
-from servosim.dynamics import Dynamics, FreeBody, GravityBody
+from servosim.dynamics import Dynamics, FreeBody, RigidArm
 from servosim.joint import Hand, glide, hold, push, sweep
 from servosim.motor import Motor
 from servosim.parameters import PARAMETERS
@@ -57,7 +57,7 @@ def free(
 
 
 def so101(drive: DriveCommand | None = None) -> Bench:
-    return Bench(GravityBody(CONFIGS / "so101" / "arm.urdf", JOINTS), drive=drive or DriveCommand())
+    return Bench(RigidArm(CONFIGS / "so101" / "arm.urdf", JOINTS), drive=drive or DriveCommand())
 
 
 def test_an_arm_falls_to_its_stop_when_torque_goes() -> None:

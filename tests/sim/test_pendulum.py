@@ -31,8 +31,8 @@ class Pendulum:
     def load_nm(self, positions: Sequence[float], velocities: Sequence[float]) -> list[float]:
         return [-9.81 * 0.1 * math.sin(positions[0])]
 
-    def inertia(self, positions: Sequence[float]) -> list[float]:
-        return [0.01]
+    def mass_matrix(self, positions: Sequence[float]) -> list[list[float]]:
+        return [[0.01]]
 
 
 def test_a_limp_pendulum_without_friction_swings_as_high_as_it_hung() -> None:

@@ -55,10 +55,10 @@ class Pendulum:
         weight_nm = GRAVITY_M_S2 * self.length_m * (self.mass_kg + ROD_KG / 2.0)
         return [-weight_nm * math.sin(positions[0])]
 
-    def inertia(self, positions: Sequence[float]) -> list[float]:
+    def mass_matrix(self, positions: Sequence[float]) -> list[list[float]]:
         """Return the inertia of mass and rod."""
         square = self.length_m**2
-        return [self.mass_kg * (square + DISC_M2) + ROD_KG * square / 3.0]
+        return [[self.mass_kg * (square + DISC_M2) + ROD_KG * square / 3.0]]
 
 
 class BenchServo:

@@ -1,0 +1,114 @@
+"""Joints that the masses of an arm couple: the velocities of all of them after a step."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from operator import mul
+
+import numpy as np
+
+from servosim.joint import STEP_S, SimulatedJoint
+from servosim.motor import ShaftStep, solve_velocity
+from servosim.urdf import Matrix
+
+__all__ = ["CoupledJoints"]
+
+MAX_SWEEPS = 30
+EXACT_RAD_S = 2e-4  # a change of a velocity by a sweep that is small enough
+
+
+class CoupledJoints:
+    """Joints whose accelerations act on each other through a mass matrix.
+
+    Each shaft solves for its own velocity after the step, with its dry friction, the stops, and
+    all that damps taken implicitly, under the load of the others' accelerations; the solutions are
+    repeated in turn until they agree (projected Gauss-Seidel, as for contacts with friction: Jean
+    1999, "The non-smooth contact dynamics method"). The matrix is symmetric and positive definite,
+    so they converge; they begin with the accelerations of the step before, which are near.
+
+    Args:
+        joints: In the order of the mass matrix.
+    """
+
+    def __init__(self, joints: Sequence[SimulatedJoint]) -> None:
+        self._joints = joints
+        self._leads = [joint.servos[0] for joint in joints]
+        self._lone = [len(joint.servos) == 1 for joint in joints]
+        self.come_to_rest()
+        self.set_mass_matrix([[0.0] * len(joints)] * len(joints))
+
+    def set_mass_matrix(self, mass: Sequence[Sequence[float]]) -> None:
+        """Set the mass matrix, without the motors [kg m², on sliding joints kg]."""
+        slopes = [joint.m_per_rad for joint in self._joints]
+        per_step = [slope / STEP_S for slope in slopes]
+        self._mass = mass
+        self._shares = [
+            slope / len(j.servos) for slope, j in zip(slopes, self._joints, strict=True)
+        ]
+        self._pulls: list[list[float]] = []  # torque at a horn for the others' gains of velocity
+        for k, (row, share) in enumerate(zip(mass, self._shares, strict=True)):
+            pull = [share * m * rate for m, rate in zip(row, per_step, strict=True)]
+            for servo in self._joints[k].servos:
+                servo.motor.load_inertia_kg_m2 = pull[k] * STEP_S
+            pull[k] = 0.0
+            self._pulls.append(pull)
+
+    def mass_matrix(self) -> Matrix:
+        """Return the mass matrix, motors included (n, n)."""
+        return np.array(self._mass) + np.diag([joint.armature for joint in self._joints])
+
+    def come_to_rest(self) -> None:
+        """Forget the accelerations: a joint was placed elsewhere."""
+        self._gained_rad_s = [0.0] * len(self._joints)
+
+    def step(self, loads: Sequence[float]) -> None:
+        """Step all joints under external torques (forces) [N m or N]."""
+        loads_nm = list(map(mul, loads, self._shares))
+        shafts, speeds_rad_s, change_rad_s = self._begin_step(loads_nm)
+        for _ in range(MAX_SWEEPS):
+            if change_rad_s < EXACT_RAD_S:
+                break
+            change_rad_s = self._sweep(loads_nm, shafts, speeds_rad_s)
+        for k, lead in enumerate(self._leads):
+            after_rad_s = speeds_rad_s[k] + self._gained_rad_s[k]
+            if self._lone[k]:
+                lead.motor.finish_step(STEP_S, lead.drive, after_rad_s)
+            else:
+                self._joints[k].finish_step(after_rad_s)
+
+    def _begin_step(self, loads_nm: list[float]) -> tuple[list[ShaftStep], list[float], float]:
+        """Run all controllers and solve once; return shafts, their speeds, and the largest change.
+
+        The friction of gears under load is that of the load as it is known here: it stays the same
+        while the velocities are solved.
+        """
+        gained_rad_s, change_rad_s = self._gained_rad_s, 0.0
+        shafts: list[ShaftStep] = []
+        speeds_rad_s: list[float] = []
+        for k, lead in enumerate(self._leads):
+            motor = lead.motor
+            pressed_nm = lead.press(STEP_S) if self._lone[k] else self._joints[k].press()
+            load_nm = loads_nm[k] - sum(map(mul, self._pulls[k], gained_rad_s))
+            shaft = motor.begin_motion(STEP_S, load_nm, pressed_nm)
+            gain_rad_s = solve_velocity(shaft, load_nm) - motor.velocity_rad_s
+            moved_rad_s = gain_rad_s - gained_rad_s[k]
+            if not -change_rad_s <= moved_rad_s <= change_rad_s:
+                change_rad_s = abs(moved_rad_s)
+            gained_rad_s[k] = gain_rad_s
+            shafts.append(shaft)
+            speeds_rad_s.append(motor.velocity_rad_s)
+        return shafts, speeds_rad_s, change_rad_s
+
+    def _sweep(
+        self, loads_nm: list[float], shafts: list[ShaftStep], speeds_rad_s: list[float]
+    ) -> float:
+        """Solve each shaft under the others' accelerations; return the largest change."""
+        gained_rad_s, change_rad_s = self._gained_rad_s, 0.0
+        for k, (shaft, pull) in enumerate(zip(shafts, self._pulls, strict=True)):
+            load_nm = loads_nm[k] - sum(map(mul, pull, gained_rad_s))
+            gain_rad_s = solve_velocity(shaft, load_nm) - speeds_rad_s[k]
+            moved_rad_s = gain_rad_s - gained_rad_s[k]
+            if not -change_rad_s <= moved_rad_s <= change_rad_s:
+                change_rad_s = abs(moved_rad_s)
+            gained_rad_s[k] = gain_rad_s
+        return change_rad_s
