@@ -55,7 +55,7 @@ def make_arm_world(
         arm: The arm.
         pose: The start pose.
         seed: Of the servos' tolerances.
-        physics: True for bodies and contacts from MuJoCo instead of independent joints.
+        physics: True for bodies and contacts from MuJoCo.
         backlash_deg: Backlash of every servo's gears; None for the vendor's figure.
         specimen: Masses, payload and motors that differ from those of the files.
 
