@@ -236,8 +236,9 @@ def near_limits(
 
 
 # What a joint travels in this time at its top speed: a tick or two, which the guard passes as one
-# step; and what a limp arm may have sagged by between planning and moving.
-_STEP_S, _SAG_TOLERANCE_S = 0.005, 0.2
+# step; and what a limp arm may have sagged by between planning and moving (an elbow of XL330 that
+# falls freely: 5.5°, or 0.22 s of its planned top speed).
+_STEP_S, _SAG_TOLERANCE_S = 0.005, 0.25
 
 
 def rebase_trajectory(

@@ -89,7 +89,7 @@ class CoupledJoints:
             motor = lead.motor
             pressed_nm = lead.press(STEP_S) if self._lone[k] else self._joints[k].press()
             load_nm = loads_nm[k] - sum(map(mul, self._pulls[k], gained_rad_s))
-            shaft = motor.begin_motion(STEP_S, load_nm, pressed_nm)
+            shaft = motor.begin_motion(STEP_S, pressed_nm, load_nm, loads_nm[k])
             gain_rad_s = solve_velocity(shaft, load_nm) - motor.velocity_rad_s
             moved_rad_s = gain_rad_s - gained_rad_s[k]
             if not -change_rad_s <= moved_rad_s <= change_rad_s:

@@ -109,8 +109,8 @@ class Motor:
         "_full_nm",
         "_gear_rad",
         "_half_play_rad",
+        "_leaning_nm",
         "_limits_itself",
-        "_load_nm",
         "_most_a",
         "_nm_per_a",
         "_nm_per_v",
@@ -168,7 +168,7 @@ class Motor:
         """Set the shaft's position inside its stops, at rest, in the middle of its play."""
         position_rad = min(self.upper_stop_rad, max(self.lower_stop_rad, position_rad))
         self._gear_rad = self.position_rad = position_rad
-        self.lash_rad = self.velocity_rad_s = self._pressed_nm = self._load_nm = 0.0
+        self.lash_rad = self.velocity_rad_s = self._pressed_nm = self._leaning_nm = 0.0
         self._falling = False
         self.torque_nm = self.current_a = self.pwm = self._slope = self._full_nm = 0.0
         self.moving = False
@@ -216,7 +216,9 @@ class Motor:
         pressed_nm = self.press(dt_s, drive, supply_v)
         after_rad_s = 0.0
         if not self.carried:
-            after_rad_s = solve_velocity(self.begin_motion(dt_s, load_nm, pressed_nm), load_nm)
+            after_rad_s = solve_velocity(
+                self.begin_motion(dt_s, pressed_nm, load_nm, load_nm), load_nm
+            )
         self.finish_step(dt_s, drive, after_rad_s)
 
     # The parts of a step, for shafts that are coupled by what they move.
@@ -226,19 +228,22 @@ class Motor:
         self._pressed_nm = self._motor_torque(dt_s, drive, supply_v)
         return self._pressed_nm * self.grip
 
-    def begin_motion(self, dt_s: float, load_nm: float, pressed_nm: float) -> ShaftStep:
+    def begin_motion(
+        self, dt_s: float, pressed_nm: float, load_nm: float, leaning_nm: float
+    ) -> ShaftStep:
         """Return the equation of the velocity after the step: inertia, friction, play and stops.
 
         Args:
             dt_s: Time that passes [s].
-            load_nm: External torque [N m], as far as it is known.
             pressed_nm: Torque of the motor that reaches the shaft [N m].
+            load_nm: External torque, as far as it is known, with that of accelerations [N m].
+            leaning_nm: Without that of accelerations: it decides on which flank of the play the
+                shaft leans, and is all of it at rest [N m].
         """
+        self._leaning_nm, self._falling = leaning_nm, False
         if self.stuck:
-            self._load_nm, self._falling = load_nm, False
             return 0.0, 0.0, 0.0, 0.0, 0.0
-        self._load_nm = load_nm
-        self._falling = falling = self._take_up_backlash(dt_s, load_nm)
+        self._falling = falling = self._take_up_backlash(dt_s, leaning_nm)
         velocity_rad_s, position_rad = self.velocity_rad_s, self.position_rad
         damping = self._slope * self.grip + self._viscous
         inertia = self.parameters.armature_kg_m2 + self.load_inertia_kg_m2
@@ -306,7 +311,7 @@ class Motor:
         if speed_rad_s:
             travel_rad = speed_rad_s * dt_s
             self._gear_rad += travel_rad
-            if -self._free_play_nm <= self._load_nm <= self._free_play_nm:
+            if -self._free_play_nm <= self._leaning_nm <= self._free_play_nm:
                 half_rad = self._half_play_rad
                 self.lash_rad = min(half_rad, max(-half_rad, self.lash_rad - travel_rad))
         elif not self._falling:

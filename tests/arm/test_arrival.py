@@ -72,7 +72,7 @@ LONG = [pytest.mark.campaign, pytest.mark.timeout(7200)]
 
 
 @pytest.mark.parametrize(
-    ("name", "count"), [("so101", 2), *(pytest.param(name, 500, marks=LONG) for name in NAMES)]
+    ("name", "count"), [("so101", 6), *(pytest.param(name, 500, marks=LONG) for name in NAMES)]
 )
 def test_the_true_tip_is_within_half_a_millimetre_and_a_third_of_plain_rounding(name, count):
     ours = float(np.median(list(left_by_us_m(name, count))))
