@@ -1,11 +1,12 @@
 """Oscillation of unloaded servos at high gains: logs of real ones, and gears with play.
 
 Run ``python tools/bench/limit_cycle.py LOGS`` with the folder of the logs that
-``tools/identify_motor.py`` reads. After a step back to where the pendulum hangs, the logs are judged
-at their end: which of them oscillate, by how much from peak to peak, and how fast. Beside them is a
-model with two bodies: rotor and gears with the friction of the motor, and the pendulum, which is
-free inside the play and meets the gears without a rebound. Motor, friction and duty law are those of
-``servosim``; only the play is sought. Figures belong in docs/servosim-truth.md.
+``tools/identify_motor.py`` reads. After a step back to where the pendulum hangs, the logs are
+judged at their end: which of them oscillate, by how much from peak to peak, and how fast.
+Beside them is a model with two bodies: rotor and gears with the friction of the motor, and the
+pendulum, which is free inside the play and meets the gears without a rebound. Motor, friction
+and duty law are those of ``servosim``; only the play is sought. Figures belong in
+docs/servosim-truth.md.
 """
 
 from __future__ import annotations
