@@ -342,8 +342,7 @@ class Interaction:
     def tool_fields(self, measured: Vector) -> dict[str, object]:
         """Return the tool's values at the goal, or where the joints (n,) are measured."""
         q = self._index.chain_joints(measured if self.goal is None else self.goal)
-        values = {name: round(value, 1) for name, value in self._tool_targets.values(q).items()}
-        return {**values, "direction": np.round(self._tool_targets.direction(q), 2).tolist()}
+        return self._tool_targets.fields(q)
 
     def goal_fields(self, measured: Vector) -> list[float]:
         """Return each joint's goal, or where it is measured (n,), in degrees or mm."""

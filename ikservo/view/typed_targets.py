@@ -13,7 +13,7 @@ from ikservo.arm import Arm, ToolOrientation
 from ikservo.arm.tool_orientation import solve_with_orientation
 from ikservo.errors import InputError, UnreachableError
 from ikservo.ik import Target
-from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model.tool import tool_frame
 from ikservo.view.draw_items import TargetMarker
 
@@ -120,7 +120,16 @@ class ToolTargets:
 
     def values(self, q: Vector) -> dict[str, float]:
         """Return x, y, z [mm] and pitch, roll [degrees] of the tool at joints (dof,)."""
+        return self._values_at(self._chain.forward(q))
+
+    def fields(self, q: Vector) -> dict[str, object]:
+        """Return the rounded values for a page, and where the tool points, at joints (dof,)."""
         T = self._chain.forward(q)
+        direction = T[:3, :3] @ self._tool.approach_axis
+        values = {name: round(value, 1) for name, value in self._values_at(T).items()}
+        return {**values, "direction": np.round(direction, 2).tolist()}
+
+    def _values_at(self, T: Matrix) -> dict[str, float]:
         x, y, z = (_MM * T[:3, 3]).tolist()
         pitch_rad = self._tool.pitch_rad(T[:3, :3])
         roll_rad = self._tool.roll_rad(T[:3, :3], math.atan2(y, x))
@@ -128,10 +137,6 @@ class ToolTargets:
             "pitch": math.degrees(pitch_rad),
             "roll": math.degrees(roll_rad),
         }
-
-    def direction(self, q: Vector) -> Vector:
-        """Return where the tool points (3,), base frame, at joints (dof,)."""
-        return self._chain.forward(q)[:3, :3] @ self._tool.approach_axis
 
     def solve_value(self, q: Vector, what: str, value: float) -> tuple[Vector, TargetMarker]:
         """Return joints (dof,) with one value of the tool, and the marker of its target.
