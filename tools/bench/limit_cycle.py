@@ -159,7 +159,7 @@ def judge(position_rad: Array) -> tuple[Array, Array]:
     end = np.rint(position_rad[:, END] / TICK_RAD) * math.degrees(TICK_RAD)
     swing = end - end.mean(axis=1, keepdims=True)
     spectrum = np.abs(np.fft.rfft(swing * np.hanning(swing.shape[1]), PADDED_ROWS))
-    hertz = np.fft.rfftfreq(PADDED_ROWS, ROW_S)
+    hertz: Array = np.asarray(np.fft.rfftfreq(PADDED_ROWS, ROW_S), dtype=np.float64)
     spectrum[:, hertz < 1.0] = 0.0
     return np.ptp(end, axis=1), hertz[spectrum.argmax(axis=1)]
 
