@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 
@@ -33,20 +33,13 @@ __all__ = [
 
 # The goal moves by this fraction of the error each second, and no slower than the second number
 # [rad/s at the horn]: stiction must be overcome in good time.
-_FRACTION_PER_S = 8.0
-_MIN_RAD_S = 12 * math.tau / 4096
-# A goal that friction keeps from moving its joint may accelerate so on every arm [rad/s² at the
-# horn]; slow motions have less.
-_MIN_ACCELERATION_RAD_S2 = 5.0
+_FRACTION_PER_S = 4.0
+_MIN_RAD_S = 8 * math.tau / 4096
 # A servo may have less friction than known, by this share of both its directions together.
 _FRICTION_MARGIN = 0.15
-# While it jumps its goal goes back by so much of its speed, over this time.
-_BRAKE_S, _BRAKE_FILTER_S = 0.05, 0.02
 # Near its target a joint that has just moved is waited for: after stiction it still slides.
 _NEAR_TICKS = 3
 _MIN_WAIT_S = 0.04
-# A joint that has moved within this time may still slide.
-_AT_REST_S = 0.06
 # Sensor noise is within this.
 _NOISE_TICKS = 1
 
@@ -76,10 +69,9 @@ class SaturationReason:
 class GoalIntegrator:
     """Integrates the error of a joint into its goal.
 
-    It ends at the target tick. A joint without load sticks and then jumps by a tick or more; when
+    It ends at the target tick. A joint without load sticks and then jumps by a tick or two; when
     it has crossed the target, one tick beside is as near as it gets, and it is not reversed for
-    that: on the way back it would cross its backlash and jump again. While it moves its goal goes
-    back, against its speed, so that the jump is short.
+    that: on the way back it would cross its backlash and jump again.
 
     Args:
         fence: The limits of its servo's commands.
@@ -90,7 +82,7 @@ class GoalIntegrator:
             them the goal goes fast. Twice the same number where that is not known.
 
     Attributes:
-        goal: The goal of a joint at rest, ticks with fraction.
+        goal: The goal, ticks with fraction.
         at: The last measured position, ticks.
         still_since_s: Since when the joint is at rest.
     """
@@ -113,8 +105,6 @@ class GoalIntegrator:
         self._moved_s, self.still_since_s = -math.inf, 0.0
         self._side, self._crossed = 0, False
         self._rate = 0.0
-        self._filtered: float | None = None
-        self._brake, self._updated_s = 0.0, -math.inf
 
     @property
     def error_ticks(self) -> int:
@@ -125,16 +115,6 @@ class GoalIntegrator:
     def arrived(self) -> bool:
         """Return whether the joint is as near to its target as it gets."""
         return self.error_ticks == 0 or (self._crossed and abs(self.error_ticks) <= 1)
-
-    @property
-    def slides(self) -> bool:
-        """Return whether the joint has just moved, by a tick or more."""
-        return self._updated_s - self._moved_s < _AT_REST_S
-
-    @property
-    def has_ended(self) -> bool:
-        """Return whether the joint has arrived and rests, or its goal goes no further."""
-        return (self.arrived and not self.slides) or self.saturation_reason is not None
 
     @property
     def saturation_reason(self) -> SaturationReason | None:
@@ -152,15 +132,14 @@ class GoalIntegrator:
 
     def goal_at(self, after_s: float) -> float:
         """Return the goal's tick a time after the last update."""
-        return self._inside(self.goal + self._rate * after_s - self._brake)
+        return min(max(self.goal + self._rate * after_s, self._low), self._high)
 
     def update(
         self, tick: int, time_s: float, elapsed_s: float, *, correcting: bool = True
     ) -> None:
         """Take the measured position, and choose the speed of the goal; 0 where not correcting."""
-        self.goal = self._inside(self.goal + self._rate * elapsed_s)
+        self.goal = self.goal_at(elapsed_s)
         self._track_motion(tick, time_s)
-        self._track_speed(tick, elapsed_s)
         speed = self._desired_speed(time_s) if correcting else 0.0
         change = self._acceleration * elapsed_s
         self._rate = min(max(speed, self._rate - change), self._rate + change) if speed else 0.0
@@ -175,16 +154,6 @@ class GoalIntegrator:
         side = (self.error_ticks > 0) - (self.error_ticks < 0)
         self._crossed = self._crossed or side * self._side < 0
         self._side = side or self._side
-        self._updated_s = time_s
-
-    def _track_speed(self, tick: int, elapsed_s: float) -> None:
-        """Brake by the speed of the filtered position; not a joint that keeps its goal."""
-        filtered = tick if self._filtered is None or self.target is None else self._filtered
-        self._filtered = filtered + min(elapsed_s / _BRAKE_FILTER_S, 1.0) * (tick - filtered)
-        self._brake = _BRAKE_S / _BRAKE_FILTER_S * (tick - self._filtered)
-
-    def _inside(self, goal: float) -> float:
-        return min(max(goal, self._low), self._high)
 
     def _desired_speed(self, time_s: float) -> float:
         """Return the desired speed of the goal, ticks/s, signed."""
@@ -206,6 +175,7 @@ class GoalIntegrator:
         return not self.arrived and self._side * (self.goal - self.at) >= self._lead
 
 
+_AT_REST_S = 0.06
 _MAX_DURATION_S = 3.0
 # A joint that friction lets go just before that comes to rest at its goal within this time.
 _MAX_COAST_S = 0.5
@@ -222,7 +192,6 @@ class SettlingTrajectory:
         targets: Where the joints should be, ticks; None for one that keeps its goal.
         limits: The kinematic limits of each.
         stuck: The lowest and the highest leads of goals (n,) with which friction keeps the joints.
-        is_reached: Whether measured joints (n,) are as good as the targets.
     """
 
     def __init__(
@@ -232,9 +201,7 @@ class SettlingTrajectory:
         targets: Sequence[int | None],
         limits: Sequence[KinematicLimits],
         stuck: tuple[Vector, Vector] | None = None,
-        is_reached: Callable[[Vector], bool] = lambda _: False,
     ) -> None:
-        self._is_reached = is_reached
         low, high = stuck or (np.zeros(len(fences)), np.zeros(len(fences)))
         rows = zip(fences, goals, targets, limits, low, high, strict=True)
         self._joints = [
@@ -242,7 +209,7 @@ class SettlingTrajectory:
                 fence,
                 goal,
                 target,
-                _acceleration_ticks(fence, limit),
+                limit.acceleration_rad_s2 / fence.joint_map.unit_per_tick,
                 _lead_ticks(fence, float(lowest), float(highest)),
             )
             for fence, goal, target, limit, lowest, highest in rows
@@ -264,14 +231,12 @@ class SettlingTrajectory:
 
     def update(self, time_s: float, measured: Vector) -> None:
         """Take the measured joints (n,); ends the trajectory when they have arrived."""
-        in_time, reached = time_s < _MAX_DURATION_S, self._is_reached(measured)
-        correcting = in_time and not reached
+        correcting = time_s < _MAX_DURATION_S
         for joint, position in zip(self._joints, measured, strict=True):
             tick = joint.fence.joint_map.tick(float(position))
             joint.update(tick, time_s, time_s - self._updated_s, correcting=correcting)
         self._updated_s = time_s
-        reached = reached and not any(joint.slides for joint in self._joints)
-        ended = reached or not in_time or all(joint.has_ended for joint in self._joints)
+        ended = not correcting or all(_has_ended(j) for j in self._joints)
         if (ended and not self.moving_joints) or time_s >= _MAX_DURATION_S + _MAX_COAST_S:
             self._end_s = min(self._end_s, time_s)
 
@@ -307,11 +272,8 @@ def _lead_ticks(fence: CommandLimits, lowest: float, highest: float) -> tuple[fl
     return low, high
 
 
-def _acceleration_ticks(fence: CommandLimits, limit: KinematicLimits) -> float:
-    """Return how fast the speed of a goal may change, ticks/s²."""
-    joint_map = fence.joint_map
-    lowest = _MIN_ACCELERATION_RAD_S2 / joint_map.horn_rad_per_tick
-    return max(limit.acceleration_rad_s2 / joint_map.unit_per_tick, lowest)
+def _has_ended(joint: GoalIntegrator) -> bool:
+    return joint.arrived or joint.saturation_reason is not None
 
 
 def _describe_residual(joint: GoalIntegrator) -> str:
@@ -373,11 +335,11 @@ def settle(
     if below is not None:
         approach = JointMove(servos.goals(), below, limits)
         loop.run(approach, speed_rad_s=speed_rad_s, compensated=False)
-    first = last = _run_settling(loop, servos, target.ticks, limits, speed_rad_s, target.is_reached)
+    first = last = _run_settling(loop, servos, target.ticks, limits, speed_rad_s)
     _check_settled(first)
     instead = target.retarget_without(first.saturated, first.measured) if first.saturated else None
     if instead is not None:
-        last = _run_settling(loop, servos, instead, limits, speed_rad_s, target.is_reached)
+        last = _run_settling(loop, servos, instead, limits, speed_rad_s)
         _check_settled(last)
     settling_s = servos.clock.now_s() - started_s
     residuals = tuple(dict.fromkeys(first.residuals + last.residuals))
@@ -411,11 +373,10 @@ def _run_settling(
     ticks: Sequence[int | None],
     limits: Sequence[KinematicLimits],
     speed_rad_s: float,
-    is_reached: Callable[[Vector], bool] = lambda _: False,
 ) -> SettlingTrajectory:
     goals = [f.tick(float(goal)) for f, goal in zip(servos.fences, servos.goals(), strict=True)]
     stuck = servos.compensator.stuck_offsets(servos.reference())
-    trajectory = SettlingTrajectory(servos.fences, goals, ticks, limits, stuck, is_reached)
+    trajectory = SettlingTrajectory(servos.fences, goals, ticks, limits, stuck)
 
     def update(cycle: ControlCycle) -> None:
         trajectory.update(cycle.time_s, cycle.measured)

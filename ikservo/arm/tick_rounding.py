@@ -145,8 +145,6 @@ _ITERATIONS = 4
 _DAMPING_M = 0.01
 # A joint compensates for another by no more than this: a tool that tilts by more is another pose.
 _MAX_STEP_RAD = 0.05
-# Nearer to its pose the tool is left: a joint that sticks would jump by as much.
-_NEAR_M, _NEAR_RAD = 0.3e-3, np.radians(0.3)
 
 
 def compensate(chain: Chain, target_m: Vector, q: Vector, held: Collection[str]) -> Vector | None:
@@ -204,7 +202,7 @@ class SettlingTarget:
         measured: Vector,
     ) -> None:
         self._chain, self._index, self._fences = chain, index, fences
-        self._target_m, self._plan = plan.target_m, plan
+        self._target_m = plan.target_m
         joints = zip(fences, plan.start, plan.goal, strict=True)
         self.ticks = [None if start == goal else f.tick(float(goal)) for f, start, goal in joints]
         for column in index.chain:
@@ -225,21 +223,6 @@ class SettlingTarget:
             return None
         q = compensate(self._chain, self._target_m, self._index.chain_joints(measured), held)
         return None if q is None else self._round_to_nearest(self._target_m, q, held)
-
-    def is_reached(self, measured: Vector) -> bool:
-        """Return whether the tool of a motion to a point is so near that it is left there.
-
-        Args:
-            measured: All joints (n,), rad or m.
-        """
-        others = np.isin(np.arange(len(measured)), self._index.chain, invert=True)
-        if self._target_m is None or (others & (self._plan.goal != self._plan.start)).any():
-            return False
-        T, wanted = (
-            self._chain.forward(self._index.chain_joints(q)) for q in (measured, self._plan.goal)
-        )
-        turned = np.arccos(np.clip(0.5 * (np.trace(T[:3, :3].T @ wanted[:3, :3]) - 1.0), -1.0, 1.0))
-        return bool(np.linalg.norm(T[:3, 3] - self._target_m) <= _NEAR_M and turned <= _NEAR_RAD)
 
     def _round_to_nearest(
         self, target_m: Vector, q: Vector, held: Collection[str]

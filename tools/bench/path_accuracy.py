@@ -49,8 +49,7 @@ class Trace:
         duration_s: Of the planned trajectory.
         times_s: Time of the trajectory at each sample.
         tips_m: True tip at each sample, (3,) each.
-        overshoot_rad: How far a joint went past its target while it settled, at most; 0 where
-            others made up for a joint at its limit, for then their targets changed.
+        overshoot_rad: How far a joint went past its target while it settled, at most.
         settling_s: From the end of the trajectory to rest.
         settled_m: The tip's distance from the target after settling.
         failure: Why the motion was stopped; empty where it was not.
@@ -111,10 +110,7 @@ class Observer:
                 self._watch_arrival(trace, goal, np.sign(goal - at))
 
         try:
-            result = self._executed(plan, sample)
-            trace.settling_s = result.settling_s
-            if result.binding:
-                trace.overshoot_rad = 0.0
+            trace.settling_s = self._executed(plan, sample).settling_s
         except NotSettledError:
             trace.settling_s = math.inf
         except IkservoError as error:
