@@ -99,6 +99,7 @@ def test_after_silence_only_live_begins_again(session):
     session.enable_live()
     session.click(480, 300)
     session.arm_thread.step()
+    session.arm_thread.step()  # reads the joints: the last goals, which have no reply, have come
     before = registers(session.arm, "goal_position")
     session.send_message(page_messages.Heartbeat, visible=True)
     session.click(480, 300)
