@@ -266,7 +266,7 @@ def record_excitation(
     Raises:
         IkservoError: Those of every motion; see ``Arm``.
     """
-    excitation = excitation.starting_at(context.servos.goals())
+    excitation = excitation.starting_at(context.servos.reference())
     context.check_streamed_path(excitation, "slow")
     reader = context.servos.drive_reader([model.name for model in _chain_joints(context)])
     cycle_s = runner.loop.cycle_time_s

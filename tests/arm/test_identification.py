@@ -1,11 +1,14 @@
 """Identification finds the hidden masses, friction, stiffness and payload of simulated arms."""
 
+import math
+
 import numpy as np
 import pytest
 
 import ikservo
+from ikservo.errors import StoppedError
 from ikservo.maintenance.arm_identification import IdentificationRun
-from ikservo.maintenance.excitation import TourOptions
+from ikservo.maintenance.excitation import TourOptions, record_excitation
 from tests.arm.identified_truth import friction_error, gravity_errors, stiffness_error
 from tests.arm.seeds import log, part_of, spread
 
@@ -49,6 +52,23 @@ def is_within(errors):
 def test_a_short_tour_finds_an_arm_with_hidden_masses_and_payload():
     errors = identify_hidden("open_manipulator_x", 3, SHORT)
     assert is_within(errors), errors
+
+
+def test_the_tour_starts_at_the_reference_and_not_at_the_goals_that_lead_it():
+    with ikservo.open_arm("so101", port="sim:") as arm:
+        run = IdentificationRun.plan(arm, SHORT)
+        run.go_to_start()
+        reference, goals = arm.context.servos.reference(), arm.context.servos.goals()
+        cycles = []
+
+        def stop_at_once(cycle):
+            cycles.append(cycle)
+            arm.stop("seen")
+
+        with pytest.raises(StoppedError):
+            record_excitation(arm.context, arm.runner, run.excitation, stop_at_once)
+    assert np.abs(goals - reference).max() > math.radians(0.3)
+    np.testing.assert_allclose(cycles[0].reference, reference, atol=math.radians(0.02))
 
 
 @pytest.mark.campaign
