@@ -17,9 +17,10 @@ from ikservo.view.arm_thread import ArmThread
 from ikservo.view.auth import Permission
 from ikservo.view.camera import Viewport
 from ikservo.view.connection import Client, ControlLease
+from ikservo.view.drag_solver import PosturePreference
 from ikservo.view.frames import FrameComposer
 from ikservo.view.goal_check import PreviewGuard
-from ikservo.view.interaction import Interaction, PosturePreference
+from ikservo.view.interaction import Interaction
 from ikservo.view.labels import describe_torque
 from ikservo.view.messages import BadMessageError, Message
 from ikservo.view.server import Frame

@@ -12,7 +12,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -21,10 +22,19 @@ from ikservo.ik import Options, Posture, Result, Solver, Target, solve
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import make_pose
+from ikservo.model import Model
 from ikservo.view.draw_items import TargetMarker
 from ikservo.view.messages import DragCommand, DragTarget, HoldCommand, JointTarget
 
-__all__ = ["AUTO", "MAX_STEP_RAD", "DragSolution", "DragSolver"]
+__all__ = [
+    "AUTO",
+    "CURRENT_POSTURE",
+    "MAX_STEP_RAD",
+    "NONE",
+    "DragSolution",
+    "DragSolver",
+    "PosturePreference",
+]
 
 MAX_STEP_RAD = math.radians(8.0)
 """The largest joint step per solve of a drag: larger steps are scaled down as a whole."""
@@ -197,3 +207,47 @@ def _make_marker(target: Target, found: Result) -> TargetMarker:
     return TargetMarker(
         target.position, found.nearest_m, found.reached, found.binding, target.frame
     )
+
+
+NONE, CURRENT_POSTURE = "none", "here"
+"""No preferred posture; the posture of the arm when it was chosen."""
+
+_LEANING_METHODS = ("auto", "pseudo_inverse")
+
+
+@dataclass(frozen=True, slots=True)
+class PosturePreference:
+    """A preferred pose with a weight for each joint.
+
+    Attributes:
+        pose: ``none``, ``here`` or the name of a pose of the arm.
+        weights: Weights of joints, 1 where missing; 0 ignores a joint.
+    """
+
+    pose: str = NONE
+    weights: Mapping[str, float] = field(default_factory=dict[str, float])
+
+    def make_posture(self, model: Model, chain: Chain, here: Vector) -> Posture | None:
+        """Return the posture in joints; None for ``none``.
+
+        Args:
+            model: Has the poses.
+            chain: The joints of the posture.
+            here: Their current positions (dof,).
+
+        Raises:
+            UnknownNameError: No such pose, or no such joint.
+        """
+        for name in self.weights:
+            if name not in chain.names:
+                raise UnknownNameError("joint", name, chain.names)
+        if self.pose == NONE:
+            return None
+        q = here.copy() if self.pose == CURRENT_POSTURE else model.chain_pose(self.pose)
+        return Posture(q, np.array([self.weights.get(name, 1.0) for name in chain.names]))
+
+    def page_fields(self, solver: str) -> dict[str, object]:
+        """Return its fields for the page, with a note if the chosen solver ignores it."""
+        idle = self.pose != NONE and solver not in _LEANING_METHODS
+        note = f"{solver} has no null space: it does not lean." if idle else ""
+        return {"pose": self.pose, "weights": dict(self.weights), "note": note}
