@@ -33,7 +33,7 @@ from ikservo.cli.options import (
     parse_length_m,
     parse_point_m,
 )
-from ikservo.cli.session import announce, open_from_options, progress_bar
+from ikservo.cli.session import announce, motion_progress_bar, open_from_options
 from ikservo.errors import ExitCode
 
 __all__ = ["command"]
@@ -125,7 +125,7 @@ def command(
             return
         if not no_wiggle and check_directions_once(machine, yes=yes):
             plan = machine.plan_arc(via_m, end_m, **options)
-        with progress_bar() as on_progress:
+        with motion_progress_bar() as on_progress:
             report = cast("MoveResult", machine.execute(plan, on_progress))  # of a plan of the tip
     print_move_report(report, json=json)
     if not report.reached:

@@ -15,6 +15,7 @@ from ikservo.cli.calibrate_touch import TouchOffOptions, run_touch_off
 from ikservo.cli.direction_check import check_directions
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import (
+    ArmArgument,
     JsonOption,
     PortOption,
     UncalibratedOption,
@@ -25,7 +26,6 @@ from ikservo.cli.session import open_from_options
 from ikservo.errors import InputError
 
 __all__ = [
-    "ArmArgument",
     "Auto",
     "BlockHeight",
     "Continuous",
@@ -46,10 +46,6 @@ __all__ = [
 ]
 
 
-ArmArgument = Annotated[
-    str | None,
-    typer.Argument(metavar="[ARM]", envvar="IKSERVO_ARM", help="Arm: a name or an arm file."),
-]
 Pose = Annotated[
     str, typer.Option("--pose", help="The named pose in which you hold the arm at first.")
 ]

@@ -9,10 +9,9 @@ from typing import Annotated
 import typer
 
 from ikservo.calibration.transaction import resume, roll_back
-from ikservo.cli.calibrate import ArmArgument
 from ikservo.cli.calibrate_screen import confirm_start, disable_torque
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import JsonOption, PortOption, YesOption, complete_actions
+from ikservo.cli.options import ArmArgument, JsonOption, PortOption, YesOption, complete_actions
 from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
 from ikservo.errors import ExitCode, IkservoError, InputError, UnknownNameError
 from ikservo.maintenance.calibration_session import (

@@ -18,7 +18,7 @@ from ikservo.cli.options import (
     complete_openings,
     parse_length_m,
 )
-from ikservo.cli.session import confirm_motion, open_from_options, progress_bar
+from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import format_port, print_json, print_lines, print_status
 from ikservo.errors import ExitCode, InputError
 from ikservo.maintenance.arm_identification import IdentificationRun
@@ -80,7 +80,7 @@ def command(
     with open_from_options(arm, port, uncalibrated=uncalibrated) as machine:
         print_status(f"{machine.model.title} on {format_port(machine.port_name)}: gripper {to}.")
         confirm_motion(machine, yes=yes)
-        with progress_bar() as on_progress:
+        with motion_progress_bar() as on_progress:
             report = machine.gripper(goal, force=force, on_progress=on_progress)
     _print_grip_report(report, machine, json=json)
     if not (report.reached or report.grasped):
@@ -91,7 +91,7 @@ def _weigh(arm: str | None, port: str | None, *, yes: bool, json: bool) -> None:
     with open_from_options(arm, port) as machine:
         run = IdentificationRun.plan_weighing(machine)
         announce_tour(run, yes=yes, wiggle=True)
-        with progress_bar() as on_progress:
+        with motion_progress_bar() as on_progress:
             recording = run.record(on_progress)
         result = run.weigh(recording)
     payload = result.payload

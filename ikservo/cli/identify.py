@@ -14,7 +14,7 @@ from ikservo.arm import Arm
 from ikservo.calibration.identified_file import save_identified
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.options import ArmOption, JsonOption, NoWiggleOption, PortOption, YesOption
-from ikservo.cli.session import confirm_motion, open_from_options, progress_bar
+from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import (
     format_port,
     print_json,
@@ -59,7 +59,7 @@ def command(
         if not dry_run:  # a full disk is found before the arm moves for minutes
             check_writable(run.path.parent)
         announce_tour(run, yes=yes, wiggle=not no_wiggle)
-        with progress_bar() as on_progress:
+        with motion_progress_bar() as on_progress:
             recording = run.record(on_progress)
         found = run.identify(recording)
         path = None if dry_run else save_identified(run.file(found, datetime.now(UTC)))
@@ -86,7 +86,7 @@ def announce_tour(run: IdentificationRun, *, yes: bool, wiggle: bool) -> None:
     confirm_motion(machine, yes=yes)
     if wiggle:
         check_directions_once(machine, yes=yes)
-    with progress_bar() as on_progress:
+    with motion_progress_bar() as on_progress:
         run.go_to_start(on_progress)
 
 

@@ -24,7 +24,7 @@ from ikservo.cli.options import (
     parse_angle_rad,
     parse_length_m,
 )
-from ikservo.cli.session import announce, open_from_options, progress_bar
+from ikservo.cli.session import announce, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import print_json, print_lines
 from ikservo.errors import BadValueError, ExitCode, InputError, format_point
 from ikservo.model import Model
@@ -74,7 +74,7 @@ def move_joints(
     announce(machine.plan_joints(positions, speed=speed), machine, yes=yes)
     if wiggle:
         check_directions_once(machine, yes=yes)
-    with progress_bar() as on_progress:
+    with motion_progress_bar() as on_progress:
         return machine.move_joints(positions, speed=speed, on_progress=on_progress)
 
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from ikservo.model import Model
 
 __all__ = [
+    "ArmArgument",
     "ArmOption",
     "CollisionOption",
     "DirectionOption",
@@ -204,6 +205,15 @@ ArmOption = Annotated[
     str | None,
     typer.Option(
         "--arm",
+        envvar="IKSERVO_ARM",
+        help="Arm: a name of `ikservo arms`, or a file.",
+        autocompletion=complete_arms,
+    ),
+]
+ArmArgument = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="[ARM]",
         envvar="IKSERVO_ARM",
         help="Arm: a name of `ikservo arms`, or a file.",
         autocompletion=complete_arms,

@@ -16,7 +16,7 @@ from ikservo.cli.options import (
     UncalibratedOption,
     YesOption,
 )
-from ikservo.cli.session import announce_lowering, open_from_options, progress_bar
+from ikservo.cli.session import announce_lowering, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import confirm, print_status
 from ikservo.errors import IkservoError
 
@@ -46,7 +46,7 @@ def command(
             _release_torque(machine, yes=yes)
             return
         announce_lowering(machine, yes=yes)
-        with progress_bar() as on_progress:
+        with motion_progress_bar() as on_progress:
             report = machine.relax(on_progress)
     print_report(report, machine.model, json=json)
 

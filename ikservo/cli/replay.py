@@ -20,7 +20,7 @@ from ikservo.cli.options import (
     UncalibratedOption,
     YesOption,
 )
-from ikservo.cli.session import confirm_motion, open_from_options, progress_bar
+from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.errors import format_point
 
@@ -64,7 +64,7 @@ def command(
         confirm_motion(machine, yes=yes)
         if not no_wiggle:
             check_directions_once(machine, yes=yes)
-        with progress_bar() as on_progress:
+        with motion_progress_bar() as on_progress:
             report = machine.replay(file, speed=speed, on_progress=on_progress)
     _print_replay_report(report, json=json)
 

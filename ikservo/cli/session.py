@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import signal
 import sys
 from collections.abc import Callable, Generator
@@ -10,7 +9,7 @@ from contextlib import contextmanager
 
 from ikservo.arm import Arm, MotionPlan, MotionProgress, StopKind, ZeroSource, open_arm
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.terminal import confirm, format_port, print_status
+from ikservo.cli.terminal import confirm, format_port, print_status, progress_bar
 from ikservo.clock import Clock, RealClock
 from ikservo.control.stopping import RELAX_HINT
 from ikservo.errors import IkservoError, InputError, StoppedError, format_point
@@ -20,8 +19,8 @@ __all__ = [
     "announce",
     "announce_lowering",
     "confirm_motion",
+    "motion_progress_bar",
     "open_from_options",
-    "progress_bar",
     "second_interrupt_lowers",
     "warn_uncompiled",
 ]
@@ -157,28 +156,15 @@ def confirm_motion(machine: Arm, *, yes: bool) -> None:
 
 
 @contextmanager
-def progress_bar() -> Generator[Callable[[MotionProgress], None] | None]:
-    """Yield a callback that draws a progress bar on stderr, or None if that is no terminal."""
-    if not sys.stderr.isatty():
-        yield None
-        return
-    from rich.console import Console  # noqa: PLC0415
-    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn  # noqa: PLC0415
-    from rich.progress import Progress as Bar  # noqa: PLC0415
-
-    columns = (BarColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
-    with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=None)
+def motion_progress_bar() -> Generator[Callable[[MotionProgress], None] | None]:
+    """Yield a callback that draws a motion's progress, or None if stderr is no terminal."""
+    with progress_bar() as show:
 
         def draw(progress: MotionProgress) -> None:
-            bar.update(
-                task,
-                completed=progress.elapsed_s,
-                total=progress.duration_s if math.isfinite(progress.duration_s) else None,
-                description=format_point(progress.tip_m),
-            )
+            if show:
+                show(format_point(progress.tip_m), progress.elapsed_s, progress.duration_s)
 
-        yield draw
+        yield draw if show else None
 
 
 def warn_uncompiled() -> None:

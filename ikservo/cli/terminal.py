@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import math
 import os
 import re
 import shutil
@@ -191,7 +192,7 @@ def _to_json_value(value: Any) -> object:  # noqa: ANN401
 
 
 Show = Callable[[str, float, float], None]
-"""Takes a description, the completed amount and the total."""
+"""Takes a description, the completed amount and the total, infinite where it is not known."""
 
 
 @contextmanager
@@ -201,15 +202,16 @@ def progress_bar() -> Generator[Show | None]:
         yield None
         return
     from rich.console import Console  # noqa: PLC0415
-    from rich.progress import BarColumn, TextColumn  # noqa: PLC0415
+    from rich.progress import BarColumn, TextColumn, TimeRemainingColumn  # noqa: PLC0415
     from rich.progress import Progress as Bar  # noqa: PLC0415
 
-    columns = (BarColumn(), TextColumn("{task.description}"))
+    columns = (BarColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
     with Bar(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task("", total=None)
 
         def show(what: str, done: float, total: float) -> None:
-            bar.update(task, description=what, completed=done, total=total)
+            known = total if math.isfinite(total) else None
+            bar.update(task, description=what, completed=done, total=known)
 
         yield show
 

@@ -15,6 +15,7 @@ from ikservo.cli.accuracy_by_touch import measure_by_touch
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import (
+    ArmArgument,
     CollisionOption,
     JsonOption,
     NoWiggleOption,
@@ -22,7 +23,6 @@ from ikservo.cli.options import (
     TipOption,
     UncalibratedOption,
     YesOption,
-    complete_arms,
     parse_time_s,
 )
 from ikservo.cli.session import confirm_motion, open_from_options
@@ -50,14 +50,6 @@ __all__ = ["command"]
 
 _ALL_PARTS = ",".join(PARTS)
 
-ArmArgument = Annotated[
-    str | None,
-    typer.Argument(
-        envvar="IKSERVO_ARM",
-        help="Arm: a name of `ikservo arms`, or a file.",
-        autocompletion=complete_arms,
-    ),
-]
 Cycles = Annotated[int, typer.Option("--cycles", help="Cycles of poses; 30 in the standard.")]
 PathCycles = Annotated[
     int, typer.Option("--path-cycles", help="Cycles of each path at each speed; 10 likewise.")

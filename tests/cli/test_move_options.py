@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ikservo.arm import MotionProgress
-from ikservo.cli.session import progress_bar
+from ikservo.cli.session import motion_progress_bar
 
 SO101 = "--arm so101 --port sim"
 
@@ -106,7 +106,7 @@ def test_a_bar_is_drawn_also_for_a_motion_that_has_no_end_yet(monkeypatch, capsy
     monkeypatch.setenv("TERM", "xterm")  # on a dumb terminal there is no bar
     monkeypatch.setenv("FORCE_COLOR", "1")
     monkeypatch.setattr("sys.stderr.isatty", lambda: True)
-    with progress_bar() as draw:
+    with motion_progress_bar() as draw:
         for time_s in (0.0, 0.1, 0.2):
             draw(MotionProgress(time_s, math.inf, np.zeros(3)))
     assert "(0.000, 0.000, 0.000) m" in capsys.readouterr().err
