@@ -80,6 +80,7 @@ _MIN_FRAME_PERIOD_S = 1.0 / 125.0  # between two scenes, however fast a screen i
 _SEND_TIMEOUT_S = 1.0 / 40.0  # over a slow network, send before the last scene is confirmed
 _SLOW_CLIENT_S = 2.0  # a page that receives nothing for so long is dropped
 _MAX_FRAMES_AHEAD = 2  # scenes in flight
+_KEPT_BY_PAGE = ("scene", "status")
 _MAX_CLIENTS = _MAX_UNAUTHENTICATED = 16
 _UNAUTHORISED, _RATE_EXCEEDED, _FULL = 4401, 1008, 1013
 
@@ -225,7 +226,12 @@ class _WebSocketHandler:
             state.ready.clear()
 
     def _number_frame(self, state: _ClientState, frame: Frame) -> str:
-        """Serialize a frame; scenes are numbered, which dates the replies."""
+        """Serialize a frame; scenes are numbered, which dates the replies.
+
+        Of scenes and status only the fields that have changed travel; the page has the others.
+        """
+        if frame["kind"] in _KEPT_BY_PAGE:
+            frame = state.changed_fields(frame)
         if frame["kind"] == "scene":
             frame = {**frame, "seq": state.filter.record_sent(self._clock.now_s())}
         return to_json(frame).decode()
@@ -239,6 +245,7 @@ class _ClientState:
         drawn: The last scene that is known to be drawn.
         outbox: Frames to be sent before the next scene.
         ready: Set when the page has drawn a scene, or sends something with no scene in flight.
+        known: The fields of each kind of frame that the page has.
     """
 
     socket: WebSocket
@@ -247,6 +254,15 @@ class _ClientState:
     drawn: int = 0
     outbox: list[Frame] = field(default_factory=list[Frame])
     ready: asyncio.Event = field(default_factory=asyncio.Event)
+    known: dict[object, Frame] = field(default_factory=dict[object, Frame])
+
+    def changed_fields(self, frame: Frame) -> Frame:
+        """Return the kind of a frame and its fields that the page does not have yet."""
+        kind = frame["kind"]
+        known = self.known.get(kind, {})
+        self.known[kind] = {**known, **frame}
+        changed = {k: v for k, v in frame.items() if k not in known or known[k] != v}
+        return {"kind": kind, **changed}
 
 
 _BYTES_A_CHARACTER = 4

@@ -125,6 +125,21 @@ def test_a_visitor_with_a_key_is_let_in(visit, controller, keys):
     assert controller.rights == [Permission.CONTROL]
 
 
+def test_of_a_scene_only_what_has_changed_is_sent_again(visit, controller, keys):
+    controller.show = [{"kind": "cross", "at": [1.0, 2.0]}]
+    client = visit().prove(keys.control)
+    scene = client.receive_kind("scene")
+    assert scene["items"] == controller.show
+    client.send_message("heartbeat", scene["seq"], visible=True)
+    scene = client.receive_kind("scene")
+    assert set(scene) == {"kind", "seq"}
+    controller.show = []
+    while "items" not in scene:
+        client.send_message("heartbeat", scene["seq"], visible=True)
+        scene = client.receive_kind("scene")
+    assert scene["items"] == []
+
+
 def test_the_other_key_gives_the_other_right(visit, controller, keys):
     visit().prove(keys.watch).receive_kind("scene")
     assert controller.rights == [Permission.WATCH]

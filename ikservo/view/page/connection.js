@@ -5,6 +5,7 @@ import { hmac } from "./sha256.js";
 const HEARTBEAT_PERIOD_MS = 100; // the server holds the arm after 300 ms of silence
 const RECONNECT_DELAY_MS = 1000;
 const WRONG_KEY = 4401; // the server's close code
+const KEPT = new Set(["scene", "status"]);
 
 export class Connection {
   constructor(key, handlers) {
@@ -30,12 +31,18 @@ export class Connection {
   receive(message) {
     if (message.kind === "challenge") {
       this.seq = this.seen = 0;
+      this.kept = {};
       this.socket.send(JSON.stringify({ kind: "hello", proof: hmac(this.key, message.nonce) }));
       return;
     }
     this.open = true;
     this.handlers.heard?.();
-    this.handlers[message.kind]?.(message);
+    this.handlers[message.kind]?.(KEPT.has(message.kind) ? this.complete(message) : message);
+  }
+
+  // Of these the server sends what has changed: the other fields stay as they were, the same objects.
+  complete(message) {
+    return (this.kept[message.kind] = { ...this.kept[message.kind], ...message });
   }
 
   confirmDrawn(seq) {

@@ -65,8 +65,8 @@ export class Drawing {
 
   show(backdrop, items) {
     const [lower, upper] = this.layers;
-    if (backdrop) this.paint(Object.assign(lower, { items: backdrop }));
-    this.paint(Object.assign(upper, { items }));
+    if (backdrop !== lower.items) this.paint(Object.assign(lower, { items: backdrop }));
+    if (items !== upper.items) this.paint(Object.assign(upper, { items }));
   }
 
   paint({ canvas, context, items }) {
