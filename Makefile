@@ -2,9 +2,10 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
+PAGE   := ikservo/view/page
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test check campaign mutate bench build sanitize pictures clean
+.PHONY: demo test check campaign mutate bench build sanitize pictures vendor clean
 
 demo: build  ## move the simulated SO-101 to a coordinate and print the report
 	@$(BIN)/ikservo move 0.25 0.05 0.15 --arm so101 --port sim --yes
@@ -37,6 +38,11 @@ bench: $(VENV)/tested build  ## how long the commands take; results belong in do
 
 pictures: $(VENV)/tested build  ## the page's pictures in the README, by way of its browser tests
 	IKSERVO_PICTURES=docs/pictures $(BIN)/python -m pytest -m browser tests/browser/test_browser_pictures.py
+
+vendor:  ## three.js of the page anew, from npm at the versions of tools/vendor; needs node and npm
+	cd tools/vendor && npm ci --no-fund --no-audit && npm run build
+	cp tools/vendor/node_modules/three/LICENSE $(PAGE)/three.LICENSE.txt
+	cd $(PAGE) && sha256sum three.min.js > three.min.js.sha256
 
 clean:
 	rm -rf $(VENV) build dist ikservo/ik/kernel/_compiled.*

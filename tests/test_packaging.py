@@ -1,5 +1,7 @@
 """What a person installs carries the arms and the simulator."""
 
+import hashlib
+import json
 import os
 import subprocess
 import sys
@@ -43,6 +45,16 @@ def test_the_wheel_carries_the_page_of_the_view(wheel):
     page = {f"ikservo/view/page/{path.name}" for path in (ROOT / "ikservo/view/page").iterdir()}
     assert "ikservo/view/page/index.html" in page
     assert page <= set(wheel.namelist())
+
+
+def test_the_page_has_three_js_as_it_was_built_with_its_licence(wheel):
+    recorded, name = wheel.read("ikservo/view/page/three.min.js.sha256").decode().split()
+    module = wheel.read(f"ikservo/view/page/{name}")
+    assert hashlib.sha256(module).hexdigest() == recorded
+    versions = json.loads((ROOT / "tools/vendor/package.json").read_text())["devDependencies"]
+    release = versions["three"].split(".")[1]
+    assert f'"{release}"'.encode() in module  # its REVISION
+    assert b"MIT" in wheel.read(metadata(wheel, "licenses/ikservo/view/page/three.LICENSE.txt"))
 
 
 def test_the_wheel_carries_the_simulator_and_its_entry_points(wheel):
