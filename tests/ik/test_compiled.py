@@ -31,7 +31,7 @@ needs_extension = pytest.mark.skipif(not compiled.is_compiled(), reason="no C co
 ARMS = ("so101", "wx250s", "koch")
 RESTART_COUNT = 20
 ROOT = Path(__file__).parents[2]
-# PyPy needs a fifth of the time that NumPy's arrays take in this Python.
+# PyPy needs a tenth of the time that NumPy's arrays take in this Python.
 PYPY = shutil.which("pypy3")
 
 
