@@ -290,6 +290,19 @@ def capsules_around_mesh(link: str, mesh: Mesh) -> list[Capsule]:
     return _place_capsules(link, fits, mesh.xyz_m, mesh.rpy_rad)
 
 
+def mesh_triangles(link: str, mesh: Mesh) -> Triangles:
+    """Return the corners of a mesh's triangles (n, 3, 3) [m] in its own frame.
+
+    Raises:
+        FileFormatError: As ``capsules_around_mesh``.
+        InputError: The extra ``mesh`` is not installed.
+    """
+    path = _mesh_file(link, mesh)
+    with path.open("rb") as file:
+        data = file.read(_MAX_BYTES + 1)
+    return read_triangles(path, data, link) * np.array(mesh.scale)
+
+
 def capsules_around_surface(link: str, surface: Surface) -> list[Capsule]:
     """Return capsules that contain a surface, in link coordinates."""
     triangles = np.ascontiguousarray(surface.triangles_m)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import difflib
 import math
 import posixpath
@@ -189,18 +190,48 @@ _SHAPES = ("box", "cylinder", "sphere", "mesh")
 _NO_INERTIA = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def parse_link(element: XmlElement, folder: Path) -> UrdfLink:
-    """Return one link; its meshes are files under a folder."""
+def parse_link(
+    element: XmlElement, folder: Path, materials: Mapping[str, Triple] | None = None
+) -> UrdfLink:
+    """Return one link; its meshes are files under a folder, its materials may have colours."""
     name = element.name()
     collisions = tuple(_read_shape(each, folder) for each in element.child_elements("collision"))
-    visuals = tuple(_read_shape(each, folder) for each in element.child_elements("visual"))
+    drawn = element.child_elements("visual")
+    visuals = tuple(_read_shape(each, folder) for each in drawn)
+    colours = tuple(_find_colour(each, materials or {}) for each in drawn)
     inertial = element.optional("inertial")
-    if inertial is None:
-        zero = (0.0, 0.0, 0.0)
-        return UrdfLink(name, 0.0, zero, zero, _NO_INERTIA, collisions, visuals, element.line)
-    com_m, rpy_rad = parse_origin(inertial)
-    mass_kg, inertia = _read_mass(inertial), _read_inertia(inertial)
-    return UrdfLink(name, mass_kg, com_m, rpy_rad, inertia, collisions, visuals, element.line)
+    zero = (0.0, 0.0, 0.0)
+    com_m, rpy_rad = (zero, zero) if inertial is None else parse_origin(inertial)
+    mass_kg = 0.0 if inertial is None else _read_mass(inertial)
+    inertia = _NO_INERTIA if inertial is None else _read_inertia(inertial)
+    return UrdfLink(
+        name, mass_kg, com_m, rpy_rad, inertia, collisions, visuals, element.line, colours
+    )
+
+
+def _find_colour(visual: XmlElement, materials: Mapping[str, Triple]) -> Triple | None:
+    """Return the colour of a visual shape: its material's own, or that of the material's name."""
+    for material in visual.child_elements("material"):
+        named = materials.get(material.attributes.get("name", ""))
+        return named if (own := _read_colour(material)) is None else own
+    return None
+
+
+def _read_colour(material: XmlElement) -> Triple | None:
+    """Return red, green and blue; None without usable numbers: nothing depends on a colour."""
+    for colour in material.child_elements("color"):
+        parts = colour.attributes.get("rgba", "").split()
+        with contextlib.suppress(ValueError):
+            r, g, b, _ = (min(max(float(part), 0.0), 1.0) for part in parts)
+            return (r, g, b) if math.isfinite(r + g + b) else None
+    return None
+
+
+def _find_materials(root: XmlElement) -> dict[str, Triple]:
+    """Return the colours of the robot's materials, by name."""
+    materials = root.child_elements("material")
+    found = {each.attributes.get("name", ""): _read_colour(each) for each in materials}
+    return {name: colour for name, colour in found.items() if colour is not None}
 
 
 def _read_mass(inertial: XmlElement) -> float:
@@ -422,7 +453,8 @@ def read_urdf(path: Path | str, folder: Path | None = None) -> Urdf:
     root = parse_xml(path, _read_urdf_text(path))
     _check_root_element(root)
     home = path.parent if folder is None else folder
-    links = tuple(parse_link(each, home) for each in root.child_elements("link"))
+    materials = _find_materials(root)
+    links = tuple(parse_link(each, home, materials) for each in root.child_elements("link"))
     joints = tuple(parse_joint(each) for each in root.child_elements("joint"))
     base = find_root(path, links, joints)
     name = root.name() if root.attributes.get("name") else ""

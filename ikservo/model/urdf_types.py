@@ -161,6 +161,8 @@ class UrdfLink:
         collisions: Shapes to keep clear of.
         visuals: Shapes to draw.
         line: Where the element starts in the file, from 1.
+        colours: Red, green and blue of each visual shape, 0 to 1, or None where the file gives
+            none; empty where it has no colours.
     """
 
     name: str
@@ -171,6 +173,7 @@ class UrdfLink:
     collisions: tuple[Shape, ...]
     visuals: tuple[Shape, ...]
     line: int
+    colours: tuple[Triple | None, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -215,3 +215,21 @@ def test_the_urdf_reader_by_itself_needs_neither_pydantic_nor_numpy() -> None:
     run = [sys.executable, "-c", ALONE]
     done = subprocess.run(run, capture_output=True, text=True, check=True)
     assert done.stdout == "set()\n"
+
+
+COLOURED = """<robot name="r"><material name="steel"><color rgba="0.5 0.6 0.7 1"/></material>
+<link name="base">
+  <visual><geometry><sphere radius="1"/></geometry><material name="steel"/></visual>
+  <visual><geometry><sphere radius="1"/></geometry><material name="steel"><color rgba="1 0 2 1"/></material></visual>
+  <visual><geometry><sphere radius="1"/></geometry><material name="unknown"/></visual>
+  <visual><geometry><sphere radius="1"/></geometry></visual>
+  <visual><geometry><sphere radius="1"/></geometry><material name="odd"><color rgba="red"/></material></visual>
+</link></robot>"""  # noqa: E501
+
+
+def test_a_visual_shape_has_the_colour_of_its_material_and_a_bad_colour_is_none(
+    urdf_path: Path,
+) -> None:
+    urdf_path.write_text(COLOURED)
+    named, own = (0.5, 0.6, 0.7), (1.0, 0.0, 1.0)
+    assert read_urdf(urdf_path).link("base").colours == (named, own, None, None, None)
