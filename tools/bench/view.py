@@ -1,4 +1,4 @@
-"""How quick the view is: pointer to bus, moves of a drag, frames a second with ten links.
+"""How quick the view is: pointer to bus, moves of a drag, frames a second with ten links; traffic.
 
 Run ``python tools/bench/view.py``; results belong in docs/benchmarks.md. The bus is simulated, in
 this process, at real speed; the browser is the system's Chromium without a window.
@@ -6,6 +6,8 @@ this process, at real speed; the browser is the system's Chromium without a wind
 
 from __future__ import annotations
 
+import gzip
+import math
 import os
 import shutil
 import statistics
@@ -13,6 +15,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +30,7 @@ from ikservo.view.app import ViewApp
 from ikservo.view.messages import Pointer
 
 EVENTS, MOVES, SECONDS = 300, 200, 5
+REFRESH_S = 1 / 60
 
 
 def latencies_ms() -> list[float]:
@@ -101,6 +105,44 @@ def drag() -> tuple[int, int]:
         return len(heard), max(heard)
 
 
+def traffic_kb_s(view: str, *, webgl: bool) -> tuple[float, float]:
+    """Return what one page receives of an arm at rest, and of one that it drags, kB/s."""
+    with served("so101", "home") as (_, page):
+        page.say("viewport", w=900, h=700, dpr=1, view=view, webgl=webgl)
+        page.live_for(2.0)
+        begun, page.received_bytes = time.monotonic(), 0
+        page.live_for(SECONDS)
+        idle = page.received_bytes / (time.monotonic() - begun)
+        page.point("down", 450, 300)
+        begun, page.received_bytes = time.monotonic(), 0
+        while (since_s := time.monotonic() - begun) < SECONDS:
+            across, down = 150 * math.sin(2 * since_s), 100 * math.sin(3.5 * since_s)
+            page.point("move", 450 + across, 300 + down)
+            page.receive_for(REFRESH_S)
+        return idle / 1000, page.received_bytes / (time.monotonic() - begun) / 1000
+
+
+def first_picture() -> tuple[float, float]:
+    """Return the size of the page, gzipped [kB], and the time to its first scene [s]."""
+    entries = list((files("ikservo.view") / "page").iterdir())
+    kilobytes = sum(len(gzip.compress(entry.read_bytes())) for entry in entries) / 1000
+    with ExitStack() as stack:
+        house = ViewApp(load_model("so101"), "sim", dead_man_s=5.0)
+        urls = stack.enter_context(house)
+        stack.enter_context(house.serve_in_thread())
+        playwright = stack.enter_context(sync_playwright())
+        browser = playwright.chromium.launch(
+            executable_path=shutil.which("chromium"), args=["--no-sandbox"]
+        )
+        page = browser.new_page(viewport={"width": 1100, "height": 720})
+        begun = time.perf_counter()
+        page.goto(urls.control)
+        page.wait_for_function("window.ikservo?.drawn > 0")
+        took_s = time.perf_counter() - begun
+        browser.close()
+        return kilobytes, took_s
+
+
 def frames_per_second() -> tuple[float, float]:
     """Return the frames that differ from the one before, and the screen's refreshes, in a second.
 
@@ -164,6 +206,12 @@ def main() -> None:
     changed, refreshes = frames_per_second()
     print(f"ten links, dragged: {changed:.1f} frames a second that differ, "
           f"of {refreshes:.1f} refreshes of the screen")  # fmt: skip
+    for view, webgl in (("side", False), ("orbit", False), ("orbit", True)):
+        idle, dragged = traffic_kb_s(view, webgl=webgl)
+        name = f"{view}, 3D" if webgl else view
+        print(f"to one page ({name}): {idle:.1f} kB/s at rest, {dragged:.0f} kB/s dragging")
+    kilobytes, took_s = first_picture()
+    print(f"the page: {kilobytes:.0f} kB gzipped, first picture after {took_s:.2f} s")
     print(f"load {os.getloadavg()[0]:.1f}")
 
 

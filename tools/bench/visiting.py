@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import time
 from collections.abc import Generator
@@ -22,11 +23,13 @@ class Page:
 
     Attributes:
         url: Where the page is served.
+        received_bytes: What it has received.
     """
 
     def __init__(self, socket: ClientConnection, key: str, url: str) -> None:
         self.url = url
         self._socket, self._seq, self._seen = socket, 0, 0
+        self.received_bytes = 0
         socket.send(
             json.dumps({"kind": "hello", "proof": challenge_response(key, self.hear()["nonce"])})
         )
@@ -34,7 +37,9 @@ class Page:
 
     def hear(self, timeout_s: float = 10.0) -> dict[str, Any]:
         """Return the next message."""
-        message: dict[str, Any] = json.loads(self._socket.recv(timeout=timeout_s))
+        text = str(self._socket.recv(timeout=timeout_s))
+        self.received_bytes += len(text.encode())
+        message: dict[str, Any] = json.loads(text)
         if message["kind"] == "scene":
             self._seen = message["seq"]
         return message
@@ -48,6 +53,13 @@ class Page:
     def point(self, phase: str, x: float, y: float) -> None:
         """Send the pointer's position."""
         self.say("pointer", phase=phase, x=x, y=y, button=0, pointer=1)
+
+    def receive_for(self, seconds: float) -> None:
+        """Receive without a word; the next message says what was drawn."""
+        end_s = time.monotonic() + seconds
+        with contextlib.suppress(TimeoutError):
+            while True:
+                self.hear(max(0.0, end_s - time.monotonic()))
 
     def live_for(self, seconds: float) -> None:
         """Receive scenes and send heartbeats, as a page does."""
