@@ -162,6 +162,7 @@ class Client:
         permission: What its key permits.
         view: Its viewpoint.
         viewport: Size of its drawing; None until it was received.
+        webgl: Whether it draws by itself from the scene graph.
         sent: The last frame of each kind, so that nothing is sent twice.
         sent_s: When the last frame of each kind was sent.
     """
@@ -170,5 +171,6 @@ class Client:
     permission: Permission
     view: Viewpoint
     viewport: Viewport | None = None
+    webgl: bool = False
     sent: dict[str, object] = field(default_factory=dict[str, object])
     sent_s: dict[str, float] = field(default_factory=dict[str, float])

@@ -142,6 +142,7 @@ class SessionController:
         if message.view not in available_views(self._composer.extent):
             raise BadMessageError(f"This arm is not seen from the {message.view}.")
         client.viewport = Viewport(message.w, message.h, message.dpr)
+        client.webgl = message.webgl and message.view == "orbit"
         if message.view != client.view.name:
             client.view = Viewpoint(message.view)
 

@@ -33,6 +33,7 @@ __all__ = [
     "cross",
     "draw_target",
     "link_poses",
+    "other_joint_position",
     "polygon",
     "polyline",
     "polylines",
@@ -146,13 +147,14 @@ def link_poses(chain: Chain, q: Vector, other_joints: Mapping[str, float]) -> di
         if link == chain.base:
             continue
         step = chain.joints_to(link)[-1]
-        value = None if step.scale else _joint_position(step.joint, other_joints)
+        value = None if step.scale else other_joint_position(step.joint, other_joints)
         motion = step.motion(q) if value is None else step.motion_at(value)
         poses[link] = poses[step.joint.parent] @ step.joint.origin @ motion
     return poses
 
 
-def _joint_position(joint: Joint, other_joints: Mapping[str, float]) -> float | None:
+def other_joint_position(joint: Joint, other_joints: Mapping[str, float]) -> float | None:
+    """Return the position of a joint that q does not move, rad or m; None if it is not known."""
     if joint.mimic is None:
         return other_joints.get(joint.name)
     leader = other_joints.get(joint.mimic.joint)

@@ -36,7 +36,8 @@ from ikservo.view.reachable_region import (
     SlicePlane,
     slice_plane,
 )
-from ikservo.view.scene import SceneRenderer, SceneState
+from ikservo.view.scene import SceneRenderer, SceneState, draw_markers
+from ikservo.view.scene_graph import SceneGraph
 from ikservo.view.server import Frame
 from ikservo.view.snapshot import ArmSnapshot, LogEntry, StopNotice
 from ikservo.view.viewpoints import ArmExtent, ViewName, available_views, make_camera
@@ -237,6 +238,7 @@ class FrameComposer:
         arm = arm_thread.arm
         limits = {state.name: state.limit_from for state in arm_thread.snapshot.states}
         self._renderer = SceneRenderer(arm.model, arm.chain, limits)
+        self._graph = SceneGraph(arm.model, arm.chain, self._renderer.extent)
         self._regions = ReachableRegionCache(arm.chain)
         self._analyser = PostureAnalyser(arm.chain, VisibilityChecker(arm.model))
         self._previous: Vector | None = None
@@ -321,6 +323,7 @@ class FrameComposer:
             interaction.trace_step(self._clock.now_s()),
             client.view,
             client.viewport,
+            client.webgl,
             region and region.fingerprint,
         )
         heartbeat_due = self._is_due(client, "scene", _HEARTBEAT_PERIOD_S, peek=True)
@@ -345,17 +348,37 @@ class FrameComposer:
         )
         frame: dict[str, object] = {
             "kind": "scene",
-            "items": self._renderer.foreground(state) + self._solver_trace_items(camera),
+            "webgl": client.webgl,
             "hover": interaction.hover,
             "grabbed": interaction.grabbed_link,
             "picked": interaction.picked_object,
             "refusal": self._refusal_fields(camera),
         }
+        return (
+            self._webgl_frames(client, frame, state)
+            if client.webgl
+            else [frame | self._drawing_fields(client, state)]
+        )
+
+    def _drawing_fields(self, client: Client, state: SceneState) -> dict[str, object]:
+        """Return what a page paints: the items, and the backdrop if it has changed."""
+        camera, region = state.camera, state.region
+        items = self._renderer.foreground(state) + self._solver_trace_items(camera)
         backdrop_key = (camera.fingerprint, region and region.fingerprint)
-        if client.sent.get("backdrop") != backdrop_key:
-            client.sent["backdrop"] = backdrop_key
-            frame["backdrop"] = self._renderer.backdrop(state)
-        return [frame]
+        if client.sent.get("backdrop") == backdrop_key:
+            return {"items": items}
+        client.sent["backdrop"] = backdrop_key
+        return {"items": items, "backdrop": self._renderer.backdrop(state)}
+
+    def _webgl_frames(
+        self, client: Client, frame: dict[str, object], state: SceneState
+    ) -> list[Frame]:
+        """Return the scene for a page that draws the scene graph, which is sent first."""
+        tip_m = self._renderer.chain.forward(state.measured)[:3, 3]
+        items = draw_markers(state, tip_m) + self._solver_trace_items(state.camera)
+        scene = {**frame, **self._graph.fields(state), "items": items}
+        known, client.sent["graph"] = client.sent.get("graph"), self._graph
+        return [scene] if known is self._graph else [self._graph.description, scene]
 
     def _refusal_fields(self, camera: Camera) -> dict[str, object] | None:
         """Return why the goal is refused, and the pixel (2,) of the target that it is said at."""
@@ -387,7 +410,8 @@ class FrameComposer:
             self._interaction.shown_goal,
         )
         tip_m = self._arm_thread.arm.chain.forward(q if goal is None else goal)[:3, 3]
-        return slice_plane(self.extent, client.view.name, q, tip_m)
+        name = "side" if client.webgl else client.view.name
+        return slice_plane(self.extent, name, q, tip_m)
 
     def _reachable_region(self, client: Client) -> ReachableRegion | None:
         plane = self._tip_plane(client)

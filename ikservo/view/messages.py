@@ -91,13 +91,14 @@ class Heartbeat(_Message):
 
 
 class SetViewport(_Message):
-    """Size of the page's drawing in CSS pixels, and its viewpoint."""
+    """Size of the page's drawing in CSS pixels, its viewpoint, and whether WebGL draws it."""
 
     kind: Literal["viewport"]
     w: Length
     h: Length
     dpr: Annotated[float, Field(ge=0.25, le=16, allow_inf_nan=False)]
     view: Literal["side", "top", "front", "orbit", "plane"]
+    webgl: bool = False
 
 
 class Pointer(_Message):

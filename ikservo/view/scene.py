@@ -32,7 +32,7 @@ from ikservo.view.outlines import SilhouetteRenderer, draw_box, draw_floor, draw
 from ikservo.view.reachable_region import ReachableRegion, draw_region
 from ikservo.view.viewpoints import arm_extent
 
-__all__ = ["SceneRenderer", "SceneState"]
+__all__ = ["SceneRenderer", "SceneState", "draw_markers"]
 
 _SAME_RAD = 2e-3
 _TIP_PX = 4.0
@@ -70,6 +70,18 @@ class SceneState:
     refused_pair: tuple[str, ...] | None = None
     other_joints: Mapping[str, float] = field(default_factory=dict[str, float])
     goal_other_joints: Mapping[str, float] | None = None
+
+    @property
+    def shows_goal(self) -> bool:
+        """Return whether there is a goal that differs from where the arm is measured.
+
+        What servos do not resolve makes no difference.
+        """
+        if self.goal is None:
+            return False
+        others = self.goal_other_joints or {}
+        away = [abs(others[name] - at) for name, at in self.other_joints.items() if name in others]
+        return max(float(np.abs(self.goal - self.measured).max()), *away, 0.0) >= _SAME_RAD
 
 
 class SceneRenderer:
@@ -113,7 +125,7 @@ class SceneRenderer:
             *self._draw_goal(state),
             *self._draw_arm(state, poses),
             *self._draw_ranges(state, poses),
-            *_draw_markers(state, poses[self.chain.tip][:3, 3]),
+            *draw_markers(state, poses[self.chain.tip][:3, 3]),
             *draw_scale(state.camera),
         ]
 
@@ -121,7 +133,7 @@ class SceneRenderer:
         """Return the items of the goal, if it differs from the measured arm."""
         goal = state.goal
         others = state.other_joints if state.goal_other_joints is None else state.goal_other_joints
-        if goal is None or _is_same(goal, others, state):
+        if goal is None or not state.shows_goal:
             return []
         poses = link_poses(self.chain, goal, others)
         outlines = self._outlines.outlines_from(state.camera, poses)
@@ -161,19 +173,13 @@ def _style_of(link: str, state: SceneState) -> str:
     return "grabbed" if link == state.grabbed else "hover" if link == state.hover else "measured"
 
 
-def _is_same(goal: Vector, others: Mapping[str, float], state: SceneState) -> bool:
-    """Return whether the goal is where the arm is measured, but for what servos resolve."""
-    away = [abs(others[name] - at) for name, at in state.other_joints.items() if name in others]
-    return max(float(np.abs(goal - state.measured).max()), *away, 0.0) < _SAME_RAD
-
-
 def _goal_style(link: str, refused_pair: tuple[str, ...] | None) -> str:
     if refused_pair is None:
         return "ghost"
     return "touching" if link in refused_pair else "refused"
 
 
-def _draw_markers(state: SceneState, tip_m: Vector) -> list[DrawItem]:
+def draw_markers(state: SceneState, tip_m: Vector) -> list[DrawItem]:
     """Return the items of the tip and the target."""
     camera = state.camera
     items = [circle("tip", camera.project(tip_m)[0], _TIP_PX)]

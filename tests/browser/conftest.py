@@ -9,6 +9,7 @@ from playwright.sync_api import sync_playwright
 
 from tests.browser.page_operator import Operator, serve_view
 
+SOFTWARE_WEBGL = ("--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swiftshader")
 NAMES = ("chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
 INSTALL = (
     ["apt-get", "update"],
@@ -38,6 +39,15 @@ def browser():
         browser = playwright.chromium.launch(executable_path=found(), args=["--no-sandbox"])
         yield browser
         browser.close()
+
+
+@pytest.fixture(scope="module")
+def webgl_browser(browser):
+    """A Chromium whose WebGL is drawn in software: slow, but the same picture everywhere."""
+    arguments = ["--no-sandbox", *SOFTWARE_WEBGL]
+    webgl = browser.browser_type.launch(executable_path=found(), args=arguments)
+    yield webgl
+    webgl.close()
 
 
 @pytest.fixture(scope="module")

@@ -106,13 +106,13 @@ def serve_view(arm="so101", port="sim:?pose=home", dead_man_s=5.0, *, calibrated
 class Operator:
     """Moves the pointer, presses keys and reads what the page says."""
 
-    def __init__(self, page, served, *, watch=False):
+    def __init__(self, page, served, *, watch=False, options=""):
         self.page, self.served = page, served
         self.errors = []
         self.before = served.ticks()
         page.set_default_timeout(PATIENCE_MS)
         page.on("pageerror", lambda error: self.errors.append(str(error)))
-        page.goto(served.urls.watch if watch else served.urls.control)
+        page.goto((served.urls.watch if watch else served.urls.control) + options)
         self.until(SHOWN)
         self.wait_for_picture()
 

@@ -6,6 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.browser.page_operator import Operator
+
 pytestmark = [pytest.mark.browser, pytest.mark.campaign]
 
 
@@ -32,12 +34,17 @@ def test_the_arm_follows_in_both_colours(visit, album, scheme):
     operator.release()
 
 
-def test_a_target_out_of_reach(visit, album):
-    operator = visit(color_scheme="light")
+def test_from_all_around_in_3d(webgl_browser, view, album):
+    context = webgl_browser.new_context(
+        viewport={"width": 1100, "height": 720}, color_scheme="light"
+    )
+    operator = Operator(context.new_page(), view, options="&draw=3d")
     operator.page.click("#views button[value=orbit]")
-    operator.page.wait_for_timeout(300)
-    operator.drag(operator.tip_px(), np.array([60.0, -430.0]), steps=20)
+    operator.wait_for("scene.webgl && scene.measured")
+    operator.drag(operator.tip_px(), np.array([110.0, -90.0])).release()
+    operator.page.mouse.move(5, 5)
     assert taken(operator, album / "view_orbit.png") > 20_000
+    context.close()
 
 
 @pytest.mark.parametrize("view", [{"arm": "planar3", "port": "sim"}], indirect=True)

@@ -1,6 +1,6 @@
 // What the page uses of three.js: everything else is left out of the bundle.
 export {
-  AxesHelper, BoxGeometry, BufferAttribute, BufferGeometry, CapsuleGeometry, Color, CylinderGeometry,
+  BoxGeometry, BufferAttribute, BufferGeometry, CapsuleGeometry, Color, CylinderGeometry,
   DirectionalLight, EdgesGeometry, Group, HemisphereLight, InstancedMesh, LineBasicMaterial, LineLoop, LineSegments,
   Matrix4, Mesh, MeshBasicMaterial, MeshStandardMaterial, PCFShadowMap, PerspectiveCamera, PlaneGeometry,
   Scene, ShadowMaterial, SphereGeometry, SRGBColorSpace, Vector3, WebGLRenderer,

@@ -65,7 +65,7 @@ export class Drawing {
 
   show(backdrop, items) {
     const [lower, upper] = this.layers;
-    if (backdrop !== lower.items) this.paint(Object.assign(lower, { items: backdrop }));
+    if (backdrop && backdrop !== lower.items) this.paint(Object.assign(lower, { items: backdrop }));
     if (items !== upper.items) this.paint(Object.assign(upper, { items }));
   }
 

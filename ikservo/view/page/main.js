@@ -8,6 +8,7 @@ import { Freshness } from "./freshness.js";
 import { Gamepads } from "./gamepad.js";
 import { Panel } from "./panel.js";
 import { PointerInput } from "./pointing.js";
+import { Rendering } from "./rendering.js";
 import { StopButton } from "./stop.js";
 import { Wizard } from "./wizard.js";
 
@@ -15,11 +16,12 @@ const VIEWS = { side: "Side", top: "Top", front: "Front", orbit: "Orbit", plane:
 
 const canvas = $("drawing");
 const drawing = new Drawing(canvas, $("backdrop"));
-const key = new URLSearchParams(location.hash.slice(1)).get("token") ?? "";
+const options = new URLSearchParams(location.hash.slice(1)); // of the page's address
+const key = options.get("token") ?? "";
 let armInfo = null;
 let view = null;
 let scenes = []; // not drawn yet; one per animation frame, so that a late one is not skipped
-window.ikservo = { scene: null, status: null, drawn: 0 }; // for tests
+window.ikservo = { scene: null, status: null, drawn: 0 }; // for tests and benchmarks
 
 const connection = new Connection(key, {
   arm_info(message) {
@@ -28,6 +30,7 @@ const connection = new Connection(key, {
     panel.setArm(message);
     sendViewport();
   },
+  graph(message) { rendering.setGraph(message); },
   scene(message) {
     scenes.push(message);
   },
@@ -46,8 +49,10 @@ const connection = new Connection(key, {
 });
 const send = (kind, fields) => connection.send(kind, fields);
 const panel = new Panel(send);
+const rendering = new Rendering($("webgl"), options.get("draw"), () => sendViewport());
 const stopButton = new StopButton(send, (refusal) => panel.showRefusal(refusal));
 const freshness = new Freshness(() => showOffline("silent"), () => window.ikservo.status && showStatus(window.ikservo.status));
+window.ikservo.rendering = rendering;
 const wizard = new Wizard(send);
 const pointerInput = new PointerInput(canvas, send);
 const gamepads = new Gamepads(send, (text) => { $("gamepad").textContent = text; });
@@ -83,7 +88,7 @@ function sendViewport() {
   if (!armInfo) return;
   drawing.fit();
   const { clientWidth: w, clientHeight: h } = canvas;
-  send("viewport", { w, h, dpr: devicePixelRatio, view });
+  send("viewport", { w, h, dpr: devicePixelRatio, view, webgl: rendering.wantsGraph(view) });
   updateChoices($("views"), armInfo.views, view, (name) => { view = name; sendViewport(); }, (name) => VIEWS[name]);
 }
 
@@ -97,6 +102,7 @@ function onAnimationFrame(now) {
 
 function show(scene) {
   connection.confirmDrawn(scene.seq); // before drawing: the server prepares the next one meanwhile
+  rendering.show(scene);
   drawing.show(scene.backdrop, scene.items);
   canvas.toggleAttribute("data-hover", Boolean(scene.hover));
   canvas.toggleAttribute("data-grabbed", Boolean(scene.grabbed));

@@ -1,0 +1,98 @@
+// What surrounds the arm in 3D: table, grid, boxes, reachable region, the way of the tip.
+
+import * as THREE from "./three.min.js";
+
+const GRID_M = 0.1;
+const GRID_LINES = 10; // on each side
+const PATH_DOTS = 24;
+const DOT_M = 0.0022;
+const ABOVE_TABLE_M = 0.0005;
+
+export class Markings {
+  constructor(graph) {
+    this.root = new THREE.Group();
+    this.pathFractions = Array.from({ length: PATH_DOTS }, (_, i) => (i + 1) / (PATH_DOTS + 1));
+    this.lines = {
+      grid: new THREE.LineBasicMaterial(),
+      region: new THREE.LineBasicMaterial({ transparent: true, opacity: 0.45 }),
+      box: new THREE.LineBasicMaterial({ transparent: true, opacity: 0.6 }),
+    };
+    this.sheet = new THREE.MeshBasicMaterial({ polygonOffset: true, polygonOffsetFactor: 4, polygonOffsetUnits: 4 });
+    this.dotMaterial = new THREE.MeshBasicMaterial();
+    this.dots = new THREE.InstancedMesh(new THREE.SphereGeometry(DOT_M, 10, 8), this.dotMaterial, PATH_DOTS);
+    this.dots.frustumCulled = false;
+    this.region = new THREE.Group();
+    this.region.matrixAutoUpdate = false;
+    this.boxes = new Map(graph.boxes.map((box) => [box.name, createBox(box, this.lines.box)]));
+    this.root.add(this.dots, this.region, ...this.boxes.values());
+    if (graph.floor !== null) this.root.add(...this.createTable(graph));
+  }
+
+  createTable({ centre, floor }) {
+    const [x, y] = centre.map((along) => Math.round(along / GRID_M) * GRID_M);
+    const half = GRID_M * GRID_LINES;
+    const sheet = new THREE.PlaneGeometry(2 * half, 2 * half);
+    this.shadow = new THREE.ShadowMaterial({ opacity: 0.22, polygonOffset: true, polygonOffsetFactor: 3, polygonOffsetUnits: 3 });
+    const shadow = new THREE.Mesh(sheet, this.shadow);
+    shadow.receiveShadow = true;
+    const table = [new THREE.Mesh(sheet, this.sheet), shadow, new THREE.LineSegments(createGrid(half), this.lines.grid)];
+    table.forEach((part, i) => part.position.set(x, y, floor + i * ABOVE_TABLE_M / 10 - ABOVE_TABLE_M));
+    return table;
+  }
+
+  setColours(read) {
+    this.pathColours = { good: read("--draw-ghost-edge"), bad: read("--draw-bad") };
+    this.sheet.color.copy(read("--draw-floor"));
+    this.lines.grid.color.copy(read("--draw-floor-edge"));
+    this.lines.region.color.copy(read("--draw-reach-edge"));
+    this.lines.box.color.copy(read("--draw-bad"));
+    for (const box of this.boxes.values()) box.children[0].material.color.copy(read("--draw-bad"));
+  }
+
+  showPath(points, refused) {
+    const place = new THREE.Matrix4();
+    points.forEach((point, i) => this.dots.setMatrixAt(i, place.makeTranslation(point)));
+    this.dots.count = points.length;
+    this.dots.instanceMatrix.needsUpdate = true;
+    this.dotMaterial.color.copy(refused ? this.pathColours.bad : this.pathColours.good);
+  }
+
+  showBoxes(marked) {
+    for (const [name, box] of this.boxes) box.children[0].material.opacity = marked.includes(name) ? 0.4 : 0.12;
+  }
+
+  showRegion(rings, pose) {
+    this.region.visible = rings !== null;
+    if (rings === null) return;
+    this.region.matrix.set(...pose);
+    this.region.matrixWorldNeedsUpdate = true;
+    if (rings === this.shownRings) return;
+    this.shownRings = rings;
+    for (const line of this.region.children) line.geometry.dispose();
+    this.region.clear();
+    for (const ring of rings) {
+      const corners = ring.map(([u, v]) => new THREE.Vector3(u, v, 0));
+      this.region.add(new THREE.LineLoop(new THREE.BufferGeometry().setFromPoints(corners), this.lines.region));
+    }
+  }
+}
+
+function createGrid(half) {
+  const ends = [];
+  for (let i = -GRID_LINES; i <= GRID_LINES; i++) {
+    const at = i * GRID_M;
+    ends.push([-half, at], [half, at], [at, -half], [at, half]);
+  }
+  return new THREE.BufferGeometry().setFromPoints(ends.map(([x, y]) => new THREE.Vector3(x, y, 0)));
+}
+
+function createBox({ name, low, high }, lines) {
+  const size = high.map((each, i) => each - low[i]);
+  const geometry = new THREE.BoxGeometry(...size);
+  const box = new THREE.Group();
+  box.name = name;
+  box.add(new THREE.Mesh(geometry, new THREE.MeshStandardMaterial({ transparent: true, opacity: 0.12, depthWrite: false })),
+    new THREE.LineSegments(new THREE.EdgesGeometry(geometry), lines));
+  box.position.set(...low.map((each, i) => (each + high[i]) / 2));
+  return box;
+}

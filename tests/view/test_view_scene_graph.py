@@ -1,0 +1,199 @@
+"""What a page that draws in 3D is sent: shapes once, then positions of joints, and little of it."""
+
+import base64
+import json
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import trimesh
+
+from ikservo.model import load_model
+from ikservo.model.model import KeepOutBox
+from ikservo.model.urdf_types import Mesh, Surface
+from ikservo.view import messages as page_messages
+from ikservo.view import scene_graph
+from ikservo.view.draw_items import link_poses
+from ikservo.view.scene import SceneState
+from ikservo.view.scene_graph import SceneGraph
+from ikservo.view.viewpoints import arm_extent
+from tests.oracle import ARMS
+from tests.view.view_fixtures import looked_at, model_of, stage
+from tests.view.view_session import ViewSession
+
+FRAME_S = 1 / 60
+
+
+def graph_of(model):
+    return SceneGraph(model, model.chain, arm_extent(model))
+
+
+def with_visual(model, link, shape, collisions=None):
+    """Return a model with one visual shape on a link, and other collision shapes if given."""
+    links = tuple(
+        replace(each, visuals=(shape,), colours=(),
+                collisions=each.collisions if collisions is None else collisions)
+        if each.name == link else each
+        for each in model.urdf.links
+    )  # fmt: skip
+    return replace(model, urdf=replace(model.urdf, links=links))
+
+
+def link_fields(graph, name):
+    return next(link for link in graph.description["links"] if link["name"] == name)
+
+
+def placed(graph, positions):
+    """Return T_world_link of every link as the page finds them, by name."""
+    poses, left = {}, iter(positions)
+    for link in graph.description["links"]:
+        T = np.array(link["origin"]).reshape(4, 4)
+        parent = np.eye(4) if link["parent"] is None else poses[link["parent"]]
+        if link["joint"] == "prismatic":
+            T = T @ trimesh.transformations.translation_matrix(next(left) * np.array(link["axis"]))
+        elif link["joint"] != "fixed":
+            T = T @ trimesh.transformations.rotation_matrix(next(left), link["axis"])
+        poses[link["name"]] = parent @ T
+    assert not list(left)
+    return poses
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_the_positions_put_every_link_where_forward_kinematics_does(name):
+    model, graph = model_of(name), graph_of(model_of(name))
+    rng = np.random.default_rng(3)
+    q = rng.uniform(model.chain.lower_rad, model.chain.upper_rad)
+    others = {model.gripper.joint: 0.5 * model.gripper.open} if model.gripper else {}
+    fields = graph.fields(SceneState(looked_at(name, "top"), q, other_joints=others))
+    expected = link_poses(model.chain, q, others)
+    found = placed(graph, fields["measured"])
+    assert set(found) == set(expected)
+    for link, T in expected.items():
+        assert np.abs(found[link] - T).max() < 1e-6, link
+
+
+def test_a_goal_where_the_arm_is_measured_is_no_ghost():
+    graph, q = graph_of(model_of("so101")), stage("so101").home
+    state = SceneState(looked_at("so101", "top"), q, goal=q + 1e-4)
+    assert graph.fields(state)["goal"] is None
+    assert graph.fields(replace(state, goal=q + 0.1))["goal"] is not None
+
+
+def test_shapes_have_the_colours_of_the_urdf():
+    foot, post, servo = link_fields(graph_of(model_of("so101")), "base")["shapes"]
+    assert foot["shape"] == post["shape"] == servo["shape"] == "box"
+    assert foot["size"] == (0.1, 0.09, 0.026)
+    assert foot["colour"] == (0.95, 0.78, 0.15)
+    assert servo["colour"] == (0.12, 0.12, 0.13)
+
+
+@pytest.mark.parametrize("suffix", ["stl", "glb"])
+def test_a_mesh_travels_as_its_triangles(tmp_path, suffix):
+    ball = trimesh.creation.icosphere(subdivisions=1, radius=30.0)
+    path = tmp_path / f"ball.{suffix}"
+    ball.export(path)
+    mesh = Mesh(path.name, path, (0.001, 0.001, 0.001), (0.1, 0.0, 0.0), (0.0, 0.0, 0.0))
+    (shape,) = link_fields(graph_of(with_visual(model_of("so101"), "wrist", mesh)), "wrist")[
+        "shapes"
+    ]
+    corners = np.frombuffer(base64.b64decode(shape["corners"]), "<f4").reshape(-1, 3)
+    assert len(corners) == 3 * len(ball.faces)
+    assert np.allclose(np.linalg.norm(corners, axis=1), 0.030, atol=1e-5)
+    assert shape["pose"][3] == 0.1
+
+
+def test_a_missing_mesh_is_drawn_as_the_collision_shapes(tmp_path):
+    model = model_of("so101")
+    lost = Mesh("lost.stl", tmp_path / "lost.stl", (1.0, 1.0, 1.0), (0, 0, 0), (0, 0, 0))
+    shapes = link_fields(graph_of(with_visual(model, "wrist", lost)), "wrist")["shapes"]
+    assert len(shapes) == len(model.urdf.link("wrist").collisions) > 0
+    assert {shape["colour"] for shape in shapes} == {None}
+    nothing = graph_of(with_visual(model, "wrist", lost, collisions=(lost,)))
+    assert link_fields(nothing, "wrist")["shapes"] == []
+
+
+def test_a_mesh_too_fine_to_travel_is_drawn_as_the_capsules_around_it(monkeypatch, tmp_path):
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
+    monkeypatch.setattr(scene_graph, "_MAX_TRIANGLES", 10)
+    bar = trimesh.creation.box((0.12, 0.02, 0.02))
+    surface = Surface(np.array(bar.triangles), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    shapes = link_fields(graph_of(with_visual(model_of("so101"), "wrist", surface)), "wrist")[
+        "shapes"
+    ]
+    assert {shape["shape"] for shape in shapes} == {"capsule"}
+    for corner in bar.vertices:
+        assert min(capsule_gap_m(shape, corner) for shape in shapes) < 1e-6
+
+
+def capsule_gap_m(shape, point):
+    radius_m, length_m = shape["size"]
+    T = np.array(shape["pose"]).reshape(4, 4)
+    at = T[:3, :3].T @ (point - T[:3, 3])  # its axis is y
+    along = min(max(at[1], -length_m / 2), length_m / 2)
+    return math.dist(at, (0.0, along, 0.0)) - radius_m
+
+
+class Wire:
+    """Counts what the frames of a session take on the wire, where only changes travel."""
+
+    def __init__(self, session):
+        self.session, self.known, self.bytes, self.kinds = session, {}, 0, []
+
+    def run(self, seconds, on_frame=lambda _: None):
+        """Run frames in virtual time; return how many bytes they take each second."""
+        self.bytes = 0
+        for count in range(round(seconds / FRAME_S)):
+            self.session.clock.sleep_until(self.session.clock.now_s() + FRAME_S)
+            on_frame(count)
+            for frame in self.session.controller.frames(self.session.client):
+                self.add(frame)
+        return self.bytes / seconds
+
+    def add(self, frame):
+        known = self.known.setdefault(frame["kind"], {})
+        changed = {k: v for k, v in frame.items() if k == "kind" or known.get(k, known) != v}
+        known.update(frame)
+        self.kinds.append(frame["kind"])
+        self.bytes += len(json.dumps({**changed, "seq": 100_000}, default=list))
+
+
+@pytest.fixture
+def session():
+    with ViewSession() as session:
+        yield session
+
+
+def test_in_3d_a_page_receives_the_graph_once_and_at_rest_and_dragging_little(session):
+    look = {"w": 900, "h": 700, "dpr": 1, "view": "orbit", "webgl": True}
+    session.send_message(page_messages.SetViewport, **look)
+    wire = Wire(session)
+    wire.run(1.0)
+    assert wire.kinds.count("graph") == 1
+    assert wire.run(2.0) <= 20_000
+    session.point("down", 450, 300)
+
+    def move(count):
+        session.point("move", 450 + 150 * math.sin(count / 30), 300 + 100 * math.sin(count / 17))
+
+    assert wire.run(2.0, move) <= 60_000
+    assert session.interaction.goal is not None
+    session.send_message(page_messages.SetViewport, **{**look, "webgl": False})
+    wire.run(0.2)
+    assert wire.kinds.count("graph") == 1
+    assert any(item["style"] == "measured" for item in wire.known["scene"]["items"])
+
+
+def test_the_side_view_is_drawn_on_the_canvas_whatever_the_page_can(session):
+    session.send_message(page_messages.SetViewport, w=900, h=700, dpr=1, view="side", webgl=True)
+    assert "graph" not in session.latest_frames()
+    assert not session.latest_frames()["scene"]["webgl"]
+
+
+def test_a_box_of_the_surroundings_and_the_table_are_described():
+    shelf = KeepOutBox("shelf", (0.2, 0.1, 0.0), (0.3, 0.2, 0.4))
+    description = graph_of(
+        replace(load_model("so101"), keep_out=(shelf,), floor_m=-0.02)
+    ).description
+    assert description["floor"] == -0.02
+    assert description["boxes"] == [{"name": "shelf", "low": shelf.low_m, "high": shelf.high_m}]
