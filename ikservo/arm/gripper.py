@@ -21,7 +21,7 @@ from ikservo.model.model import Gripper, Model
 from ikservo.model.servo_torque import find_servo_torque
 from ikservo.motion import KinematicLimits, OnlineTrajectory
 
-__all__ = ["GraspResult", "GripperCommand", "GripperMotion", "move_gripper"]
+__all__ = ["GraspResult", "GripperCommand", "GripperMotion", "move_gripper", "plan_gripper"]
 
 
 _SPEED_FRACTION = 0.65  # of the speed class
@@ -217,9 +217,9 @@ def _run_gripper(
     force: float | None,
     on_progress: OnProgress | None,
 ) -> GraspResult:
-    gripper = _require_gripper(context)
-    goal, fraction = _goal_position(context, gripper, to), _torque_fraction(context, force)
-    _check_gripper_path(context, gripper.joint, goal)
+    gripper, fraction = _require_gripper(context), _torque_fraction(context, force)
+    end = plan_gripper(context, to, context.servos.measure_positions())
+    goal = float(end[context.index.column(gripper.joint)])
     motion = GripperMotion(context, runner.allowed_speed("normal"), gripper.joint, goal)
     report_progress = context.progress_reporter(on_progress)
     started_s = context.now_s()
@@ -265,9 +265,17 @@ def _resolve_goal(
     return goal
 
 
-def _check_gripper_path(context: ArmContext, joint: str, goal: float) -> None:
-    start = context.servos.measure_positions()
-    context.check_gripper_path(start, context.index.with_position(start, joint, goal))
+def plan_gripper(context: ArmContext, to: GripperCommand | float, start: Vector) -> Vector:
+    """Return all joints (n,) after a motion of the gripper from ``start`` (n,); nothing moves.
+
+    Raises:
+        IkservoError: As ``move_gripper``.
+    """
+    gripper = _require_gripper(context)
+    goal = _goal_position(context, gripper, to)
+    end = context.index.with_position(start, gripper.joint, goal)
+    context.check_gripper_path(start, end)
+    return end
 
 
 def _require_gripper(context: ArmContext) -> Gripper:

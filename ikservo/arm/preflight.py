@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,7 +16,6 @@ from ikservo.arm.calibrated_arm import MAX_UNCALIBRATED_STEP_RAD
 from ikservo.arm.context import ArmContext
 from ikservo.arm.drawing import DrawingPlanner, drawing_strokes
 from ikservo.arm.motion_options import MotionSettings
-from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.plan import (
     RETRACT_POSES,
     MotionPlan,
@@ -31,7 +31,7 @@ from ikservo.kinematics import finite_vector
 from ikservo.kinematics.arrays import Vector
 from ikservo.motion import ArcPath, arc_about_axis, arc_through_points
 
-__all__ = ["PlanFrom", "PreflightPlanner"]
+__all__ = ["MotionStart", "PlanFrom", "PreflightPlanner"]
 
 # A gripper's goal leads it by more than this at the horn where it presses on something.
 _PRESSING_LAG_RAD = 0.05
@@ -40,6 +40,22 @@ _PATH_FRACTIONS = (0.8, 0.6, 0.4, 0.2)
 
 PlanFrom = Callable[[Vector, str], MotionPlan]
 """Makes a plan from a start position (n,), for a speed class."""
+
+
+class MotionStart(Protocol):
+    """Where a motion would start, and how fast it may be; ``MotionRunner`` knows it of now."""
+
+    def start_position(self) -> Vector:
+        """Return where it would start (n,), rad or m."""
+        ...
+
+    def allowed_speed(self, speed: str) -> str:
+        """Return the speed class in which it would run."""
+        ...
+
+    def enable(self) -> None:
+        """Switch torque on, so that the arm stays there."""
+        ...
 
 
 class PreflightPlanner:
@@ -51,7 +67,7 @@ class PreflightPlanner:
         poses: The poses of the arm.
     """
 
-    def __init__(self, context: ArmContext, runner: MotionRunner, poses: PoseLibrary) -> None:
+    def __init__(self, context: ArmContext, runner: MotionStart, poses: PoseLibrary) -> None:
         self._context, self._runner, self._poses = context, runner, poses
         self._model, self._planner, self._servos = context.model, context.planner, context.servos
 

@@ -26,7 +26,7 @@ from ikservo.motion import JointMove, KinematicLimits, TrajectoryPoint
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-__all__ = ["RecordedTrajectory", "ReplayResult", "load_replay", "replay_recording"]
+__all__ = ["RecordedTrajectory", "ReplayResult", "load_replay", "plan_replay", "replay_recording"]
 
 
 _GRID_S = 0.02
@@ -222,6 +222,21 @@ def load_replay(
     return _load(arm.context, _check_replay(arm.context, path, speed), speed)
 
 
+def plan_replay(arm: ArmParts, path: Path | str, speed: str, start: Vector) -> Vector:
+    """Return the joints (n,) after a replay from ``start`` (n,); nothing moves.
+
+    Raises:
+        IkservoError: As ``replay_recording``.
+    """
+    _, trajectory = load_replay(arm, path, speed=speed)
+    _check_approach(arm.context, trajectory, start)
+    return trajectory.state(trajectory.duration_s).position
+
+
+def _check_approach(context: ArmContext, trajectory: RecordedTrajectory, start: Vector) -> None:
+    context.check_recorded_path(context.interpolate_joints(start, trajectory.start))
+
+
 def _check_replay(context: ArmContext, path: Path | str, speed: str) -> Path:
     context.require_zeros()
     context.model.speed(speed)
@@ -247,7 +262,7 @@ def _run_replay(arm: ArmParts, path: Path, chosen: MotionSettings) -> ReplayResu
     started_s = context.now_s()
 
     def approach(start: Vector) -> JointMove:
-        context.check_recorded_path(context.interpolate_joints(start, trajectory.start))
+        _check_approach(context, trajectory, start)
         return JointMove(start, trajectory.start, limits)
 
     reporter = context.progress_reporter(chosen.on_progress)

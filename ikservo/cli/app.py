@@ -51,6 +51,7 @@ PANELS = {
         "teach": "Save the pose of an arm moved by hand.",
         "record": "Record a motion made by hand to a file.",
         "replay": "Replay a recorded motion.",
+        "program": "Write, check and run a file of steps.",
         "follow": "Follow another arm that is guided by hand.",
     },
     "Stop and recover": {

@@ -52,6 +52,8 @@ _OWN = {  # where one name means something else
     ("jog", "what"): ["{joint}", "z"],
     ("gripper", "to"): ["open", "close"],
     ("calibration", "action"): ["diff", "push", "pull"],
+    ("program", "action"): ["check", "run"],
+    ("program", "file"): ["{folder}/program.toml"],
     ("sim", "arguments"): ["{arm}"],
 }
 _NEEDED = {  # options that a command cannot do without

@@ -8,7 +8,7 @@ from tests.journeys.command_arguments import BY_HAND, FILED, usual_target_m
 from tests.oracle import ARMS, tip_from_joints
 
 MOVING = ("move", "arc", "draw", "test", "joints", "jog", "gripper", "pose", "replay", "follow",
-          "relax", "identify")  # fmt: skip
+          "relax", "identify", "program")  # fmt: skip
 ONE_JOINT = ("joints", "jog", "gripper", "move_joints", "plan_joints", "stream")
 CARTESIAN = ("arc", "draw", "move_arc", "move_line", "plan_arc", "plan_line")
 PASSIVE = (  # methods that neither move the arm nor plan a motion, or disable its torque anyway

@@ -68,6 +68,8 @@ def judge(monkeypatch, folder, arm, line, posture, kind):
         write_wave_recording(arm, folder / "wave.jsonl")
     if "stroke.csv" in line:
         (folder / "stroke.csv").write_text("x_mm,y_mm\n0,0\n-10,0\n-10,10\n")
+    if "program.toml" in line:
+        run_arguments(["program", "new", f"{folder}/program.toml", "--arm", arm])
     bench = place_arm(monkeypatch, arm, posture, kind)
     result = run_arguments(filled(line, arm, bench.port, folder))
     allowed = allowed_command_codes(command, kind, posture, model)

@@ -1,0 +1,164 @@
+"""Programs: files of steps that an arm makes one after the other, readable and edited by hand.
+
+::
+
+    format = 1
+    arm = "so101"
+    speed = "slow"          # of steps without a speed of their own; normal where it is missing
+    repeat = 2              # how often all steps are made; once where it is missing
+
+    [[steps]]
+    pose = "home"           # a pose of the arm file, or a taught one
+
+    [[steps]]
+    tip_m = [0.25, 0.05, 0.15]
+    path = "line"           # joints (the default), line, or arc through via_m
+    tool_speed_m_s = 0.05
+
+    [[steps]]
+    deg = { wrist_roll = 10.0 }         # joints that slide: m = { … }
+
+    [[steps]]
+    gripper = "close"       # open, close, or the distance between the jaws in metres
+
+    [[steps]]
+    wait_s = 0.5
+
+    [[steps]]
+    recording = "wave.jsonl"            # beside the program
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Annotated, Literal, Self
+
+import tomli_w
+from pydantic import Field, ValidationError, model_validator
+
+from ikservo.files.reading import read_toml
+from ikservo.files.validation import StrictModel, first_issue, validation_issues
+from ikservo.files.writing import write_atomic
+from ikservo.model.arm_schema import Name
+
+__all__ = ["ACTIONS", "Program", "ProgramStep", "read_program", "write_program"]
+
+ACTIONS = ("pose", "tip_m", "joints", "gripper", "wait_s", "recording")
+"""What a step can do; each step does one of them. ``joints`` are given by ``deg`` and ``m``."""
+
+_MAX_STEPS = 1000
+_POINT = "[x, y, z] in metres"
+
+Point = tuple[float, float, float]
+Speed = Literal["slow", "normal", "fast"]
+Label = Annotated[str, Field(min_length=1, max_length=80)]
+_LABEL, _SPEED = "1 to 80 characters", "slow, normal or fast"
+
+
+class ProgramStep(StrictModel):
+    """``[[steps]]``: one motion, motion of the gripper, or wait."""
+
+    name: Label | None = Field(default=None, description=_LABEL)
+    pose: Label | None = Field(default=None, description="the name of a pose")
+    tip_m: Point | None = Field(default=None, strict=False, description=_POINT)
+    path: Literal["joints", "line", "arc"] | None = Field(
+        default=None, description="joints, line or arc, of a step with tip_m"
+    )
+    via_m: Point | None = Field(default=None, strict=False, description=f"{_POINT}, of an arc")
+    deg: Mapping[Name, float] = Field(default={}, description="joint = degrees")
+    m: Mapping[Name, float] = Field(default={}, description="joint = metres")
+    gripper: Literal["open", "close"] | float | None = Field(
+        default=None, description="open, close, or a width in metres"
+    )
+    wait_s: Annotated[float, Field(gt=0, le=3600)] | None = Field(
+        default=None, description="seconds, above 0 and at most 3600"
+    )
+    recording: Label | None = Field(default=None, description="a file, relative to the program")
+    speed: Speed | None = Field(default=None, description=_SPEED)
+    tool_speed_m_s: Annotated[float, Field(gt=0, le=10)] | None = Field(
+        default=None, description="m/s, of a line or an arc"
+    )
+
+    @property
+    def action(self) -> str:
+        """Return which of ``ACTIONS`` it does."""
+        return self._actions()[0]
+
+    @property
+    def description(self) -> str:
+        """Return what it does, in a few words."""
+        match self.action:
+            case "tip_m":
+                x, y, z = self.tip_m or (0.0, 0.0, 0.0)
+                words = f"{self.path or 'joints'} to ({x:.3f}, {y:.3f}, {z:.3f}) m"
+            case "joints":
+                moved = [f"{name} {value:g}°" for name, value in self.deg.items()]
+                words = ", ".join(moved + [f"{name} {value:g} m" for name, value in self.m.items()])
+            case "gripper":
+                to = self.gripper
+                words = f"gripper {to if isinstance(to, str) else f'{to:g} m'}"
+            case "wait_s":
+                words = f"wait {self.wait_s:g} s"
+            case action:
+                words = f"{action} {getattr(self, action)}"
+        return f"{self.name}: {words}" if self.name else words
+
+    def _actions(self) -> list[str]:
+        given = {name: getattr(self, name, None) is not None for name in ACTIONS}
+        given["joints"] = bool(self.deg or self.m)
+        return [name for name in ACTIONS if given[name]]
+
+    @model_validator(mode="after")
+    def _check_keys(self) -> Self:
+        """Refuse a step that does nothing or two things, and options of another action."""
+        actions = self._actions()
+        if len(actions) != 1:
+            raise ValueError(f"does {' and '.join(actions) or 'nothing'}")
+        if actions != ["tip_m"] and (self.path or self.via_m):
+            raise ValueError(f"has a path or via_m, but does {actions[0]}")
+        if (self.path == "arc") != (self.via_m is not None):
+            raise ValueError("needs both: path = arc, and via_m")
+        if self.tool_speed_m_s is not None and self.path not in ("line", "arc"):
+            raise ValueError("has tool_speed_m_s without a line or an arc")
+        return self
+
+
+class Program(StrictModel):
+    """The whole file."""
+
+    format: Literal[1] = Field(description="1")
+    arm: Name = Field(description="the arm's name")
+    speed: Speed = Field(default="normal", description=_SPEED)
+    repeat: Annotated[int, Field(ge=1, le=100_000)] = Field(
+        default=1, description="a whole number from 1 to 100000"
+    )
+    steps: tuple[ProgramStep, ...] = Field(
+        strict=False, min_length=1, max_length=_MAX_STEPS, description="tables [[steps]]"
+    )
+
+    def speed_of(self, step: ProgramStep) -> str:
+        """Return the speed class of a step."""
+        return step.speed or self.speed
+
+
+def read_program(path: Path | str) -> Program:
+    """Read a program.
+
+    Raises:
+        FileFormatError: It is malformed; names the step and the key, counting steps from 0.
+    """
+    path = Path(path)
+    try:
+        return Program.model_validate(read_toml(path))
+    except ValidationError as error:
+        raise first_issue(validation_issues(error, Program), path) from None
+
+
+def write_program(path: Path, program: Program) -> None:
+    """Write a program as a file.
+
+    Raises:
+        FileWriteError: It cannot be written; an older file is unchanged.
+    """
+    write_atomic(path, tomli_w.dumps(program.model_dump(exclude_defaults=True) | {"format": 1}))

@@ -1,0 +1,178 @@
+"""``ikservo program``: write, check and run a file of steps."""
+
+from __future__ import annotations
+
+import sys
+from itertools import islice
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ikservo.arm import Arm
+from ikservo.arm.program import Program, ProgramStep, read_program, write_program
+from ikservo.arm.program_run import ProgramRun, StepCheck, StepResult
+from ikservo.cli.direction_check import check_directions_once
+from ikservo.cli.model_options import model_from_option
+from ikservo.cli.options import (
+    ArmOption,
+    CollisionOption,
+    JsonOption,
+    NoWiggleOption,
+    PortOption,
+    UncalibratedOption,
+    YesOption,
+)
+from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
+from ikservo.cli.terminal import print_json, print_lines, print_status
+from ikservo.errors import IkservoError, InputError, UnknownNameError
+from ikservo.model import Model
+
+__all__ = ["command"]
+
+ACTIONS = ("new", "check", "run")
+Action = Annotated[
+    str,
+    typer.Argument(
+        metavar="new|check|run",
+        help="Write a program to begin with; plan every step, nothing moves; check, then run it.",
+    ),
+]
+File = Annotated[Path, typer.Argument(metavar="FILE", help="The program, a TOML file.")]
+First = Annotated[int, typer.Option("--from", metavar="STEP", help="Begin with this step.")]
+EachStep = Annotated[bool, typer.Option("--step", help="Wait for Enter before each step.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
+
+
+def command(
+    action: Action,
+    file: File,
+    *,
+    arm: ArmOption = None,
+    port: PortOption = None,
+    first: First = 1,
+    step: EachStep = False,
+    overwrite: Overwrite = False,
+    collision: CollisionOption = True,
+    uncalibrated: UncalibratedOption = False,
+    no_wiggle: NoWiggleOption = False,
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Make the steps of a program: poses, points, lines, arcs, gripper, waits, recordings.
+
+    ikservo program new tea.toml --arm so101
+
+    ikservo program check tea.toml --port sim
+
+    ikservo program run tea.toml --port sim          Ctrl-C stops the arm
+    """
+    if action not in ACTIONS:
+        raise UnknownNameError("action", action, ACTIONS)
+    if action == "new":
+        _write_first_program(model_from_option(arm), file, overwrite=overwrite)
+        return
+    if step and not sys.stdin.isatty():
+        raise InputError("Cannot wait for Enter: input is not a terminal.", "Leave out --step.")
+    program = read_program(file)
+    with open_from_options(
+        arm or program.arm, port, collisions=collision, uncalibrated=uncalibrated
+    ) as machine:
+        run = ProgramRun(machine, program, file.parent, machine.poses)
+        checks = _check(run, program, first, quiet=json)
+        if action == "check":
+            if json:
+                print_json("program-check", steps=[_check_fields(each) for each in checks])
+            return
+        confirm_motion(machine, yes=yes)
+        if not no_wiggle:
+            check_directions_once(machine, yes=yes)
+        results = _run(machine, run, program, first, wait=step)
+    if json:
+        print_json("program-run", steps=[_result_fields(each) for each in results])
+    else:
+        print_lines([f"steps     {len(results)} made"])
+
+
+def _check(run: ProgramRun, program: Program, first: int, *, quiet: bool) -> list[StepCheck]:
+    """Return the check of each step.
+
+    Raises:
+        IkservoError: The error of the step that cannot be made, which is named.
+    """
+    checks = list(run.check(first))
+    for each in checks:
+        mark = "cannot be made" if each.error else "ok"
+        if each.error or not quiet:
+            _print_step(each.number, program, f"{each.step.description}: {mark}")
+        if each.error:
+            raise each.error
+    return checks
+
+
+def _run(
+    machine: Arm, run: ProgramRun, program: Program, first: int, *, wait: bool
+) -> list[StepResult]:
+    """Make the steps; say before each which it is, and after a failure where to go on."""
+    total = program.repeat * len(program.steps) - (first - 1)
+    done: list[StepResult] = []
+    with motion_progress_bar() as on_progress:
+        steps = run.run(first, on_progress)
+        for made in range(total):
+            index = (first - 1 + made) % len(program.steps)
+            _print_step(index + 1, program, program.steps[index].description)
+            if wait:
+                print_status("Press Enter for this step, Ctrl-C to end.")
+                sys.stdin.readline()
+            try:
+                done += islice(steps, 1)
+            except BaseException:
+                print_status(f"Stopped in step {index + 1}; begin there again: --from {index + 1}")
+                raise
+    return done
+
+
+def _print_step(number: int, program: Program, text: str) -> None:
+    print_status(f"{number:>3}/{len(program.steps)}  {text}")
+
+
+def _check_fields(check: StepCheck) -> dict[str, object]:
+    return {"number": check.number, "does": check.step.description}
+
+
+def _result_fields(result: StepResult) -> dict[str, object]:
+    return {
+        "number": result.number,
+        "repetition": result.repetition,
+        "does": result.step.description,
+        "duration_s": getattr(result.report, "duration_s", None),
+        "error_m": getattr(result.report, "error_m", None),
+    }
+
+
+def _write_first_program(model: Model, file: Path, *, overwrite: bool) -> None:
+    """Write a program that any arm of this kind can make: each action that it has, once.
+
+    Raises:
+        IkservoError: The file exists.
+    """
+    if file.exists() and not overwrite:
+        raise IkservoError(f"File {file} exists.", "Replace it: --overwrite")
+    x, y, z = (round(float(value), 3) for value in _home_tip_m(model))
+    steps = [
+        ProgramStep(name="begin", pose="home"),
+        ProgramStep(name="beside it", tip_m=(x, y, z), speed="slow"),
+        ProgramStep(wait_s=0.5),
+    ]
+    if model.gripper is not None:
+        steps += [ProgramStep(gripper="open"), ProgramStep(gripper="close")]
+    steps.append(ProgramStep(name="end", pose="home"))
+    write_program(file, Program(format=1, arm=model.name, steps=tuple(steps)))
+    print_lines([f"Saved: {file}"])
+    print_status(f"Edit it, then: ikservo program check {file} --port sim")
+
+
+def _home_tip_m(model: Model) -> tuple[float, float, float]:
+    chain = model.chain
+    x, y, z = chain.forward(0.95 * model.chain_pose("home"))[:3, 3].tolist()
+    return x, y, z

@@ -1,0 +1,70 @@
+"""``ikservo program``: a first program, checks that name the step, runs and their ends."""
+
+import pytest
+
+SIM = "--port sim:?pose=home"
+
+
+@pytest.fixture
+def file(tmp_path):
+    path = tmp_path / "tea.toml"
+    path.write_text(
+        'format = 1\narm = "so101"\n[[steps]]\ntip_m = [0.22, 0.04, 0.12]\n'
+        '[[steps]]\nname = "down"\ntip_m = [0.22, 0.04, 0.10]\npath = "line"\n'
+    )
+    return path
+
+
+@pytest.mark.parametrize("arm", ["so101", "koch", "px100", "planar3", "vx300s"])
+def test_the_first_program_of_an_arm_can_be_made_as_it_is(run_cli, tmp_path, arm):
+    path = tmp_path / "first.toml"
+    assert run_cli(f"program new {path} --arm {arm}").code == 0
+    result = run_cli(f"program check {path} --port sim")
+    assert result.code == 0, result.err
+
+
+def test_an_existing_file_is_kept(run_cli, file):
+    before = file.read_text()
+    result = run_cli(f"program new {file} --arm so101")
+    assert (result.code, file.read_text()) == (1, before)
+    assert "--overwrite" in result.err
+    assert run_cli(f"program new {file} --arm so101 --overwrite").code == 0
+
+
+def test_a_run_says_each_step_and_how_many_were_made(run_cli, file):
+    result = run_cli(f"program run {file} {SIM} --yes")
+    assert result.code == 0
+    assert "2/2  down: line to (0.220, 0.040, 0.100) m" in result.err
+    assert result.out.split() == ["steps", "2", "made"]
+
+
+def test_a_run_in_json_has_the_error_of_each_step(run_cli, file):
+    result = run_cli(f"program run {file} {SIM} --yes --json")
+    assert result.json["schema"] == "ikservo/program-run/1"
+    assert [step["number"] for step in result.json["steps"]] == [1, 2]
+    assert all(step["error_m"] < 0.003 for step in result.json["steps"])
+
+
+def test_a_check_names_the_step_that_cannot_be_made_and_nothing_moves(run_cli, file):
+    file.write_text(file.read_text() + '[[steps]]\nname = "far"\ntip_m = [0.9, 0.0, 0.1]\n')
+    for action in ("check", "run --yes"):
+        result = run_cli(f"program {action} {file} {SIM}")
+        assert result.code == 7
+        assert "3/3  far: joints to (0.900, 0.000, 0.100) m: cannot be made" in result.err
+        assert "1/3  " not in result.err.split("cannot be made")[1]
+
+
+@pytest.mark.parametrize(
+    ("line", "code"),
+    [
+        ("program walk {file}", 2),
+        ("program check {file}.missing", 2),
+        ("program check {file} --from 3", 2),
+        ("program check {file} --arm koch", 2),
+        ("program run {file} --yes --step", 2),
+    ],
+)
+def test_bad_input_is_one_error(run_cli, file, line, code):
+    result = run_cli(f"{line.format(file=file)} {SIM}")
+    assert result.code == code
+    assert result.out == ""
