@@ -66,6 +66,7 @@ SPIN_S = 100e-6  # the kernel wakes us about this late: the rest is waited for a
 ACTIVE_STEP_S = 0.002  # a world in motion is kept up to date in small steps
 IDLE_STEP_S = 0.050
 NO_CLIENT_STEP_S = 0.010  # between two polls whether a client has opened the terminal
+MAX_LATE_S = 0.030  # of the server: what it was held up for beyond passes for no servo
 
 
 class PtyBus:
@@ -74,6 +75,10 @@ class PtyBus:
     Replies are written when their last byte is due: the simulator's own work is done during the
     transmission time of the bytes. Only the client holds the slave end open, so that exclusive
     opening and hanging up work as on a real port.
+
+    A server that was not scheduled makes up for at most `MAX_LATE_S` before it replies. Longer
+    hold-ups are left out of the line's time: when waiting bytes were written is unknown, and
+    servos that moved on meanwhile would have been without the goals among them, and reply late.
 
     Attributes:
         path: The slave's device file.
@@ -109,7 +114,7 @@ class PtyBus:
             remove_link(self.link, self.path)
 
     def now_s(self) -> float:
-        """Return the line's time: real seconds since the start."""
+        """Return the line's time: real seconds since the start, without long hold-ups."""
         return time.monotonic() - self._start_s
 
     def process_events(self, also: Sequence[int] = ()) -> list[int]:
@@ -117,6 +122,7 @@ class PtyBus:
         self._update_cable()
         due_s = self._next_due_s()
         ready = self._wait_for_events(due_s, also)
+        self._leave_out_hold_up()
         if self._master in ready:
             self._receive_bytes()
         else:
@@ -125,10 +131,20 @@ class PtyBus:
         return [fd for fd in ready if fd != self._master]
 
     def _next_due_s(self) -> float:
-        now_s = self.now_s()
-        idle_s = IDLE_STEP_S if self.line.world.is_idle else ACTIVE_STEP_S
-        due = [now_s + idle_s, self.line.next_event_s, self.line.inbox.next_end_s()]
+        due = [
+            self.now_s() + self._step_s(),
+            self.line.next_event_s,
+            self.line.inbox.next_end_s(),
+        ]
         return min(at_s for at_s in due if at_s is not None)
+
+    def _step_s(self) -> float:
+        return IDLE_STEP_S if self.line.world.is_idle else ACTIVE_STEP_S
+
+    def _leave_out_hold_up(self) -> None:
+        """Leave what the server is late by out of the line's time, but for a little."""
+        late_s = self.now_s() - self.line.world.time_s - self._step_s()
+        self._start_s += max(0.0, late_s - MAX_LATE_S)
 
     def _update_cable(self) -> None:
         """A fault may pull the cable and plug it in again."""

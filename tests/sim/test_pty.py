@@ -38,6 +38,14 @@ def client(bus):
     os.close(fd)
 
 
+@pytest.fixture
+def hold_up(monkeypatch):
+    """Return a function that lets the machine's time pass while the server is not scheduled."""
+    missed_s, now_s = [], time.monotonic
+    monkeypatch.setattr(time, "monotonic", lambda: now_s() + sum(missed_s))
+    return missed_s.append
+
+
 def received(bus, client, size):
     """Serve until so many bytes have come back, at most 2 s; return all that came."""
     data, end_s = b"", time.monotonic() + 2.0
@@ -68,3 +76,33 @@ def test_a_read_that_waited_behind_a_sync_read_comes_after_all_its_replies(bus, 
     data = received(bus, client, 8 + 8 + 6)
     assert len(data) == 8 + 8 + 6
     assert data.endswith(ANSWER_1)
+
+
+def test_time_in_which_the_server_was_held_up_passes_for_no_servo(bus, client, hold_up):
+    world = bus.line.world
+    bus.process_events()
+    before_s = world.time_s
+    hold_up(100.0)
+    os.write(client, PING_1)
+    assert received(bus, client, 6) == ANSWER_1
+    assert world.time_s - before_s < 10.0
+
+
+def test_a_servo_held_up_with_its_server_goes_on_from_where_it_was(bus, client, hold_up):
+    servo = bus.line.servos[1]
+    servo.write("goal_speed", 500)
+    servo.write("goal_position", servo.read("present_position") + 1000)
+    bus.process_events()
+    before_tick = servo.read("present_position")
+    hold_up(100.0)
+    bus.process_events()
+    assert servo.read("present_position") - before_tick < 100
+
+
+def test_a_server_that_is_a_little_late_makes_up_for_it(bus, client, hold_up):
+    world = bus.line.world
+    bus.process_events()
+    before_s = world.time_s
+    hold_up(0.025)
+    bus.process_events()
+    assert world.time_s - before_s > 0.024
