@@ -23,8 +23,10 @@ class _ByteBurst:
         """How many of the bytes have arrived by now."""
         if self.byte_s <= 0.0:
             return len(self.data) if now_s >= self.start_s else 0
-        whole = int((now_s - self.start_s) / self.byte_s + GRACE)
-        return max(0, min(len(self.data), whole))
+        whole, size = int((now_s - self.start_s) / self.byte_s + GRACE), len(self.data)
+        if whole >= size:
+            return size
+        return whole if whole > 0 else 0
 
     def arrival_time_s(self, count: int) -> float:
         """When the first ``count`` bytes have arrived."""

@@ -290,7 +290,7 @@ class Controller:
         )  # fmt: skip
         if order != self._order:
             self._accept_command(order, drive, position_rad, velocity_rad_s)
-        if mode is ControlMode.POSITION or mode is ControlMode.CURRENT_POSITION:
+        if mode in PROFILED:
             duty = self._position_duty(dt_s, drive, position_rad, velocity_rad_s)
         elif mode is ControlMode.VELOCITY:
             duty = self._velocity_duty(dt_s, drive, velocity_rad_s)

@@ -32,8 +32,7 @@ class CoupledJoints:
 
     def __init__(self, joints: Sequence[SimulatedJoint]) -> None:
         self._joints = joints
-        self._leads = [joint.servos[0] for joint in joints]
-        self._lone = [len(joint.servos) == 1 for joint in joints]
+        self._leads = [(joint, joint.servos[0], joint.servos[0].motor) for joint in joints]
         self.come_to_rest()
         self.set_mass_matrix([[0.0] * len(joints)] * len(joints))
 
@@ -69,12 +68,12 @@ class CoupledJoints:
             if change_rad_s < EXACT_RAD_S:
                 break
             change_rad_s = self._sweep(loads_nm, shafts, speeds_rad_s)
-        for k, lead in enumerate(self._leads):
+        for k, (joint, lead, motor) in enumerate(self._leads):
             after_rad_s = speeds_rad_s[k] + self._gained_rad_s[k]
-            if self._lone[k]:
-                lead.motor.finish_step(STEP_S, lead.drive, after_rad_s)
+            if len(joint.servos) == 1:
+                motor.finish_step(STEP_S, lead.drive, after_rad_s)
             else:
-                self._joints[k].finish_step(after_rad_s)
+                joint.finish_step(after_rad_s)
 
     def _begin_step(self, loads_nm: list[float]) -> tuple[list[ShaftStep], list[float], float]:
         """Run all controllers and solve once; return shafts, their speeds, and the largest change.
@@ -85,18 +84,22 @@ class CoupledJoints:
         gained_rad_s, change_rad_s = self._gained_rad_s, 0.0
         shafts: list[ShaftStep] = []
         speeds_rad_s: list[float] = []
-        for k, lead in enumerate(self._leads):
-            motor = lead.motor
-            pressed_nm = lead.press(STEP_S) if self._lone[k] else self._joints[k].press()
-            load_nm = loads_nm[k] - sum(map(mul, self._pulls[k], gained_rad_s))
-            shaft = motor.begin_motion(STEP_S, pressed_nm, load_nm, loads_nm[k])
-            gain_rad_s = solve_velocity(shaft, load_nm) - motor.velocity_rad_s
+        for k, (joint, lead, motor) in enumerate(self._leads):
+            if len(joint.servos) == 1:
+                lead.time_s += STEP_S
+                pressed_nm = motor.press(STEP_S, lead.drive, lead.supply_v)
+            else:
+                pressed_nm = joint.press()
+            load_nm, speed_rad_s = loads_nm[k], motor.velocity_rad_s
+            felt_nm = load_nm - sum(map(mul, self._pulls[k], gained_rad_s))
+            shaft = motor.begin_motion(STEP_S, pressed_nm, felt_nm, load_nm)
+            gain_rad_s = solve_velocity(shaft, felt_nm) - speed_rad_s
             moved_rad_s = gain_rad_s - gained_rad_s[k]
             if not -change_rad_s <= moved_rad_s <= change_rad_s:
                 change_rad_s = abs(moved_rad_s)
             gained_rad_s[k] = gain_rad_s
             shafts.append(shaft)
-            speeds_rad_s.append(motor.velocity_rad_s)
+            speeds_rad_s.append(speed_rad_s)
         return shafts, speeds_rad_s, change_rad_s
 
     def _sweep(

@@ -225,9 +225,9 @@ class SimulatedDynamixelX(Servo):
     def alarm(self) -> int:
         """The alarm bits of a status packet: protocol 2.0 has one for all causes."""
         bits = self.memory.image[self._error_at]
-        return (
-            bits & PROTOCOL_1_ALARMS if self.protocol is BusProtocol.DYNAMIXEL_1 else bits and 0x80
-        )
+        if not bits:
+            return 0
+        return bits & PROTOCOL_1_ALARMS if self.protocol is BusProtocol.DYNAMIXEL_1 else 0x80
 
     def check_write(self, address: int, data: bytes) -> InstructionError | None:
         """Check a write by the rules of the family."""

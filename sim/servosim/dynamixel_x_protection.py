@@ -15,6 +15,7 @@ _LIMIT_OF = {
     "goal_current": "current_limit",
     "goal_velocity": "velocity_limit",
 }
+_Rows = tuple[SimulatedRegister, ...]
 _GOALS = frozenset((*_LIMIT_OF, "goal_position"))
 
 
@@ -49,6 +50,7 @@ class AccessRules:
             if row.name.startswith("indirect_data_")
         }
         self.first_data = min(self._data)
+        self._found: dict[tuple[int, int], _Rows] = {}
 
     def check_write(self, address: int, data: bytes) -> InstructionError | None:
         """Return why a write is refused; runs through indirect data are checked at their target."""
@@ -89,42 +91,49 @@ class AccessRules:
         return runs
 
     def _check_direct_write(self, address: int, data: bytes) -> InstructionError | None:
-        end = address + len(data)
-        if not self.table.is_gapless(address, len(data)):
-            return InstructionError.ACCESS
-        rows = self.table.registers_in(address, len(data))
-        if rows[0].address < address or rows[-1].end > end:
-            return InstructionError.LENGTH
+        rows = self._rows_at(address, len(data))
+        if isinstance(rows, InstructionError):
+            return rows
         for row in rows:
             value = row.decode(data[row.address - address : row.end - address])
-            refusal = self._check_access(row) or self._check_value(row, value)
+            refusal = self._check_access(row)
             if refusal is not None:
                 return refusal
+            if not self._accepts(row, value):
+                return InstructionError.RANGE
         return None
 
+    def _rows_at(self, address: int, length: int) -> _Rows | InstructionError:
+        """Return the registers that a range of bytes consists of, or why it may not be written."""
+        rows = self._found.get((address, length))
+        if rows is None:
+            if not self.table.is_gapless(address, length):
+                return InstructionError.ACCESS
+            rows = self.table.registers_in(address, length)
+            if rows[0].address < address or rows[-1].end > address + length:
+                return InstructionError.LENGTH
+            self._found[address, length] = rows
+        return rows
+
     def _check_access(self, row: SimulatedRegister) -> InstructionError | None:
-        if not row.writable or (
-            row.area is SimulatedArea.EEPROM and self.memory.get("torque_enable")
-        ):
+        get = self.memory.get
+        if not row.writable or (row.persists and get("torque_enable")):
             return InstructionError.ACCESS
-        if row.name in _GOALS and self.memory.get("bus_watchdog") == -1:
+        if row.name in _GOALS and get("bus_watchdog") == -1:
             return InstructionError.RANGE
         if row.name == "torque_enable" and self._protections.shut_down:
             return InstructionError.RESULT_FAIL
         return None
 
-    def _check_value(self, row: SimulatedRegister, value: int) -> InstructionError | None:
-        lower, upper = self._value_range(row)
-        if row.name == "operating_mode":
-            return None if value in self._modes else InstructionError.RANGE
-        return None if lower <= value <= upper else InstructionError.RANGE
-
-    def _value_range(self, row: SimulatedRegister) -> tuple[int, int]:
-        get = self.memory.get
-        if row.name == "goal_position" and self._current_mode() == 3:
-            return get("min_position_limit"), get("max_position_limit")
-        limit = _LIMIT_OF.get(row.name)
-        return (-get(limit), get(limit)) if limit else (row.lower, row.upper)
+    def _accepts(self, row: SimulatedRegister, value: int) -> bool:
+        """Return whether a value is in its register's range, which others may set."""
+        get, name = self.memory.get, row.name
+        if name == "operating_mode":
+            return value in self._modes
+        if name == "goal_position" and self._current_mode() == 3:
+            return get("min_position_limit") <= value <= get("max_position_limit")
+        limit = _LIMIT_OF.get(name)
+        return abs(value) <= get(limit) if limit else row.lower <= value <= row.upper
 
 
 VOLTAGE, HEAT, ENCODER, SHOCK, OVERLOAD = 0x01, 0x04, 0x08, 0x10, 0x20

@@ -358,11 +358,14 @@ class FaultScript:
         """Return whether an instruction is not received."""
         return any(running.is_triggered(at_s, self._random) for running in self._lost)
 
+    @property
+    def changes_replies(self) -> bool:
+        """Whether a fault of replies is in force."""
+        return bool(self._replies)
+
     def faulty_arrivals(self, servo: Servo | None, at_s: float, data: bytes) -> list[Arrival]:
         """Return what reaches the host of a reply: delays behind its time, and bytes."""
         arrivals: list[Arrival] = [(0.0, data)]
-        if not self._replies:
-            return arrivals
         for running in self._replies:
             concerns = servo is not None and running.fault.id in (None, servo.id)
             if concerns and data and running.is_triggered(at_s, self._random):

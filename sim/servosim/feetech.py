@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from servosim.control import ControlMode
 from servosim.frames import Dynamixel1Reader
 from servosim.motor import Motor
-from servosim.register import ServoTable, SimulatedArea
+from servosim.register import ServoTable
 from servosim.servo import AlarmBits, BusProtocol, HornMounting, InstructionError, Servo
 
 __all__ = ["BAUDS", "Feetech", "FeetechProtections", "FeetechSeries"]
@@ -239,19 +239,19 @@ class Feetech(Servo):
 
     def store(self, address: int, data: bytes) -> None:
         """Store what is writable, each value clipped to its range; ignore the rest."""
-        end, image = address + len(data), self.memory.image
+        end = address + len(data)
         for row in self.table.registers_in(address, len(data)):
             if row.address >= address and row.end <= end:
                 raw = data[row.address - address : row.end - address]
             else:
-                requested = bytearray(image)
+                requested = bytearray(self.memory.image)
                 requested[address:end] = data
                 raw = bytes(requested[row.address : row.end])
-            value = row.decode(raw)
-            if not row.accepts(value):
-                raw = row.encode(max(row.lower, min(row.upper, value)))
             if row.writable:
-                persist = row.area is SimulatedArea.EEPROM and self.is_eeprom_unlocked
+                value = row.decode(raw)
+                if not row.lower <= value <= row.upper:
+                    raw = row.encode(max(row.lower, min(row.upper, value)))
+                persist = row.persists and self.is_eeprom_unlocked
                 self.memory.write(row.address, raw, persist=persist)
         self.apply_write_effects(address, len(data))
 
@@ -342,7 +342,7 @@ class Feetech(Servo):
         get = self.memory.get
         lower, upper = get("min_position_limit"), get("max_position_limit")
         goal = get("goal_position")
-        if lower == upper == 0 or lower <= goal <= upper:
+        if lower <= goal <= upper or lower == upper == 0:
             return goal
         return self.series.nearest_limit(goal, lower, upper)
 

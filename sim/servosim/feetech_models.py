@@ -132,10 +132,11 @@ class StsSeries(FeetechSeries):
     def set_position_goal(self) -> None:
         """Goal position written; in step mode it is added to the previous goal."""
         get, servo = self.memory.get, self.servo
-        if get("operating_mode") == STEP:
+        mode = get("operating_mode")
+        if mode == STEP:
             self.step_goal_tick += get("goal_position")
             self.set_goal()
-        elif get("operating_mode") != 0 or get("torque_enable") != 0:
+        elif mode != 0 or get("torque_enable") != 0:
             self.drive.goal_rad = self.angle_at(servo.clamped_goal())
         elif servo.goal_enables_torque and not servo.watch.is_unloaded:
             self.memory.put("torque_enable", 1)

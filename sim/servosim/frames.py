@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from array import array
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from struct import unpack
+from functools import lru_cache
+from struct import Struct
 from typing import ClassVar
 
 __all__ = [
@@ -159,15 +161,19 @@ def _crc_pairs() -> array[int]:
 _CRC = _crc_pairs()
 
 
-def crc16(data: bytes) -> int:
-    """Return the CRC of ``data``; a zero byte in front does not change it, so pairs will do."""
-    if len(data) & 1:
-        data = b"\x00" + data
-    pairs: tuple[int, ...] = unpack(f">{len(data) // 2}H", data)
-    crc, table = 0, _CRC
-    for pair in pairs:
+def crc16(data: bytes, crc: int = 0) -> int:
+    """Return the CRC of ``data`` behind bytes of a given CRC, two bytes at a time."""
+    table, odd = _CRC, len(data) & 1
+    if odd:
+        crc = (crc << 8) & 0xFFFF ^ table[crc >> 8 ^ data[0]]
+    for pair in _pairs_reader(len(data) // 2)(data, odd):
         crc = table[crc ^ pair]
     return crc
+
+
+@lru_cache(maxsize=1024)
+def _pairs_reader(count: int) -> Callable[[bytes, int], tuple[int, ...]]:
+    return Struct(f">{count}H").unpack_from
 
 
 def stuff(body: bytes) -> bytes:
@@ -183,9 +189,15 @@ def unstuff(body: bytes) -> bytes:
 def encode2(id_: int, instruction: int, params: bytes = b"") -> bytes:
     """Return the frame; for a status, ``params`` starts with the error byte."""
     body = stuff(bytes((instruction,)) + params)
-    length = len(body) + 2
-    frame = HEADER + bytes((id_, length & 0xFF, length >> 8)) + body
-    return frame + crc16(frame).to_bytes(2, "little")
+    head, crc = _head(id_, len(body) + 2)
+    return head + body + crc16(body, crc).to_bytes(2, "little")
+
+
+@lru_cache(maxsize=1024)
+def _head(id_: int, length: int) -> tuple[bytes, int]:
+    """Return a frame's first bytes and their CRC: most frames of a bus begin alike."""
+    head = HEADER + bytes((id_, length & 0xFF, length >> 8))
+    return head, crc16(head)
 
 
 class Dynamixel2Reader(FrameReader):

@@ -222,12 +222,12 @@ def _read_reply_slot(
 
 
 def _execute_sync_write(params: bytes, servos: Sequence[Servo]) -> list[ReplySlot]:
-    if len(params) < 2:
+    if len(params) < 2 or params[1] == 0:
         return []
-    address, length, present = params[:1], params[1], servos_by_id(servos)
+    address, length, present = params[0], params[1], servos_by_id(servos)
     for at in range(2, len(params) - length, length + 1):
         for servo in present.get(params[at], ()):
-            _execute_write(servo, address + params[at + 1 : at + 1 + length])
+            servo.write_bytes(address, params[at + 1 : at + 1 + length])
     return []
 
 

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterator, Sequence
 from servosim.dynamixel_x import SimulatedDynamixelX
 from servosim.frames import HEADER, MAX_FRAME_BYTES, Frame, crc16, encode2
 from servosim.instructions_1 import BROADCAST, Reply, ReplySlot, servos_by_id, single_slot
-from servosim.register import SimulatedArea
 from servosim.servo import InstructionError, Servo
 
 __all__ = [
@@ -49,15 +48,16 @@ def execute_instruction(instruction: int, params: bytes, servo: Servo) -> Outcom
 
 def status_packet(id_: int, servo: Servo, outcome: Outcome) -> bytes:
     """Return the status packet of an outcome."""
-    error = _ERRORS[outcome] if isinstance(outcome, InstructionError) else 0
-    data = outcome if isinstance(outcome, bytes) else b""
-    return encode2(id_, STATUS, bytes((error | servo.alarm,)) + data)
+    if isinstance(outcome, bytes):
+        return encode2(id_, STATUS, bytes((servo.alarm,)) + outcome)
+    error = 0 if outcome is None else _ERRORS[outcome]
+    return encode2(id_, STATUS, bytes((error | servo.alarm,)))
 
 
-def touches_eeprom(servo: Servo, params: bytes) -> bool:
-    """Return whether a write's parameters reach into the EEPROM."""
-    rows = servo.table.registers_in(read_uint16(params, 0), len(params) - 2)
-    return any(row.area is SimulatedArea.EEPROM for row in rows)
+def touches_eeprom(servo: Servo, address: int, length: int) -> bool:
+    """Return whether a write reaches into the EEPROM."""
+    rows = servo.table.registers_in(address, length)
+    return any(row.persists for row in rows)
 
 
 def read_uint16(params: bytes, at: int) -> int:
@@ -177,11 +177,11 @@ def _execute_fast_bulk_read(params: bytes, servos: Sequence[Servo]) -> list[Repl
 def _execute_sync_write(params: bytes, servos: Sequence[Servo]) -> list[ReplySlot]:
     if len(params) < 4:
         return []
-    head, length, there = params[:2], read_uint16(params, 2), _write_targets(servos)
+    address, length = read_uint16(params, 0), read_uint16(params, 2)
+    there = _write_targets(servos)
     for at in range(4, len(params) - length, length + 1):
-        _write_to_servos(
-            there.get(params[at], ()), params[at], head + params[at + 1 : at + 1 + length]
-        )
+        data = params[at + 1 : at + 1 + length]
+        _write_to_servos(there.get(params[at], ()), params[at], address, data)
     return []
 
 
@@ -191,7 +191,8 @@ def _execute_bulk_write(params: bytes, servos: Sequence[Servo]) -> list[ReplySlo
         length = read_uint16(params, at + 3)
         data = params[at + 5 : at + 5 + length]
         if len(data) == length:
-            _write_to_servos(there.get(params[at], ()), params[at], params[at + 1 : at + 3] + data)
+            address = read_uint16(params, at + 1)
+            _write_to_servos(there.get(params[at], ()), params[at], address, data)
         at += 5 + length
     return []
 
@@ -205,10 +206,10 @@ def _write_targets(servos: Sequence[Servo]) -> dict[int, list[Servo]]:
     return found
 
 
-def _write_to_servos(servos: Sequence[Servo], id_: int, params: bytes) -> None:
+def _write_to_servos(servos: Sequence[Servo], id_: int, address: int, data: bytes) -> None:
     for servo in servos:
-        if servo.id == id_ or not touches_eeprom(servo, params):
-            execute_write(servo, params)
+        if data and (servo.id == id_ or not touches_eeprom(servo, address, len(data))):
+            servo.write_bytes(address, data)
 
 
 def _sync_requests(params: bytes) -> Iterator[_ReadRequest]:
@@ -310,6 +311,7 @@ def _ping_reply_slot(servo: Servo) -> ReplySlot:
 def _execute_for_secondary_id(frame: Frame, servo: Servo) -> None:
     """A secondary id accepts instructions, but neither reads nor writes to EEPROM."""
     writes = frame.instruction in (WRITE, REG_WRITE)
-    allowed = writes and not touches_eeprom(servo, frame.params)
+    params = frame.params
+    allowed = writes and not touches_eeprom(servo, read_uint16(params, 0), len(params) - 2)
     if allowed or frame.instruction in (ACTION, REBOOT, CLEAR):
         execute_instruction(frame.instruction, frame.params, servo)

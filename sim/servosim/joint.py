@@ -215,7 +215,8 @@ class SimulatedJoint:
     @property
     def position(self) -> float:
         """Joint coordinate."""
-        return self.transmission.position(self.servos[0].motor.position_rad)
+        horn_rad = self.servos[0].motor.position_rad
+        return horn_rad if self.transmission is DIRECT else self.transmission.position(horn_rad)
 
     @property
     def velocity(self) -> float:
@@ -231,6 +232,8 @@ class SimulatedJoint:
     @property
     def is_free(self) -> bool:
         """Whether no servo holds it."""
+        if len(self.servos) == 1:  # while an arm moves, all are asked very often
+            return not self.servos[0].drive.torque_on
         return not any(servo.drive.torque_on for servo in self.servos)
 
     def place(self, position: float) -> None:

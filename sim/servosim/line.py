@@ -258,8 +258,9 @@ class Line:
 
     def _schedule_replies(self, slots: Sequence[ReplySlot], delivery: _Delivery) -> None:
         """Schedule the reply of each slot; overlapping transmissions collide."""
-        byte_s = delivery.speech.byte_s
-        at_s = delivery.at_s
+        if not slots:
+            return
+        byte_s, at_s = delivery.speech.byte_s, delivery.at_s
         speeches: list[_BusTransmission] = []
         for slot in slots:
             slot_s = 0.0 if slot.slot is None else slot.slot * (PING_PACKET * byte_s + PING_PAUSE_S)
@@ -286,18 +287,25 @@ class Line:
 
     def _deliver_reply(self, speech: _BusTransmission) -> None:
         """Send a reply to the host, unless the host itself is transmitting."""
+        if speech.start_s < self.host_end_s:
+            self._garble_both_ways(speech)
+        self._replies.append(speech)
+        for witness in self.witnesses:
+            witness.on_reply(speech.start_s, speech.servo, speech.data)
+        start_s, byte_s, receive = speech.start_s, speech.byte_s, self.adapter.receive_from_line
+        if not self.faults.changes_replies and not self.options.noise:
+            receive(start_s, byte_s, speech.data)
+            return
+        for delay_s, data in self.faults.faulty_arrivals(speech.servo, start_s, speech.data):
+            receive(start_s + delay_s, byte_s, self._add_noise(data))
+
+    def _garble_both_ways(self, speech: _BusTransmission) -> None:
+        """Garble a reply and what the host transmits at the same time."""
         for host in self._hosts:
             if _is_overlapping(host, speech):
                 host.garbled = speech.garbled = True
         if speech.garbled:
             speech.data = self.random.randbytes(len(speech.data))
-        self._replies.append(speech)
-        for witness in self.witnesses:
-            witness.on_reply(speech.start_s, speech.servo, speech.data)
-        for delay_s, data in self.faults.faulty_arrivals(speech.servo, speech.start_s, speech.data):
-            self.adapter.receive_from_line(
-                speech.start_s + delay_s, speech.byte_s, self._add_noise(data)
-            )
 
     def _garble_overlapped(self, speech: _BusTransmission) -> None:
         """Garble a transmission of the host during a reply."""
@@ -326,7 +334,7 @@ def _is_overlapping(one: _BusTransmission, other: _BusTransmission) -> bool:
 
 def _merge_overlapping(speeches: list[_BusTransmission]) -> list[_BusTransmission]:
     """Merge transmissions that overlap into the one that a receiver reads."""
-    if len(speeches) < 2:
+    if all(one.end_s <= other.start_s for one, other in itertools.pairwise(speeches)):
         return speeches
     merged: list[_BusTransmission] = []
     for speech in sorted(speeches, key=lambda speech: speech.start_s):

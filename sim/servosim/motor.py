@@ -31,6 +31,7 @@ class ThermalModel:
         self.temperature_c += flow_w * dt_s / self._capacity_j_k
 
 
+CURRENT_MODES = (ControlMode.CURRENT, ControlMode.CURRENT_POSITION)
 PLAY_HZ = 45.0  # a load moves through the play with this damping: inertia times this rate
 AT_REST_RAD_S = 1e-6  # a motion slower than this sticks
 FREE_PLAY_FRACTION = 1e-3  # loads below this fraction of the stall torque do not take up the play
@@ -225,7 +226,23 @@ class Motor:
 
     def press(self, dt_s: float, drive: DriveCommand, supply_v: float) -> float:
         """Run the controller; return the motor's torque that reaches the shaft, before friction."""
-        self._pressed_nm = self._motor_torque(dt_s, drive, supply_v)
+        full_nm = self._nm_per_v * supply_v
+        if not drive.torque_on or full_nm <= 0.0:
+            self._controller.release(self.position_rad)
+            self._slope = self._full_nm = self._pressed_nm = 0.0
+            return 0.0
+        self._full_nm = full_nm
+        controller, velocity_rad_s = self._controller, self.velocity_rad_s
+        duty = controller.duty(dt_s, drive, self.position_rad, velocity_rad_s)
+        limit = drive.pwm_limit if drive.pwm_limit < drive.torque_limit else drive.torque_limit
+        self._slope = self._back_emf + controller.derivative * full_nm
+        controller.saturated = not -limit <= duty <= limit
+        if controller.saturated:
+            duty = math.copysign(limit, duty)
+            self._slope = self._back_emf
+        self._duty = duty
+        torque_nm = full_nm * duty - self._back_emf * velocity_rad_s
+        self._pressed_nm = self._limit_torque(torque_nm, drive)
         return self._pressed_nm * self.grip
 
     def begin_motion(
@@ -243,7 +260,8 @@ class Motor:
         self._leaning_nm, self._falling = leaning_nm, False
         if self.stuck:
             return 0.0, 0.0, 0.0, 0.0, 0.0
-        self._falling = falling = self._take_up_backlash(dt_s, leaning_nm)
+        falling = abs(leaning_nm) > self._free_play_nm and self._take_up_backlash(dt_s, leaning_nm)
+        self._falling = falling
         velocity_rad_s, position_rad = self.velocity_rad_s, self.position_rad
         damping = self._slope * self.grip + self._viscous
         inertia = self.parameters.armature_kg_m2 + self.load_inertia_kg_m2
@@ -264,7 +282,9 @@ class Motor:
         braked_nm = 0.0
         if not self.carried:
             braked_nm = self._slope * (after_rad_s - self.velocity_rad_s)
-            self._move(dt_s, after_rad_s)
+            self.velocity_rad_s = after_rad_s
+            if after_rad_s or self._falling:
+                self._move(dt_s)
         self._update_sensors(dt_s, self._pressed_nm - braked_nm, drive)
 
     def set_state(self, position_rad: float, velocity_rad_s: float) -> None:
@@ -273,28 +293,9 @@ class Motor:
         self._gear_rad = position_rad - self.lash_rad
         self.velocity_rad_s = velocity_rad_s
 
-    def _motor_torque(self, dt_s: float, drive: DriveCommand, supply_v: float) -> float:
-        """The torque of bridge and winding at the present velocity [N m]."""
-        full_nm = self._nm_per_v * supply_v
-        if not drive.torque_on or full_nm <= 0.0:
-            self._controller.release(self.position_rad)
-            self._slope = self._full_nm = 0.0
-            return 0.0
-        self._full_nm = full_nm
-        controller, velocity_rad_s = self._controller, self.velocity_rad_s
-        duty = controller.duty(dt_s, drive, self.position_rad, velocity_rad_s)
-        limit = drive.pwm_limit if drive.pwm_limit < drive.torque_limit else drive.torque_limit
-        self._slope = self._back_emf + controller.derivative * full_nm
-        controller.saturated = not -limit <= duty <= limit
-        if controller.saturated:
-            duty = math.copysign(limit, duty)
-            self._slope = self._back_emf
-        self._duty = duty
-        return self._limit_torque(full_nm * duty - self._back_emf * velocity_rad_s, drive)
-
     def _limit_torque(self, torque_nm: float, drive: DriveCommand) -> float:
         limit_a = drive.current_limit_a
-        if drive.mode is ControlMode.CURRENT or drive.mode is ControlMode.CURRENT_POSITION:
+        if drive.mode in CURRENT_MODES:
             limit_a = min(limit_a, abs(drive.goal_current_a))
         self._limits_itself = limit_a > self._most_a
         limit_nm = (self._most_a if self._limits_itself else limit_a) * self._nm_per_a
@@ -305,17 +306,14 @@ class Motor:
         self._controller.saturated = True
         return math.copysign(limit_nm, torque_nm)
 
-    def _move(self, dt_s: float, speed_rad_s: float) -> None:
+    def _move(self, dt_s: float) -> None:
         """Turn the gears, which take the shaft along but for the play."""
-        self.velocity_rad_s = speed_rad_s
-        if speed_rad_s:
-            travel_rad = speed_rad_s * dt_s
-            self._gear_rad += travel_rad
-            if -self._free_play_nm <= self._leaning_nm <= self._free_play_nm:
-                half_rad = self._half_play_rad
-                self.lash_rad = min(half_rad, max(-half_rad, self.lash_rad - travel_rad))
-        elif not self._falling:
-            return
+        travel_rad = self.velocity_rad_s * dt_s
+        self._gear_rad += travel_rad
+        if travel_rad and -self._free_play_nm <= self._leaning_nm <= self._free_play_nm:
+            half_rad, lash_rad = self._half_play_rad, self.lash_rad - travel_rad
+            inside = -half_rad <= lash_rad <= half_rad
+            self.lash_rad = lash_rad if inside else math.copysign(half_rad, lash_rad)
         self.position_rad = self._gear_rad + self.lash_rad
         if not self.lower_stop_rad < self.position_rad < self.upper_stop_rad:
             self._rest_on_stop()
@@ -333,8 +331,6 @@ class Motor:
 
     def _take_up_backlash(self, dt_s: float, load_nm: float) -> bool:
         """Let the load move through the play; true while it has not reached the next tooth."""
-        if -self._free_play_nm <= load_nm <= self._free_play_nm:
-            return False
         half_rad = self._half_play_rad if load_nm > 0.0 else -self._half_play_rad
         if self.lash_rad == half_rad:
             return False

@@ -154,6 +154,7 @@ class SimulatedPort:
         """Return ``size`` bytes, or what has come when the timeout is over."""
         self._check_open()
         start_s = self.clock.now_s()
+        self.line.run_until(start_s)
         deadline_s = None if self.timeout is None else start_s + self.timeout
         while not self._is_read_complete(size, deadline_s):
             pass
@@ -194,15 +195,14 @@ class SimulatedPort:
 
     def _is_read_complete(self, size: int, deadline_s: float | None) -> bool:
         """Return whether a read may return; if not, advance time to the next event."""
-        now_s = self.clock.now_s()
-        self.line.run_until(now_s)
-        if self.line.inbox.count_arrived(now_s) >= size:
+        now_s, inbox = self.clock.now_s(), self.line.inbox
+        if inbox.count_arrived(now_s) >= size:
             return True
         if deadline_s is not None and now_s >= deadline_s:
             return True
-        events = [self.line.inbox.arrival_time_s(size), self.line.next_event_s, deadline_s]
+        events = [inbox.arrival_time_s(size), self.line.next_event_s, deadline_s]
         if events[0] is None and events[1] is None:
-            events.append(self.line.inbox.last_s())
+            events.append(inbox.last_s())
         coming = [at_s for at_s in events if at_s is not None and at_s > now_s]
         if not coming:
             return True

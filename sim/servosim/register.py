@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum
 from functools import partial
@@ -65,6 +65,7 @@ class SimulatedRegister:
         sign: Encoding of negative numbers.
         order: Byte order.
         end: First address after it.
+        persists: Whether it survives loss of power.
         sign_bit: The bit that makes a sign-magnitude number negative, or 0.
         twos: Whether negative numbers are two's complements.
         mask: All its bits.
@@ -81,6 +82,7 @@ class SimulatedRegister:
     sign: Sign = Sign.NONE
     order: Order = "little"
     end: int = field(init=False)
+    persists: bool = field(init=False)
     sign_bit: int = field(init=False)
     twos: bool = field(init=False)
     mask: int = field(init=False)
@@ -88,6 +90,7 @@ class SimulatedRegister:
     def __post_init__(self) -> None:
         bit = self.sign.value
         object.__setattr__(self, "end", self.address + self.size)
+        object.__setattr__(self, "persists", self.area is SimulatedArea.EEPROM)
         object.__setattr__(self, "sign_bit", 1 << bit if bit > 0 else 0)
         object.__setattr__(self, "twos", self.sign is Sign.TWOS)
         object.__setattr__(self, "mask", (1 << 8 * self.size) - 1)
@@ -180,17 +183,9 @@ class Memory:
 
     def __init__(self, table: ServoTable, delivered: Mapping[str, int] | None = None) -> None:
         self.table = table
-        self._eeprom_end = max(
-            row.end for row in table.registers if row.area is SimulatedArea.EEPROM
-        )
+        self._eeprom_end = max(row.end for row in table.registers if row.persists)
         self.image = bytearray(table.size)  # always the same object: live servos reference it
-        self._rows = {
-            row.name: (
-                partial(Struct(_struct_format(row)).unpack_from, self.image, row.address),
-                row.sign_bit,
-            )
-            for row in table.registers
-        }
+        self._getters = {row.name: _make_getter(self.image, row) for row in table.registers}
         self.eeprom = bytearray(table.size)
         self.eeprom_writes = 0
         self._backup = bytes(self._factory_image())
@@ -206,12 +201,7 @@ class Memory:
 
     def get(self, name: str) -> int:
         """Return a register's number."""
-        unpack, sign_bit = self._rows[name]
-        value: int = unpack()[0]
-        if not sign_bit:
-            return value
-        magnitude = value & (sign_bit - 1)
-        return -magnitude if value & sign_bit else magnitude
+        return self._getters[name]()
 
     def put(self, name: str, value: int) -> None:
         """Set a register as the firmware does: no checks, RAM image only."""
@@ -232,7 +222,7 @@ class Memory:
     def power_cycle(self) -> None:
         """Reset the RAM to its defaults and restore the EEPROM's bytes."""
         for row in self.table.registers:
-            if row.area is SimulatedArea.EEPROM:
+            if row.persists:
                 self.image[row.address : row.end] = self.eeprom[row.address : row.end]
             else:
                 self.image[row.address : row.end] = row.encode(row.default)
@@ -241,7 +231,7 @@ class Memory:
         """Keep the EEPROM registers of now for the next `restore_factory`."""
         kept = self._factory_image()
         for row in self.table.registers:
-            if row.area is SimulatedArea.EEPROM:
+            if row.persists:
                 kept[row.address : row.end] = self.eeprom[row.address : row.end]
         self._backup = bytes(kept)
 
@@ -250,7 +240,7 @@ class Memory:
         for row in self.table.registers:
             if row.name not in keep:
                 self.image[row.address : row.end] = self._backup[row.address : row.end]
-                if row.area is SimulatedArea.EEPROM:
+                if row.persists:
                     self.eeprom[row.address : row.end] = self._backup[row.address : row.end]
 
     def _factory_image(self) -> bytearray:
@@ -261,9 +251,28 @@ class Memory:
         return image
 
     def _persist_register(self, row: SimulatedRegister) -> None:
-        if row.area is SimulatedArea.EEPROM:
+        if row.persists:
             self.eeprom[row.address : row.end] = self.image[row.address : row.end]
             self.eeprom_writes += 1
+
+
+def _make_getter(image: bytearray, row: SimulatedRegister) -> Callable[[], int]:
+    """Return a function that reads a register's number: most are a byte, and read very often."""
+    if row.size == 1 and row.sign is Sign.NONE:
+        return partial(image.__getitem__, row.address)
+    unpack = partial(Struct(_struct_format(row)).unpack_from, image, row.address)
+    sign_bit = row.sign_bit
+
+    def plain() -> int:
+        value: int = unpack()[0]
+        return value
+
+    def signed() -> int:
+        value: int = unpack()[0]
+        magnitude = value & (sign_bit - 1)
+        return -magnitude if value & sign_bit else magnitude
+
+    return signed if sign_bit else plain
 
 
 def _struct_format(row: SimulatedRegister) -> str:

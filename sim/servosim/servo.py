@@ -16,6 +16,9 @@ from servosim.register import Memory, ServoTable, SimulatedRegister
 __all__ = ["AlarmBits", "BusProtocol", "HornMounting", "InstructionError", "Servo"]
 
 
+TURN_RAD = 2.0 * math.pi
+
+
 class BusProtocol(Enum):
     """Protocol of a servo; two of them have the same framing."""
 
@@ -85,7 +88,7 @@ class HornMounting:
 
     def tick_at(self, angle_rad: float) -> int:
         """Return the nearest tick, multi-turn."""
-        revolutions = angle_rad / (2.0 * math.pi)
+        revolutions = angle_rad / TURN_RAD
         return round(self.zero_tick + self.sign * revolutions * self.ticks)
 
     def angle_at(self, tick: float) -> float:
