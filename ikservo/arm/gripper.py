@@ -218,8 +218,9 @@ def _run_gripper(
     on_progress: OnProgress | None,
 ) -> GraspResult:
     gripper, fraction = _require_gripper(context), _torque_fraction(context, force)
-    end = plan_gripper(context, to, context.servos.measure_positions())
-    goal = float(end[context.index.column(gripper.joint)])
+    goal = _goal_position(context, gripper, to)  # a refusal asks no servo anything
+    start = context.servos.measure_positions()
+    context.check_gripper_path(start, context.index.with_position(start, gripper.joint, goal))
     motion = GripperMotion(context, runner.allowed_speed("normal"), gripper.joint, goal)
     report_progress = context.progress_reporter(on_progress)
     started_s = context.now_s()
