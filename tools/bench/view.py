@@ -137,7 +137,8 @@ def first_picture() -> tuple[float, float]:
         page = browser.new_page(viewport={"width": 1100, "height": 720})
         begun = time.perf_counter()
         page.goto(urls.control)
-        page.wait_for_function("window.ikservo?.drawn > 0")
+        while not page.evaluate("window.ikservo?.drawn > 0"):
+            page.wait_for_timeout(10)
         took_s = time.perf_counter() - begun
         browser.close()
         return kilobytes, took_s

@@ -4,6 +4,7 @@ import { $, setAttribute, setText } from "./elements.js";
 
 const WARM_UP_FRAMES = 2; // shaders are compiled meanwhile
 const TIMED_FRAMES = 5;
+const CONTEXT_LOST = "The graphics driver gave up";
 const BUDGET_MS = 50; // a frame that takes longer makes a drag jerky
 
 // What has not changed is the same object in the next scene.
@@ -19,7 +20,7 @@ export class Rendering {
     this.reason = ""; // why the canvas draws what 3D should
     this.frameMs = null; // of the timed frames, the median
     $("render-3d").onclick = () => this.choose(this.isOn() ? "2d" : "3d");
-    canvas.addEventListener("webglcontextlost", () => this.fallBack("The graphics driver gave up"));
+    canvas.addEventListener("webglcontextlost", () => this.fallBack(CONTEXT_LOST));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
       this.scene3d?.setColours();
       this.scene3d?.render();
@@ -34,7 +35,8 @@ export class Rendering {
     this.wanted = wanted;
     this.reason = "";
     if (this.isOn() && this.graph && !this.scene3d) this.setGraph(this.graph);
-    this.onChange();
+    if (this.isOn() && this.renderer?.getContext().isContextLost()) this.fallBack(CONTEXT_LOST);
+    else this.onChange();
   }
 
   // Returns whether the server should send the scene graph; the first time it is loaded meanwhile.
@@ -50,10 +52,11 @@ export class Rendering {
     this.module = {};
     try {
       this.module = await import("./scene3d.js");
+      this.onChange();
     } catch {
+      this.module = null;
       this.fallBack("3D cannot be loaded");
     }
-    this.onChange();
   }
 
   setGraph(graph) {
