@@ -37,6 +37,8 @@ _FRACTION_PER_S = 4.0
 _MIN_RAD_S = 8 * math.tau / 4096
 # A servo may have less friction than known, by this share of both its directions together.
 _FRICTION_MARGIN = 0.15
+# While it jumps its goal goes back by so much of its speed, over this time.
+_BRAKE_S, _BRAKE_FILTER_S = 0.05, 0.02
 # Near its target a joint that has just moved is waited for: after stiction it still slides.
 _NEAR_TICKS = 3
 _MIN_WAIT_S = 0.04
@@ -71,7 +73,8 @@ class GoalIntegrator:
 
     It ends at the target tick. A joint without load sticks and then jumps by a tick or two; when
     it has crossed the target, one tick beside is as near as it gets, and it is not reversed for
-    that: on the way back it would cross its backlash and jump again.
+    that: on the way back it would cross its backlash and jump again. While it moves its goal goes
+    back, against its speed, so that the jump is short.
 
     Args:
         fence: The limits of its servo's commands.
@@ -82,7 +85,7 @@ class GoalIntegrator:
             them the goal goes fast. Twice the same number where that is not known.
 
     Attributes:
-        goal: The goal, ticks with fraction.
+        goal: The goal of a joint at rest, ticks with fraction.
         at: The last measured position, ticks.
         still_since_s: Since when the joint is at rest.
     """
@@ -104,7 +107,8 @@ class GoalIntegrator:
         self.at = self._before = self._anchor = goal if target is None else target
         self._moved_s, self.still_since_s = -math.inf, 0.0
         self._side, self._crossed = 0, False
-        self._rate = 0.0
+        self._rate = self._brake = 0.0
+        self._filtered: float | None = None
 
     @property
     def error_ticks(self) -> int:
@@ -132,14 +136,15 @@ class GoalIntegrator:
 
     def goal_at(self, after_s: float) -> float:
         """Return the goal's tick a time after the last update."""
-        return min(max(self.goal + self._rate * after_s, self._low), self._high)
+        return self._inside(self.goal + self._rate * after_s - self._brake)
 
     def update(
         self, tick: int, time_s: float, elapsed_s: float, *, correcting: bool = True
     ) -> None:
         """Take the measured position, and choose the speed of the goal; 0 where not correcting."""
-        self.goal = self.goal_at(elapsed_s)
+        self.goal = self._inside(self.goal + self._rate * elapsed_s)
         self._track_motion(tick, time_s)
+        self._track_speed(tick, elapsed_s)
         speed = self._desired_speed(time_s) if correcting else 0.0
         change = self._acceleration * elapsed_s
         self._rate = min(max(speed, self._rate - change), self._rate + change) if speed else 0.0
@@ -154,6 +159,16 @@ class GoalIntegrator:
         side = (self.error_ticks > 0) - (self.error_ticks < 0)
         self._crossed = self._crossed or side * self._side < 0
         self._side = side or self._side
+
+    def _track_speed(self, tick: int, elapsed_s: float) -> None:
+        """Brake by the speed of the filtered position; not a joint that keeps its goal."""
+        filtered = tick if self._filtered is None or self.target is None else self._filtered
+        self._filtered = filtered + min(elapsed_s / _BRAKE_FILTER_S, 1.0) * (tick - filtered)
+        brake = _BRAKE_S / _BRAKE_FILTER_S * (tick - self._filtered)
+        self._brake = brake if abs(brake) >= 1.0 else 0.0  # or goals move when all are at rest
+
+    def _inside(self, goal: float) -> float:
+        return min(max(goal, self._low), self._high)
 
     def _desired_speed(self, time_s: float) -> float:
         """Return the desired speed of the goal, ticks/s, signed."""

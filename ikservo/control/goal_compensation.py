@@ -1,4 +1,4 @@
-"""Goals that keep the joints on their reference: feed-forward, integral action, soft beginnings."""
+"""Goals that keep the joints on their reference: feed-forward, feedback, soft beginnings."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.control.feed_forward import FeedForward
+from ikservo.control.tracking_feedback import TrackingFeedback
 from ikservo.guard import CommandLimits
 from ikservo.kinematics.arrays import Vector
 from ikservo.motion import TrajectoryPoint
@@ -22,12 +23,9 @@ _MAX_STEP_S = 0.02
 # Friction turns to the direction of a motion on some multiple of this way at the horn (Dahl 1968),
 # and in no less than the second number, for goals must not leap.
 _DIRECTION_RAD, _DIRECTION_S = 0.0005, 0.05
-# Integral action takes up what masses, payload and servos differ by from the model; slower than
-# any arm swings. Its limit is the sag of a joint at its torque limit, at the horn.
-_INTEGRAL_PER_S, _MAX_INTEGRAL_RAD = 3.0, 0.08
-# A reference slower than this at the horn is at rest; then errors within so many ticks are left,
-# for stiction would make the joint jump over its target again and again.
-_AT_REST_RAD_S, _REST_TICKS = 0.01, 4.5
+# Where the reference of a horn rests, errors within so many ticks are left, for stiction would make
+# the joint jump over its target again and again; up to the first number fewer of them.
+_AT_REST_RAD_S, _REST_TICKS = 0.003, 4.5
 # How fast the speed of a motion seems to change where its time is slowed down.
 _RATE_FILTER_S = 0.03
 
@@ -35,8 +33,8 @@ _RATE_FILTER_S = 0.03
 class GoalCompensator:
     """Turns the references of an arm's joints into the goals of their servos.
 
-    The goal of a joint is its reference plus an offset: the feed-forward, an integral of what the
-    joint was off its reference, and at the beginning of a motion the difference to the offset
+    The goal of a joint is its reference plus an offset: the feed-forward, the feedback of how far
+    the joint is off its reference, and at the beginning of a motion the difference to the offset
     that was in force, which fades. Other joints than those of the chain have no offset: a gripper
     may press on something.
 
@@ -61,8 +59,10 @@ class GoalCompensator:
         self._per_horn_rad = np.array([f.joint_map.unit_per_horn_rad for f in fences])
         self._tick = np.array([f.joint_map.unit_per_tick for f in fences])
         self._reference_range = self._goal_range = (self._low, self._high)
-        self._integral = self._fading = self._direction = np.zeros(n)
+        self._feedback = TrackingFeedback(self._per_horn_rad)
+        self._fading = self._direction = np.zeros(n)
         self._faded_s, self._rate, self._held_s = np.zeros(n), 1.0, 0.0
+        self._clamped = np.zeros(n, dtype=bool)
         self._last = TrajectoryPoint.at_rest(np.zeros(n))
 
     @property
@@ -71,12 +71,12 @@ class GoalCompensator:
         return self._chain
 
     def start(self, gain_shares: Sequence[float]) -> None:
-        """Discard what integral action has taken up: torque was off.
+        """Discard what feedback has taken up: torque was off.
 
         Args:
             gain_shares: P gains of all servos (n,), as shares of those of the parameters.
         """
-        self._integral = np.zeros_like(self._integral)
+        self._feedback.reset()
         if self._nominal is not None:
             chain = [gain_shares[column] for column in self._nominal.columns]
             self.feed_forward = self._nominal.with_gains(chain)
@@ -95,10 +95,12 @@ class GoalCompensator:
             for each in (reference, goals)
         )
         self._last = TrajectoryPoint.at_rest(reference)
-        offset = np.where(self._chain, goals - reference, 0.0) - self._integral
+        self._feedback.begin()
+        offset = np.where(self._chain, goals - reference, 0.0) - self._feedback.integral
         self._direction = self._resting_direction(offset)
         self._fading = offset - self._modelled(self._last, self._direction)
         self._faded_s, self._rate = np.zeros_like(reference), 1.0
+        self._clamped = np.zeros_like(self._chain)
 
     def stuck_offsets(self, positions: Vector) -> tuple[Vector, Vector]:
         """Return the lowest and the highest offset (n,) with which friction keeps joints at rest.
@@ -107,7 +109,9 @@ class GoalCompensator:
             positions: Where they are (n,), rad or m.
         """
         at_rest = TrajectoryPoint.at_rest(positions)
-        low, high = (self._modelled(at_rest, side) + self._integral for side in (-1.0, 1.0))
+        low, high = (
+            self._modelled(at_rest, side) + self._feedback.integral for side in (-1.0, 1.0)
+        )
         return low, high
 
     def goals(self, point: TrajectoryPoint, elapsed_s: float, rate: float = 1.0) -> Vector:
@@ -129,29 +133,37 @@ class GoalCompensator:
         self._faded_s = np.minimum(self._faded_s + begun * elapsed_s, _FADE_S)
         offset = (
             self._modelled(self._last, self._direction)
-            + self._integral
+            + self._feedback.integral
+            + self._feedback.fast * (1.0 - self._fade_share)
             + self._fading * self._fade_share
         )
         return self._inside(point.position, offset)
 
-    def observe(self, measured: Vector, since_s: float, elapsed_s: float, *, grow: bool) -> None:
-        """Integrate how far the joints (n,) are off the reference of the last goals.
+    def observe(
+        self,
+        measured: Vector,
+        since_s: float,
+        elapsed_s: float,
+        *,
+        fresh: NDArray[np.bool_] | bool = True,
+        grow: bool,
+    ) -> None:
+        """Feed back how far the joints (n,) are off the reference of the last goals.
 
         Args:
             measured: The joints.
             since_s: From the last goals to the measurement.
             elapsed_s: From one measurement to the next.
-            grow: False where the goals were cut: then the integral only shrinks.
+            fresh: Which joints (n,) replied.
+            grow: False where the goals were cut: then feedback moves them no further. Nor does it
+                where a joint's goal is at a limit.
         """
-        last, elapsed_s = self._last, min(elapsed_s, _MAX_STEP_S)
+        last = self._last
         error = np.where(self._chain, last.position + since_s * last.velocity - measured, 0.0)
-        resting = np.abs(last.velocity) < _AT_REST_RAD_S * self._per_horn_rad
-        error[resting & (np.abs(error) <= _REST_TICKS * self._tick)] = 0.0
-        change = _INTEGRAL_PER_S * elapsed_s * error
-        if not grow:
-            change[change * self._integral > 0.0] = 0.0
-        limit = _MAX_INTEGRAL_RAD * self._per_horn_rad
-        self._integral = np.clip(self._integral + change, -limit, limit)
+        moving = np.abs(last.velocity) / (_AT_REST_RAD_S * self._per_horn_rad)
+        left = _REST_TICKS * self._tick * np.maximum(1.0 - moving, 0.0)
+        growing = grow & ~self._clamped
+        self._feedback.update(error, left, elapsed_s, fresh=fresh, grow=growing)
 
     @property
     def _fade_share(self) -> Vector:
@@ -183,10 +195,13 @@ class GoalCompensator:
         self._direction = np.clip(self._direction + np.clip(change, -most, most), -1.0, 1.0)
 
     def _inside(self, reference: Vector, offset: Vector) -> Vector:
-        """Return goals inside the limits, or no further outside than when the motion began.
+        """Return goals inside the limits, or no further outside than ever in this motion.
 
         A reference that leaves the limits is passed on, for the guard to refuse it.
         """
         low, high = self._reference_range
         leaves = (reference < low - self._tick) | (reference > high + self._tick)
-        return np.where(leaves, reference, np.clip(reference + offset, *self._goal_range))
+        goals = np.clip(reference + offset, *self._goal_range)
+        self._clamped = goals != reference + offset
+        self._goal_range = (np.minimum(self._low, goals), np.maximum(self._high, goals))
+        return np.where(leaves, reference, goals)

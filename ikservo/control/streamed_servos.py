@@ -142,7 +142,8 @@ class StreamedServos:
             self.compensator.begin(self.reference(), self.goals())
         rate = min(advance_s / elapsed_s, 1.0) if elapsed_s > 0.0 else 1.0
         since_s = 0.5 * (self._cycle_at_s + now_s) - self._reference_s
-        self.compensator.observe(self._measured, since_s, elapsed_s, grow=self._uncut)
+        fresh = ~np.isin(self.names, self.lost_joints)
+        self.compensator.observe(self._measured, since_s, elapsed_s, fresh=fresh, grow=self._uncut)
         goals = self.compensator.goals(point, elapsed_s, rate)
         self._uncut = self.send_goals(goals, now_s)
         self._reference, self._reference_s = point.position, now_s

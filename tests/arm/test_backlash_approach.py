@@ -70,11 +70,9 @@ def test_a_line_ends_on_its_line_whatever_play_is_known(arm_file):
     with ikservo.open_arm(arm_file, port=PORT) as arm:
         arm.pose("home")
         plan = arm.plan_line(np.add(arm.where().tip_m, (0.0, -0.03, 0.0)))
-        arm_text = []
-        line_of(arm).servos[ID].on_write = lambda *_: arm_text.append(
-            line_of(arm).servos[ID].memory.get("goal_position")
-        )
+        servo, at_rad = line_of(arm).servos[ID], []
+        servo.on_write = lambda *_: at_rad.append(servo.motor.position_rad)
         arm.execute(plan)
-    down = np.maximum.accumulate(arm_text) - arm_text
+    ticks = np.array(at_rad) * 4096 / (2.0 * np.pi)
     assert plan.goal[0] > plan.start[0]
-    assert down.max() <= 2
+    assert (np.maximum.accumulate(ticks) - ticks).max() <= 2

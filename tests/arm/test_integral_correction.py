@@ -83,6 +83,16 @@ def test_a_joint_that_has_gone_across_is_not_turned_round_for_a_tick():
     assert joint.error_ticks == -1
 
 
+def test_the_goal_of_a_joint_that_jumps_goes_back_until_it_rests():
+    joint = creep()
+    feed(joint, [1990] * 10)
+    before = joint.goal_at(0.0)
+    feed(joint, [1992], start_s=0.1)
+    assert joint.goal_at(0.0) < before
+    feed(joint, [1992] * 20, start_s=0.11)
+    assert joint.goal_at(0.0) > before
+
+
 def test_a_joint_that_has_gone_far_across_is_brought_back():
     joint = creep()
     feed(joint, [1998] * 5 + [2005] * 5)

@@ -46,3 +46,21 @@ def test_at_the_end_of_a_line_the_tip_is_at_its_target_before_any_correction(nam
         tips = list[np.ndarray]()
         arm.move_line(end_m, on_progress=lambda _: tips.append(true_tip_m(arm)))
         assert 1000.0 * np.linalg.norm(tips[-1] - end_m) < (2.0 if most_mm == 3.0 else 4.0)
+
+
+def test_friction_that_falls_with_speed_does_not_swing_a_joint_that_lifts(monkeypatch):
+    # an XL330 that lifted the forearm of a Koch swung by a degree to both sides of its path
+    with ikservo.open_arm("koch", port="sim:?pose=home&backlash_deg=0.5&seed=1") as arm:
+        column = arm.joint_names.index("elbow_flex")
+        arm.move_joints({"elbow_flex": -0.3}, speed="slow")
+        errors = list[float]()
+        servos = arm.context.servos
+        send = servos.send_reference
+
+        def send_and_compare(point, advance_s, now_s):
+            errors.append(float(servos.measure_positions()[column] - point.position[column]))
+            return send(point, advance_s, now_s)
+
+        monkeypatch.setattr(servos, "send_reference", send_and_compare)
+        arm.move_joints({"elbow_flex": 0.5}, speed="slow")
+        assert np.degrees(np.sqrt(np.mean(np.square(errors)))) < 0.15

@@ -1,4 +1,4 @@
-"""Goals of a motion: soft beginnings, integral action that is bounded, and limits."""
+"""Goals of a motion: soft beginnings, feedback that is bounded, and limits."""
 
 from __future__ import annotations
 
@@ -81,10 +81,10 @@ def test_it_does_not_wind_up_while_goals_are_cut(compensator, start):
     point = gliding(start, 0.1, 0.0)
     compensator.goals(point, CYCLE_S)
     compensator.observe(point.position - 0.01 * np.eye(6)[0], 0.0, CYCLE_S, grow=True)
-    first = compensator._integral[0]
+    first = compensator._feedback.integral[0]
     for _ in range(100):
         compensator.observe(point.position - 0.01 * np.eye(6)[0], 0.0, CYCLE_S, grow=False)
-    assert compensator._integral[0] == first > 0.0
+    assert compensator._feedback.integral[0] == first > 0.0
 
 
 def test_a_resting_joint_near_its_reference_is_left_there(compensator, start):
@@ -92,7 +92,7 @@ def test_a_resting_joint_near_its_reference_is_left_there(compensator, start):
     compensator.goals(gliding(start, 0.0, 0.0), CYCLE_S)
     for _ in range(1000):
         compensator.observe(start - 0.004 * np.eye(6)[0], 0.0, CYCLE_S, grow=True)
-    assert compensator._integral[0] == 0.0
+    assert compensator._feedback.integral[0] == 0.0
 
 
 def test_goals_stay_inside_the_limits(arm, compensator, start):
@@ -104,6 +104,35 @@ def test_goals_stay_inside_the_limits(arm, compensator, start):
     assert (goals >= low).all()
 
 
+def test_a_goal_outside_the_limits_only_comes_in(arm, compensator, start):
+    low, _ = arm._context.limits()
+    outside = np.where(np.arange(6) == 1, low - 0.1, start)
+    compensator.begin(outside, outside)
+    goals = []
+    for t in np.arange(0.0, 1.0, CYCLE_S):
+        point = gliding(outside, 0.05, t)
+        moved = point.position + 0.05 * t * np.eye(6)[1]
+        goals.append(
+            compensator.goals(TrajectoryPoint(moved, np.full(6, 0.05), np.zeros(6)), CYCLE_S)
+        )
+        # it swings: it runs ahead of its reference and falls behind it
+        compensator.observe(moved + 0.03 * np.sin(20.0 * t), 0.0, CYCLE_S, grow=True)
+    shoulder = np.array(goals)[:, 1]
+    assert (np.diff(shoulder)[shoulder[:-1] < low[1]] >= 0.0).all()
+    assert shoulder[-1] > outside[1] + 0.02
+
+
+def test_nothing_winds_up_while_a_goal_is_at_its_limit(arm, compensator, start):
+    _, high = arm._context.limits()
+    at_the_end = np.where(np.arange(6) == 1, high, start)
+    compensator.begin(at_the_end, at_the_end)
+    sagging = at_the_end - 0.03 * np.eye(6)[1]
+    for _ in range(200):
+        compensator.goals(TrajectoryPoint.at_rest(at_the_end), CYCLE_S)
+        compensator.observe(sagging, 0.0, CYCLE_S, grow=True)
+    assert compensator._feedback.integral[1] == pytest.approx(0.0, abs=3.0 * 0.03 * 2 * CYCLE_S)
+
+
 def test_a_reference_outside_the_limits_is_passed_on_for_the_guard(arm, compensator, start):
     _, high = arm._context.limits()
     compensator.begin(start, start)
@@ -111,7 +140,7 @@ def test_a_reference_outside_the_limits_is_passed_on_for_the_guard(arm, compensa
     assert compensator.goals(TrajectoryPoint.at_rest(outside), CYCLE_S)[1] == outside[1]
 
 
-def test_an_arm_whose_masses_are_not_known_has_integral_action_only(arm, start):
+def test_an_arm_whose_masses_are_not_known_has_feedback_only(arm, start):
     bare = GoalCompensator(arm._context.servos.fences, range(5))
     bare.begin(start, start)
     np.testing.assert_allclose(bare.goals(gliding(start, 0.2, 0.0), CYCLE_S), start)

@@ -1,0 +1,102 @@
+"""Feedback of tracking errors into goals: proportional, derivative and integral action."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ikservo.kinematics.arrays import Vector
+
+__all__ = ["TrackingFeedback"]
+
+
+# Gears that break loose run ahead of a slow reference, and friction that falls with speed lets a
+# loaded joint swing about it: the derivative brakes both. At twice these gains an XL330 swings by
+# itself, for a goal acts a cycle after the measurement.
+_PROPORTIONAL, _DERIVATIVE_S = 0.5, 0.05
+# A tick more in one cycle looks like a high speed; the derivative is that of this filter.
+_FILTER_S = 0.02
+# At the horn, what these two may add together, and how fast: swings need less, and goals must not
+# leap after lost replies or where a joint sagged before its motion began.
+_MAX_FAST_RAD, _MAX_FAST_RAD_S = 0.04, 0.25
+# After so long without a reply both fade.
+_STALE_S = 0.03
+# Integral action takes up what masses, payload and servos differ by from the model; slower than
+# any arm swings. Its limit is the sag of a joint at its torque limit, at the horn.
+_INTEGRAL_PER_S, _MAX_INTEGRAL_RAD = 3.0, 0.08
+# A cycle that comes late counts as this long: goals must not leap after a stall.
+_MAX_STEP_S = 0.02
+
+
+class TrackingFeedback:
+    """Computes by how much goals change for how far joints are off their reference.
+
+    ``offset = kp e + kd de/dt + ki integral(e)``, with ``de/dt`` of the filtered error. The first
+    two parts together, and their rate of change, are bounded.
+
+    Args:
+        per_horn_rad: Motion of each joint for one radian of its horn (n,), rad or m.
+
+    Attributes:
+        integral: The integral part (n,), rad or m; it outlasts a motion.
+        fast: The other two together (n,).
+    """
+
+    def __init__(self, per_horn_rad: Vector) -> None:
+        self._max_fast = _MAX_FAST_RAD * per_horn_rad
+        self._max_fast_s = _MAX_FAST_RAD_S * per_horn_rad
+        self._max_integral = _MAX_INTEGRAL_RAD * per_horn_rad
+        self.integral = np.zeros_like(per_horn_rad)
+        self.begin()
+
+    def reset(self) -> None:
+        """Discard everything: torque was off."""
+        self.integral = np.zeros_like(self.integral)
+        self.begin()
+
+    def begin(self) -> None:
+        """Discard all but the integral: a motion begins."""
+        self.fast = np.zeros_like(self.integral)
+        self._filtered = np.full_like(self.integral, np.nan)
+        self._age_s = np.zeros_like(self.integral)
+
+    def update(
+        self,
+        error: Vector,
+        left: Vector | float,
+        elapsed_s: float,
+        *,
+        fresh: NDArray[np.bool_] | bool = True,
+        grow: NDArray[np.bool_] | bool,
+    ) -> None:
+        """Take the errors (n,) of one cycle, rad or m.
+
+        Args:
+            error: Reference minus joint.
+            left: Errors within this (n,), to both sides, are left.
+            elapsed_s: Since the last one.
+            fresh: Which joints (n,) were read; the others have no error that is known.
+            grow: Which goals (n,) were sent as they were computed; the parts of others move them
+                no further away.
+        """
+        self._age_s = self._age_s + elapsed_s
+        beyond = np.where(fresh, error - np.clip(error, -left, left), 0.0)
+        step_s = min(elapsed_s, _MAX_STEP_S)
+        most = self._max_fast_s * step_s
+        fast = np.clip(self._next_fast(error, beyond, fresh), self.fast - most, self.fast + most)
+        inward = np.clip(fast, np.minimum(self.fast, 0.0), np.maximum(self.fast, 0.0))
+        self.fast = np.where(grow, fast, inward)
+        change = _INTEGRAL_PER_S * step_s * beyond
+        change = np.where(grow | (change * self.integral < 0.0), change, 0.0)
+        self.integral = np.clip(self.integral + change, -self._max_integral, self._max_integral)
+        self._age_s = np.where(fresh, 0.0, self._age_s)
+
+    def _next_fast(self, error: Vector, beyond: Vector, fresh: NDArray[np.bool_] | bool) -> Vector:
+        """Return proportional and derivative part (n,); that of joints without a reply is kept."""
+        first = np.isnan(self._filtered)
+        self._filtered = np.where(first & fresh, error, self._filtered)
+        rate = (error - self._filtered) / (self._age_s + _FILTER_S)
+        self._filtered = np.where(fresh, self._filtered + self._age_s * rate, self._filtered)
+        braking = np.where(beyond != 0.0, _DERIVATIVE_S * rate, 0.0)
+        read = np.clip(_PROPORTIONAL * beyond + braking, -self._max_fast, self._max_fast)
+        return np.where(fresh, read, np.where(self._age_s > _STALE_S, 0.0, self.fast))

@@ -1,0 +1,80 @@
+"""Feedback of tracking errors: proportional, braking, bounded, and kept while goals are cut."""
+
+import numpy as np
+import pytest
+
+from ikservo.control.tracking_feedback import TrackingFeedback
+
+CYCLE_S = 0.005
+TICK_RAD = 2.0 * np.pi / 4096
+
+
+@pytest.fixture
+def feedback():
+    return TrackingFeedback(np.ones(1))
+
+
+def fed(feedback, errors, *, left=0.0, replies=True, grow=True):
+    """Return integral and fast part together after each of these errors, one in each cycle."""
+    offsets = []
+    for error, fresh in zip(errors, np.broadcast_to(replies, len(errors)), strict=True):
+        feedback.update(np.array([error]), left, CYCLE_S, fresh=fresh, grow=grow)
+        offsets.append(float((feedback.integral + feedback.fast)[0]))
+    return np.array(offsets)
+
+
+def test_a_lag_is_answered_by_half_of_it_and_more_the_longer_it_lasts(feedback):
+    offsets = fed(feedback, [0.01] * 100)
+    assert offsets[9] == pytest.approx(0.5 * 0.01 + 3.0 * 0.01 * 0.05, rel=0.05)
+    assert offsets[-1] == pytest.approx(0.5 * 0.01 + 3.0 * 0.01 * 0.5, rel=0.05)
+
+
+def test_a_joint_that_runs_ahead_is_braked_before_its_error_changes_sides(feedback):
+    offsets = fed(feedback, np.linspace(0.01, 0.0, 20))
+    assert offsets[-1] < 0.0
+
+
+def test_the_rate_of_an_error_is_right_though_every_other_reply_is_lost(feedback):
+    whole, cycles = TrackingFeedback(np.ones(1)), np.arange(40)
+    errors = 0.05 * CYCLE_S * cycles
+    fed(whole, errors)
+    seen = errors - 0.05 * CYCLE_S * (cycles % 2 == 0)  # the last reading again
+    fed(feedback, seen, replies=cycles % 2 == 1)
+    assert feedback.fast == pytest.approx(whole.fast, rel=0.02)
+
+
+def test_goals_do_not_leap_when_replies_come_again(feedback):
+    errors = [0.0] * 10 + [0.0] * 3 + [0.1] * 10
+    offsets = fed(feedback, errors, replies=[True] * 10 + [False] * 3 + [True] * 10)
+    assert np.abs(np.diff(offsets)).max() < 2 * TICK_RAD
+
+
+def test_what_answers_the_rate_fades_when_replies_stay_away(feedback):
+    fed(feedback, np.linspace(0.0, 0.01, 20))
+    integral = feedback.integral.copy()
+    fed(feedback, [0.01] * 40, replies=False)
+    assert feedback.fast == 0.0
+    np.testing.assert_array_equal(feedback.integral, integral)
+
+
+def test_a_small_error_is_left_and_a_narrower_band_is_no_motion(feedback):
+    fed(feedback, [0.003] * 20, left=0.004)
+    assert feedback.fast == feedback.integral == 0.0
+    fed(feedback, [0.003] * 20, left=0.002)
+    assert feedback.fast == pytest.approx(0.5 * 0.001)
+
+
+def test_while_goals_are_cut_no_part_grows(feedback):
+    before = fed(feedback, [0.01] * 10)[-1]
+    assert max(fed(feedback, np.linspace(0.01, 0.1, 50), grow=False)) <= before
+    assert fed(feedback, [-0.01], grow=False)[0] < before
+
+
+def test_the_integral_outlasts_a_motion_and_not_torque(feedback):
+    fed(feedback, [0.01] * 100)
+    integral = feedback.integral.copy()
+    feedback.begin()
+    np.testing.assert_array_equal(feedback.fast, 0.0)
+    np.testing.assert_array_equal(feedback.integral, integral)
+    feedback.reset()
+    np.testing.assert_array_equal(feedback.integral, 0.0)
