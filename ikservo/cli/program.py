@@ -24,7 +24,7 @@ from ikservo.cli.options import (
     YesOption,
 )
 from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
-from ikservo.cli.terminal import print_json, print_lines, print_status
+from ikservo.cli.terminal import print_json, print_lines, print_status, wait_for_enter
 from ikservo.errors import IkservoError, InputError, UnknownNameError
 from ikservo.model import Model
 
@@ -122,8 +122,7 @@ def _run(
             index = (first - 1 + made) % len(program.steps)
             _print_step(index + 1, program, program.steps[index].description)
             if wait:
-                print_status("Press Enter for this step, Ctrl-C to end.")
-                sys.stdin.readline()
+                wait_for_enter("Press Enter for this step, Ctrl-C to end.")
             try:
                 done += islice(steps, 1)
             except BaseException:
