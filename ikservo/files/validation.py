@@ -57,8 +57,9 @@ def _make_issue(detail: ErrorDetails, model: type[BaseModel]) -> ValidationIssue
     location, kind = detail["loc"], detail["type"]
     if kind == "extra_forbidden":
         return _unknown_key_issue(location, model)
-    if kind == "value_error":  # a check of a whole table
-        return ValidationIssue(location, detail["msg"].removeprefix("Value error, "), "")
+    message = detail["msg"].removeprefix("Value error, ")
+    if kind == "value_error" and message:  # of a whole table
+        return ValidationIssue(location, message, "")
     expected = _resolve_location(location, model)[1]
     if location[-1] == "[key]":
         return ValidationIssue(
