@@ -5,7 +5,7 @@ BIN    := $(VENV)/bin
 PAGE   := ikservo/view/page
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test check campaign mutate bench build sanitize pictures vendor clean
+.PHONY: demo test test-oldest check check-release campaign mutate bench build docs sanitize pictures lerobot vendor clean
 
 demo: build  ## move the simulated SO-101 to a coordinate and print the report
 	@$(BIN)/ikservo move 0.25 0.05 0.15 --arm so101 --port sim --yes
@@ -21,8 +21,18 @@ check: $(VENV)/checked  ## what a commit must pass besides the tests
 	$(BIN)/codespell
 	$(BIN)/python tools/style_figures.py --check
 
+test-oldest:  ## a part of the suite with every dependency at its lowest version; needs uv
+	tools/test_oldest.sh
+
+check-release: $(VENV)/releasable  ## wheel, sdist, workflows, forms and citation against their schemas
+	tools/check_release.sh $(BIN)
+
 build: $(VENV)/installed  ## compile the kernels where they have changed; says whether they are compiled
 	@$(BIN)/python tools/kernel/build_kernels.py
+
+docs: $(VENV)/documented  ## the documentation site in site/, with every link checked
+	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build --strict --quiet
+	@echo "site/index.html"
 
 sanitize: $(VENV)/tested  ## the kernels' tests with checked indices and sanitizers
 	$(BIN)/python tools/kernel/sanitize.py
@@ -36,16 +46,31 @@ mutate: $(VENV)/tested build  ## every small change of guard, kinematics and cal
 bench: $(VENV)/tested build  ## how long the commands take; results belong in docs/benchmarks.md
 	$(BIN)/python tools/bench/startup.py
 
-pictures: $(VENV)/tested build  ## the page's pictures in the README, by way of its browser tests
+pictures: $(VENV)/tested build  ## the pictures of README and docs; those of the page by way of its browser tests
 	IKSERVO_PICTURES=docs/pictures $(BIN)/python -m pytest -m browser tests/browser/test_browser_pictures.py
+	$(BIN)/python tools/lecture_pictures.py
+	$(BIN)/python tools/wiring_drawings.py
 
-vendor:  ## three.js of the page anew, from npm at the versions of tools/vendor; needs node and npm
+LEROBOT ?= lerobot[core_scripts,dataset,gamepad,viz]
+lerobot: .venv-lerobot/installed  ## LeRobot's own commands on simulated arms; installs LeRobot for this Python, some GB
+	.venv-lerobot/bin/python -m pytest -c integrations/lerobot/pyproject.toml integrations/lerobot/tests
+
+.venv-lerobot/installed: pyproject.toml integrations/lerobot/pyproject.toml
+	$(PYTHON) -m venv .venv-lerobot
+	.venv-lerobot/bin/pip install --quiet "$(LEROBOT)" pynput pytest
+	.venv-lerobot/bin/pip install --quiet --editable '.[view]' --editable integrations/lerobot "setuptools<82"
+	@touch $@
+
+vendor:  ## three.js and uPlot of the page anew, from npm at the versions of tools/vendor; needs node and npm
 	cd tools/vendor && npm ci --no-fund --no-audit && npm run build
 	cp tools/vendor/node_modules/three/LICENSE $(PAGE)/three.LICENSE.txt
+	cp tools/vendor/node_modules/uplot/LICENSE $(PAGE)/uplot.LICENSE.txt
+	cp tools/vendor/node_modules/uplot/dist/uPlot.min.css $(PAGE)/uplot.min.css
 	cd $(PAGE) && sha256sum three.min.js > three.min.js.sha256
+	cd $(PAGE) && sha256sum uplot.min.js uplot.min.css > uplot.min.js.sha256
 
 clean:
-	rm -rf $(VENV) build dist ikservo/ik/kernel/_compiled.*
+	rm -rf $(VENV) .venv-lerobot build dist site ikservo/ik/kernel/_compiled.*
 
 $(VENV)/bin/pip:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "ikservo needs Python 3.11 or newer; try: make PYTHON=python3.12"; exit 1; }
@@ -62,4 +87,12 @@ $(VENV)/tested: $(VENV)/installed
 
 $(VENV)/checked: $(VENV)/tested
 	$(BIN)/pip install --quiet --group check
+	@touch $@
+
+$(VENV)/releasable: $(VENV)/bin/pip pyproject.toml
+	$(BIN)/pip install --quiet --group release
+	@touch $@
+
+$(VENV)/documented: $(VENV)/tested
+	$(BIN)/pip install --quiet --group docs
 	@touch $@

@@ -57,6 +57,17 @@ def test_the_page_has_three_js_as_it_was_built_with_its_licence(wheel):
     assert b"MIT" in wheel.read(metadata(wheel, "licenses/ikservo/view/page/three.LICENSE.txt"))
 
 
+def test_the_page_has_uplot_as_it_was_built_with_its_licence(wheel):
+    recorded = wheel.read("ikservo/view/page/uplot.min.js.sha256").decode().splitlines()
+    names = [line.split()[1] for line in recorded]
+    assert names == ["uplot.min.js", "uplot.min.css"]
+    for line in recorded:
+        module = wheel.read(f"ikservo/view/page/{line.split()[1]}")
+        assert hashlib.sha256(module).hexdigest() == line.split()[0]
+    licence = wheel.read(metadata(wheel, "licenses/ikservo/view/page/uplot.LICENSE.txt"))
+    assert b"MIT" in licence
+
+
 def test_the_wheel_carries_the_simulator_and_its_entry_points(wheel):
     names = wheel.namelist()
     assert "servosim/__init__.py" in names

@@ -1,0 +1,3 @@
+class File:
+    @classmethod
+    def generated(cls, config: object, src_uri: str, *, content: str) -> File: ...
