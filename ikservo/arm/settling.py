@@ -42,6 +42,7 @@ _BRAKE_S, _BRAKE_FILTER_S = 0.05, 0.02
 # Near its target a joint that has just moved is waited for: after stiction it still slides.
 _NEAR_TICKS = 3
 _MIN_WAIT_S = 0.04
+_AT_REST_S = 0.06
 # Sensor noise is within this.
 _NOISE_TICKS = 1
 
@@ -87,7 +88,8 @@ class GoalIntegrator:
     Attributes:
         goal: The goal of a joint at rest, ticks with fraction.
         at: The last measured position, ticks.
-        still_since_s: Since when the joint is at rest.
+        still_since_s: Since when the joint is within sensor noise of where it was.
+        moved_s: When the position last changed, other than back by noise.
     """
 
     def __init__(
@@ -105,7 +107,7 @@ class GoalIntegrator:
         self._slowest = _MIN_RAD_S / fence.joint_map.horn_rad_per_tick
         self._lead = fence.max_lead_ticks(0.0)
         self.at = self._before = self._anchor = goal if target is None else target
-        self._moved_s, self.still_since_s = -math.inf, 0.0
+        self.moved_s, self.still_since_s = -math.inf, 0.0
         self._side, self._crossed = 0, False
         self._rate = self._brake = 0.0
         self._filtered: float | None = None
@@ -134,6 +136,13 @@ class GoalIntegrator:
         value, source = self.fence.joint_map.format(limit.value), format_source(limit.source)
         return SaturationReason(Saturation.LIMIT, f"at its limit {value} ({source})")
 
+    def moves_at(self, time_s: float) -> bool:
+        """Return whether the joint is not at rest at the time of the last update.
+
+        One that friction has just let go may be no further than noise so far.
+        """
+        return self.still_since_s > time_s - _AT_REST_S or self.moved_s > time_s - _MIN_WAIT_S
+
     def goal_at(self, after_s: float) -> float:
         """Return the goal's tick a time after the last update."""
         return self._inside(self.goal + self._rate * after_s - self._brake)
@@ -152,7 +161,7 @@ class GoalIntegrator:
     def _track_motion(self, tick: int, time_s: float) -> None:
         if tick != self.at:
             if tick != self._before:  # back at the tick before is noise
-                self._moved_s = time_s
+                self.moved_s = time_s
             self._before, self.at = self.at, tick
         if abs(tick - self._anchor) > _NOISE_TICKS:
             self._anchor, self.still_since_s = tick, time_s
@@ -174,7 +183,7 @@ class GoalIntegrator:
         """Return the desired speed of the goal, ticks/s, signed."""
         if self.arrived or self._is_lead_limited():
             return 0.0
-        if abs(self.error_ticks) <= _NEAR_TICKS and time_s - self._moved_s < _MIN_WAIT_S:
+        if abs(self.error_ticks) <= _NEAR_TICKS and time_s - self.moved_s < _MIN_WAIT_S:
             return 0.0
         slowly = max(_FRACTION_PER_S * abs(self.error_ticks), self._slowest)
         return math.copysign(max(slowly, self._speed_while_stuck()), self.error_ticks)
@@ -190,7 +199,6 @@ class GoalIntegrator:
         return not self.arrived and self._side * (self.goal - self.at) >= self._lead
 
 
-_AT_REST_S = 0.06
 _MAX_DURATION_S = 3.0
 # A joint that friction lets go just before that comes to rest at its goal within this time.
 _MAX_COAST_S = 0.5
@@ -258,8 +266,7 @@ class SettlingTrajectory:
     @property
     def moving_joints(self) -> tuple[str, ...]:
         """Return the joints that are not at rest."""
-        since_s = self._updated_s - _AT_REST_S
-        return tuple(j.fence.joint for j in self._joints if j.still_since_s > since_s)
+        return tuple(j.fence.joint for j in self._joints if j.moves_at(self._updated_s))
 
     @property
     def measured(self) -> Vector:

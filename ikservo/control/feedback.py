@@ -192,6 +192,9 @@ class JointState:
         load_percent: Of the stall torque or, where the servo measures it, of the maximum current.
         torque: Whether torque is on.
         alarms: The servo's alarms.
+        current_a: Of the motor, where the servo measures it; a Feetech's without a sign. While
+            the arm moves it may be older than the rest.
+        goal_rad: The goal that was last sent, same unit as the position; None without torque.
     """
 
     name: str
@@ -204,6 +207,8 @@ class JointState:
     load_percent: float | None
     torque: bool
     alarms: tuple[str, ...] = ()
+    current_a: float | None = None
+    goal_rad: float | None = None
 
 
 _STATE_REGISTERS = (
@@ -244,21 +249,36 @@ def read_joint_states(
             ),
             torque=rows[fence.servo_id][RegisterName.TORQUE_ENABLE] != 0,
             alarms=tuple(sorted(str(alarm) for alarm in bus.alarms.get(fence.servo_id, ()))),
+            current_a=_current_a(bus.servos[fence.servo_id], rows[fence.servo_id]),
         )
         for fence in fences
     )
 
 
-def _available_registers(bus: ServoBus, servo_id: int) -> list[RegisterName]:
-    return (
-        [] if RegisterName.ALARMS in bus.servos[servo_id].table.missing else [RegisterName.ALARMS]
-    )
+def _available_registers(bus: ServoBus, servo_id: int) -> list[Register | RegisterName]:
+    table = bus.servos[servo_id].table
+    registers: list[Register | RegisterName] = []
+    if RegisterName.ALARMS not in table.missing:
+        registers.append(RegisterName.ALARMS)
+    current = table.registers.get("present_current")
+    if current is not None and current is not table.present_load:
+        registers.append(current)
+    return registers
+
+
+def _current_a(servo: ServoSpec, row: Mapping[Register | RegisterName, int]) -> float | None:
+    """Return the motor's current; None where the servo does not measure it."""
+    current = servo.table.registers.get("present_current")
+    if current is None:
+        return None
+    shared = current is servo.table.present_load
+    return current.to_value(row[RegisterName.PRESENT_LOAD if shared else current])
 
 
 def _state_value(
     bus: ServoBus,
     fence: CommandLimits,
-    rows: Mapping[int, Mapping[RegisterName, int]],
+    rows: Mapping[int, Mapping[Register | RegisterName, int]],
     name: RegisterName,
 ) -> float:
     table = bus.servos[fence.servo_id].table

@@ -18,6 +18,9 @@ __all__ = ["GoalCompensator"]
 # The offset that is in force when a motion begins fades to the computed one in this time.
 _FADE_S = 0.2
 _TINY = 1e-9
+# A horn further off its reference when a motion begins has sagged, or was lifted: friction already
+# presses it the other way.
+_SAG_RAD = 0.01
 # A cycle that comes late counts as this long: goals must not leap after a stall.
 _MAX_STEP_S = 0.02
 # Friction turns to the direction of a motion on some multiple of this way at the horn (Dahl 1968),
@@ -81,13 +84,20 @@ class GoalCompensator:
             chain = [gain_shares[column] for column in self._nominal.columns]
             self.feed_forward = self._nominal.with_gains(chain)
 
-    def begin(self, reference: Vector, goals: Vector, cycle_time_s: float = 0.0) -> None:
+    def begin(
+        self,
+        reference: Vector,
+        goals: Vector,
+        cycle_time_s: float = 0.0,
+        measured: Vector | None = None,
+    ) -> None:
         """Begin a motion at a reference (n,) that the servos hold with some goals (n,).
 
         Args:
             reference: Where the joints are.
             goals: What their servos hold.
             cycle_time_s: How long a goal is held until the next one.
+            measured: Where they were measured; the reference if None.
         """
         self._held_s = cycle_time_s
         self._reference_range, self._goal_range = (
@@ -97,7 +107,7 @@ class GoalCompensator:
         self._last = TrajectoryPoint.at_rest(reference)
         self._feedback.begin()
         offset = np.where(self._chain, goals - reference, 0.0) - self._feedback.integral
-        self._direction = self._resting_direction(offset)
+        self._direction = self._resting_direction(offset + self._sag(reference, measured))
         self._fading = offset - self._modelled(self._last, self._direction)
         self._faded_s, self._rate = np.zeros_like(reference), 1.0
         self._clamped = np.zeros_like(self._chain)
@@ -114,23 +124,30 @@ class GoalCompensator:
         )
         return low, high
 
-    def goals(self, point: TrajectoryPoint, elapsed_s: float, rate: float = 1.0) -> Vector:
+    def goals(
+        self,
+        point: TrajectoryPoint,
+        elapsed_s: float,
+        rate: float = 1.0,
+        ease: Vector | float = 1.0,
+    ) -> Vector:
         """Return the goals (n,) for a reference, inside the limits.
 
         Args:
             point: The reference (n,), by the time of the motion.
             elapsed_s: Since the last call, by the clock.
             rate: Seconds of the motion per second of the clock.
+            ease: How fast offsets change (n,), 0 to 1: they wait for joints that lag.
         """
         elapsed_s = min(elapsed_s, _MAX_STEP_S)
         self._rate += (rate - self._rate) * min(elapsed_s / _RATE_FILTER_S, 1.0)
         self._last = TrajectoryPoint(
             point.position, point.velocity * self._rate, point.acceleration * self._rate**2
         )
-        self._turn_direction(elapsed_s)
+        self._turn_direction(ease * elapsed_s)
         # A joint that stays where it is keeps the offset that friction lets it have there.
         begun = (self._faded_s > 0.0) | (np.abs(self._last.velocity) > _TINY)
-        self._faded_s = np.minimum(self._faded_s + begun * elapsed_s, _FADE_S)
+        self._faded_s = np.minimum(self._faded_s + begun * ease * elapsed_s, _FADE_S)
         offset = (
             self._modelled(self._last, self._direction)
             + self._feedback.integral
@@ -146,7 +163,7 @@ class GoalCompensator:
         elapsed_s: float,
         *,
         fresh: NDArray[np.bool_] | bool = True,
-        grow: bool,
+        grow: Vector | float,
     ) -> None:
         """Feed back how far the joints (n,) are off the reference of the last goals.
 
@@ -155,14 +172,14 @@ class GoalCompensator:
             since_s: From the last goals to the measurement.
             elapsed_s: From one measurement to the next.
             fresh: Which joints (n,) replied.
-            grow: False where the goals were cut: then feedback moves them no further. Nor does it
-                where a joint's goal is at a limit.
+            grow: How fast feedback may move goals (n,) further away, 0 to 1: not at all where they
+                were cut. Nor does it where a joint's goal is at a limit.
         """
         last = self._last
         error = np.where(self._chain, last.position + since_s * last.velocity - measured, 0.0)
         moving = np.abs(last.velocity) / (_AT_REST_RAD_S * self._per_horn_rad)
         left = _REST_TICKS * self._tick * np.maximum(1.0 - moving, 0.0)
-        growing = grow & ~self._clamped
+        growing = np.where(self._clamped, 0.0, grow)
         self._feedback.update(error, left, elapsed_s, fresh=fresh, grow=growing)
 
     @property
@@ -187,7 +204,14 @@ class GoalCompensator:
         share = np.divide(offset - middle, half, where=half > 0.0, out=np.zeros_like(half))
         return np.clip(share, -1.0, 1.0)
 
-    def _turn_direction(self, elapsed_s: float) -> None:
+    def _sag(self, reference: Vector, measured: Vector | None) -> Vector:
+        """Return how far joints (n,) are behind their reference where they are far from it."""
+        if measured is None:
+            return np.zeros_like(reference)
+        lag = np.where(self._chain, reference - measured, 0.0)
+        return np.where(np.abs(lag) > _SAG_RAD * self._per_horn_rad, lag, 0.0)
+
+    def _turn_direction(self, elapsed_s: Vector | float) -> None:
         """Turn friction to the direction of the motion, within a short way and no faster."""
         way = self._last.velocity * elapsed_s / (_DIRECTION_RAD * self._per_horn_rad)
         change = way - self._direction * np.abs(way)

@@ -116,6 +116,7 @@ class HealthPoller:
         servo, known = self._bus.servos[servo_id], self._known.get(servo_id)
         if known is None:
             return state
+        load = servo.table.present_load
         return replace(
             state,
             temperature_c=_register_value(servo, known, RegisterName.PRESENT_TEMPERATURE),
@@ -125,6 +126,7 @@ class HealthPoller:
             ),
             torque=known[servo.table.torque_enable] == 1,
             alarms=tuple(sorted(str(alarm) for alarm in self._bus.alarms.get(servo_id, ()))),
+            current_a=load.to_value(known[load]) if load.unit.symbol == "A" else state.current_a,
         )
 
     def _read_registers(self, servo_id: int, registers: list[Register]) -> None:

@@ -6,6 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import median
 
+from ikservo.control.real_time import steady_timing
 from ikservo.control.servo_group import ServoGroup
 from ikservo.control.streamed_servos import STALL_S
 from ikservo.errors import RefusedError
@@ -277,7 +278,7 @@ class ControlLoop:
             RefusedError: The guard stopped it, or a joint does not follow; the arm holds.
             PortLostError: The port is gone.
         """
-        with self._servos.streaming(speed_rad_s):
+        with self._servos.streaming(speed_rad_s), steady_timing(self._servos.clock):
             return self._run_loop(trajectory, on_cycle, compensated)
 
     def _run_loop(

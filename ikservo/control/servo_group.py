@@ -27,6 +27,7 @@ from ikservo.control.stopping import StopOutcome, hold_servos
 from ikservo.control.streamed_servos import StreamedServos
 from ikservo.guard import CommandLimits, HealthLimits, HealthMonitor, StopKind, StopReason
 from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.servo import LinkStatistics
 from ikservo.hardware.torque import (
     accepted_goal_range,
     check_kept_goal,
@@ -224,6 +225,10 @@ class ServoGroup(StreamedServos):
     def with_latest_telemetry(self, states: tuple[JointState, ...]) -> tuple[JointState, ...]:
         """Return joints' states with the latest telemetry of the motion; reads no servo."""
         return self._health_poller.with_latest_telemetry(states) if self._health_poller else states
+
+    def link_statistics(self) -> LinkStatistics:
+        """Return the round trip and the losses of the line; reads no servo."""
+        return LinkStatistics.of(self._bus.statistics.values())
 
     def drive_reader(self, names: Sequence[str]) -> DriveReader:
         """Return what reads the duty, the current and the supply of the servos of some joints."""

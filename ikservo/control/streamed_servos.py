@@ -126,7 +126,8 @@ class StreamedServos:
         Args:
             cycle_time_s: The time between two goals.
         """
-        self.compensator.begin(self.reference(), self.goals(), cycle_time_s)
+        reference, goals = self.reference(), self.goals()
+        self.compensator.begin(reference, goals, cycle_time_s, self._measured)
         self._reference_s, self._uncut = self.clock.now_s(), True
 
     def send_reference(self, point: TrajectoryPoint, advance_s: float, now_s: float) -> bool:
@@ -139,12 +140,14 @@ class StreamedServos:
         """
         elapsed_s = now_s - self._reference_s
         if elapsed_s > STALL_S:  # the joints have come to rest
-            self.compensator.begin(self.reference(), self.goals())
+            self.compensator.begin(self.reference(), self.goals(), measured=self._measured)
         rate = min(advance_s / elapsed_s, 1.0) if elapsed_s > 0.0 else 1.0
         since_s = 0.5 * (self._cycle_at_s + now_s) - self._reference_s
         fresh = ~np.isin(self.names, self.lost_joints)
-        self.compensator.observe(self._measured, since_s, elapsed_s, fresh=fresh, grow=self._uncut)
-        goals = self.compensator.goals(point, elapsed_s, rate)
+        ease = np.array([self._gate.ease(name) for name in self.names])
+        grow = self._uncut * ease
+        self.compensator.observe(self._measured, since_s, elapsed_s, fresh=fresh, grow=grow)
+        goals = self.compensator.goals(point, elapsed_s, rate, ease)
         self._uncut = self.send_goals(goals, now_s)
         self._reference, self._reference_s = point.position, now_s
         return self._uncut

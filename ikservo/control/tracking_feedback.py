@@ -67,7 +67,7 @@ class TrackingFeedback:
         elapsed_s: float,
         *,
         fresh: NDArray[np.bool_] | bool = True,
-        grow: NDArray[np.bool_] | bool,
+        grow: Vector | float,
     ) -> None:
         """Take the errors (n,) of one cycle, rad or m.
 
@@ -76,8 +76,7 @@ class TrackingFeedback:
             left: Errors within this (n,), to both sides, are left.
             elapsed_s: Since the last one.
             fresh: Which joints (n,) were read; the others have no error that is known.
-            grow: Which goals (n,) were sent as they were computed; the parts of others move them
-                no further away.
+            grow: How fast the parts of each goal (n,) may move it further away, 0 to 1.
         """
         self._age_s = self._age_s + elapsed_s
         beyond = np.where(fresh, error - np.clip(error, -left, left), 0.0)
@@ -85,9 +84,9 @@ class TrackingFeedback:
         most = self._max_fast_s * step_s
         fast = np.clip(self._next_fast(error, beyond, fresh), self.fast - most, self.fast + most)
         inward = np.clip(fast, np.minimum(self.fast, 0.0), np.maximum(self.fast, 0.0))
-        self.fast = np.where(grow, fast, inward)
+        self.fast = inward + grow * (fast - inward)
         change = _INTEGRAL_PER_S * step_s * beyond
-        change = np.where(grow | (change * self.integral < 0.0), change, 0.0)
+        change = np.where(change * self.integral < 0.0, change, grow * change)
         self.integral = np.clip(self.integral + change, -self._max_integral, self._max_integral)
         self._age_s = np.where(fresh, 0.0, self._age_s)
 

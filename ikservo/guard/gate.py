@@ -203,6 +203,10 @@ class Gate:
         """
         return self._lead.allowed_advance_s(self._goals, min(elapsed_s, MAX_ELAPSED_S))
 
+    def ease(self, joint: str) -> float:
+        """Return how fast a joint's goals may go on, 0 to 1: less where it lags behind."""
+        return self._lead.ease(joint, self._goals[joint])
+
     def stale_joints(self, now_s: float) -> tuple[str, ...]:
         """Return the joints whose last position reading is too old for a goal to pass."""
         return self._lead.stale_joints(now_s)

@@ -236,14 +236,25 @@ class LeadLimiter:
             default=elapsed_s,
         )
 
+    def ease(self, joint: str, goal: int) -> float:
+        """Return how fast goals may go on, 0 to 1: less from three quarters of the lead on.
+
+        Args:
+            joint: Its name.
+            goal: Its present goal.
+        """
+        if joint not in self._measured:
+            return 0.0
+        ahead = abs(goal - self._measured[joint][0])
+        return min(max((1.0 - ahead / self._leads[joint]) / (1.0 - _EASE_FROM), 0.0), 1.0)
+
     def _allowed_joint_advance_s(self, joint: str, goal: int, elapsed_s: float) -> float:
         if joint not in self._measured:
             return 0.0
-        lead, ahead = self._leads[joint], abs(goal - self._measured[joint][0])
-        ease = min((1.0 - ahead / lead) / (1.0 - _EASE_FROM), 1.0)
         # One tick is left for rounding.
-        remaining_s = (lead - 1 - ahead) / self._ticks_s[joint]
-        return max(min(ease * elapsed_s, remaining_s), 0.0)
+        remaining = self._leads[joint] - 1 - abs(goal - self._measured[joint][0])
+        allowed_s = min(self.ease(joint, goal) * elapsed_s, remaining / self._ticks_s[joint])
+        return max(allowed_s, 0.0)
 
     def _require_measured(self, joint: str, now_s: float) -> int:
         tick = self._recent_tick(joint, now_s)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
@@ -11,7 +11,7 @@ from ikservo.errors import BusError, ServoSilentError
 from ikservo.hardware.packets import FaultKind, Reply, ReplyFault
 from ikservo.registers import Alarm, ControlTable
 
-__all__ = ["PingResult", "Readings", "ServoSpec", "ServoStatistics"]
+__all__ = ["LinkStatistics", "PingResult", "Readings", "ServoSpec", "ServoStatistics"]
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,6 +86,27 @@ class ServoStatistics:
         """Return the quantile of the latest round trips, seconds; None if there are none."""
         ordered = sorted(self.round_trips_s)
         return ordered[min(int(quantile * len(ordered)), len(ordered) - 1)] if ordered else None
+
+
+@dataclass(frozen=True, slots=True)
+class LinkStatistics:
+    """The outcomes of all requests on a line since it was opened.
+
+    Attributes:
+        lost: Requests without a usable reply.
+        round_trip_s: Duration of the slowest of the servos' latest exchanges; None without any.
+    """
+
+    lost: int
+    round_trip_s: float | None
+
+    @classmethod
+    def of(cls, servos: Iterable[ServoStatistics]) -> LinkStatistics:
+        """Return what the statistics of the servos of a line add up to."""
+        counts = list(servos)
+        latest = [count.round_trips_s[-1] for count in counts if count.round_trips_s]
+        lost = sum(count.lost + count.garbled for count in counts)
+        return cls(lost, max(latest, default=None))
 
 
 T_co = TypeVar("T_co", covariant=True)

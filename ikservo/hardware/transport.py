@@ -26,11 +26,12 @@ from weakref import WeakSet
 import serial
 from serial import rfc2217
 
-from ikservo.errors import NoPortError, PortBusyError
+from ikservo.errors import NoPortError, PortBusyError, PortError
 from ikservo.hardware.serial_ports import list_devices, open_error
 
 __all__ = [
     "ENTRY_POINT_GROUP",
+    "NETWORK_GROUP",
     "FileDescriptorPort",
     "PortLock",
     "Transport",
@@ -38,6 +39,7 @@ __all__ = [
     "acquire_lock",
     "has_descriptor",
     "open_transport",
+    "refuse_other_machines",
 ]
 
 
@@ -151,14 +153,15 @@ class PortLock:
 
 
 def acquire_lock(device: str) -> PortLock:
-    """Take the lock of a device.
+    """Take the lock of a device; Windows itself lets one program at a time open a serial port.
 
     Raises:
         PortBusyError: Another process, or another part of this one, has it; it is named.
     """
-    if sys.platform == "win32":
+    try:
+        import fcntl  # noqa: PLC0415  # there is none on Windows
+    except ImportError:
         return PortLock()
-    import fcntl  # noqa: PLC0415  # there is none on Windows
 
     descriptor = _open_lock_file(_lock_file_path(device))
     if descriptor is None:
@@ -198,6 +201,9 @@ def _write_lock_holder(descriptor: int) -> None:
 
 ENTRY_POINT_GROUP = "ikservo.ports"
 """Entry point group: ``name:anything`` is opened by the plug-in called ``name``."""
+
+NETWORK_GROUP = "ikservo.networks"
+"""Entry point group: ``name:anything`` is the address of an arm on another machine."""
 
 _WRITE_TIMEOUT_S = 1.0  # a line that accepts no bytes for so long is lost
 
@@ -251,6 +257,7 @@ def open_transport(name: str, baud_rate: int) -> Transport:
         raise NoPortError("", list_devices())
     for plug_in in _find_plug_ins(name.partition(":")[0]):
         return _open_plug_in(plug_in.load(), name, baud_rate)
+    refuse_other_machines(name)
     lock = PortLock() if "://" in name else acquire_lock(name)
     try:
         return cast("Transport", _LockedTransport(_open_serial(name, baud_rate), lock))
@@ -259,10 +266,23 @@ def open_transport(name: str, baud_rate: int) -> Transport:
         raise open_error(name, baud_rate, error) from error
 
 
+def refuse_other_machines(name: str) -> None:
+    """Refuse the address of an arm on another machine where its servos' port is needed.
+
+    Raises:
+        PortError: It is one.
+    """
+    if _find_plug_ins(name.partition(":")[0], NETWORK_GROUP):
+        raise PortError(
+            f"{name} is an arm on another machine; this needs the servos' own port.",
+            "Run it there, with the serial port of the arm, once `ikservo serve` has ended.",
+        )
+
+
 @cache
-def _find_plug_ins(name: str) -> tuple[EntryPoint, ...]:
+def _find_plug_ins(name: str, group: str = ENTRY_POINT_GROUP) -> tuple[EntryPoint, ...]:
     """Return the installed plug-ins of a name; looking through all packages takes milliseconds."""
-    return tuple(entry_points(group=ENTRY_POINT_GROUP, name=name))
+    return tuple(entry_points(group=group, name=name))
 
 
 def _open_plug_in(opener: Callable[[str], Transport], name: str, baud_rate: int) -> Transport:

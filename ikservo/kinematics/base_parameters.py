@@ -143,7 +143,7 @@ def independent_columns(
     effects: Matrix = np.linalg.qr(finite_array(Y, Y.shape, "The regressor") * sizes).R
     least = max(_at_least_zero(tolerance, "The tolerance"), _ROUNDING)
     columns = _select_columns(effects, least * np.linalg.norm(effects, axis=0).max(initial=0.0))
-    G = np.linalg.lstsq(effects[:, columns], effects)[0] / sizes * sizes[columns, None]
+    G = np.linalg.lstsq(effects[:, columns], effects, rcond=None)[0] / sizes * sizes[columns, None]
     return BaseParameters(columns, read_only(G))
 
 

@@ -152,7 +152,9 @@ def _winding(
         np.column_stack([current, speed])[used] / noise[:, None],
         np.diag(1.0 / (_NOMINAL_SHARE * nominal)),
     ])  # fmt: skip
-    (R, kt), *_ = np.linalg.lstsq(A, np.append(volts[used] / noise, [1.0 / _NOMINAL_SHARE] * 2))
+    (R, kt), *_ = np.linalg.lstsq(
+        A, np.append(volts[used] / noise, [1.0 / _NOMINAL_SHARE] * 2), rcond=None
+    )
     if R <= 0.0 or kt <= 0.0:
         return None
     gradient = np.array([-1.0 / R, 1.0 / kt])  # of log(kt / R)
@@ -171,7 +173,7 @@ def fit_loop(windows: SteadyWindows, prior: JointPrior) -> LoopFit:
     noise = _LOOP_NOISE * np.sqrt(max(len(duty) / _MIN_WINDOWS, 1.0))
     columns = np.column_stack([windows.lead, -windows.speed, np.sign(windows.lead)])
     A = np.vstack([columns / noise, np.diag(1.0 / deviations)])
-    found, *_ = np.linalg.lstsq(A, np.concatenate([duty / noise, before / deviations]))
+    found, *_ = np.linalg.lstsq(A, np.concatenate([duty / noise, before / deviations]), rcond=None)
     error = np.sqrt(np.linalg.inv(A.T @ A)[0, 0])
     k, from_delay, startup = found.tolist()
     return LoopFit(k, float(error), share, startup, from_delay / k)

@@ -145,6 +145,13 @@ def test_a_joint_that_friction_lets_go_at_the_last_moment_comes_to_rest():
     assert trajectory.residuals
 
 
+def test_a_joint_that_slides_onto_its_target_has_not_settled_there():
+    # as a waist of a vx300s: held a tick beside it, let go, over it at 40 ticks a second
+    at = iter([*[2002] * 2, *[2001] * 38, *[2000] * 4, *[1999] * 4, *[1998] * 900])
+    trajectory = settle_with(lambda _: next(at))
+    assert trajectory.duration_s >= (48 + 8) * BEAT_S
+
+
 def test_a_joint_that_never_rests_is_not_waited_for():
     trajectory = settle_with(lambda time_s: 2002 + 6 * (round(time_s / BEAT_S) % 2))
     assert trajectory.moving_joints == ("elbow",)

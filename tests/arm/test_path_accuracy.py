@@ -6,7 +6,9 @@ import numpy as np
 import pytest
 
 import ikservo
-from tests.arm.simulated import true_tip_m
+from tests.arm.random_faults import SPEEDS, seeded
+from tests.arm.short_motions import open_simulated, short_move
+from tests.arm.simulated import run_trajectory, servo_group, true_tip_m
 
 # Start and end of a line, and how far beside it the tip may be: root mean square and most.
 LINES = {
@@ -64,3 +66,23 @@ def test_friction_that_falls_with_speed_does_not_swing_a_joint_that_lifts(monkey
         monkeypatch.setattr(servos, "send_reference", send_and_compare)
         arm.move_joints({"elbow_flex": 0.5}, speed="slow")
         assert np.degrees(np.sqrt(np.mean(np.square(errors)))) < 0.15
+
+
+def test_a_joint_that_sagged_and_sticks_is_lifted_well_within_the_maximum_lead():
+    # the elbow of this Koch was taken for blocked when it had just broken loose
+    shares = list[float]()
+    dice = seeded(3)
+    with open_simulated("koch", seed=3) as arm:
+        arm.enable()
+        assert dice.choice(SPEEDS) == "slow"
+        speed_rad_s = arm.model.speed("slow").rad_s
+        move = short_move(arm, dice, "slow", max_rad=1.0)
+        fences = servo_group(arm).fences
+        most = np.array([f.max_lead_ticks(speed_rad_s) * f.joint_map.unit_per_tick for f in fences])
+        run_trajectory(
+            arm,
+            lambda _: move,
+            lambda cycle: shares.append(float(np.max(np.abs(cycle.goals - cycle.measured) / most))),
+            "slow",
+        )
+    assert max(shares) < 0.87

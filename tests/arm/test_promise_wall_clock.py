@@ -12,11 +12,16 @@ from tests.arm.simulated import line_of, run_trajectory
 
 PRODUCT = Path(ikservo.__file__).parent
 FAMILIES = ("so101", "koch")
+DATED = {  # messages of ROS 2 bear the date
+    "arm/recording_mcap.py",  # the first of a file; the others count from there
+    "network/ros/bridge.py",
+    "network/ros/node.py",
+}
 
 
 def test_no_line_of_the_product_times_anything_by_the_wall_clock():
     found = {str(path.relative_to(PRODUCT)) for path in PRODUCT.rglob("*.py") if asks(path)}
-    assert not found
+    assert found == DATED
 
 
 def asks(path):

@@ -58,6 +58,31 @@ def test_a_joint_that_stays_keeps_the_goal_that_friction_lets_it_have(compensato
     np.testing.assert_allclose(goals[:, 4], start[4] + 0.004, atol=1e-9)
 
 
+def test_friction_presses_a_joint_up_already_that_sagged_when_its_torque_came_on(
+    compensator, start
+):
+    lift = -np.eye(6)[2]
+    leads = []
+    for measured in (start, start - 0.05 * lift):
+        compensator.begin(start, start, CYCLE_S, measured)
+        for t in np.arange(0.0, 0.05, CYCLE_S):
+            point = TrajectoryPoint(start + 0.1 * t * lift, 0.1 * lift, np.zeros(6))
+            goals = compensator.goals(point, CYCLE_S)
+        leads.append((goals - point.position) @ lift)
+    upright, sagged = leads
+    assert 0.0 < sagged < 0.5 * upright
+
+
+def test_offsets_wait_for_a_joint_that_lags(compensator, start):
+    compensator.begin(start, start + 0.02)
+    ease = np.where(np.arange(6) == 1, 0.0, 1.0)
+    for _t in np.arange(0.0, 0.2, CYCLE_S):
+        point = TrajectoryPoint(start, np.full(6, 0.1), np.zeros(6))
+        offset = compensator.goals(point, CYCLE_S, ease=ease) - start
+    assert offset[1] == pytest.approx(0.02, abs=0.002)  # viscous friction and delay
+    assert abs(offset[0] - 0.02) > 0.005
+
+
 def test_a_gripper_has_no_offset(compensator, start):
     compensator.begin(start, start)
     assert goals_of(compensator, start, 0.5, 0.3)[:, 5] == pytest.approx(start[5])

@@ -70,6 +70,14 @@ def test_while_goals_are_cut_no_part_grows(feedback):
     assert fed(feedback, [-0.01], grow=False)[0] < before
 
 
+def test_near_the_end_of_the_lead_the_integral_grows_slower_and_shrinks_as_fast(feedback):
+    fed(feedback, [0.01] * 100, grow=0.25)
+    slow = float(feedback.integral[0])
+    assert slow == pytest.approx(0.25 * 3.0 * 0.01 * 0.5)
+    fed(feedback, [-0.01] * 10, grow=0.25)
+    assert slow - feedback.integral[0] == pytest.approx(3.0 * 0.01 * 0.05)
+
+
 def test_the_integral_outlasts_a_motion_and_not_torque(feedback):
     fed(feedback, [0.01] * 100)
     integral = feedback.integral.copy()

@@ -106,6 +106,18 @@ def test_a_motion_waits_from_three_quarters_of_the_look_ahead_on(goal, share):
     assert ahead.allowed_advance_s({"elbow": goal}, 0.001) == pytest.approx(share * 0.001, rel=1e-3)
 
 
+@pytest.mark.parametrize(
+    ("goal", "share"), [(2048 + 103, 1.0), (2048 - 121, 0.4928), (2186, 0.0), (2048 + 200, 0.0)]
+)
+def test_one_joint_that_lags_is_waited_for_by_itself(goal, share):
+    assert seen_at(2048).ease("elbow", goal) == pytest.approx(share, rel=1e-3)
+    assert seen_at(2048).ease("wrist", 2048) == 1.0
+
+
+def test_a_joint_that_was_never_seen_is_waited_for():
+    assert LeadLimiter([make_limits()]).ease("elbow", 2048) == 0.0
+
+
 @pytest.mark.parametrize("goal", [2048 + 200, 2048 - 200])
 def test_a_motion_never_goes_backwards(goal):
     assert seen_at(2048).allowed_advance_s({"elbow": goal}, 0.01) == 0.0

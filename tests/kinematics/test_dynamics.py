@@ -240,7 +240,7 @@ def test_least_squares_on_torques_find_the_base_parameters(pair):
     base = base_parameters(ours)
     Y = base.reduce(ours.regressor(q, qd, qdd)).reshape(-1, len(base.columns))
     measured = [oracle.torques(*motion) for motion in zip(q, qd, qdd, strict=True)]
-    found = np.linalg.lstsq(Y, np.ravel(measured))[0]
+    found = np.linalg.lstsq(Y, np.ravel(measured), rcond=None)[0]
     expected = base.combine(ours.parameters)
     np.testing.assert_allclose(found, expected, rtol=1e-3, atol=1e-4 * np.abs(expected).max())
 

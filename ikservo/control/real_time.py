@@ -1,0 +1,81 @@
+"""Steady timing of a control loop: real-time priority where it is allowed, short collections.
+
+On a busy machine an ordinary thread is woken by tens of milliseconds too late; one of real-time
+priority by tenths of a millisecond. It is used where the user was given a limit above zero on Linux
+(``ulimit -r``, ``rtprio`` in ``limits.conf``, ``LimitRTPRIO=`` of a systemd unit), and only there:
+root may always take it, without that anybody has asked for it.
+"""
+
+from __future__ import annotations
+
+import gc
+import os
+import sys
+from collections.abc import Generator
+from contextlib import contextmanager
+
+from ikservo.clock import Clock, RealClock
+
+__all__ = ["allowed_priority", "steady_timing"]
+
+# Above every ordinary program, below the kernel's own threads for devices (50).
+_PRIORITY = 20
+
+
+def allowed_priority() -> int:
+    """Return the real-time priority that control loops get, 1 to 20; 0 where none is allowed."""
+    if sys.platform != "linux":
+        return 0
+    import resource  # noqa: PLC0415  # there is none on Windows
+
+    soft, _ = resource.getrlimit(resource.RLIMIT_RTPRIO)
+    return _PRIORITY if soft == resource.RLIM_INFINITY else min(_PRIORITY, soft)
+
+
+@contextmanager
+def steady_timing(clock: Clock) -> Generator[None]:
+    """Run the block, a control loop, undisturbed by other programs and by old objects.
+
+    This thread gets the allowed real-time priority; programs that it starts do not. The garbage
+    collector leaves aside what exists already, so that no pause grows with the size of the program.
+    In virtual time nothing is changed.
+
+    Args:
+        clock: Of the loop.
+    """
+    if not isinstance(clock, RealClock):
+        yield
+        return
+    with _real_time_priority(allowed_priority()), _short_collections():
+        yield
+
+
+@contextmanager
+def _short_collections() -> Generator[None]:
+    if gc.get_freeze_count():  # the program has done so itself, or another arm moves
+        yield
+        return
+    gc.freeze()
+    try:
+        yield
+    finally:
+        gc.unfreeze()
+
+
+@contextmanager
+def _real_time_priority(priority: int) -> Generator[None]:
+    if sys.platform != "linux" or not priority:
+        yield
+        return
+    # 0 is the calling thread (sched_setscheduler(2)).
+    policy, parameters = os.sched_getscheduler(0), os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
+    except OSError:  # a container may forbid what the limit allows
+        yield
+        return
+    try:
+        yield
+    finally:
+        # Only root may take SCHED_RESET_ON_FORK back.
+        os.sched_setscheduler(0, policy | os.SCHED_RESET_ON_FORK, parameters)

@@ -1,0 +1,103 @@
+"""A control loop in real time gets the priority that the system allows, and gives it back."""
+
+import gc
+import os
+import sys
+from contextlib import contextmanager
+
+import pytest
+
+import ikservo
+from ikservo.clock import RealClock
+from ikservo.control import loop
+from ikservo.control.real_time import allowed_priority, steady_timing
+from tests.arm.random_faults import seeded
+from tests.arm.short_motions import run_short_move
+
+if sys.platform != "linux":
+    pytest.skip("Linux has real-time priorities", allow_module_level=True)
+import resource
+
+
+def policy():
+    return os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK
+
+
+@pytest.fixture
+def limit(monkeypatch):
+    """Return a function that sets the limit of real-time priorities, as an administrator does."""
+
+    def set_limit(soft):
+        monkeypatch.setattr(resource, "getrlimit", lambda _: (soft, soft))
+
+    return set_limit
+
+
+@pytest.fixture
+def permitted():
+    """Skip where the system would refuse what the limit says, because it is ours alone."""
+    before = os.sched_getparam(0)
+    try:
+        os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(1))
+    except OSError:
+        pytest.skip("this user may not use real-time priorities")
+    os.sched_setscheduler(0, os.SCHED_OTHER, before)
+
+
+@pytest.mark.parametrize(("soft", "allowed"), [(0, 0), (7, 7), (99, 20)])
+def test_the_loop_gets_the_priority_that_the_limit_allows(limit, permitted, soft, allowed):
+    limit(soft)
+    assert allowed_priority() == allowed
+    with steady_timing(RealClock()):
+        inside = policy(), os.sched_getparam(0).sched_priority
+    assert inside == ((os.SCHED_FIFO, allowed) if allowed else (os.SCHED_OTHER, 0))
+    assert policy() == os.SCHED_OTHER
+
+
+def test_a_program_that_the_loop_starts_does_not_inherit_it(limit, permitted):
+    limit(7)
+    ask = "import os; raise SystemExit(os.sched_getscheduler(0) & ~os.SCHED_RESET_ON_FORK)"
+    with steady_timing(RealClock()):
+        assert os.spawnl(os.P_WAIT, sys.executable, "python", "-S", "-c", ask) == os.SCHED_OTHER
+
+
+def test_where_the_system_refuses_the_loop_runs_all_the_same(limit, monkeypatch):
+    def refuse(*_):
+        raise PermissionError
+
+    limit(7)
+    monkeypatch.setattr(os, "sched_setscheduler", refuse)
+    with steady_timing(RealClock()):
+        assert policy() == os.SCHED_OTHER
+
+
+def test_old_objects_are_left_aside_while_it_runs_and_not_for_ever():
+    gc.unfreeze()  # the suite's own objects
+    try:
+        with steady_timing(RealClock()):
+            assert gc.get_freeze_count() > 0
+        assert gc.get_freeze_count() == 0
+    finally:
+        gc.freeze()
+    with steady_timing(RealClock()):
+        pass
+    assert gc.get_freeze_count() > 0  # what a program has frozen itself stays so
+
+
+def test_every_cycle_of_a_motion_runs_inside_by_the_clock_of_the_arm(limit, monkeypatch):
+    limit(7)
+    clocks, inside = [], []
+
+    @contextmanager
+    def note(clock):
+        with steady_timing(clock):
+            clocks.append(clock)
+            yield
+            clocks.append(None)
+
+    monkeypatch.setattr(loop, "steady_timing", note)
+    with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
+        arm.enable()
+        run_short_move(arm, seeded(1), lambda _: inside.append((clocks[:], policy())))
+        assert set(map(str, inside)) == {str(([arm.clock], os.SCHED_OTHER))}  # virtual time
+        assert clocks == [arm.clock, None]
