@@ -1,0 +1,119 @@
+"""Messages of ROS 2: their types, their encoding as CDR, the hashes of their definitions."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import TYPE_CHECKING, Any
+
+from ikservo.errors import IkservoError, InputError
+
+if TYPE_CHECKING:
+    from rosbags.interfaces import Nodetype
+    from rosbags.interfaces.typing import FieldDesc, NameDesc, Typesdict
+    from rosbags.typesys.store import Typestore
+
+__all__ = ["TRIGGER", "decode", "definition", "encode", "make", "type_hash"]
+
+TRIGGER = "std_srvs/srv/Trigger"
+_EVENT_INFO = "service_msgs/msg/ServiceEventInfo"
+
+
+def _trigger_types(node: type[Nodetype]) -> Typesdict:
+    """Return the service's types, which the store of rosbags does not have, of ROS 2 Jazzy.
+
+    A service is described for its hash as a message of request, response and event.
+    """
+
+    def named(name: str) -> NameDesc:
+        return node.NAME, name
+
+    def at_most_one(name: str) -> FieldDesc:
+        return node.SEQUENCE, (named(name), 1)
+
+    request, response, event = (f"{TRIGGER}_{part}" for part in ("Request", "Response", "Event"))
+    return {
+        _EVENT_INFO: (
+            [],
+            [
+                ("event_type", (node.BASE, ("uint8", 0))),
+                ("stamp", named("builtin_interfaces/msg/Time")),
+                ("client_gid", (node.ARRAY, ((node.BASE, ("uint8", 0)), 16))),
+                ("sequence_number", (node.BASE, ("int64", 0))),
+            ],
+        ),
+        request: ([], []),
+        response: (
+            [],
+            [("success", (node.BASE, ("bool", 0))), ("message", (node.BASE, ("string", 0)))],
+        ),
+        event: (
+            [],
+            [
+                ("info", named(_EVENT_INFO)),
+                ("request", at_most_one(request)),
+                ("response", at_most_one(response)),
+            ],
+        ),
+        TRIGGER: (
+            [],
+            [
+                ("request_message", named(request)),
+                ("response_message", named(response)),
+                ("event_message", named(event)),
+            ],
+        ),
+    }
+
+
+@cache
+def _store() -> Typestore:
+    try:
+        from rosbags.interfaces import Nodetype  # noqa: PLC0415  # an extra
+        from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
+    except ImportError:
+        raise IkservoError(
+            "Messages of ROS 2 need rosbags.", 'Install it: pip install "ikservo[record]"'
+        ) from None
+    store = get_typestore(Stores.ROS2_JAZZY)
+    # rosbags hashes its array of char as such; ROS 2 reads a char of a definition as uint8.
+    del store.fielddefs[_EVENT_INFO]
+    store.register(_trigger_types(Nodetype))
+    return store
+
+
+def make(kind: str, **fields: Any) -> Any:  # noqa: ANN401  # classes that rosbags generates
+    """Return a message of a type, as in ``sensor_msgs/msg/JointState``.
+
+    Raises:
+        IkservoError: rosbags is not installed.
+    """
+    return _store().types[kind](**fields)
+
+
+def encode(kind: str, message: object) -> bytes:
+    """Return a message as CDR, little endian, with its header of 4 bytes."""
+    return bytes(_store().serialize_cdr(message, kind))
+
+
+def decode(kind: str, data: bytes) -> Any:  # noqa: ANN401
+    """Return the message in CDR.
+
+    Raises:
+        InputError: It is no message of that type.
+    """
+    try:
+        return _store().deserialize_cdr(data, kind)
+    except Exception as error:  # whatever the generated code stumbles over
+        raise InputError(f"Not a message of type {kind}: {error}.", "Nothing was done.") from None
+
+
+@cache
+def definition(kind: str) -> str:
+    """Return the definition of a message with those that it refers to, as recordings hold it."""
+    return _store().generate_msgdef(kind, ros_version=2)[0]
+
+
+@cache
+def type_hash(kind: str) -> str:
+    """Return the hash of a type by REP 2016, ``RIHS01_`` and 64 hexadecimal digits."""
+    return _store().hash_rihs01(kind)
