@@ -1,4 +1,4 @@
-"""Recordings: record joint positions at a fixed rate, write and read the file format.
+"""Recordings of joint positions as JSON lines: what they are, written and read.
 
 ::
 
@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -23,27 +23,26 @@ from typing import IO, TYPE_CHECKING, Any, cast
 
 import numpy as np
 
-from ikservo.arm.arguments import check_callable, parse_number, parse_path
-from ikservo.arm.context import ArmContext
 from ikservo.arm.reports import SampledTrajectory
-from ikservo.clock import Clock, Rate
+from ikservo.control.feedback import JointState
 from ikservo.deprecation import current_name
-from ikservo.errors import BadValueError, FileFormatError, InputError
+from ikservo.errors import FileFormatError, InputError
 from ikservo.files.reading import parse_json
 from ikservo.files.writing import FileWriteError
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.model import Model
 
 __all__ = [
+    "MAX_SAMPLES",
+    "MAX_SECONDS",
     "SCHEMA",
-    "RecordResult",
+    "ArmSample",
     "Recording",
     "RecordingHeader",
     "RecordingWriter",
-    "read_recording",
-    "record",
-    "record_arm",
-    "recording_header",
+    "check_header",
+    "open_new_file",
+    "os_error_text",
+    "read_json_lines",
 ]
 
 
@@ -56,9 +55,9 @@ class RecordingHeader:
     """What the columns of a recording are.
 
     Attributes:
-        arm: The arm's name.
+        arm: The arm's name; empty where another program made the recording.
         joints: A name a column.
-        units: ``rad`` or ``m``, likewise.
+        units: ``rad`` or ``m``, likewise; ``rad_or_m`` where another program made it.
         period_s: The nominal time between two samples.
     """
 
@@ -76,11 +75,19 @@ class Recording:
         header: What its columns are.
         times_s: When each sample was taken (k,), increasing.
         joints: The joints then (k, n), rad or m.
+        first_line: The line of the first sample; None where the file has no lines.
     """
 
     header: RecordingHeader
     times_s: Vector
     joints: Matrix
+    first_line: int | None = 2
+
+    def place(self, index: int | None) -> str:
+        """Return where in the file a sample is, or the header for None."""
+        if self.first_line is None:
+            return "its arm" if index is None else f"sample {index + 1}"
+        return f"line {1 if index is None else self.first_line + index}"
 
     if not TYPE_CHECKING:  # a type checker knows today's names only
 
@@ -110,6 +117,34 @@ class Recording:
         return f"Recording({len(self.times_s)} samples in {last_s:.3f} s of {self.header.arm})"
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmSample:
+    """An arm at one instant.
+
+    Attributes:
+        positions: The measured joints (n,), rad or m.
+        goals: The servos' goals (n,); None where they have none.
+        states: The health of each joint; empty where it was not read now.
+        stopped_for: Why the arm is stopped; empty where it is not, or that is not known.
+    """
+
+    positions: Vector
+    goals: Vector | None = None
+    states: tuple[JointState, ...] = ()
+    stopped_for: str = ""
+
+    @classmethod
+    def of_states(cls, states: tuple[JointState, ...], stopped_for: str = "") -> ArmSample:
+        """Return what joint states say."""
+        goals = [state.goal_rad for state in states]
+        return cls(
+            np.array([state.position_rad for state in states]),
+            None if None in goals else np.array(goals, dtype=np.float64),
+            states,
+            stopped_for,
+        )
+
+
 class RecordingWriter:
     """Writes a recording line by line.
 
@@ -127,7 +162,7 @@ class RecordingWriter:
         self, path: Path | str, header: RecordingHeader, *, overwrite: bool = False
     ) -> None:
         self.path, self.samples = Path(path), 0
-        self._file = self._open_file(overwrite=overwrite)
+        self._file = cast("IO[str]", open_new_file(self.path, text=True, overwrite=overwrite))
         self._write_row({"schema": SCHEMA, "arm": header.arm, "joints": header.joints,
                    "units": header.units, "period_s": header.period_s})  # fmt: skip
 
@@ -140,6 +175,10 @@ class RecordingWriter:
         q = [round(float(x), _PLACES) for x in joints]
         self._write_row({"t_s": round(time_s, _PLACES), "q": q})
         self.samples += 1
+
+    def write_sample(self, time_s: float, sample: ArmSample) -> None:
+        """Write the positions of one sample; see ``write``."""
+        self.write(time_s, sample.positions)
 
     def close(self) -> None:
         """Close the file."""
@@ -156,116 +195,49 @@ class RecordingWriter:
     ) -> None:
         self.close()
 
-    def _open_file(self, *, overwrite: bool) -> IO[str]:
-        try:
-            return self.path.open("w" if overwrite else "x", encoding="utf-8", newline="\n")
-        except FileExistsError:
-            raise InputError(f"File {self.path} exists; use --overwrite.") from None
-        except (OSError, ValueError) as error:
-            raise FileWriteError(self.path, _os_error_text(error)) from error
-
     def _write_row(self, row: dict[str, object]) -> None:
         try:
             self._file.write(json.dumps(row, allow_nan=False) + "\n")
             self._file.flush()
         except OSError as error:
-            raise FileWriteError(self.path, _os_error_text(error)) from error
+            raise FileWriteError(self.path, os_error_text(error)) from error
 
 
-def _os_error_text(error: OSError | ValueError) -> str:
+def open_new_file(path: Path, *, text: bool, overwrite: bool) -> IO[Any]:
+    """Open a file for a recording.
+
+    Raises:
+        InputError: It exists and ``overwrite`` is false.
+        FileWriteError: It cannot be written.
+    """
+    mode = "w" if overwrite else "x"
+    try:
+        if text:
+            return path.open(mode, encoding="utf-8", newline="\n")
+        return path.open(f"{mode}b")
+    except FileExistsError:
+        raise InputError(f"File {path} exists; use --overwrite.") from None
+    except (OSError, ValueError) as error:
+        raise FileWriteError(path, os_error_text(error)) from error
+
+
+def os_error_text(error: OSError | ValueError) -> str:
+    """Return the system's text of an error, or its own."""
     return (error.strerror if isinstance(error, OSError) else "") or str(error)
 
 
-@dataclass(frozen=True, slots=True)
-class RecordResult:
-    """What was recorded.
-
-    Attributes:
-        path: The file.
-        samples: The number of samples.
-        duration_s: From the first to the last.
-    """
-
-    path: Path
-    samples: int
-    duration_s: float
-
-
-def recording_header(model: Model, period_s: float) -> RecordingHeader:
-    """Return the header of a recording of an arm.
-
-    Raises:
-        BadValueError: The period is out of its range.
-    """
-    period_s = parse_number("The period", period_s)
-    if not 0.002 <= period_s <= 10.0:
-        raise BadValueError("The period", f"{period_s:g} s", "0.002 to 10 s")
-    names = tuple(joint.name for joint in model.joints)
-    units = tuple(joint.joint_map.unit for joint in model.joints)
-    return RecordingHeader(model.name, names, units, period_s)
-
-
-def record_arm(
-    context: ArmContext,
-    path: Path | str,
-    duration_s: float | None,
-    until: Callable[[], bool] | None,
-    period_s: float,
-    *,
-    overwrite: bool,
-) -> RecordResult:
-    """Record the measured joints of an arm; see ``Arm.record``."""
-    path, servos = parse_path(path), context.servos
-    check_callable("until", until)
-    header = recording_header(context.model, period_s)
-    return record(
-        servos.measure_positions, servos.clock, path, header, duration_s, until,
-        overwrite=overwrite,
-    )  # fmt: skip
-
-
-def record(
-    measure: Callable[[], Vector],
-    clock: Clock,
-    path: Path | str,
-    header: RecordingHeader,
-    duration_s: float | None,
-    until: Callable[[], bool] | None,
-    *,
-    overwrite: bool = False,
-) -> RecordResult:
-    """Write what ``measure`` returns, joints (n,), to a file at a fixed rate."""
-    if duration_s is None and until is None:
-        raise BadValueError("The recording", "without an end", "duration_s, or until")
-    max_s = math.inf if duration_s is None else parse_number("The duration", duration_s)
-    if not max_s > 0.0:
-        raise BadValueError("The duration", f"{max_s:g} s", "seconds above 0")
-    last_s = 0.0
-    with RecordingWriter(path, header, overwrite=overwrite) as recorder:
-        try:
-            for elapsed_s in Rate(clock, header.period_s):
-                recorder.write(elapsed_s, measure())
-                last_s = elapsed_s
-                if elapsed_s + header.period_s > max_s or (until and until()):
-                    break
-        except KeyboardInterrupt:  # ends the recording; every line that was written is complete
-            pass
-    return RecordResult(recorder.path, recorder.samples, last_s)
-
-
 _MAX_LINE_CHARS = 16_384
-_MAX_SECONDS = 20_000.0
-_MAX_SAMPLES = 2_000_000  # at 100 Hz
+MAX_SECONDS = 20_000.0
+MAX_SAMPLES = 2_000_000  # at 100 Hz
 _KEYS = {"schema", "arm", "joints", "units", "period_s"}
 
 
-def read_recording(path: Path | str) -> Recording:
-    """Read a recording.
+def read_json_lines(path: Path) -> Recording:
+    """Read a recording of JSON lines.
 
     Raises:
         FileFormatError: It cannot be read, or a line is malformed; says which.
     """
-    path = parse_path(path)
     lines = _read_lines(path)
     header = _parse_header(path, next(lines, ""))
     times_s: list[float] = []
@@ -276,9 +248,9 @@ def read_recording(path: Path | str) -> Recording:
             raise _recording_error(
                 path, number, f"has t_s = {time_s:g}", "a later time than the line before"
             )
-        if len(times_s) >= _MAX_SAMPLES:
+        if len(times_s) >= MAX_SAMPLES:
             raise _recording_error(
-                path, number, "is one sample too many", f"at most {_MAX_SAMPLES} samples"
+                path, number, "is one sample too many", f"at most {MAX_SAMPLES} samples"
             )
         times_s.append(time_s)
         joints.append(q)
@@ -324,17 +296,27 @@ def _parse_header(path: Path, line: str) -> RecordingHeader:
         raise _recording_error(
             path, 1, f"differs in: {odd}", f"the keys {', '.join(sorted(_KEYS))}"
         )
-    joints, units = _text_tuple(row["joints"]), _text_tuple(row["units"])
-    if not (isinstance(row["arm"], str) and joints and len(set(joints)) == len(joints)):
-        raise _recording_error(
-            path, 1, "has no arm or joints", "the arm's name and each joint once"
+    return check_header(path, "line 1", row)
+
+
+def check_header(path: Path, where: str, row: Mapping[str, object]) -> RecordingHeader:
+    """Return the header in arm, joints, units and period_s.
+
+    Raises:
+        FileFormatError: One of them is missing, or cannot be used.
+    """
+    arm, joints, units = row.get("arm"), _text_tuple(row.get("joints")), row.get("units")
+    if not (isinstance(arm, str) and joints and len(set(joints)) == len(joints)):
+        raise FileFormatError(
+            path, where, "has no arm or joints", "the arm's name and each joint once"
         )
+    units = _text_tuple(units)
     if len(units) != len(joints) or not set(units) <= {"rad", "m"}:
-        raise _recording_error(path, 1, "has other units", '"rad" or "m" for each joint')
-    period_s = _finite_number(row["period_s"])
-    if period_s is None or not 0.0 < period_s <= _MAX_SECONDS:
-        raise _recording_error(path, 1, "has no period", "period_s above 0")
-    return RecordingHeader(row["arm"], joints, units, period_s)
+        raise FileFormatError(path, where, "has other units", '"rad" or "m" for each joint')
+    period_s = _finite_number(row.get("period_s"))
+    if period_s is None or not 0.0 < period_s <= MAX_SECONDS:
+        raise FileFormatError(path, where, "has no period", "period_s above 0")
+    return RecordingHeader(arm, joints, units, period_s)
 
 
 def _parse_sample(path: Path, number: int, line: str, n: int) -> tuple[float, list[float]]:
@@ -344,9 +326,9 @@ def _parse_sample(path: Path, number: int, line: str, n: int) -> tuple[float, li
             path, number, "is not a sample", '{"t_s": seconds, "q": [positions]}'
         )
     time_s, q = _finite_number(row["t_s"]), row["q"]
-    if time_s is None or not 0.0 <= time_s <= _MAX_SECONDS:
+    if time_s is None or not 0.0 <= time_s <= MAX_SECONDS:
         raise _recording_error(path, number, f"has t_s = {row['t_s']!r}",
-                     f"seconds since the first sample, {_MAX_SECONDS:.0f} at most")  # fmt: skip
+                     f"seconds since the first sample, {MAX_SECONDS:.0f} at most")  # fmt: skip
     values = [_finite_number(x) for x in cast("list[object]", q)] if isinstance(q, list) else []
     if len(values) != n:
         raise _recording_error(path, number, f"has {len(values)} positions", f"{n}, one a joint")

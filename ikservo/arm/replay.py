@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal, Unpack, overload
 
@@ -15,7 +15,8 @@ from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.background_motion import Motion
 from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_options import JointOptions, MotionSettings, parse_options
-from ikservo.arm.recording import Recording, RecordingHeader, read_recording, recording_header
+from ikservo.arm.recorder import read_recording, recording_header
+from ikservo.arm.recording import Recording
 from ikservo.arm.settling import settle_at
 from ikservo.deprecation import current_name
 from ikservo.errors import FileFormatError, RefusedError
@@ -244,8 +245,7 @@ def _check_replay(context: ArmContext, path: Path | str, speed: str) -> Path:
 
 
 def _load(context: ArmContext, path: Path, speed: str) -> tuple[Recording, RecordedTrajectory]:
-    recording = read_recording(path)
-    _check_recorded_arm(context, recording.header, path)
+    recording = _of_this_arm(context, read_recording(path), path)
     _check_limits(context, recording, path)
     lower, upper = context.limits()
     limits = context.planner.motion_limits(speed)
@@ -280,15 +280,28 @@ def _run_replay(arm: ArmParts, path: Path, chosen: MotionSettings) -> ReplayResu
     )
 
 
-def _check_recorded_arm(context: ArmContext, header: RecordingHeader, path: Path) -> None:
+def _of_this_arm(context: ArmContext, recording: Recording, path: Path) -> Recording:
+    """Return a recording with the joints of an arm; one of another program may have more.
+
+    Raises:
+        FileFormatError: It is another arm's.
+    """
+    header, place = recording.header, recording.place(None)
     own = recording_header(context.model, header.period_s)
+    if not header.arm:
+        missing = [name for name in own.joints if name not in header.joints]
+        if missing:
+            raise FileFormatError(path, "/joint_states", f"has no {missing[0]}", "every joint")
+        columns = [header.joints.index(name) for name in own.joints]
+        return replace(recording, header=own, joints=recording.joints[:, columns])
     for what, found, expected in (
         ("arm", header.arm, own.arm),
         ("joints", ", ".join(header.joints), ", ".join(own.joints)),
         ("units", ", ".join(header.units), ", ".join(own.units)),
     ):
         if found != expected:
-            raise FileFormatError(path, "line 1", f"is of {what} {found}", f"{what} {expected}")
+            raise FileFormatError(path, place, f"is of {what} {found}", f"{what} {expected}")
+    return recording
 
 
 def _check_limits(context: ArmContext, recording: Recording, path: Path) -> None:
@@ -303,6 +316,6 @@ def _check_limits(context: ArmContext, recording: Recording, path: Path) -> None
             first = int(beyond[0])
             violation = fence.describe_violation(joint_map.tick(float(values[first])))
             raise RefusedError(
-                f"{path}, line {first + 2}: {violation}",
+                f"{path}, {recording.place(first)}: {violation}",
                 "Nothing moved. Remove the samples that cannot be replayed.",
             )

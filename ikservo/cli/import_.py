@@ -1,4 +1,4 @@
-"""``ikservo import``: a calibration that another program made becomes this arm's."""
+"""``ikservo import``: a calibration of another program or a recording becomes this arm's."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -30,6 +31,8 @@ from ikservo.cli.calibrate_screen import (
     print_servos,
     reporting_unchanged_state,
 )
+from ikservo.cli.calibration import import_recorded
+from ikservo.cli.dataset import DatasetOptions, import_dataset
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ArmOption, JsonOption, PortOption, YesOption
 from ikservo.cli.terminal import print_status
@@ -48,9 +51,30 @@ from ikservo.maintenance.lerobot_import import (
 
 __all__ = ["Kind", "check_kind", "command"]
 
-Kind = Annotated[str, typer.Argument(metavar="lerobot", help="Whose: lerobot.")]
+KINDS = ("lerobot", "recording", "dataset")
+Kind = Annotated[
+    str,
+    typer.Argument(
+        metavar="lerobot|recording|dataset",
+        help="LeRobot's calibration, a recording's, or the episodes of a LeRobotDataset.",
+    ),
+]
 Source = Annotated[
-    str, typer.Argument(metavar="ID|FILE", help="LeRobot's id of the arm, or a file.")
+    str,
+    typer.Argument(metavar="ID|FILE|FOLDER", help="LeRobot's id of the arm, a file, a data set."),
+]
+To = Annotated[Path, typer.Option("--to", metavar="FOLDER", help="Where recordings are written.")]
+What = Annotated[
+    str, typer.Option("--what", metavar="state|action", help="What was measured, or commanded.")
+]
+OtherCalibration = Annotated[
+    str,
+    typer.Option(
+        "--calibration", metavar="ID|FILE", help="LeRobot's calibration that the data are by."
+    ),
+]
+Percent = Annotated[
+    bool, typer.Option("--percent", help="Recorded with use_degrees=false: -100 to 100.")
 ]
 
 
@@ -65,6 +89,10 @@ def command(
     from_script: FromScript = None,
     yes: YesOption = False,
     no_input: NoInput = False,
+    to: To = Path(),
+    what: What = "state",
+    calibration: OtherCalibration = "",
+    percent: Percent = False,
     json: JsonOption = False,
 ) -> None:
     """Import ids and ranges from LeRobot; zeros and signs are then measured in a pose.
@@ -72,8 +100,19 @@ def command(
     LeRobot's zero is the middle of what was swept, which says nothing about the geometry.
 
     ikservo import lerobot my_arm --arm so101
+
+    ikservo import recording wave.mcap --arm so101     the calibration it was recorded with
+
+    ikservo import dataset FOLDER --arm so101 --to DIR    each episode becomes a recording
     """
     check_kind(kind)
+    if kind == "recording":
+        import_recorded(model_from_option(arm), port, Path(source), yes=yes, json=json)
+        return
+    if kind == "dataset":
+        options = DatasetOptions(to, what, calibration, percent)
+        import_dataset(model_from_option(arm), Path(source), options, json=json)
+        return
     model, path = model_from_option(arm), find_lerobot(source)
     joints = read_lerobot(path)
     model.pose(pose)
@@ -103,10 +142,10 @@ def check_kind(kind: str) -> None:
     """Check the name of the format.
 
     Raises:
-        UnknownNameError: It is not LeRobot.
+        UnknownNameError: It is none of the three.
     """
-    if kind != "lerobot":
-        raise UnknownNameError("format", kind, ("lerobot",))
+    if kind not in KINDS:
+        raise UnknownNameError("format", kind, KINDS)
 
 
 def _run_import_dialogue(

@@ -10,7 +10,8 @@ from typing import Annotated
 import typer
 
 from ikservo.arm import Arm
-from ikservo.arm.recording import RecordResult
+from ikservo.arm.live_view import FOXGLOVE_PORT
+from ikservo.arm.recorder import RecordResult, RecordSettings
 from ikservo.arm.remote import record_remote
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption, parse_time_s
@@ -20,7 +21,7 @@ from ikservo.errors import InputError
 
 __all__ = ["command"]
 
-File = Annotated[Path, typer.Argument(metavar="FILE", help="A new file, JSON lines.")]
+File = Annotated[Path, typer.Argument(metavar="FILE", help="A new file: .mcap, or JSON lines.")]
 Duration = Annotated[
     float | None,
     typer.Option("--duration", parser=parse_time_s, help="Duration; until Ctrl-C by default."),
@@ -29,6 +30,12 @@ Period = Annotated[
     float, typer.Option("--period", parser=parse_time_s, help="Between two samples: 20ms.")
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
+Foxglove = Annotated[
+    bool, typer.Option("--foxglove", help="Serve it live to Foxglove on this machine, too.")
+]
+FoxglovePort = Annotated[
+    int, typer.Option("--foxglove-port", min=1, max=65535, help="At this TCP port.")
+]
 
 
 def command(
@@ -39,12 +46,16 @@ def command(
     duration: Duration = None,
     period: Period = 0.02,  # pyright: ignore[reportArgumentType]
     overwrite: Overwrite = False,
+    foxglove: Foxglove = False,
+    foxglove_port: FoxglovePort = FOXGLOVE_PORT,
     uncalibrated: UncalibratedOption = False,
     json: JsonOption = False,
 ) -> None:
     """Record the joints while you lead the limp arm, or while another program moves it.
 
     ikservo record wave.jsonl --arm so101
+
+    ikservo record wave.mcap --foxglove --arm so101     messages of ROS 2, shown live
 
     ikservo replay wave.jsonl --arm so101
     """
@@ -55,12 +66,14 @@ def command(
         )
     model = model_from_option(arm)
     until = _first_sample_announcer() if duration is None else None
-    report = record_remote(model, port, file, duration, until, period, overwrite=overwrite)
+    live = foxglove_port if foxglove else None
+    settings = RecordSettings(file, duration, until, period, overwrite, live)
+    report = record_remote(model, port, settings)
     if report is None:
         with open_from_options(arm, port, uncalibrated=uncalibrated) as machine:
             _offer_release(machine)
-            report = machine.record(file, duration_s=duration, until=until,
-                                    period_s=period, overwrite=overwrite)  # fmt: skip
+            report = machine.record(file, duration_s=duration, until=until, period_s=period,
+                                    overwrite=overwrite, foxglove_port=live)  # fmt: skip
     _print_record_report(report, json=json)
 
 

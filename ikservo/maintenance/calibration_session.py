@@ -53,6 +53,7 @@ __all__ = [
     "adopt_calibration",
     "base_calibration",
     "find_adoptable",
+    "find_mismatches",
     "find_replaced_zeros",
     "load_own_calibration",
     "lost_geometry_warning",
@@ -380,7 +381,7 @@ def find_adoptable(loose: TorqueOffArm, path: Path | None = None) -> tuple[Path,
     """
     paths = [path] if path else [p for p in calibrations_of(loose.model.name) if p != loose.path]
     found = [(candidate, read_calibration(candidate)) for candidate in paths]
-    mismatches = {candidate: next(_find_mismatches(loose, c), "") for candidate, c in found}
+    mismatches = {candidate: next(find_mismatches(loose, c), "") for candidate, c in found}
     fitting = [row for row in found if not mismatches[row[0]]]
     if len(fitting) == 1:
         return fitting[0]
@@ -400,7 +401,7 @@ def adopt_calibration(loose: TorqueOffArm, calibration: Calibration) -> Path:
     return save_calibration(calibration.model_copy(update=update))
 
 
-def _find_mismatches(loose: TorqueOffArm, calibration: Calibration) -> Iterator[str]:
+def find_mismatches(loose: TorqueOffArm, calibration: Calibration) -> Iterator[str]:
     """Yield why a calibration does not match this arm."""
     if calibration.arm != loose.model.name:
         yield f"made for {calibration.arm}."

@@ -6,7 +6,8 @@ import re
 import numpy as np
 import pytest
 
-from ikservo.arm.recording import RecordingHeader, RecordingWriter, read_recording
+from ikservo.arm.recorder import read_recording
+from ikservo.arm.recording import RecordingHeader, RecordingWriter
 from ikservo.errors import FileFormatError, InputError
 from ikservo.files.writing import FileWriteError
 

@@ -1,0 +1,444 @@
+"""Recordings as MCAP with the messages of ROS 2: joints, goals, link poses, health, description.
+
+The file is flushed every second of the recording: what was interrupted, by a power cut of the
+program or a full disk, is read to its last flush.
+
+Source: the MCAP specification, https://mcap.dev/spec, with the profile ``ros2``.
+"""
+
+from __future__ import annotations
+
+import json
+import platform
+import time
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from types import TracebackType
+from typing import IO, TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from ikservo.arm.recording import (
+    MAX_SAMPLES,
+    MAX_SECONDS,
+    SCHEMA,
+    ArmSample,
+    Recording,
+    RecordingHeader,
+    check_header,
+    open_new_file,
+    os_error_text,
+)
+from ikservo.errors import FileFormatError, IkservoError
+from ikservo.files.reading import parse_json, read_text
+from ikservo.files.writing import FileWriteError
+from ikservo.kinematics import Chain
+from ikservo.model import Model
+from ikservo.model.loading import description_text
+from ikservo.ros.arm_messages import JOINT_STATES, ArmMessages, RosMessage, Topic
+from ikservo.ros.messages import decode, definition
+
+if TYPE_CHECKING:
+    from mcap.writer import Writer
+
+__all__ = ["CALIBRATION_FILE", "MAGIC", "McapFile", "MessageSink", "RecordedArm",
+           "RosRecordingWriter", "read_attachment", "read_mcap"]  # fmt: skip
+
+MAGIC = b"\x89MCAP0\r\n"
+"""How an MCAP file begins."""
+
+CALIBRATION_FILE = "calibration.toml"
+"""The attachment with the arm's calibration."""
+
+_METADATA = "ikservo"
+_FLUSH_PERIOD_S = 1.0
+_MAX_FILE_BYTES = 1024 * 1024
+_MAX_RECORD_BYTES = 64 * 1024 * 1024
+_NS = 1_000_000_000
+
+
+class MessageSink(Protocol):
+    """Takes the messages of a recording."""
+
+    def publish(self, message: RosMessage, /) -> None:
+        """Take one message."""
+        ...
+
+    def flush(self) -> None:
+        """Keep what was taken, whatever happens next."""
+        ...
+
+    def close(self) -> None:
+        """Take no more."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedArm:
+    """What is recorded besides samples.
+
+    Attributes:
+        header: What the columns are.
+        model: The arm.
+        chain: Its own chain, calibrated.
+        zeros: Where the zeros of its joints come from.
+        calibration: Its calibration file; empty where there is none.
+    """
+
+    header: RecordingHeader
+    model: Model
+    chain: Chain
+    zeros: str
+    calibration: str = ""
+
+    def urdf(self) -> str:
+        """Return its description; empty where it is no URDF.
+
+        Raises:
+            FileFormatError: A file has changed since it was loaded, and cannot be read any more.
+        """
+        return description_text(self.model)
+
+    def files(self) -> dict[str, str]:
+        """Return the texts of all attachments by name, but the description.
+
+        Raises:
+            FileFormatError: A file has changed since it was loaded, and cannot be read any more.
+        """
+        path, texts = self.model.path, dict[str, str]()
+        if path.suffix == ".toml":
+            texts["arm.toml"] = read_text(path, _MAX_FILE_BYTES)
+        if self.calibration:
+            texts[CALIBRATION_FILE] = self.calibration
+        return texts
+
+    def metadata(self) -> dict[str, str]:
+        """Return the header and the versions of what made the recording, as MCAP holds them."""
+        header = self.header
+        return {
+            "schema": SCHEMA,
+            "arm": header.arm,
+            "joints": json.dumps(header.joints),
+            "units": json.dumps(header.units),
+            "period_s": json.dumps(header.period_s),
+            "zeros": self.zeros,
+            "ikservo": version("ikservo"),
+            "mcap": version("mcap"),
+            "rosbags": version("rosbags"),
+            "python": platform.python_version(),
+            "system": platform.platform(),
+        }
+
+
+def _import_mcap() -> Any:  # noqa: ANN401  # a module
+    try:
+        import mcap.writer  # noqa: PLC0415  # an extra
+    except ImportError:
+        raise IkservoError(
+            "MCAP files need the library mcap.", 'Install it: pip install "ikservo[record]"'
+        ) from None
+    return mcap.writer
+
+
+class McapFile:
+    """Writes messages into an MCAP file.
+
+    Args:
+        path: A new file.
+        arm: The arm.
+        files: The texts of its attachments by name.
+        overwrite: Whether an existing file may be replaced.
+
+    Raises:
+        InputError: The file exists and ``overwrite`` is false.
+        FileWriteError: It cannot be written.
+        IkservoError: The extra ``record`` is not installed.
+    """
+
+    def __init__(
+        self, path: Path, arm: RecordedArm, files: Mapping[str, str], *, overwrite: bool
+    ) -> None:
+        module = _import_mcap()
+        metadata = arm.metadata()
+        self._path, self._channels = path, dict[Topic, int]()
+        self._file: IO[bytes] = open_new_file(path, text=False, overwrite=overwrite)
+        self._writer: Writer = module.Writer(self._file)
+        with self._naming_the_file():
+            self._writer.start("ros2", f"ikservo {version('ikservo')}")
+            self._writer.add_metadata(_METADATA, metadata)
+            for name, text in files.items():
+                self._attach(name, text)
+
+    def publish(self, message: RosMessage) -> None:
+        """Write a message.
+
+        Raises:
+            FileWriteError: The disk is full or not writable.
+        """
+        with self._naming_the_file():
+            channel = self._channel(message.topic)
+            self._writer.add_message(channel, message.time_ns, message.data, message.time_ns)
+
+    def flush(self) -> None:
+        """Hand everything to the system, as a chunk that can be read by itself."""
+        with self._naming_the_file():
+            self._writer.flush()
+
+    def close(self) -> None:
+        """Write the index and close the file."""
+        with self._naming_the_file():
+            self._writer.finish()
+            self._file.close()
+
+    def _attach(self, name: str, text: str) -> None:
+        media = "application/toml" if name.endswith(".toml") else "application/xml"
+        now_ns = time.time_ns()
+        self._writer.add_attachment(now_ns, now_ns, name, media, text.encode())
+
+    def _channel(self, topic: Topic) -> int:
+        if topic not in self._channels:
+            text = definition(topic.kind).encode()
+            schema = self._writer.register_schema(topic.kind, "ros2msg", text)
+            self._channels[topic] = self._writer.register_channel(
+                topic.name, "cdr", schema, {"offered_qos_profiles": ""}
+            )
+        return self._channels[topic]
+
+    def _naming_the_file(self) -> _NamingTheFile:
+        return _NamingTheFile(self._path)
+
+
+class _NamingTheFile:
+    """Turns an error of the system into one that names the file."""
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+
+    def __enter__(self) -> None:
+        pass
+
+    def __exit__(
+        self, _: type[BaseException] | None, error: BaseException | None, __: TracebackType | None
+    ) -> None:
+        if isinstance(error, OSError) and not isinstance(error, IkservoError):
+            raise FileWriteError(self._path, os_error_text(error)) from error
+
+
+class RosRecordingWriter:
+    """Makes messages of samples, and gives them to sinks.
+
+    Args:
+        arm: The arm.
+        urdf: Its description; empty where there is none.
+        sinks: Take the messages.
+
+    Attributes:
+        samples: How many were written.
+    """
+
+    def __init__(self, arm: RecordedArm, urdf: str, sinks: Iterable[MessageSink]) -> None:
+        self.samples = 0
+        self._names, self._period_s = arm.header.joints, arm.header.period_s
+        self._messages, self._sinks = ArmMessages(arm.model, arm.chain), tuple(sinks)
+        self._start_ns: int | None = None
+        self._flushed_s = 0.0
+        if urdf:
+            self._publish([self._messages.description(time.time_ns(), urdf)])
+        still = dict.fromkeys(self._names, 0.0)
+        self._messages.transforms(0, still)  # the first messages take long: code is generated
+        self._messages.joint_states(0, still)
+
+    def write_sample(self, time_s: float, sample: ArmSample) -> None:
+        """Write what is known of one instant, seconds since the first.
+
+        Raises:
+            FileWriteError: The disk is full or not writable.
+        """
+        if self._start_ns is None:
+            self._start_ns = time.time_ns() - round(time_s * _NS)
+        self._publish(self._messages_of(self._start_ns + round(time_s * _NS), sample))
+        self.samples += 1
+        if self.samples == 1 or time_s + self._period_s > self._flushed_s + _FLUSH_PERIOD_S:
+            self._flushed_s = time_s
+            for sink in self._sinks:
+                sink.flush()
+
+    def _messages_of(self, time_ns: int, sample: ArmSample) -> Iterator[RosMessage]:
+        positions = self._by_name(sample.positions)
+        yield self._messages.joint_states(time_ns, positions)
+        if sample.goals is not None:
+            yield self._messages.goal(time_ns, self._by_name(sample.goals))
+        yield self._messages.transforms(time_ns, positions)
+        if sample.states:
+            yield self._messages.diagnostics(time_ns, sample.states, sample.stopped_for)
+
+    def _by_name(self, values: Any) -> dict[str, float]:  # noqa: ANN401  # (n,)
+        return dict(zip(self._names, values.tolist(), strict=True))
+
+    def _publish(self, messages: Iterable[RosMessage]) -> None:
+        for message in messages:
+            for sink in self._sinks:
+                sink.publish(message)
+
+
+# reading
+
+
+def _read_records(path: Path) -> Iterator[Any]:
+    """Yield the records of an MCAP file; one that was cut short ends with its last whole one.
+
+    Raises:
+        FileFormatError: It cannot be read.
+    """
+    _import_mcap()
+    from mcap.stream_reader import StreamReader  # noqa: PLC0415
+
+    try:
+        with path.open("rb") as file:
+            if file.read(len(MAGIC)) != MAGIC:
+                raise FileFormatError(path, "", "is no MCAP file", "what ikservo record wrote")
+            file.seek(0)
+            reader = StreamReader(file, validate_crcs=True, record_size_limit=_MAX_RECORD_BYTES)
+            try:
+                yield from reader.records
+            except (FileFormatError, OSError):
+                raise
+            except Exception as error:  # the reader has no error of its own for what is cut short
+                if file.read(1):
+                    where = f"byte {file.tell() - 1}"
+                    raise FileFormatError(path, where, f"is damaged ({error})", "MCAP") from error
+    except OSError as error:
+        raise FileFormatError(path, "", f"cannot be read ({error.strerror})") from error
+
+
+def read_attachment(path: Path, name: str) -> str | None:
+    """Return the text of an attachment of an MCAP file; None where it has none.
+
+    Raises:
+        FileFormatError: It cannot be read, or the attachment is no text.
+    """
+    from mcap.records import Attachment  # noqa: PLC0415
+
+    for record in _read_records(path):
+        if isinstance(record, Attachment) and record.name == name:
+            try:
+                return record.data.decode()
+            except UnicodeDecodeError:
+                raise FileFormatError(path, name, "is not text in UTF-8") from None
+    return None
+
+
+def read_mcap(path: Path) -> Recording:
+    """Read the joints of an MCAP file: of ``ikservo record``, or another one of ROS 2.
+
+    Raises:
+        FileFormatError: It cannot be read, or has no joint states.
+    """
+    reader = _JointStateReader(path)
+    for record in _read_records(path):
+        reader.take(record)
+    return reader.recording()
+
+
+class _JointStateReader:
+    """Collects joint states from the records of a file.
+
+    Joints that are published one by one are put together: a sample is where all of them are known.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self._path = path
+        self._header: RecordingHeader | None = None
+        self._schemas: dict[int, str] = {}
+        self._channels: set[int] = set()
+        self._times_ns: list[int] = []
+        self._rows: list[dict[str, float]] = []
+
+    def take(self, record: object) -> None:
+        from mcap.records import Channel, Message, Metadata, Schema  # noqa: PLC0415
+
+        match record:
+            case Metadata() if record.name == _METADATA:
+                self._header = self._read_header(record.metadata)
+            case Schema():
+                self._schemas[record.id] = record.name
+            case Channel() if self._has_joints(record):
+                self._channels.add(record.id)
+            case Message() if record.channel_id in self._channels:
+                self._add(record.log_time, record.data)
+            case _:
+                pass
+
+    def recording(self) -> Recording:
+        """Return what was collected.
+
+        Raises:
+            FileFormatError: There is nothing.
+        """
+        names = self._header.joints if self._header else tuple(dict.fromkeys(
+            name for row in self._rows for name in row))  # fmt: skip
+        table = np.full((len(self._rows), len(names)), np.nan)
+        for index, row in enumerate(self._rows):
+            known = table[index - 1] if index else table[0]
+            table[index] = [row.get(name, at) for name, at in zip(names, known, strict=True)]
+        complete = np.isfinite(table).all(axis=1)
+        if not complete.any():
+            raise FileFormatError(
+                self._path, "", "has no sample", f"{JOINT_STATES.name} of every joint"
+            )
+        times_s = (np.array(self._times_ns) - self._times_ns[int(np.argmax(complete))]) / _NS
+        header = self._header or _foreign_header(names, times_s)
+        return Recording(header, times_s[complete], table[complete], first_line=None)
+
+    def _has_joints(self, channel: Any) -> bool:  # noqa: ANN401  # a record
+        own = channel.topic == JOINT_STATES.name and channel.message_encoding == "cdr"
+        return own and self._schemas.get(channel.schema_id) == JOINT_STATES.kind
+
+    def _read_header(self, metadata: Mapping[str, str]) -> RecordingHeader:
+        where = f"the metadata {_METADATA}"
+        if metadata.get("schema") != SCHEMA:
+            raise FileFormatError(self._path, where, "is of another version", f'"{SCHEMA}"')
+        try:
+            row = {key: parse_json(metadata[key]) for key in ("joints", "units", "period_s")}
+        except (KeyError, ValueError, RecursionError):
+            raise FileFormatError(
+                self._path, where, "is malformed", "joints, units, period_s"
+            ) from None
+        return check_header(self._path, where, {**row, "arm": metadata.get("arm")})
+
+    def _add(self, log_time_ns: int, data: bytes) -> None:
+        where = f"sample {len(self._rows) + 1}"
+        try:
+            message = decode(JOINT_STATES.kind, data)
+        except IkservoError as error:
+            raise FileFormatError(self._path, where, f"is malformed ({error.message})") from None
+        if len(message.name) != len(message.position) or not np.isfinite(message.position).all():
+            raise FileFormatError(self._path, where, "has other positions", "a number for a joint")
+        stamp = message.header.stamp
+        time_ns = stamp.sec * _NS + stamp.nanosec or log_time_ns
+        row = dict(zip(message.name, message.position.tolist(), strict=True))
+        if self._times_ns and time_ns == self._times_ns[-1]:
+            self._rows[-1] |= row
+            return
+        self._check_time(where, time_ns)
+        self._times_ns.append(time_ns)
+        self._rows.append(row)
+
+    def _check_time(self, where: str, time_ns: int) -> None:
+        if self._times_ns and time_ns < self._times_ns[-1]:
+            raise FileFormatError(self._path, where, "is earlier than the one before")
+        if len(self._times_ns) >= MAX_SAMPLES:
+            raise FileFormatError(
+                self._path, where, "is one too many", f"at most {MAX_SAMPLES} samples"
+            )
+        if self._times_ns and time_ns - self._times_ns[0] > MAX_SECONDS * _NS:
+            raise FileFormatError(
+                self._path, where, "is too late", f"at most {MAX_SECONDS:.0f} s of samples"
+            )
+
+
+def _foreign_header(names: tuple[str, ...], times_s: Any) -> RecordingHeader:  # noqa: ANN401
+    period_s = float(np.median(np.diff(times_s))) if len(times_s) > 1 else 1.0
+    return RecordingHeader("", names, ("rad_or_m",) * len(names), period_s)
