@@ -8,6 +8,7 @@ from typing import Annotated
 
 import typer
 
+from ikservo.calibration.records import Calibration
 from ikservo.calibration.transaction import resume, roll_back
 from ikservo.cli.calibrate_screen import confirm_start, disable_torque
 from ikservo.cli.model_options import model_from_option
@@ -23,8 +24,10 @@ from ikservo.maintenance.calibration_session import (
     push,
     register_differences,
 )
+from ikservo.maintenance.recorded_calibration import check_adoptable, read_recorded_calibration
+from ikservo.model import Model
 
-__all__ = ["command"]
+__all__ = ["command", "import_recorded"]
 
 ACTIONS = ("diff", "push", "pull", "adopt", "resume", "revert")
 Action = Annotated[
@@ -106,8 +109,33 @@ def _transfer_calibration(limp_arm: TorqueOffArm, action: str, *, yes: bool) -> 
     print_lines([f"Servos and {path} agree."])
 
 
+def import_recorded(model: Model, port: str | None, path: Path, *, yes: bool, json: bool) -> None:
+    """Save the calibration that is attached to a recording as the arm's own.
+
+    Raises:
+        CalibrationError: It does not fit the servos, or the recording has none.
+        FileFormatError: The file cannot be read.
+    """
+    calibration = read_recorded_calibration(path)
+    with open_torque_off(model, port) as limp_arm:
+        check_adoptable(limp_arm, path, calibration)
+        saved = _confirm_adoption(limp_arm, path, calibration, yes=yes)
+    if json:
+        print_json("import-recording", path=saved, recording=path)
+    else:
+        print_lines([f"Saved to {saved}"])
+    print_status(f"Check each joint: ikservo calibrate {calibration.arm} --wiggle")
+
+
 def _adopt_calibration(limp_arm: TorqueOffArm, source: Path | None, *, yes: bool) -> None:
     path, calibration = find_adoptable(limp_arm, source)
+    print_lines([f"Saved to {_confirm_adoption(limp_arm, path, calibration, yes=yes)}"])
+    print_status(f"Check each joint: ikservo calibrate {calibration.arm} --wiggle")
+
+
+def _confirm_adoption(
+    limp_arm: TorqueOffArm, path: Path, calibration: Calibration, *, yes: bool
+) -> Path:
     made_on = calibration.usb_serial_number or "without a number"
     print_status(
         f"{path}, made on adapter {made_on}: ids, models, offsets and limits match these servos."
@@ -115,8 +143,7 @@ def _adopt_calibration(limp_arm: TorqueOffArm, source: Path | None, *, yes: bool
     interactive = not yes and sys.stdin.isatty()
     if not confirm_start("Is this the same arm?", default=yes, interactive=interactive):
         raise IkservoError("Cancelled; nothing was saved.", "Without asking: --yes")
-    print_lines([f"Saved to {adopt_calibration(limp_arm, calibration)}"])
-    print_status(f"Check each joint: ikservo calibrate {calibration.arm} --wiggle")
+    return adopt_calibration(limp_arm, calibration)
 
 
 def _resolve_interrupted(limp_arm: TorqueOffArm, action: str, *, yes: bool) -> None:

@@ -1,7 +1,8 @@
-"""``ikservo export``: this arm's calibration, or a recording, for another program."""
+"""``ikservo export``: this arm's calibration, or recordings, for another program."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -11,6 +12,7 @@ from ikservo.arm import read_recording
 from ikservo.calibration.calibration_file import read_calibration
 from ikservo.calibration.lerobot import dump_lerobot, lerobot_joints, lost_in_lerobot
 from ikservo.calibration.paths import calibration_path, calibrations_of
+from ikservo.cli.dataset import export_dataset
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ArmOption, PortOption
 from ikservo.cli.terminal import print_status
@@ -21,43 +23,56 @@ from ikservo.model import Model
 
 __all__ = ["command"]
 
-Kind = Annotated[str, typer.Argument(metavar="lerobot|csv", help="Format: lerobot or csv.")]
-Source = Annotated[
-    Path | None, typer.Argument(metavar="[RECORDING]", help="The recording, for csv.")
+Kind = Annotated[
+    str, typer.Argument(metavar="lerobot|csv|dataset", help="Format: lerobot, csv or dataset.")
+]
+Sources = Annotated[
+    list[Path] | None,
+    typer.Argument(metavar="[RECORDING]...", help="One for csv, the episodes for dataset."),
 ]
 To = Annotated[
-    Path | None, typer.Option("--to", metavar="FILE", help="Write a file instead of stdout.")
+    Path | None,
+    typer.Option("--to", metavar="FILE", help="Write a file, or the data set's folder."),
 ]
+Fps = Annotated[int | None, typer.Option("--fps", min=1, max=500, help="Of a data set.")]
+Task = Annotated[str, typer.Option("--task", metavar="TEXT", help="What its episodes show.")]
 
 
 def command(
     kind: Kind,
-    recording: Source = None,
+    recordings: Sources = None,
     *,
     arm: ArmOption = None,
     port: PortOption = None,
     to: To = None,
+    fps: Fps = None,
+    task: Task = "",
 ) -> None:
-    """Print a calibration as LeRobot's JSON, or a recording as CSV.
+    """Print a calibration as LeRobot's JSON, a recording as CSV; write recordings as a data set.
 
     What LeRobot's file cannot hold is listed on stderr.
 
     ikservo export lerobot --arm so101 > my_arm.json
 
     ikservo export csv wave.jsonl > wave.csv
+
+    ikservo export dataset one.jsonl two.jsonl --arm so101 --to my_set --task "wave"
     """
     if kind == "csv":
-        _write_output(_recording_csv(recording), to)
+        _write_output(_recording_csv(recordings or []), to)
+    elif kind == "dataset":
+        export_dataset(model_from_option(arm), recordings or [], to, fps, task)
     elif kind == "lerobot":
         _write_output(_lerobot_text(model_from_option(arm), port), to)
     else:
-        raise UnknownNameError("format", kind, ("lerobot", "csv"))
+        raise UnknownNameError("format", kind, ("lerobot", "csv", "dataset"))
 
 
-def _recording_csv(recording: Path | None) -> str:
-    if recording is None:
-        raise InputError("No recording given.", "Name it: ikservo export csv wave.jsonl")
-    return read_recording(recording).to_csv()
+def _recording_csv(recordings: Sequence[Path]) -> str:
+    if len(recordings) != 1:
+        count = "Several recordings are" if recordings else "No recording"
+        raise InputError(f"{count} given.", "Name one: ikservo export csv wave.jsonl")
+    return read_recording(recordings[0]).to_csv()
 
 
 def _lerobot_text(model: Model, port: str | None) -> str:

@@ -25,11 +25,11 @@ from ikservo.model.model import (
     ModelServo,
     SpeedClass,
 )
-from ikservo.model.urdf import read_urdf
+from ikservo.model.urdf import read_urdf, read_urdf_text
 from ikservo.model.urdf_types import Urdf, UrdfJoint, UrdfJointType
 from ikservo.registers import MODELS, ControlTable, Family
 
-__all__ = ["build_chain", "load_model", "read_description"]
+__all__ = ["build_chain", "description_text", "load_model", "read_description"]
 
 
 _KINDS = {
@@ -80,6 +80,18 @@ def read_description(path: Path, folder: Path | None = None) -> Urdf:
         InputError: The reader of its format is not installed.
     """
     return read_mjcf(path, folder) if _is_mjcf(path) else read_urdf(path, folder)
+
+
+def description_text(model: Model) -> str:
+    """Return the text of the URDF of an arm; empty where its description is an MJCF.
+
+    Raises:
+        FileFormatError: A file has changed since it was loaded, and cannot be read any more.
+    """
+    path = model.path
+    if path.suffix == ".toml":
+        path = read_arm_file(path).urdf_path
+    return "" if _is_mjcf(path) else read_urdf_text(path)
 
 
 def _is_mjcf(path: Path) -> bool:

@@ -28,7 +28,8 @@ from ikservo.model.urdf_types import (
 )
 from ikservo.model.urdf_xml import XmlElement, expand_xacro, parse_origin, parse_xml
 
-__all__ = ["find_root", "lint_urdf", "parse_joint", "parse_link", "read_urdf", "resolve_mesh_path"]
+__all__ = ["find_root", "lint_urdf", "parse_joint", "parse_link", "read_urdf", "read_urdf_text",
+           "resolve_mesh_path"]  # fmt: skip
 
 
 _MIN_AXIS_LENGTH = 1e-6
@@ -450,7 +451,7 @@ def read_urdf(path: Path | str, folder: Path | None = None) -> Urdf:
         FileFormatError: The file cannot be read or is not a usable URDF; ``where`` is the line.
     """
     path = Path(path)
-    root = parse_xml(path, _read_urdf_text(path))
+    root = parse_xml(path, read_urdf_text(path))
     _check_root_element(root)
     home = path.parent if folder is None else folder
     materials = _find_materials(root)
@@ -461,7 +462,12 @@ def read_urdf(path: Path | str, folder: Path | None = None) -> Urdf:
     return Urdf(name, links, joints, base, lint_urdf(root, links, joints))
 
 
-def _read_urdf_text(path: Path) -> str:
+def read_urdf_text(path: Path) -> str:
+    """Return the text of a URDF, its macros expanded.
+
+    Raises:
+        FileFormatError: The file cannot be read.
+    """
     text = read_text(path, LARGEST_BYTES)
     return expand_xacro(path) if path.suffix == ".xacro" else text
 

@@ -78,3 +78,45 @@ def test_another_arms_file_is_refused(arm, run_cli):
 
 def test_other_actions_take_no_file(arm, run_cli):
     assert run_cli(f"calibration push {NAME} --port {PORT} --from x").code == 2
+
+
+@pytest.fixture
+def recording(arm, run_cli, tmp_path):
+    """Return a recording of the arm, and its calibration, which is lost since."""
+    assert run_cli(f"{WORDS} --yes").code == 0
+    path, own = tmp_path / "wave.mcap", calibration_path(NAME, NEW)
+    done = run_cli(f"record {path} --arm {NAME} --port {PORT} --duration 0.1")
+    assert done.code == 0, done.err
+    calibration = read_calibration(own)
+    own.unlink()
+    calibration_path(NAME, OLD).unlink()
+    return path, calibration
+
+
+def import_recording(path):
+    return f"import recording {path} --arm {NAME} --port {PORT} --yes --json"
+
+
+def test_a_recording_gives_the_calibration_back(recording, run_cli):
+    path, calibration = recording
+    done = run_cli(import_recording(path))
+    assert done.code == 0, done.err
+    assert read_calibration(calibration_path(NAME, NEW)) == calibration
+    assert run_cli(f"calibration diff {NAME} --port {PORT}").code == 0
+
+
+def test_a_recording_of_other_servos_is_refused(arm, recording, run_cli):
+    arm.line.servos[2].write("lock", 0)
+    arm.line.servos[2].write("homing_offset", 77)
+    done = run_cli(import_recording(recording[0]))
+    assert (done.code, "homing_offset of joint2" in done.err) == (6, True)
+    assert not calibration_path(NAME, NEW).exists()
+
+
+def test_a_recording_without_a_calibration_says_so(arm, run_cli, tmp_path):
+    path = tmp_path / "sim.mcap"
+    assert run_cli(f"record {path} --arm {NAME} --port sim --duration 0.1").code == 0
+    done = run_cli(import_recording(path))
+    assert (done.code, "No calibration is attached" in done.err) == (6, True)
+    path.write_text("{}")
+    assert run_cli(import_recording(path)).code == 2

@@ -123,4 +123,4 @@ def test_there_is_nothing_to_export_before_a_calibration(arm, run_cli):
 def test_other_programs_are_not_known(arm, run_cli):
     done = run_cli("export dynamixel_wizard --arm so101")
     assert done.code == 2
-    assert "Known: csv, lerobot" in done.err
+    assert "Known: csv, dataset, lerobot" in done.err

@@ -1,0 +1,170 @@
+"""Episodes of a LeRobotDataset (version 3): read by pyarrow alone, no torch, no LeRobot."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from importlib.util import find_spec
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from ikservo.errors import FileFormatError, InputError, UnknownNameError
+from ikservo.files.reading import parse_json, read_text
+from ikservo.kinematics.arrays import Matrix, Vector
+
+__all__ = ["COLUMNS", "Dataset", "Episode", "read_dataset", "require_pyarrow"]
+
+COLUMNS: Mapping[str, str] = {"state": "observation.state", "action": "action"}
+"""What of an episode is read: what was measured, or what was commanded."""
+
+_MAX_BYTES = 16 * 1024 * 1024
+_SUFFIX = ".pos"  # of a joint's value
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Episode:
+    """One episode.
+
+    Attributes:
+        number: Its number in the data set.
+        times_s: When each frame was taken (k,), growing.
+        values: The values of the joints (k, n), in LeRobot's units.
+    """
+
+    number: int
+    times_s: Vector
+    values: Matrix
+
+
+@dataclass(frozen=True, slots=True)
+class Dataset:
+    """What a data set says of itself, and its episodes.
+
+    Attributes:
+        folder: Where it is.
+        robot_type: LeRobot's type of the robot that it is of.
+        fps: Frames a second.
+        joints: The joints whose values it has, without ``.pos``.
+        episodes: All of them.
+    """
+
+    folder: Path
+    robot_type: str
+    fps: int
+    joints: tuple[str, ...]
+    episodes: tuple[Episode, ...]
+
+
+def require_pyarrow() -> None:
+    """Refuse to go on without pyarrow.
+
+    Raises:
+        InputError: It is not installed.
+    """
+    if find_spec("pyarrow") is None:
+        raise InputError("Data sets need pyarrow; it is not installed.",
+                         "Try: pip install 'ikservo[dataset]'")  # fmt: skip
+
+
+def read_dataset(folder: Path, what: str = "state") -> Dataset:
+    """Read all episodes of a data set.
+
+    Args:
+        folder: With ``meta`` and ``data`` in it.
+        what: ``state`` for what was measured, ``action`` for what was commanded.
+
+    Raises:
+        InputError: pyarrow is not installed.
+        UnknownNameError: ``what`` is neither of the two.
+        FileFormatError: It is no data set of version 3, or has no joints; says where.
+    """
+    if what not in COLUMNS:
+        raise UnknownNameError("column", what, COLUMNS)
+    require_pyarrow()
+    path = folder / "meta" / "info.json"
+    info = _read_info(path)
+    names = _value_names(path, info, COLUMNS[what])
+    columns = [i for i, name in enumerate(names) if name.endswith(_SUFFIX)]
+    if not columns:
+        found = f"has no joints: {', '.join(names) or 'no names'}"
+        raise FileFormatError(path, COLUMNS[what], found, "names as elbow_flex.pos; try --what")
+    joints = tuple(names[i].removesuffix(_SUFFIX) for i in columns)
+    episodes = tuple(_read_episodes(folder, COLUMNS[what], columns, len(names)))
+    fps = info["fps"]
+    if not isinstance(fps, (int, float)) or isinstance(fps, bool) or not 0 < fps <= 500:
+        raise FileFormatError(path, "fps", f"is {fps!r}", "frames a second")
+    return Dataset(folder, str(info.get("robot_type") or ""), round(fps), joints, episodes)
+
+
+def _read_info(path: Path) -> dict[str, object]:
+    try:
+        info = parse_json(read_text(path, _MAX_BYTES))
+    except (ValueError, RecursionError) as error:
+        if isinstance(error, FileFormatError):
+            raise
+        raise FileFormatError(path, "", "is not JSON", "LeRobot's info.json") from error
+    if not isinstance(info, dict) or not {"codebase_version", "features", "fps"} <= info.keys():
+        raise FileFormatError(path, "", "is not LeRobot's", "codebase_version, features, fps")
+    version = cast("dict[str, object]", info)["codebase_version"]
+    if not str(version).startswith("v3."):
+        expected = "v3.0; LeRobot converts older ones: convert_dataset_v21_to_v30"
+        raise FileFormatError(path, "codebase_version", f"is {version!r}", expected)
+    return cast("dict[str, object]", info)
+
+
+def _value_names(path: Path, info: Mapping[str, object], column: str) -> list[str]:
+    features = info["features"]
+    feature = features.get(column) if isinstance(features, dict) else None  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
+    names = feature.get("names") if isinstance(feature, dict) else None  # pyright: ignore[reportUnknownMemberType, reportUnknownVariableType]
+    if not isinstance(names, list):
+        raise FileFormatError(path, f"features.{column}", "has no names", "a name for each value")
+    return [str(name) for name in cast("Sequence[object]", names)]
+
+
+def _read_episodes(folder: Path, column: str, columns: list[int], width: int) -> Iterator[Episode]:
+    numbers, times_s, values = _read_frames(folder, column, width)
+    for number in np.unique(numbers).tolist():
+        rows = np.flatnonzero(numbers == number)
+        rows = rows[np.argsort(times_s[rows], kind="stable")]
+        episode = Episode(int(number), times_s[rows], values[rows][:, columns])
+        _check_episode(folder, episode)
+        yield episode
+
+
+def _read_frames(folder: Path, column: str, width: int) -> tuple[Vector, Vector, Matrix]:
+    """Return the episode's number (k,), the time (k,) and the values (k, width) of all frames."""
+    paths = sorted((folder / "data").glob("*/*.parquet"))
+    if not paths:
+        raise FileFormatError(folder / "data", "", "has no episodes", "chunk-000/file-000.parquet")
+    parts = [_read_file(path, column, width) for path in paths]
+    numbers, times_s, values = zip(*parts, strict=True)
+    return np.concatenate(numbers), np.concatenate(times_s), np.concatenate(values)
+
+
+def _read_file(path: Path, column: str, width: int) -> tuple[Vector, Vector, Matrix]:
+    import pyarrow as pa  # noqa: PLC0415  # the extra `dataset`
+    import pyarrow.parquet as pq  # noqa: PLC0415
+
+    try:
+        table = pq.read_table(path, columns=["episode_index", "timestamp", column])
+        rows = np.array(table.column(column).to_pylist(), dtype=np.float64)
+        numbers, times_s = (
+            np.array(table.column(name).to_pylist(), dtype=np.float64)
+            for name in ("episode_index", "timestamp")
+        )
+    except (OSError, KeyError, ValueError, TypeError, pa.ArrowException) as error:
+        text = str(error).partition("\n")[0]
+        raise FileFormatError(path, "", f"cannot be read: {text}", "LeRobot's frames") from error
+    if rows.shape != (len(times_s), width):
+        raise FileFormatError(path, column, f"has shape {rows.shape}", f"{width} values a frame")
+    return numbers, times_s, rows
+
+
+def _check_episode(folder: Path, episode: Episode) -> None:
+    where = f"episode {episode.number}"
+    if not (np.isfinite(episode.values).all() and np.isfinite(episode.times_s).all()):
+        raise FileFormatError(folder, where, "has values that are no numbers", "finite numbers")
+    if np.any(np.diff(episode.times_s) <= 0.0):
+        raise FileFormatError(folder, where, "has two frames of one time", "growing timestamps")

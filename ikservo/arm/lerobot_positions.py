@@ -1,0 +1,78 @@
+"""Joint values that LeRobot recorded, as positions: its zeros are the middles of its sweep."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from ikservo.calibration.joint_map import JointMap
+from ikservo.calibration.lerobot import LerobotJoint
+from ikservo.calibration.records import CalibratedJoint, Calibration
+from ikservo.errors import CalibrationError
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.model import Model
+from ikservo.registers import MODELS, Family
+
+__all__ = ["positions_of_lerobot"]
+
+_DEGREES_PER_TICK = 360.0 / 4095.0  # as LeRobot counts
+
+
+def positions_of_lerobot(
+    values: Matrix,
+    names: Sequence[str],
+    joints: Sequence[LerobotJoint],
+    calibration: Calibration,
+    model: Model,
+    *,
+    percent: bool = False,
+) -> Matrix:
+    """Return positions (k, n), rad or m, of values (k, m) of one of LeRobot's own robots.
+
+    Args:
+        values: Degrees from the middle of the sweep, or -100 to 100 of it; the gripper 0 to 100.
+        names: The joint of each column of values.
+        joints: LeRobot's calibration of the arm then.
+        calibration: The same arm's calibration by ikservo: it knows the geometry's zeros.
+        model: The arm; its joints are the columns returned.
+        percent: Whether the values are percents.
+
+    Raises:
+        CalibrationError: A joint is missing in one of them, or has another servo.
+    """
+    recorded = {joint.name: joint for joint in joints}
+    columns: list[Vector] = []
+    for joint in model.joints:
+        theirs, own = recorded.get(joint.name), calibration.joint(joint.name)
+        if theirs is None or own is None or joint.name not in names or theirs.id != own.servo.id:
+            raise CalibrationError(
+                f"{joint.name} is not the same servo in the data set and both calibrations.",
+                "Choose the arm with --arm and LeRobot's file of it with --calibration.",
+            )
+        column = values[:, list(names).index(joint.name)]
+        is_percent = percent or joint.role == "gripper"
+        ticks = _ticks_of(column, theirs, percent=is_percent, is_gripper=joint.role == "gripper")
+        columns.append(_positions_of(ticks, theirs, own, own.joint_map(joint.joint_map)))
+    return np.stack(columns, axis=1)
+
+
+def _ticks_of(values: Vector, joint: LerobotJoint, *, percent: bool, is_gripper: bool) -> Vector:
+    """Return the ticks that the servo reported with LeRobot's offset (k,)."""
+    low, high = joint.range_min, joint.range_max
+    if not percent:
+        return (low + high) / 2.0 + values / _DEGREES_PER_TICK
+    share = values / 100.0 if is_gripper else (values + 100.0) / 200.0
+    if joint.drive_mode:
+        share = 1.0 - share
+    return low + share * (high - low)
+
+
+def _positions_of(
+    ticks: Vector, theirs: LerobotJoint, own: CalibratedJoint, joint_map: JointMap
+) -> Vector:
+    """Return positions (k,): the servo's offset may have changed since the recording."""
+    feetech = MODELS[own.servo.model].family is Family.FEETECH_STS
+    shift = theirs.homing_offset - own.servo.holds.get("homing_offset", 0)
+    reported = ticks + (shift if feetech else -shift)
+    return np.array([joint_map.position(float(tick)) for tick in reported])

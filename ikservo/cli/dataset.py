@@ -1,0 +1,130 @@
+"""``ikservo import dataset`` and ``ikservo export dataset``: episodes of LeRobot, recordings."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ikservo.arm import read_recording
+from ikservo.arm.dataset_reading import Dataset, read_dataset
+from ikservo.arm.dataset_writing import write_dataset
+from ikservo.arm.lerobot_positions import positions_of_lerobot
+from ikservo.arm.recorder import recording_header
+from ikservo.arm.recording import RecordingWriter
+from ikservo.calibration.calibration_file import read_calibration
+from ikservo.calibration.lerobot import find_lerobot, read_lerobot
+from ikservo.calibration.paths import calibrations_of
+from ikservo.calibration.records import Calibration
+from ikservo.cli.terminal import print_json, print_lines
+from ikservo.errors import CalibrationError, FileFormatError, InputError
+from ikservo.kinematics.arrays import Matrix
+from ikservo.model import Model
+from ikservo.model.lerobot_values import JointValues
+
+__all__ = ["DatasetOptions", "export_dataset", "import_dataset"]
+
+_OWN_TYPES = ("ikservo",)  # robots whose values have the geometry's zeros
+
+
+@dataclass(frozen=True, slots=True)
+class DatasetOptions:
+    """How episodes become recordings.
+
+    Attributes:
+        to: The folder of the recordings.
+        what: ``state`` or ``action``.
+        calibration: LeRobot's id of the arm, or its file; empty where ikservo recorded it.
+        percent: Whether the values are percents of the range.
+    """
+
+    to: Path
+    what: str
+    calibration: str
+    percent: bool
+
+
+def import_dataset(model: Model, folder: Path, options: DatasetOptions, *, json: bool) -> None:
+    """Write each episode as a recording of the arm; nothing is written if one cannot be.
+
+    Raises:
+        IkservoError: The data set, a calibration or the folder is not as needed.
+    """
+    dataset = read_dataset(folder, options.what)
+    episodes = [_positions(episode, dataset, model, options) for episode in _values_of(dataset)]
+    header = recording_header(model, 1.0 / dataset.fps)
+    paths = [options.to / f"{_stem(folder)}-{e.number:03d}.jsonl" for e in dataset.episodes]
+    for path in paths:
+        if path.exists():
+            raise InputError(f"File {path} exists.", "Name another folder with --to.")
+    options.to.mkdir(parents=True, exist_ok=True)
+    for path, episode, positions in zip(paths, dataset.episodes, episodes, strict=True):
+        with RecordingWriter(path, header) as writer:
+            for time_s, q in zip(episode.times_s - episode.times_s[0], positions, strict=True):
+                writer.write(float(time_s), q)
+    _print_episodes(paths, dataset, json=json)
+
+
+def export_dataset(
+    model: Model, recordings: Sequence[Path], to: Path | None, fps: int | None, task: str
+) -> None:
+    """Write recordings as the episodes of a new data set.
+
+    Raises:
+        InputError: No recording or no folder is given.
+    """
+    if not recordings:
+        raise InputError("No recording given.", "Name them: ikservo export dataset wave.jsonl")
+    if to is None:
+        raise InputError("No folder given.", "Name a new one with --to.")
+    frames = write_dataset(to, model, [read_recording(path) for path in recordings], fps, task)
+    print_lines([f"{to}: {len(recordings)} episodes, {frames} frames"])
+
+
+def _values_of(dataset: Dataset) -> list[Matrix]:
+    return [episode.values for episode in dataset.episodes]
+
+
+def _positions(values: Matrix, dataset: Dataset, model: Model, options: DatasetOptions) -> Matrix:
+    if options.calibration:
+        joints = read_lerobot(find_lerobot(options.calibration))
+        return positions_of_lerobot(
+            values, dataset.joints, joints, _own_calibration(model), model, percent=options.percent
+        )
+    if dataset.robot_type not in _OWN_TYPES:
+        raise CalibrationError(
+            f"{dataset.folder} is of {dataset.robot_type or 'an unknown robot'}, whose zeros are "
+            "the middles of its sweep.",
+            "Give LeRobot's id or file of that arm: --calibration ID",
+        )
+    own = JointValues(model)
+    if set(own.names) != set(dataset.joints):
+        found = f"has the joints {', '.join(dataset.joints)}"
+        raise FileFormatError(dataset.folder, "", found, f"{model.name}: {', '.join(own.names)}")
+    return own.rows_to_positions(values[:, [dataset.joints.index(name) for name in own.names]])
+
+
+def _own_calibration(model: Model) -> Calibration:
+    found = calibrations_of(model.name)
+    if not found:
+        raise CalibrationError(
+            f"{model.name} is not calibrated, so its zeros are not known.",
+            "Calibrate it, or take LeRobot's ranges: ikservo import lerobot ID",
+        )
+    return max((read_calibration(path) for path in found), key=lambda own: own.written)
+
+
+def _stem(folder: Path) -> str:
+    return folder.resolve().name
+
+
+def _print_episodes(paths: Sequence[Path], dataset: Dataset, *, json: bool) -> None:
+    spans_s = [float(np.ptp(episode.times_s)) for episode in dataset.episodes]
+    if json:
+        print_json("import-dataset", robot_type=dataset.robot_type, fps=dataset.fps,
+                   recordings=[str(path) for path in paths])  # fmt: skip
+        return
+    rows = zip(paths, dataset.episodes, spans_s, strict=True)
+    print_lines([f"{path}  {len(e.times_s)} samples, {span_s:.1f} s" for path, e, span_s in rows])

@@ -1,0 +1,97 @@
+"""Joints as LeRobot has them: ``<joint>.pos`` in degrees, the gripper in percent of its opening."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.model.model import Model
+
+__all__ = ["JointValue", "JointValues"]
+
+
+@dataclass(frozen=True, slots=True)
+class JointValue:
+    """The linear map of one joint: ``value = (position - zero) * factor``.
+
+    Attributes:
+        name: The joint.
+        zero: Its position at value 0, rad or m.
+        factor: Degrees a radian, millimetres a metre, or percent a radian or metre.
+    """
+
+    name: str
+    zero: float
+    factor: float
+
+    @property
+    def key(self) -> str:
+        """Return LeRobot's name of the value."""
+        return f"{self.name}.pos"
+
+
+class JointValues:
+    """The values of all joints of an arm, base to tip, the gripper last.
+
+    The zeros are those of the geometry. A gripper is 0 where its jaws meet and 100 where they are
+    furthest apart; a prismatic joint is in millimetres.
+
+    Args:
+        model: The arm.
+    """
+
+    def __init__(self, model: Model) -> None:
+        self._joints = tuple(_value_of(model, joint.name, joint.joint_map.unit)
+                             for joint in model.joints)  # fmt: skip
+        self._zeros = np.array([joint.zero for joint in self._joints])
+        self._factors = np.array([joint.factor for joint in self._joints])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the joints, in the order of the vectors."""
+        return tuple(joint.name for joint in self._joints)
+
+    @property
+    def features(self) -> dict[str, type]:
+        """Return LeRobot's description of the values."""
+        return {joint.key: float for joint in self._joints}
+
+    def from_positions(self, positions: Vector) -> dict[str, float]:
+        """Return the values of positions (n,), rad or m."""
+        values = (positions - self._zeros) * self._factors
+        return dict(zip(self.features, values.tolist(), strict=True))
+
+    def rows_from_positions(self, positions: Matrix) -> Matrix:
+        """Return the values (k, n) of positions (k, n), rad or m."""
+        return (positions - self._zeros) * self._factors
+
+    def rows_to_positions(self, values: Matrix) -> Matrix:
+        """Return the positions (k, n), rad or m, of values (k, n)."""
+        return self._zeros + values / self._factors
+
+    def to_positions(self, values: Mapping[str, Any], last: Vector) -> Vector:
+        """Return positions (n,), rad or m; joints without a value keep their ``last``.
+
+        Raises:
+            KeyError: There is a value of none of the joints.
+        """
+        known = [i for i, joint in enumerate(self._joints) if joint.key in values]
+        if not known:
+            raise KeyError(next(iter(self.features)))
+        positions = last.copy()
+        for i in known:
+            joint = self._joints[i]
+            positions[i] = joint.zero + float(values[joint.key]) / joint.factor
+        return positions
+
+
+def _value_of(model: Model, name: str, unit: str) -> JointValue:
+    gripper = model.gripper
+    if gripper is not None and gripper.joint == name:
+        return JointValue(name, gripper.closed, 100.0 / (gripper.open - gripper.closed))
+    return JointValue(name, 0.0, 1000.0 if unit == "m" else math.degrees(1.0))
