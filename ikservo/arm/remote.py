@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
+from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
-import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
+from ikservo.arm.calibrated_arm import ZeroSource
 from ikservo.arm.control_server import BRAKE_TIMEOUT_S, Command, broadcast_command, send_command
+from ikservo.arm.networks import find_network, installed_networks
 from ikservo.arm.opening import open_bus, resolve_port
-from ikservo.arm.recording import RecordResult, record, recording_header
-from ikservo.arm.reports import ArmState, JointMoveResult
+from ikservo.arm.recorder import RecordResult, RecordSettings, describe_arm, record
+from ikservo.arm.recording import ArmSample
+from ikservo.arm.reports import ArmState, JointMoveResult, StopResult
+from ikservo.calibration.paths import calibration_path
 from ikservo.clock import Clock, RealClock
 from ikservo.control.feedback import JointState
 from ikservo.control.stopping import StopOutcome, hold_servos
 from ikservo.errors import IkservoError, PortBusyError
 from ikservo.guard import CommandLimits
-from ikservo.hardware.remembered_port import is_simulated
-from ikservo.kinematics.arrays import Vector, as_floats
+from ikservo.hardware.remembered_port import is_simulated, serial_number_of
+from ikservo.kinematics.arrays import as_floats
 from ikservo.model import Model
 
 __all__ = [
@@ -37,27 +38,6 @@ _RELAX_TIMEOUT_S = 120.0
 _START_TIMEOUT_S, _RETRY_PERIOD_S = 3.0, 0.02
 
 T = TypeVar("T")
-
-
-@dataclass(frozen=True, slots=True)
-class StopResult:
-    """The outcome of stopping an arm.
-
-    Attributes:
-        arm: Its name.
-        port: Its port.
-        moving: Whether another program was moving it.
-        held: The joints that hold.
-        limp: Those without torque; nothing was changed there.
-        silent: Those that did not reply.
-    """
-
-    arm: str
-    port: str
-    moving: bool
-    held: tuple[str, ...]
-    limp: tuple[str, ...]
-    silent: tuple[str, ...]
 
 
 _STOPPED_FIELDS = TypeAdapter(StopResult)
@@ -78,6 +58,10 @@ def stop_arm(model: Model, port: str | None, clock: Clock | None = None) -> Stop
     Raises:
         IkservoError: That program cannot, or the port cannot be opened.
     """
+    elsewhere = find_network(port)
+    if elsewhere is not None:
+        network, address = elsewhere
+        return network.stop_arm(address)
     device = resolve_port(model, port)
     clock = clock or RealClock()
     until_s = clock.now_s() + _START_TIMEOUT_S
@@ -96,24 +80,46 @@ def stop_arm(model: Model, port: str | None, clock: Clock | None = None) -> Stop
 
 
 def stop_all_arms() -> list[StopResult]:
-    """Stop every arm whose port a program of this user has open.
+    """Stop every arm whose port a program of this user has open, and those on other machines.
+
+    Those are the arm at the address in ``IKSERVO_PORT`` and the arms of listed machines.
 
     Raises:
         IkservoError: One of them could not be stopped; the others were.
     """
     replies = broadcast_command(Command.STOP, BRAKE_TIMEOUT_S + 2.0)
-    for reply in replies:
-        if isinstance(reply, IkservoError):
-            raise reply
-    return [_validate_reply(_STOPPED_FIELDS, reply) for reply in replies]
+    errors = [reply for reply in replies if isinstance(reply, IkservoError)]
+    elsewhere: list[StopResult] = []
+    for stop in _remote_stops():
+        try:
+            elsewhere += stop()
+        except IkservoError as error:
+            errors.append(error)
+    for error in errors:
+        raise error
+    here = [reply for reply in replies if not isinstance(reply, IkservoError)]
+    return [*(_validate_reply(_STOPPED_FIELDS, reply) for reply in here if reply), *elsewhere]
+
+
+def _remote_stops() -> Iterator[Callable[[], list[StopResult]]]:
+    own = find_network(None)
+    if own is not None:
+        network, address = own
+        yield lambda: [network.stop_arm(address)]
+    for each in installed_networks():
+        yield each.stop_all_arms
 
 
 def query_state(model: Model, port: str | None) -> ArmState | None:
     """Request an arm's state from the program that has its port open; None where none has.
 
+    Also for an arm on another machine: it is opened there without taking control of it.
+
     Raises:
         IkservoError: That program cannot.
     """
+    if find_network(port) is not None:
+        return None
     reply = _request(resolve_port(model, port), Command.WHERE, 10.0)
     if reply is None:
         return None
@@ -127,6 +133,8 @@ def request_relax(model: Model, port: str | None) -> JointMoveResult | None:
     Raises:
         IkservoError: That program cannot.
     """
+    if find_network(port) is not None:
+        return None
     reply = _request(resolve_port(model, port), Command.RELAX, _RELAX_TIMEOUT_S)
     if reply is None:
         return None
@@ -141,12 +149,7 @@ def request_relax(model: Model, port: str | None) -> JointMoveResult | None:
 def record_remote(
     model: Model,
     port: str | None,
-    path: Path,
-    duration_s: float | None,
-    until: Callable[[], bool] | None,
-    period_s: float,
-    *,
-    overwrite: bool,
+    settings: RecordSettings,
 ) -> RecordResult | None:
     """Record an arm that another program moves, by state requests; None where none has its port.
 
@@ -156,16 +159,19 @@ def record_remote(
     if query_state(model, port) is None:
         return None
 
-    def measure() -> Vector:
+    def measure() -> ArmSample:
         state = query_state(model, port)
         if state is None:
             raise IkservoError(
                 "The program that moved the arm has ended.", "The recording up to then is kept."
             )
-        return np.array([joint.position_rad for joint in state.joints])
+        return ArmSample.of_states(state.joints)
 
-    header = recording_header(model, period_s)
-    return record(measure, RealClock(), path, header, duration_s, until, overwrite=overwrite)
+    serial = serial_number_of(resolve_port(model, port))
+    known = calibration_path(model.name, serial).exists()
+    zeros = ZeroSource.CALIBRATED if known else ZeroSource.UNKNOWN
+    arm = describe_arm(model, model.chain, settings.period_s, zeros, serial)
+    return record(measure, RealClock(), arm, settings)
 
 
 def _request(device: str, command: Command, timeout_s: float) -> dict[str, Any] | None:

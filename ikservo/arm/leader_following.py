@@ -1,0 +1,151 @@
+"""Follow a leader arm, guided by hand, on another port or another machine."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from typing import Protocol, Unpack, runtime_checkable
+
+from ikservo.arm.arguments import check_callable
+from ikservo.arm.arm_parts import ArmParts
+from ikservo.arm.context import ArmContext
+from ikservo.arm.following import FollowResult, follow_targets
+from ikservo.arm.motion_options import FollowOptions, parse_options
+from ikservo.clock import Rate, RealClock
+from ikservo.errors import BadValueError, BusError, InputError
+
+__all__ = [
+    "PublishingLeader",
+    "follow_arm",
+    "leader_positions",
+    "require_shared",
+    "shared_joints",
+]
+
+
+@runtime_checkable
+class PublishingLeader(Protocol):
+    """A leader on another machine, which publishes its joints."""
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Its joints."""
+        ...
+
+    def published_positions(self) -> AbstractContextManager[Callable[[], dict[str, float] | None]]:
+        """Return, for a ``with`` block, what takes the newest positions by joint once."""
+        ...
+
+
+def _published_positions(
+    newest: Callable[[], dict[str, float] | None],
+    shared: Sequence[str],
+    cycle_time_s: float,
+    until: Callable[[], bool] | None,
+) -> Iterator[dict[str, float] | None]:
+    """Yield the newest positions of shared joints, or None, in real time."""
+    for _ in Rate(RealClock(), cycle_time_s):
+        if until and until():
+            return
+        measured = newest()
+        yield None if measured is None else {name: measured[name] for name in shared}
+
+
+def follow_arm(
+    arm: ArmParts,
+    leader: ArmParts | PublishingLeader,
+    *,
+    until: Callable[[], bool] | None = None,
+    **options: Unpack[FollowOptions],
+) -> FollowResult:
+    """Follow another arm, guided by hand, joint by joint of the same name.
+
+    ``leader`` is an open arm on another port or another machine; its torque is left as it is,
+    its gripper leads the gripper. This arm keeps its own limits, and brakes where the leader does
+    not answer for 0.3 s. It ends when ``until``, called in every control cycle, returns True.
+
+    Options: speed (fast keeps closest), on_progress; see ``FollowOptions``.
+
+    Raises:
+        InputError: The arms have no joint in common.
+        CalibrationError: One of the arms is not calibrated.
+    """
+    chosen = parse_options("follow_arm", FollowOptions, options)
+    check_callable("until", until)
+    own = arm.context
+    if isinstance(leader, PublishingLeader):
+        shared = [name for name in leader.joint_names if name in own.index.names]
+        require_shared(shared, leader.joint_names, own.index.names)
+        cycle_time_s = arm.runner.loop.measure_cycle_time_s()
+        with leader.published_positions() as newest:
+            published = _published_positions(newest, shared, cycle_time_s, until)
+            return follow_targets(arm, published, chosen.speed, chosen.on_progress)
+    leading = _leader_context(arm, leader)
+    leading.require_zeros()
+    cycle_time_s = arm.runner.loop.measure_cycle_time_s()
+    positions = leader_positions(leading, own, cycle_time_s, until)
+    return follow_targets(arm, positions, chosen.speed, chosen.on_progress)
+
+
+def _leader_context(arm: ArmParts, leader: object) -> ArmContext:
+    if not isinstance(leader, ArmParts) or leader is arm:
+        raise BadValueError("The leader", repr(leader), "another open arm")
+    return leader.context
+
+
+def shared_joints(leader: ArmContext, follower: ArmContext) -> list[str]:
+    """Return the joints that both arms have by name and kind.
+
+    Raises:
+        InputError: There is none, or a joint is prismatic on one of them and revolute on the other.
+    """
+    units = {fence.joint: fence.joint_map.unit for fence in follower.servos.fences}
+    own = {fence.joint: fence.joint_map.unit for fence in leader.servos.fences}
+    shared = [name for name in own if name in units]
+    require_shared(shared, own, units)
+    for name in shared:
+        if own[name] != units[name]:
+            raise InputError(
+                f"{name} is prismatic on one of the two arms and revolute on the other.",
+                "Such arms cannot be coupled.",
+            )
+    return shared
+
+
+def require_shared(shared: Sequence[str], leader: Iterable[str], follower: Iterable[str]) -> None:
+    """Refuse two arms without a joint of the same name.
+
+    Raises:
+        InputError: They have none.
+    """
+    if not shared:
+        raise InputError(
+            "The leader and the follower have no joint in common.",
+            f"Joints of the leader: {', '.join(leader)}; of the follower: {', '.join(follower)}.",
+        )
+
+
+def leader_positions(
+    leader: ArmContext,
+    follower: ArmContext,
+    cycle_time_s: float,
+    until: Callable[[], bool] | None = None,
+) -> Iterator[dict[str, float] | None]:
+    """Yield the leader's measured joints by name in every cycle, or None without a reply.
+
+    Args:
+        leader: The arm that is guided by hand; its torque is left as it is.
+        follower: The arm that follows.
+        cycle_time_s: Between two readings of the leader.
+        until: Ends it by returning True.
+    """
+    shared = shared_joints(leader, follower)
+    for _ in Rate(leader.servos.clock, cycle_time_s):
+        if until and until():
+            return
+        try:
+            measured = leader.index.by_name(leader.servos.measure_positions())
+        except BusError:
+            yield None  # the follower waits a little, then holds
+        else:
+            yield {name: measured[name] for name in shared}

@@ -1,0 +1,71 @@
+"""Arms on other machines: the plug-ins that open them by their address."""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+from importlib.metadata import entry_points
+from typing import TYPE_CHECKING, Protocol, cast
+
+from ikservo.arm.arguments import parse_port
+from ikservo.hardware.transport import NETWORK_GROUP
+from ikservo.model import Model
+
+if TYPE_CHECKING:
+    from ikservo.arm.arm import Arm, OnExit
+    from ikservo.arm.reports import StopResult
+
+__all__ = ["ArmNetwork", "find_network", "installed_networks"]
+
+_VARIABLE = "IKSERVO_PORT"
+
+
+class ArmNetwork(Protocol):
+    """Opens arms on other machines; the object that an entry point of the group names."""
+
+    def open_arm(self, model: Model, address: str, on_exit: OnExit) -> Arm:
+        """Open the arm at an address; it has the methods of ``Arm``.
+
+        Raises:
+            PortError: It cannot be reached.
+        """
+        ...
+
+    def stop_arm(self, address: str) -> StopResult:
+        """Stop the arm at an address, whoever controls it.
+
+        Raises:
+            PortError: It cannot be reached.
+        """
+        ...
+
+    def stop_all_arms(self) -> list[StopResult]:
+        """Stop every arm on the machines that the user has listed."""
+        ...
+
+
+def find_network(port: object) -> tuple[ArmNetwork, str] | None:
+    """Return the network of a port, and the address there; None for a port of this machine.
+
+    Args:
+        port: Given by the user; ``IKSERVO_PORT`` if None.
+
+    Raises:
+        BadValueError: It is no name of a port.
+    """
+    address = parse_port(port) or os.environ.get(_VARIABLE, "")
+    network = _load(address.partition(":")[0]) if ":" in address else None
+    return None if network is None else (network, address)
+
+
+def installed_networks() -> list[ArmNetwork]:
+    """Return every network that is installed."""
+    found = (_load(point.name) for point in entry_points(group=NETWORK_GROUP))
+    return [network for network in found if network is not None]
+
+
+@cache
+def _load(scheme: str) -> ArmNetwork | None:
+    for point in entry_points(group=NETWORK_GROUP, name=scheme):
+        return cast("ArmNetwork", point.load())
+    return None

@@ -1,0 +1,93 @@
+"""``ikservo fleet``: the arms of other machines in one table, once or continuously."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import sys
+from collections.abc import Iterable
+from typing import Annotated
+
+import typer
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from ikservo.cli.options import JsonOption, parse_time_s
+from ikservo.cli.terminal import print_json
+from ikservo.clock import Clock, RealClock
+from ikservo.errors import PortError
+from ikservo.network.address import Endpoint, parse_host
+from ikservo.network.fleet import FleetArm, read_fleet
+from ikservo.network.opening import fleet_hosts
+
+__all__ = ["command"]
+
+Hosts = Annotated[
+    list[str] | None,
+    typer.Argument(metavar="[HOST[:PORT]]…", help="Machines; those of IKSERVO_FLEET if none."),
+]
+Watch = Annotated[bool, typer.Option("--watch", help="Repeat until Ctrl-C.")]
+Period = Annotated[
+    float, typer.Option("--period", parser=parse_time_s, help="Between two readings: 500ms.")
+]
+Count = Annotated[int | None, typer.Option("--count", min=1, help="End after so many readings.")]
+
+_COLUMNS = ("arm", "at", "is", "state", "controlled by", "°C", "latency", "")
+
+
+def command(
+    hosts: Hosts = None,
+    *,
+    watch: Watch = False,
+    period: Period = 1.0,
+    count: Count = None,
+    json: JsonOption = False,
+) -> None:
+    """List the arms that other machines serve: state, who controls them, health, latency.
+
+    ikservo fleet lab-pi desk-pi --watch
+
+    IKSERVO_FLEET=lab-pi,desk-pi ikservo fleet
+    """
+    endpoints = fleet_hosts(hosts or []) or [parse_host("127.0.0.1")]
+    times = count if watch else 1
+    with contextlib.suppress(KeyboardInterrupt):
+        _show(endpoints, times, period, RealClock(), json=json)
+
+
+def _show(
+    hosts: list[Endpoint], times: int | None, period_s: float, clock: Clock, *, json: bool
+) -> None:
+    console = Console(highlight=False)
+    live = Live(console=console, auto_refresh=False) if console.is_terminal else None
+    arms: list[FleetArm] = []
+    with live or contextlib.nullcontext():
+        for number in itertools.count(1):
+            arms = read_fleet(hosts)
+            if json:
+                print_json("fleet", arms=arms)
+                sys.stdout.flush()
+            elif live is not None:
+                live.update(_table(arms), refresh=True)
+            else:
+                console.print(_table(arms))
+            if number == times:
+                break
+            clock.sleep_until(clock.now_s() + period_s)
+    if times == 1 and not any(arm.arm for arm in arms):
+        raise PortError("No arm can be reached.", "Is `ikservo serve` running there?")
+
+
+def _table(arms: Iterable[FleetArm]) -> Table:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    for column in _COLUMNS:
+        justify = "right" if column in ("°C", "latency") else "left"
+        table.add_column(column, justify=justify, no_wrap=bool(column))
+    for arm in arms:
+        heat = "" if arm.temperature_c is None else f"{arm.temperature_c:.0f}"
+        latency = "" if arm.latency_s is None else f"{1000 * arm.latency_s:.1f} ms"
+        note = arm.error or arm.stopped_for or "; ".join(arm.alarms)
+        row = (arm.name, arm.host, arm.arm, arm.state, arm.operator, heat, latency, note)
+        table.add_row(*row)
+    return table

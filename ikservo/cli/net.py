@@ -1,0 +1,84 @@
+"""``ikservo net``: certificates for other machines, and the acknowledgement of a stop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal, cast, get_args
+
+import typer
+
+from ikservo.cli.options import JsonOption, PortOption
+from ikservo.cli.terminal import print_json, print_lines, print_status
+from ikservo.errors import BadValueError, InputError, UnknownNameError
+from ikservo.network.address import parse_address
+from ikservo.network.certificates import keys_folder, make_keys
+from ikservo.network.opening import connect
+
+__all__ = ["command"]
+
+Action = Literal["keys", "acknowledge"]
+ACTIONS: tuple[Action, ...] = get_args(Action)
+
+ActionArgument = Annotated[str, typer.Argument(metavar="ACTION", help="keys or acknowledge.")]
+Folder = Annotated[
+    Path | None,
+    typer.Option("--folder", help="For the keys; ./ikservo-keys if not given."),
+]
+Host = Annotated[
+    list[str] | None,
+    typer.Option("--host", help="Name or address of the machine with the arm; repeatable."),
+]
+New = Annotated[bool, typer.Option("--new", help="Replace keys; the old ones are then worthless.")]
+
+
+def command(
+    action: ActionArgument,
+    *,
+    folder: Folder = None,
+    host: Host = None,
+    new: New = False,
+    port: PortOption = None,
+    json: JsonOption = False,
+) -> None:
+    """Make certificates for arms on other machines, or acknowledge a stop of such an arm.
+
+    ikservo net keys --host lab-pi --host 192.168.1.7
+
+    ikservo net acknowledge --port zenoh:desk@lab-pi     it may move again; nothing moves yet
+    """
+    if action not in ACTIONS:
+        raise UnknownNameError("action", action, ACTIONS)
+    if action == "keys":
+        _make_keys(folder or Path("ikservo-keys"), host or [], new=new, json=json)
+        return
+    if port is None:
+        raise InputError("No address given.", "Add --port, as in --port zenoh:desk@lab-pi.")
+    _acknowledge(port, json=json)
+
+
+def _make_keys(folder: Path, hosts: list[str], *, new: bool, json: bool) -> None:
+    for host in hosts:
+        if not host or "/" in host or " " in host:
+            raise BadValueError("The host", repr(host), "a name or an address, as in lab-pi")
+    made = make_keys(folder, hosts, overwrite=new)
+    if json:
+        print_json("net-keys", folders=[str(path) for path in made], hosts=hosts)
+        return
+    print_lines([str(path) for path in made])
+    print_status(f"Copy the folder of its role to each machine, as {keys_folder()}:")
+    print_status("server beside the arm, operator where it is driven, watcher where it is watched.")
+    print_status("Keep the folder authority to yourself: who has it can make operators.")
+
+
+def _acknowledge(port: str, *, json: bool) -> None:
+    connection = connect(parse_address(port))
+    try:
+        before = cast("dict[str, object]", connection.watch("health"))
+        connection.drive("acknowledge")
+    finally:
+        connection.close()
+    reason = str(before["stop_text"])
+    if json:
+        print_json("net-acknowledge", arm=before["arm"], reason=reason)
+    else:
+        print_lines([f"acknowledged  {reason}" if reason else "it was not stopped"])

@@ -1,0 +1,122 @@
+"""``ikservo ros``: an arm as a node of ROS 2, without ROS."""
+
+from __future__ import annotations
+
+import os
+from typing import Annotated
+
+import typer
+
+from ikservo.arm import Arm
+from ikservo.cli.direction_check import check_directions_once
+from ikservo.cli.options import (
+    ArmArgument,
+    CollisionOption,
+    JsonOption,
+    NoWiggleOption,
+    PortOption,
+    SpeedOption,
+    UncalibratedOption,
+    YesOption,
+)
+from ikservo.cli.serve import wait_for_signal
+from ikservo.cli.session import open_from_options
+from ikservo.cli.terminal import format_port, print_json, print_status
+from ikservo.errors import BadValueError
+from ikservo.network.address import Endpoint, parse_host
+from ikservo.network.certificates import client_certificate
+from ikservo.network.ros.bridge import INPUTS, OUTPUTS, SERVICES, RosBridge
+from ikservo.network.ros.wire import MAX_DOMAIN, check_namespace
+from ikservo.network.session import open_router_client
+
+__all__ = ["command"]
+
+_ROUTER_PORT = 7447
+_DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
+
+Domain = Annotated[
+    int | None,
+    typer.Option("--domain", min=0, max=MAX_DOMAIN, help="Of ROS 2; ROS_DOMAIN_ID, or 0."),
+]
+Router = Annotated[
+    str,
+    typer.Option("--router", metavar="ENDPOINT", help="Where rmw_zenohd listens."),
+]
+Namespace = Annotated[str, typer.Option("--namespace", help="Before all names, as in left.")]
+Rate = Annotated[float, typer.Option("--rate", min=0.1, max=200.0, help="Joint states a second.")]
+
+
+def command(
+    arm: ArmArgument = None,
+    *,
+    port: PortOption = None,
+    domain: Domain = None,
+    router: Router = "tcp/127.0.0.1:7447",
+    namespace: Namespace = "",
+    rate: Rate = 50.0,
+    speed: SpeedOption = "normal",
+    collision: CollisionOption = True,
+    uncalibrated: UncalibratedOption = False,
+    no_wiggle: NoWiggleOption = False,
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Join an arm to ROS 2 until Ctrl-C; needs rmw_zenoh there, and no ROS here.
+
+    Everybody in that domain may move the arm within its limits; see docs/network.md.
+
+    ikservo ros so101
+
+    ros2 topic echo /joint_states           where RMW_IMPLEMENTATION=rmw_zenoh_cpp
+    """
+    endpoint, place = parse_host(_with_port(router)), check_namespace(namespace)
+    number = _domain(domain)
+    with (
+        open_router_client(endpoint, client_certificate(endpoint)) as session,
+        open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine,
+    ):
+        if not no_wiggle:
+            check_directions_once(machine, yes=yes)
+        with RosBridge(session, machine, number, place, rate, speed, print_status):
+            _announce(machine, endpoint, number, place, json=json)
+            wait_for_signal()
+
+
+def _with_port(router: str) -> str:
+    """Return an endpoint with the protocol and the port that routers of ROS 2 have by default."""
+    text = router if "/" in router else f"tcp/{router}"
+    return text if text.rpartition(":")[2].isdecimal() else f"{text}:{_ROUTER_PORT}"
+
+
+def _domain(given: int | None) -> int:
+    """Return the domain of ROS 2.
+
+    Raises:
+        BadValueError: The variable has none.
+    """
+    if given is not None:
+        return given
+    text = os.environ.get(_DOMAIN_VARIABLE, "").strip() or "0"
+    if not text.isdecimal() or int(text) > MAX_DOMAIN:
+        raise BadValueError(_DOMAIN_VARIABLE, repr(text), f"0 to {MAX_DOMAIN}")
+    return int(text)
+
+
+def _announce(machine: Arm, router: Endpoint, domain: int, namespace: str, *, json: bool) -> None:
+    """Say what the graph has now."""
+    outputs, inputs = ([f"{namespace}{topic.name}" for topic in each] for each in (OUTPUTS, INPUTS))
+    services = [f"{namespace}{name}" for name in SERVICES]
+    port = format_port(machine.port_name)
+    if json:
+        print_json(
+            "ros", arm=machine.model.name, port=port, router=str(router), domain=domain,
+            outputs=outputs, inputs=inputs, services=services,
+        )  # fmt: skip
+        return
+    print_status(
+        f"{machine.model.title} on {port} is in domain {domain} of ROS 2, by the router at "
+        f"{router}; Ctrl-C ends it."
+    )
+    print_status(f"says    {' '.join(outputs)}")
+    print_status(f"takes   {' '.join(inputs)}")
+    print_status(f"serves  {' '.join(services)}")

@@ -1,0 +1,134 @@
+"""``ikservo serve``: the process beside an arm, which programs on other machines drive."""
+
+from __future__ import annotations
+
+import signal
+import threading
+from types import FrameType
+from typing import Annotated
+
+import typer
+
+from ikservo.arm import Arm, open_arm
+from ikservo.arm.networks import find_network
+from ikservo.cli.direction_check import check_directions_once
+from ikservo.cli.model_options import model_from_option
+from ikservo.cli.options import (
+    ArmArgument,
+    CollisionOption,
+    JsonOption,
+    NoWiggleOption,
+    PortOption,
+    UncalibratedOption,
+    YesOption,
+)
+from ikservo.cli.terminal import format_port, print_json, print_status
+from ikservo.errors import InputError
+from ikservo.network.address import ArmAddress, Endpoint, check_arm_name, parse_listen
+from ikservo.network.arm_server import ArmServer
+from ikservo.network.certificates import access_control, server_certificate
+from ikservo.network.session import open_server
+
+__all__ = ["command", "wait_for_signal"]
+
+Listen = Annotated[
+    str,
+    typer.Option(
+        "--listen",
+        metavar="ENDPOINT",
+        help="tcp/127.0.0.1:7448 for this machine, tls/0.0.0.0:7448 for others.",
+    ),
+]
+Name = Annotated[
+    str | None, typer.Option("--name", help="Name in the address; the arm's if not given.")
+]
+Rate = Annotated[
+    float, typer.Option("--rate", min=0.1, max=200.0, help="States that are published a second.")
+]
+
+
+def command(
+    arm: ArmArgument = None,
+    *,
+    port: PortOption = None,
+    listen: Listen = "tcp/127.0.0.1:7448",
+    name: Name = None,
+    rate: Rate = 50.0,
+    collision: CollisionOption = True,
+    uncalibrated: UncalibratedOption = False,
+    no_wiggle: NoWiggleOption = False,
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Serve an arm to programs on other machines until Ctrl-C; see docs/network.md.
+
+    Limits, collision checks and the dead-man timeout stay here, beside the arm.
+
+    ikservo serve so101                     this machine: --port zenoh:so101@127.0.0.1
+
+    ikservo serve so101 --name desk --listen tls/0.0.0.0:7448
+    """
+    endpoint = parse_listen(listen)
+    model = model_from_option(arm)
+    served_as = check_arm_name(name or model.name)
+    certificate = server_certificate(endpoint)
+    if find_network(port) is not None:
+        raise InputError(
+            "An arm on another machine cannot be served again.", "Run `ikservo serve` there."
+        )
+    access = None if certificate is None else access_control(served_as)
+    with (
+        open_server(endpoint, certificate, access) as session,
+        open_arm(model, port, collisions=collision, uncalibrated=uncalibrated) as machine,
+    ):
+        if not no_wiggle:
+            check_directions_once(machine, yes=yes)
+        with ArmServer(session, machine, served_as, rate):
+            _announce(machine, ArmAddress(served_as, endpoint), json=json)
+            wait_for_signal()
+
+
+def _announce(machine: Arm, address: ArmAddress, *, json: bool) -> None:
+    """Say where the arm is served."""
+    if json:
+        print_json(
+            "serve",
+            arm=machine.model.name,
+            port=format_port(machine.port_name),
+            endpoint=str(address.endpoint),
+            address=str(_reachable(address)),
+        )
+        return
+    print_status(
+        f"{machine.model.title} on {format_port(machine.port_name)} is served at "
+        f"{address.endpoint}; Ctrl-C ends it."
+    )
+    print_status(f"From there: --port {_reachable(address)}")
+
+
+def _reachable(address: ArmAddress) -> ArmAddress:
+    """Return the address with this machine's name where it listens at every address."""
+    import platform  # noqa: PLC0415  # rarely needed
+
+    endpoint = address.endpoint
+    if endpoint.host not in ("0.0.0.0", "::"):  # noqa: S104
+        return address
+    return ArmAddress(address.name, Endpoint(endpoint.protocol, platform.node(), endpoint.port))
+
+
+def wait_for_signal() -> None:
+    """Wait for Ctrl-C, SIGTERM or SIGHUP, which all end the command without an error."""
+    ended = threading.Event()
+
+    def end(_: int, __: FrameType | None) -> None:
+        ended.set()
+
+    names = ("SIGINT", "SIGTERM", "SIGHUP")  # the last: its terminal was closed; not on Windows
+    numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
+    before = {number: signal.signal(number, end) for number in numbers}
+    try:
+        while not ended.wait(0.5):
+            pass
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)

@@ -1,0 +1,1 @@
+"""Arms on other machines: addresses, sessions, messages, the server beside the arm, its clients."""

@@ -1,0 +1,168 @@
+"""Addresses of arms on other machines, and the endpoints at which they are served."""
+
+from __future__ import annotations
+
+import ipaddress
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+from ikservo.errors import BadValueError, InputError
+
+__all__ = [
+    "DEFAULT_PORT",
+    "SCHEME",
+    "ArmAddress",
+    "Endpoint",
+    "check_arm_name",
+    "parse_address",
+    "parse_host",
+    "parse_listen",
+]
+
+SCHEME = "zenoh"
+DEFAULT_PORT = 7448
+"""Beside 7447, at which ROS 2's own Zenoh router listens."""
+
+_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
+_EXPECTED_NAME = "1 to 64 of the characters A-Z a-z 0-9 _ -"
+_EXPECTED = "zenoh:NAME@HOST or zenoh:NAME@HOST:PORT, as in zenoh:desk@lab-pi"
+_EXPECTED_ENDPOINT = "tcp/127.0.0.1:7448, or tls/0.0.0.0:7448 with certificates"
+_HOST = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?")
+
+Protocol = Literal["tcp", "tls"]
+
+
+@dataclass(frozen=True, slots=True)
+class Endpoint:
+    """Where a process listens or connects.
+
+    Attributes:
+        protocol: ``tcp`` for this machine only, ``tls`` with certificates.
+        host: A name or an address.
+        port: The TCP port; 0 for any that is free.
+    """
+
+    protocol: Protocol
+    host: str
+    port: int
+
+    def __str__(self) -> str:
+        """Return it as Zenoh writes it: ``tls/lab-pi:7448``."""
+        host = f"[{self.host}]" if ":" in self.host else self.host
+        return f"{self.protocol}/{host}:{self.port}"
+
+    @property
+    def is_loopback(self) -> bool:
+        """Return whether only this machine can reach it."""
+        return _is_loopback(self.host)
+
+
+@dataclass(frozen=True, slots=True)
+class ArmAddress:
+    """The address of an arm.
+
+    Attributes:
+        name: The name under which it is served.
+        endpoint: Where it is served.
+    """
+
+    name: str
+    endpoint: Endpoint
+
+    def __str__(self) -> str:
+        """Return it as a user writes it for ``--port``."""
+        protocol = "tcp" if self.endpoint.is_loopback else "tls"
+        place = str(self.endpoint)
+        if protocol == self.endpoint.protocol:
+            place = place.partition("/")[2]
+        return f"{SCHEME}:{self.name}@{place.removesuffix(f':{DEFAULT_PORT}')}"
+
+
+def check_arm_name(name: str) -> str:
+    """Return a name under which an arm can be served.
+
+    Raises:
+        BadValueError: It has other characters, or none.
+    """
+    if not _NAME.fullmatch(name):
+        raise BadValueError("The name of the served arm", repr(name), _EXPECTED_NAME)
+    return name
+
+
+def parse_address(text: str) -> ArmAddress:
+    """Return the address in ``zenoh:NAME@HOST[:PORT]``.
+
+    This machine is reached without certificates, every other one with them; ``tls/`` or ``tcp/``
+    before the host says otherwise.
+
+    Raises:
+        BadValueError: It is none; says which part.
+    """
+    scheme, colon, rest = text.partition(":")
+    name, at, place = rest.rpartition("@")
+    if scheme != SCHEME or not colon or not at:
+        raise BadValueError("The address of the arm", repr(text), _EXPECTED)
+    return ArmAddress(check_arm_name(name), parse_host(place))
+
+
+def parse_host(text: str) -> Endpoint:
+    """Return the endpoint in ``[tls/|tcp/]HOST[:PORT]`` that is connected to.
+
+    Raises:
+        BadValueError: It is none.
+    """
+    protocol, slash, place = text.rpartition("/")
+    host, port = _split_place(place, text, _EXPECTED)
+    if not slash:
+        protocol = "tcp" if _is_loopback(host) else "tls"
+    return Endpoint(_check_protocol(protocol, text), host, port)
+
+
+def parse_listen(text: str) -> Endpoint:
+    """Return the endpoint at which an arm shall be served.
+
+    Raises:
+        BadValueError: It is none.
+        InputError: Other machines could reach it without certificates.
+    """
+    protocol, slash, place = text.rpartition("/")
+    if not slash:
+        raise BadValueError("The endpoint", repr(text), _EXPECTED_ENDPOINT)
+    host, port = _split_place(place, text, _EXPECTED_ENDPOINT)
+    endpoint = Endpoint(_check_protocol(protocol, text), host, port)
+    if endpoint.protocol == "tcp" and not endpoint.is_loopback:
+        raise InputError(
+            f"Without certificates an arm is served to this machine only, not at {text}.",
+            f"Make them: ikservo net keys. Then serve it at tls/{place}.",
+        )
+    return endpoint
+
+
+def _check_protocol(protocol: str, text: str) -> Protocol:
+    if protocol not in ("tcp", "tls"):
+        raise BadValueError("The endpoint", repr(text), _EXPECTED_ENDPOINT)
+    return protocol
+
+
+def _split_place(place: str, text: str, expected: str) -> tuple[str, int]:
+    """Return host and port of ``HOST``, ``HOST:PORT`` or ``[IPv6]:PORT``."""
+    found = re.fullmatch(r"(?:\[([0-9a-fA-F:.]+)\]|([^:\[\]]+))(?::(\d{1,5}))?", place)
+    if found is None:
+        raise BadValueError("The address", repr(text), expected)
+    host, port = found[1] or found[2], int(found[3] or DEFAULT_PORT)
+    if port > 65535 or not (_is_ip(host) or _HOST.fullmatch(host)):
+        raise BadValueError("The address", repr(text), expected)
+    return host, port
+
+
+def _is_ip(host: str) -> bool:
+    try:
+        ipaddress.ip_address(host)
+    except ValueError:
+        return False
+    return True
+
+
+def _is_loopback(host: str) -> bool:
+    return host == "localhost" or (_is_ip(host) and ipaddress.ip_address(host).is_loopback)

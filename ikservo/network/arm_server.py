@@ -1,0 +1,380 @@
+"""The process beside an arm: serves states, plans and motions of it, one operator at a time."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any, cast
+
+from ikservo.arm import Arm, ArmState, MotionProgress, StopKind, StopReason
+from ikservo.arm.control_server import Command, CommandHandler
+from ikservo.arm.control_server import Request as StopRequest
+from ikservo.arm.reports import StopResult
+from ikservo.clock import Clock, RealClock
+from ikservo.errors import IkservoError, InputError
+from ikservo.network import key_expressions as keys
+from ikservo.network.lease import IDLE_TIMEOUT_S, ArmLease, Holder
+from ikservo.network.messages import (
+    MAX_SETPOINT_BYTES,
+    Announcement,
+    ServiceRequest,
+    Setpoint,
+    decode,
+    encode,
+    fields,
+)
+from ikservo.network.plan_fields import PlanRegistry
+from ikservo.network.remote_errors import SAME_VERSION
+from ikservo.network.request_queue import RequestQueue
+from ikservo.network.services import (
+    MOTIONS,
+    PLANS,
+    STREAMED,
+    WATCH,
+    AtSpeed,
+    Jog,
+    OfPlan,
+    parse_arguments,
+)
+from ikservo.network.setpoint_inbox import SetpointInbox, run_follow, run_jog, run_stream
+from ikservo.network.values import encode_value
+
+if TYPE_CHECKING:
+    import zenoh
+
+__all__ = ["ArmServer"]
+
+_PROGRESS_PERIOD_S = 0.05
+_WATCH_PERIOD_S = 0.05
+_STOP_KINDS = {
+    kind.name: kind
+    for kind in (StopKind.CTRL_C, StopKind.TERMINATED, StopKind.HANGUP, StopKind.PROGRAM,
+                 StopKind.CANCELLED, StopKind.CLIENT)
+}  # fmt: skip
+_QUICK = ("lease", "release", "acknowledge", "disable_torque")
+"""Requests of the operator that do not wait for the running motion."""
+
+_STOPPED = "Stopped by {}; torque stays on."
+
+
+class ArmServer:
+    """Serves an open arm in a Zenoh session, in threads of its own, until it is closed.
+
+    Motions run one at a time. Where the operator of a running motion is not heard for 0.3 s, or
+    its connection is lost, the arm is braked, holds, and stays stopped until it is acknowledged.
+
+    Args:
+        session: The session; the caller closes it after the server.
+        arm: The arm; the caller closes it after the server.
+        name: The name under which it is served.
+        rate_hz: How many states a second are published while somebody subscribes.
+        clock: Of the lease.
+
+    Attributes:
+        lease: Who controls the arm.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        arm: Arm,
+        name: str,
+        rate_hz: float = 20.0,
+        clock: Clock | None = None,
+    ) -> None:
+        self._session, self._arm, self.name, self._rate_hz = session, arm, name, rate_hz
+        self._clock = clock or RealClock()
+        self.lease = ArmLease(self._clock)
+        self._plans = PlanRegistry()
+        self._stopping = CommandHandler(arm.runner, arm.relax)
+        self._inbox = SetpointInbox()
+        self._closing = threading.Event()
+        self._stack = ExitStack()
+        self._news: dict[str, Any] = {}
+        self._news_count = 0
+        arm.runner.caches_states = True
+
+    def __enter__(self) -> ArmServer:
+        """Start to serve."""
+        with ExitStack() as stack:
+            self._start(stack)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Stop serving; a running motion is braked, and the arm holds."""
+        if self._closing.is_set():
+            return
+        self._closing.set()
+        self.lease.close()
+        self._end_motion("The program that serves the arm was ended; torque stays on.")
+        self._stack.close()
+
+    def _start(self, stack: ExitStack) -> None:
+        session, name = self._session, self.name
+        for topic in ("state", "progress"):
+            self._news[topic] = stack.enter_context(
+                session.declare_publisher(keys.news(name, topic), express=True)
+            )
+        for key, answer in (
+            (keys.stop(name), self._answer_stop),
+            (keys.watch(name, "*"), self._answer_watch),
+            (keys.drive(name, "*"), self._answer_drive),
+        ):
+            queue = stack.enter_context(RequestQueue(key, answer, self.check, _QUICK))
+            stack.enter_context(session.declare_queryable(key, queue))
+        setpoints = keys.setpoint(name)
+        stack.enter_context(session.declare_subscriber(setpoints, self._on_setpoint))
+        stack.enter_context(session.liveliness().declare_token(keys.server(name)))
+        operators = keys.operator(name, "*")
+        stack.enter_context(session.liveliness().declare_subscriber(operators, self._on_operator))
+        for run in (self._watch_operator, self._publish_states):
+            thread = threading.Thread(target=run, name=f"ikservo-{run.__name__}", daemon=True)
+            thread.start()
+            stack.callback(thread.join, 2.0)
+
+    # requests
+
+    def check(self, request: ServiceRequest, service: str) -> None:
+        """Refuse a request of the operator at its arrival where the lease does.
+
+        Raises:
+            RefusedError: It does.
+        """
+        if service in (*MOTIONS, *STREAMED, "execute", "acknowledge", "disable_torque"):
+            self.lease.check_request(request.lease, request.number, request.sent_s)
+
+    def _answer_watch(self, service: str, request: ServiceRequest) -> object:
+        match service:
+            case "clock":
+                return self._clock.now_s()
+            case "describe":
+                return self._describe()
+            case "health":
+                return self._health()
+            case _ if service in WATCH:
+                given = parse_arguments(WATCH[service].arguments, request.arguments)
+                return WATCH[service].method(self._arm, *given.positional(), **given.options())
+            case _:
+                raise _unknown(service)
+
+    def _answer_stop(self, _: str, request: ServiceRequest) -> object:
+        holder, text = self.lease.holder, str(request.arguments.get("reason", ""))[:200]
+        own = holder is not None and holder.lease == request.lease
+        kind = _STOP_KINDS.get(str(request.arguments.get("kind")), StopKind.PROGRAM)
+        if own and self.lease.moving is not None:
+            self._arm.request_stop(StopReason(kind, text or _STOPPED.format("its operator")))
+            return StopResult(self._arm.model.name, self._port, True, self._arm.joint_names, (), ())
+        if (
+            self.lease.moving is not None or self._arm.stop_reason is None
+        ):  # also where it is still planned
+            text = text or _STOPPED.format("somebody on another machine")
+            self._arm.request_stop(StopReason(StopKind.CLIENT, text))
+        stopped = dict(self._stopping(StopRequest(Command.STOP)))
+        return StopResult(**cast("dict[str, Any]", {**stopped, "port": self._port}))
+
+    def _answer_drive(self, service: str, request: ServiceRequest) -> object:
+        match service:
+            case "lease":
+                return self._lend(request)
+            case "release":
+                return self._release(request.lease)
+            case "acknowledge":
+                self._arm.acknowledge()
+                return None
+            case "disable_torque":
+                return self._arm.disable_torque()
+            case "sample_plan":
+                of_plan = cast("OfPlan", parse_arguments(OfPlan, request.arguments))
+                return fields(self._plans.sample(of_plan.plan))
+            case _ if service in PLANS:
+                kind, method = PLANS[service]
+                given = parse_arguments(kind, request.arguments)
+                plan = method(self._arm, *given.positional(), **given.options())
+                return fields(self._plans.add(plan), exclude_none=False)
+            case _:
+                return self._move(service, request)
+
+    def _move(self, service: str, request: ServiceRequest) -> object:
+        progress = bool(request.arguments.pop("progress", False))
+        run = self._prepare(service, request, progress=progress)
+        with self.lease.motion(request.lease):
+            return run()
+
+    def _prepare(
+        self, service: str, request: ServiceRequest, *, progress: bool
+    ) -> Callable[[], object]:
+        arm, on_progress = self._arm, self._publish_progress() if progress else None
+        if service == "execute":
+            plan = self._plans.get(cast("OfPlan", parse_arguments(OfPlan, request.arguments)).plan)
+            return lambda: arm.execute(plan, on_progress)
+        if service in STREAMED:
+            streamed = parse_arguments(STREAMED[service], request.arguments)
+            self._inbox.begin(request.lease, request.number)
+            return self._prepare_streamed(service, streamed)
+        if service not in MOTIONS:
+            raise _unknown(service)
+        given = parse_arguments(MOTIONS[service].arguments, request.arguments)
+        options = given.options()
+        if MOTIONS[service].reports_progress:
+            options["on_progress"] = on_progress
+        return lambda: MOTIONS[service].method(arm, *given.positional(), **options)
+
+    def _prepare_streamed(self, service: str, given: object) -> Callable[[], object]:
+        arm, inbox = self._arm, self._inbox
+        if service == "jog":
+            jog = cast("Jog", given)
+            return lambda: run_jog(arm, inbox, jog.what, jog.speed)
+        speed = cast("AtSpeed", given).speed
+        if service == "follow":
+            return lambda: run_follow(arm, inbox, speed)
+        return lambda: run_stream(arm, inbox, speed, self.lease.timeout_s)
+
+    # the lease
+
+    def _lend(self, request: ServiceRequest) -> object:
+        operator = str(request.arguments.get("operator", "somebody"))[:80]
+        holder = self.lease.acquire(operator)
+        return {"lease": holder.lease, "now_s": self._clock.now_s()}
+
+    def _release(self, lease: str) -> bool:
+        holder = self.lease.holder
+        if holder is None or holder.lease != lease:
+            return False
+        return self._lose(f"{holder.operator} gave back control; the arm holds.", holder)
+
+    def _on_setpoint(self, sample: zenoh.Sample) -> None:
+        with suppress(IkservoError):  # what is no setpoint is dropped
+            setpoint = decode(Setpoint, sample.payload.to_bytes(), MAX_SETPOINT_BYTES)
+            if self.lease.accept_setpoint(setpoint.lease, setpoint.number, setpoint.sent_s):
+                self._inbox.put(setpoint)
+
+    def _on_operator(self, sample: zenoh.Sample) -> None:
+        holder = self.lease.holder
+        gone = str(sample.kind).endswith("DELETE")
+        if gone and holder and str(sample.key_expr).endswith(keys.operator_token(holder.lease)):
+            self._lose(f"The connection to {holder.operator} was lost; the arm holds.", holder)
+
+    def _watch_operator(self) -> None:
+        """Take the lease from an operator who is not heard any more."""
+        while not self._closing.is_set():
+            limit_s = self.lease.timeout_s if self.lease.moving is not None else IDLE_TIMEOUT_S
+            holder, left_s = self.lease.holder, limit_s - self.lease.silence_s()
+            if holder is not None and left_s <= 0.0:
+                text = f"{holder.operator} was not heard for {limit_s:.1f} s; the arm holds."
+                self._lose(text, holder)
+            self._closing.wait(min(max(left_s, 0.001), _WATCH_PERIOD_S))
+
+    def _lose(self, text: str, holder: Holder) -> bool:
+        """Take the lease, and stop the motion that runs under it; return whether it was theirs."""
+        if not self.lease.release(holder.lease):
+            return False
+        if self.lease.moving == holder:
+            self._end_motion(text)
+        return True
+
+    def _end_motion(self, text: str) -> None:
+        """Stop the running motion."""
+        if self.lease.moving is not None:
+            self._arm.request_stop(StopReason(StopKind.CLIENT, text))
+        self._inbox.close()
+
+    # what is published
+
+    def _describe(self) -> object:
+        arm = self._arm
+        lower, upper = arm.limits()
+        origins = {
+            step.joint.name: step.joint.origin.ravel().tolist() for step in arm.chain.joints_to()
+        }
+        return {
+            "version": version("ikservo"),
+            "arm": arm.model.name,
+            "port": self._port,
+            "zeros": arm.zeros.name,
+            "joints": list(arm.joint_names),
+            "lower": lower.tolist(),
+            "upper": upper.tolist(),
+            "chain": list(arm.chain.names),
+            "chain_lower": arm.chain.lower_rad.tolist(),
+            "chain_upper": arm.chain.upper_rad.tolist(),
+            "origins": origins,
+        }
+
+    def _health(self) -> object:
+        arm, holder, reason = self._arm, self.lease.holder, self._arm.stop_reason
+        state = arm.where()
+        torque = any(joint.torque for joint in state.joints)
+        moving = "moving" if self.lease.moving is not None else "holds" if torque else "limp"
+        return {
+            "arm": arm.model.name,
+            "name": self.name,
+            "port": self._port,
+            "state": moving if reason is None else "stopped",
+            "stop_kind": "" if reason is None else reason.kind.name,
+            "stop_text": "" if reason is None else reason.text,
+            "stop_requests": arm.stop_requests,
+            "operator": "" if holder is None else holder.operator,
+            "temperature_c": max(joint.temperature_c for joint in state.joints),
+            "alarms": [f"{j.name}: {', '.join(j.alarms)}" for j in state.joints if j.alarms],
+            "dropped_setpoints": self.lease.dropped,
+        }
+
+    @property
+    def _port(self) -> str:
+        name = self._arm.port_name
+        return "sim" if name.startswith("sim:") else name
+
+    def _publish(self, topic: str, value: object) -> None:
+        self._news_count += 1
+        message = Announcement(
+            schema="ikservo/net/1",
+            number=self._news_count,
+            sent_s=self._clock.now_s(),
+            value=encode_value(value),
+        )
+        self._news[topic].put(encode(message))
+
+    def _publish_states(self) -> None:
+        publisher = cast("zenoh.Publisher", self._news["state"])
+        due_s = self._clock.now_s()
+        while not self._closing.is_set():
+            with suppress(IkservoError):  # a servo that does not answer is in the health
+                if _has_subscriber(publisher):
+                    self._publish("state", self._measure())
+            due_s = max(due_s + 1.0 / self._rate_hz, self._clock.now_s())
+            self._closing.wait(due_s - self._clock.now_s())
+
+    def _measure(self) -> ArmState:
+        """Return the state, of the last control cycle while the arm moves."""
+        if self._arm.context.servos.torque.is_moving:
+            with suppress(IkservoError):  # it has just started
+                return self._arm.last_state()
+        return self._arm.where()
+
+    def _publish_progress(self) -> Callable[[MotionProgress], None]:
+        last_s = 0.0
+
+        def publish(progress: MotionProgress) -> None:
+            nonlocal last_s
+            now_s = time.monotonic()
+            if now_s - last_s >= _PROGRESS_PERIOD_S:
+                last_s = now_s
+                self._publish("progress", progress)
+
+        return publish
+
+
+def _has_subscriber(publisher: zenoh.Publisher) -> bool:
+    status: object = publisher.matching_status  # an object, whatever its stub says
+    return bool(getattr(status, "matching", status))
+
+
+def _unknown(service: str) -> InputError:
+    return InputError(f"There is no service {service!r}.", SAME_VERSION)

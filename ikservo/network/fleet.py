@@ -1,0 +1,115 @@
+"""The arms of several machines: state, operator, health and latency of each."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from typing import Any, TypeVar, cast
+
+from ikservo.errors import IkservoError
+from ikservo.network import key_expressions as keys
+from ikservo.network.address import Endpoint
+from ikservo.network.certificates import client_certificate
+from ikservo.network.messages import ServiceRequest, encode, result_of
+from ikservo.network.session import ask, open_client
+
+__all__ = ["FleetArm", "on_each_host", "read_fleet"]
+
+_TIMEOUT_S = 5.0
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class FleetArm:
+    """An arm of a fleet, or a machine that cannot be reached.
+
+    Attributes:
+        host: The machine.
+        name: The name under which it is served there; empty where the machine is not reached.
+        arm: What it is.
+        state: ``moving``, ``holds``, ``limp``, ``stopped``, or ``unreachable``.
+        operator: Who controls it; empty where nobody does.
+        stopped_for: Why it was stopped; empty where it is not stopped.
+        temperature_c: Of its hottest servo.
+        alarms: Of its servos.
+        latency_s: From the request to the answer, which includes reading its servos.
+        error: Why the machine cannot be reached.
+    """
+
+    host: str
+    name: str = ""
+    arm: str = ""
+    state: str = "unreachable"
+    operator: str = ""
+    stopped_for: str = ""
+    temperature_c: float | None = None
+    alarms: tuple[str, ...] = ()
+    latency_s: float | None = None
+    error: str = ""
+
+
+def read_fleet(hosts: Sequence[Endpoint]) -> list[FleetArm]:
+    """Return the arms of some machines; one that cannot be reached is a row with an error."""
+    rows: list[FleetArm] = []
+    for host, found in zip(hosts, on_each_host(list(hosts), _read_host), strict=True):
+        if isinstance(found, IkservoError):
+            rows.append(FleetArm(_place(host), error=found.message))
+        else:
+            rows += found
+    return rows
+
+
+def on_each_host(hosts: list[Endpoint], do: Callable[[Endpoint], T]) -> list[T | IkservoError]:
+    """Call a function with each machine at the same time; return its results, or errors."""
+
+    def attempt(host: Endpoint) -> T | IkservoError:
+        try:
+            return do(host)
+        except IkservoError as error:
+            return error
+
+    if not hosts:
+        return []
+    with ThreadPoolExecutor(min(32, len(hosts))) as pool:
+        return list(pool.map(attempt, hosts))
+
+
+def _place(host: Endpoint) -> str:
+    return str(host).partition("/")[2]
+
+
+def _read_host(host: Endpoint) -> list[FleetArm]:
+    request = encode(ServiceRequest(schema="ikservo/net/1"))
+    rows: list[FleetArm] = []
+    with open_client([host], client_certificate(host)) as session:
+        replies = session.liveliness().get(keys.server("*"), timeout=_TIMEOUT_S)
+        names = [str(each.ok.key_expr).split("/")[1] for each in replies if each.ok is not None]
+        for name in sorted(names):
+            before_s = time.monotonic()
+            answers = ask(session, keys.watch(name, "health"), request, _TIMEOUT_S)
+            rows.append(_row(host, name, answers, time.monotonic() - before_s))
+    return rows
+
+
+def _row(
+    host: Endpoint, name: str, answers: Sequence[tuple[str, bytes]], latency_s: float
+) -> FleetArm:
+    if not answers:
+        return FleetArm(_place(host), name, error="it does not answer")
+    try:
+        health = cast("Mapping[str, Any]", result_of(answers[0][1]))
+    except IkservoError as error:
+        return FleetArm(_place(host), name, error=error.message)
+    return FleetArm(
+        host=_place(host),
+        name=name,
+        arm=str(health["arm"]),
+        state=str(health["state"]),
+        operator=str(health["operator"]),
+        stopped_for=str(health["stop_text"]),
+        temperature_c=float(health["temperature_c"]),
+        alarms=tuple(health["alarms"]),
+        latency_s=latency_s,
+    )

@@ -1,0 +1,70 @@
+"""The key expressions of a served arm; its name is in each of them.
+
+=============================  ==============================================================
+``ikservo/NAME/watch/SERVICE``   requests that move nothing, allowed to watchers
+``ikservo/NAME/stop``            a stop, allowed to watchers
+``ikservo/NAME/drive/SERVICE``   requests of the operator
+``ikservo/NAME/setpoint``        signs of life and goals of the operator
+``ikservo/NAME/operator/TOKEN``  liveliness token of the operator
+``ikservo/NAME/server``          liveliness token of the process beside the arm
+``ikservo/NAME/news/TOPIC``      states, progress, streams, published by that process
+=============================  ==============================================================
+"""
+
+from __future__ import annotations
+
+import hashlib
+
+__all__ = [
+    "PREFIX",
+    "drive",
+    "news",
+    "operator",
+    "operator_token",
+    "server",
+    "setpoint",
+    "stop",
+    "watch",
+]
+
+PREFIX = "ikservo"
+
+
+def watch(name: str, service: str) -> str:
+    """Return the key of a request that moves nothing."""
+    return f"{PREFIX}/{name}/watch/{service}"
+
+
+def drive(name: str, service: str) -> str:
+    """Return the key of a request of the operator."""
+    return f"{PREFIX}/{name}/drive/{service}"
+
+
+def stop(name: str) -> str:
+    """Return the key of a stop."""
+    return f"{PREFIX}/{name}/stop"
+
+
+def setpoint(name: str) -> str:
+    """Return the key of the operator's setpoints."""
+    return f"{PREFIX}/{name}/setpoint"
+
+
+def operator(name: str, token: str) -> str:
+    """Return the key of the operator's liveliness token; see ``operator_token``."""
+    return f"{PREFIX}/{name}/operator/{token}"
+
+
+def operator_token(lease: str) -> str:
+    """Return what an operator's liveliness token is called; others read it, so not the lease."""
+    return hashlib.sha256(lease.encode()).hexdigest()[:24]
+
+
+def server(name: str) -> str:
+    """Return the key of the server's liveliness token."""
+    return f"{PREFIX}/{name}/server"
+
+
+def news(name: str, topic: str) -> str:
+    """Return the key of what the server publishes."""
+    return f"{PREFIX}/{name}/news/{topic}"

@@ -1,0 +1,160 @@
+"""Plans and motions asked for over a connection, stopped where the caller cannot go on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any
+
+from ikservo.arm import MotionPlan, MotionProgress, StopKind, StopReason
+from ikservo.arm import motion_options as options_of
+from ikservo.arm.arguments import check_callable
+from ikservo.arm.motion_options import parse_options
+from ikservo.arm.reports import OnProgress
+from ikservo.control.stopping import StopRequest
+from ikservo.errors import IkservoError
+from ikservo.network.connection import Connection, PendingCall
+from ikservo.network.messages import OrientationFields
+from ikservo.network.plan_fields import PlanFields, SampleFields, plan_from_fields
+
+__all__ = ["MotionCalls", "RemoteStopRequest", "joint_options", "tip_options"]
+
+_POLL_S = 0.02
+_STOP_TIMEOUT_S = 5.0
+
+
+class MotionCalls:
+    """Requests plans and motions of the process beside an arm.
+
+    Args:
+        connection: To that process.
+    """
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self._failures: list[Exception] = []
+
+    def plan(self, service: str, **arguments: object) -> MotionPlan:
+        """Request a plan, which stays there; its samples are fetched where they are needed."""
+        found = self._connection.plan(service, **arguments)
+        fields = PlanFields.model_validate(found)
+        return plan_from_fields(fields, self._fetch_samples)
+
+    def run(self, service: str, on_progress: OnProgress | None, **arguments: object) -> object:
+        """Request a motion and wait for its end; see ``await_result``."""
+        check_callable("on_progress", on_progress)
+        with self.reporting(on_progress):
+            more = {} if on_progress is None else {"progress": True}
+            return self.await_result(self._connection.start(service, **arguments, **more), None)
+
+    def await_result(
+        self, pending: PendingCall, go_on: Callable[[], None] | None, poll_s: float = _POLL_S
+    ) -> object:
+        """Wait for the end of a motion; a signal or an error of the caller's stops it first.
+
+        Args:
+            pending: The motion.
+            go_on: Called again and again meanwhile.
+            poll_s: Between two of these calls.
+
+        Raises:
+            IkservoError: The motion's.
+            KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
+        """
+        try:
+            while not pending.wait(poll_s):
+                self._raise_failure()
+                if go_on is not None:
+                    go_on()
+            self._raise_failure()
+        except BaseException as error:
+            self._stop_after(error, pending)
+            raise
+        return pending.result()
+
+    def request_stop(self, reason: StopReason) -> None:
+        """Stop the arm; does not wait until it stands."""
+        self._connection.stop(reason.text, reason.kind.name, wait=False)
+
+    def reporting(self, on_progress: OnProgress | None) -> AbstractContextManager[object]:
+        """Return what reports the progress of motions within a ``with`` block.
+
+        An error of ``on_progress``, which a thread of Zenoh calls, ends ``await_result``.
+        """
+        check_callable("on_progress", on_progress)
+        self._failures.clear()
+        if on_progress is None:
+            return nullcontext()
+
+        def report(value: object) -> None:
+            if isinstance(value, MotionProgress) and not self._failures:
+                try:
+                    on_progress(value)
+                except Exception as error:  # raised where the motion is waited for
+                    self._failures.append(error)
+
+        return self._connection.subscribed("progress", report)
+
+    def _fetch_samples(self, plan: str) -> SampleFields:
+        return SampleFields.model_validate(self._connection.plan("sample_plan", plan=plan))
+
+    def _raise_failure(self) -> None:
+        if self._failures:
+            raise self._failures[0]
+
+    def _stop_after(self, error: BaseException, pending: PendingCall) -> None:
+        signal = not isinstance(error, Exception)
+        kind = StopKind.CTRL_C if signal else StopKind.FAULT
+        text = "Stopped by Ctrl-C; torque stays on." if signal else _failure_text(error)
+        self.request_stop(StopReason(kind, text))
+        pending.wait(_STOP_TIMEOUT_S)
+
+
+class RemoteStopRequest(StopRequest):
+    """A stop request of a signal, passed on to the other machine.
+
+    Args:
+        calls: To that machine.
+    """
+
+    def __init__(self, calls: MotionCalls) -> None:
+        super().__init__()
+        self._calls = calls
+
+    def set(self, reason: StopReason, signal: int = 0) -> None:
+        """Request a stop there."""
+        self._calls.request_stop(reason)
+
+
+def _failure_text(error: BaseException) -> str:
+    why = error.message if isinstance(error, IkservoError) else str(error)
+    return f"The program failed: {why or type(error).__name__}"
+
+
+def tip_options(method: str, known: type, options: Mapping[str, Any]) -> dict[str, object]:
+    """Return the options of a motion of the tip, as the arguments of a request.
+
+    Raises:
+        TypeError: There is no such option.
+        BadValueError: A value of one cannot be used.
+    """
+    settings = parse_options(method, known, options)
+    given = {
+        name: value
+        for name, value in options.items()
+        if name not in ("on_progress", "stance", "orientation") and value is not None
+    }
+    if options.get("stance") is not None or options.get("orientation") is not None:
+        given["stance"] = OrientationFields.of(settings.stance)
+    return given
+
+
+def joint_options(method: str, options: Mapping[str, Any]) -> dict[str, object]:
+    """Return the options of a motion of joints, likewise.
+
+    Raises:
+        TypeError: There is no such option.
+        BadValueError: A value of one cannot be used.
+    """
+    parse_options(method, options_of.JointOptions, options)
+    return {name: value for name, value in options.items() if name == "speed"}

@@ -1,0 +1,477 @@
+"""An arm on another machine: the methods, results and errors of ``Arm``, over a connection."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, cast
+
+from numpy.typing import ArrayLike
+
+from ikservo.arm import (
+    ArmState,
+    JointMoveResult,
+    MotionPlan,
+    OnExit,
+    StopKind,
+    StopReason,
+    ZeroSource,
+)
+from ikservo.arm import motion_options as options_of
+from ikservo.arm.arguments import (
+    check_callable,
+    check_choice,
+    check_iterable,
+    parse_all_positions,
+    parse_points,
+)
+from ikservo.arm.background_motion import Background
+from ikservo.arm.following import FollowResult
+from ikservo.arm.jogging import JogResult, KeepGoing
+from ikservo.arm.leader_following import require_shared
+from ikservo.arm.motion_options import check_options, parse_options
+from ikservo.arm.plan import PoseWithinLimits
+from ikservo.arm.recorder import RecordResult, RecordSettings, describe_arm, record
+from ikservo.arm.recording import ArmSample
+from ikservo.arm.reports import OnProgress
+from ikservo.arm.target_tracking import CartesianOrJointTarget
+from ikservo.clock import Clock, RealClock
+from ikservo.control.stopping import STOPPED_BY_PROGRAM
+from ikservo.errors import BadValueError, IkservoError, PortError, RefusedError
+from ikservo.kinematics import JointIndex
+from ikservo.kinematics.arrays import Vector
+from ikservo.model import Model
+from ikservo.network.connection import Connection
+from ikservo.network.motion_calls import MotionCalls, RemoteStopRequest, joint_options, tip_options
+from ikservo.network.plan_fields import (
+    RemoteTrajectory,
+)
+from ikservo.network.remote_description import ArmDescription, RemotePoses, describe
+from ikservo.network.remote_stream import RemoteStream, goal_fields, next_items
+
+__all__ = ["RemoteArm"]
+
+_FOLLOW_PERIOD_S = 0.01
+
+
+class RemoteArm:
+    """An open arm on another machine; see ``Arm``, whose methods it has.
+
+    It takes control with its first motion and gives it back when it is closed. Plans stay beside
+    the arm. What needs the servos' own port (``context``, ``runner``, ``preflight``) is refused.
+
+    Args:
+        model: The arm, as this machine describes it.
+        connection: To the process beside it; closed with the arm.
+        on_exit: What ``close`` does with torque: ``hold`` or ``relax``.
+
+    Raises:
+        InputError: The arm that is served there has other joints than the model.
+    """
+
+    is_remote = True
+
+    def __init__(self, model: Model, connection: Connection, on_exit: OnExit = "hold") -> None:
+        self._on_exit: OnExit = check_choice("way to exit", on_exit, ("hold", "relax"))
+        self._connection = connection
+        self._calls = MotionCalls(connection)
+        self._described: ArmDescription = describe(model, connection)
+        self.model, self.chain = model, self._described.chain
+        self.zeros: ZeroSource = self._described.zeros
+        self.joint_index = JointIndex.from_names(self.joint_names, self.chain.names)
+        self.poses = RemotePoses(model, connection)
+        self.clock: Clock = RealClock()
+        self.background = Background(self, RemoteStopRequest(self._calls))
+
+    def __repr__(self) -> str:
+        """Return arm and address."""
+        state = "open" if self._connection.is_open else "closed"
+        return f"RemoteArm({self.model.name!r} at {self.port_name!r}, {state})"
+
+    def __enter__(self) -> RemoteArm:
+        """Return the arm; leaving the block closes it.
+
+        Raises:
+            PortError: It was closed before.
+        """
+        if not self._connection.is_open:
+            raise PortError(f"{self.port_name} was closed.", "Open the arm again: open_arm().")
+        return self
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        self.close(self._on_exit if error is None else "hold")
+
+    @property
+    def context(self) -> Any:  # noqa: ANN401  # it is never returned
+        """Refuse: what an arm is made of is on the other machine.
+
+        Raises:
+            RefusedError: Always; says where to run what needs it.
+        """
+        host = self._connection.address.endpoint.host
+        raise RefusedError(
+            f"This needs the servos' own port, which is not on this machine but on {host}.",
+            f"Run it there: with --port {self._described.port}, once `ikservo serve` has ended.",
+        )
+
+    runner = preflight = context
+
+    @property
+    def port_name(self) -> str:
+        """Return the address of the arm."""
+        return str(self._connection.address)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Return all joints, in the order of vectors (n,)."""
+        return self._described.joints
+
+    def limits(self) -> tuple[Vector, Vector]:
+        """Return the lower and upper limits (n,), in whole ticks, rad or m."""
+        return self._described.lower.copy(), self._described.upper.copy()
+
+    def clearance_m(self, positions: Mapping[str, float] | ArrayLike) -> float:
+        """Return the smallest distance of the body [m]; see ``Arm.clearance_m``."""
+        given = parse_all_positions(positions, self.joint_names)
+        return float(cast("float", self._connection.watch("clearance", positions=given)))
+
+    def where(self) -> ArmState:
+        """Measure tip, joints and health."""
+        return cast("ArmState", self._connection.watch("where"))
+
+    def last_state(self) -> ArmState:
+        """Return the state of the last control cycle.
+
+        Raises:
+            IkservoError: There was none yet.
+        """
+        return cast("ArmState", self._connection.watch("last_state"))
+
+    def health(self) -> Mapping[str, Any]:
+        """Return state, operator, stop and temperature of the arm, see ``ikservo fleet``."""
+        return cast("Mapping[str, Any]", self._connection.watch("health"))
+
+    def close(self, on_exit: OnExit | None = None) -> None:
+        """Give control back and close the connection; see ``Arm.close``."""
+        chosen = check_choice("way to exit", on_exit or self._on_exit, ("hold", "relax"))
+        if not self._connection.is_open:
+            return
+        self.background.close()
+        try:
+            if chosen == "relax":
+                self.relax()
+        finally:
+            self._connection.close()
+
+    # torque and stops
+
+    def enable(self) -> None:
+        """Switch torque on, so that nothing moves; see ``Arm.enable``."""
+        self._calls.run("enable", None)
+
+    def hold(self) -> None:
+        """Hold the present position: another name of ``enable``."""
+        self.enable()
+
+    def relax(self, on_progress: OnProgress | None = None) -> JointMoveResult:
+        """Lower the arm to its rest pose, then switch torque off; see ``Arm.relax``."""
+        return cast("JointMoveResult", self._calls.run("relax", on_progress))
+
+    def disable_torque(self) -> None:
+        """Switch every servo's torque off; an arm that is not supported falls."""
+        self._connection.drive("disable_torque")
+
+    def reconnect(self, within_s: float = 10.0) -> None:
+        """Refuse: the port is opened again beside the arm.
+
+        Raises:
+            RefusedError: Always.
+        """
+        raise self._not_here(f"Opening the port again, within {within_s:g} s,")
+
+    def return_within_limits(self) -> None:
+        """Move joints that are a little outside their limits back inside, slowly."""
+        self._calls.run("return_within_limits", None)
+
+    def stop(self, reason: str = "") -> None:
+        """Brake the running motion within 0.3 s and hold; see ``Arm.stop``."""
+        text = str(reason) or STOPPED_BY_PROGRAM.text
+        self.request_stop(StopReason(StopKind.PROGRAM, text))
+
+    def request_stop(self, reason: StopReason) -> None:
+        """Stop as ``stop`` does, for a reason of any kind."""
+        self._calls.request_stop(reason)
+
+    @property
+    def stop_requests(self) -> int:
+        """Return how often a stop was requested since the last ``acknowledge``."""
+        return int(self.health()["stop_requests"])
+
+    @property
+    def stop_reason(self) -> StopReason | None:
+        """Why the arm was stopped, until ``acknowledge``; None where it is not stopped."""
+        health = self.health()
+        kind = str(health["stop_kind"])
+        return StopReason(StopKind[kind], str(health["stop_text"])) if kind else None
+
+    @property
+    def stopped_for(self) -> str:
+        """The text of ``stop_reason``; empty where the arm is not stopped."""
+        return str(self.health()["stop_text"])
+
+    def acknowledge(self) -> None:
+        """End a stop: the arm may be moved again; nothing moves yet."""
+        self._connection.drive("acknowledge")
+
+    # plans
+
+    def plan_to(self, position_m: ArrayLike, **options: Any) -> MotionPlan:  # noqa: ANN401
+        """Plan a motion of the tip to a point (3,) [m]; see ``Arm.plan_to``."""
+        given = tip_options("plan_to", options_of.PlanOptions, options)
+        return self._calls.plan("plan_to", position_m=position_m, **given)
+
+    def plan_line(self, position_m: ArrayLike, **options: Any) -> MotionPlan:  # noqa: ANN401
+        """Plan a straight line of the tip to a point; see ``Arm.plan_line``."""
+        given = tip_options("plan_line", options_of.PlanLineOptions, options)
+        return self._calls.plan("plan_line", position_m=position_m, **given)
+
+    def plan_arc(
+        self,
+        via_m: ArrayLike | None = None,
+        end_m: ArrayLike | None = None,
+        **options: Any,  # noqa: ANN401
+    ) -> MotionPlan:
+        """Plan an arc or a circle of the tip; see ``Arm.plan_arc``."""
+        given = tip_options("plan_arc", options_of.PlanArcOptions, options)
+        return self._calls.plan("plan_arc", via_m=via_m, end_m=end_m, **given)
+
+    def plan_drawing(self, strokes_m: Sequence[ArrayLike], **options: Any) -> MotionPlan:  # noqa: ANN401
+        """Plan strokes of the tip; see ``Arm.plan_drawing``."""
+        given = tip_options("plan_drawing", options_of.PlanDrawOptions, options)
+        return self._calls.plan("plan_drawing", strokes_m=parse_points(strokes_m), **given)
+
+    def plan_through(self, points_m: Sequence[ArrayLike], **options: Any) -> MotionPlan:  # noqa: ANN401
+        """Plan a motion through points (k, 3) [m] without a stop; see ``Arm.plan_through``."""
+        given = tip_options("plan_through", options_of.PlanThroughOptions, options)
+        return self._calls.plan("plan_through", points_m=parse_points(points_m), **given)
+
+    def plan_joints(
+        self, positions: Mapping[str, float] | ArrayLike, *, speed: str = "normal"
+    ) -> MotionPlan:
+        """Plan a motion of some joints; see ``Arm.plan_joints``."""
+        goal = parse_all_positions(positions, self.joint_names)
+        return self._calls.plan("plan_joints", positions=goal, speed=speed)
+
+    def plan_rest(self) -> MotionPlan:
+        """Plan the slow motion to the rest pose; see ``Arm.plan_rest``."""
+        return self._calls.plan("plan_rest")
+
+    def plan_lowering(self) -> MotionPlan:
+        """Plan the slow motion to the rest pose, or as much of it as is free."""
+        return self._calls.plan("plan_lowering")
+
+    def pose_within_limits(self, pose: str, start: Vector | None = None) -> PoseWithinLimits:
+        """Clamp a named pose to this arm's limits; see ``Arm.pose_within_limits``."""
+        found = self._connection.watch("within_limits", pose=pose, start=start)
+        given = cast("Mapping[str, Any]", found)
+        return PoseWithinLimits(dict(given["positions"]), tuple(given["changed"]))
+
+    def execute(self, plan: MotionPlan, on_progress: OnProgress | None = None) -> Any:  # noqa: ANN401
+        """Execute a plan of this arm; see ``Arm.execute``.
+
+        Raises:
+            BadValueError: It was planned by another program or for another arm.
+        """
+        path = getattr(plan, "trajectory", None)
+        if not isinstance(path, RemoteTrajectory):
+            raise BadValueError("The plan", repr(plan), "a plan of this arm")
+        return self._calls.run("execute", on_progress, plan=path.plan)
+
+    # motions
+
+    def move_to(self, position_m: ArrayLike, *, wait: bool = True, **options: Any) -> Any:  # noqa: ANN401
+        """Move the tip to a point (3,) [m]; see ``Arm.move_to``."""
+        given = tip_options("move_to", options_of.PointOptions, options)
+        return self._start("move_to", options, wait=wait, position_m=position_m, **given)
+
+    def move_line(self, position_m: ArrayLike, *, wait: bool = True, **options: Any) -> Any:  # noqa: ANN401
+        """Move the tip to a point on a straight line; see ``Arm.move_line``."""
+        given = tip_options("move_line", options_of.LineOptions, options)
+        return self._start("move_line", options, wait=wait, position_m=position_m, **given)
+
+    def move_arc(
+        self,
+        via_m: ArrayLike | None = None,
+        end_m: ArrayLike | None = None,
+        *,
+        wait: bool = True,
+        **options: Any,  # noqa: ANN401
+    ) -> Any:  # noqa: ANN401
+        """Move the tip on an arc or a circle; see ``Arm.move_arc``."""
+        given = tip_options("move_arc", options_of.ArcOptions, options)
+        return self._start("move_arc", options, wait=wait, via_m=via_m, end_m=end_m, **given)
+
+    def move_through(
+        self,
+        points_m: Sequence[ArrayLike],
+        *,
+        wait: bool = True,
+        **options: Any,  # noqa: ANN401
+    ) -> Any:  # noqa: ANN401
+        """Move the tip through points without a stop; see ``Arm.move_through``."""
+        given = tip_options("move_through", options_of.ThroughOptions, options)
+        points = parse_points(points_m)
+        return self._start("move_through", options, wait=wait, points_m=points, **given)
+
+    def draw(self, strokes_m: Sequence[ArrayLike], *, wait: bool = True, **options: Any) -> Any:  # noqa: ANN401
+        """Draw strokes of the tip; see ``Arm.draw``."""
+        given = tip_options("draw", options_of.DrawOptions, options)
+        strokes = parse_points(strokes_m)
+        return self._start("draw", options, wait=wait, strokes_m=strokes, **given)
+
+    def move_joints(
+        self,
+        positions: Mapping[str, float] | ArrayLike,
+        *,
+        wait: bool = True,
+        **options: Any,  # noqa: ANN401
+    ) -> Any:  # noqa: ANN401
+        """Move some joints to positions; see ``Arm.move_joints``."""
+        given = joint_options("move_joints", options)
+        goal = parse_all_positions(positions, self.joint_names)
+        return self._start("move_joints", options, wait=wait, positions=goal, **given)
+
+    def pose(self, name: str, *, wait: bool = True, **options: Any) -> Any:  # noqa: ANN401
+        """Move to a named pose; see ``Arm.pose``."""
+        given = joint_options("pose", options)
+        return self._start("pose", options, wait=wait, name=name, **given)
+
+    def gripper(self, to: object = None, *, wait: bool = True, **options: Any) -> Any:  # noqa: ANN401
+        """Open or close the gripper, or move its jaws to a width; see ``Arm.gripper``."""
+        check_options("gripper", options_of.GripperOptions, options)
+        check_callable("on_progress", options.get("on_progress"))
+        given = {name: value for name, value in options.items() if name != "on_progress"}
+        return self._start("gripper", options, wait=wait, to=to, **given)
+
+    def jog(self, what: str, speed: float | None = None, *, wanted: KeepGoing) -> JogResult:
+        """Move a joint or the tip for as long as ``wanted`` returns True; see ``Arm.jog``."""
+        if not callable(wanted):
+            raise BadValueError("The argument wanted", repr(wanted), "a function")
+        pending = self._connection.start("jog", what=what, speed=speed)
+
+        def go_on() -> None:
+            chosen = wanted()
+            if chosen is not None:
+                self._connection.send_setpoint(wanted=chosen)
+
+        return cast("JogResult", self._calls.await_result(pending, go_on))
+
+    def follow(
+        self,
+        targets: Iterable[CartesianOrJointTarget | None],
+        **options: Any,  # noqa: ANN401
+    ) -> FollowResult:
+        """Follow a stream of targets, a hundred a second, until it ends; see ``Arm.follow``."""
+        chosen = parse_options("follow", options_of.FollowOptions, options)
+        check_iterable("The stream of targets", targets, "an iterable of targets")
+        items = next_items(self.clock, targets, _FOLLOW_PERIOD_S)
+
+        def send_next() -> None:
+            goal, ended = next(items, (None, True))
+            if goal is not None:
+                self._connection.send_setpoint(**goal_fields(goal, self.joint_names))
+            elif ended:
+                self._connection.send_setpoint(wanted=False)
+
+        with self._calls.reporting(chosen.on_progress):
+            pending = self._connection.start("follow", speed=chosen.speed)
+            return cast("FollowResult", self._calls.await_result(pending, send_next, poll_s=0.0))
+
+    def follow_arm(
+        self,
+        leader: Any,  # noqa: ANN401
+        *,
+        until: Callable[[], bool] | None = None,
+        **options: Any,  # noqa: ANN401
+    ) -> FollowResult:
+        """Follow another arm, guided by hand, on any machine; see ``Arm.follow_arm``."""
+        parse_options("follow_arm", options_of.FollowOptions, options)
+        check_callable("until", until)
+        if leader is self or not hasattr(leader, "where"):
+            raise BadValueError("The leader", repr(leader), "another open arm")
+        shared = [name for name in leader.joint_names if name in self.joint_names]
+        require_shared(shared, leader.joint_names, self.joint_names)
+
+        def positions() -> Iterable[dict[str, float]]:
+            while until is None or not until():
+                measured = leader.where().positions
+                yield {name: measured[name] for name in shared}
+
+        return self.follow(positions(), **options)
+
+    @contextmanager
+    def published_positions(self) -> Generator[Callable[[], dict[str, float] | None]]:
+        """Yield what takes the newest published positions by joint once; for a follower."""
+        newest: list[ArmState] = []
+
+        def keep(value: object) -> None:
+            if isinstance(value, ArmState):
+                newest[:] = [value]
+
+        with self._connection.subscribed("state", keep):
+            yield lambda: newest.pop().positions if newest else None
+
+    def replay(self, path: Path | str, **_: object) -> None:
+        """Refuse: a recording is replayed beside the arm.
+
+        Raises:
+            RefusedError: Always.
+        """
+        raise self._not_here(f"Replaying {path}")
+
+    load_replay = replay
+
+    def stream(self, *, speed: str = "normal", rate_hz: float | None = None) -> RemoteStream:
+        """Open a stream of setpoints; see ``Arm.stream``."""
+        return RemoteStream(self, self._connection, speed, rate_hz)
+
+    def record(
+        self,
+        path: Path | str,
+        *,
+        duration_s: float | None = None,
+        until: Callable[[], bool] | None = None,
+        period_s: float = 0.02,
+        overwrite: bool = False,
+        foxglove_port: int | None = None,
+    ) -> RecordResult:
+        """Write the measured joints to a file of this machine; see ``Arm.record``."""
+        settings = RecordSettings(path, duration_s, until, period_s, overwrite, foxglove_port)
+        arm = describe_arm(self.model, self.chain, period_s, self.zeros)
+        return record(lambda: ArmSample.of_states(self.where().joints), self.clock, arm, settings)
+
+    def teach(
+        self, name: str, until: Callable[[], object] | None = None, *, hold: bool = False
+    ) -> dict[str, float]:
+        """Save the measured joints as a pose, in the file beside the arm; see ``Arm.teach``."""
+        check_callable("until", until)
+        self.poses.check_name(name)
+        if until is not None:
+            if any(joint.torque for joint in self.where().joints):
+                self.relax()
+            until()
+        taught = self._calls.run("teach", None, name=name, hold=hold)
+        return dict(cast("Mapping[str, float]", taught))
+
+    def _start(
+        self, service: str, options: Mapping[str, Any], *, wait: bool, **arguments: object
+    ) -> object:
+        on_progress = options.get("on_progress")
+        return self.background.run(
+            lambda: self._calls.run(service, on_progress, **arguments), wait=wait
+        )
+
+    def _not_here(self, what: str) -> IkservoError:
+        host = self._connection.address.endpoint.host
+        return RefusedError(f"{what} is possible beside the arm only.", f"Run it on {host}.")

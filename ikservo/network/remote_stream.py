@@ -1,0 +1,186 @@
+"""Goals that a program streams to an arm on another machine."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Generator, Iterable, Mapping, Sequence
+from typing import Any, Protocol, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.arm.arguments import parse_joint_positions, parse_number
+from ikservo.arm.target_tracking import CartesianOrJointTarget
+from ikservo.clock import Clock, Rate
+from ikservo.errors import BadValueError, RefusedError, UnknownNameError
+from ikservo.ik import Target
+from ikservo.kinematics import finite_array
+from ikservo.kinematics.arrays import as_floats
+from ikservo.network.connection import Connection, PendingCall
+from ikservo.network.messages import TargetFields
+
+__all__ = ["RemoteStream", "goal_fields", "next_items"]
+
+_MIN_RATE_HZ, _MAX_RATE_HZ = 5.0, 1000.0
+_CLOSE_TIMEOUT_S, _END_PERIOD_S = 10.0, 0.1
+
+
+class Streaming(Protocol):
+    """What a stream needs of its arm."""
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """All joints, in the order of vectors (n,)."""
+        ...
+
+    @property
+    def clock(self) -> Clock:
+        """Paces a stream with a rate."""
+        ...
+
+
+class RemoteStream:
+    """Takes setpoints in a ``with`` block; see ``Arm.stream`` and ``SetpointStream``.
+
+    Attributes:
+        sent: How many setpoints were sent.
+        unreached: How many were out of reach; known at the end of the block.
+        refused: How many the guard refused; likewise.
+        reason: Why the last of those was refused.
+    """
+
+    def __init__(
+        self, arm: Streaming, connection: Connection, speed: str, rate_hz: float | None
+    ) -> None:
+        self._arm, self._connection, self._speed = arm, connection, speed
+        self._period_s = _period_s(rate_hz)
+        self._due_s = 0.0
+        self._pending: PendingCall | None = None
+        self.sent = self.unreached = self.refused = 0
+        self.reason = ""
+
+    def __enter__(self) -> RemoteStream:
+        """Take control and start; the arm moves with the first setpoint.
+
+        Raises:
+            RefusedError: It was used before, or another program controls the arm.
+        """
+        if self._pending is not None:
+            raise RefusedError("This stream was used before.", "Open another: arm.stream().")
+        self._pending = self._connection.start("stream", speed=self._speed)
+        return self
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        """Brake and hold; raise the stream's error, unless the block raised one itself."""
+        pending = self._require_pending()
+        ended = pending.done
+        if not ended:
+            self._end(pending)
+        if error is None:
+            self._take_counts(pending)
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Return the joints, in the order of arrays (n,)."""
+        return self._arm.joint_names
+
+    def send(self, setpoint: Mapping[str, float] | ArrayLike | Target) -> None:
+        """Send a setpoint; it replaces the one before. See ``SetpointStream.send``.
+
+        Raises:
+            BadValueError: It is none, or a number is not finite.
+            UnknownNameError: No such joint.
+            IkservoError: The error that ended the stream; the arm holds.
+        """
+        goal = goal_fields(setpoint, self.names)
+        pending = self._require_pending()
+        if pending.done:
+            self._take_counts(pending)
+            raise RefusedError("The stream is closed.", "Open another: arm.stream().")
+        self._connection.send_setpoint(**goal)
+        self.sent += 1
+        if self._period_s is not None:
+            self._await_due(self._period_s)
+
+    def _end(self, pending: PendingCall) -> None:
+        """Say that no more goals come, until it is answered: one that comes late is dropped."""
+        end_s = time.monotonic() + _CLOSE_TIMEOUT_S
+        while time.monotonic() < end_s:
+            self._connection.send_setpoint(wanted=False)
+            if pending.wait(_END_PERIOD_S):
+                return
+
+    def _await_due(self, period_s: float) -> None:
+        self._due_s = max(self._due_s + period_s, self._arm.clock.now_s())
+        self._arm.clock.sleep_until(self._due_s)
+
+    def _take_counts(self, pending: PendingCall) -> None:
+        counts = cast("Mapping[str, Any]", pending.result())
+        self.unreached, self.refused = int(counts["unreached"]), int(counts["refused"])
+        self.reason = str(counts["reason"])
+
+    def _require_pending(self) -> PendingCall:
+        if self._pending is None:
+            raise RefusedError("The stream is not open.", "Open it: with arm.stream() as stream:")
+        return self._pending
+
+
+def goal_fields(goal: CartesianOrJointTarget, names: Sequence[str]) -> dict[str, object]:
+    """Return a goal as the fields of a setpoint.
+
+    Args:
+        goal: A ``Target``, a point (3,) [m], a pose (4, 4), positions by joint or of all (n,).
+        names: All joints.
+
+    Raises:
+        BadValueError: It is none of these, or a number is not finite.
+        UnknownNameError: No such joint.
+    """
+    if isinstance(goal, Target):
+        return {"target": TargetFields.of(goal)}
+    if isinstance(goal, Mapping):
+        return {"positions": _check_positions(goal, names)}
+    expected = f"positions by joint or ({len(names)},), a pose (4, 4), a point (3,) or a Target"
+    array = as_floats(goal, "The setpoint", expected)
+    if array.shape == (4, 4):
+        return {"pose": finite_array(array, (4, 4), "The setpoint")}
+    if array.shape == (len(names),):
+        return {"positions": _check_positions(dict(zip(names, array.tolist(), strict=True)), names)}
+    if array.shape == (3,):
+        return {"target": TargetFields.of(Target(array))}
+    raise BadValueError("The setpoint", f"of shape {array.shape}", expected)
+
+
+def _check_positions(goal: object, names: Sequence[str]) -> dict[str, float]:
+    positions = parse_joint_positions(goal)
+    for name, position in positions.items():
+        if name not in names:
+            raise UnknownNameError("joint", name, names)
+        if not np.isfinite(position):
+            raise BadValueError(f"The goal of {name}", position, "a finite number")
+    return positions
+
+
+def next_items(
+    clock: Clock, targets: Iterable[CartesianOrJointTarget | None], period_s: float
+) -> Generator[tuple[CartesianOrJointTarget | None, bool]]:
+    """Yield an item in every period, and whether the stream has ended; then ends for ever."""
+    items = iter(targets)
+    for _ in Rate(clock, period_s):
+        try:
+            yield next(items), False
+        except StopIteration:
+            break
+    while True:
+        yield None, True
+        time.sleep(period_s)
+
+
+def _period_s(rate_hz: float | None) -> float | None:
+    if rate_hz is None:
+        return None
+    rate_hz = parse_number("The rate", rate_hz)
+    if not _MIN_RATE_HZ <= rate_hz <= _MAX_RATE_HZ:
+        expected = f"{_MIN_RATE_HZ:g} to {_MAX_RATE_HZ:g} Hz, or None"
+        raise BadValueError("The rate", f"{rate_hz:g} Hz", expected)
+    return 1.0 / rate_hz

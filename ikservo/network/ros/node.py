@@ -1,0 +1,189 @@
+"""A node in a graph of ROS 2: publishers, subscriptions, trigger services."""
+
+from __future__ import annotations
+
+import os
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, suppress
+from typing import TYPE_CHECKING, Any, TypeVar, cast
+
+from ikservo.errors import IkservoError, InputError
+from ikservo.network.ros.wire import (
+    Attachment,
+    EndpointKind,
+    NodeName,
+    data_key,
+    endpoint_token,
+    node_token,
+)
+from ikservo.ros.arm_messages import RosMessage, Topic
+from ikservo.ros.messages import TRIGGER, decode, encode, make
+
+if TYPE_CHECKING:
+    import zenoh
+
+__all__ = ["RosNode"]
+
+_MAX_MESSAGE_BYTES = 1024 * 1024
+_MAX_PENDING = 16
+_ENCODING = "application/cdr"
+
+_T = TypeVar("_T")
+
+
+class RosNode:
+    """A node, until its stack is closed.
+
+    Args:
+        session: The Zenoh session.
+        name: The node.
+        stack: Undeclares everything.
+        warn: Called with what was wrong with a message that was dropped.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, name: NodeName, stack: ExitStack, warn: Callable[[str], None]
+    ) -> None:
+        self._session, self.name, self._stack, self._warn = session, name, stack, warn
+        self._count = 0
+        self._messages = _Worker(1, "ikservo-ros-messages")  # in their order
+        self._services = _Worker(4, "ikservo-ros-services")  # a stop waits for nothing
+        stack.callback(self._messages.close)
+        stack.callback(self._services.close)
+        self._announce(node_token(name))
+
+    def publisher(self, topic: Topic) -> _Publisher:
+        """Announce a topic, and return what publishes it."""
+        import zenoh.ext  # noqa: PLC0415  # an extra
+
+        key = data_key(self.name, topic.name, topic.kind)
+        publisher: Any
+        if topic.latched:
+            cache = zenoh.ext.CacheConfig(max_samples=1)
+            publisher = zenoh.ext.declare_advanced_publisher(
+                self._session, key, cache=cache, publisher_detection=True
+            )
+        else:
+            publisher = self._session.declare_publisher(key, express=True)
+        self._stack.enter_context(publisher)
+        self._announce_endpoint(EndpointKind.PUBLISHER, topic)
+        return _Publisher(publisher)
+
+    def subscribe(self, topic: Topic, on_message: Callable[[Any], None]) -> None:
+        """Announce a subscription; what is no message of its type is dropped with a warning."""
+
+        def take(sample: zenoh.Sample) -> None:
+            try:
+                _read_attachment(sample.attachment)
+                on_message(decode(topic.kind, _bytes_of(sample.payload)))
+            except IkservoError as error:
+                self._warn(f"{topic.name}: {error.message}")
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            self._messages.submit(take, sample)
+
+        key = data_key(self.name, topic.name, topic.kind)
+        self._stack.enter_context(self._session.declare_subscriber(key, on_sample))
+        self._announce_endpoint(EndpointKind.SUBSCRIPTION, topic)
+
+    def serve_trigger(self, name: str, action: Callable[[], str]) -> None:
+        """Announce a service std_srvs/srv/Trigger.
+
+        Args:
+            name: With a leading slash.
+            action: Does it, and returns the message of the response; an error is one without
+                success.
+        """
+        key = data_key(self.name, name, TRIGGER)
+
+        def answer(query: zenoh.Query) -> None:
+            with query, suppress(Exception):  # the client is gone
+                try:
+                    asked = _read_attachment(query.attachment)
+                except IkservoError as error:
+                    self._warn(f"{name}: {error.message}")
+                    return
+                response = _respond(action)
+                dated = Attachment(asked.sequence, time.time_ns(), asked.gid)
+                query.reply(  # pyright: ignore[reportUnknownMemberType]
+                    key, response, encoding=_ENCODING, attachment=dated.to_bytes()
+                )
+
+        def on_query(query: zenoh.Query) -> None:
+            self._services.submit(answer, query)
+
+        self._stack.enter_context(self._session.declare_queryable(key, on_query, complete=True))
+        self._announce_endpoint(EndpointKind.SERVICE, Topic(name, TRIGGER))
+
+    def _announce_endpoint(self, kind: EndpointKind, topic: Topic) -> None:
+        self._count += 1
+        self._announce(
+            endpoint_token(
+                self.name, self._count, kind, topic.name, topic.kind, latched=topic.latched
+            )
+        )
+
+    def _announce(self, token: str) -> None:
+        self._stack.enter_context(self._session.liveliness().declare_token(token))
+
+
+class _Worker:
+    """Handles what Zenoh delivers in threads of its own; what is too much is dropped."""
+
+    def __init__(self, threads: int, name: str) -> None:
+        self._pool = ThreadPoolExecutor(threads, thread_name_prefix=name)
+        self._free = threading.BoundedSemaphore(_MAX_PENDING)
+
+    def submit(self, handle: Callable[[_T], None], received: _T) -> None:
+        """Handle it, unless too much is waiting."""
+        if not self._free.acquire(blocking=False):
+            return
+        with suppress(RuntimeError):  # it is being closed
+            self._pool.submit(self._handle, handle, received)
+
+    def close(self) -> None:
+        """Wait for what is being handled."""
+        self._pool.shutdown(cancel_futures=True)
+
+    def _handle(self, handle: Callable[[_T], None], received: _T) -> None:
+        try:
+            handle(received)
+        finally:
+            self._free.release()
+
+
+class _Publisher:
+    """Publishes messages of one topic, numbered and dated."""
+
+    def __init__(self, publisher: Any) -> None:  # noqa: ANN401  # plain or advanced
+        self._publisher, self._gid, self._sequence = publisher, os.urandom(16), 0
+
+    def publish(self, message: RosMessage) -> None:
+        """Send a message."""
+        self._sequence += 1
+        attachment = Attachment(self._sequence, time.time_ns(), self._gid).to_bytes()
+        self._publisher.put(message.data, encoding=_ENCODING, attachment=attachment)
+
+
+def _respond(action: Callable[[], str]) -> bytes:
+    try:
+        success, text = True, action()
+    except IkservoError as error:
+        success, text = False, error.message
+    kind = f"{TRIGGER}_Response"
+    return encode(kind, make(kind, success=success, message=text))
+
+
+def _read_attachment(attachment: zenoh.ZBytes | None) -> Attachment:
+    return Attachment.from_bytes(b"" if attachment is None else attachment.to_bytes())
+
+
+def _bytes_of(payload: zenoh.ZBytes) -> bytes:
+    if len(cast("Any", payload)) > _MAX_MESSAGE_BYTES:
+        raise InputError(
+            "A message is too long.", f"At most {_MAX_MESSAGE_BYTES // 1024} KiB are read."
+        )
+    return payload.to_bytes()

@@ -1,0 +1,155 @@
+"""Results as JSON and back: the dataclasses of a fixed table, NumPy arrays as lists."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping, Sequence
+from functools import cache
+from typing import Annotated, Any, Optional, TypeVar, cast, get_args, get_origin, get_type_hints
+
+import numpy as np
+from numpy.typing import NDArray
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    JsonValue,
+    PlainSerializer,
+    create_model,
+)
+
+from ikservo.arm import ArmState, JointMoveResult, MotionProgress, MoveResult
+from ikservo.arm.following import FollowResult
+from ikservo.arm.gripper import GraspResult
+from ikservo.arm.jogging import JogResult
+from ikservo.arm.replay import ReplayResult
+from ikservo.arm.reports import StopResult
+from ikservo.errors import InputError
+
+__all__ = ["RESULT_TYPES", "FloatArray", "decode_value", "encode_value", "from_fields", "to_fields"]
+
+RESULT_TYPES: Mapping[str, type] = {
+    kind.__name__: kind
+    for kind in (
+        ArmState,
+        FollowResult,
+        GraspResult,
+        JogResult,
+        JointMoveResult,
+        MotionProgress,
+        MoveResult,
+        ReplayResult,
+        StopResult,
+    )
+}
+"""What can be a result of a service, by the name that the message has."""
+
+_KIND, _VALUE = "kind", "value"
+
+T = TypeVar("T")
+
+
+def _parse_array(value: object) -> NDArray[np.float64]:
+    """Return an array from nested lists; text is refused but for numbers that are not finite."""
+    try:
+        return np.array(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        raise ValueError("expected numbers, or lists of them of equal length") from None
+
+
+def _list_array(value: NDArray[np.float64]) -> object:
+    return _finite_or_text(value.tolist())
+
+
+def _finite_or_text(value: object) -> object:
+    if isinstance(value, list):
+        return [_finite_or_text(each) for each in cast("list[object]", value)]
+    if isinstance(value, float) and not np.isfinite(value):
+        return str(value)  # JSON has no such numbers
+    return value
+
+
+FloatArray = Annotated[
+    np.ndarray[Any, np.dtype[np.float64]],
+    BeforeValidator(_parse_array),
+    PlainSerializer(_list_array),
+]
+"""An array of a message: lists of numbers; ``nan`` and ``inf`` are text."""
+
+_CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True, ser_json_inf_nan="strings")
+
+
+@cache
+def _schema_of(kind: type) -> type[BaseModel]:
+    """Return the schema of a dataclass, in which arrays are lists."""
+    hints = get_type_hints(kind)
+    fields: dict[str, Any] = {}
+    for field in dataclasses.fields(kind):
+        if field.init:
+            fields[field.name] = (_with_arrays(hints[field.name]), ...)
+    return create_model(kind.__name__, __config__=_CONFIG, **fields)
+
+
+def _with_arrays(hint: Any) -> Any:  # noqa: ANN401  # an annotation is anything
+    if get_origin(hint) is np.ndarray:
+        return FloatArray
+    inside = get_args(hint)
+    if any(get_origin(each) is np.ndarray for each in inside):  # Vector | None
+        return Optional[FloatArray]  # noqa: UP045  # an annotated type has no operator
+    return hint
+
+
+def to_fields(value: Any) -> dict[str, JsonValue]:  # noqa: ANN401
+    """Return the fields of a dataclass as JSON values."""
+    schema = _schema_of(type(value))  # pyright: ignore[reportUnknownArgumentType]
+    given = {name: getattr(value, name) for name in schema.model_fields}
+    return schema.model_construct(**given).model_dump(mode="json")
+
+
+def from_fields(kind: type[T], fields: object) -> T:
+    """Return a dataclass from its fields.
+
+    Raises:
+        ValidationError: A field is missing, unknown, or of another type.
+    """
+    schema = _schema_of(kind)
+    read = schema.model_validate(fields)
+    return kind(**{name: getattr(read, name) for name in schema.model_fields})
+
+
+def encode_value(value: object) -> JsonValue:
+    """Return a result as a JSON value: plain ones as they are, others with their type's name.
+
+    Raises:
+        TypeError: It is of no type that a service may return.
+    """
+    name = type(value).__name__
+    if RESULT_TYPES.get(name) is type(value):
+        return {_KIND: name, _VALUE: to_fields(value)}
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, list | tuple):
+        return [encode_value(each) for each in cast("Sequence[object]", value)]
+    if isinstance(value, Mapping):
+        rows = cast("Mapping[str, object]", value)
+        return {_KIND: "map", _VALUE: {name: encode_value(each) for name, each in rows.items()}}
+    raise TypeError(f"no service returns {name}")
+
+
+def decode_value(value: JsonValue) -> Any:  # noqa: ANN401
+    """Return what ``encode_value`` made a JSON value of.
+
+    Raises:
+        ValidationError: A field is missing, unknown, or of another type.
+        InputError: It is of an unknown type.
+    """
+    if isinstance(value, list):
+        return [decode_value(each) for each in value]
+    if not isinstance(value, dict):
+        return value
+    kind, inside = value.get(_KIND), value.get(_VALUE)
+    if kind == "map" and isinstance(inside, dict):
+        return {name: decode_value(each) for name, each in inside.items()}
+    if not isinstance(kind, str) or kind not in RESULT_TYPES:
+        raise InputError("A message has a value of an unknown type.", "Use the same version there.")
+    return cast("object", from_fields(RESULT_TYPES[kind], inside))

@@ -1,0 +1,83 @@
+"""Simulated arms that are served in this process, and their clients."""
+
+import contextlib
+import socket
+
+import pytest
+
+import ikservo
+from ikservo.network.address import ArmAddress, Endpoint
+from ikservo.network.arm_server import ArmServer
+from ikservo.network.connection import Connection
+from ikservo.network.session import open_server
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _own_folder(tmp_path_factory):
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("IKSERVO_HOME", str(tmp_path_factory.mktemp("home")))
+        for name in ("IKSERVO_PORT", "IKSERVO_FLEET", "IKSERVO_KEYS"):
+            patch.delenv(name, raising=False)
+        yield
+
+
+def find_free_port():
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+PATIENCE_S = 60.0
+"""Long beside any delay of a busy machine: only tests of the timeout wait for it."""
+
+
+class Served:
+    """An arm that is served in this process.
+
+    Attributes:
+        arm: The arm beside the server.
+        server: The server.
+        address: For ``--port``.
+    """
+
+    def __init__(self, arm, server, endpoint):
+        self.arm, self.server = arm, server
+        self.port = endpoint.port
+        self._address = ArmAddress(server.name, endpoint)
+        self.address = str(self._address)
+
+    def open(self, **options):
+        return ikservo.open_arm(self.arm.model.name, port=self.address, **options)
+
+    def connect(self):
+        return Connection(self._address, None)
+
+
+@contextlib.contextmanager
+def serve(port, arm="so101", name="desk", pose="home"):
+    endpoint = Endpoint("tcp", "127.0.0.1", port)
+    with (
+        open_server(endpoint, None, None) as session,
+        ikservo.open_arm(arm, port=f"sim:?pose={pose}") as machine,
+        ArmServer(session, machine, name) as server,
+    ):
+        yield Served(machine, server, endpoint)
+
+
+@pytest.fixture(scope="module")
+def served_once(_own_folder):
+    """A served arm that has moved once: the first motion of an arm is slow."""
+    with serve(find_free_port()) as it:
+        it.server.lease.timeout_s = PATIENCE_S
+        it.arm.pose("home")
+        yield it
+
+
+@pytest.fixture
+def served(served_once, monkeypatch):
+    """A served arm that holds, that nobody controls, and that is not stopped."""
+    monkeypatch.setattr("ikservo.network.connection._MAX_ROUND_TRIP_S", PATIENCE_S)
+    served_once.arm.acknowledge()
+    served_once.server.lease.timeout_s = PATIENCE_S
+    yield served_once
+    assert served_once.server.lease.holder is None

@@ -1,0 +1,105 @@
+"""The lease of control: one operator, numbered and dated messages."""
+
+import pytest
+
+from ikservo.errors import LeaseLostError, RefusedError
+from ikservo.network.lease import ArmLease
+from servosim.clock import VirtualClock
+
+
+@pytest.fixture
+def clock():
+    return VirtualClock()
+
+
+@pytest.fixture
+def lease(clock):
+    return ArmLease(clock)
+
+
+def after(clock, seconds):
+    clock.sleep_until(clock.now_s() + seconds)
+    return clock.now_s()
+
+
+def test_a_second_operator_is_refused_and_told_who_controls_the_arm(lease):
+    lease.acquire("ada on laptop")
+    with pytest.raises(RefusedError, match="ada on laptop controls the arm"):
+        lease.acquire("bob on desk")
+
+
+def test_a_released_lease_can_be_acquired_again(lease):
+    first = lease.acquire("ada")
+    assert lease.release(first.lease)
+    assert lease.acquire("bob").lease != first.lease
+
+
+def test_another_lease_releases_nothing(lease):
+    lease.acquire("ada")
+    assert not lease.release("00")
+    assert lease.holder.operator == "ada"
+
+
+@pytest.mark.parametrize(
+    ("number", "age_s", "counts"),
+    [(6, 0.0, True), (6, 0.29, True), (6, 0.31, False), (5, 0.0, False), (4, 0.0, False),
+     (6, -0.29, True), (6, -0.31, False)],
+)  # fmt: skip
+def test_a_setpoint_counts_if_it_is_newer_than_the_last_and_not_old(
+    lease, clock, number, age_s, counts
+):
+    held = lease.acquire("ada").lease
+    now_s = after(clock, 10.0)
+    assert lease.accept_setpoint(held, 5, now_s)
+    assert lease.accept_setpoint(held, number, now_s - age_s) is counts
+    assert lease.dropped == (not counts)
+
+
+def test_setpoints_of_an_earlier_lease_are_dropped(lease, clock):
+    old = lease.acquire("ada").lease
+    lease.release(old)
+    lease.acquire("ada")
+    assert not lease.accept_setpoint(old, 1, clock.now_s())
+
+
+def test_a_dropped_setpoint_is_no_sign_of_life(lease, clock):
+    held = lease.acquire("ada").lease
+    after(clock, 0.5)
+    lease.accept_setpoint(held, 1, clock.now_s() - 0.4)
+    assert lease.silence_s() == pytest.approx(0.5)
+    lease.accept_setpoint(held, 1, clock.now_s())
+    assert lease.silence_s() == 0.0
+
+
+@pytest.mark.parametrize(
+    ("own", "number", "age_s", "text"),
+    [(False, 3, 0.0, "does not control"), (True, 2, 0.0, "repeated"), (True, 3, 0.4, "0.4 s")],
+)
+def test_a_request_is_refused_where_it_is_not_the_holders_repeated_or_late(
+    lease, clock, own, number, age_s, text
+):
+    held = lease.acquire("ada").lease
+    now_s = after(clock, 1.0)
+    lease.check_request(held, 2, now_s)
+    with pytest.raises(RefusedError, match=text):
+        lease.check_request(held if own else "ab", number, now_s - age_s)
+
+
+def test_no_motion_begins_under_a_lost_lease(lease):
+    held = lease.acquire("ada").lease
+    with lease.motion(held):
+        assert lease.moving.operator == "ada"
+        lease.release(held)
+        assert lease.moving is not None  # it is still to be stopped
+    assert lease.moving is None
+    with pytest.raises(LeaseLostError), lease.motion(held):
+        pass
+
+
+def test_nothing_is_lent_once_the_server_ends(lease):
+    held = lease.acquire("ada").lease
+    lease.close()
+    with pytest.raises(LeaseLostError), lease.motion(held):
+        pass
+    with pytest.raises(RefusedError, match="ends"):
+        lease.acquire("bob")

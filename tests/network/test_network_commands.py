@@ -1,0 +1,181 @@
+"""The commands for arms on other machines, and the usual commands with an address for a port."""
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from ikservo.cli import main
+from ikservo.cli.serve import wait_for_signal
+from ikservo.network.address import parse_address
+from ikservo.network.connection import Connection
+from tests.network.conftest import find_free_port
+
+SERVE = "import sys; from ikservo.cli.entry_point import console; console()"
+
+
+@pytest.fixture
+def run(capsys):
+    def run(*words):
+        code = main([str(word) for word in words])
+        captured = capsys.readouterr()
+        return code, captured.out, captured.err
+
+    return run
+
+
+def test_where_shows_the_arm_there(served, run):
+    code, out, err = run("where", "--arm", "so101", "--port", served.address)
+    assert code == 0, err
+    assert "shoulder_pan" in out
+
+
+def test_a_joint_is_moved_there(served, run):
+    code, out, err = run("joints", "gripper=20", "--arm", "so101", "--port", served.address,
+                         "--json")  # fmt: skip
+    assert code == 0, err
+    assert json.loads(out)["reached"]
+
+
+def test_the_port_of_the_environment_may_be_an_address(served, run, monkeypatch):
+    monkeypatch.setenv("IKSERVO_PORT", served.address)
+    assert run("where", "--arm", "so101")[0] == 0
+
+
+def test_an_unreachable_point_has_the_exit_code_that_it_has_on_a_port(served, run):
+    code, _, err = run("move", "0.9", "0", "0.1", "--arm", "so101", "--port", served.address)
+    assert code == 7
+    assert "Try: ikservo move" in err
+
+
+def test_a_stop_is_acknowledged_at_the_command_line(served, run):
+    there = ("--arm", "so101", "--port", served.address)
+    assert run("stop", *there)[0] == 0
+    code, _, err = run("joints", "gripper=10", *there)
+    assert code == 8
+    assert "acknowledge" in err
+    code, out, _ = run("net", "acknowledge", "--port", served.address)
+    assert code == 0
+    assert "acknowledged" in out
+    assert run("joints", "gripper=10", *there)[0] == 0
+
+
+@pytest.mark.parametrize("words", [(), ("--all",)], ids=["stop", "stop --all"])
+def test_stop_without_an_arm_reaches_the_machines_of_the_fleet(served, run, monkeypatch, words):
+    monkeypatch.setenv("IKSERVO_FLEET", f"127.0.0.1:{served.port}")
+    code, out, err = run("stop", *words, "--json")
+    assert code == 0, err
+    assert [arm["arm"] for arm in json.loads(out)["arms"]] == ["so101"]
+    assert served.arm.stop_reason is not None
+
+
+def test_a_wrong_address_in_the_fleet_keeps_no_other_arm_from_stopping(served, run, monkeypatch):
+    monkeypatch.setenv("IKSERVO_FLEET", f"pi_2, 127.0.0.1:{served.port}")
+    code, _, err = run("stop", "--all")
+    assert code == 2
+    assert "pi_2" in err
+    assert served.arm.stop_reason is not None
+
+
+@pytest.mark.parametrize("words", [(), ("--all",)], ids=["stop", "stop --all"])
+def test_an_arm_served_on_this_machine_is_stopped_unlisted(served, run, monkeypatch, words):
+    monkeypatch.setattr("ikservo.network.address.DEFAULT_PORT", served.port)
+    code, _, err = run("stop", *words)
+    assert code == 0, err
+    assert served.arm.stop_reason is not None
+
+
+def test_stop_all_stops_the_arm_of_the_environment_too(served, run, monkeypatch):
+    monkeypatch.setattr("ikservo.network.session._CONNECT_TIMEOUT_S", 0.3)
+    monkeypatch.setenv("IKSERVO_PORT", served.address)
+    monkeypatch.setenv("IKSERVO_FLEET", f"127.0.0.1:{find_free_port()}")
+    code, _, err = run("stop", "--all")
+    assert code == 3
+    assert "No arm can be reached" in err
+    assert served.arm.stop_reason is not None  # whatever cannot be reached
+
+
+def test_an_address_is_stopped_without_the_name_of_its_arm(served, run):
+    code, out, err = run("stop", "--port", served.address)
+    assert code == 0, err
+    assert out.startswith("so101")
+    assert served.arm.stop_reason is not None
+
+
+def test_the_fleet_lists_arms_and_machines_that_are_not_reached(served, run, monkeypatch):
+    monkeypatch.setattr("ikservo.network.session._CONNECT_TIMEOUT_S", 0.3)
+    dead = find_free_port()
+    code, out, _ = run("fleet", f"127.0.0.1:{served.port}", f"127.0.0.1:{dead}", "--json")
+    assert code == 0
+    here, there = json.loads(out)["arms"]
+    assert (here["name"], here["arm"], here["state"]) == ("desk", "so101", "holds")
+    assert (there["state"], there["latency_s"]) == ("unreachable", None)
+    assert there["error"]
+
+
+def test_the_fleet_says_who_controls_an_arm(served, run):
+    with served.open() as arm:
+        arm.enable()
+        _, out, _ = run("fleet", f"127.0.0.1:{served.port}")
+    assert " on " in out.splitlines()[1]
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "text"),
+    [
+        ("fleet 127.0.0.1:9", 3, "No arm can be reached"),
+        ("fleet a/b/c", 2, "Expected"),
+        ("net keys --host a/b --folder nowhere", 2, "The host"),
+        ("net key", 2, "Did you mean keys"),
+        ("net acknowledge", 2, "--port"),
+        ("net acknowledge --port /dev/ttyACM0", 2, "zenoh:"),
+        ("serve so101 --port sim --listen tcp/0.0.0.0:7448", 2, "ikservo net keys"),
+        ("serve so101 --port sim --listen tls/0.0.0.0:7448", 2, "ikservo net keys"),
+        ("serve so101 --port sim --name a/b", 2, "The name of the served arm"),
+        ("serve so101 --port zenoh:a@127.0.0.1", 2, "served again"),
+        ("where --arm so101 --port zenoh:desk", 2, "zenoh:NAME@HOST"),
+        ("doctor --arm so101 --port zenoh:desk@127.0.0.1", 1, "another machine"),
+        ("setup so101 --port zenoh:desk@127.0.0.1", 3, "another machine"),
+        ("bench bus --arm so101 --port zenoh:desk@127.0.0.1", 3, "another machine"),
+        ("view --arm so101 --no-open --port zenoh:desk@127.0.0.1", 3, "another machine"),
+        ("move 0.2 0 0.1 --no-collision --arm so101 --port zenoh:d@127.0.0.1", 2, "ikservo serve"),
+    ],
+)  # fmt: skip
+def test_bad_input_is_one_clear_error(run, monkeypatch, words, code, text):
+    monkeypatch.setattr("ikservo.network.session._CONNECT_TIMEOUT_S", 0.3)
+    found, out, err = run(*words.split())
+    assert (found, text in out + err) == (code, True), out + err
+    assert "Traceback" not in err
+
+
+def test_keys_are_made_in_a_folder(run, tmp_path):
+    code, out, _ = run("net", "keys", "--folder", tmp_path / "keys", "--host", "lab-pi", "--json")
+    assert code == 0
+    assert json.loads(out)["hosts"] == ["lab-pi"]
+    assert (tmp_path / "keys" / "operator" / "operator.key").exists()
+    assert run("net", "keys", "--folder", tmp_path / "keys")[0] == 2
+    assert run("net", "keys", "--folder", tmp_path / "keys", "--new")[0] == 0
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_serve_says_where_it_listens_and_ends_by_ctrl_c():
+    port = find_free_port()
+    argv = [sys.executable, "-c", SERVE, "serve", "so101", "--port", "sim", "--json",
+            "--listen", f"tcp/127.0.0.1:{port}"]  # fmt: skip
+    with subprocess.Popen(argv, stdout=subprocess.PIPE, text=True) as process:
+        said = json.loads(process.stdout.readline())
+        connection = Connection(parse_address(said["address"]), None)
+        assert connection.watch("describe")["arm"] == "so101"
+        connection.close()
+        process.send_signal(signal.SIGINT)
+        assert process.wait(20) == 0
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="Windows has no SIGHUP")
+def test_serving_ends_well_where_its_terminal_was_closed():
+    threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGHUP)).start()
+    wait_for_signal()

@@ -1,0 +1,224 @@
+"""An arm over the network has the methods, results and errors of an arm on a port."""
+
+import inspect
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.arm import Arm
+from ikservo.errors import (
+    InputError,
+    PortError,
+    RefusedError,
+    StoppedError,
+    UnknownNameError,
+    UnreachableError,
+)
+from ikservo.network.remote_arm import RemoteArm
+
+POINT_M = (0.22, 0.05, 0.15)
+
+
+def public_methods(kind):
+    return {
+        name: [p for p in inspect.signature(value).parameters if p not in ("arm", "self")]
+        for name, value in inspect.getmembers(kind, callable)
+        if not name.startswith("_")
+    }
+
+
+def test_it_has_every_method_of_an_arm_with_the_same_parameters():
+    here, there = public_methods(Arm), public_methods(RemoteArm)
+    left_out = {"listen", "go", "carry_out", "follow_goals"}
+    assert here.keys() - there.keys() == left_out
+    for name in there.keys() & here.keys() - {"gripper", "replay", "load_replay"}:
+        assert there[name] == here[name], name
+
+
+def test_it_has_the_limits_the_chain_and_the_state_of_the_arm_there(served):
+    with served.open() as arm:
+        np.testing.assert_array_equal(arm.limits(), served.arm.limits())
+        q = served.arm.chain.mid_range()
+        np.testing.assert_allclose(arm.chain.forward(q), served.arm.chain.forward(q), atol=1e-12)
+        np.testing.assert_allclose(arm.where().tip_m, served.arm.where().tip_m, atol=1e-3)
+        assert arm.joint_names == served.arm.joint_names
+        assert served.server.lease.holder is None  # looking takes no control
+
+
+def test_a_motion_reports_what_it_would_report_on_a_port(served):
+    with served.open() as arm:
+        there, here = arm.move_to(POINT_M), served.arm.move_to(POINT_M)
+    assert type(there) is type(here)
+    np.testing.assert_allclose(there.measured_tip_m, here.measured_tip_m, atol=1e-3)
+    np.testing.assert_array_equal(there.target_m, POINT_M)
+    assert there.reached
+
+
+def test_an_unreachable_point_is_the_same_error_with_the_same_details(served):
+    with served.open() as arm:
+        with pytest.raises(UnreachableError) as here:
+            served.arm.move_to((0.9, 0.0, 0.1))
+        with pytest.raises(UnreachableError) as there:
+            arm.move_to((0.9, 0.0, 0.1))
+    assert str(there.value) == str(here.value)
+    np.testing.assert_allclose(there.value.nearest_m, here.value.nearest_m, atol=1e-6)
+    assert there.value.exit_code is here.value.exit_code
+
+
+def test_a_plan_is_looked_at_here_and_executed_there(served):
+    with served.open() as arm:
+        plan = arm.plan_line(POINT_M)
+        path = plan.sample(0.05)
+        np.testing.assert_allclose(path.positions[-1], plan.goal, atol=1e-9)
+        tips = arm.chain.forward(path.positions[:, : arm.chain.dof])[:, :3, 3]
+        np.testing.assert_allclose(tips[-1], POINT_M, atol=1e-3)
+        assert arm.execute(plan).reached
+
+
+def test_the_path_between_the_samples_is_the_planned_one(served):
+    with served.open() as arm:
+        plan = arm.plan_to(POINT_M)
+        own = served.server._plans.get(plan.trajectory.plan)
+        for time_s in np.linspace(0.0, plan.duration_s, 37):
+            there, here = own.trajectory.state(time_s), plan.trajectory.state(time_s)
+            np.testing.assert_allclose(here.position, there.position, atol=1e-5)
+            np.testing.assert_allclose(here.velocity, there.velocity, atol=1e-2)
+
+
+def test_only_the_latest_plans_are_kept(served):
+    with served.open() as arm:
+        first = arm.plan_joints({"gripper": 0.1})
+        for _ in range(40):
+            arm.plan_joints({"gripper": 0.2})
+        assert len(served.server._plans) == 32
+        with pytest.raises(RefusedError, match="no longer kept"):
+            arm.execute(first)
+
+
+def test_a_plan_of_another_arm_is_refused(served):
+    with served.open() as arm, pytest.raises(InputError, match="a plan of this arm"):
+        arm.execute(served.arm.plan_joints({"gripper": 0.2}))
+
+
+@pytest.mark.parametrize(
+    "move",
+    [
+        lambda arm: arm.move_line(POINT_M, tool_speed_m_s=0.1),
+        lambda arm: arm.move_through([(0.22, 0.0, 0.15), POINT_M], blend_m=0.01),
+        lambda arm: arm.pose("home", speed="fast"),
+        lambda arm: arm.gripper(width_m=None, to="close", force=0.4),
+    ],
+    ids=["line", "through", "pose", "gripper"],
+)
+def test_every_motion_arrives(served, move):
+    with served.open() as arm:
+        assert move(arm).reached
+
+
+def test_progress_is_reported_on_the_way(served):
+    seen = []
+    with served.open() as arm:
+        arm.move_joints({"shoulder_pan": 0.8}, on_progress=seen.append)
+    assert seen
+    assert seen[0].names == served.arm.joint_names
+
+
+def test_an_error_of_the_programs_own_stops_the_arm_there(served):
+    calls = []
+
+    def fail(progress):
+        calls.append(progress)
+        raise ValueError("too near")
+
+    with served.open() as arm:
+        with pytest.raises(ValueError, match="too near"):
+            arm.move_joints({"shoulder_pan": -1.5}, speed="slow", on_progress=fail)
+        assert len(calls) == 1
+        assert "too near" in served.arm.stopped_for
+        assert served.arm.where()["shoulder_pan"].position_rad > -1.4
+
+
+def test_a_motion_in_the_background_returns_its_result(served):
+    with served.open() as arm:
+        motion = arm.move_joints({"gripper": 0.5}, wait=False)
+        assert motion.wait(60.0).reached
+
+
+def test_a_taught_pose_is_kept_beside_the_arm(served):
+    with served.open() as arm:
+        arm.teach("cup")
+        assert "cup" in arm.poses.user_poses()
+        assert "cup" in served.arm.poses.user_poses()
+        assert arm.pose("cup").reached
+
+
+def test_a_stop_lasts_until_it_is_acknowledged(served):
+    with served.open() as arm:
+        arm.move_joints({"gripper": 0.2})
+        watcher = served.connect()
+        watcher.stop("", "CLIENT")
+        watcher.close()
+        with pytest.raises(RefusedError, match="was stopped"):
+            arm.move_joints({"gripper": 0.4})
+        arm.acknowledge()
+        assert arm.move_joints({"gripper": 0.4}).reached
+
+
+def test_a_stop_by_another_program_ends_the_motion(served):
+    watcher = served.connect()
+    stopping = []
+
+    def on_progress(progress):
+        if progress.elapsed_s > 0.3 and not stopping:
+            stopping.append(watcher.stop("test", "CLIENT", wait=False))
+
+    with served.open() as arm:
+        with pytest.raises(StoppedError):
+            arm.move_joints({"shoulder_pan": 1.8}, speed="slow", on_progress=on_progress)
+        assert arm.stop_reason.text == "test"
+        assert arm.where()["shoulder_pan"].position_rad < 1.5
+    watcher.close()
+
+
+def test_what_needs_the_servos_own_port_is_refused_and_says_where(served):
+    with served.open() as arm, pytest.raises(RefusedError, match="not on this machine"):
+        _ = arm.context
+
+
+def test_the_bus_of_another_machine_is_not_opened(served):
+    with pytest.raises(PortError, match="arm on another machine"):
+        ikservo.arm.opening.open_bus(served.arm.model, served.address)
+
+
+def test_another_arm_than_the_served_one_is_refused(served):
+    with pytest.raises(InputError, match="Choose so101"):
+        ikservo.open_arm("koch", port=served.address)
+
+
+def test_a_name_that_is_not_served_is_refused_with_those_that_are(served):
+    with pytest.raises(PortError, match="Served there: desk"):
+        ikservo.open_arm("so101", port=served.address.replace("desk", "bench"))
+
+
+def test_options_that_belong_beside_the_arm_are_refused(served):
+    with pytest.raises(InputError, match="another machine"):
+        served.open(collisions=False)
+
+
+def test_a_closed_arm_moves_nothing(served):
+    arm = served.open()
+    arm.close()
+    arm.close()
+    with pytest.raises(PortError, match="closed"):
+        arm.move_joints({"gripper": 0.1})
+
+
+def test_unknown_options_are_type_errors_as_on_a_port(served):
+    with served.open() as arm, pytest.raises(TypeError, match="Did you mean 'speed'"):
+        arm.move_to(POINT_M, sped="slow")
+
+
+def test_an_unknown_joint_is_refused_before_it_is_sent(served):
+    with served.open() as arm, arm.stream() as stream, pytest.raises(UnknownNameError):
+        stream.send({"elbow": 0.1})

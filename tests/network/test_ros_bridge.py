@@ -1,0 +1,376 @@
+"""The arm in a graph of ROS 2: other implementations see it, read it and move its servos."""
+
+import contextlib
+import json
+import signal
+import struct
+import subprocess
+import sys
+import time
+
+import numpy as np
+import pytest
+import zenoh
+import zenoh.ext
+import zenoh_ros2_sdk
+from ros2_pyterfaces.cyclone.builtin_interfaces.msg import Duration
+from ros2_pyterfaces.cyclone.diagnostic_msgs.msg import DiagnosticArray
+from ros2_pyterfaces.cyclone.geometry_msgs.msg import PoseStamped, TwistStamped
+from ros2_pyterfaces.cyclone.sensor_msgs.msg import JointState
+from ros2_pyterfaces.cyclone.std_msgs.msg import String
+from ros2_pyterfaces.cyclone.std_srvs.srv import Trigger
+from ros2_pyterfaces.cyclone.trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from rosbags.typesys import get_types_from_msg
+from zenoh_ros2_sdk import discovery
+from zenoh_ros2_sdk.keyexpr import topic_keyexpr
+from zenoh_ros2_sdk.session import ZenohSession
+from zenoh_ros2_sdk.utils import ros2_to_dds_type
+
+import ikservo
+from ikservo.cli import main
+from ikservo.network.address import Endpoint
+from ikservo.network.ros.bridge import RosBridge
+from ikservo.network.session import open_router_client
+from tests.arm.simulated import true_joints, true_tip_m
+from tests.network.conftest import find_free_port, serve
+
+HOST = "127.0.0.1"
+CONSOLE = "import sys; from ikservo.cli.entry_point import console; console()"
+DEFINITIONS = {  # which the SDK would fetch from GitHub
+    "builtin_interfaces/msg/Time": "int32 sec\nuint32 nanosec",
+    "std_msgs/msg/Header": "builtin_interfaces/Time stamp\nstring frame_id",
+    "sensor_msgs/msg/JointState": "std_msgs/Header header\nstring[] name\nfloat64[] position\n"
+    "float64[] velocity\nfloat64[] effort",
+}
+
+
+@contextlib.contextmanager
+def router(port):
+    """What rmw_zenohd is: a Zenoh router."""
+    config = zenoh.Config()
+    for key, value in {
+        "mode": "router", "listen/endpoints": [f"tcp/{HOST}:{port}"],
+        "scouting/multicast/enabled": False, "transport/link/tx/lease": 1000,
+    }.items():  # fmt: skip
+        config.insert_json5(key, json.dumps(value))
+    with zenoh.open(config) as session:
+        yield session
+
+
+class Graph:
+    """A bridged arm, and a node of another implementation.
+
+    Attributes:
+        arm: The simulated arm.
+        warnings: What the bridge has refused.
+    """
+
+    def __init__(self, port, arm, session, warnings):
+        self.port, self.arm, self._session, self.warnings = port, arm, session, warnings
+        self._sent = 0
+
+    def key(self, name, kind):
+        """Return a key expression by the SDK, with the hash by ros2-pyterfaces."""
+        dds = ros2_to_dds_type(kind.get_type_name())
+        return topic_keyexpr(0, name, dds, kind.hash_rihs01())
+
+    def attachment(self):
+        self._sent += 1
+        return struct.pack("<qqB16s", self._sent, time.time_ns(), 16, b"g" * 16)
+
+    def publish(self, name, message, **how):
+        how = {"attachment": self.attachment(), **how}
+        self._session.put(self.key(name, type(message)), message.serialize(), **how)
+
+    def call(self, name):
+        """Call a trigger service; return its response and the sequence in its attachment."""
+        (reply,) = self._session.get(
+            self.key(name, Trigger), payload=Trigger.Request().serialize(),
+            attachment=self.attachment(), target=zenoh.QueryTarget.ALL_COMPLETE,
+        )  # fmt: skip
+        sequence = struct.unpack_from("<q", reply.ok.attachment.to_bytes())[0]
+        return Trigger.Response.deserialize(reply.ok.payload.to_bytes()), sequence
+
+    def next(self, name, kind, accept=lambda message: True, within_s=60.0):
+        """Return the next message of a topic that is accepted."""
+        found = []
+
+        def take(sample):
+            message = kind.deserialize(sample.payload.to_bytes())
+            if not found and accept(message):
+                found.append((message, sample))
+
+        with self._session.declare_subscriber(self.key(name, kind), take):
+            wait_until(lambda: found, within_s)
+        return found[0]
+
+    def wait_until_still(self):
+        wait_until(lambda: not self.bridge._driver.is_moving)
+
+
+def wait_until(met, within_s=60.0):
+    end_s = time.monotonic() + within_s
+    while not met():
+        assert time.monotonic() < end_s
+        time.sleep(0.02)
+
+
+def trajectory(joint, *points):
+    rows = [JointTrajectoryPoint(positions=[q], time_from_start=Duration(
+        sec=int(s), nanosec=int(s % 1 * 1e9))) for s, q in points]  # fmt: skip
+    return JointTrajectory(joint_names=[joint], points=rows)
+
+
+@contextlib.contextmanager
+def bridged(port):
+    """A bridged arm."""
+    warnings = []
+    with (
+        open_router_client(Endpoint("tcp", HOST, port), None) as own,
+        open_router_client(Endpoint("tcp", HOST, port), None) as other,
+        ikservo.open_arm("so101", port="sim:?pose=home") as arm,
+        RosBridge(own, arm, speed="fast", warn=warnings.append) as bridge,
+    ):
+        graph = Graph(port, arm, other, warnings)
+        graph.bridge = bridge
+        yield graph
+
+
+@pytest.fixture(scope="module")
+def graph_once(_own_folder):
+    port = find_free_port()
+    with router(port), bridged(port) as graph:
+        graph.arm.pose("home")  # the first motion is slow
+        yield graph
+
+
+@pytest.fixture
+def graph(graph_once):
+    """The same, at rest and not stopped."""
+    graph_once.warnings.clear()
+    yield graph_once
+    graph_once.bridge._driver.put(None)
+    graph_once.wait_until_still()
+    graph_once.arm.acknowledge()
+
+
+@pytest.fixture
+def sdk(graph):
+    """A session of ROBOTIS's SDK, with the messages that it is to read."""
+    session = ZenohSession.get_instance(HOST, graph.port)
+    for name, text in DEFINITIONS.items():
+        session.store.register(get_types_from_msg(text, name))
+        session._registered_types[name] = name
+    yield {"router_ip": HOST, "router_port": graph.port, "domain_id": 0}
+    session.close()
+
+
+def test_another_implementation_lists_reads_and_calls(graph, sdk):
+    assert dict(discovery.get_topic_names_and_types(0, HOST, graph.port)) == {
+        "/joint_states": ["sensor_msgs/msg/JointState"], "/tf": ["tf2_msgs/msg/TFMessage"],
+        "/robot_description": ["std_msgs/msg/String"],
+        "/diagnostics": ["diagnostic_msgs/msg/DiagnosticArray"],
+        "/joint_trajectory": ["trajectory_msgs/msg/JointTrajectory"],
+        "/servo_twist": ["geometry_msgs/msg/TwistStamped"],
+        "/target_pose": ["geometry_msgs/msg/PoseStamped"],
+    }  # fmt: skip
+    services = dict(discovery.get_service_names_and_types(0, HOST, graph.port))
+    assert services == {
+        name: ["std_srvs/srv/Trigger"] for name in ("/stop", "/hold", "/acknowledge")
+    }
+    info = discovery.get_topic_info("/joint_states", 0, HOST, graph.port, verbose=True)
+    assert [(each.node_name, each.type_hash) for each in info.publishers] == [
+        ("ikservo_so101", JointState.hash_rihs01())
+    ]
+    seen = []
+    subscriber = zenoh_ros2_sdk.ROS2Subscriber(
+        "/joint_states", "sensor_msgs/msg/JointState", seen.append,
+        type_hash=JointState.hash_rihs01(), **sdk,
+    )  # fmt: skip
+    client = zenoh_ros2_sdk.ROS2ServiceClient(
+        "/hold", "std_srvs/srv/Trigger", request_definition="",
+        response_definition="bool success\nstring message", type_hash=Trigger.hash_rihs01(), **sdk,
+    )  # fmt: skip
+    assert client.call().success
+    wait_until(lambda: seen)
+    subscriber.close()
+    client.close()
+    assert tuple(seen[-1].name) == graph.arm.joint_names
+
+
+def test_joint_states_are_those_of_the_simulated_servos(graph):
+    message, sample = graph.next("/joint_states", JointState)
+    truth = true_joints(graph.arm)
+    assert dict(zip(message.name, message.position, strict=True)) == pytest.approx(truth, abs=0.003)
+    assert abs(message.header.stamp.sec - time.time()) < 5
+    _, sent_ns, length, _ = struct.unpack("<qqB16s", sample.attachment.to_bytes())
+    assert (length, abs(sent_ns - time.time_ns()) < 5e9) == (16, True)
+
+
+def test_a_trajectory_moves_the_servos_along_its_points(graph):
+    start = true_joints(graph.arm)["wrist_roll"]
+    graph.publish("/joint_trajectory", trajectory("wrist_roll", (1.0, start + 0.3), (2.5, start)))
+    seen = []
+
+    def passed():
+        seen.append(true_joints(graph.arm)["wrist_roll"])
+        return max(seen) > start + 0.15
+
+    wait_until(passed)
+    graph.wait_until_still()
+    assert true_joints(graph.arm)["wrist_roll"] == pytest.approx(start, abs=0.02)
+    assert graph.warnings == []
+
+
+def test_an_empty_trajectory_ends_the_one_before(graph):
+    start = true_joints(graph.arm)["wrist_roll"]
+    graph.publish("/joint_trajectory", trajectory("wrist_roll", (20.0, start + 1.0)))
+    wait_until(lambda: true_joints(graph.arm)["wrist_roll"] > start + 0.05)
+    graph.publish("/joint_trajectory", JointTrajectory())
+    graph.wait_until_still()
+    assert true_joints(graph.arm)["wrist_roll"] < start + 0.6
+    assert graph.arm.stop_reason is None
+
+
+def test_a_pose_is_reached(graph):
+    pose = PoseStamped()
+    pose.header.frame_id = "base"
+    pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = 0.22, 0.03, 0.12
+    pose.pose.orientation.w = 0.0
+    graph.publish("/target_pose", pose)
+    wait_until(lambda: graph.bridge._driver.is_moving)
+    graph.wait_until_still()
+    np.testing.assert_allclose(true_tip_m(graph.arm), [0.22, 0.03, 0.12], atol=0.004)
+
+
+def test_a_twist_moves_the_tip_until_it_is_silent(graph):
+    start_m, twist = true_tip_m(graph.arm), TwistStamped()
+    twist.twist.linear.z = 0.05
+
+    def has_moved():
+        graph.publish("/servo_twist", twist)
+        return true_tip_m(graph.arm)[2] > start_m[2] + 0.03
+
+    wait_until(has_moved)
+    graph.wait_until_still()
+    moved_m = true_tip_m(graph.arm) - start_m
+    assert 0.03 < moved_m[2] < 0.15
+    assert np.abs(moved_m[:2]).max() < 0.01
+
+
+def test_a_stop_is_latched_until_it_is_acknowledged(graph):
+    start = true_joints(graph.arm)["wrist_roll"]
+    graph.publish("/joint_trajectory", trajectory("wrist_roll", (20.0, start + 1.0)))
+    wait_until(lambda: true_joints(graph.arm)["wrist_roll"] > start + 0.05)
+    response, sequence = graph.call("/stop")
+    assert (response.success, sequence) == (True, graph._sent)
+    graph.wait_until_still()
+    held = true_joints(graph.arm)["wrist_roll"]
+    assert held < start + 0.8
+    graph.next("/diagnostics", DiagnosticArray, lambda found: "ROS 2" in found.status[0].message)
+    graph.publish("/joint_trajectory", trajectory("wrist_roll", (0.5, start)))
+    wait_until(lambda: graph.warnings and "acknowledge" in graph.warnings[-1])
+    assert true_joints(graph.arm)["wrist_roll"] == pytest.approx(held, abs=0.01)
+    assert not graph.call("/hold")[0].success
+    assert graph.call("/acknowledge")[0].success
+    graph.publish("/joint_trajectory", trajectory("wrist_roll", (0.5, start)))
+    wait_until(lambda: true_joints(graph.arm)["wrist_roll"] < held - 0.02)
+
+
+@pytest.mark.parametrize(
+    ("message", "how", "found"),
+    [
+        (trajectory("wrist_roll", (1.0, 9.0)), {}, "outside"),
+        (trajectory("wrist_roll", (1.0, 0.5)), {"attachment": None}, "attachment"),
+        (trajectory("wrist_roll", (1.0, 0.5)), {"attachment": b"short"}, "attachment"),
+        (String(data="no trajectory"), {}, "JointTrajectory"),
+    ],
+)
+def test_what_cannot_be_used_is_said_and_moves_nothing(graph, message, how, found):
+    before = true_joints(graph.arm)
+    how = {"attachment": graph.attachment(), **how}
+    key = graph.key("/joint_trajectory", JointTrajectory)
+    graph._session.put(key, message.serialize(), **how)
+    wait_until(lambda: graph.warnings and found in graph.warnings[-1])
+    assert not graph.bridge._driver.is_moving
+    assert true_joints(graph.arm) == pytest.approx(before, abs=0.03)
+
+
+def test_the_description_reaches_those_who_come_later(graph):
+    found = []
+    with zenoh.ext.declare_advanced_subscriber(
+        graph._session, graph.key("/robot_description", String), found.append,
+        history=zenoh.ext.HistoryConfig(detect_late_publishers=True),
+    ):  # fmt: skip
+        wait_until(lambda: found)
+    text = String.deserialize(found[0].payload.to_bytes()).data
+    assert text == graph.arm.model.path.with_suffix(".urdf").read_text()
+
+
+def test_a_motion_ends_where_the_router_is_lost():
+    port = find_free_port()
+    with contextlib.ExitStack() as stack:
+        lost = stack.enter_context(router(port))
+        graph = stack.enter_context(bridged(port))
+        start = true_joints(graph.arm)["wrist_roll"]
+        graph.publish("/joint_trajectory", trajectory("wrist_roll", (20.0, start + 1.0)))
+        wait_until(lambda: true_joints(graph.arm)["wrist_roll"] > start + 0.05)
+        lost.close()
+        wait_until(lambda: graph.arm.stop_reason is not None)
+        graph.wait_until_still()
+        assert true_joints(graph.arm)["wrist_roll"] < start + 0.8
+        assert "router was lost" in graph.arm.stop_reason.text
+
+
+def test_an_arm_of_another_machine_is_bridged(graph):
+    own = Endpoint("tcp", HOST, graph.port)
+    with (
+        serve(find_free_port()) as served,
+        open_router_client(own, None) as session,
+        served.open() as remote,
+        RosBridge(session, remote, namespace="/far", speed="fast") as bridge,
+    ):
+        start = true_joints(served.arm)["wrist_roll"]
+        message = trajectory("wrist_roll", (1.0, start + 0.3))
+        graph.publish("/far/joint_trajectory", message)
+        wait_until(lambda: true_joints(served.arm)["wrist_roll"] > start + 0.2)
+        assert graph.call("/far/stop")[0].success
+        wait_until(lambda: served.arm.stop_reason is not None)
+        wait_until(lambda: not bridge._driver.is_moving)
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "text"),
+    [
+        ("--port sim --router 127.0.0.1:9", 3, "No Zenoh router"),
+        ("--port sim --router a/b/c", 2, "Expected"),
+        ("--port sim --namespace 3d", 2, "namespace"),
+        ("--port sim --domain 300", 2, "--domain"),
+        ("--port sim --speed warp", 2, "warp"),
+    ],
+)
+def test_bad_input_is_one_clear_error(graph, capsys, monkeypatch, words, code, text):
+    monkeypatch.setattr("ikservo.network.session._CONNECT_TIMEOUT_S", 0.3)
+    given = words if "--router" in words else f"{words} --router {HOST}:{graph.port}"
+    assert main(["ros", "so101", *given.split()]) == code
+    captured = capsys.readouterr()
+    assert text in captured.out + captured.err
+
+
+def test_a_domain_that_is_none_is_named(monkeypatch, capsys):
+    monkeypatch.setenv("ROS_DOMAIN_ID", "x")
+    assert main(["ros", "so101", "--port", "sim"]) == 2
+    assert "ROS_DOMAIN_ID" in capsys.readouterr().err
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals")
+def test_the_command_joins_the_graph_and_ends_by_ctrl_c(graph):
+    argv = [sys.executable, "-c", CONSOLE, "ros", "so101", "--port", "sim", "--json",
+            "--domain", "3", "--namespace", "left", "--router", f"{HOST}:{graph.port}"]  # fmt: skip
+    with subprocess.Popen(argv, stdout=subprocess.PIPE, text=True) as process:
+        said = json.loads(process.stdout.readline())
+        assert "/left/joint_states" in said["outputs"]
+        tokens = graph._session.liveliness().get("@ros2_lv/3/**")
+        assert any("%left%joint_trajectory" in str(each.ok.key_expr) for each in tokens)
+        process.send_signal(signal.SIGINT)
+        assert process.wait(60) == 0
