@@ -23,6 +23,7 @@ the builtin that fits, so that ``except TimeoutError`` works for a silent servo:
     │   ├── CartesianPathError                  not along the path; names the place
     │   └── OrientationError                    the point, but not in this orientation
     ├── RefusedError                   exit 8   the guard does not allow a goal
+    │   └── LeaseLostError                      another program controls the arm
     ├── NotSettledError   TimeoutError exit 1   the arm did not arrive
     └── StoppedError                   exit 130 stopped by the user
 """
@@ -49,6 +50,7 @@ __all__ = [
     "HeldUpError",
     "IkservoError",
     "InputError",
+    "LeaseLostError",
     "NoPortError",
     "NotSettledError",
     "OrientationError",
@@ -417,6 +419,16 @@ class CollisionError(RefusedError):
 
 class HeldUpError(RefusedError):
     """The program was stalled in a motion for so long that servos stopped themselves."""
+
+
+class LeaseLostError(RefusedError):
+    """A program does not control the arm, or no longer; nothing was sent."""
+
+    def __init__(self) -> None:
+        super().__init__(
+            "This program does not control the arm, or no longer.",
+            "Nothing was sent. Look at the arm, then try again.",
+        )
 
 
 class NotSettledError(IkservoError, TimeoutError):

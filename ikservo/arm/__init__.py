@@ -6,7 +6,8 @@ from ikservo.arm.calibrated_arm import ZeroSource
 from ikservo.arm.following import check_followed_goal
 from ikservo.arm.opening import open_arm
 from ikservo.arm.plan import MotionPlan
-from ikservo.arm.recording import Recording, read_recording
+from ikservo.arm.recorder import read_recording
+from ikservo.arm.recording import Recording
 from ikservo.arm.reports import (
     ArmState,
     JointMoveResult,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal, Unpack
 
 from numpy.typing import ArrayLike
 
-from ikservo.arm import following, goal_motions, jogging
+from ikservo.arm import following, goal_motions, jogging, leader_following
 from ikservo.arm import replay as replaying
 from ikservo.arm.arguments import check_choice
 from ikservo.arm.background_motion import Background
@@ -31,7 +31,7 @@ from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.plan import MotionPlan, PoseWithinLimits
 from ikservo.arm.poses import PoseLibrary, teach
 from ikservo.arm.preflight import PreflightPlanner
-from ikservo.arm.recording import RecordResult, record_arm
+from ikservo.arm.recorder import RecordResult, RecordSettings, record_arm
 from ikservo.arm.reports import ArmState, JointMoveResult, MoveResult, OnProgress
 from ikservo.arm.setpoint_stream import open_stream
 from ikservo.arm.settling import SettlingResult
@@ -94,6 +94,9 @@ class Arm:
             the arm holds.
         KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
     """
+
+    is_remote = False
+    """Whether the servos are on another machine."""
 
     def __init__(self, context: ArmContext, runner: MotionRunner, on_exit: OnExit = "hold") -> None:
         self._on_exit: OnExit = check_choice("way to exit", on_exit, ("hold", "relax"))
@@ -401,7 +404,7 @@ class Arm:
     load_replay = replaying.load_replay
     jog = jogging.jog
     follow = following.follow
-    follow_arm = following.follow_arm
+    follow_arm = leader_following.follow_arm
     follow_goals = following.follow_goals
     stream = open_stream
 
@@ -413,24 +416,29 @@ class Arm:
         until: Callable[[], bool] | None = None,
         period_s: float = 0.02,
         overwrite: bool = False,
+        foxglove_port: int | None = None,
     ) -> RecordResult:
         """Write the measured joints to a file at a fixed rate; torque stays as it is.
 
         Ctrl-C ends it; the file is complete up to then.
 
         Args:
-            path: A new file: a header, then one line of JSON for each sample.
+            path: A new file: a header, then one line of JSON for each sample; or, where it ends
+                in ``.mcap``, messages of ROS 2, with goals, link poses and health.
             duration_s: How long; for as long as ``until`` says if None.
             until: Called at each sample; ends the recording by returning True.
             period_s: Between two samples.
             overwrite: Whether an existing file may be replaced.
+            foxglove_port: Where the same messages are served to Foxglove, on this machine; None
+                for nowhere.
 
         Raises:
             BadValueError: The file exists, or a number is out of its range.
             FileWriteError: It cannot be written.
             ServoSilentError: A servo does not answer; the samples before are kept.
         """
-        return record_arm(self._context, path, duration_s, until, period_s, overwrite=overwrite)
+        settings = RecordSettings(path, duration_s, until, period_s, overwrite, foxglove_port)
+        return record_arm(self._context, self._runner, settings)
 
     def teach(
         self, name: str, until: Callable[[], object] | None = None, *, hold: bool = False

@@ -1,46 +1,37 @@
-"""Online control: follow a goal that changes in every cycle, a stream of targets, a leader arm."""
+"""Online control: follow a goal that changes in every cycle, or a stream of targets."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, replace
 from itertools import repeat
 from typing import TYPE_CHECKING, Protocol, Unpack
 
 import numpy as np
-from numpy.typing import ArrayLike
 
-from ikservo.arm.arguments import check_callable, check_iterable, parse_joint_positions
+from ikservo.arm.arguments import check_iterable
 from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_options import FollowOptions, parse_options
 from ikservo.arm.reports import OnProgress
 from ikservo.arm.settling import settle_at
-from ikservo.clock import Rate
+from ikservo.arm.target_tracking import CartesianOrJointTarget, TargetTracker
 from ikservo.control.loop import ControlCycle
 from ikservo.control.streamed_servos import STALL_S
 from ikservo.deprecation import current_name
-from ikservo.errors import BadValueError, BusError, InputError, RefusedError
+from ikservo.errors import RefusedError
 from ikservo.guard import DEAD_MAN_TIMEOUT_S, DeadManSwitch
-from ikservo.ik import Solver, Target
-from ikservo.kinematics import Chain, JointIndex, finite_array
-from ikservo.kinematics.arrays import Matrix, Vector, as_floats
-from ikservo.kinematics.se3 import exp_so3
-from ikservo.motion import OnlineTrajectory
+from ikservo.kinematics.arrays import Vector
+from ikservo.motion import KinematicLimits, OnlineTrajectory
 
 __all__ = [
-    "CartesianOrJointTarget",
     "FollowResult",
     "GoalSource",
-    "TargetTracker",
     "check_followed_goal",
     "follow",
-    "follow_arm",
     "follow_goals",
     "follow_targets",
-    "leader_positions",
-    "shared_joints",
 ]
 
 # The first motion after torque comes on is slow until it is as near as this to its goal.
@@ -59,8 +50,17 @@ class GoalSource(Protocol):
         ...
 
 
-def follow_goals(arm: ArmParts, source: GoalSource, *, speed: str = "normal") -> Vector | None:
+def follow_goals(
+    arm: ArmParts, source: GoalSource, *, speed: str = "normal", jerk_factor: float = 1.0
+) -> Vector | None:
     """Follow joint goals that ``source`` gives in every control cycle, until it ends.
+
+    Args:
+        arm: The arm.
+        source: Gives the goals.
+        speed: The speed class.
+        jerk_factor: Of the jerk of the speed class; above 1 short ways take less time, at the
+            same largest speed and acceleration.
 
     Returns:
         Where the joints should be (n,): the last goal that was accepted, or as far short of it as
@@ -73,7 +73,8 @@ def follow_goals(arm: ArmParts, source: GoalSource, *, speed: str = "normal") ->
     context.require_zeros()
     context.warm_up()
     runner.return_within_limits()
-    controller = _OnlineController(context, source, speed, runner.allowed_speed(speed))
+    allowed = runner.allowed_speed(speed)
+    controller = _OnlineController(context, source, speed, allowed, jerk_factor)
     runner.run(controller.start_trajectory, controller.on_cycle, speed)
     if controller.error:
         raise controller.error
@@ -95,8 +96,16 @@ def check_followed_goal(context: ArmContext, start: Vector, goal: Vector, speed:
 class _OnlineController:
     """Retargets an online trajectory to new goals."""
 
-    def __init__(self, context: ArmContext, source: GoalSource, speed: str, allowed: str) -> None:
+    def __init__(
+        self,
+        context: ArmContext,
+        source: GoalSource,
+        speed: str,
+        allowed: str,
+        jerk_factor: float,
+    ) -> None:
         self._context, self._source, self._speed, self._first = context, source, speed, allowed
+        self._jerk_factor = jerk_factor
         self._limited = allowed != speed
         self._trajectory: OnlineTrajectory | None = None
         self._requested: Vector = np.zeros(0)
@@ -106,7 +115,7 @@ class _OnlineController:
 
     def start_trajectory(self, start: Vector) -> OnlineTrajectory:
         lower, upper = self._context.limits()
-        limits = self._context.planner.motion_limits(self._first)
+        limits = self._motion_limits(self._first)
         self._trajectory = OnlineTrajectory(start, limits, lower=lower, upper=upper)
         self._requested = start
         return self._trajectory
@@ -141,9 +150,7 @@ class _OnlineController:
 
     def _stop_trajectory(self, trajectory: OnlineTrajectory, time_s: float) -> None:
         goal = trajectory.goal
-        trajectory.set_limits(
-            self._context.planner.motion_limits("fast")
-        )  # stops as soon as it can
+        trajectory.set_limits(self._motion_limits("fast"))  # stops as soon as it can
         trajectory.stop(time_s)
         if len(self._accepted):
             lower, upper = self._context.limits()
@@ -153,87 +160,11 @@ class _OnlineController:
         remaining = np.abs(trajectory.goal - trajectory.state(time_s).position)
         if remaining.max() <= _TOLERANCE_RAD:
             self._limited = False
-            trajectory.set_limits(self._context.planner.motion_limits(self._speed))
+            trajectory.set_limits(self._motion_limits(self._speed))
 
-
-CartesianOrJointTarget = Target | Mapping[str, float] | ArrayLike
-"""A ``Target``, a point (3,) [m], a pose (4, 4) of the tip, or positions by joint [rad or m]."""
-
-_MAX_POSITION = 1000.0
-
-
-class TargetTracker:
-    """Solves targets one after the other, each from the last solution, so that the branch stays.
-
-    Where a limit is in the way the joints go as near as they can.
-
-    Args:
-        chain: Base to tip.
-        index: All joints in the order of the vectors (n,).
-    """
-
-    def __init__(self, chain: Chain, index: JointIndex) -> None:
-        self._chain, self._index = chain, index
-        self._solvers: dict[tuple[object, ...], Solver] = {}
-
-    def solve_joints(self, target: CartesianOrJointTarget, last: Vector) -> tuple[Vector, bool]:
-        """Return the joints (n,) for a target, from the last ones, and whether they reach it.
-
-        Raises:
-            BadValueError: It is no target, or a number in it is not finite.
-            UnknownNameError: It names a joint or a link that the arm does not have.
-        """
-        if isinstance(target, Mapping):
-            return self._joints_from_names(parse_joint_positions(target), last), True
-        parsed, T = self._target_and_pose(target)
-        q, reached = self._solver_for(parsed).track(T, self._index.chain_joints(last))
-        return self._index.with_chain(last, q), reached
-
-    def _joints_from_names(self, positions: Mapping[str, float], last: Vector) -> Vector:
-        goal = last.copy()
-        for name, position in positions.items():
-            column = self._index.column(name)
-            if not abs(position) <= _MAX_POSITION:
-                raise BadValueError(f"The goal of {name}", position, "a number of at most 1000")
-            goal[column] = position
-        return goal
-
-    def _target_and_pose(self, target: Target | ArrayLike) -> tuple[Target, Matrix]:
-        """Return a target and the pose (4, 4) for the solver."""
-        target = target if isinstance(target, Target) else _parse_target(target)
-        T = np.eye(4)
-        T[:3, 3] = target.position
-        T[:3, :3] = (
-            exp_so3(target.orientation_error(np.eye(3)))
-            if target.rotation is None
-            else target.rotation
-        )
-        return target, T
-
-    def _solver_for(self, target: Target) -> Solver:
-        kind = "position" if target.only_position else "direction"
-        kind = "pose" if target.rotation is not None else kind
-        offset = None if target.offset_m is None else tuple(np.asarray(target.offset_m).tolist())
-        axis = tuple(target.axis.tolist()) if kind == "direction" else (0.0, 0.0, 1.0)
-        key = (kind, target.frame, offset, axis)
-        if key not in self._solvers:
-            self._solvers[key] = Solver(
-                self._chain, kind, tool_axis=axis, frame=target.frame, offset_m=offset
-            )
-        return self._solvers[key]
-
-
-def _parse_target(target: ArrayLike) -> Target:
-    """Return the target that an array is.
-
-    Raises:
-        BadValueError: It is none.
-    """
-    array = as_floats(target, "The target", "a point (3,), a pose (4, 4), joints or a Target")
-    if array.shape != (4, 4):
-        return Target(array)
-    T = finite_array(array, (4, 4), "The target pose")
-    return Target(T[:3, 3], orientation=T[:3, :3])
+    def _motion_limits(self, speed: str) -> list[KinematicLimits]:
+        limits = self._context.planner.motion_limits(speed)
+        return [replace(each, jerk_rad_s3=each.jerk_rad_s3 * self._jerk_factor) for each in limits]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -275,8 +206,10 @@ class _TargetFollower:
         context: ArmContext,
         targets: Iterable[CartesianOrJointTarget | None],
         on_progress: OnProgress | None,
+        on_refused: Callable[[RefusedError], None] | None = None,
     ) -> None:
         self._context, self._targets = context, iter(targets)
+        self._report_refusal = on_refused
         self._report_progress = context.progress_reporter(on_progress)
         self._tracker = TargetTracker(context.chain, context.index)
         self._dead_man = DeadManSwitch()
@@ -299,6 +232,8 @@ class _TargetFollower:
         """Count a target that the guard refused."""
         self.refusals += 1
         self.reason = error.message
+        if self._report_refusal:
+            self._report_refusal(error)
 
     def _allow_delay(self, now_s: float) -> None:
         """Not to have asked the stream for long is no silence of the stream."""
@@ -357,12 +292,13 @@ def follow_targets(
     targets: Iterable[CartesianOrJointTarget | None],
     speed: str,
     on_progress: OnProgress | None,
+    on_refused: Callable[[RefusedError], None] | None = None,
 ) -> FollowResult:
-    """Follow a stream of targets; see ``follow``."""
+    """Follow a stream of targets; see ``follow``. Each refusal is also reported at once."""
     context = arm.context
     context.require_zeros()
     context.model.speed(speed)
-    follower = _TargetFollower(context, targets, on_progress)
+    follower = _TargetFollower(context, targets, on_progress, on_refused)
     started_s = context.now_s()
     goal = follow_goals(arm, follower, speed=speed)
     if goal is None:
@@ -379,86 +315,3 @@ def follow_targets(
         measured_tip_m=context.planner.tip(measured),
         duration_s=context.now_s() - started_s,
     )
-
-
-def follow_arm(
-    arm: ArmParts,
-    leader: ArmParts,
-    *,
-    until: Callable[[], bool] | None = None,
-    **options: Unpack[FollowOptions],
-) -> FollowResult:
-    """Follow another arm, guided by hand, joint by joint of the same name.
-
-    ``leader`` is an open arm on another port; its torque is left as it is, its gripper leads
-    the gripper. This arm keeps its own limits, and brakes where the leader does not answer for
-    0.3 s. It ends when ``until``, called in every control cycle, returns True.
-
-    Options: speed (fast keeps closest), on_progress; see ``FollowOptions``.
-
-    Raises:
-        InputError: The arms have no joint in common.
-        CalibrationError: One of the arms is not calibrated.
-    """
-    chosen = parse_options("follow_arm", FollowOptions, options)
-    own, leading = arm.context, _leader_context(arm, leader)
-    check_callable("until", until)
-    leading.require_zeros()
-    cycle_time_s = arm.runner.loop.measure_cycle_time_s()
-    positions = leader_positions(leading, own, cycle_time_s, until)
-    return follow_targets(arm, positions, chosen.speed, chosen.on_progress)
-
-
-def _leader_context(arm: ArmParts, leader: object) -> ArmContext:
-    if not isinstance(leader, ArmParts) or leader is arm:
-        raise BadValueError("The leader", repr(leader), "another open arm")
-    return leader.context
-
-
-def shared_joints(leader: ArmContext, follower: ArmContext) -> list[str]:
-    """Return the joints that both arms have by name and kind.
-
-    Raises:
-        InputError: There is none, or a joint is prismatic on one of them and revolute on the other.
-    """
-    units = {fence.joint: fence.joint_map.unit for fence in follower.servos.fences}
-    own = {fence.joint: fence.joint_map.unit for fence in leader.servos.fences}
-    shared = [name for name in own if name in units]
-    if not shared:
-        raise InputError(
-            f"{leader.model.title} and {follower.model.title} have no joint in common.",
-            f"Joints of the leader: {', '.join(own)}; of the follower: {', '.join(units)}.",
-        )
-    for name in shared:
-        if own[name] != units[name]:
-            raise InputError(
-                f"{name} is prismatic on one of the two arms and revolute on the other.",
-                "Such arms cannot be coupled.",
-            )
-    return shared
-
-
-def leader_positions(
-    leader: ArmContext,
-    follower: ArmContext,
-    cycle_time_s: float,
-    until: Callable[[], bool] | None = None,
-) -> Iterator[dict[str, float] | None]:
-    """Yield the leader's measured joints by name in every cycle, or None without a reply.
-
-    Args:
-        leader: The arm that is guided by hand; its torque is left as it is.
-        follower: The arm that follows.
-        cycle_time_s: Between two readings of the leader.
-        until: Ends it by returning True.
-    """
-    shared = shared_joints(leader, follower)
-    for _ in Rate(leader.servos.clock, cycle_time_s):
-        if until and until():
-            return
-        try:
-            measured = leader.index.by_name(leader.servos.measure_positions())
-        except BusError:
-            yield None  # the follower waits a little, then holds
-        else:
-            yield {name: measured[name] for name in shared}

@@ -12,7 +12,7 @@ import numpy as np
 from ikservo.arm.arguments import parse_number
 from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.context import ArmContext
-from ikservo.arm.following import TargetTracker
+from ikservo.arm.target_tracking import TargetTracker
 from ikservo.control.loop import ControlCycle
 from ikservo.errors import BadValueError, RefusedError, UnknownNameError
 from ikservo.guard import DeadManSwitch

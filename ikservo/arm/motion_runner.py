@@ -395,7 +395,13 @@ class MotionRunner:
 
     def _make_arm_state(self, states: tuple[JointState, ...]) -> ArmState:
         T = self._context.planner.tip_pose(np.array([state.position_rad for state in states]))
-        return ArmState(T[:3, 3], states, T[:3, :3])
+        return ArmState(T[:3, 3], self._with_goals(states), T[:3, :3])
+
+    def _with_goals(self, states: tuple[JointState, ...]) -> tuple[JointState, ...]:
+        if not self._servos.torque.is_on:
+            return states
+        pairs = zip(states, self._servos.goals().tolist(), strict=True)
+        return tuple(replace(state, goal_rad=goal) for state, goal in pairs)
 
 
 def _reason_of(error: KeyboardInterrupt | StoppedError) -> StopReason:

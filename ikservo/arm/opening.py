@@ -20,6 +20,7 @@ from ikservo.arm.calibrated_arm import (
 )
 from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_runner import MotionRunner
+from ikservo.arm.networks import ArmNetwork, find_network
 from ikservo.calibration.identified_file import load_identified
 from ikservo.control.feed_forward import FeedForward
 from ikservo.control.goal_compensation import GoalCompensator
@@ -111,7 +112,8 @@ def open_arm(
 
     Args:
         arm: A name in the catalogue, a path to an arm file, or a loaded model.
-        port: A serial port, ``sim`` for the simulated bus, or None for the only adapter.
+        port: A serial port, ``sim`` for the simulated bus, ``zenoh:NAME@HOST`` for an arm that
+            another machine serves, or None for the only adapter.
         on_exit: What ``close`` does: ``hold`` leaves torque as it is, ``relax`` lowers the arm
             to its rest pose and releases it.
         collisions: Whether paths of the body are checked before it moves: the arm against itself,
@@ -130,6 +132,9 @@ def open_arm(
         FileFormatError: The arm's calibration is malformed.
     """
     model = arm if isinstance(arm, Model) else load_model(arm)
+    elsewhere = find_network(port)
+    if elsewhere is not None:
+        return _open_remote(model, elsewhere, on_exit, collisions, uncalibrated)
     bus = open_bus(model, port)
     opened_port = bus.port
     try:
@@ -156,6 +161,23 @@ def open_arm(
     except BaseException:
         opened_port.close()
         raise
+
+
+def _open_remote(
+    model: Model,
+    elsewhere: tuple[ArmNetwork, str],
+    on_exit: OnExit,
+    collisions: bool,
+    uncalibrated: bool,
+) -> Arm:
+    network, address = elsewhere
+    if uncalibrated or not collisions:
+        option = "--uncalibrated" if uncalibrated else "--no-collision"
+        raise InputError(
+            f"{option} is not possible for an arm on another machine.",
+            f"Give it to the program beside the arm: ikservo serve ... {option}",
+        )
+    return network.open_arm(model, address, on_exit)
 
 
 def _back_up_eeproms(bus: ServoBus, model: Model, own: CalibratedArm) -> None:

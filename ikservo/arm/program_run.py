@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -84,16 +84,25 @@ class ProgramRun:
         program: Its steps.
         folder: The program's, in which its recordings are.
         poses: The poses of the arm.
+        on_wait: Called now and then during a wait.
 
     Raises:
         BadValueError: It is another arm's program.
     """
 
-    def __init__(self, arm: ArmParts, program: Program, folder: Path, poses: PoseLibrary) -> None:
+    def __init__(
+        self,
+        arm: ArmParts,
+        program: Program,
+        folder: Path,
+        poses: PoseLibrary,
+        on_wait: Callable[[], object] | None = None,
+    ) -> None:
         name = arm.context.model.name
         if program.arm != name:
             raise BadValueError("The program", f"one for {program.arm}", f"one for {name}")
         self._arm, self._program, self._folder, self._poses = arm, program, folder, poses
+        self._on_wait = on_wait
 
     def check(self, first: int = 1) -> Iterator[StepCheck]:
         """Plan each step from where the one before it ends; nothing moves.
@@ -201,6 +210,8 @@ class ProgramRun:
         end_s = context.now_s() + seconds
         while (left_s := end_s - context.now_s()) > 0.0:
             context.servos.check_stop()
+            if self._on_wait is not None:
+                self._on_wait()
             context.servos.clock.sleep_until(context.now_s() + min(left_s, _LONGEST_SLEEP_S))
 
     def _file(self, step: ProgramStep) -> Path:

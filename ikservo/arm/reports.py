@@ -24,6 +24,7 @@ __all__ = [
     "MoveResult",
     "OnProgress",
     "SampledTrajectory",
+    "StopResult",
     "sample_trajectory",
 ]
 
@@ -209,6 +210,27 @@ class JointMoveResult:
     duration_s: float
     reached: bool
     binding: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class StopResult:
+    """The outcome of stopping an arm.
+
+    Attributes:
+        arm: Its name.
+        port: Its port.
+        moving: Whether another program was moving it.
+        held: The joints that hold.
+        limp: Those without torque; nothing was changed there.
+        silent: Those that did not reply.
+    """
+
+    arm: str
+    port: str
+    moving: bool
+    held: tuple[str, ...]
+    limp: tuple[str, ...]
+    silent: tuple[str, ...]
 
 
 _MAX_SAMPLES = 1_000_000

@@ -14,8 +14,9 @@ from numpy.typing import ArrayLike
 from ikservo.arm.arguments import parse_joint_positions, parse_number
 from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.background_motion import Motion
-from ikservo.arm.following import CartesianOrJointTarget, follow_targets
+from ikservo.arm.following import follow_targets
 from ikservo.arm.reports import MotionProgress
+from ikservo.arm.target_tracking import CartesianOrJointTarget
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import BadValueError, RefusedError, UnknownNameError
 from ikservo.guard import DEAD_MAN_TIMEOUT_S
@@ -88,6 +89,7 @@ class SetpointMailbox:
     def _take_setpoint(self, now_s: float) -> CartesianOrJointTarget | None:
         with self._changed:
             if self._pauses_clock(now_s):
+                self._changed.notify_all()  # to a sender that waits for this instant
                 updated = self._changed.wait_for(self._has_update, timeout=DEAD_MAN_TIMEOUT_S)
                 self._late = not updated
             setpoint, self._setpoint = self._setpoint, None
@@ -229,13 +231,17 @@ class SetpointStream:
         self._context.warm_up()
         while self._mailbox.await_first():
             setpoints = self._mailbox.setpoints()
-            report = follow_targets(self._arm, setpoints, self._speed, self._store_progress)
+            report = follow_targets(
+                self._arm, setpoints, self._speed, self._store_progress, self._store_refusal
+            )
             self.unreached += report.unreached
-            self.refused += report.refused
-            self.reason = report.reason or self.reason
 
     def _store_progress(self, progress: MotionProgress) -> None:
         self._progress = progress
+
+    def _store_refusal(self, error: RefusedError) -> None:
+        self.refused += 1
+        self.reason = error.message
 
     def _require_motion(self) -> Motion[None]:
         if self._motion is None:

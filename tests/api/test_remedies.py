@@ -12,7 +12,8 @@ from ikservo.remedies import in_python
 
 SOURCES = Path(ikservo.__file__).parent
 # What only commands do, and what is said on a terminal or a page only.
-COMMANDS_ONLY = ("cli", "view", "calibration", "maintenance", "arm/calibrated_arm")
+COMMANDS_ONLY = ("cli", "view", "calibration", "maintenance", "arm/calibrated_arm",
+                 "arm/dataset_", "arm/lerobot_positions", "network/session")  # fmt: skip
 OPTION = re.compile(r"(?<![\w-])--[a-z][\w-]*")
 REPLACED = re.compile(r"ikservo (relax|where|stop|joints|pose|move)\b")
 
@@ -30,6 +31,7 @@ REPLACED = re.compile(r"ikservo (relax|where|stop|joints|pose|move)\b")
         ("Give --arm, as in --arm so101.", 'Name it, as in open_arm("so101").'),
         ("Calibrate it: ikservo calibrate so101", "Calibrate it: ikservo calibrate so101"),
         ("Give tip (--tip), of: base.", "Give tip, of: base."),
+        ("Choose another: --foxglove-port 8766", "Choose another: foxglove_port=8766"),
         ("", ""),
     ],
 )

@@ -6,11 +6,13 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
+from mcap.reader import make_reader
+from mcap_ros2.decoder import DecoderFactory
 
 import ikservo
 from ikservo.arm import remote
 from ikservo.arm.control_server import CommandHandler, serve
-from ikservo.arm.recording import read_recording
+from ikservo.arm.recorder import RecordSettings, read_recording
 from ikservo.errors import IkservoError, PortBusyError, RefusedError, StoppedError
 from ikservo.guard import StopKind, StopReason
 from servosim.clock import VirtualClock
@@ -159,10 +161,20 @@ def test_an_answer_of_another_version_is_named(device, answer):
 
 def test_an_arm_that_another_program_owns_is_recorded(arm, tmp_path):
     path = tmp_path / "wave.jsonl"
-    report = remote.record_remote(arm.model, None, path, 0.1, None, 0.02, overwrite=False)
+    report = remote.record_remote(arm.model, None, RecordSettings(path, 0.1))
     recording = read_recording(path)
     assert report.samples == len(recording.times_s) > 2
     assert recording.joints[0][-1] == pytest.approx(0.52, abs=0.02)
+
+
+def test_the_goals_of_another_program_are_recorded_as_mcap(arm, tmp_path):
+    path = tmp_path / "wave.mcap"
+    arm.hold()
+    remote.record_remote(arm.model, None, RecordSettings(path, 0.1))
+    with path.open("rb") as file:
+        rows = make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
+        goals = [message for _, channel, _, message in rows if channel.topic == "/ikservo/goal"]
+    assert goals[-1].position[-1] == pytest.approx(0.52, abs=0.02)
 
 
 def test_servos_that_a_dead_program_left_moving_are_stopped(arm):
