@@ -33,7 +33,7 @@ PANELS = {
         "calibrate": "Measure this arm's zeros, signs and ranges.",
         "identify": "Find this arm's masses, friction, stiffness; it moves slowly.",
         "calibration": "Compare a calibration with the servos: diff, push, pull.",
-        "import": "Import a calibration from LeRobot.",
+        "import": "Import a calibration from LeRobot or a recording.",
         "export": "Export a calibration to LeRobot, or a recording to CSV.",
     },
     "Move": {
@@ -49,10 +49,16 @@ PANELS = {
     },
     "Teach and replay": {
         "teach": "Save the pose of an arm moved by hand.",
-        "record": "Record a motion made by hand to a file.",
+        "record": "Record a motion to a file; show it live in Foxglove.",
         "replay": "Replay a recorded motion.",
         "program": "Write, check and run a file of steps.",
         "follow": "Follow another arm that is guided by hand.",
+    },
+    "Other machines": {
+        "serve": "Serve an arm to programs on other machines.",
+        "ros": "Join an arm to ROS 2, without ROS on this machine.",
+        "fleet": "List the arms of other machines: state, operator, health.",
+        "net": "Make certificates for other machines; acknowledge a stop.",
     },
     "Stop and recover": {
         "stop": "Stop the arm now, whatever program moves it.",

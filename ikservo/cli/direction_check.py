@@ -41,6 +41,8 @@ def check_directions_once(machine: Arm, *, yes: bool) -> bool:
         CalibrationError: A joint is not the expected one.
         InputError: No user is there to observe.
     """
+    if machine.is_remote:  # the program beside the arm has done it
+        return False
     if machine.zeros in (ZeroSource.SIMULATED, ZeroSource.UNKNOWN):
         return False
     if directions_confirmed(machine.model, machine.port_name):

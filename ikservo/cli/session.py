@@ -11,6 +11,7 @@ from ikservo.arm import Arm, MotionPlan, MotionProgress, StopKind, ZeroSource, o
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.terminal import confirm, format_port, print_status, progress_bar
 from ikservo.clock import Clock, RealClock
+from ikservo.control.real_time import allowed_priority
 from ikservo.control.stopping import RELAX_HINT
 from ikservo.errors import IkservoError, InputError, StoppedError, format_point
 from ikservo.ik.kernel.compiled import is_compiled
@@ -109,6 +110,8 @@ def announce(plan: MotionPlan, machine: Arm, *, yes: bool) -> None:
     where_to = "" if plan.target_m is None else f" to {format_point(plan.target_m)}"
     print_status(f"{machine.model.title} on {format_port(machine.port_name)}{where_to}: "
          f"{plan.duration_s:.1f} s, {plan.speed}.")  # fmt: skip
+    if isinstance(machine.clock, RealClock) and allowed_priority():
+        print_status(f"Real-time priority {allowed_priority()} while it moves.")
     if plan.via_pose:
         print_status(f'Direct path would collide; moving via pose "{plan.via_pose}".')
     if plan.speed_reduced:
@@ -175,7 +178,8 @@ def warn_uncompiled() -> None:
 
 
 def _warn_uncalibrated(machine: Arm) -> None:
-    if machine.zeros is ZeroSource.SIMULATED and not machine.port_name.startswith("sim:"):
+    served_here = machine.zeros is ZeroSource.SIMULATED and not machine.is_remote
+    if served_here and not machine.port_name.startswith("sim:"):
         print_status(f"{machine.port_name} is a pseudo-terminal: treated as a simulated arm.")
     if machine.zeros in (ZeroSource.ACCEPTED, ZeroSource.UNKNOWN):
         print_status(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from importlib.metadata import entry_points
+from importlib.util import find_spec
 from typing import Annotated, Any, cast
 
 import typer
@@ -62,6 +63,11 @@ def _with_identified(arm: str, args: list[str]) -> list[str]:
 
 
 def _load_server() -> Callable[[list[str]], int]:
+    if find_spec("termios") is None:  # Windows
+        raise IkservoError(
+            "This system has no pseudo-terminals, and a simulated arm is served on one.",
+            "Commands simulate an arm themselves: add --port sim",
+        )
     for entry_point in entry_points(group=_GROUP, name="sim"):
         return cast("Callable[[list[str]], int]", entry_point.load())
     raise IkservoError("The simulator is not installed.", "Install it: pip install ikservo")

@@ -2,65 +2,114 @@
 
 from __future__ import annotations
 
+import io
+import ipaddress
 import os
 import sys
 import tempfile
 import webbrowser
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import ArmOption, CollisionOption, PortOption, UncalibratedOption
+from ikservo.cli.options import (
+    ArmOption,
+    CollisionOption,
+    PortOption,
+    UncalibratedOption,
+    complete_arms,
+)
 from ikservo.cli.session import warn_uncompiled
 from ikservo.cli.terminal import print_lines, print_status
 from ikservo.errors import InputError
 
+if TYPE_CHECKING:
+    from ikservo.view.app import ViewApp
+    from ikservo.view.served_arms import ArmAtPort
+
 __all__ = ["command"]
 
 _NEEDS = ("starlette", "uvicorn", "websockets")
+_TLS_NEEDS = ("cryptography", "segno")
 _LISTEN_HELP = (
-    "IP address of the page; any but a loopback address makes it reachable from the network."
+    "IP address of the page; any but a loopback address makes it reachable from the network, "
+    "by TLS."
 )
 
+Arms = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="[ARM[=PORT]]…",
+        help="Arms to open at once, each with its port; --arm and --port are for one alone.",
+        autocompletion=complete_arms,
+    ),
+]
 HttpPort = Annotated[
     int, typer.Option("--http-port", min=0, max=65535, help="Port of the page; 0: any.")
+]
+Insecure = Annotated[
+    bool,
+    typer.Option(
+        "--insecure",
+        help="Beyond this machine by plain HTTP, which others on the network can read and alter.",
+    ),
+]
+Camera = Annotated[
+    str | None,
+    typer.Option(
+        "--camera",
+        metavar="SOURCE",
+        help="A picture beside the arm: a camera's number, /dev/video0, http://… or a file.",
+    ),
 ]
 Listen = Annotated[str, typer.Option("--listen", metavar="ADDRESS", help=_LISTEN_HELP)]
 NoOpen = Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")]
 
 
 def command(
-    arm: ArmOption = None,
+    arms: Arms = None,
     *,
+    arm: ArmOption = None,
     port: PortOption = None,
     http_port: HttpPort = 8420,
     listen: Listen = "127.0.0.1",
+    insecure: Insecure = False,
     no_open: NoOpen = False,
+    camera: Camera = None,
     collision: CollisionOption = True,
     uncalibrated: UncalibratedOption = False,
 ) -> None:
-    """Serve a page that shows the arm; it moves only after Live is switched on there.
+    """Serve a page that shows arms; one moves only after Live is switched on there.
+
+    Without an arm, the page lists the arms and ports there are.
 
     ikservo view --port sim                      no arm needed
 
-    ikservo view --arm so101 --port /dev/ttyACM0
+    ikservo view so101=/dev/ttyACM0 koch=/dev/ttyUSB0
+
+    ikservo view --port sim --listen 192.168.0.7     for other machines, by TLS
     """
-    _check_installed()
+    _check_installed(_NEEDS if insecure or _is_loopback(listen) else (*_NEEDS, *_TLS_NEEDS))
+    if camera is not None:
+        _check_installed(["cv2"], "camera")
     from ikservo.view.app import ViewApp  # noqa: PLC0415  # what --help does not need
 
-    simulated = (port or "").partition(":")[0] == "sim"
-    model = model_from_option(arm or ("so101" if simulated else None))
-    app = ViewApp(model, port, listen, http_port, collisions=collision, uncalibrated=uncalibrated)
+    places = _places_from_options(arms or [], arm, port)
+    app = ViewApp(places, listen, http_port, insecure=insecure, collisions=collision,
+                  uncalibrated=uncalibrated, camera=camera)  # fmt: skip
     with app as urls:
         print_lines([urls.control])
         print_status(f"To watch only: {urls.watch}")
+        if urls.fingerprint:
+            _print_certificate(urls.control, urls.fingerprint)
         for warning in urls.warnings:
             print_status(warning)
+        _print_arms(app)
         warn_uncompiled()
         print_status("Ctrl-C ends; torque then stays on.")
         sys.stdout.flush()
@@ -69,13 +118,63 @@ def command(
     print_status("Torque stays as it was. Switch it off with: ikservo relax")
 
 
-def _check_installed() -> None:
-    missing = [name for name in _NEEDS if find_spec(name) is None]
+def _places_from_options(arms: Sequence[str], arm: str | None, port: str | None) -> list[ArmAtPort]:
+    """Return the arms to open, and where.
+
+    Raises:
+        InputError: No such arm, or one port for several arms.
+    """
+    from ikservo.view.served_arms import ArmAtPort  # noqa: PLC0415  # what --help does not need
+
+    if not arms and not arm and not port:
+        return []
+    simulated = (port or "").partition(":")[0] == "sim"
+    if arms and arm and arm != os.environ.get("IKSERVO_ARM"):
+        raise InputError(f"--arm {arm} besides {' '.join(arms)}.", "Name all arms without --arm.")
+    named = arms or [arm or ("so101" if simulated else "")]
+    pairs = [(name, own) for name, _, own in (each.partition("=") for each in named)]
+    if port and not simulated and sum(not own for _, own in pairs) > 1:
+        raise InputError(
+            f"--port {port} is one port for {len(pairs)} arms.",
+            "Give each its own: ikservo view so101=/dev/ttyACM0 koch=/dev/ttyUSB0",
+        )
+    return [ArmAtPort(model_from_option(name), own or port) for name, own in pairs]
+
+
+def _print_arms(app: ViewApp) -> None:
+    """Say which of several arms could not be opened, or that there is none yet."""
+    served = app.arms.all()
+    if not served:
+        print_status("No arm is open. Choose one on the page: nothing moves by that.")
+    for each in served:
+        if each.error is not None:
+            print_status(f"{each.name}: {each.error.message}\n{each.error.hint}")
+
+
+def _is_loopback(address: str) -> bool:
+    try:
+        return ipaddress.ip_address(address).is_loopback
+    except ValueError:
+        return True  # it will be refused
+
+
+def _check_installed(needs: Sequence[str], extra: str = "view") -> None:
+    missing = [name for name in needs if find_spec(name) is None]
     if missing:
         raise InputError(
             f"The view needs {', '.join(missing)}; not installed.",
-            "Try: pip install 'ikservo[view]'",
+            f"Try: pip install 'ikservo[{extra}]'",
         )
+
+
+def _print_certificate(url: str, fingerprint: str) -> None:
+    """Print what proves the page to another machine, and its address for a phone's camera."""
+    import segno  # noqa: PLC0415  # only beyond this machine
+
+    picture = io.StringIO()
+    segno.make(url, error="l", micro=False).terminal(picture, compact=True)
+    print_status(f"SHA-256 fingerprint of its certificate:\n{fingerprint}")
+    sys.stderr.write(picture.getvalue())
 
 
 @contextmanager

@@ -26,6 +26,16 @@ def test_poses_are_measured_and_the_page_holds_the_same_figures(run_cli, folder)
     result = run_cli(f"test planar2 {SIM} --parts poses --cycles 3 --html a.html --json --note 50g")
     assert result.code == 0
     answer = result.json
+    judge_poses(answer)
+    page = (folder / "a.html").read_text()
+    embedded = json.loads(re.search(r'id="data">(.*?)</script>', page, re.DOTALL)[1])
+    assert embedded["poses"] == answer["poses"]
+    assert embedded["note"] == "50g"
+    assert "http" not in page.replace("http-equiv", "")  # nothing is loaded from elsewhere
+    judge_markup(answer)
+
+
+def judge_poses(answer):
     assert answer["schema"] == "ikservo/test/1"
     assert [pose["name"] for pose in answer["poses"]] == ["P1", "P2", "P3", "P4", "P5"]
     for pose in answer["poses"]:
@@ -36,11 +46,15 @@ def test_poses_are_measured_and_the_page_holds_the_same_figures(run_cli, folder)
         far = np.linalg.norm(points - mean, axis=1)
         assert pose["rp_m"] == pytest.approx(far.mean() + 3 * far.std(ddof=1))
         assert pose["ap_m"] < 2e-3
-    page = (folder / "a.html").read_text()
-    embedded = json.loads(re.search(r'id="data">(.*?)</script>', page, re.DOTALL)[1])
-    assert embedded["poses"] == answer["poses"]
-    assert embedded["note"] == "50g"
-    assert "http" not in page.replace("http-equiv", "")  # nothing is loaded from elsewhere
+
+
+def judge_markup(answer):
+    """Judge that neither a note nor the name of a pose can put markup into the page."""
+    poses = [{**pose, "name": "<b>x</b>"} for pose in answer["poses"]]  # names are from a file
+    page = accuracy_page({**answer, "poses": poses, "note": "</script><b>x</b>"})
+    assert "<b>x</b>" not in page.partition('id="data"')[0]
+    assert "</script><b>" not in page
+    assert not any("Not complete" in text for text in statements(answer))
 
 
 def test_the_table_says_what_is_shorter_than_in_the_standard(run_cli, folder):
@@ -54,6 +68,7 @@ def test_the_table_says_what_is_shorter_than_in_the_standard(run_cli, folder):
     assert f"Saved: {page.name}" in result.err
 
 
+@pytest.mark.campaign
 def test_poses_are_approached_from_three_directions(run_cli):
     answer = run_cli(f"test planar2 {SIM} {SHORT} --parts directions --json").json
     assert [each["name"] for each in answer["directions"]] == ["P1", "P2", "P4"]
@@ -72,7 +87,13 @@ def test_paths_are_measured_at_three_speeds(run_cli):
         assert 0.0 < path["at_m"] == pytest.approx(max(path["deviations_m"]))
 
 
-@pytest.mark.parametrize("error", [StoppedError("Stopped by the test."), SystemExit(143)])
+@pytest.mark.parametrize(
+    "error",
+    [
+        StoppedError("Stopped by the test."),
+        pytest.param(SystemExit(143), marks=pytest.mark.campaign),
+    ],
+)
 def test_what_was_measured_before_a_stop_is_kept(run_cli, folder, monkeypatch, error):
     measure = accuracy_test.AccuracyTest._measure_directions
 
@@ -107,13 +128,3 @@ def test_bad_settings_move_nothing(run_cli, folder, words, message):
     assert result.code == 2
     assert message in result.err
     assert (folder / "there.html").read_text() == "mine"
-
-
-def test_a_note_cannot_put_markup_into_the_page(run_cli, folder):
-    words = f"test planar2 {SIM} --parts poses --cycles 2 --html a.html --json".split()
-    answer = run_cli(" ".join(words)).json
-    poses = [{**pose, "name": "<b>x</b>"} for pose in answer["poses"]]  # names are from a file
-    page = accuracy_page({**answer, "poses": poses, "note": "</script><b>x</b>"})
-    assert "<b>x</b>" not in page.partition('id="data"')[0]
-    assert "</script><b>" not in page
-    assert not any("Not complete" in text for text in statements(answer))

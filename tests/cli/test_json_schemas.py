@@ -13,6 +13,7 @@ from ikservo.arm import JointState
 from ikservo.arm.remote import StopResult
 from ikservo.calibration.servo_config import RegisterMismatch
 from ikservo.maintenance.findings import Finding
+from ikservo.network.fleet import FleetArm
 
 ROOT = Path(ikservo.__file__).parent
 ROW = re.compile(r"^\| `(?P<schema>[a-z-]+)` \| .* \| (?P<keys>[^|]*) \|$")
@@ -24,6 +25,7 @@ PRINTED_AS_THEY_ARE = {  # by key and schema
     ("differences", "calibration-diff"): RegisterMismatch,
     ("checks", "doctor"): Finding,
     ("arms", "stop"): StopResult,
+    ("arms", "fleet"): FleetArm,
 }
 
 QUIET = [  # one command for each schema whose keys the sources put together while they run

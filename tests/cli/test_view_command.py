@@ -1,8 +1,10 @@
 """The command that serves the page: what it prints, what it refuses, how it ends."""
 
+import hashlib
 import os
 import re
 import signal
+import ssl
 import subprocess
 import sys
 
@@ -10,19 +12,19 @@ import httpx
 import pytest
 
 
+def started(*options):
+    """Return the view's process with its output still to be read."""
+    words = [sys.executable, "-c", "from ikservo.cli import console; console()", "view",
+             "--no-open", "--http-port", "0", *options]  # fmt: skip
+    return subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+
+
+def served(*options):
+    return started("--port", "sim", *options)
+
+
 def test_the_page_is_served_until_ctrl_c():
-    words = [
-        sys.executable,
-        "-c",
-        "from ikservo.cli import console; console()",
-        "view",
-        "--port",
-        "sim",
-        "--no-open",
-        "--http-port",
-        "0",
-    ]
-    serving = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    serving = served()
     try:
         url = serving.stdout.readline().strip()
         assert re.fullmatch(r"http://127\.0\.0\.1:\d+/#token=[\w-]{32}", url)
@@ -68,6 +70,44 @@ def test_without_an_arm_a_real_port_asks_which(run_cli):
     assert "No arm given." in result.err
 
 
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        ((), "No arm is open. Choose one on the page: nothing moves by that."),
+        (("so101=sim", "koch=/dev/ttyNOTHERE"), "koch: Cannot open port /dev/ttyNOTHERE"),
+    ],
+)
+def test_no_arm_or_one_that_cannot_be_opened_leaves_the_page_open(options, expected):
+    serving = started(*options)
+    try:
+        url = serving.stdout.readline().strip()
+        assert "<canvas" in httpx.get(url).text
+        serving.send_signal(signal.SIGINT)
+        _, told = serving.communicate(timeout=30)
+    finally:
+        serving.kill()
+        serving.communicate()
+    assert serving.returncode == 0
+    assert expected in told
+
+
+@pytest.mark.parametrize(
+    ("line", "code", "expected"),
+    [
+        ("view so101 koch --port /dev/ttyNOTHERE", 2, "one port for 2 arms"),
+        ("view so101=sim --arm koch", 2, "--arm koch besides so101=sim"),
+        ("view so101=sim kock=sim", 2, "koch"),
+        ("view so101=/dev/ttyNOTHERE koch=/dev/ttyNOR", 3, "/dev/ttyNOTHERE"),
+    ],
+)
+def test_arms_that_make_no_sense_are_refused_before_anything_is_served(
+    run_cli, line, code, expected
+):
+    result = run_cli(line)
+    assert (result.code, result.out) == (code, "")
+    assert expected in result.err
+
+
 def test_no_other_command_loads_the_server():
     script = (
         "import sys; from ikservo.cli import main; main(['arms']);"
@@ -75,3 +115,39 @@ def test_no_other_command_loads_the_server():
     )
     assert subprocess.run([sys.executable, "-c", script], env=os.environ, check=False,
                           capture_output=True).returncode == 0  # fmt: skip
+
+
+def test_beyond_this_machine_the_terminal_shows_fingerprint_and_qr_code(own_address):
+    serving = served("--listen", own_address)
+    try:
+        url = serving.stdout.readline().strip()
+        port = int(url.partition("/#")[0].rpartition(":")[2])
+        der = ssl.PEM_cert_to_DER_cert(ssl.get_server_certificate((own_address, port)))
+        serving.send_signal(signal.SIGINT)
+        _, told = serving.communicate(timeout=30)
+    finally:
+        serving.kill()
+        serving.communicate()
+    assert url.startswith(f"https://{own_address}:")
+    lines = told.splitlines()
+    assert hashlib.sha256(der).digest().hex(":").upper() in lines
+    assert sum("█" in line or "▄" in line for line in lines) > 15
+
+
+def test_a_damaged_certificate_is_told_before_the_arm_is_opened(
+    run_cli, own_address, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+    (tmp_path / "view-certificate.pem").write_text("broken")
+    (tmp_path / "view-certificate.pem").chmod(0o600)
+    result = run_cli(f"view --port sim --listen {own_address} --http-port 0")
+    assert result.code == 2
+    assert "cannot be used: it holds no certificate" in result.err
+    assert "Delete the file" in result.err
+
+
+def test_without_the_tls_libraries_the_command_says_so_before_it_serves(run_cli, monkeypatch):
+    monkeypatch.setattr("ikservo.cli.view.find_spec", lambda name: name != "segno" or None)
+    result = run_cli("view --port sim --listen 192.0.2.1 --http-port 0")
+    assert result.code == 2
+    assert "needs segno" in result.err

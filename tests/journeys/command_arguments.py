@@ -13,7 +13,7 @@ import typer
 from ikservo.cli import app
 from ikservo.model import load_model
 
-SERVERS = ("view", "sim")  # end by Ctrl-C alone
+SERVERS = ("view", "sim", "serve", "ros")  # end by Ctrl-C alone
 BY_HAND = ("calibrate", "setup", "import")  # wait for an operator
 FILED = ("calibration", "export", "replay")  # work on a file that has to be there
 
@@ -44,9 +44,11 @@ _ARGUMENTS = {
     "source": ["my_arm"],
     "kind": ["lerobot"],
     "what": ["bus"],
+    "hosts": ["127.0.0.1:9"],
 }
 _OWN = {  # where one name means something else
     ("scan", "name"): [""],
+    ("view", "arms"): [""],
     ("draw", "file"): ["{folder}/stroke.csv"],
     ("teach", "name"): ["cup"],
     ("jog", "what"): ["{joint}", "z"],
@@ -55,14 +57,19 @@ _OWN = {  # where one name means something else
     ("program", "action"): ["check", "run"],
     ("program", "file"): ["{folder}/program.toml"],
     ("sim", "arguments"): ["{arm}"],
+    ("net", "action"): ["keys --new"],
 }
 _NEEDED = {  # options that a command cannot do without
     "arc": ("--via", "{via}"),
+    "net": ("--folder", "{folder}/keys"),
     "test": ("--parts", "poses", "--cycles", "2", "--html", "{folder}/test.html"),
     "draw": ("--origin", "{x},{y},{z}", "--lift", "0"),  # planar arms stay in their plane
 }
 _WHOLE = {  # arguments that depend on each other: their names and the command line
-    "export": (("kind", "recording"), ["lerobot", "csv {folder}/wave.jsonl"]),
+    "export": (
+        ("kind", "recordings"),
+        ["lerobot", "csv {folder}/wave.jsonl", "dataset {folder}/wave.jsonl --to {folder}/set"],
+    ),
 }
 
 

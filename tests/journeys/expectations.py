@@ -49,6 +49,8 @@ def allowed_command_codes(command, kind, posture, model):
     allowed = {0}
     if command in BY_HAND:
         allowed = {2, 4, 6}  # no operator, and the exit code says what was missing
+    if command == "fleet":
+        allowed = {3}  # no machine is there
     if command in FILED and kind != "real, calibrated":
         allowed |= {6}
     if command in MOVING and kind == "real, uncalibrated" and _zeros_unknown(model):

@@ -9,9 +9,14 @@ from tests.journeys import test_every_command, test_every_method
 from tests.journeys.command_arguments import SERVERS, commands, lines_of
 from tests.journeys.method_arguments import DEPRECATED, LISTENING, PLUGGED, methods
 from tests.journeys.postures import FREQUENT
+from tests.journeys.test_every_command import LONG
 
 ARM, POSTURE = "so101", FREQUENT[0]
-LINES = [line for command in commands() if command not in SERVERS for line in lines_of(command)]
+LINES = [
+    pytest.param(line, marks=[pytest.mark.campaign] if line.startswith(LONG) else [])
+    for command in commands() if command not in SERVERS
+    for line in lines_of(command)
+]  # fmt: skip
 METHODS = [name for name in methods() if name not in DEPRECATED + LISTENING + PLUGGED]
 
 
