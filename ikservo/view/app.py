@@ -1,27 +1,32 @@
-"""The view application: open the arm, start the arm thread and the web server."""
+"""The view application: open the arms, start their threads and the web server."""
 
 from __future__ import annotations
 
 import contextlib
 import gc
 import ipaddress
+import os
 import sys
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from typing import Any
 
 from ikservo.arm import DEAD_MAN_TIMEOUT_S, Arm, open_arm
 from ikservo.clock import RealClock
 from ikservo.errors import BadValueError
-from ikservo.hardware.remembered_port import is_simulated
+from ikservo.hardware.transport import refuse_other_machines
 from ikservo.model import Model
-from ikservo.view.arm_thread import ArmThread
+from ikservo.view.arm_choices import ChoiceFinder
+from ikservo.view.arm_list import ArmList, read_arm_list_message
 from ikservo.view.auth import AccessTokens
-from ikservo.view.calibration import CalibrationDriver
-from ikservo.view.controller import SessionController
-from ikservo.view.server import BoundAddress, make_app, serve, serve_in_thread
+from ikservo.view.downloads import DownloadOffers
+from ikservo.view.messages import read_message
+from ikservo.view.served_arms import ArmAtPort, ServedArms, ViewSettings
+from ikservo.view.server import BoundAddress, PageChannel, make_app, serve, serve_in_thread
+from ikservo.view.video import VideoSource
 
-__all__ = ["ViewApp", "ViewUrls", "low_jitter", "real_time_port"]
+__all__ = ["ViewApp", "ViewUrls", "low_jitter"]
 
 
 # The control loop must not wait long for the drawing thread, nor the page for either.
@@ -53,70 +58,86 @@ class ViewUrls:
     Attributes:
         control: With the key that permits moving the arm.
         watch: With the key that permits watching.
+        fingerprint: SHA-256 of its certificate; empty for plain HTTP.
         warnings: Warnings about the address.
     """
 
     control: str
     watch: str
+    fingerprint: str = ""
     warnings: tuple[str, ...] = ()
 
 
 class ViewApp:
-    """A view of one arm; entering opens the arm, leaving lets it hold.
+    """A view of several arms; entering opens those given, leaving lets all of them hold.
 
     Args:
-        model: The arm.
-        port: Its port; a simulated one runs in real time.
+        places: The arms and their ports; simulated ones run in real time. Others can be opened on
+            the page, so there may be none.
         listen: The IP address at which the page is served.
         http: The port of the page, 0 for any that is free.
+        insecure: Serve other machines by plain HTTP instead of TLS.
         collisions: See ``open_arm``.
         uncalibrated: See ``open_arm``.
         dead_man_s: How long the arm follows without a heartbeat of the page.
+        camera: What ``VideoSource`` reads, for a picture beside the arm.
     """
 
     def __init__(
         self,
-        model: Model,
-        port: str | None,
+        places: Sequence[ArmAtPort],
         listen: str = "127.0.0.1",
         http: int = 0,
         *,
+        insecure: bool = False,
         collisions: bool = True,
         uncalibrated: bool = False,
         dead_man_s: float = DEAD_MAN_TIMEOUT_S,
+        camera: str | None = None,
     ) -> None:
-        self._model, self._port = model, real_time_port(port)
+        for place in places:
+            refuse_other_machines(place.port or os.environ.get("IKSERVO_PORT", ""))
+        self._places = places
         self._listen, self._http = _check_address(listen), http
+        self._is_local = ipaddress.ip_address(self._listen).is_loopback
+        self._uses_tls = not (self._is_local or insecure)
         self._collisions, self._uncalibrated = collisions, uncalibrated
-        self._dead_man_s = dead_man_s
+        self._dead_man_s, self._camera = dead_man_s, camera
         self.keys = AccessTokens.generate()
         self._exits = ExitStack()
 
     def __enter__(self) -> ViewUrls:
-        """Open the arm and the address.
+        """Open the arms and the address; an arm that cannot be opened leaves the others alone.
 
         Raises:
-            IkservoError: The arm or the address cannot be opened.
+            IkservoError: None of the arms, or not the address, can be opened.
         """
         with ExitStack() as stack:
-            self._address = BoundAddress(self._listen, self._http)
+            self._address = self._bind()
             stack.callback(self._address.socket.close)
             clock = RealClock()
-            calibration = CalibrationDriver(self._model, self._port)
-            self.arm_thread = stack.enter_context(
-                ArmThread(self._open_arm, clock, self._dead_man_s, calibration)
-            )
-            self.controller = SessionController(self.arm_thread, clock)
-            stack.callback(self.controller.close)
-            self._app = make_app(self.controller, self.keys, clock)
+            camera = None if self._camera is None else VideoSource(self._camera, clock)
+            if camera is not None:
+                stack.enter_context(camera)
+            downloads = DownloadOffers(clock)
+            self.arms = ServedArms(ViewSettings(self._open_arm, clock, downloads, self._dead_man_s))
+            stack.callback(self.arms.close)
+            self.arms.open_all(self._places)
+            arm_list = ArmList(self.arms, ChoiceFinder(self._places), clock, downloads, camera)
+            self._app = make_app(self._channels(arm_list), self.keys, clock, downloads)
             stack.enter_context(low_jitter())
             self._exits = stack.pop_all()
         url = self._address.url
-        return ViewUrls(f"{url}/#token={self.keys.control}", f"{url}/#token={self.keys.watch}",
-                    tuple(self._collect_warnings()))  # fmt: skip
+        certificate = self._address.certificate
+        return ViewUrls(
+            f"{url}/#token={self.keys.control}",
+            f"{url}/#token={self.keys.watch}",
+            "" if certificate is None else certificate.fingerprint,
+            tuple(self._collect_warnings()),
+        )
 
     def __exit__(self, *_: object) -> None:
-        """Let the arm hold and close everything."""
+        """Let the arms hold and close everything."""
         self._exits.close()
 
     def serve(self) -> None:
@@ -129,24 +150,40 @@ class ViewApp:
         stack.enter_context(serve_in_thread(self._app, self._address))
         return stack
 
-    def _open_arm(self) -> Arm:
-        return open_arm(self._model, self._port, collisions=self._collisions,
+    def _bind(self) -> BoundAddress:
+        """Return the bound address; beyond this machine it has a certificate."""
+        if not self._uses_tls:
+            return BoundAddress(self._listen, self._http)
+        from ikservo.view.certificate import load_or_make_certificate  # noqa: PLC0415  # seldom
+
+        return BoundAddress(self._listen, self._http, load_or_make_certificate(self._listen))
+
+    def _channels(self, arm_list: ArmList) -> list[PageChannel[Any]]:
+        """Return the websockets: that of each arm, and that of the list of arms."""
+        return [
+            PageChannel("/live", self.arms.find, read_message),
+            PageChannel("/arms", lambda arm: None if arm else arm_list, read_arm_list_message),
+        ]
+
+    def _open_arm(self, model: Model, port: str | None) -> Arm:
+        return open_arm(model, port, collisions=self._collisions,
                         uncalibrated=self._uncalibrated)  # fmt: skip
 
     def _collect_warnings(self) -> list[str]:
-        if ipaddress.ip_address(self._listen).is_loopback:
+        if self._is_local:
             return []
-        return [
-            "The network can reach this page. Its key never travels over the wire, but what is "
-            "said does so unencrypted; from afar rather use: ssh -L 8420:localhost:8420 HOST"
-        ]
+        return [_TLS_TEXT if self._uses_tls else _INSECURE_TEXT]
 
 
-def real_time_port(port: str | None) -> str | None:
-    """Return the port; a simulated one is set to run in real time."""
-    if port is None or not is_simulated(port) or "paced=" in port:
-        return port
-    return f"{port if ':' in port else port + ':'}{'&' if '?' in port else '?'}paced=1"
+_TLS_TEXT = (
+    "The network can reach this page. A browser does not know its certificate and warns once: "
+    "continue only if the fingerprint that it shows is the one above."
+)
+_INSECURE_TEXT = (
+    "The network can reach this page by plain HTTP: whoever is in between can read what is said "
+    "and alter it, the page and what moves the arm included. Leave --insecure out for TLS, or use "
+    "from afar: ssh -L 8420:localhost:8420 HOST"
+)
 
 
 def _check_address(listen: str) -> str:

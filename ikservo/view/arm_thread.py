@@ -11,16 +11,32 @@ from typing import Protocol
 
 import numpy as np
 
-from ikservo.arm import DEAD_MAN_TIMEOUT_S, Arm, JointState, StopKind, StopReason
+from ikservo.arm import (
+    DEAD_MAN_TIMEOUT_S,
+    Arm,
+    JointState,
+    MotionProgress,
+    StopKind,
+    StopReason,
+)
 from ikservo.clock import Clock
 from ikservo.control.loop import ControlCycle
-from ikservo.errors import BusError, IkservoError, PortLostError, RefusedError
+from ikservo.errors import BusError, IkservoError, InputError, PortLostError, RefusedError
 from ikservo.kinematics.arrays import Vector
+from ikservo.view.arm_job import ArmJob
 from ikservo.view.calibration import CalibrationDriver
 from ikservo.view.goal_check import refusal_of
-from ikservo.view.snapshot import ArmCommand, ArmSnapshot, LogEntry, StopNotice
+from ikservo.view.history import History
+from ikservo.view.limp_picture import LimpPicture
+from ikservo.view.snapshot import (
+    ArmCommand,
+    ArmSnapshot,
+    CalibrationView,
+    LogEntry,
+    StopNotice,
+)
 
-__all__ = ["ArmThread", "CycleObserver", "LiveSession"]
+__all__ = ["JERK_FACTOR", "ArmThread", "CycleObserver", "LiveSession"]
 
 
 class CycleObserver(Protocol):
@@ -60,12 +76,12 @@ class LiveSession:
         self._last_goal: Vector | None = None
         self._had_goal = self.silent = False
 
-    def next_goal(self, beat: ControlCycle) -> Vector | None:
+    def next_goal(self, cycle: ControlCycle) -> Vector | None:
         """Return the goal of all joints (n,); None once the session has ended."""
-        self._observer.on_cycle(beat)
+        self._observer.on_cycle(cycle)
         command = self._observer.command
         if self._start is None:
-            self._start = beat.reference.copy()
+            self._start = cycle.reference.copy()
         self.silent = self._clock.now_s() - command.heartbeat_s > self._dead_man_s
         if (
             self.silent
@@ -94,20 +110,25 @@ class LiveSession:
             self._observer.on_refused(self._last_goal, error)
 
 
+JERK_FACTOR = 8.0
+"""Of the jerk of a speed class while a pointer is followed: its short ways are all jerk."""
+
 _POLL_PERIOD_S = 0.033  # while no session runs
 _STATE_PERIOD_S = 1.0
+_TELEMETRY_PERIOD_S = 0.1  # of what the control loop has read anyway
 _MAX_MESSAGES = 40
 _CLOSED = StopReason(StopKind.CLOSED, "The view was closed; torque stays on.")
 _SILENCE_TEXT = (
     "The page does not answer; stopped, torque stays on. Switch Live on again to continue."
 )
+_JOB_SILENCE_TEXT = "The page does not answer; stopped, torque stays on."
 _TORQUE_LOST_TEXT = (
     "{} lost torque without being told to: reset, supply broken down, or another program. "
     "Live switches it on again."
 )
 _REOPEN_TEXT = "Check cable and power of the adapter, then continue: the port is opened again."
 _CHECK_FIRST_TEXT = "Check the arm, then continue."
-_RESTART_TEXT = "Torque stays on. End `ikservo view` with Ctrl-C and start it again."
+_RESTART_TEXT = "Torque stays on. Close this arm in the list of arms and open it again."
 
 
 class ArmThread:
@@ -123,6 +144,7 @@ class ArmThread:
         arm: The arm; other threads may use only what does not change while it is open. It is
             replaced after a calibration, and after its port was lost.
         snapshot: Written by this thread alone.
+        history: The last ten minutes, likewise.
     """
 
     def __init__(
@@ -137,9 +159,15 @@ class ArmThread:
         self.arm = open_arm()
         self._command = ArmCommand()
         self.snapshot = self._read_snapshot()
-        self._states_s = clock.now_s()
+        self._states_s = self._telemetry_s = clock.now_s()
+        joints = self.arm.model.joints
+        self.history = History(
+            [joint.name for joint in joints], [joint.joint_map.unit == "m" for joint in joints]
+        )
         self._stop_reason: StopReason | None = None
         self._torque_requests: deque[tuple[str, bool]] = deque(maxlen=_MAX_MESSAGES)
+        self._waiting_job: ArmJob | None = None
+        self._running_job: ArmJob | None = None
         self._acknowledged = self._ending = self._lost = False
         self._thread = threading.Thread(target=self._run_thread, name="ikservo pilot", daemon=True)
 
@@ -172,7 +200,7 @@ class ArmThread:
 
     def request_stop(self, reason: StopReason) -> None:
         """Brake and hold until acknowledged. Safe from any thread."""
-        self._stop_reason, self._acknowledged = reason, False
+        self._stop_reason, self._acknowledged, self._waiting_job = reason, False, None
         self.arm.request_stop(reason)
 
     def acknowledge(self) -> None:
@@ -182,6 +210,25 @@ class ArmThread:
     def request_torque(self, joint: str, *, on: bool) -> None:
         """Switch a joint's torque while no session runs. Safe from any thread."""
         self._torque_requests.append((joint, on))
+
+    @property
+    def job(self) -> ArmJob | None:
+        """Return the job that runs, or the one that waits for the arm."""
+        return self._running_job or self._waiting_job
+
+    def request_job(self, job: ArmJob) -> None:
+        """Let the arm do something by itself. Safe from any thread.
+
+        Raises:
+            InputError: It does something already, follows the page, or was stopped.
+        """
+        if self.snapshot.stop_notice or self._stop_reason is not None:
+            raise InputError("The arm was stopped.", "Check it, then acknowledge.")
+        if self.job is not None or self.snapshot.calibration:
+            raise InputError("The arm is busy.", "Wait for its end, or stop it.")
+        if self.command.live:
+            raise InputError("The arm follows this page.", "Switch Live off first.")
+        self._waiting_job = job
 
     def step(self) -> None:
         """Run one session until it ends, or poll the state once."""
@@ -200,10 +247,52 @@ class ArmThread:
             read_s=self._clock.now_s(),
             reference=cycle.reference.copy(),
         )
-        if self._clock.now_s() - self._states_s > _STATE_PERIOD_S:
-            self._states_s = self._clock.now_s()
+        self._update_telemetry()
+        self._record_history()
+
+    def _update_telemetry(self) -> None:
+        """Take what the control loop has read; once a second read what it does not."""
+        now_s = self._clock.now_s()
+        if now_s - self._telemetry_s > _TELEMETRY_PERIOD_S:
+            self._telemetry_s = now_s
+            states = self.arm.context.servos.with_latest_telemetry(self.snapshot.states)
+            self.snapshot = replace(self.snapshot, states=states)
+        if now_s - self._states_s > _STATE_PERIOD_S:
+            self._states_s = now_s
             with contextlib.suppress(BusError):  # the control cycle itself detects a lost port
                 self.snapshot = replace(self.snapshot, states=self.arm.where().joints)
+
+    def on_progress(self, progress: MotionProgress) -> None:
+        """Store the positions of a job's motion; stop it where the page is silent."""
+        now_s = self._clock.now_s()
+        measured, reference = progress.joints_rad.copy(), progress.setpoints_rad.copy()
+        self.snapshot = replace(self.snapshot, measured=measured, read_s=now_s, reference=reference)
+        self._record_history()
+        self._require_heartbeat(now_s)
+
+    def on_idle(self) -> None:
+        """Read the arm at rest during a job; stop the job where the page is silent.
+
+        Raises:
+            RefusedError: The arm was stopped.
+        """
+        self._require_heartbeat(self._clock.now_s())
+        self.arm.context.servos.check_stop()
+        self.snapshot = replace(self._update_positions(), reference=None)
+        self._record_history()
+
+    def on_torque_off(self) -> None:
+        """Read the arm after its torque was switched off, which is no loss of torque then."""
+        self.snapshot = replace(self._update_positions(), reference=None)
+
+    def _require_heartbeat(self, now_s: float) -> None:
+        silent = now_s - self.command.heartbeat_s > self._dead_man_s
+        if silent and self._stop_reason is None:
+            self.request_stop(StopReason(StopKind.CLIENT, _JOB_SILENCE_TEXT))
+
+    def _record_history(self) -> None:
+        link = self.arm.context.servos.link_statistics()
+        self.history.record(self.snapshot, link, self._clock.now_s())
 
     def on_refused(self, goal: Vector, error: RefusedError) -> None:
         """Store a refused goal and log why (``CycleObserver``)."""
@@ -212,7 +301,7 @@ class ArmThread:
         self.log_message(refusal.reason)
 
     def log_message(self, message: str) -> None:
-        """Append a message for the user; one that repeats the last only renews its time."""
+        """Append what went wrong, for the user; a repetition only renews its time."""
         if not message:
             return
         entries = self.snapshot.messages
@@ -236,11 +325,14 @@ class ArmThread:
             self._end_session(StopNotice(self._stop_reason.text, _CHECK_FIRST_TEXT))
         if self.snapshot.stop_notice:
             self._torque_requests.clear()
+            self._waiting_job = None
             self._poll_state(ignore_errors=True)
         elif self._torque_requests:
             self._switch_torque(*self._torque_requests.popleft())
         elif self.calibration and self.calibration.requested:
             self._run_calibration(self.calibration)
+        elif self._waiting_job is not None:
+            self._run_job()
         elif self.command.live and self.command.session_id > self.snapshot.ended_session:
             self._run_session()
         else:
@@ -249,17 +341,30 @@ class ArmThread:
     def _run_session(self) -> None:
         """Follow commands until Live ends, the speed changes, or heartbeats stop."""
         session = LiveSession(self, self._clock, self._dead_man_s)
-        self.arm.follow_goals(session, speed=session.speed)
+        self.arm.follow_goals(session, speed=session.speed, jerk_factor=JERK_FACTOR)
         if session.silent:
             self.log_message(_SILENCE_TEXT)
         if session.silent or session.is_over:  # Live may be on again since the arm braked
             self.snapshot = replace(self.snapshot, reference=None, ended_session=session.session_id)
+
+    def _run_job(self) -> None:
+        """Run the job that waits; its errors stop the arm, as those of a session."""
+        self._running_job, self._waiting_job = self._waiting_job, None
+        if self._running_job is None:  # a stop came in between
+            return
+        self.snapshot = replace(self.snapshot, activity=self._running_job.title)
+        try:
+            self._running_job.run(self.arm, self)
+        finally:
+            self._running_job = None
+            self.snapshot = replace(self.snapshot, activity="", reference=None)
 
     def _poll_state(self, *, ignore_errors: bool = False) -> None:
         """Read the arm's state while no session runs."""
         try:
             before = self.snapshot.states
             self.snapshot = replace(self._update_positions(), reference=None)
+            self._record_history()
             self._log_lost_torque(before)
         except IkservoError:
             if not ignore_errors:
@@ -294,6 +399,7 @@ class ArmThread:
     def _end_session(self, stop_notice: StopNotice) -> None:
         """End the session: the stop must be acknowledged and Live switched on again."""
         self.log_message(stop_notice.message)
+        self.history.mark_stop(stop_notice.message, self._clock.now_s())
         self.snapshot = replace(
             self.snapshot,
             stop_notice=stop_notice,
@@ -303,16 +409,30 @@ class ArmThread:
 
     def _run_calibration(self, driver: CalibrationDriver) -> None:
         """Hand the port to the calibration, then reopen the arm."""
+        joint_maps = [fence.joint_map for fence in self.arm.context.servos.fences]
+        picture = LimpPicture(joint_maps, self.snapshot.measured)
         self.arm.close("hold")
         self._lost = True
         try:
             for calibration in driver.run():
-                self.snapshot = replace(self.snapshot, calibration=calibration)
+                self._show_calibration(calibration, picture)
                 if self._ending:
                     return
         finally:
             self.snapshot = replace(self.snapshot, calibration=None)
             self._reopen_arm()
+
+    def _show_calibration(self, calibration: CalibrationView, picture: LimpPicture) -> None:
+        measured, states = picture.positions(calibration.wizard), self.snapshot.states
+        if calibration.wizard is not None:
+            states = tuple(replace(state, torque=False) for state in states)
+        self.snapshot = replace(
+            self.snapshot,
+            calibration=calibration,
+            measured=measured,
+            states=states,
+            read_s=self._clock.now_s(),
+        )
 
     def _reopen_arm(self) -> None:
         """Open the arm again: it may have been calibrated meanwhile."""

@@ -88,7 +88,11 @@ def challenge_response(key: str, nonce: str) -> str:
 
 
 def is_allowed_origin(
-    headers: Iterable[tuple[bytes, bytes]], local: tuple[str, int], *, upgrade: bool
+    headers: Iterable[tuple[bytes, bytes]],
+    local: tuple[str, int],
+    *,
+    upgrade: bool,
+    secure: bool = False,
 ) -> bool:
     """Return whether a request comes from our own page, or from a user who opens it.
 
@@ -99,9 +103,10 @@ def is_allowed_origin(
         headers: The request's headers.
         local: The address and port at which the connection arrived.
         upgrade: Whether it requests a websocket; those always carry an origin.
+        secure: Whether the connection is TLS.
     """
     unique = _single_headers(headers)
-    if unique is None or unique.get("host", "").lower() not in _own_hosts(*local):
+    if unique is None or unique.get("host", "").lower() not in _own_hosts(*local, secure=secure):
         return False
     origin = unique.get("origin")
     if origin is None:
@@ -111,7 +116,7 @@ def is_allowed_origin(
             and unique.get("sec-fetch-dest") == "document"
         )
         return not upgrade and (own or opened)
-    return origin == f"http://{unique['host'].lower()}"
+    return origin == f"{'https' if secure else 'http'}://{unique['host'].lower()}"
 
 
 def _single_headers(headers: Iterable[tuple[bytes, bytes]]) -> Mapping[str, str] | None:
@@ -126,11 +131,13 @@ def _single_headers(headers: Iterable[tuple[bytes, bytes]]) -> Mapping[str, str]
     return unique
 
 
-def _own_hosts(address: str, port: int) -> frozenset[str]:
+def _own_hosts(address: str, port: int, *, secure: bool) -> frozenset[str]:
     """Return the Host values that a browser may send for an own address."""
     ip = ipaddress.ip_address(address.partition("%")[0])
     hosts = _LOOPBACK_HOSTS if ip.is_loopback else (f"[{ip}]" if ip.version == 6 else str(ip),)
-    default_port = hosts if port == 80 else ()  # browsers omit the default port
+    default_port = (
+        hosts if port == (443 if secure else 80) else ()
+    )  # browsers omit the default port
     return frozenset((*(f"{name}:{port}" for name in hosts), *default_port))
 
 
@@ -163,7 +170,9 @@ class OriginCheckMiddleware:
             return
         headers = cast("Iterable[tuple[bytes, bytes]]", scope["headers"])
         upgrade = scope["type"] == "websocket"
-        if not is_allowed_origin(headers, tuple(scope["server"]), upgrade=upgrade):
+        secure = scope["scheme"] in ("https", "wss")
+        local = tuple(scope["server"])
+        if not is_allowed_origin(headers, local, upgrade=upgrade, secure=secure):
             await (
                 send({"type": "websocket.close"}) if upgrade else _send_forbidden(send)
             )  # 403, both

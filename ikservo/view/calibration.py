@@ -17,7 +17,6 @@ from ikservo.calibration.procedure import (
 )
 from ikservo.calibration.script import apply_answer
 from ikservo.errors import CalibrationError, InputError
-from ikservo.maintenance.arm_sketch import ascii_sketch
 from ikservo.maintenance.calibration_session import (
     TorqueOffArm,
     lost_geometry_warning,
@@ -152,9 +151,6 @@ def calibration_view(
     return {
         "stage": stage.value,
         "task": _RELEASE_TEXT if wizard is None else _format_task(model, wizard, pose),
-        "sketch": "\n".join(_sketch_lines(model))
-        if stage is CalibrationStage.REFERENCE_POSE
-        else "",
         "lines": _format_lines(view),
         "meters": [_joint_readout_fields(wizard, meter) for meter in joint_readouts(wizard)]
         if wizard and has_ranges
@@ -167,7 +163,7 @@ def calibration_view(
 def _format_task(model: Model, wizard: CalibrationState, pose: str) -> str:
     if wizard.stage is CalibrationStage.REFERENCE_POSE:
         state = "It is held still." if wizard.is_at_rest else "It still moves …"
-        return f"Put the arm in the pose “{pose}” and hold it. {state}"
+        return f"Put the arm in the pose “{pose}”, as the ghost beside it, and hold it. {state}"
     if wizard.current_joint:
         return current_step(model, pose, wizard).request
     if wizard.stage is CalibrationStage.SWEEP:
@@ -183,10 +179,6 @@ def _format_lines(view: CalibrationView) -> list[str]:
     if view.wizard.stage is CalibrationStage.REVIEW:
         return [*warnings(view.wizard), *view.warnings]
     return [view.saved_at] if view.saved_at else []
-
-
-def _sketch_lines(model: Model) -> list[str]:
-    return ascii_sketch(model, model.joints[-1].name)[:-1]
 
 
 def _joint_readout_fields(wizard: CalibrationState, meter: JointReadout) -> dict[str, object]:

@@ -3,17 +3,18 @@
 from __future__ import annotations
 
 from collections import OrderedDict
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from typing import Generic, TypeVar
 
 from ikservo.view.auth import Permission
 from ikservo.view.camera import Viewport
+from ikservo.view.message_fields import PageMessage
 from ikservo.view.messages import (
     BadMessageError,
     Heartbeat,
-    Message,
     SetViewport,
     Stop,
-    read_message,
 )
 from ikservo.view.viewpoints import Viewpoint
 
@@ -26,6 +27,8 @@ __all__ = [
     "StaleMessageError",
 ]
 
+
+_MessageT = TypeVar("_MessageT", bound=PageMessage)
 
 MAX_MESSAGE_AGE_S = 1.0
 """A command sent while the page showed a scene older than this is ignored."""
@@ -44,18 +47,19 @@ class RateLimitError(BadMessageError):
     """Too many messages, or too many invalid ones; the connection is closed."""
 
 
-class MessageFilter:
+class MessageFilter(Generic[_MessageT]):
     """Parses the messages of one connection; checks order, age and rate.
 
     Args:
         now_s: Time of the connection.
+        read: Parses and validates a message.
 
     Attributes:
         seen: Number of the last scene that the page has drawn.
     """
 
-    def __init__(self, now_s: float) -> None:
-        self._last_seq = 0
+    def __init__(self, now_s: float, read: Callable[[str], _MessageT]) -> None:
+        self._last_seq, self._read = 0, read
         self._tokens, self._filled_s = _BURST, now_s
         self._bad = 0
         self._sent: OrderedDict[int, float] = OrderedDict({0: now_s})
@@ -74,7 +78,7 @@ class MessageFilter:
             self._sent.popitem(last=False)
         return self._scene
 
-    def accept(self, text: str, now_s: float) -> Message:
+    def accept(self, text: str, now_s: float) -> _MessageT:
         """Return a message that may be acted on.
 
         Raises:
@@ -84,7 +88,7 @@ class MessageFilter:
         """
         self._consume_token(now_s)
         try:
-            message = read_message(text)
+            message = self._read(text)
             self._check_sequence(message)
         except BadMessageError as error:
             self._bad += 1
@@ -105,7 +109,7 @@ class MessageFilter:
             raise RateLimitError("Too many messages.", f"At most {_RATE_HZ:.0f} a second.")
         self._tokens -= 1.0
 
-    def _check_sequence(self, message: Message) -> None:
+    def _check_sequence(self, message: PageMessage) -> None:
         if message.seq <= self._last_seq:
             raise BadMessageError(
                 f"Message {message.seq} was received before.", "Number it higher."
@@ -120,7 +124,7 @@ class MessageFilter:
         return now_s - after
 
 
-def _is_always_accepted(message: Message) -> bool:
+def _is_always_accepted(message: PageMessage) -> bool:
     """Return whether a message moves nothing, or only makes the arm hold.
 
     A page sends its viewport once, often during the slow second of its layout.
@@ -163,8 +167,10 @@ class Client:
         view: Its viewpoint.
         viewport: Size of its drawing; None until it was received.
         webgl: Whether it draws by itself from the scene graph.
+        handles: Whether it draws handles at the tool, too.
         sent: The last frame of each kind, so that nothing is sent twice.
         sent_s: When the last frame of each kind was sent.
+        outbox: Replies that only this page gets.
     """
 
     number: int
@@ -172,5 +178,12 @@ class Client:
     view: Viewpoint
     viewport: Viewport | None = None
     webgl: bool = False
+    handles: bool = False
     sent: dict[str, object] = field(default_factory=dict[str, object])
     sent_s: dict[str, float] = field(default_factory=dict[str, float])
+    outbox: list[Mapping[str, object]] = field(default_factory=list[Mapping[str, object]])
+
+    def take_outbox(self) -> list[Mapping[str, object]]:
+        """Return the replies that were not sent yet, and forget them."""
+        replies, self.outbox = self.outbox, []
+        return replies

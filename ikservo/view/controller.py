@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Any
+from typing import Any, get_args
 
 import numpy as np
 
@@ -13,16 +14,22 @@ from ikservo.arm import StopKind, StopReason
 from ikservo.clock import Clock
 from ikservo.errors import IkservoError
 from ikservo.view import messages as msg
+from ikservo.view.arm_job import ExecuteGoal, RelaxArm, ReleaseArm
 from ikservo.view.arm_thread import ArmThread
 from ikservo.view.auth import Permission
 from ikservo.view.camera import Viewport
 from ikservo.view.connection import Client, ControlLease
+from ikservo.view.downloads import Download, DownloadOffers
 from ikservo.view.drag_solver import PosturePreference
 from ikservo.view.frames import FrameComposer
 from ikservo.view.goal_check import PreviewGuard
+from ikservo.view.history import csv_lines
 from ikservo.view.interaction import Interaction
 from ikservo.view.labels import describe_torque
 from ikservo.view.messages import BadMessageError, Message
+from ikservo.view.plots import PlotFeed
+from ikservo.view.program_messages import ProgramMessage
+from ikservo.view.program_panel import ProgramPanel
 from ikservo.view.server import Frame
 from ikservo.view.snapshot import StopNotice
 from ikservo.view.viewpoints import Viewpoint, available_views
@@ -30,6 +37,7 @@ from ikservo.view.viewpoints import Viewpoint, available_views
 __all__ = ["SessionController"]
 
 _ORBIT_RAD_PX = 0.008
+_AWAY_TEXT = "The page that controls was hidden, closed or replaced; stopped, torque stays on."
 _GO_LIVE_TEXT = "The arm does not follow. What was wanted is forgotten."
 
 Handler = Callable[[Any, Client], None]
@@ -44,25 +52,36 @@ class SessionController:
     Args:
         arm_thread: Owns the arm.
         clock: Time stamps of heartbeats.
+        downloads: Where files are offered; a place of its own if None.
+
+    Attributes:
+        downloads: The files that pages have asked for.
     """
 
-    def __init__(self, arm_thread: ArmThread, clock: Clock) -> None:
+    def __init__(
+        self, arm_thread: ArmThread, clock: Clock, downloads: DownloadOffers | None = None
+    ) -> None:
         self._arm_thread, self._clock = arm_thread, clock
         self._arm = arm_thread.arm
         self._interaction = Interaction(arm_thread.arm, clock)
         self._guard = PreviewGuard(arm_thread.arm)
         self._fallback: StopNotice | None = None  # why Live has ended
-        self._composer = FrameComposer(arm_thread, self._interaction, clock)
+        self._plots, self.downloads = PlotFeed(), downloads or DownloadOffers(clock)
         self._lease = ControlLease()
+        self._composer = FrameComposer(arm_thread, self._interaction, clock, self._lease)
+        self._program = ProgramPanel(arm_thread)
         self._clients: dict[int, Client] = {}
         self._numbers = itertools.count(1)
         self._handlers: dict[type, Handler] = {
             msg.Heartbeat: self._refresh_heartbeat,
             msg.SetViewport: self._set_viewport,
             msg.OrbitCamera: self._orbit_camera,
+            msg.FitView: self._fit_view,
             msg.Stop: self._stop,
             msg.Acknowledge: self._acknowledge,
             msg.TakeControl: self._take_control,
+            msg.ShowPlots: self._show_plots,
+            msg.SaveHistory: self._save_history,
         }
         # Only the client in control may send these, and messages that are in neither table.
         self._control_handlers: dict[type, Handler] = {
@@ -78,6 +97,9 @@ class SessionController:
             msg.JogTool: self._set_typed_target,
             msg.PointTool: self._set_typed_target,
             msg.SetTorque: self._set_torque,
+            msg.Undo: self._undo,
+            msg.ArmAction: self._start_action,
+            **dict.fromkeys(get_args(ProgramMessage), self._handle_program),
         }
 
     def close(self) -> None:
@@ -98,6 +120,7 @@ class SessionController:
     def disconnect(self, client_id: int) -> None:
         """Remove a client; if it had control, the arm holds."""
         del self._clients[client_id]
+        self._plots.forget(client_id)
         if self._lease.release(client_id):
             self._stop_session()
 
@@ -110,7 +133,21 @@ class SessionController:
             self._update_refusal()
         controller = {None: "none", client_id: "you"}.get(self._lease.holder, "other")
         client = self._clients[client_id]
-        return self._composer.compose(client, controller=controller, fallback=self._fallback)
+        frames = self._composer.compose(client, controller=controller, fallback=self._fallback)
+        frames += self._program.frames(client)
+        frames += self._plots.frames(client_id, self._arm_thread.history, self._clock.now_s())
+        return frames + client.take_outbox()
+
+    def stop(self, by: str) -> None:
+        """Brake and hold until acknowledged.
+
+        Args:
+            by: By whom, as the beginning of a sentence.
+        """
+        self._forget_targets()
+        self._arm_thread.post(replace(self._arm_thread.command, live=False, goal=None))
+        text = f"{by}; {describe_torque(self._arm_thread.snapshot.states)}."
+        self._arm_thread.request_stop(StopReason(StopKind.CLIENT, text))
 
     # --- messages of any client ---
 
@@ -143,23 +180,41 @@ class SessionController:
             raise BadMessageError(f"This arm is not seen from the {message.view}.")
         client.viewport = Viewport(message.w, message.h, message.dpr)
         client.webgl = message.webgl and message.view == "orbit"
+        client.handles = message.handles
         if message.view != client.view.name:
             client.view = Viewpoint(message.view)
 
     def _orbit_camera(self, message: msg.OrbitCamera, client: Client) -> None:
-        view = client.view.zoom_by(message.zoom)
+        if message.zoom != 1.0:
+            client.view = self._zoom_view(message, client)
+        view = client.view
         if view.name == "orbit":
             view = view.orbit_by(-message.dx * _ORBIT_RAD_PX, message.dy * _ORBIT_RAD_PX)
         elif client.viewport is not None:
             view = view.pan_by((message.dx, message.dy), self._composer.camera(client), 0.0)
         client.view = view
 
+    def _zoom_view(self, message: msg.OrbitCamera, client: Client) -> Viewpoint:
+        """Return a client's view zoomed about a pixel."""
+        zoomed = client.view.zoom_by(message.zoom)
+        if message.at is None or client.viewport is None:
+            return zoomed
+        extent = self._composer.extent
+        before, after = (
+            self._composer.camera(replace(client, view=view)) for view in (client.view, zoomed)
+        )
+        centre_depth_m = before.depth_of(extent.box_m.mean(axis=0))
+        place_m = before.unproject(np.array(message.at), centre_depth_m)
+        px, depth_m = after.project(place_m)
+        dx, dy = (np.array(message.at) - px).tolist()
+        return zoomed.pan_by((dx, dy), after, float(depth_m))
+
+    def _fit_view(self, _message: msg.FitView, client: Client) -> None:
+        client.view = Viewpoint(client.view.name)
+
     def _stop(self, _message: msg.Stop, client: Client) -> None:
         _check_may_control(client)
-        self._interaction.reset()
-        self._arm_thread.post(replace(self._arm_thread.command, live=False, goal=None))
-        text = f"Stopped from the page; {describe_torque(self._arm_thread.snapshot.states)}."
-        self._arm_thread.request_stop(StopReason(StopKind.CLIENT, text))
+        self.stop("Stopped from the page")
 
     def _acknowledge(self, _message: msg.Acknowledge, client: Client) -> None:
         _check_may_control(client)
@@ -172,6 +227,19 @@ class SessionController:
             self._grant_control(client.number)
         elif not message.on and self._lease.release(client.number):
             self._stop_session()
+
+    def _show_plots(self, message: msg.ShowPlots, client: Client) -> None:
+        self._plots.choose(client.number, message, self._arm_thread.history)
+
+    def _save_history(self, message: msg.SaveHistory, client: Client) -> None:
+        """Offer the history as a file."""
+        history = self._arm_thread.history
+        recording = history.last_stop if message.stopped else history.since(-math.inf)
+        if recording is None:
+            raise BadMessageError("Nothing has stopped the arm yet.", "Save the present instead.")
+        name = f"{self._arm.model.name}-{'stop' if message.stopped else 'history'}.csv"
+        url = self.downloads.offer(Download(name, lambda: csv_lines(recording)))
+        client.outbox.append({"kind": "download", "url": url, "name": name})
 
     # --- messages of the client in control ---
 
@@ -198,7 +266,8 @@ class SessionController:
         self._interaction.set_preference(preference, self._arm_thread.snapshot.measured)
 
     def _go_to_pose(self, message: msg.GoToPose, _client: Client) -> None:
-        self._interaction.pose(message.name, self._arm_thread.snapshot.measured)
+        self._require_ready()
+        self._interaction.pose(message.name, self._arm_thread.snapshot)
 
     def _set_typed_target(self, message: Any, _client: Client) -> None:  # noqa: ANN401
         """Handle a position or a step of a joint or of the tool."""
@@ -216,6 +285,9 @@ class SessionController:
             case _:
                 interaction.point_tool(np.array(message.direction), snapshot)
 
+    def _handle_program(self, message: ProgramMessage, _client: Client) -> None:
+        self._program.handle(message, self._interaction)
+
     def _set_torque(self, message: msg.SetTorque, _client: Client) -> None:
         """Switch a servo's torque; the goal of the preview started from where the arm was."""
         self._require_ready()
@@ -225,20 +297,48 @@ class SessionController:
         self._interaction.reset()
         self._arm_thread.request_torque(message.joint, on=message.on)
 
+    def _undo(self, message: msg.Undo, _client: Client) -> None:
+        self._require_ready()
+        change = self._interaction.redo if message.redo else self._interaction.undo
+        change(self._arm_thread.snapshot)
+
+    def _start_action(self, message: msg.ArmAction, _client: Client) -> None:
+        """Let the arm go to the target of the preview, lower itself, or go limp."""
+        self._require_ready()
+        if message.action == "release":
+            self._interaction.reset()
+            self._arm_thread.request_job(ReleaseArm())
+            return
+        self._arm.context.require_zeros()
+        if message.action == "relax":
+            self._interaction.reset()
+            self._arm_thread.request_job(RelaxArm())
+            return
+        self._interaction.finish_target()
+        goal, refusal = self._interaction.goal, self._interaction.refusal
+        if goal is None:
+            raise BadMessageError("No target is shown.", "Drag the arm, or click, first.")
+        if refusal is not None and refusal.goal is goal:
+            raise BadMessageError(refusal.reason, "Nothing moves. Choose another target.")
+        self._arm_thread.request_job(ExecuteGoal(goal, self._arm_thread.command.speed))
+
     def _require_ready(self) -> None:
         """Raise where the arm takes no targets.
 
         Raises:
-            BadMessageError: It was stopped, or is being calibrated.
+            BadMessageError: It was stopped, is being calibrated, or moves by itself.
         """
         snapshot = self._arm_thread.snapshot
         if snapshot.stop_notice or snapshot.calibration:
             raise BadMessageError("The arm was stopped.", "Check it, then acknowledge.")
+        if self._arm_thread.job is not None:
+            raise BadMessageError("The arm moves by itself.", "Wait for its end, or stop it.")
 
     def _handle_input(self, message: Any, client: Client) -> None:  # noqa: ANN401
         """Handle pointer, wheel, key and gamepad messages."""
         snapshot = self._arm_thread.snapshot
-        if client.viewport is None or snapshot.stop_notice is not None:
+        busy = snapshot.stop_notice is not None or self._arm_thread.job is not None
+        if client.viewport is None or busy:
             return
         camera, plane_m = self._composer.camera(client), self._composer.plane_m(client)
         context = self._interaction.pointer_context(camera, snapshot, plane_m)
@@ -251,7 +351,7 @@ class SessionController:
             self._require_ready()
             arm_thread.arm.context.require_zeros()
         self._fallback = None
-        self._interaction.reset()
+        self._forget_targets()
         session_id = (
             arm_thread.command.session_id + 1
             if on and not arm_thread.command.live
@@ -261,9 +361,11 @@ class SessionController:
 
     def _handle_calibration(self, message: msg.CalibrationAnswer, _client: Client) -> None:
         driver = self._arm_thread.calibration
-        if driver is None or (self._arm_thread.command.live and message.action == "start"):
+        busy = self._arm_thread.command.live or self._arm_thread.job is not None
+        if driver is None or (busy and message.action == "start"):
             raise BadMessageError("The arm cannot be calibrated now.", "Switch Live off first.")
         if message.action == "start":
+            self._forget_targets()
             driver.request_start()
         else:
             driver.put_answer(f"{message.action} {message.joint or ''}".strip())
@@ -284,7 +386,14 @@ class SessionController:
         self._composer.close()
         self._interaction = Interaction(self._arm, self._clock)
         self._guard = PreviewGuard(self._arm)
-        self._composer = FrameComposer(self._arm_thread, self._interaction, self._clock)
+        self._composer = FrameComposer(
+            self._arm_thread, self._interaction, self._clock, self._lease
+        )
+
+    def _forget_targets(self) -> None:
+        """Drop the goal and the earlier ones: the arm holds."""
+        self._interaction.reset()
+        self._interaction.history.clear()
 
     def _grant_control(self, client_id: int) -> None:
         """Give control to a client; it starts at slow speed in the preview."""
@@ -294,6 +403,8 @@ class SessionController:
         self._arm_thread.post(replace(self._arm_thread.command, speed="slow"))
 
     def _stop_session(self) -> None:
+        if self._arm_thread.job is not None:
+            self._arm_thread.request_stop(StopReason(StopKind.CLIENT, _AWAY_TEXT))
         self._interaction.reset()
         self._arm_thread.post(replace(self._arm_thread.command, live=False, goal=None))
 

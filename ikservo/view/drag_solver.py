@@ -24,7 +24,14 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import make_pose
 from ikservo.model import Model
 from ikservo.view.draw_items import TargetMarker
-from ikservo.view.messages import DragCommand, DragTarget, HoldCommand, JointTarget
+from ikservo.view.messages import (
+    DragCommand,
+    DragTarget,
+    HoldCommand,
+    JointTarget,
+    ToolPoseTarget,
+)
+from ikservo.view.tool_handles import ToolPoseSolver
 
 __all__ = [
     "AUTO",
@@ -81,6 +88,7 @@ class DragSolver:
         self._chain = chain
         self.method = AUTO
         self.posture: Posture | None = None
+        self._tool_solver = ToolPoseSolver(chain)
         self._cached: tuple[str | None, bytes, Solver] | None = None
 
     def solve_command(self, command: DragCommand, q: Vector) -> DragSolution:
@@ -94,7 +102,16 @@ class DragSolver:
             return DragSolution(start, None)
         if isinstance(command, JointTarget):
             return DragSolution(self._solve_turn(command, start), None)
+        if isinstance(command, ToolPoseTarget):
+            return self._solve_pose(command, start)
         return self._solve_pull(command, start)
+
+    def _solve_pose(self, command: ToolPoseTarget, start: Vector) -> DragSolution:
+        """Return the joints for a pose of the tool, at most one frame's step further."""
+        found, marker = self._tool_solver.track(command, start)
+        q, is_limited = self._limit_step(start, found)
+        settled = not is_limited and _max_joint_distance(found, start) < _AT_REST_RAD
+        return DragSolution(q, marker, settled)
 
     def _solve_turn(self, command: JointTarget, start: Vector) -> Vector:
         if command.joint not in self._chain.names:

@@ -102,6 +102,7 @@ class TargetMarker:
         reached: Whether these are the same.
         binding: The active limits.
         frame: The link that was grabbed; None for the tip.
+        turn_error_rad: How far the tool is from the orientation that was wanted of it; 0 if none.
     """
 
     target_m: Vector
@@ -109,6 +110,7 @@ class TargetMarker:
     reached: bool
     binding: tuple[ActiveLimit, ...] = ()
     frame: str | None = None
+    turn_error_rad: float = 0.0
 
     @property
     def gap_m(self) -> float:

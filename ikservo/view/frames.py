@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import partial
 
 import numpy as np
 
-from ikservo.arm import JointState
+from ikservo.arm import Arm, JointState
 from ikservo.calibration import format_position
 from ikservo.clock import Clock
-from ikservo.errors import format_point
+from ikservo.errors import IkservoError, format_point
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
 from ikservo.model.model import HealthLimits, at_limit, near_limit
@@ -18,7 +19,7 @@ from ikservo.view.arm_thread import ArmThread
 from ikservo.view.auth import Permission
 from ikservo.view.calibration import calibration_view
 from ikservo.view.camera import Camera
-from ikservo.view.connection import Client
+from ikservo.view.connection import Client, ControlLease
 from ikservo.view.draw_items import DrawItem, link_poses, to_pixels
 from ikservo.view.interaction import Interaction
 from ikservo.view.labels import (
@@ -29,6 +30,7 @@ from ikservo.view.labels import (
     health_rows,
     insight_rows,
 )
+from ikservo.view.limp_picture import show_calibration
 from ikservo.view.messages import BadMessageError
 from ikservo.view.reachable_region import (
     ReachableRegion,
@@ -61,11 +63,13 @@ _AT_REST_RAD = 2e-3  # change between two status frames
 
 
 def mode(snapshot: ArmSnapshot, *, live: bool) -> str:
-    """Return the mode: ``calibration``, ``stopped``, ``live`` or ``preview``."""
+    """Return the mode: ``calibration``, ``stopped``, ``busy``, ``live`` or ``preview``."""
     if snapshot.calibration:
         return "calibration"
     if snapshot.stop_notice:
         return "stopped"
+    if snapshot.activity:
+        return "busy"
     return "live" if live else "preview"
 
 
@@ -138,7 +142,7 @@ def arm_frame(
         "port": arm.port_name.partition("?")[0].partition(":/")[0],
         "permission": permission.value,
         "views": views,
-        "poses": list(model.poses),
+        "poses": known_poses(arm),
         "speeds": list(model.speeds),
         "solvers": interaction.solvers,
         "joints": [state.name for state in arm_thread.snapshot.states],
@@ -150,13 +154,21 @@ def arm_frame(
     }
 
 
+def known_poses(arm: Arm) -> list[str]:
+    """Return the names of the arm's poses; without the taught ones where their file is broken."""
+    try:
+        return list(arm.poses.all_poses())
+    except IkservoError:
+        return list(arm.model.poses)
+
+
 def status_frame(
     arm_thread: ArmThread,
     interaction: Interaction,
     step: int,
     controller: str,
     now_s: float,
-    analysis: PostureAnalysis | None = None,
+    posture: Sequence[tuple[str, str, str]] = (),
     fallback: StopNotice | None = None,
 ) -> Frame:
     """Return the frame with everything that the page shows beside the drawing.
@@ -167,7 +179,7 @@ def status_frame(
         step: Which step of a solver trace is shown.
         controller: Which page has control: ``you``, ``other`` or ``none``.
         now_s: The time, which dates what was measured.
-        analysis: Analysis of the arm at rest; None while it moves.
+        posture: Rows about the posture of the arm.
         fallback: Why Live has ended, until the user has answered.
     """
     snapshot, live, trace = arm_thread.snapshot, arm_thread.command.live, interaction.solver_trace
@@ -175,17 +187,21 @@ def status_frame(
         "kind": "status",
         "mode": mode(snapshot, live=live),
         "live": live,
+        "activity": snapshot.activity,
         "age_s": math.floor(now_s - snapshot.read_s),
         "controller": controller,
         "speed": arm_thread.command.speed,
         "banner": banner(snapshot, fallback),
         "refused": interaction.refusal is not None,
+        "target": interaction.goal is not None,
+        "undo": interaction.history.can_undo,
+        "redo": interaction.history.can_redo,
         "joints": joint_readouts(arm_thread.arm.model, snapshot, interaction.goal),
         "goals": interaction.goal_fields(snapshot.measured),
         "tool": interaction.tool_fields(snapshot.measured),
         "health": health(snapshot.states, arm_thread.arm.model.health),
         "tip": _tip_rows(arm_thread, interaction),
-        "posture": insight_rows(arm_thread.arm.chain, _measured_chain_joints(arm_thread), analysis),
+        "posture": posture,
         "under": candidate_rows(interaction.under, interaction.chosen),
         "solver": {
             "name": interaction.solver,
@@ -231,16 +247,24 @@ class FrameComposer:
         arm_thread: Has the snapshot that is shown.
         interaction: Input of the client in control.
         clock: Limits the frame rate.
+        lease: Which client is in control.
     """
 
-    def __init__(self, arm_thread: ArmThread, interaction: Interaction, clock: Clock) -> None:
+    def __init__(
+        self,
+        arm_thread: ArmThread,
+        interaction: Interaction,
+        clock: Clock,
+        lease: ControlLease | None = None,
+    ) -> None:
+        self._lease = lease or ControlLease()
         self._arm_thread, self._interaction, self._clock = arm_thread, interaction, clock
         arm = arm_thread.arm
         limits = {state.name: state.limit_from for state in arm_thread.snapshot.states}
         self._renderer = SceneRenderer(arm.model, arm.chain, limits)
         self._graph = SceneGraph(arm.model, arm.chain, self._renderer.extent)
         self._regions = ReachableRegionCache(arm.chain)
-        self._analyser = PostureAnalyser(arm.chain, VisibilityChecker(arm.model))
+        self._analyser = PostureAnalyser(arm.chain, VisibilityChecker(arm.model), clock)
         self._previous: Vector | None = None
         self._index = arm.joint_index
 
@@ -255,7 +279,7 @@ class FrameComposer:
         self._analyser.close()
 
     def camera(self, client: Client) -> Camera:
-        """Return a client's camera; it does not change during a drag.
+        """Return a client's camera; that of the one in control does not change during a drag.
 
         Raises:
             BadMessageError: The page has not sent the size of its drawing.
@@ -263,7 +287,8 @@ class FrameComposer:
         if client.viewport is None:
             raise BadMessageError("The page has not sent the size of its drawing.", "Reload it.")
         kept_camera = self._interaction.camera
-        if kept_camera is not None and kept_camera.viewport == client.viewport:
+        is_own = self._lease.holder == client.number
+        if is_own and kept_camera is not None and kept_camera.viewport == client.viewport:
             return kept_camera
         yaw_rad = self.extent.yaw_rad(self._chain_joints(self._arm_thread.snapshot.measured))
         return make_camera(self.extent, client.view, client.viewport, yaw_rad)
@@ -292,8 +317,10 @@ class FrameComposer:
         now_s = self._clock.now_s()
         step = self._interaction.trace_step(now_s)
         analysis = None if client.viewport is None else self._posture_analysis(client)
+        q = _measured_chain_joints(self._arm_thread)
+        posture = insight_rows(self._analyser.conditioning(q), analysis)
         status = status_frame(
-            self._arm_thread, self._interaction, step, controller, now_s, analysis, fallback
+            self._arm_thread, self._interaction, step, controller, now_s, posture, fallback
         )
         return self._frame_if_changed(client, status)
 
@@ -305,9 +332,10 @@ class FrameComposer:
         at_rest = (
             previous is not None and float(np.abs(q - previous).max(initial=0.0)) < _AT_REST_RAD
         )
-        poses = link_poses(self._arm_thread.arm.chain, q, self._other_positions(snapshot))
         idle = at_rest and self._interaction.camera is None
-        return self._analyser.get(client.number, q, poses, self.camera(client), idle=idle)
+        others = self._other_positions(snapshot)
+        find_poses = partial(link_poses, self._arm_thread.arm.chain, q, others)
+        return self._analyser.get(client.number, q, find_poses, self.camera(client), idle=idle)
 
     def _scene_frames(self, client: Client) -> list[Frame]:
         """Return the scene if anything changed or the heartbeat is due."""
@@ -324,6 +352,7 @@ class FrameComposer:
             client.view,
             client.viewport,
             client.webgl,
+            self._has_handles(client),
             region and region.fingerprint,
         )
         heartbeat_due = self._is_due(client, "scene", _HEARTBEAT_PERIOD_S, peek=True)
@@ -346,10 +375,12 @@ class FrameComposer:
             if interaction.goal is None
             else self._index.by_name(interaction.goal),
         )
+        if snapshot.calibration is not None:
+            state = show_calibration(state, snapshot.calibration, self._arm_thread.arm.model)
         frame: dict[str, object] = {
             "kind": "scene",
             "webgl": client.webgl,
-            "hover": interaction.hover,
+            "hover": state.hover,
             "grabbed": interaction.grabbed_link,
             "picked": interaction.picked_object,
             "refusal": self._refusal_fields(camera),
@@ -376,9 +407,19 @@ class FrameComposer:
         """Return the scene for a page that draws the scene graph, which is sent first."""
         tip_m = self._renderer.chain.forward(state.measured)[:3, 3]
         items = draw_markers(state, tip_m) + self._solver_trace_items(state.camera)
-        scene = {**frame, **self._graph.fields(state), "items": items}
+        scene = {
+            **frame,
+            **self._graph.fields(state, handles=self._has_handles(client)),
+            "items": items,
+        }
         known, client.sent["graph"] = client.sent.get("graph"), self._graph
         return [scene] if known is self._graph else [self._graph.description, scene]
+
+    def _has_handles(self, client: Client) -> bool:
+        """Return whether a client can move the tool by its handles now."""
+        snapshot = self._arm_thread.snapshot
+        moves = not (snapshot.stop_notice or snapshot.calibration or snapshot.activity)
+        return client.handles and moves and self._lease.holder == client.number
 
     def _refusal_fields(self, camera: Camera) -> dict[str, object] | None:
         """Return why the goal is refused, and the pixel (2,) of the target that it is said at."""

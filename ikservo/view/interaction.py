@@ -19,12 +19,14 @@ from ikservo.view.camera import Camera, Viewport
 from ikservo.view.drag import Drag
 from ikservo.view.drag_solver import AUTO, DragSolver, PosturePreference
 from ikservo.view.draw_items import TargetMarker
+from ikservo.view.goal_history import GoalHistory, PastGoal
 from ikservo.view.held_controls import GamepadControl, GripperControl, gripper_control
 from ikservo.view.labels import describe_target
 from ikservo.view.messages import DragCommand, DragTarget, JointTarget, Message
 from ikservo.view.picking import PickCandidate, Picker, PointerContext
 from ikservo.view.snapshot import ArmSnapshot, GoalRefusal, LogEntry
 from ikservo.view.solver_demo import ITERATIVE, SOLVERS, SolverTrace, trace_method
+from ikservo.view.tool_handles import ToolDrag
 from ikservo.view.typed_targets import JointRanges, ToolTargets
 from ikservo.view.viewpoints import Viewpoint, arm_extent, available_views, make_camera
 
@@ -53,6 +55,7 @@ class Interaction:
         solver_text: Progress of a chosen solver method in the current drag.
         preference: The preferred posture.
         solver_trace: Iterations of a chosen method on the last click, to be drawn one by one.
+        history: Earlier goals.
         messages: Messages about targets, the oldest first.
         revision: Changes whenever the scene has to be drawn again.
     """
@@ -63,6 +66,7 @@ class Interaction:
         self._index = arm.joint_index
         picker = Picker(link_primitives(capsules_of(arm.model)))
         self._drag = Drag(chain, picker, Picker(object_primitives(arm.model)))
+        self._tool_drag = ToolDrag(chain)
         self._solver, self._gamepad = DragSolver(chain), GamepadControl()
         self._gripper = gripper_control(arm)
         self._ranges, self._tool_targets = JointRanges(arm), ToolTargets(arm)
@@ -79,9 +83,11 @@ class Interaction:
         self.solve_s: float | None = None
         self.solver_text = ""
         self.preference = PosturePreference()
+        self.history = GoalHistory()
         self.messages: deque[LogEntry] = deque(maxlen=_MAX_WARNINGS)
         self.revision = 0
         self._logged: GoalRefusal | None = None
+        self._drag_recorded = False  # whether the goal before this drag is in the history
         self._warm_up()
 
     @property
@@ -93,6 +99,10 @@ class Interaction:
     def grabbed_link(self) -> str | None:
         """Return the link that is being dragged."""
         return self._drag.grabbed_link
+
+    @property
+    def _is_dragging(self) -> bool:
+        return self._drag.is_busy or self._tool_drag.is_busy
 
     @property
     def picked_object(self) -> str | None:
@@ -112,7 +122,7 @@ class Interaction:
 
     def reset(self) -> None:
         """Cancel the drag and drop the goal: the arm holds."""
-        self._drag.cancel()
+        self._end_drag()
         self._command = self.goal = self.marker = self.solver_trace = None
         self.revision += 1
 
@@ -121,11 +131,11 @@ class Interaction:
         if refusal is not self.refusal:
             self.refusal = refusal
             self.revision += 1
-        if refusal is not None and refusal is not self._logged and not self._drag.is_busy:
+        if refusal is not None and refusal is not self._logged and not self._is_dragging:
             self._logged = refusal
-            self._log(refusal.reason, "bad")
+            self.log(refusal.reason, "bad")
 
-    def _log(self, message: str, level: str = "") -> None:
+    def log(self, message: str, level: str = "") -> None:
         """Append a message; a message that was told before is moved to the end."""
         for entry in [each for each in self.messages if each.message == message]:
             self.messages.remove(entry)
@@ -160,7 +170,8 @@ class Interaction:
             UnknownNameError: No such joint.
             InputError: It is past a limit; nothing has changed.
         """
-        self._set_goal(self._ranges.moved(self._goal_or_rest(snapshot), joint, value))
+        goal = self._ranges.moved(self._goal_or_rest(snapshot), joint, value)
+        self._set_goal(goal, snapshot, f"joint {joint}")
 
     def jog_joint(self, joint: str, step: float, snapshot: ArmSnapshot) -> None:
         """Move the goal of one joint by a step, degrees or mm, at most to its limit.
@@ -169,7 +180,8 @@ class Interaction:
             UnknownNameError: No such joint.
             InputError: It is at that limit already; nothing has changed.
         """
-        self._set_goal(self._ranges.stepped(self._goal_or_rest(snapshot), joint, step))
+        goal = self._ranges.stepped(self._goal_or_rest(snapshot), joint, step)
+        self._set_goal(goal, snapshot, f"joint {joint}")
 
     def set_tool(self, what: str, value: float, snapshot: ArmSnapshot, *, step: bool) -> None:
         """Set one coordinate [mm] or angle [degrees] of the tool, or move it by a step.
@@ -211,37 +223,89 @@ class Interaction:
         return self._resting_joints(snapshot) if self.goal is None else self.goal
 
     def _set_tool_goal(self, snapshot: ArmSnapshot, q: Vector, marker: TargetMarker) -> None:
-        self._set_goal(self._index.with_chain(self._goal_or_rest(snapshot), q))
+        self._set_goal(self._index.with_chain(self._goal_or_rest(snapshot), q), snapshot, "tool")
         self.marker = marker
 
-    def _set_goal(self, goal: Vector) -> None:
+    def undo(self, snapshot: ArmSnapshot) -> None:
+        """Take the goal before this one.
+
+        Raises:
+            InputError: There is none.
+        """
+        self._restore(self.history.undo(self._present_goal(snapshot)))
+
+    def redo(self, snapshot: ArmSnapshot) -> None:
+        """Take the goal that was undone last.
+
+        Raises:
+            InputError: There is none.
+        """
+        self._restore(self.history.redo(self._present_goal(snapshot)))
+
+    def finish_target(self) -> None:
+        """End a drag and the solving for it: the goal stays as it is shown."""
+        self._end_drag()
+        self._command = None
+
+    def _end_drag(self) -> None:
+        self._drag.cancel()
+        self._tool_drag.release()
+
+    def _restore(self, past: PastGoal) -> None:
+        self.reset()
+        self.goal, self.marker = past.goal, past.marker
+
+    def _present_goal(self, snapshot: ArmSnapshot) -> PastGoal:
+        """Return the goal; without one in Live, where the arm stands."""
+        goal = self.goal if snapshot.reference is None else self._goal_or_rest(snapshot)
+        return PastGoal(goal, self.marker)
+
+    def _record_goal(self, snapshot: ArmSnapshot, kind: str) -> None:
+        self.history.record(self._present_goal(snapshot), kind, self._clock.now_s())
+
+    def _set_goal(self, goal: Vector, snapshot: ArmSnapshot, kind: str) -> None:
         """Set a goal (n,) that no pointer gave; a drag ends."""
+        self._record_goal(snapshot, kind)
         self.reset()
         self.goal = goal
 
-    def pose(self, name: str, measured: Vector) -> None:
-        """Set a named pose as goal, clipped to this arm's limits; ``measured`` (n,).
+    def pose(self, name: str, snapshot: ArmSnapshot) -> None:
+        """Set a named pose as goal, clipped to this arm's limits.
 
         Raises:
             UnknownNameError: The arm has none of that name.
         """
-        limited = self._arm.pose_within_limits(name, measured)
-        self.reset()
-        self.goal = np.array([limited.positions[joint] for joint in self._index.names])
+        limited = self._arm.pose_within_limits(name, snapshot.measured)
+        goal = np.array([limited.positions[joint] for joint in self._index.names])
+        self._set_goal(goal, snapshot, "")
         for text in limited.changed:
-            self._log(text)
+            self.log(text)
 
     def handle(
         self, message: Message, context: PointerContext, snapshot: ArmSnapshot, now_s: float
     ) -> None:
         """Handle an input message in the context in which the user gave it."""
         if isinstance(message, msg.Gamepad) and self._gripper is not None:
+            if message.grip:
+                self._record_goal(snapshot, "gripper")
             self._drive_gripper(self._gripper, message.grip, snapshot, now_s)
+        before = self._present_goal(snapshot)
         command = self._command_from(message, context, now_s)
         self.revision += 1
         if command is not None:
+            self._record_gesture(message, before, now_s)
+        if command is not None:
             self._command, self.solver_trace = command, None
             self._solve_pending(snapshot, now_s)
+
+    def _record_gesture(self, message: Message, before: PastGoal, now_s: float) -> None:
+        """Record the goal before a gesture: of a drag once, when the pointer comes down."""
+        if isinstance(message, msg.Pointer | msg.DragTool):
+            if message.phase == "down" or not self._drag_recorded:
+                self.history.record(before, "", now_s)
+            self._drag_recorded = True
+        else:
+            self.history.record(before, type(message).__name__, now_s)
 
     def continue_target(self, snapshot: ArmSnapshot, now_s: float) -> None:
         """Continue towards a target that one solve did not reach."""
@@ -302,6 +366,8 @@ class Interaction:
         drag = self._drag
         if isinstance(message, msg.Pointer):
             return self._pointer_command(message, context)
+        if isinstance(message, msg.DragTool):
+            return self._tool_command(message, context)
         if isinstance(message, msg.Wheel):
             return drag.wheel((message.x, message.y), message.notches, context, fine=message.alt)
         if isinstance(message, msg.Key):
@@ -316,6 +382,7 @@ class Interaction:
     def _pointer_command(self, message: msg.Pointer, context: PointerContext) -> DragCommand | None:
         at = (message.x, message.y)
         if message.phase == "down":
+            self._drag_recorded = False
             self._update_hover(at, context)
             self.hover = None
             return self._drag.press(at, context, shift=message.shift, pointer=message.pointer)
@@ -329,6 +396,20 @@ class Interaction:
         elif message.phase == "leave" and message.touch:
             return None  # keep the list after a finger was lifted
         self._update_hover(None if message.phase in ("cancel", "leave") else at, context)
+        return None
+
+    def _tool_command(self, message: msg.DragTool, context: PointerContext) -> DragCommand | None:
+        if message.phase == "down":
+            self._drag_recorded, self._command = False, None
+            self._tool_drag.press(context.arms[0])
+            self._update_hover(None, context)
+        elif message.phase == "move":
+            return self._tool_drag.move(np.array(message.shift), np.array(message.turn))
+        elif message.phase == "up":
+            self._tool_drag.release()
+            self._warn_unreached()
+        else:
+            self.reset()
         return None
 
     def _update_hover(self, at: tuple[float, float] | None, context: PointerContext) -> None:
@@ -383,9 +464,9 @@ class Interaction:
         if (
             self.marker is None
             or self.marker.reached
-            or self._drag.is_busy
+            or self._is_dragging
             or self._command is not None
         ):
             return
         method = self.solver if self.solver in ITERATIVE else None
-        self._log(describe_target(self.marker, method))
+        self.log(describe_target(self.marker, method))

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 from ikservo.calibration import format_position
 from ikservo.errors import format_point
 from ikservo.kinematics import Chain, JointType
-from ikservo.kinematics.arrays import Vector
-from ikservo.kinematics.conditioning import conditioning
+from ikservo.kinematics.conditioning import Conditioning
 from ikservo.view.draw_items import TargetMarker
 from ikservo.view.picking import PickCandidate
 from ikservo.view.visibility import LinkVisibility, PostureAnalysis
@@ -33,6 +32,7 @@ __all__ = [
 
 
 _LOADED_PERCENT = 80.0
+_SAME_POINT_M = 1e-4
 # A supply outside these fractions of the nominal one is a wrong or an exhausted one: the three
 # cells of an 11.1 V battery give 9 to 12.6 V.
 _LOW_SUPPLY, _HIGH_SUPPLY = 0.8, 1.2
@@ -50,6 +50,11 @@ def describe_target(marker: TargetMarker, method: str | None = None) -> str:
     if method is not None:
         return f"{method} ended {marker.gap_m * 1000:.1f} mm from {format_point(marker.target_m)}."
     limits_text = f" ({', '.join(map(str, marker.binding))})" if marker.binding else ""
+    if marker.turn_error_rad and marker.gap_m < _SAME_POINT_M:
+        return (
+            f"The tool cannot be turned like that here{limits_text}: "
+            f"it stays {math.degrees(marker.turn_error_rad):.1f}° short of it."
+        )
     return (
         f"{format_point(marker.target_m)} cannot be reached{limits_text}. Nearest reachable point: "
         f"{format_point(marker.nearest_m)}, {marker.gap_m * 1000:.1f} mm away."
@@ -150,16 +155,14 @@ _UNITS = {1: "m", 2: "m²", 3: "m³"}
 
 
 def insight_rows(
-    chain: Chain, q: Vector, analysis: PostureAnalysis | None
+    measured: Conditioning, analysis: PostureAnalysis | None
 ) -> list[tuple[str, str, str]]:
     """Return rows of name, text and level: manipulability, nearest singularity, hidden links.
 
     Args:
-        chain: The arm.
-        q: Joints (dof,).
+        measured: The conditioning of the arm's posture.
         analysis: The analysis of that posture; None if not available yet.
     """
-    measured = conditioning(chain, q)
     unit = _UNITS.get(len(measured.moves_m_rad), "")
     value = f"{measured.manipulability:.2g} {unit}, "
     rows = [("manipulability", f"{value}at worst {measured.slowest_m_rad * 1000:.0f} mm/rad", "")]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Annotated, Literal, TypeVar
 
@@ -10,14 +11,20 @@ from pydantic import Field, TypeAdapter, ValidationError
 from ikservo.errors import InputError
 from ikservo.files.validation import StrictModel
 from ikservo.ik import Target
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.view.message_fields import Name, PageMessage
+from ikservo.view.program_messages import ProgramMessage
 
 __all__ = [
     "MAX_MESSAGE_BYTES",
     "Acknowledge",
+    "ArmAction",
     "BadMessageError",
     "CalibrationAnswer",
     "DragCommand",
     "DragTarget",
+    "DragTool",
+    "FitView",
     "Gamepad",
     "GoToPose",
     "Heartbeat",
@@ -32,6 +39,7 @@ __all__ = [
     "PointTool",
     "Pointer",
     "PreferPosture",
+    "SaveHistory",
     "SelectBehind",
     "SetJoint",
     "SetLive",
@@ -40,24 +48,26 @@ __all__ = [
     "SetTool",
     "SetTorque",
     "SetViewport",
+    "ShowPlots",
     "Stop",
     "TakeControl",
+    "ToolPoseTarget",
+    "Undo",
     "Wheel",
     "read_hello",
     "read_message",
+    "validate_message",
 ]
 
 
 _MessageT = TypeVar("_MessageT")
 
 MAX_MESSAGE_BYTES = 2048
-_MAX_SEQ = 2**53 - 1  # the largest whole number that JavaScript counts without gaps
 
 Pixels = Annotated[float, Field(ge=-16384, le=16384, allow_inf_nan=False)]
 Length = Annotated[float, Field(ge=16, le=16384, allow_inf_nan=False)]
 Axis = Annotated[float, Field(ge=-1, le=1, allow_inf_nan=False)]
 Weight = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False)]
-Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_\-]{1,64}$")]
 
 
 class BadMessageError(InputError):
@@ -71,27 +81,19 @@ class Hello(StrictModel):
     proof: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
 
 
-class _Message(StrictModel):
-    """Fields of all messages.
-
-    Attributes:
-        seq: Sequence number, increasing; a repeated number is a replay.
-        seen: Number of the latest scene drawn when it was sent, which gives the message's age.
-    """
-
-    seq: Annotated[int, Field(ge=1, le=_MAX_SEQ)]
-    seen: Annotated[int, Field(ge=0, le=_MAX_SEQ)]
-
-
-class Heartbeat(_Message):
+class Heartbeat(PageMessage):
     """Sent periodically; ``visible`` is whether the page is in the foreground."""
 
     kind: Literal["heartbeat"]
     visible: bool
 
 
-class SetViewport(_Message):
-    """Size of the page's drawing in CSS pixels, its viewpoint, and whether WebGL draws it."""
+class SetViewport(PageMessage):
+    """Size of the page's drawing in CSS pixels, its viewpoint, and whether WebGL draws it.
+
+    Attributes:
+        handles: Whether WebGL draws handles at the tool.
+    """
 
     kind: Literal["viewport"]
     w: Length
@@ -99,9 +101,10 @@ class SetViewport(_Message):
     dpr: Annotated[float, Field(ge=0.25, le=16, allow_inf_nan=False)]
     view: Literal["side", "top", "front", "orbit", "plane"]
     webgl: bool = False
+    handles: bool = False
 
 
-class Pointer(_Message):
+class Pointer(PageMessage):
     """A pointer event, in CSS pixels of the drawing."""
 
     kind: Literal["pointer"]
@@ -115,7 +118,25 @@ class Pointer(_Message):
     alt: bool = False
 
 
-class Wheel(_Message):
+Shift = Annotated[float, Field(ge=-10, le=10, allow_inf_nan=False)]
+Turn = Annotated[float, Field(ge=-math.tau, le=math.tau, allow_inf_nan=False)]
+
+
+class DragTool(PageMessage):
+    """A drag of the tool's handles in the 3D scene, in the base frame since it began.
+
+    Attributes:
+        shift: How far the tool was moved (3,), metres.
+        turn: How far it was turned: a rotation vector (3,), rad.
+    """
+
+    kind: Literal["drag_tool"]
+    phase: Literal["down", "move", "up", "cancel"]
+    shift: tuple[Shift, Shift, Shift] = Field(default=(0.0, 0.0, 0.0), strict=False)
+    turn: tuple[Turn, Turn, Turn] = Field(default=(0.0, 0.0, 0.0), strict=False)
+
+
+class Wheel(PageMessage):
     """A wheel event at a pixel; positive notches are away from the user."""
 
     kind: Literal["wheel"]
@@ -125,7 +146,7 @@ class Wheel(_Message):
     alt: bool = False
 
 
-class Key(_Message):
+class Key(PageMessage):
     """A key event that moves the target."""
 
     kind: Literal["key"]
@@ -134,23 +155,53 @@ class Key(_Message):
     shift: bool = False
 
 
-class SelectBehind(_Message):
+class SelectBehind(PageMessage):
     """Select the next (1) or previous (-1) of the overlapping things under the pointer."""
 
     kind: Literal["behind"]
     step: Literal[-1, 1]
 
 
-class OrbitCamera(_Message):
-    """Orbit or pan the camera by pixels of dragging, or zoom."""
+class OrbitCamera(PageMessage):
+    """Orbit or pan the camera by pixels of dragging, or zoom.
+
+    Attributes:
+        at: The pixel whose place stays when zooming; None for the middle.
+    """
 
     kind: Literal["orbit_camera"]
     dx: Pixels
     dy: Pixels
     zoom: Annotated[float, Field(ge=0.2, le=5, allow_inf_nan=False)] = 1.0
+    at: tuple[Pixels, Pixels] | None = Field(default=None, strict=False)
 
 
-class Gamepad(_Message):
+class FitView(PageMessage):
+    """Show the whole arm again, from where the chosen view shows it at first."""
+
+    kind: Literal["fit_view"]
+
+
+class Undo(PageMessage):
+    """Take the target before the present one; ``redo`` the one that was undone."""
+
+    kind: Literal["undo"]
+    redo: bool = False
+
+
+class ArmAction(PageMessage):
+    """Let the arm do something by itself.
+
+    Attributes:
+        action: Go to the target of the preview; lower the arm to its rest pose and switch torque
+            off; or switch torque off at once.
+    """
+
+    kind: Literal["arm_action"]
+    action: Literal["execute", "relax", "release"]
+
+
+class Gamepad(PageMessage):
     """State of a gamepad: right and up of one stick, then of the other, each -1 to 1.
 
     Attributes:
@@ -162,47 +213,47 @@ class Gamepad(_Message):
     grip: Axis = 0.0
 
 
-class Stop(_Message):
+class Stop(PageMessage):
     """Stop and hold until acknowledged."""
 
     kind: Literal["stop"]
 
 
-class Acknowledge(_Message):
+class Acknowledge(PageMessage):
     """The user acknowledges a stop."""
 
     kind: Literal["acknowledge"]
 
 
-class SetLive(_Message):
+class SetLive(PageMessage):
     """Switch between preview and live control."""
 
     kind: Literal["set_live"]
     on: bool
 
 
-class TakeControl(_Message):
+class TakeControl(PageMessage):
     """Take or release control."""
 
     kind: Literal["take_control"]
     on: bool
 
 
-class SetSpeed(_Message):
+class SetSpeed(PageMessage):
     """Set the speed class."""
 
     kind: Literal["set_speed"]
     name: Literal["slow", "normal", "fast"]
 
 
-class SetSolver(_Message):
+class SetSolver(PageMessage):
     """Set the solver."""
 
     kind: Literal["set_solver"]
     name: Name
 
 
-class PreferPosture(_Message):
+class PreferPosture(PageMessage):
     """Set the preferred posture, used where the target leaves freedom.
 
     Attributes:
@@ -215,7 +266,7 @@ class PreferPosture(_Message):
     weights: dict[Name, Weight] = Field(default_factory=dict, max_length=32)
 
 
-class GoToPose(_Message):
+class GoToPose(PageMessage):
     """Go to a named pose."""
 
     kind: Literal["go_to_pose"]
@@ -226,7 +277,7 @@ Amount = Annotated[float, Field(ge=-1e5, le=1e5, allow_inf_nan=False)]
 ToolValue = Literal["x", "y", "z", "pitch", "roll"]
 
 
-class SetJoint(_Message):
+class SetJoint(PageMessage):
     """Set the goal of one joint, degrees or millimetres."""
 
     kind: Literal["set_joint"]
@@ -234,7 +285,7 @@ class SetJoint(_Message):
     value: Amount
 
 
-class JogJoint(_Message):
+class JogJoint(PageMessage):
     """Move the goal of one joint by a step, degrees or millimetres."""
 
     kind: Literal["jog_joint"]
@@ -242,7 +293,7 @@ class JogJoint(_Message):
     step: Amount
 
 
-class SetTool(_Message):
+class SetTool(PageMessage):
     """Set one coordinate of the tool [mm] or angle [degrees]; the others stay if they can."""
 
     kind: Literal["set_tool"]
@@ -250,7 +301,7 @@ class SetTool(_Message):
     value: Amount
 
 
-class JogTool(_Message):
+class JogTool(PageMessage):
     """Move one coordinate of the tool [mm] or angle [degrees] by a step."""
 
     kind: Literal["jog_tool"]
@@ -258,14 +309,14 @@ class JogTool(_Message):
     step: Amount
 
 
-class PointTool(_Message):
+class PointTool(PageMessage):
     """Point the tool in a direction of the base frame, of any length; its tip stays."""
 
     kind: Literal["point_tool"]
     direction: Annotated[list[Amount], Field(min_length=3, max_length=3)]
 
 
-class SetTorque(_Message):
+class SetTorque(PageMessage):
     """Switch the torque of one joint's servo; a joint without torque falls."""
 
     kind: Literal["set_torque"]
@@ -273,7 +324,28 @@ class SetTorque(_Message):
     on: bool
 
 
-class CalibrationAnswer(_Message):
+class ShowPlots(PageMessage):
+    """Choose what the page plots; no quantities close its plots.
+
+    Attributes:
+        stopped: Show the seconds before the last stop instead of the present.
+    """
+
+    kind: Literal["show_plots"]
+    quantities: Annotated[list[Name], Field(max_length=16)]
+    joints: Annotated[list[Name], Field(max_length=32)]
+    span_s: Annotated[int, Field(ge=1, le=600)] = 60
+    stopped: bool = False
+
+
+class SaveHistory(PageMessage):
+    """Offer what is kept of the past, or of the seconds before the last stop, as a CSV file."""
+
+    kind: Literal["save_history"]
+    stopped: bool = False
+
+
+class CalibrationAnswer(PageMessage):
     """User input of a calibration; ``start`` starts it and ``cancel`` ends it."""
 
     kind: Literal["calibration"]
@@ -287,10 +359,14 @@ Message = (
     Heartbeat
     | SetViewport
     | Pointer
+    | DragTool
     | Wheel
     | Key
     | SelectBehind
     | OrbitCamera
+    | FitView
+    | Undo
+    | ArmAction
     | Gamepad
     | Stop
     | Acknowledge
@@ -306,7 +382,10 @@ Message = (
     | JogTool
     | PointTool
     | SetTorque
+    | ShowPlots
+    | SaveHistory
     | CalibrationAnswer
+    | ProgramMessage
 )
 
 _MESSAGES: TypeAdapter[Message] = TypeAdapter(Annotated[Message, Field(discriminator="kind")])
@@ -319,7 +398,7 @@ def read_hello(text: str) -> Hello:
     Raises:
         BadMessageError: It is no valid ``Hello``.
     """
-    return _validate_message(_HELLO, text)
+    return validate_message(_HELLO, text)
 
 
 def read_message(text: str) -> Message:
@@ -328,10 +407,15 @@ def read_message(text: str) -> Message:
     Raises:
         BadMessageError: It is too long, no JSON, or not one of those above.
     """
-    return _validate_message(_MESSAGES, text)
+    return validate_message(_MESSAGES, text)
 
 
-def _validate_message(adapter: TypeAdapter[_MessageT], text: str) -> _MessageT:
+def validate_message(adapter: TypeAdapter[_MessageT], text: str) -> _MessageT:
+    """Parse and validate a message of any kind.
+
+    Raises:
+        BadMessageError: It is too long, no JSON, or of no such kind.
+    """
     if len(text) > MAX_MESSAGE_BYTES:
         raise BadMessageError(
             "The message is too long.", f"At most {MAX_MESSAGE_BYTES} characters."
@@ -357,6 +441,21 @@ class DragTarget:
     is_click: bool = False
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class ToolPoseTarget:
+    """Move the tool to a pose, its position first.
+
+    Attributes:
+        position_m: Position (3,) of the tip, base frame.
+        orientation: Orientation (3, 3) of the tip: R_base_tip.
+        in_plane: Whether that is in the arm's own plane instead, and kept as well as possible.
+    """
+
+    position_m: Vector
+    orientation: Matrix
+    in_plane: bool = False
+
+
 @dataclass(frozen=True, slots=True)
 class JointTarget:
     """Move one joint to a position inside its limits, rad or m; the others stay."""
@@ -370,4 +469,4 @@ class HoldCommand:
     """Hold position."""
 
 
-DragCommand = DragTarget | JointTarget | HoldCommand
+DragCommand = DragTarget | ToolPoseTarget | JointTarget | HoldCommand

@@ -28,11 +28,13 @@ from ikservo.kinematics.se3 import make_pose, rotation_rpy
 from ikservo.model import Model
 from ikservo.model.collision_model import bounding_capsules
 from ikservo.model.meshes import mesh_triangles
+from ikservo.model.tool import tool_frame
 from ikservo.model.urdf_types import Box, Cylinder, Mesh, Shape, Sphere, Surface, Triple, UrdfLink
 from ikservo.view.camera import Camera
 from ikservo.view.draw_items import other_joint_position
 from ikservo.view.reachable_region import ReachableRegion
 from ikservo.view.scene import SceneState
+from ikservo.view.tool_handles import ToolHandles
 from ikservo.view.viewpoints import ArmExtent
 
 __all__ = ["SceneGraph"]
@@ -42,6 +44,7 @@ Fields = dict[str, object]
 _MAX_TRIANGLES = 15_000  # of one mesh: 0.7 MB in base64
 _DIGITS = 7  # of joint positions: at a metre's distance 0.1 µm
 _REGION_DIGITS = 4
+_AXIS_DIGITS = 4
 _UNUSABLE = (FileFormatError, InputError)
 
 
@@ -59,6 +62,7 @@ class SceneGraph:
 
     def __init__(self, model: Model, chain: Chain, extent: ArmExtent) -> None:
         self._chain = chain
+        self._handles = ToolHandles(chain, tool_frame(model).approach_axis)
         steps = {link: chain.joints_to(link)[-1] for link in chain.frames if link != chain.base}
         self._moving = [step for step in steps.values() if step.joint.kind is not JointType.FIXED]
         self.description: Fields = {
@@ -77,11 +81,17 @@ class SceneGraph:
             ],
             "floor": model.floor_m,
             "centre": extent.pivot_m.tolist(),
+            "handles": self._handles.description,
             "size": float(np.linalg.norm(extent.own_m[1] - extent.own_m[0])),
         }
 
-    def fields(self, state: SceneState) -> Fields:
-        """Return the fields of a scene: joint positions of arm and goal, camera, marks."""
+    def fields(self, state: SceneState, *, handles: bool = False) -> Fields:
+        """Return the fields of a scene: joint positions of arm and goal, camera, marks.
+
+        Args:
+            state: What is shown.
+            handles: Whether the tool has handles: their axes (3, 3) in the base frame.
+        """
         others = state.other_joints if state.goal_other_joints is None else state.goal_other_joints
         return {
             "camera": _camera_fields(state.camera),
@@ -89,10 +99,16 @@ class SceneGraph:
             "goal": self._positions(state.goal, others)
             if state.goal is not None and state.shows_goal
             else None,
+            "handles": self._handle_axes(state) if handles else None,
             "behind": state.behind,
             "refused_pair": state.refused_pair,
             **_region_fields(state.region),
         }
+
+    def _handle_axes(self, state: SceneState) -> list[float]:
+        axes = self._handles.axes(state.measured if state.goal is None else state.goal)
+        rounded: list[float] = np.round(axes, _AXIS_DIGITS).ravel().tolist()
+        return rounded
 
     def _positions(self, q: Vector, others: Mapping[str, float]) -> list[float]:
         """Return the position of each joint that is not fixed, rad or m, in the order of links."""

@@ -9,11 +9,11 @@ import json
 import socket
 import threading
 from collections import deque
-from collections.abc import Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from importlib.resources import files
-from typing import Protocol
+from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 
 import uvicorn
 from pydantic_core import to_json
@@ -21,11 +21,11 @@ from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
-from starlette.routing import Route, WebSocketRoute
+from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from ikservo.clock import Clock
-from ikservo.errors import PortError
+from ikservo.errors import IkservoError, PortError
 from ikservo.view.auth import (
     AccessTokens,
     ConnectionLimiter,
@@ -34,11 +34,18 @@ from ikservo.view.auth import (
     new_nonce,
 )
 from ikservo.view.connection import MessageFilter, RateLimitError, StaleMessageError
-from ikservo.view.messages import MAX_MESSAGE_BYTES, BadMessageError, Message, read_hello
+from ikservo.view.downloads import DownloadOffers
+from ikservo.view.message_fields import PageMessage
+from ikservo.view.messages import MAX_MESSAGE_BYTES, BadMessageError, read_hello
+
+if TYPE_CHECKING:
+    from ikservo.view.certificate import PageCertificate
 
 __all__ = [
     "BoundAddress",
+    "PageChannel",
     "SessionBackend",
+    "SessionEndedError",
     "make_app",
     "serve",
     "serve_in_thread",
@@ -82,13 +89,22 @@ _SLOW_CLIENT_S = 2.0  # a page that receives nothing for so long is dropped
 _MAX_FRAMES_AHEAD = 2  # scenes in flight
 _KEPT_BY_PAGE = ("scene", "status")
 _MAX_CLIENTS = _MAX_UNAUTHENTICATED = 16
-_UNAUTHORISED, _RATE_EXCEEDED, _FULL = 4401, 1008, 1013
+_UNAUTHORISED, _NONE_OPEN, _CLOSED = 4401, 4404, 4410
+_RATE_EXCEEDED, _FULL = 1008, 1013
 
 Frame = Mapping[str, object]
 
 
-class SessionBackend(Protocol):
-    """Handles the clients of the websocket; no method may block."""
+_MessageT = TypeVar("_MessageT", bound=PageMessage)
+_ReceivedT_contra = TypeVar("_ReceivedT_contra", contravariant=True)
+
+
+class SessionEndedError(IkservoError):
+    """What a client was connected to is closed; so is its connection."""
+
+
+class SessionBackend(Protocol[_ReceivedT_contra]):
+    """Handles the clients of a websocket; no method may block."""
 
     def connect(self, permission: Permission) -> int:
         """Register a client and return its number."""
@@ -98,40 +114,68 @@ class SessionBackend(Protocol):
         """Remove a client."""
         ...
 
-    def receive(self, client_id: int, message: Message) -> None:
+    def receive(self, client_id: int, message: _ReceivedT_contra) -> None:
         """Handle a client's message.
 
         Raises:
-            IkservoError: Not permitted, or impossible now; the text is sent back to the client.
+            BadMessageError: Not permitted, or impossible now; the client gets the text.
+            SessionEndedError: There is no session any more.
         """
         ...
 
     def frames(self, client_id: int) -> list[Frame]:
-        """Return the new frames for a client since the last call, maybe none."""
+        """Return the new frames for a client since the last call, maybe none.
+
+        Raises:
+            SessionEndedError: There is no session any more.
+        """
         ...
 
 
-def make_app(backend: SessionBackend, keys: AccessTokens, clock: Clock) -> Starlette:
+@dataclass(frozen=True, slots=True)
+class PageChannel(Generic[_MessageT]):
+    """A websocket that pages connect to.
+
+    Attributes:
+        path: Its address; the name after it, if there is one, is that of an arm.
+        find: Returns what handles the clients, by the name of the arm; None if there is none.
+        read: Parses and validates a message.
+    """
+
+    path: str
+    find: Callable[[str], SessionBackend[_MessageT] | None]
+    read: Callable[[str], _MessageT]
+
+
+def make_app(
+    channels: Sequence[PageChannel[Any]],
+    keys: AccessTokens,
+    clock: Clock,
+    downloads: DownloadOffers | None = None,
+) -> Starlette:
     """Return the server's application, with the origin check.
 
     Args:
-        backend: Handles the messages and provides the frames.
+        channels: Handle the messages and provide the frames.
         keys: The keys that clients must prove.
         clock: Time stamps of messages.
+        downloads: Files that pages have asked for, if there are any.
     """
-    handler = _WebSocketHandler(backend, keys, clock)
-    routes = [
-        *static_routes(),
-        WebSocketRoute("/live", handler.handle),
-    ]
+    routes: list[BaseRoute] = [*static_routes()]
+    for channel in channels:
+        handler = _WebSocketHandler(channel, keys, clock)
+        routes.append(WebSocketRoute(channel.path, handler.handle))
+        routes.append(WebSocketRoute(f"{channel.path}/{{arm}}", handler.handle))
+    if downloads is not None:
+        routes.append(Route("/download/{token}", downloads.serve, methods=["GET"]))
     return Starlette(routes=routes, middleware=[Middleware(OriginCheckMiddleware)])
 
 
-class _WebSocketHandler:
+class _WebSocketHandler(Generic[_MessageT]):
     """Authenticates clients and runs their websocket sessions."""
 
-    def __init__(self, backend: SessionBackend, keys: AccessTokens, clock: Clock) -> None:
-        self._backend, self._keys, self._clock = backend, keys, clock
+    def __init__(self, channel: PageChannel[_MessageT], keys: AccessTokens, clock: Clock) -> None:
+        self._channel, self._keys, self._clock = channel, keys, clock
         self._client_count = 0
         self._unauthenticated: deque[WebSocket] = deque()
 
@@ -144,7 +188,7 @@ class _WebSocketHandler:
             elif self._client_count >= _MAX_CLIENTS:
                 await socket.close(_FULL, "Too many clients.")
             else:
-                await self._accept_client(socket, permission)
+                await self._connect(socket, permission)
 
     async def _authenticate(self, socket: WebSocket) -> Permission | None:
         """Authenticate the client (HMAC challenge) before sending anything."""
@@ -162,17 +206,30 @@ class _WebSocketHandler:
                 self._unauthenticated.remove(socket)
         return self._keys.authorise(nonce, hello.proof)
 
-    async def _accept_client(self, socket: WebSocket, permission: Permission) -> None:
-        self._client_count += 1
-        client_id = self._backend.connect(permission)
+    async def _connect(self, socket: WebSocket, permission: Permission) -> None:
+        """Run the session of an authenticated client until either side ends it."""
+        backend = self._channel.find(socket.path_params.get("arm", ""))
+        if backend is None:
+            await socket.close(_NONE_OPEN, "No such arm is open.")
+            return
         try:
-            await self._run_session(socket, client_id)
+            await self._accept_client(socket, permission, backend)
+        except SessionEndedError as error:
+            await socket.close(_CLOSED, error.message)
+
+    async def _accept_client(
+        self, socket: WebSocket, permission: Permission, backend: SessionBackend[_MessageT]
+    ) -> None:
+        self._client_count += 1
+        client_id = backend.connect(permission)
+        try:
+            messages = MessageFilter(self._clock.now_s(), self._channel.read)
+            await self._run_session(_ClientState(socket, client_id, backend, messages))
         finally:
-            self._backend.disconnect(client_id)
+            backend.disconnect(client_id)
             self._client_count -= 1
 
-    async def _run_session(self, socket: WebSocket, client_id: int) -> None:
-        state = _ClientState(socket, client_id, MessageFilter(self._clock.now_s()))
+    async def _run_session(self, state: _ClientState[_MessageT]) -> None:
         writing = asyncio.create_task(self._write_frames(state))
         reading = asyncio.create_task(self._read_messages(state))
         try:
@@ -184,7 +241,7 @@ class _WebSocketHandler:
         for task in done:
             task.result()
 
-    async def _read_messages(self, state: _ClientState) -> None:
+    async def _read_messages(self, state: _ClientState[_MessageT]) -> None:
         while True:
             try:
                 text = await state.socket.receive_text()
@@ -193,7 +250,7 @@ class _WebSocketHandler:
                 return
             try:
                 message = state.filter.accept(text, self._clock.now_s())
-                self._backend.receive(state.client_id, message)
+                state.backend.receive(state.client_id, message)
             except RateLimitError as error:
                 await state.socket.close(_RATE_EXCEEDED, error.message)
                 return
@@ -207,7 +264,7 @@ class _WebSocketHandler:
                 state.drawn = state.filter.seen
                 state.ready.set()
 
-    async def _write_frames(self, state: _ClientState) -> None:
+    async def _write_frames(self, state: _ClientState[_MessageT]) -> None:
         """Send new frames whenever a scene was drawn, one per refresh of the screen."""
         loop = asyncio.get_running_loop()
         while True:
@@ -215,7 +272,7 @@ class _WebSocketHandler:
             frames: list[Frame] = [*state.outbox]
             state.outbox.clear()
             if state.filter.frames_in_flight < _MAX_FRAMES_AHEAD:
-                frames += self._backend.frames(state.client_id)
+                frames += state.backend.frames(state.client_id)
             for frame in frames:
                 await asyncio.wait_for(
                     state.socket.send_text(self._number_frame(state, frame)), _SLOW_CLIENT_S
@@ -225,7 +282,7 @@ class _WebSocketHandler:
             await asyncio.sleep(due_s - loop.time())
             state.ready.clear()
 
-    def _number_frame(self, state: _ClientState, frame: Frame) -> str:
+    def _number_frame(self, state: _ClientState[_MessageT], frame: Frame) -> str:
         """Serialize a frame; scenes are numbered, which dates the replies.
 
         Of scenes and status only the fields that have changed travel; the page has the others.
@@ -238,10 +295,12 @@ class _WebSocketHandler:
 
 
 @dataclass(slots=True)
-class _ClientState:
+class _ClientState(Generic[_MessageT]):
     """State of one websocket session.
 
     Attributes:
+        backend: Handles its messages.
+        filter: Parses and checks them.
         drawn: The last scene that is known to be drawn.
         outbox: Frames to be sent before the next scene.
         ready: Set when the page has drawn a scene, or sends something with no scene in flight.
@@ -250,7 +309,8 @@ class _ClientState:
 
     socket: WebSocket
     client_id: int
-    filter: MessageFilter
+    backend: SessionBackend[_MessageT]
+    filter: MessageFilter[_MessageT]
     drawn: int = 0
     outbox: list[Frame] = field(default_factory=list[Frame])
     ready: asyncio.Event = field(default_factory=asyncio.Event)
@@ -274,12 +334,14 @@ class BoundAddress:
     Args:
         host: An IP address of this machine.
         port: A port, or 0 for any that is free.
+        certificate: Serve by TLS with it; None for plain HTTP.
 
     Raises:
         PortError: It is no address of this machine, or in use.
     """
 
-    def __init__(self, host: str, port: int) -> None:
+    def __init__(self, host: str, port: int, certificate: PageCertificate | None = None) -> None:
+        self.certificate = certificate
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
         self.socket = socket.socket(family, socket.SOCK_STREAM)
         self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -294,7 +356,8 @@ class BoundAddress:
     def url(self) -> str:
         """Return the URL for a browser."""
         host, port = self.socket.getsockname()[:2]
-        return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
+        scheme = "http" if self.certificate is None else "https"
+        return f"{scheme}://[{host}]:{port}" if ":" in host else f"{scheme}://{host}:{port}"
 
 
 def _cannot_serve(host: str, port: int, error: OSError | OverflowError) -> PortError:
@@ -311,13 +374,13 @@ def _cannot_serve(host: str, port: int, error: OSError | OverflowError) -> PortE
 def serve(app: Starlette, address: BoundAddress) -> None:
     """Serve until SIGINT or SIGTERM; call it in the main thread."""
     with contextlib.suppress(KeyboardInterrupt):
-        _make_server(app).run(sockets=[address.socket])
+        _make_server(app, address).run(sockets=[address.socket])
 
 
 @contextmanager
 def serve_in_thread(app: Starlette, address: BoundAddress) -> Generator[str]:
     """Serve in a separate thread within the block; yields the URL."""
-    server = _make_server(app)
+    server = _make_server(app, address)
     thread = threading.Thread(target=server.run, args=([address.socket],), daemon=True)
     thread.start()
     try:
@@ -327,7 +390,8 @@ def serve_in_thread(app: Starlette, address: BoundAddress) -> Generator[str]:
         thread.join()
 
 
-def _make_server(app: Starlette) -> uvicorn.Server:
+def _make_server(app: Starlette, address: BoundAddress) -> uvicorn.Server:
+    path = None if address.certificate is None else address.certificate.path
     config = uvicorn.Config(
         app,
         log_level="warning",
@@ -341,5 +405,6 @@ def _make_server(app: Starlette) -> uvicorn.Server:
         timeout_graceful_shutdown=1,
         server_header=False,
         proxy_headers=False,
+        ssl_certfile=path,
     )
     return uvicorn.Server(config)

@@ -114,6 +114,7 @@ class ArmSnapshot:
         refusal: The goal that was refused last in a session; None if there is none.
         messages: Messages for the user, the oldest first.
         calibration: The running calibration, if any.
+        activity: What the arm does by itself; empty if nothing.
     """
 
     measured: Vector
@@ -125,3 +126,4 @@ class ArmSnapshot:
     refusal: GoalRefusal | None = None
     messages: tuple[LogEntry, ...] = ()
     calibration: CalibrationView | None = None
+    activity: str = ""

@@ -10,7 +10,7 @@ they hit first is visible there::
 from __future__ import annotations
 
 import math
-from collections.abc import Hashable, Mapping
+from collections.abc import Callable, Hashable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
@@ -18,11 +18,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ikservo.clock import Clock
 from ikservo.deprecation import current_name
 from ikservo.errors import UnknownNameError
 from ikservo.kinematics import Chain, finite_vector
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.kinematics.conditioning import Singularity, nearest_singularity
+from ikservo.kinematics.conditioning import (
+    Conditioning,
+    Singularity,
+    conditioning,
+    nearest_singularity,
+)
 from ikservo.model import Model
 from ikservo.model.collision_model import capsules_of
 from ikservo.view.bvh import bounding_boxes, link_primitives, object_primitives, triangle_rows
@@ -228,29 +234,40 @@ class PostureAnalysis:
     seen: tuple[LinkVisibility, ...]
 
 
+_CONDITIONING_PERIOD_S = 0.3  # nobody reads it faster
+
+
 class PostureAnalyser:
     """Runs one analysis at a time in the background; callers poll ``get``.
 
     Args:
         chain: The arm inside its own limits.
         visibility: Computes which links are visible.
+        clock: Tells when the conditioning is computed again.
     """
 
-    def __init__(self, chain: Chain, visibility: VisibilityChecker) -> None:
-        self._chain, self._visibility = chain, visibility
+    def __init__(self, chain: Chain, visibility: VisibilityChecker, clock: Clock) -> None:
+        self._chain, self._visibility, self._clock = chain, visibility, clock
+        self._conditioned: tuple[float, Conditioning] | None = None
         self._cached: dict[int, PostureAnalysis] = {}
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="ikservo insight")
         self._busy: tuple[int, Future[PostureAnalysis]] | None = None
 
     def get(
-        self, client: int, q: Vector, poses: dict[str, Matrix], camera: Camera, *, idle: bool
+        self,
+        client: int,
+        q: Vector,
+        find_poses: Callable[[], dict[str, Matrix]],
+        camera: Camera,
+        *,
+        idle: bool,
     ) -> PostureAnalysis | None:
         """Return the analysis of a posture, or None and start it.
 
         Args:
             client: Number of the client with the camera.
             q: The joints (dof,).
-            poses: T_world_link (4, 4) of every link at ``q``.
+            find_poses: Returns T_world_link (4, 4) of every link at ``q``.
             camera: The client's camera.
             idle: Whether an analysis may start now.
         """
@@ -259,8 +276,16 @@ class PostureAnalyser:
         if cached is not None and _is_same_posture(cached, q, camera):
             return cached
         if idle and self._busy is None:
-            self._busy = (client, self._worker.submit(self._analyse, q.copy(), poses, camera))
+            work = self._worker.submit(self._analyse, q.copy(), find_poses(), camera)
+            self._busy = client, work
         return None
+
+    def conditioning(self, q: Vector) -> Conditioning:
+        """Return the conditioning at joints (dof,), or at those of less than 0.3 s ago."""
+        now_s = self._clock.now_s()
+        if self._conditioned is None or now_s - self._conditioned[0] >= _CONDITIONING_PERIOD_S:
+            self._conditioned = now_s, conditioning(self._chain, q)
+        return self._conditioned[1]
 
     def close(self) -> None:
         """Cancel the running analysis."""

@@ -12,6 +12,7 @@ from ikservo.model import load_model
 from ikservo.view.app import ViewApp
 from ikservo.view.auth import Permission
 from ikservo.view.messages import read_message
+from ikservo.view.served_arms import ArmAtPort
 from tests.arm.simulated import line_of, registers, true_joints, true_tip_m, without_zeros
 from tests.oracle import pinocchio_model
 
@@ -26,8 +27,13 @@ AT_HOME_RAD = 0.012  # more than an arm sags when its torque comes on
 class ServedView:
     """A served view: its addresses, what ends its server when closed, and its simulated servos."""
 
-    def __init__(self, view, urls, server):
-        self.view, self.urls, self.server = view, urls, server
+    def __init__(self, app, urls, server):
+        self.app, self.urls, self.server = app, urls, server
+
+    @property
+    def view(self):
+        """Return the arm that a page shows at first: its thread and its controller."""
+        return self.app.arms.find("")
 
     @property
     def arm(self):
@@ -88,17 +94,18 @@ class HoldingView(ViewApp):
         self._calibrated = calibrated
         super().__init__(*args, **options)
 
-    def _open_arm(self):
-        arm = super()._open_arm()
+    def _open_arm(self, model, port):
+        arm = super()._open_arm(model, port)
         arm.enable()
         return arm if self._calibrated else without_zeros(arm)
 
 
 @contextmanager
-def serve_view(arm="so101", port="sim:?pose=home", dead_man_s=5.0, *, calibrated=True):
+def serve_view(arm="so101", port="sim:?pose=home", dead_man_s=5.0, *, calibrated=True, **options):
     """Serve a view; a busy machine makes pages stutter, so the dead man is patient by default."""
     model = load_model(arm)
-    view = HoldingView(model, port, dead_man_s=dead_man_s, calibrated=calibrated)
+    places = [ArmAtPort(model, port)]
+    view = HoldingView(places, dead_man_s=dead_man_s, calibrated=calibrated, **options)
     with view as urls, view.serve_in_thread() as server:
         yield ServedView(view, urls, server)
 

@@ -134,6 +134,44 @@ def test_a_ghost_that_would_touch_something_turns_red_and_the_pair_is_named(onlo
     assert "gripper would touch the floor" in onlooker.page.inner_text("#refusal")
 
 
+HANDLE_PX = """([kind, axis]) => {
+  const { handles } = window.ikservo.rendering.scene3d;
+  const box = document.getElementById("drawing").getBoundingClientRect();
+  const hits = (x, y) => { handles.hover({ x, y }); return handles[kind].axis === axis; };
+  for (let y = 0.95; y > -0.95; y -= 0.01) for (let x = -0.95; x < 0.95; x += 0.01) {
+    if (!hits(x, y) || !hits(x + 0.02, y - 0.01)) continue;
+    handles.leave();
+    return [box.x + (x + 1.01) / 2 * box.width, box.y + (1.005 - y) / 2 * box.height];
+  }
+}"""
+
+
+@pytest.mark.campaign  # wants quick frames; tests/view/test_tool_handles.py without a browser
+@pytest.mark.parametrize(("kind", "axis", "moved"), [("arrows", "Z", "z"), ("rings", "Y", "pitch")])
+def test_an_arrow_shifts_the_target_and_a_ring_turns_it_and_nothing_else(
+    onlooker, kind, axis, moved
+):
+    page, ticks = onlooker.page, onlooker.served.goals()
+    if page.get_attribute("#handles", "aria-checked") == "false":
+        page.click("#handles")
+    onlooker.wait_for("scene.handles && !scene.goal")
+    before = onlooker.status["tool"]
+    x, y = page.evaluate(HANDLE_PX, [kind, axis])
+    page.mouse.move(x, y)
+    page.mouse.down()
+    page.mouse.move(x + 12, y - 24, steps=3)
+    onlooker.wait_for(f"Math.abs(status.tool.{moved} - {before[moved]}) > 5")
+    page.mouse.up()
+    after = onlooker.status["tool"]
+    for name in {"x", "y", "z", "pitch"} - {moved}:
+        assert after[name] == pytest.approx(before[name], abs=0.6), name
+    assert onlooker.served.goals() == ticks  # a preview
+    page.click("#handles")
+    onlooker.wait_for("!scene.handles")
+    assert page.evaluate(f"{SCENE}.handles.root.visible") is False
+    assert onlooker.errors == []
+
+
 def test_frames_too_slow_fall_back_to_the_canvas_and_the_switch_returns_to_3d(onlooker):
     onlooker.page.evaluate(
         f"""() => {{

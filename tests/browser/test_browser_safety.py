@@ -179,7 +179,7 @@ def test_the_key_leaves_no_trace_in_what_is_sent(browser, view):
     page.goto(view.urls.control)
     page.wait_for_selector("#views button")
     assert len(seen) > 5
-    assert not [words for words in seen if view.view.keys.control in str(words)[:4000]]
+    assert not [words for words in seen if view.app.keys.control in str(words)[:4000]]
     context.close()
 
 

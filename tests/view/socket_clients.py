@@ -7,6 +7,8 @@ import websockets
 from websockets.sync.client import connect
 
 from ikservo.view.auth import challenge_response
+from ikservo.view.messages import read_message
+from ikservo.view.server import PageChannel
 
 
 class RecordingController:
@@ -33,11 +35,16 @@ class RecordingController:
         return [{"kind": "scene", "items": self.show}]
 
 
+def arm_channel(backend):
+    """Return the channel of a page's arm, handled by a backend."""
+    return PageChannel("/live", lambda arm: None if arm else backend, read_message)
+
+
 class SocketClient:
     """A websocket client whose messages a test chooses."""
 
-    def __init__(self, url, **options):
-        address = url.replace("http", "ws") + "/live"
+    def __init__(self, url, path="/live", **options):
+        address = url.replace("http", "ws") + path
         opening = connect(address, **{"origin": url, "proxy": None, **options})
         self._exits = ExitStack()
         self.socket = self._exits.enter_context(opening)

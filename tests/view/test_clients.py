@@ -12,6 +12,7 @@ from ikservo.view.auth import (
     is_allowed_origin,
     new_nonce,
 )
+from ikservo.view.served_arms import ArmAtPort
 
 LOCAL = ("127.0.0.1", 8420)
 
@@ -104,7 +105,7 @@ def test_on_a_listening_address_only_that_address_is_a_host():
 @pytest.mark.parametrize("listen", ["0.0.0.0", "::", "evil.example", "", "127.0.0.1:80"])
 def test_the_page_is_served_at_one_address_that_is_named(listen):
     with pytest.raises(BadValueError, match="--listen"):
-        ViewApp(load_model("planar2"), "sim", listen)
+        ViewApp([ArmAtPort(load_model("planar2"), "sim")], listen)
 
 
 def test_each_key_gives_its_own_right():

@@ -8,7 +8,10 @@ import pytest
 
 from ikservo.view.auth import Permission
 from ikservo.view.connection import MessageFilter
-from ikservo.view.messages import BadMessageError
+from ikservo.view.messages import (
+    BadMessageError,
+    read_message,
+)
 from tests.arm.simulated import registers
 from tests.view.view_session import ViewSession
 
@@ -23,7 +26,9 @@ WORDS = [
     {"kind": "viewport", "w": 900, "h": 700, "dpr": 2, "view": "side"},
     {"kind": "wheel", "x": 480, "y": 300, "notches": 2, "alt": False},
     {"kind": "key", "key": "ArrowUp", "alt": False, "shift": False},
-    {"kind": "orbit_camera", "dx": 10, "dy": -4, "zoom": 1.5},
+    {"kind": "orbit_camera", "dx": 10, "dy": -4, "zoom": 1.5, "at": [40, 50]},
+    {"kind": "fit_view"}, {"kind": "undo", "redo": False},
+    {"kind": "arm_action", "action": "execute"},
     {"kind": "set_speed", "name": "fast"},
     {"kind": "behind", "step": -1},
     {"kind": "prefer", "pose": "rest", "weights": {"elbow_flex": 0.5}},
@@ -33,6 +38,12 @@ WORDS = [
     {"kind": "point_tool", "direction": [0, 0, -1]},
     {"kind": "set_torque", "joint": "elbow_flex", "on": False},
     {"kind": "calibration", "action": "start", "joint": None},
+    {"kind": "add_step", "what": "target", "path": "line", "pose": None, "after": None},
+    {"kind": "change_step", "step": 1, "speed": "fast", "wait_s": 0.5},
+    {"kind": "move_step", "step": 2, "to": 0}, {"kind": "delete_step", "step": 1},
+    {"kind": "set_program", "speed": "slow", "repeat": 2},
+    {"kind": "program_file", "action": "new", "name": "tea"},
+    {"kind": "run_program", "action": "play", "step": None},
 ]  # fmt: skip
 VALUES = [None, True, -1, 0, 1e308, -1e308, 2**63, "", "x" * 70, "../rest", [], {}, [[]], 1e-320,
           "NaN", "\u0000", "ArrowLeft", "side", 0.5]  # fmt: skip
@@ -69,7 +80,7 @@ def fuzz(count, seed, receive):
         words = {**rng.choice(WORDS), "seq": number % 1000 + 1, "seen": 0}
         change = rng.choice([with_another_value, with_other_letters, spliced])
         try:
-            message = MessageFilter(0.0).accept(change(rng, words), 0.0)
+            message = MessageFilter(0.0, read_message).accept(change(rng, words), 0.0)
         except BadMessageError:
             continue
         received += 1

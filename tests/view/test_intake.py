@@ -13,7 +13,7 @@ from ikservo.view.connection import (
     RateLimitError,
     StaleMessageError,
 )
-from ikservo.view.messages import MAX_MESSAGE_BYTES, BadMessageError, Stop
+from ikservo.view.messages import MAX_MESSAGE_BYTES, BadMessageError, Stop, read_message
 
 POINTER = {"kind": "pointer", "phase": "down", "x": 1, "y": 2, "button": 0, "pointer": 1}
 
@@ -24,7 +24,7 @@ def text(seq=1, seen=0, **fields):
 
 @pytest.fixture
 def intake():
-    return MessageFilter(0.0)
+    return MessageFilter(0.0, read_message)
 
 
 def test_messages_in_order_come_in(intake):
@@ -138,4 +138,4 @@ def test_a_refused_message_does_not_use_up_its_number(intake):
 @given(st.text(max_size=200) | st.binary(max_size=200).map(lambda b: b.decode("latin-1")))
 def test_no_text_at_all_does_harm(words):
     with pytest.raises(BadMessageError):
-        MessageFilter(0.0).accept(words, 0.0)
+        MessageFilter(0.0, read_message).accept(words, 0.0)

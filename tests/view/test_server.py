@@ -12,7 +12,7 @@ from ikservo.clock import RealClock
 from ikservo.view.auth import MAX_PENDING_CONNECTIONS, AccessTokens, Permission, challenge_response
 from ikservo.view.messages import MAX_MESSAGE_BYTES
 from ikservo.view.server import BoundAddress, make_app, serve_in_thread
-from tests.view.socket_clients import RecordingController, SocketClient
+from tests.view.socket_clients import RecordingController, SocketClient, arm_channel
 
 PAGES = ["/", "/page/main.js", "/page/style.css"]
 
@@ -26,7 +26,7 @@ def keys():
 def house(keys):
     everybody = RecordingController()
     with serve_in_thread(
-        make_app(everybody, keys, RealClock()), BoundAddress("127.0.0.1", 0)
+        make_app([arm_channel(everybody)], keys, RealClock()), BoundAddress("127.0.0.1", 0)
     ) as url:
         yield everybody, url
 

@@ -94,7 +94,7 @@ def test_a_ray_meets_a_triangle_where_its_own_plane_and_sides_say(a, b, c, seed)
     assume(np.linalg.norm(normal) > 1e-2 and abs(normal @ direction) > 1e-2)
     way = float((a - origin) @ normal / (direction @ normal))
     corners, met = np.vstack([np.array([a, b, c]).T, np.ones(3)]), origin + way * direction
-    shares = np.linalg.lstsq(corners, np.append(met, 1.0))[0]
+    shares = np.linalg.lstsq(corners, np.append(met, 1.0), rcond=None)[0]
     assume(way > 0 and np.abs(shares).min() > 1e-6)
     rows = triangle_rows(np.array([[a, b, c]]))
     ways, _ = Picker({"x": rows}).cast(origin[None], direction[None], {"x": np.eye(4)})

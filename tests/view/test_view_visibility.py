@@ -8,9 +8,11 @@ import pytest
 import ikservo
 from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.model.model import KeepOutBox
+from ikservo.view import visibility
 from ikservo.view.draw_items import link_poses
 from ikservo.view.visibility import TABLE, VisibilityChecker
 from tests.view.view_fixtures import looked_at, model_of, picker, stage
+from tests.view.view_session import ViewSession
 
 HOME = model_of("so101").pose("home")
 
@@ -85,3 +87,18 @@ def test_a_missing_joint_is_named():
 def test_a_point_that_is_none_is_refused(eye):
     with pytest.raises(BadValueError):
         seen(eye)
+
+
+def test_the_manipulability_is_computed_three_times_a_second_at_most(monkeypatch):
+    with ViewSession() as session:
+        computed = []
+        plain = visibility.conditioning
+        monkeypatch.setattr(
+            visibility, "conditioning", lambda *arm: computed.append(1) or plain(*arm)
+        )
+        session.controller.frames(session.client)
+        computed.clear()
+        for _ in range(100):  # ten seconds
+            session.clock.sleep_until(session.clock.now_s() + 0.1)
+            session.controller.frames(session.client)
+    assert 25 <= len(computed) <= 35

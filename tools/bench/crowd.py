@@ -19,7 +19,7 @@ from statistics import median
 from visiting import Page, served
 
 from ikservo.control.loop import ControlCycle
-from ikservo.view.app import ViewApp
+from ikservo.view.served_arms import ServedArm
 
 SECONDS, ROUNDS = 4.0, 5
 
@@ -75,7 +75,7 @@ def crowded(crowd: str, url: str) -> Generator[None]:
             process.kill()
 
 
-def beats_ms(house: ViewApp, page: Page) -> list[float]:
+def beats_ms(house: ServedArm, page: Page) -> list[float]:
     """Return the cycle times while the arm is dragged by a page that draws."""
     at_s: list[float] = []
     on_cycle = house.arm_thread.on_cycle
@@ -111,7 +111,7 @@ def main() -> None:
                 alone += beats_ms(house, page)
                 with crowded(crowd, page.url):
                     among += beats_ms(house, page)
-            print(f"{crowd}: beat p50 {median(alone):.2f} -> {median(among):.2f} ms, "
+            print(f"{crowd}: cycle p50 {median(alone):.2f} -> {median(among):.2f} ms, "
                   f"p99 {p99(alone):.2f} -> {p99(among):.2f} ms "
                   f"({100 * (p99(among) / p99(alone) - 1):+.0f} %)")  # fmt: skip
     print(f"load {os.getloadavg()[0]:.1f}")

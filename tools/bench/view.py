@@ -12,6 +12,7 @@ import os
 import shutil
 import statistics
 import tempfile
+import threading
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -19,6 +20,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from playwright.sync_api import sync_playwright
 from ten_links import ten_links
 from visiting import served
@@ -26,10 +28,12 @@ from visiting import served
 from ikservo.control.loop import ControlCycle
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import load_model
+from ikservo.view import arm_thread as arm_thread_module
 from ikservo.view.app import ViewApp
 from ikservo.view.messages import Pointer
+from ikservo.view.served_arms import ArmAtPort, ServedArm
 
-EVENTS, MOVES, SECONDS = 300, 200, 5
+EVENTS, ARRIVALS, MOVES, SECONDS = 300, 60, 200, 5
 REFRESH_S = 1 / 60
 
 
@@ -48,7 +52,7 @@ def latencies_ms() -> list[float]:
     return took
 
 
-def _goal_times(house: ViewApp) -> list[tuple[float, object]]:
+def _goal_times(house: ServedArm) -> list[tuple[float, object]]:
     """Return a list that grows by the time and the command of each goal that is sent."""
     out: list[tuple[float, object]] = []
     servos = house.arm_thread.arm.context.servos
@@ -72,7 +76,7 @@ def _goal_times(house: ViewApp) -> list[tuple[float, object]]:
 
 
 def _obeyed_s(
-    house: ViewApp, out: list[tuple[float, object]], before: object, said_s: float
+    house: ServedArm, out: list[tuple[float, object]], before: object, said_s: float
 ) -> float:
     deadline_s = said_s + 1.0
     while time.perf_counter() < deadline_s:
@@ -81,6 +85,44 @@ def _obeyed_s(
                 return at_s
         time.sleep(0.0005)
     return deadline_s
+
+
+def arrivals_ms(speed: str, jerk_factor: float) -> tuple[list[float], list[float]]:
+    """Return the times from single pointer events to 2 ticks of their goals, of all joints.
+
+    The events turn a joint by about 0.3 degrees.
+    The first list is of the positions where the joints should be, the second of the simulated
+    shafts; an event whose goal is not reached in a second counts as a second.
+    """
+    should: list[float] = []
+    shafts: list[float] = []
+    arm_thread_module.JERK_FACTOR = jerk_factor  # pyright: ignore[reportConstantRedefinition]
+    with served("so101", "home") as (house, page):
+        page.say("set_speed", name=speed)
+        page.point("down", 560, 250)
+        page.live_for(2.0)
+        for count in range(ARRIVALS):
+            before, said_s = house.arm_thread.command.goal, time.perf_counter()
+            page.point("move", 560 + 0.45 * (count % 4), 250 + 0.45 * (count % 3))
+            times: dict[str, float] = {}
+            while len(times) < 2 and time.perf_counter() - said_s < 1.0:
+                page.receive_for(0.002)
+                if house.arm_thread.command.goal is not before:
+                    _note_arrivals(house, times, said_s)
+            should.append(times.get("should", 1000.0))
+            shafts.append(times.get("shafts", 1000.0))
+            page.live_for(0.3)
+    return should, shafts
+
+
+def _note_arrivals(house: ServedArm, times: dict[str, float], said_s: float) -> None:
+    """Note the times [ms] when the joints should be, and are, within 2 ticks of the page's goal."""
+    snapshot, goal = house.arm_thread.snapshot, house.arm_thread.command.goal
+    if goal is None or snapshot.reference is None:
+        return
+    for name, positions in (("should", snapshot.reference), ("shafts", snapshot.measured)):
+        if np.abs(positions - goal).max() <= 2 * math.tau / 4096:
+            times.setdefault(name, 1000 * (time.perf_counter() - said_s))
 
 
 def drag() -> tuple[int, int]:
@@ -114,12 +156,38 @@ def traffic_kb_s(view: str, *, webgl: bool) -> tuple[float, float]:
         page.live_for(SECONDS)
         idle = page.received_bytes / (time.monotonic() - begun)
         page.point("down", 450, 300)
-        begun, page.received_bytes = time.monotonic(), 0
+        begun, page.received_bytes, moves = time.monotonic(), 0, 0
         while (since_s := time.monotonic() - begun) < SECONDS:
             across, down = 150 * math.sin(2 * since_s), 100 * math.sin(3.5 * since_s)
             page.point("move", 450 + across, 300 + down)
-            page.receive_for(REFRESH_S)
+            moves += 1
+            page.receive_for(max(0.001, begun + moves * REFRESH_S - time.monotonic()))
         return idle / 1000, page.received_bytes / (time.monotonic() - begun) / 1000
+
+
+def page_share(view: str, *, webgl: bool) -> tuple[float, float, float]:
+    """Return the share of a core that the page's thread takes at rest and dragging, in percent.
+
+    It is a thread of the process that streams the goals. The third number is the moves a second.
+    """
+    with served("so101", "home") as (_, page):
+        page.say("viewport", w=900, h=700, dpr=1, view=view, webgl=webgl)
+        page.live_for(2.0)
+        (server,) = [each for each in threading.enumerate() if each.name.endswith("(run)")]
+        clock = time.pthread_getcpuclockid(server.ident or 0)
+        begun, before = time.monotonic(), time.clock_gettime(clock)
+        page.live_for(SECONDS)
+        idle = (time.clock_gettime(clock) - before) / (time.monotonic() - begun)
+        page.point("down", 450, 300)
+        begun, before, moves = time.monotonic(), time.clock_gettime(clock), 0
+        while (since_s := time.monotonic() - begun) < SECONDS:
+            across, down = 150 * math.sin(2 * since_s), 100 * math.sin(3.5 * since_s)
+            page.point("move", 450 + across, 300 + down)
+            moves += 1
+            page.receive_for(max(0.001, begun + moves * REFRESH_S - time.monotonic()))
+        passed_s = time.monotonic() - begun
+        dragged = (time.clock_gettime(clock) - before) / passed_s
+        return 100 * idle, 100 * dragged, moves / passed_s
 
 
 def first_picture() -> tuple[float, float]:
@@ -127,7 +195,7 @@ def first_picture() -> tuple[float, float]:
     entries = list((files("ikservo.view") / "page").iterdir())
     kilobytes = sum(len(gzip.compress(entry.read_bytes())) for entry in entries) / 1000
     with ExitStack() as stack:
-        house = ViewApp(load_model("so101"), "sim", dead_man_s=5.0)
+        house = ViewApp([ArmAtPort(load_model("so101"), "sim")], dead_man_s=5.0)
         urls = stack.enter_context(house)
         stack.enter_context(house.serve_in_thread())
         playwright = stack.enter_context(sync_playwright())
@@ -150,7 +218,9 @@ def frames_per_second() -> tuple[float, float]:
     Chromium draws an arm of ten links that is dragged.
     """
     with tempfile.TemporaryDirectory() as folder, ExitStack() as stack:
-        house = ViewApp(load_model(str(ten_links(Path(folder)))), "sim", dead_man_s=5.0)
+        house = ViewApp(
+            [ArmAtPort(load_model(str(ten_links(Path(folder)))), "sim")], dead_man_s=5.0
+        )
         urls = stack.enter_context(house)
         stack.enter_context(house.serve_in_thread())
         playwright = stack.enter_context(sync_playwright())
@@ -202,6 +272,12 @@ def main() -> None:
     p95 = took[int(0.95 * len(took))]
     print(f"pointer to goal, {EVENTS} events: median {statistics.median(took):.1f} ms, "
           f"p95 {p95:.1f} ms, most {took[-1]:.1f} ms")  # fmt: skip
+    steep = arm_thread_module.JERK_FACTOR
+    for speed in ("normal", "fast"):
+        for factor in (1.0, steep):
+            should, shafts = map(statistics.median, arrivals_ms(speed, factor))
+            print(f"to 2 ticks of the goal, {speed}, {factor:g} times the jerk: median "
+                  f"{should:.0f} ms of the joints' reference, {shafts:.0f} of shafts")  # fmt: skip
     heard, lag = drag()
     print(f"one drag of {MOVES} moves: {MOVES - heard} lost, at most {lag} behind")
     changed, refreshes = frames_per_second()
@@ -211,6 +287,9 @@ def main() -> None:
         idle, dragged = traffic_kb_s(view, webgl=webgl)
         name = f"{view}, 3D" if webgl else view
         print(f"to one page ({name}): {idle:.1f} kB/s at rest, {dragged:.0f} kB/s dragging")
+        idle, dragged, moves = page_share(view, webgl=webgl)
+        print(f"the page's thread ({name}): {idle:.1f} % of a core at rest, {dragged:.1f} % "
+              f"dragging at {moves:.0f} moves a second")  # fmt: skip
     kilobytes, took_s = first_picture()
     print(f"the page: {kilobytes:.0f} kB gzipped, first picture after {took_s:.2f} s")
     print(f"load {os.getloadavg()[0]:.1f}")

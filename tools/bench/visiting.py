@@ -14,6 +14,7 @@ from websockets.sync.client import ClientConnection, connect
 from ikservo.model import load_model
 from ikservo.view.app import ViewApp
 from ikservo.view.auth import challenge_response
+from ikservo.view.served_arms import ArmAtPort, ServedArm
 
 __all__ = ["Page", "served"]
 
@@ -73,9 +74,9 @@ class Page:
 
 
 @contextmanager
-def served(arm: str, pose: str) -> Generator[tuple[ViewApp, Page]]:
+def served(arm: str, pose: str) -> Generator[tuple[ServedArm, Page]]:
     """Serve an arm and connect to it with Live on."""
-    house = ViewApp(load_model(arm), f"sim:?pose={pose}", dead_man_s=5.0)
+    house = ViewApp([ArmAtPort(load_model(arm), f"sim:?pose={pose}")], dead_man_s=5.0)
     with ExitStack() as stack:
         urls = stack.enter_context(house)
         stack.enter_context(house.serve_in_thread())
@@ -86,4 +87,4 @@ def served(arm: str, pose: str) -> Generator[tuple[ViewApp, Page]]:
         page.say("set_speed", name="fast")
         page.say("set_live", on=True)
         page.live_for(1.5)
-        yield house, page
+        yield house.arms.all()[0], page

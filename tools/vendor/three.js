@@ -3,5 +3,6 @@ export {
   BoxGeometry, BufferAttribute, BufferGeometry, CapsuleGeometry, Color, CylinderGeometry,
   DirectionalLight, EdgesGeometry, Group, HemisphereLight, InstancedMesh, LineBasicMaterial, LineLoop, LineSegments,
   Matrix4, Mesh, MeshBasicMaterial, MeshStandardMaterial, PCFShadowMap, PerspectiveCamera, PlaneGeometry,
-  Scene, ShadowMaterial, SphereGeometry, SRGBColorSpace, Vector3, WebGLRenderer,
+  Quaternion, Scene, ShadowMaterial, SphereGeometry, SRGBColorSpace, Vector3, WebGLRenderer,
 } from "three";
+export { TransformControls } from "three/addons/controls/TransformControls.js";

@@ -4,23 +4,25 @@ import { hmac } from "./sha256.js";
 
 const HEARTBEAT_PERIOD_MS = 100; // the server holds the arm after 300 ms of silence
 const RECONNECT_DELAY_MS = 1000;
-const WRONG_KEY = 4401; // the server's close code
+const FINAL = { 4401: "wrong-key", 4404: "none", 4410: "closed" }; // the server's close codes
 const KEPT = new Set(["scene", "status"]);
 
 export class Connection {
-  constructor(key, handlers) {
+  // The path is that of the arm, or of the list of arms, which needs no heartbeats.
+  constructor(key, handlers, path = "live") {
     this.key = key;
     this.handlers = handlers;
+    this.path = path;
     this.seq = 0;
     this.seen = 0;
     this.open = false;
-    setInterval(() => this.sendHeartbeat(), HEARTBEAT_PERIOD_MS);
-    document.addEventListener("visibilitychange", () => this.sendHeartbeat());
+    if (path !== "arms") setInterval(() => this.sendHeartbeat(), HEARTBEAT_PERIOD_MS);
+    if (path !== "arms") document.addEventListener("visibilitychange", () => this.sendHeartbeat());
     this.connect();
   }
 
   connect() {
-    const address = new URL("live", document.baseURI);
+    const address = new URL(this.path, document.baseURI);
     address.protocol = address.protocol.replace("http", "ws");
     address.hash = "";
     this.socket = new WebSocket(address);
@@ -62,7 +64,8 @@ export class Connection {
 
   onClose(event) {
     this.open = false;
-    this.handlers.closed?.(event.code === WRONG_KEY ? "wrong-key" : "lost", event.reason);
-    if (event.code !== WRONG_KEY) setTimeout(() => this.connect(), RECONNECT_DELAY_MS);
+    const final = FINAL[event.code];
+    this.handlers.closed?.(final ?? "lost", event.reason);
+    if (!final) setTimeout(() => this.connect(), RECONNECT_DELAY_MS);
   }
 }

@@ -1,13 +1,19 @@
 // Connects the parts of the page: server messages update the drawing and the panel, user input is
 // sent to the server.
 
+import { Actions } from "./actions.js";
+import { Arms } from "./arms.js";
 import { Connection } from "./connection.js";
 import { Drawing } from "./drawing.js";
 import { $, setText, updateChoices } from "./elements.js";
 import { Freshness } from "./freshness.js";
 import { Gamepads } from "./gamepad.js";
+import { HandleInput } from "./handle_input.js";
 import { Panel } from "./panel.js";
 import { PointerInput } from "./pointing.js";
+import { Poses } from "./poses.js";
+import { Program } from "./program.js";
+import { Plots, download } from "./plots.js";
 import { Rendering } from "./rendering.js";
 import { StopButton } from "./stop.js";
 import { Wizard } from "./wizard.js";
@@ -25,11 +31,18 @@ window.ikservo = { scene: null, status: null, drawn: 0 }; // for tests and bench
 
 const connection = new Connection(key, {
   arm_info(message) {
+    connection.path = `live/${message.arm}`; // this one again after the connection was lost
+    arms.setShown(message.arm);
     armInfo = message;
     view = armInfo.views.includes(view) ? view : armInfo.views[0];
     panel.setArm(message);
+    program.setArm(message);
+    plots.setArm(message);
+    poses.setArm(message);
     sendViewport();
   },
+  program(message) { program.setProgram(message); },
+  program_state(message) { program.setState(message); },
   graph(message) { rendering.setGraph(message); },
   scene(message) {
     scenes.push(message);
@@ -38,6 +51,8 @@ const connection = new Connection(key, {
     window.ikservo.status = message;
     showStatus(message);
   },
+  plots(message) { plots.receive(message); },
+  download,
   refused(message) { panel.showRefusal(message); },
   heard() { freshness.heard(); },
   closed(why) {
@@ -45,16 +60,24 @@ const connection = new Connection(key, {
     freshness.disconnect();
     stopButton.disconnect();
     showOffline(why);
+    if (why === "none" || why === "closed") arms.show();
   },
-});
+}, options.has("arm") ? `live/${options.get("arm")}` : "live");
 const send = (kind, fields) => connection.send(kind, fields);
 const panel = new Panel(send);
+const program = new Program(send, (message) => panel.showRefusal({ message, hint: "" }));
+const plots = new Plots(send);
+const poses = new Poses(send);
+const actions = new Actions(send);
+const arms = new Arms(key, options);
 const rendering = new Rendering($("webgl"), options.get("draw"), () => sendViewport());
 const stopButton = new StopButton(send, (refusal) => panel.showRefusal(refusal));
 const freshness = new Freshness(() => showOffline("silent"), () => window.ikservo.status && showStatus(window.ikservo.status));
 window.ikservo.rendering = rendering;
 const wizard = new Wizard(send);
-const pointerInput = new PointerInput(canvas, send);
+const overLink = () => Boolean(window.ikservo.scene?.hover) && window.ikservo.status?.controller === "you";
+const pointerInput = new PointerInput(canvas, send, overLink);
+const handleInput = new HandleInput(canvas.parentElement, canvas, () => rendering.drawn(), send);
 const gamepads = new Gamepads(send, (text) => { $("gamepad").textContent = text; });
 gamepads.bindButton($("gripper-open"), -1);
 gamepads.bindButton($("gripper-close"), 1);
@@ -63,19 +86,35 @@ function showStatus(status) {
   setOnline(true);
   freshness.setReadAge(status.age_s);
   panel.show(status);
+  program.show(status);
+  actions.show(status);
   stopButton.show(status, armInfo.permission);
   wizard.show(status.calibration);
+  showAllAround(Boolean(status.calibration));
+  plots.showStatus(status);
+}
+
+// A calibration is seen from all around, where each joint's motion shows; then the view is as before.
+let viewBefore = null;
+function showAllAround(calibrating) {
+  if (calibrating === (viewBefore !== null)) return;
+  const next = calibrating ? "orbit" : viewBefore;
+  viewBefore = calibrating ? view : null;
+  if (armInfo.views.includes(next)) view = next;
+  sendViewport();
 }
 
 const OFFLINE = {
   "wrong-key": { message: "This page's key is not the one of this session.", hint: "Open the address that `ikservo view` printed." },
+  none: { message: "No such arm is open.", hint: "Choose one in the list of arms." },
+  closed: { message: "This arm was closed; its torque is as it was.", hint: "Choose one in the list of arms." },
   lost: { message: "No connection to `ikservo view`: Stop cannot reach the arm from here.", hint: "" },
   silent: { message: "`ikservo view` does not answer: Stop may not reach the arm.", hint: "" },
 };
 
 function showOffline(why) {
   setOnline(false);
-  document.body.dataset.mode = why === "silent" ? "silent" : "lost";
+  document.body.dataset.mode = why === "wrong-key" ? "lost" : why;
   panel.showOffline(OFFLINE[why]);
 }
 
@@ -88,13 +127,14 @@ function sendViewport() {
   if (!armInfo) return;
   drawing.fit();
   const { clientWidth: w, clientHeight: h } = canvas;
-  send("viewport", { w, h, dpr: devicePixelRatio, view, webgl: rendering.wantsGraph(view) });
+  send("viewport", { w, h, dpr: devicePixelRatio, view, webgl: rendering.wantsGraph(view), handles: rendering.wantsHandles() });
   updateChoices($("views"), armInfo.views, view, (name) => { view = name; sendViewport(); }, (name) => VIEWS[name]);
 }
 
 function onAnimationFrame(now) {
   requestAnimationFrame(onAnimationFrame);
   pointerInput.flush();
+  handleInput.flush();
   panel.joints.flush();
   gamepads.poll(now);
   if (scenes.length) show(scenes.shift());
@@ -129,7 +169,9 @@ addEventListener("keydown", (event) => {
   if (event.key !== " " && event.key !== "Escape") return;
   event.preventDefault();
   event.stopPropagation();
-  if (!event.repeat) stopButton.press();
+  if (event.repeat) return;
+  stopButton.press();
+  arms.stopSeveral();
 }, { capture: true });
 // N selects what is behind the thing under the pointer, Shift+N what is in front of it.
 addEventListener("keydown", (event) => {

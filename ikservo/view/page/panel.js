@@ -9,7 +9,10 @@ const MODES = {
   preview: "Preview",
   live: "Live – the arm follows",
   stopped: "Stopped",
+  busy: "",
   lost: "Not connected",
+  none: "No arm",
+  closed: "Closed",
   silent: "No answer",
   waiting: "Connecting …",
   calibration: "Calibration – the arm is limp",
@@ -54,7 +57,6 @@ export class Panel {
     document.title = `${armInfo.title} – ikservo`;
     setText($("title"), armInfo.title);
     setText($("port"), armInfo.port);
-    $("poses").replaceChildren(...armInfo.poses.map((name) => createElement("button", { type: "button", onclick: () => this.send("go_to_pose", { name }) }, formatTitle(name))));
     $("gripper").hidden = !armInfo.gripper;
     this.preference.setArm(armInfo);
     this.joints.setArm(armInfo);
@@ -86,7 +88,8 @@ export class Panel {
   }
 
   // A limp arm does not hold, and one that was never calibrated cannot follow.
-  describeMode({ mode, health }) {
+  describeMode({ mode, health, activity }) {
+    if (mode === "busy") return `${activity} …`;
     if (mode !== "preview") return MODES[mode];
     const limp = health.joints.filter((joint) => joint.torque !== "on").map((joint) => joint.name);
     const arm = !limp.length ? "the arm holds" : limp.length === health.joints.length ? "the arm is limp" : `limp: ${limp.join(", ")}`;
@@ -101,8 +104,8 @@ export class Panel {
     live.disabled = !inControl || this.armInfo.zeros === "unknown" || (status.mode !== "preview" && status.mode !== "live");
     const mayControl = this.armInfo.permission === "control";
     $("take").hidden = inControl || !mayControl;
-    for (const button of document.querySelectorAll(".poses button")) button.disabled = !inControl || status.mode === "stopped";
-    $("calibrate").disabled = !inControl || status.live;
+    for (const button of document.querySelectorAll(":is(#poses, #gripper, #pose-list) button:not(#all-poses)")) button.disabled = !inControl || ["stopped", "busy"].includes(status.mode);
+    $("calibrate").disabled = !inControl || status.live || status.mode === "busy";
   }
 
   // The most urgent of what there is to tell: no server, a stopped arm, a refused command.

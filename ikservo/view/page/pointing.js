@@ -8,7 +8,9 @@ const SLOP_PX = 8; // a finger that moves less may still become the first of two
 const ZOOM = { min: 0.2, max: 5 };
 
 export class PointerInput {
-  constructor(canvas, send) {
+  // overLink() tells whether the wheel turns a joint rather than zoom.
+  constructor(canvas, send, overLink) {
+    this.overLink = overLink;
     this.canvas = canvas;
     this.send = send;
     this.pendingMove = null;
@@ -79,9 +81,9 @@ export class PointerInput {
     return { x: (a.x + b.x) / 2, y: (a.y + b.y) / 2, distance: Math.max(1, Math.hypot(a.x - b.x, a.y - b.y)) };
   }
 
-  addOrbit(dx, dy, zoom = 1) {
+  addOrbit(dx, dy, zoom = 1, at = null) {
     const { dx: x, dy: y, zoom: z } = this.pendingOrbit ?? { dx: 0, dy: 0, zoom: 1 };
-    this.pendingOrbit = { dx: x + dx, dy: y + dy, zoom: Math.max(ZOOM.min, Math.min(ZOOM.max, z * zoom)) };
+    this.pendingOrbit = { dx: x + dx, dy: y + dy, zoom: Math.max(ZOOM.min, Math.min(ZOOM.max, z * zoom)), at };
   }
 
   onMove(event) {
@@ -96,7 +98,7 @@ export class PointerInput {
       const before = this.pinchState();
       this.fingers.set(event.pointerId, this.position(event));
       const now = this.pinchState();
-      this.addOrbit(now.x - before.x, now.y - before.y, now.distance / before.distance);
+      this.addOrbit(now.x - before.x, now.y - before.y, now.distance / before.distance, [now.x, now.y]);
       return;
     }
     if (this.pressed !== null && this.pressed !== event.pointerId) return;
@@ -129,8 +131,9 @@ export class PointerInput {
   onWheel(event) {
     event.preventDefault();
     const scale = event.deltaMode === WheelEvent.DOM_DELTA_LINE ? 34 : 1;
-    if (event.ctrlKey) {
-      this.addOrbit(0, 0, Math.exp((-event.deltaY * scale) / PINCH_PX));
+    if (event.ctrlKey || !this.overLink()) {
+      const { x, y } = this.position(event);
+      this.addOrbit(0, 0, Math.exp((-event.deltaY * scale) / PINCH_PX), [x, y]);
       return;
     }
     const notches = Math.max(-20, Math.min(20, (-event.deltaY * scale) / NOTCH_PX));

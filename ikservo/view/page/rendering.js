@@ -19,6 +19,11 @@ export class Rendering {
     this.shown = {}; // the scene of the last frame
     this.reason = ""; // why the canvas draws what 3D should
     this.frameMs = null; // of the timed frames, the median
+    this.handles = false; // whether the tool has handles
+    $("handles").onclick = () => {
+      this.handles = !this.handles;
+      this.onChange();
+    };
     $("render-3d").onclick = () => this.choose(this.isOn() ? "2d" : "3d");
     canvas.addEventListener("webglcontextlost", () => this.fallBack(CONTEXT_LOST));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
@@ -29,6 +34,19 @@ export class Rendering {
 
   isOn() {
     return this.wanted !== "2d" && !this.reason;
+  }
+
+  wants3D() {
+    return this.view === "orbit" && this.isOn();
+  }
+
+  wantsHandles() {
+    return this.wants3D() && this.handles;
+  }
+
+  // The scene that is drawn in 3D now, or null.
+  drawn() {
+    return this.canvas.hidden ? null : this.scene3d;
   }
 
   choose(wanted) {
@@ -42,7 +60,7 @@ export class Rendering {
   // Returns whether the server should send the scene graph; the first time it is loaded meanwhile.
   wantsGraph(view) {
     this.view = view;
-    const wants = view === "orbit" && this.isOn();
+    const wants = this.wants3D();
     if (wants && !this.module) this.load();
     this.showControls();
     return wants && Boolean(this.module?.Scene3D);
@@ -104,6 +122,8 @@ export class Rendering {
 
   showControls() {
     $("rendering").hidden = this.view !== "orbit";
+    $("handles").hidden = !this.wants3D();
+    setAttribute($("handles"), "aria-checked", this.handles);
     setAttribute($("render-3d"), "aria-checked", this.isOn());
     setText($("render-note"), this.reason ? `${this.reason}: drawn in 2D.` : "");
   }

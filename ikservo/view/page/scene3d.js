@@ -2,6 +2,7 @@
 // coordinates are the arm's base frame in metres, z upwards; the camera is the server's.
 
 import * as THREE from "./three.min.js";
+import { Handles } from "./handles3d.js";
 import { Markings } from "./markings3d.js";
 
 const NEAR_M = 0.01;
@@ -34,7 +35,8 @@ export class Scene3D {
     this.arm.root.traverse((part) => { part.castShadow = part.receiveShadow = true; });
     this.arm.tip.add(createTriad(TRIAD_M.tool));
     this.markings = new Markings(graph);
-    this.scene.add(this.arm.root, this.ghost.root, this.markings.root, createTriad(TRIAD_M.base), ...createLights(graph));
+    this.handles = new Handles(this.camera, graph.handles);
+    this.scene.add(this.handles.root, this.arm.root, this.ghost.root, this.markings.root, createTriad(TRIAD_M.base), ...createLights(graph));
     this.setColours();
   }
 
@@ -64,6 +66,7 @@ export class Scene3D {
     this.setCamera(scene.camera);
     this.arm.setJoints(scene.measured);
     this.showGoal(scene);
+    this.handles.show((scene.goal === null ? this.arm : this.ghost).tipPosition(), scene.handles);
     this.highlight(scene);
     this.markings.showRegion(scene.region, scene.region_pose);
     this.markings.showBoxes([scene.picked, ...(scene.refused_pair ?? [])]);

@@ -14,6 +14,7 @@ export class Wizard {
 
   show(calibration) {
     $("wizard").hidden = !calibration;
+    $("wizard").parentElement.toggleAttribute("data-wizard", Boolean(calibration)); // beside it the arm is drawn
     const fingerprint = JSON.stringify(calibration ?? null);
     if (fingerprint === this.shown) return;
     this.shown = fingerprint;
@@ -26,7 +27,6 @@ export class Wizard {
     const parts = [
       createElement("ol", { class: "steps" }, ...STAGES.map(([, label], i) => createElement("li", { class: i < current ? "done" : "", "aria-current": i === current ? "step" : null }, label))),
       createElement("p", { class: "task", role: "status" }, calibration.task),
-      calibration.sketch ? createElement("pre", { class: "sketch", "aria-hidden": "true" }, calibration.sketch) : null,
       ...calibration.lines.map((line) => createElement("p", {}, line)),
       createElement("ul", { class: "meters" }, ...calibration.meters.map((meter) => this.createMeter(meter, calibration.stage))),
       calibration.error ? createElement("p", { class: "error", role: "alert" }, calibration.error) : null,

@@ -1,0 +1,105 @@
+"""Jobs of the arm thread: what the arm does by itself until it is done or stopped."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from ikservo.arm import Arm, MotionProgress
+from ikservo.errors import RefusedError
+from ikservo.kinematics.arrays import Vector
+
+__all__ = ["ArmJob", "ExecuteGoal", "JobObserver", "RelaxArm", "ReleaseArm"]
+
+
+class JobObserver(Protocol):
+    """Shows what the arm does meanwhile, and stops it where the page falls silent."""
+
+    def on_progress(self, progress: MotionProgress) -> None:
+        """Receive the state of a motion in each control cycle."""
+        ...
+
+    def on_idle(self) -> None:
+        """Read the arm at rest; to be called now and then while a job does not move it.
+
+        Raises:
+            RefusedError: The arm was stopped.
+        """
+        ...
+
+    def on_torque_off(self) -> None:
+        """Read the arm after its torque was switched off, which is no loss of torque then."""
+        ...
+
+    def log_message(self, message: str) -> None:
+        """Append a message for the user."""
+        ...
+
+
+class ArmJob(Protocol):
+    """Runs in the arm thread.
+
+    Attributes:
+        title: What the arm does, in a few words.
+    """
+
+    @property
+    def title(self) -> str:
+        """Return what the arm does, in a few words."""
+        ...
+
+    def run(self, arm: Arm, observer: JobObserver) -> None:
+        """Run to the end.
+
+        Raises:
+            IkservoError: It failed; the arm holds until that is acknowledged.
+        """
+        ...
+
+
+class ExecuteGoal:
+    """Moves the joints straight to the goal of the preview.
+
+    Args:
+        goal: All joints (n,), rad or m.
+        speed: The speed class.
+    """
+
+    title = "Goes to the preview"
+
+    def __init__(self, goal: Vector, speed: str) -> None:
+        self._goal, self._speed = goal, speed
+
+    def run(self, arm: Arm, observer: JobObserver) -> None:
+        """Plan, check and execute the motion; a refused plan moves nothing and needs no stop."""
+        goals = arm.joint_index.by_name(self._goal)
+        try:
+            plan = arm.plan_joints(goals, speed=self._speed)
+        except RefusedError as error:
+            observer.log_message(error.message)
+            return
+        arm.execute(plan, observer.on_progress)
+
+
+class RelaxArm:
+    """Lowers the arm to its rest pose and switches torque off."""
+
+    title = "Lowers itself to rest, then goes limp"
+
+    def run(self, arm: Arm, observer: JobObserver) -> None:
+        """Lower the arm, then switch torque off."""
+        result = arm.relax(observer.on_progress)
+        observer.on_torque_off()
+        how = "lowered to its rest pose" if result.reached else "not lowered to its rest pose"
+        observer.log_message(f"The arm was {how}; torque is off.")
+
+
+class ReleaseArm:
+    """Switches every servo's torque off where the arm is."""
+
+    title = "Goes limp"
+
+    def run(self, arm: Arm, observer: JobObserver) -> None:
+        """Switch torque off; an arm that is not supported falls."""
+        arm.disable_torque()
+        observer.on_torque_off()
+        observer.log_message("Torque of all servos switched off from the page.")

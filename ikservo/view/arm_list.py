@@ -1,0 +1,172 @@
+"""The page's list of arms: what is open, what could be, and one stop for all."""
+
+from __future__ import annotations
+
+import itertools
+from typing import Annotated, Literal
+
+from pydantic import Field, TypeAdapter
+
+from ikservo.clock import Clock
+from ikservo.view.arm_choices import ChoiceFinder
+from ikservo.view.auth import Permission
+from ikservo.view.downloads import Download, DownloadOffers
+from ikservo.view.message_fields import Name, PageMessage
+from ikservo.view.messages import BadMessageError, Heartbeat, validate_message
+from ikservo.view.served_arms import ServedArms
+from ikservo.view.server import Frame
+from ikservo.view.video import VIDEO_TYPE, VideoSource
+
+__all__ = [
+    "ArmList",
+    "ArmListMessage",
+    "CloseArm",
+    "FindChoices",
+    "OpenArm",
+    "ShowCamera",
+    "StopArms",
+    "read_arm_list_message",
+]
+
+_PERIOD_S = 0.1  # between two frames
+Choice = Annotated[str, Field(min_length=1, max_length=512)]
+
+
+class FindChoices(PageMessage):
+    """Look for ports and arms."""
+
+    kind: Literal["find_choices"]
+
+
+class OpenArm(PageMessage):
+    """Open one of the arms at one of the ports that were offered."""
+
+    kind: Literal["open_arm"]
+    arm: Choice
+    port: Choice
+
+
+class CloseArm(PageMessage):
+    """Close an open arm, or forget one that could not be opened; torque stays as it is."""
+
+    kind: Literal["close_arm"]
+    name: Name
+
+
+class ShowCamera(PageMessage):
+    """Ask for the address of the camera's pictures, which is valid once."""
+
+    kind: Literal["show_camera"]
+
+
+class StopArms(PageMessage):
+    """Stop one arm, or all of them without a name."""
+
+    kind: Literal["stop_arms"]
+    name: Name | None = None
+
+
+ArmListMessage = Heartbeat | FindChoices | OpenArm | CloseArm | ShowCamera | StopArms
+_MESSAGES: TypeAdapter[ArmListMessage] = TypeAdapter(
+    Annotated[ArmListMessage, Field(discriminator="kind")]
+)
+
+
+def read_arm_list_message(text: str) -> ArmListMessage:
+    """Parse and validate a message of the list.
+
+    Raises:
+        BadMessageError: It is too long, no JSON, or not one of those above.
+    """
+    return validate_message(_MESSAGES, text)
+
+
+class ArmList:
+    """Shows the arms to every client; whoever may move one may open, stop and close them.
+
+    Args:
+        arms: The arms.
+        choices: What else there is.
+        clock: Limits the rate of frames.
+        downloads: Hands out the address of the camera's pictures.
+        camera: The camera, if there is one.
+    """
+
+    def __init__(
+        self,
+        arms: ServedArms,
+        choices: ChoiceFinder,
+        clock: Clock,
+        downloads: DownloadOffers,
+        camera: VideoSource | None = None,
+    ) -> None:
+        self._arms, self._choices, self._clock = arms, choices, clock
+        self._downloads, self._camera = downloads, camera
+        self._addresses: dict[int, list[Frame]] = {}
+        self._numbers = itertools.count(1)
+        self._permissions: dict[int, Permission] = {}
+        self._sent: dict[int, tuple[float, Frame]] = {}
+
+    def connect(self, permission: Permission) -> int:
+        """Register a client and return its number."""
+        number = next(self._numbers)
+        self._permissions[number] = permission
+        return number
+
+    def disconnect(self, client_id: int) -> None:
+        """Remove a client."""
+        del self._permissions[client_id]
+        self._sent.pop(client_id, None)
+        self._addresses.pop(client_id, None)
+
+    def receive(self, client_id: int, message: ArmListMessage) -> None:
+        """Handle a client's message.
+
+        Raises:
+            BadMessageError: Not permitted, or impossible now; nothing has changed.
+        """
+        if isinstance(message, Heartbeat):
+            return
+        if isinstance(message, ShowCamera):
+            self._offer_camera(client_id)
+            return
+        if self._permissions[client_id] is not Permission.CONTROL:
+            raise BadMessageError("This page is for watching only.", "Open the other address.")
+        match message:
+            case FindChoices():
+                self._choices.start()
+            case OpenArm():
+                self._arms.start_opening(self._choices.found.choose(message.arm, message.port))
+            case CloseArm():
+                self._arms.start_closing(message.name)
+            case StopArms():
+                self._arms.stop(message.name)
+
+    def _offer_camera(self, client_id: int) -> None:
+        if self._camera is None:
+            raise BadMessageError("There is no camera.", "Start with: ikservo view --camera 0")
+        url = self._downloads.offer(Download("", self._camera.stream, VIDEO_TYPE))
+        self._addresses.setdefault(client_id, []).append({"kind": "camera_url", "url": url})
+
+    def frames(self, client_id: int) -> list[Frame]:
+        """Return what is new for a client: the list, the address of the camera's pictures."""
+        return self._addresses.pop(client_id, []) + self._list_frames(client_id)
+
+    def _list_frames(self, client_id: int) -> list[Frame]:
+        now_s = self._clock.now_s()
+        sent_s, sent = self._sent.get(client_id, (-1e9, None))
+        if now_s - sent_s < _PERIOD_S:
+            return []
+        frame = {
+            "kind": "arms",
+            "permission": self._permissions[client_id].value,
+            "arms": [arm.fields() for arm in self._arms.all()],
+            "camera": _camera_fields(self._camera),
+            **self._choices.found.fields(),
+        }
+        self._sent[client_id] = (now_s, frame)
+        return [] if frame == sent else [frame]
+
+
+def _camera_fields(camera: VideoSource | None) -> dict[str, str] | None:
+    return None if camera is None else {"name": camera.name, "trouble": camera.trouble}

@@ -1,0 +1,137 @@
+"""The self-signed certificate of the page, made once and kept beside the user's own files."""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+import socket
+import ssl
+import stat
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+from cryptography import x509
+from cryptography.hazmat.primitives import hashes, serialization
+from cryptography.hazmat.primitives.asymmetric import ec
+from cryptography.x509.oid import NameOID
+
+from ikservo.errors import IkservoError, InputError
+from ikservo.files.folders import config_dir
+from ikservo.files.writing import write_atomic
+
+__all__ = ["CertificateError", "PageCertificate", "load_or_make_certificate"]
+
+_FILE_NAME = "view-certificate.pem"
+_VALID_DAYS = 3650
+_OTHERS = stat.S_IRWXG | stat.S_IRWXO
+
+
+class CertificateError(InputError):
+    """The kept certificate cannot be used."""
+
+    def __init__(self, path: Path, why: str) -> None:
+        super().__init__(
+            f"The certificate of the page in {path} cannot be used: {why}.",
+            "Delete the file: the next start makes a new one, with another fingerprint.",
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class PageCertificate:
+    """A certificate with its private key.
+
+    Attributes:
+        path: The file with both, PEM.
+        fingerprint: SHA-256 of the certificate as browsers show it: pairs of hex digits.
+        is_new: Whether it was made just now.
+    """
+
+    path: Path
+    fingerprint: str
+    is_new: bool = False
+
+
+def load_or_make_certificate(address: str, folder: Path | None = None) -> PageCertificate:
+    """Return the kept certificate; the first call makes it.
+
+    A browser that has accepted it once knows it again by its fingerprint, so it is kept even when
+    the machine's address changes.
+
+    Args:
+        address: The IP address at which the page is served; one of the names of a new one.
+        folder: Where it is kept; the user's own folder if None.
+
+    Raises:
+        CertificateError: The kept one is damaged, expired, or readable by others.
+        FileWriteError: A new one cannot be written.
+    """
+    path = (folder or config_dir()) / _FILE_NAME
+    if not path.exists():
+        write_atomic(path, _make_pem(address))  # its temporary file is readable by its owner only
+        return PageCertificate(path, _checked_fingerprint(path), is_new=True)
+    return PageCertificate(path, _checked_fingerprint(path))
+
+
+def _make_pem(address: str) -> str:
+    """Return a new private key (P-256) and its certificate (RFC 5280)."""
+    key = ec.generate_private_key(ec.SECP256R1())
+    name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "ikservo view")])
+    now = datetime.now(UTC)
+    certificate = (
+        x509.CertificateBuilder()
+        .subject_name(name)
+        .issuer_name(name)
+        .public_key(key.public_key())
+        .serial_number(x509.random_serial_number())
+        .not_valid_before(now - timedelta(days=1))  # clocks of other machines may be late
+        .not_valid_after(now + timedelta(days=_VALID_DAYS))
+        .add_extension(x509.SubjectAlternativeName(_names(address)), critical=False)
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .sign(key, hashes.SHA256())
+    )
+    private = key.private_bytes(
+        serialization.Encoding.PEM,
+        serialization.PrivateFormat.PKCS8,
+        serialization.NoEncryption(),
+    )
+    return (private + certificate.public_bytes(serialization.Encoding.PEM)).decode("ascii")
+
+
+def _names(address: str) -> list[x509.GeneralName]:
+    ips = dict.fromkeys((address.partition("%")[0], "127.0.0.1", "::1"))
+    names: list[x509.GeneralName] = [x509.IPAddress(ipaddress.ip_address(ip)) for ip in ips]
+    host = socket.gethostname()
+    if host.isascii():
+        names.append(x509.DNSName(host))
+    return [*names, x509.DNSName("localhost")]
+
+
+def _checked_fingerprint(path: Path) -> str:
+    """Return the fingerprint of a kept certificate.
+
+    Raises:
+        CertificateError: It cannot be used.
+    """
+    try:
+        if os.name == "posix" and path.stat().st_mode & _OTHERS:
+            raise CertificateError(path, "others can read its key")
+        certificate = x509.load_pem_x509_certificate(path.read_bytes())
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(path)  # the key belongs to it
+    except (OSError, ValueError) as error:
+        if isinstance(error, IkservoError):
+            raise
+        raise CertificateError(path, _why(error)) from error
+    if certificate.not_valid_after_utc < datetime.now(UTC):
+        raise CertificateError(
+            path, f"it has expired on {certificate.not_valid_after_utc:%Y-%m-%d}"
+        )
+    return certificate.fingerprint(hashes.SHA256()).hex(":").upper()
+
+
+def _why(error: Exception) -> str:
+    if isinstance(error, ssl.SSLError):
+        return "it holds no private key that fits the certificate"
+    if isinstance(error, OSError):
+        return error.strerror or "it cannot be read"
+    return "it holds no certificate"

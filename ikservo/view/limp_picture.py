@@ -1,0 +1,72 @@
+"""The limp arm in the drawing while it is calibrated, and the pose in which it is to be held."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ikservo.calibration import JointMap
+from ikservo.calibration.procedure import CalibrationStage, CalibrationState, joint_readouts
+from ikservo.kinematics.arrays import Vector
+from ikservo.model import Model
+from ikservo.view.calibration import REFERENCE_POSE
+from ikservo.view.scene import SceneState
+from ikservo.view.snapshot import CalibrationView
+
+__all__ = ["LimpPicture", "show_calibration"]
+
+
+class LimpPicture:
+    """Positions of the joints during a calibration.
+
+    Until the reference pose was taken nobody knows the zeros: the joints are shown from where they
+    were before, moved as their servos turn. From then on they are where the calibration puts them.
+
+    Args:
+        joint_maps: Of each joint, as before the calibration.
+        measured: Where the joints were shown then (n,), rad or m.
+    """
+
+    def __init__(self, joint_maps: Sequence[JointMap], measured: Vector) -> None:
+        self._maps, self._start = joint_maps, measured
+        self._first: dict[int, int] = {}
+
+    def positions(self, wizard: CalibrationState | None) -> Vector:
+        """Return where the joints are to be shown (n,), rad or m."""
+        if wizard is None or not wizard.tracks:
+            return self._start
+        if wizard.reference_ticks:
+            known = {each.name: each.position for each in joint_readouts(wizard)}
+            names = [joint_map.joint for joint_map in self._maps]
+            pairs = zip(names, self._start.tolist(), strict=True)
+            return np.array([known.get(name, start) for name, start in pairs])
+        ticks = {i: track.tick for i, track in wizard.tracks.items()}
+        self._first = self._first or ticks
+        return np.array([self._moved(i, ticks) for i in range(len(self._maps))])
+
+    def _moved(self, column: int, ticks: Mapping[int, int]) -> float:
+        joint_map, start = self._maps[column], float(self._start[column])
+        turned = ticks[joint_map.servo_id] - self._first[joint_map.servo_id]
+        return joint_map.position(joint_map.exact_tick(start) + turned)
+
+
+def show_calibration(state: SceneState, view: CalibrationView, model: Model) -> SceneState:
+    """Return a scene with what a calibration asks for: the pose to hold, then the joint to move.
+
+    Args:
+        state: The limp arm.
+        view: The calibration.
+        model: Has the pose and the links.
+    """
+    wizard = view.wizard
+    stage = CalibrationStage.REFERENCE_POSE if wizard is None else wizard.stage
+    if stage is CalibrationStage.REFERENCE_POSE:
+        pose = model.pose(REFERENCE_POSE)
+        return replace(state, goal=model.chain_pose(REFERENCE_POSE), goal_other_joints=pose)
+    current = wizard.current_joint if wizard is not None else None
+    if current is None:
+        return state
+    moved = next(joint.child for joint in model.urdf.joints if joint.name == current.name)
+    return replace(state, hover=moved)

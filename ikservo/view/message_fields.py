@@ -1,0 +1,27 @@
+"""Fields that all messages of a page have, and names in them."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import Field
+
+from ikservo.files.validation import StrictModel
+
+__all__ = ["Name", "PageMessage"]
+
+_MAX_SEQ = 2**53 - 1  # the largest whole number that JavaScript counts without gaps
+
+Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_\-]{1,64}$")]
+
+
+class PageMessage(StrictModel):
+    """Fields of all messages.
+
+    Attributes:
+        seq: Sequence number, increasing; a repeated number is a replay.
+        seen: Number of the latest scene drawn when it was sent, which gives the message's age.
+    """
+
+    seq: Annotated[int, Field(ge=1, le=_MAX_SEQ)]
+    seen: Annotated[int, Field(ge=0, le=_MAX_SEQ)]

@@ -1,0 +1,71 @@
+// What is done with the target and the arm as a whole: go there, undo, redo, relax, release; fit the view; help.
+
+import { $, setText } from "./elements.js";
+
+const CONFIRM_MS = 4000;
+
+export class Actions {
+  constructor(send) {
+    this.send = send;
+    $("execute").onclick = () => send("arm_action", { action: "execute" });
+    $("undo").onclick = () => send("undo", { redo: false });
+    $("redo").onclick = () => send("undo", { redo: true });
+    $("relax").onclick = () => send("arm_action", { action: "relax" });
+    $("release").onclick = () => this.release();
+    $("fit").onclick = () => send("fit_view");
+    $("help-button").onclick = () => this.toggleHelp();
+    $("help-close").onclick = () => this.toggleHelp();
+    addEventListener("keydown", (event) => this.onKey(event));
+  }
+
+  // An arm that is not supported falls: that takes a second press.
+  release() {
+    if (!this.asked) {
+      setText($("release"), "It falls: sure?");
+      this.asked = setTimeout(() => this.forget(), CONFIRM_MS);
+      return;
+    }
+    this.forget();
+    this.send("arm_action", { action: "release" });
+  }
+
+  forget() {
+    clearTimeout(this.asked);
+    this.asked = null;
+    setText($("release"), "Release");
+  }
+
+  toggleHelp() {
+    const help = $("help");
+    if (help.open) {
+      help.close();
+      $("help-button").focus();
+    } else {
+      help.show(); // not modal: Stop stays in reach
+      $("help-close").focus();
+    }
+    $("help-button").setAttribute("aria-expanded", help.open);
+  }
+
+  onKey(event) {
+    if (event.target.closest?.("input, select")) return;
+    const key = event.key.toLowerCase();
+    if ((event.ctrlKey || event.metaKey) && !event.altKey && (key === "z" || key === "y")) {
+      event.preventDefault();
+      const button = $(key === "y" || event.shiftKey ? "redo" : "undo");
+      if (!button.disabled) button.click();
+    } else if (event.ctrlKey || event.metaKey || event.altKey) return;
+    else if (key === "?") this.toggleHelp();
+    else if (key === "f") this.send("fit_view");
+  }
+
+  show(status) {
+    const free = status.controller === "you" && ["preview", "live"].includes(status.mode);
+    const idle = status.controller === "you" && status.mode === "preview";
+    $("undo").disabled = !free || !status.undo;
+    $("redo").disabled = !free || !status.redo;
+    $("execute").disabled = !idle || !status.target || status.refused;
+    $("execute").hidden = status.mode === "live";
+    for (const id of ["relax", "release"]) $(id).disabled = !idle;
+  }
+}

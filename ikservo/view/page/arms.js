@@ -1,0 +1,156 @@
+// The list of arms: those that are open, each with its Stop, and those that could be opened.
+
+import { CameraPicture } from "./camera.js";
+import { Connection } from "./connection.js";
+import { $, createElement, setText, updateRows } from "./elements.js";
+
+const FIND_MS = 2000; // between two looks at the ports while the list is shown
+const NOTE_MS = 8000;
+const STATES = {
+  opening: "opening …", closing: "closing …", failed: "not opened", stopped: "stopped",
+  live: "live", busy: "moves by itself", calibration: "is calibrated", preview: "preview",
+};
+const IS_OPEN = new Set(["stopped", "live", "busy", "calibration", "preview"]);
+
+export class Arms {
+  constructor(key, options) {
+    this.options = options;
+    this.shown = null; // the name of the arm that this page shows
+    this.wanted = null; // the one that was chosen to be opened, and is shown once it is open
+    this.list = [];
+    this.connection = new Connection(key, {
+      arms: (message) => this.receive(message),
+      camera_url: ({ url }) => this.camera.setAddress(url),
+      refused: ({ message, hint }) => this.note(`${message} ${hint}`),
+      closed: () => { this.note("No connection to `ikservo view`."); this.camera.drop(); },
+    }, "arms");
+    this.camera = new CameraPicture((kind, fields) => this.send(kind, fields));
+    $("arms-toggle").onclick = () => ($("arms").hidden ? this.show() : this.close());
+    $("arms-close").onclick = () => { this.close(); $("arms-toggle").focus(); };
+    $("stop-all").onclick = () => this.send("stop_arms", { name: null });
+    $("arms-form").onsubmit = (event) => {
+      event.preventDefault();
+      this.openArm($("arms-model").value, $("arms-port").value);
+    };
+    setInterval(() => !$("arms").hidden && document.visibilityState === "visible" && this.send("find_choices"), FIND_MS);
+  }
+
+  send(kind, fields) { this.connection.send(kind, fields); }
+
+  setShown(name) {
+    this.shown = name;
+    this.update();
+  }
+
+  show() {
+    $("arms").hidden = false;
+    $("arms-toggle").setAttribute("aria-expanded", "true");
+    this.send("find_choices");
+  }
+
+  close() {
+    $("arms").hidden = true;
+    $("arms-toggle").setAttribute("aria-expanded", "false");
+  }
+
+  // Space and Escape stop all arms where there are several.
+  stopSeveral() {
+    if (this.list.filter(({ state }) => IS_OPEN.has(state)).length > 1) this.send("stop_arms", { name: null });
+  }
+
+  openArm(arm, port) {
+    this.wanted = { arm, port, before: new Set(this.list.filter(({ state }) => IS_OPEN.has(state)).map(({ name }) => name)) };
+    this.note("");
+    this.send("open_arm", { arm, port });
+  }
+
+  receive(message) {
+    const first = !this.list.length && !this.models;
+    this.list = message.arms;
+    this.mayControl = message.permission === "control";
+    if (first && !$("arms").hidden) this.send("find_choices"); // the list was shown before it was connected
+    this.update();
+    this.camera.show(message.camera);
+    this.showChoices(message);
+    this.showWanted();
+  }
+
+  update() {
+    const open = this.list.filter(({ state }) => IS_OPEN.has(state));
+    $("stop-all").hidden = open.length < 2 || !this.mayControl;
+    $("arms-none").hidden = this.list.length > 0;
+    setText($("arms-toggle"), open.length > 1 ? `Arms (${open.length})` : "Arms");
+    updateRows($("arms-open"), this.list, createArmRow, (row, arm) => this.updateArm(row, arm));
+  }
+
+  updateArm({ element, title, text, show, stop, close }, { name, title: words, port, state, text: what, hint }) {
+    const open = IS_OPEN.has(state);
+    element.dataset.state = state;
+    element.dataset.arm = name;
+    setText(title, `${name} · ${words} on ${port || "its port"}`);
+    setText(text, [STATES[state], what, hint].filter(Boolean).join(" – "));
+    show.hidden = !open || name === this.shown;
+    stop.hidden = !open || state === "stopped";
+    setText(close, open ? "Close" : "Remove");
+    close.hidden = state === "opening" || state === "closing";
+    stop.disabled = close.disabled = !this.mayControl;
+    for (const [button, word] of [[show, "Show"], [stop, "Stop"], [close, close.textContent]]) button.setAttribute("aria-label", `${word} ${name}`);
+    show.onclick = () => this.showArm(name);
+    stop.onclick = () => this.send("stop_arms", { name });
+    close.onclick = () => this.send("close_arm", { name });
+  }
+
+  // What was chosen here is shown as soon as it is open.
+  showWanted() {
+    if (!this.wanted) return;
+    const { before, arm } = this.wanted;
+    const opened = this.list.find(({ name, state }) => IS_OPEN.has(state) && !before.has(name) && name.startsWith(arm));
+    if (opened) this.showArm(opened.name);
+    else if (!this.list.some(({ state }) => state === "opening")) this.wanted = null;
+  }
+
+  // Another arm is another page: nothing of the one before is left.
+  showArm(name) {
+    this.wanted = null;
+    this.options.set("arm", name);
+    location.hash = this.options.toString();
+    location.reload();
+  }
+
+  showChoices({ models, ports, own }) {
+    $("arms-choose").hidden = !this.mayControl;
+    const fingerprint = JSON.stringify([models, ports, own]);
+    if (fingerprint === this.models) return;
+    this.models = fingerprint;
+    fillSelect($("arms-model"), models.map(([name, title]) => [name, `${name} – ${title}`]));
+    fillSelect($("arms-port"), ports.map(([name, text]) => [name, text ? `${name} – ${text}` : name]));
+    $("arms-own-none").hidden = own.length > 0;
+    $("arms-own").replaceChildren(...own.map((row) => this.createOwnRow(row)));
+  }
+
+  createOwnRow({ arm, adapter, port, state }) {
+    const words = `${arm} ${adapter} · ${state} · ${port || "not plugged in"}`;
+    const open = createElement("button", { type: "button", class: "ghost small", "aria-label": `Open ${arm} ${adapter}`, disabled: !port, onclick: () => this.openArm(arm, port) }, "Open");
+    return createElement("li", {}, createElement("span", {}, words), open);
+  }
+
+  note(text) {
+    setText($("arms-note"), text);
+    clearTimeout(this.noteTimer);
+    this.noteTimer = setTimeout(() => setText($("arms-note"), ""), NOTE_MS);
+  }
+}
+
+function createArmRow() {
+  const [title, text] = [createElement("strong"), createElement("span", { class: "quiet" })];
+  const [show, stop, close] = ["Show", "Stop", "Close"].map((word) => createElement("button", { type: "button", class: word === "Stop" ? "stop small" : "ghost small" }, word));
+  const element = createElement("li", {}, createElement("div", {}, title, text), show, stop, close);
+  return { element, title, text, show, stop, close };
+}
+
+// The choice stays where it is still offered.
+function fillSelect(select, entries) {
+  const chosen = select.value;
+  select.replaceChildren(...entries.map(([value, text]) => createElement("option", { value }, text)));
+  if (entries.some(([value]) => value === chosen)) select.value = chosen;
+}

@@ -1,0 +1,172 @@
+// Plots of what the server keeps of the last ten minutes: nothing is sent while they are closed.
+// When something stops the arm, its last ten seconds are shown until the stop is acknowledged.
+
+import { $, createElement, setText, updateChoices } from "./elements.js";
+import { PlotChart } from "./plot_chart.js";
+
+const QUANTITIES = {
+  position: "Position", goal: "Goal", error: "Error", load: "Load", current: "Current",
+  temperature: "Temperature", voltage: "Voltage", round_trip: "Round trip", losses: "Lost replies",
+};
+const SPANS = { 10: "10 s", 60: "1 min", 600: "10 min", stop: "Last stop" };
+const OF_A_STOP = ["error", "load", "voltage"];
+
+export class Plots {
+  constructor(send) {
+    this.send = send;
+    this.joints = [];
+    this.quantities = ["position", "error"];
+    this.hidden = new Set(); // joints that are not plotted
+    this.span = "60";
+    this.before = null; // what was shown before a stop was shown by itself
+    this.stopped = null; // unknown until the first status
+    this.hasStop = false;
+    this.charts = [];
+    this.taken = Promise.resolve(); // the messages so far, one after the other
+    $("plots-toggle").onclick = () => (this.open ? this.close() : this.show());
+    $("plots-close").onclick = () => { this.close(); $("plots-toggle").focus(); };
+    $("plots-save").onclick = () => send("save_history", { stopped: this.span === "stop" });
+    new ResizeObserver(() => this.fit()).observe($("plots-charts"));
+    matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.open && this.request());
+  }
+
+  get open() { return !$("plots").hidden; }
+
+  setArm({ joints }) {
+    this.joints = joints;
+    this.hidden = new Set();
+    if (this.open) this.request(); // a new connection or another arm
+  }
+
+  // A stop is shown by itself, and what it replaced comes back once it is acknowledged.
+  showStatus({ mode }) {
+    const stopped = mode === "stopped";
+    if (stopped && this.stopped === false) this.showStop();
+    if (!stopped && this.stopped && this.before) this.restore();
+    if (stopped && this.stopped === null) this.hasStop = true;
+    this.stopped = stopped;
+  }
+
+  showStop() {
+    this.hasStop = true;
+    this.before ??= { open: this.open, span: this.span, quantities: this.quantities };
+    this.quantities = OF_A_STOP;
+    this.span = "stop";
+    this.show();
+  }
+
+  restore() {
+    const { open, span, quantities } = this.before;
+    this.before = null;
+    [this.span, this.quantities] = [span, quantities];
+    if (open) this.show();
+    else this.close();
+  }
+
+  show() {
+    $("plots").hidden = false;
+    $("plots-toggle").setAttribute("aria-expanded", "true");
+    this.request();
+  }
+
+  close() {
+    this.before = null; // closed by hand: it stays closed
+    if (this.span === "stop") this.span = "60";
+    $("plots").hidden = true;
+    $("plots-toggle").setAttribute("aria-expanded", "false");
+    this.clear();
+    this.send("show_plots", { quantities: [], joints: [] });
+  }
+
+  choose(change) {
+    this.before = null; // the person has taken over
+    Object.assign(this, change);
+    this.request();
+  }
+
+  request() {
+    this.showControls();
+    this.send("show_plots", {
+      quantities: this.quantities,
+      joints: this.joints.filter((joint) => !this.hidden.has(joint)),
+      span_s: this.span === "stop" ? 10 : Number(this.span),
+      stopped: this.span === "stop",
+    });
+  }
+
+  showControls() {
+    const spans = Object.keys(SPANS).filter((span) => span !== "stop" || this.hasStop);
+    updateChoices($("plots-spans"), spans, this.span, (span) => this.choose({ span }), (span) => SPANS[span]);
+    fillToggles($("plots-quantities"), Object.entries(QUANTITIES), (name) => this.quantities.includes(name), (name, on) => {
+      this.choose({ quantities: on ? [...this.quantities, name] : this.quantities.filter((each) => each !== name) });
+    });
+    const joints = this.joints.map((joint) => [joint, joint]);
+    fillToggles($("plots-joints"), joints, (joint) => !this.hidden.has(joint), (joint, on) => {
+      const hidden = new Set(this.hidden);
+      if (on) hidden.delete(joint);
+      else hidden.add(joint);
+      this.choose({ hidden });
+    });
+    [...$("plots-joints").children].forEach((button, i) => button.classList.add("swatch", `series-${i % 8}`));
+  }
+
+  // The first charts wait for their library, and what arrives meanwhile waits for them.
+  receive(message) {
+    this.taken = this.taken.then(() => this.take(message));
+  }
+
+  async take(message) {
+    if (message.series) {
+      this.first = message;
+      await this.build();
+    } else {
+      for (const chart of this.charts) chart.append(message);
+    }
+  }
+
+  async build() {
+    const message = this.first;
+    if (!message || !this.open) return;
+    const { default: Plot } = await import("./uplot.min.js");
+    if (message !== this.first || !this.open) return;
+    this.clear();
+    setText($("plots-reason"), message.reason ? `The last ten seconds before: ${message.reason}` : "");
+    for (const quantity of Object.keys(QUANTITIES)) {
+      const columns = message.series.flatMap((series, column) => (series.quantity === quantity ? [column] : []));
+      if (columns.length) this.charts.push(new PlotChart(Plot, QUANTITIES[quantity], columns, message, this.joints));
+    }
+    $("plots-charts").replaceChildren(...this.charts.map((chart) => chart.element));
+    $("plots-empty").hidden = this.charts.length > 0;
+    this.fit();
+  }
+
+  fit() {
+    for (const chart of this.charts) chart.fit($("plots-charts").clientWidth);
+  }
+
+  clear() {
+    for (const chart of this.charts) chart.destroy();
+    this.charts = [];
+    $("plots-charts").replaceChildren();
+  }
+}
+
+// Buttons that are pressed or not; Tab reaches each of them.
+function fillToggles(group, entries, isOn, toggle) {
+  const names = entries.map(([name]) => name).join();
+  if (group.dataset.names !== names) {
+    group.dataset.names = names;
+    group.replaceChildren(...entries.map(([name, label]) => createElement("button", { type: "button", value: name }, label)));
+  }
+  for (const button of group.children) {
+    const on = isOn(button.value);
+    button.setAttribute("aria-pressed", on);
+    button.onclick = () => toggle(button.value, !on);
+  }
+}
+
+// A file that the server offers once is fetched as any other file of a page.
+export function download({ url, name }) {
+  const link = createElement("a", { href: url, download: name });
+  link.click();
+}

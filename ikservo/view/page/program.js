@@ -1,0 +1,256 @@
+// The program of steps: captured from the arm or its target, ordered, kept, checked and played.
+// The server has the program; steps are named by numbers that they keep.
+
+import { $, createElement, setAttribute, setText, updateChoices } from "./elements.js";
+import { parseNumber } from "./number_field.js";
+
+const SPEEDS = ["slow", "normal", "fast"];
+const MOTIONS = new Set(["pose", "tip_m", "joints", "recording"]);
+const ASK_MS = 4000;
+const NAME = /^[A-Za-z0-9_-]{1,64}$/;
+const formatTitle = (name) => name[0].toUpperCase() + name.slice(1);
+
+export class Program {
+  constructor(send, refuse) {
+    this.send = send;
+    this.refuse = refuse;
+    this.steps = [];
+    this.state = { phase: "idle", step: null, reason: "" };
+    this.from = null; // number of the step to begin with; null for the first one
+    this.path = "joints";
+    this.movable = false;
+    this.bind();
+  }
+
+  bind() {
+    const add = (id, fields) => { $(id).onclick = () => this.send("add_step", fields()); };
+    add("add-arm", () => ({ what: "arm", path: this.path }));
+    add("add-target", () => ({ what: "target", path: this.path }));
+    add("add-open", () => ({ what: "open" }));
+    add("add-close", () => ({ what: "close" }));
+    add("add-wait", () => ({ what: "wait" }));
+    $("add-pose").onchange = () => {
+      if ($("add-pose").value) this.send("add_step", { what: "pose", pose: $("add-pose").value });
+      $("add-pose").value = "";
+    };
+    $("add-recording").onchange = () => {
+      if ($("add-recording").value) this.send("add_step", { what: "recording", recording: $("add-recording").value });
+      $("add-recording").value = "";
+    };
+    $("record-step").onclick = () => this.send("record_step", { on: !this.state.recording });
+    for (const action of ["check", "play", "step"]) $(`program-${action}`).onclick = () => this.send("run_program", { action, step: this.from });
+    $("program-pause").onclick = () => this.send("run_program", { action: "pause" });
+    $("program-repeat").onchange = () => this.sendOptions({});
+    $("program-save").onclick = () => this.save();
+    $("program-new").onclick = () => this.confirmLoss($("program-new"), "Lose changes?", () => this.send("program_file", { action: "new" }));
+    $("program-load").onclick = () => this.confirmLoss($("program-load"), "Lose changes?", () => this.send("program_file", { action: "load", name: $("program-files").value }));
+  }
+
+  setArm({ poses, gripper }) {
+    $("add-pose").replaceChildren(createElement("option", { value: "" }, "+ Pose …"), ...poses.map((name) => createElement("option", { value: name }, name)));
+    for (const id of ["add-open", "add-close"]) $(id).hidden = !gripper;
+    this.showPath();
+  }
+
+  showPath() {
+    updateChoices($("step-path"), ["joints", "line"], this.path, (path) => { this.path = path; this.showPath(); }, formatTitle);
+  }
+
+  sendOptions({ speed = this.program.speed }) {
+    const repeat = parseNumber($("program-repeat").value);
+    if (repeat === null || !Number.isInteger(repeat) || repeat < 1) {
+      this.refuse(`“${$("program-repeat").value.slice(0, 20)}” is no number of times: a whole number from 1.`);
+      $("program-repeat").value = this.program.repeat;
+    } else this.send("set_program", { speed, repeat });
+  }
+
+  save() {
+    const name = $("program-name").value.trim();
+    if (!NAME.test(name)) return this.refuse(`“${name.slice(0, 30)}” cannot be the name of a program: 1 to 64 of the characters A-Z a-z 0-9 _ -`);
+    const taken = this.program.names.includes(name) && name !== this.program.name;
+    const send = () => this.send("program_file", { action: "save", name, overwrite: taken });
+    if (taken) ask($("program-save"), `Replace ${name}?`, send);
+    else send();
+  }
+
+  confirmLoss(button, question, act) {
+    if (this.program.changed && this.steps.length) ask(button, question, act);
+    else act();
+  }
+
+  // A new program, or a change of it.
+  setProgram(program) {
+    this.program = program;
+    this.steps = program.steps;
+    if (!this.steps.some(({ number }) => number === this.from)) this.from = null;
+    setText($("program-title"), `${program.name || (this.steps.length ? "not saved" : "")}${program.name && program.changed ? ", changed" : ""}`);
+    if (document.activeElement !== $("program-name")) $("program-name").value = program.name || $("program-name").value;
+    updateChoices($("program-speed"), SPEEDS, program.speed, (speed) => this.sendOptions({ speed }), formatTitle);
+    $("program-repeat").value = program.repeat;
+    $("program-files").replaceChildren(...program.names.map((name) => createElement("option", { value: name, selected: name === program.name }, name)));
+    setText($("program-folder"), `Kept in ${program.folder}; also made by: ikservo program run FILE`);
+    $("add-recording").replaceChildren(createElement("option", { value: "" }, "+ Recording …"), ...program.recordings.map((name) => createElement("option", { value: name }, name)));
+    this.renderSteps();
+    this.update();
+  }
+
+  setState(state) {
+    this.state = state;
+    if (["paused", "stopped", "bad"].includes(state.phase)) this.from = state.step;
+    if (state.phase === "done") this.from = null;
+    this.update();
+  }
+
+  show({ mode, controller }) {
+    this.movable = controller === "you" && mode === "preview";
+    this.busy = controller === "you" && mode === "busy";
+    this.update();
+  }
+
+  renderSteps() {
+    if (this.dragged) return;
+    const focused = document.activeElement?.closest?.("#program-steps li") && { step: document.activeElement.closest("li").dataset.step, part: document.activeElement.dataset.part };
+    this.rows = this.steps.map((step, i) => this.createRow(step, i));
+    $("program-steps").replaceChildren(...this.rows.map(({ element }) => element));
+    if (focused) $("program-steps").querySelector(`li[data-step="${focused.step}"] [data-part="${focused.part}"]`)?.focus();
+  }
+
+  createRow({ number, text, action, speed, wait_s }, i) {
+    const place = i + 1;
+    const part = (name, attributes, content) => createElement("button", { type: "button", "data-part": name, ...attributes }, content);
+    const grip = part("grip", { class: "grip", "aria-label": `Move step ${place}: arrow up, arrow down`, title: "Drag, or arrow keys" }, "⠿");
+    grip.onpointerdown = (event) => this.startDrag(event, number);
+    grip.onkeydown = (event) => this.onGripKey(event, number, i);
+    const begin = part("begin", { class: "begin", onclick: () => this.beginWith(number) }, String(place));
+    const words = createElement("span", { class: "what", title: text }, text);
+    const remove = part("delete", { class: "step", "aria-label": `Delete step ${place}`, onclick: () => this.send("delete_step", { step: number }) }, "×");
+    const reason = createElement("span", { class: "reason", hidden: true });
+    const option = action === "wait_s" ? this.createWait(number, place, speed, wait_s) : MOTIONS.has(action) ? this.createSpeed(number, place, speed) : createElement("span");
+    return { number, place, begin, reason, element: createElement("li", { "data-step": number }, grip, begin, words, option, remove, reason) };
+  }
+
+  createWait(number, place, speed, wait_s) {
+    const field = createElement("input", { type: "text", inputmode: "decimal", "data-part": "option", "aria-label": `Wait of step ${place}, seconds`, value: wait_s });
+    field.onchange = () => {
+      const value = parseNumber(field.value);
+      if (value > 0 && value <= 3600) this.send("change_step", { step: number, speed, wait_s: value });
+      else {
+        this.refuse(`“${field.value.slice(0, 20)}” is no time to wait: more than 0 and at most 3600 seconds.`);
+        field.value = wait_s;
+      }
+    };
+    return field;
+  }
+
+  createSpeed(number, place, speed) {
+    const options = ["", ...SPEEDS].map((name) => createElement("option", { value: name, selected: name === (speed ?? "") }, name || "as all"));
+    return createElement("select", { "data-part": "option", "aria-label": `Speed of step ${place}`, onchange: (event) => this.send("change_step", { step: number, speed: event.target.value || null }) }, ...options);
+  }
+
+  beginWith(number) {
+    this.from = this.from === number ? null : number;
+    this.update();
+  }
+
+  onGripKey(event, number, i) {
+    const by = { ArrowUp: -1, ArrowDown: 1 }[event.key];
+    if (!by) return;
+    event.preventDefault();
+    const to = i + by;
+    if (to >= 0 && to < this.steps.length) this.send("move_step", { step: number, to });
+  }
+
+  // The row follows the pointer through the list; the server is told when it is let go.
+  startDrag(event, number) {
+    if (!this.movable || event.button !== 0) return;
+    event.preventDefault();
+    const grip = event.currentTarget, row = grip.closest("li"), list = $("program-steps");
+    grip.focus();
+    list.setPointerCapture(event.pointerId); // the row itself would lose it when it is moved
+    this.dragged = row;
+    row.classList.add("dragged");
+    list.onpointermove = ({ clientY }) => {
+      const below = [...list.children].find((other) => other !== row && clientY < other.getBoundingClientRect().top + other.offsetHeight / 2);
+      if (row.nextElementSibling !== (below ?? null)) list.insertBefore(row, below ?? null);
+    };
+    const end = (dropped) => {
+      list.onpointermove = list.onpointerup = list.onpointercancel = null;
+      row.classList.remove("dragged");
+      this.dragged = null;
+      const to = [...list.children].indexOf(row);
+      if (dropped && this.steps[to]?.number !== number) this.send("move_step", { step: number, to });
+      else this.renderSteps();
+    };
+    list.onpointerup = () => end(true);
+    list.onpointercancel = () => end(false);
+  }
+
+  // What can be done now, and which step is made, comes next, or cannot be made.
+  update() {
+    if (!this.program) return;
+    const { phase, step, reason, pausing } = this.state;
+    const start = this.steps.findIndex(({ number }) => number === this.from);
+    const running = ["checking", "playing"].includes(phase);
+    for (const control of $("program").querySelectorAll("button, input, select")) control.disabled = !this.movable || running;
+    $("program-pause").disabled = !this.busy || !running || pausing;
+    setText($("program-pause"), pausing ? "Pausing …" : "Pause after step");
+    $("record-step").disabled = !(this.movable && !running) && !(this.busy && this.state.recording);
+    setAttribute($("record-step"), "aria-pressed", Boolean(this.state.recording));
+    setText($("record-step"), this.state.recording ? "End recording" : "Record by hand");
+    $("add-recording").disabled ||= !this.program.recordings.length;
+    for (const id of ["check", "play", "step", "save"]) $(`program-${id}`).disabled ||= !this.steps.length;
+    $("program-load").disabled ||= !this.program.names.length;
+    setText($("program-play"), start > 0 ? `Play from ${start + 1}` : "Play");
+    setText($("program-state"), this.describe());
+    setAttribute($("program-state"), "class", phase);
+    for (const row of this.rows) {
+      const here = row.number === step;
+      const state = here && running ? "now" : here && ["bad", "stopped"].includes(phase) ? "bad" : row.number === this.from ? "next" : "";
+      if (state === "now" && row.element.className !== state && $("program").open) this.reveal(row.element);
+      if (!this.dragged) setAttribute(row.element, "class", state);
+      setAttribute(row.begin, "aria-pressed", row.number === this.from);
+      setAttribute(row.begin, "aria-label", `Begin with step ${row.place}`);
+      row.reason.hidden = !(here && reason);
+      setText(row.reason, here ? reason : "");
+    }
+  }
+
+  reveal(row) {
+    const list = $("program-steps");
+    list.scrollTop = Math.max(row.offsetTop - list.offsetTop - list.clientHeight + row.offsetHeight, Math.min(list.scrollTop, row.offsetTop - list.offsetTop));
+  }
+
+  describe() {
+    const { phase, step, repetition } = this.state;
+    const at = this.steps.findIndex(({ number }) => number === step) + 1;
+    const round = this.program.repeat > 1 ? `, time ${repetition} of ${this.program.repeat}` : "";
+    switch (phase) {
+      case "checking": return `Checks step ${at} of ${this.steps.length}`;
+      case "ok": return "Checked: every step can be made";
+      case "playing": return `Step ${at} of ${this.steps.length}${round}`;
+      case "paused": return `Paused before step ${at}${round}`;
+      case "stopped": return `Stopped in step ${at}`;
+      case "bad": return `Step ${at} cannot be made; nothing has moved`;
+      case "done": return "Done";
+      default: return this.steps.length ? "" : "No steps yet. Bring the arm or its target to a place, then add it.";
+    }
+  }
+}
+
+// What loses something takes a second press.
+function ask(button, question, act) {
+  if (button.dataset.asked) {
+    clearTimeout(Number(button.dataset.asked));
+    restore(button);
+    act();
+    return;
+  }
+  button.dataset.label = button.textContent;
+  setText(button, question);
+  button.dataset.asked = setTimeout(() => restore(button), ASK_MS);
+}
+
+function restore(button) {
+  delete button.dataset.asked;
+  setText(button, button.dataset.label);
+}

@@ -1,0 +1,309 @@
+"""The arms of one page: each has a thread and a controller of its own, and fails alone."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from enum import StrEnum
+
+from ikservo.arm import DEAD_MAN_TIMEOUT_S, Arm
+from ikservo.clock import Clock
+from ikservo.errors import IkservoError
+from ikservo.hardware.remembered_port import is_simulated
+from ikservo.model import Model
+from ikservo.view.arm_thread import ArmThread
+from ikservo.view.auth import Permission
+from ikservo.view.calibration import CalibrationDriver
+from ikservo.view.controller import SessionController
+from ikservo.view.downloads import DownloadOffers
+from ikservo.view.frames import mode
+from ikservo.view.labels import describe_torque
+from ikservo.view.messages import BadMessageError, Message
+from ikservo.view.server import Frame, SessionEndedError
+from ikservo.view.snapshot import StopNotice
+
+__all__ = [
+    "ArmAtPort",
+    "ServedArm",
+    "ServedArmState",
+    "ServedArms",
+    "ViewSettings",
+    "real_time_port",
+]
+
+_MAX_ARMS = 8
+_FAILED_HINT = "See the terminal, then open the arm again."
+
+
+class ServedArmState(StrEnum):
+    """What became of opening an arm."""
+
+    OPENING = "opening"
+    OPEN = "open"
+    FAILED = "failed"
+    CLOSING = "closing"
+
+
+@dataclass(frozen=True, slots=True)
+class ArmAtPort:
+    """An arm to be opened, and where.
+
+    Attributes:
+        model: The arm.
+        port: Its port; None for the one that is remembered, or the only one.
+    """
+
+    model: Model
+    port: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ViewSettings:
+    """What all arms of a page have in common.
+
+    Attributes:
+        open_arm: Opens an arm at a port.
+        clock: The time of heartbeats.
+        downloads: Takes the files that pages ask for.
+        dead_man_s: How long an arm follows without a heartbeat of its page.
+    """
+
+    open_arm: Callable[[Model, str | None], Arm]
+    clock: Clock
+    downloads: DownloadOffers
+    dead_man_s: float = DEAD_MAN_TIMEOUT_S
+
+
+class ServedArm:
+    """One arm of the page, and the backend of the pages that show it (``SessionBackend``).
+
+    Args:
+        name: Unique among the arms of the page.
+        place: The arm and its port.
+        settings: What all arms have in common.
+
+    Attributes:
+        state: Whether it is open; written by the thread that opens it, then by the server's.
+        error: Why it could not be opened.
+        arm_thread: Owns the arm; exists while it is open.
+        controller: Handles the clients; likewise.
+    """
+
+    arm_thread: ArmThread
+    controller: SessionController
+
+    def __init__(self, name: str, place: ArmAtPort, settings: ViewSettings) -> None:
+        self.name, self.place, self._settings = name, place, settings
+        self.state = ServedArmState.OPENING
+        self.error: StopNotice | None = None
+        self._exits = ExitStack()
+
+    def open(self) -> None:
+        """Open the arm; nothing moves and no torque changes.
+
+        Raises:
+            IkservoError: It cannot be opened; ``error`` says why, too.
+        """
+        try:
+            self._exits = self._start()
+        except Exception as error:
+            ours = isinstance(error, IkservoError)
+            text = error.message if ours else f"The view has failed: {error!r}."
+            self.error = StopNotice(text, error.command_hint if ours else _FAILED_HINT)
+            self.state = ServedArmState.FAILED
+            raise
+        self.state = ServedArmState.OPEN
+
+    def _start(self) -> ExitStack:
+        model, settings = self.place.model, self._settings
+        port = real_time_port(self.place.port)
+        with ExitStack() as stack:
+            self.arm_thread = stack.enter_context(
+                ArmThread(
+                    lambda: settings.open_arm(model, port),
+                    settings.clock,
+                    settings.dead_man_s,
+                    CalibrationDriver(model, port),
+                )
+            )
+            self.controller = SessionController(self.arm_thread, settings.clock, settings.downloads)
+            stack.callback(self.controller.close)
+            return stack.pop_all()
+
+    def close(self) -> None:
+        """Let the arm hold and close its port; waits for both."""
+        self._exits.close()
+
+    @property
+    def is_open(self) -> bool:
+        """Return whether pages can show it."""
+        return self.state is ServedArmState.OPEN
+
+    def fields(self) -> dict[str, object]:
+        """Return what the list of arms says of it."""
+        what = StopNotice("", "") if self.error is None else self.error
+        state = self.state.value
+        if self.is_open:
+            snapshot = self.arm_thread.snapshot
+            state = mode(snapshot, live=self.arm_thread.command.live)
+            what = snapshot.stop_notice or StopNotice(describe_torque(snapshot.states), "")
+        return {
+            "name": self.name,
+            "title": self.place.model.title,
+            "port": self.port_name,
+            "state": state,
+            "text": what.message,
+            "hint": what.hint,
+        }
+
+    @property
+    def port_name(self) -> str:
+        """Return the port's name without the options of a simulated one."""
+        name = self.arm_thread.arm.port_name if self.is_open else self.place.port
+        return (name or "").partition("?")[0].partition(":/")[0].rstrip(":")
+
+    # --- SessionBackend ---
+
+    def connect(self, permission: Permission) -> int:
+        """Register a client and return its number."""
+        return self.controller.connect(permission)
+
+    def disconnect(self, client_id: int) -> None:
+        """Remove a client."""
+        self.controller.disconnect(client_id)
+
+    def receive(self, client_id: int, message: Message) -> None:
+        """Handle a client's message.
+
+        Raises:
+            IkservoError: Not permitted, or impossible now; the text is sent back to the client.
+            SessionEndedError: The arm was closed.
+        """
+        self._require_open()
+        self.controller.receive(client_id, message)
+
+    def frames(self, client_id: int) -> list[Frame]:
+        """Return the new frames for a client; the first tells which arm it is.
+
+        Raises:
+            SessionEndedError: The arm was closed.
+        """
+        self._require_open()
+        return [
+            {**frame, "arm": self.name} if frame["kind"] == "arm_info" else frame
+            for frame in self.controller.frames(client_id)
+        ]
+
+    def _require_open(self) -> None:
+        if not self.is_open:
+            raise SessionEndedError("This arm was closed.")
+
+
+class ServedArms:
+    """Opens, stops and closes the arms of one page; only the server's thread may call it.
+
+    Args:
+        settings: What all arms have in common.
+    """
+
+    def __init__(self, settings: ViewSettings) -> None:
+        self._settings = settings
+        self._arms: dict[str, ServedArm] = {}
+
+    def all(self) -> list[ServedArm]:
+        """Return every arm, those that could not be opened included, in the order of opening."""
+        return list(self._arms.values())
+
+    def find(self, name: str) -> ServedArm | None:
+        """Return the open arm of a name, the first without one; None if there is none."""
+        found = [arm for arm in self.all() if arm.is_open and name in ("", arm.name)]
+        return found[0] if found else None
+
+    def open_all(self, places: Sequence[ArmAtPort]) -> None:
+        """Open arms and wait for them; those that cannot be opened stay in the list.
+
+        Raises:
+            IkservoError: Of the first of them, if none could be opened.
+        """
+        failed: list[IkservoError] = []
+        for place in places:
+            try:
+                self._add(place).open()
+            except IkservoError as error:
+                failed.append(error)
+        if failed and len(failed) == len(places):
+            raise failed[0]
+
+    def start_opening(self, place: ArmAtPort) -> None:
+        """Open an arm in a thread of its own; ``all`` tells how that went.
+
+        Raises:
+            BadMessageError: Its port is in use here, or there are too many arms.
+        """
+        for other in self.all():
+            self._require_other_port(other, place)
+        if len(self._arms) >= _MAX_ARMS:
+            raise BadMessageError(f"{_MAX_ARMS} arms are open.", "Close one of them first.")
+        arm = self._add(place)
+        threading.Thread(target=arm.open, name=f"ikservo open {arm.name}", daemon=True).start()
+
+    def _require_other_port(self, other: ServedArm, place: ArmAtPort) -> None:
+        """Forget a failed attempt at the same port.
+
+        Raises:
+            BadMessageError: An arm is open there; simulated arms have a bus each.
+        """
+        if other.place.port != place.port:
+            return
+        if other.state is ServedArmState.FAILED:
+            del self._arms[other.name]
+        elif place.port is not None and not is_simulated(place.port):
+            raise BadMessageError(f"{other.name} is open on {place.port}.", "Close it first.")
+
+    def _add(self, place: ArmAtPort) -> ServedArm:
+        stem = place.model.name
+        names = itertools.chain([stem], (f"{stem}-{i}" for i in itertools.count(2)))
+        arm = ServedArm(next(n for n in names if n not in self._arms), place, self._settings)
+        self._arms[arm.name] = arm
+        return arm
+
+    def stop(self, name: str | None) -> None:
+        """Stop an arm and let it hold until acknowledged; every open one without a name."""
+        for arm in self.all():
+            if arm.is_open and name in (None, arm.name):
+                arm.controller.stop("Stopped from the list of arms")
+
+    def start_closing(self, name: str) -> None:
+        """Close an arm in a thread of its own, its torque as it is.
+
+        Raises:
+            BadMessageError: There is no such arm, or it is still being opened.
+        """
+        arm = self._arms.get(name)
+        if arm is None or arm.state is ServedArmState.CLOSING:
+            raise BadMessageError(f"No arm {name!r} is open.")
+        if arm.state is ServedArmState.OPENING:
+            raise BadMessageError(f"{name} is still being opened.", "Wait for it, then close it.")
+        arm.state = ServedArmState.CLOSING
+        threading.Thread(target=self._close, args=(arm,), name=f"ikservo close {name}").start()
+
+    def _close(self, arm: ServedArm) -> None:
+        try:
+            arm.close()
+        finally:
+            self._arms.pop(arm.name, None)
+
+    def close(self) -> None:
+        """Let every arm hold and close all ports."""
+        for arm in self.all():
+            arm.close()
+
+
+def real_time_port(port: str | None) -> str | None:
+    """Return the port; a simulated one is set to run in real time."""
+    if port is None or not is_simulated(port) or "paced=" in port:
+        return port
+    return f"{port if ':' in port else port + ':'}{'&' if '?' in port else '?'}paced=1"

@@ -1,0 +1,184 @@
+"""Pictures of a camera for the page, as motion JPEG; read only while somebody looks at them."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+import threading
+from collections.abc import AsyncGenerator, Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Protocol
+from urllib.parse import urlsplit
+
+from ikservo.clock import Clock
+from ikservo.errors import InputError
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+__all__ = ["VIDEO_TYPE", "Capture", "Picture", "VideoSource", "open_capture"]
+
+VIDEO_TYPE = "multipart/x-mixed-replace; boundary=picture"
+_PERIOD_S = 1.0 / 15.0  # between two pictures
+_RETRY_S = 1.0  # until a camera that failed is opened again
+_OLD_S = 2.0  # without a picture for so long, the page says so
+_LOOK_S = 0.02  # between two looks for a new picture
+_URL_TIMEOUT_MS = 3000
+
+
+class Capture(Protocol):
+    """What is used of ``cv2.VideoCapture``."""
+
+    def isOpened(self) -> bool:  # noqa: N802  # OpenCV's name
+        """Return whether pictures can be read."""
+        ...
+
+    def read(self) -> tuple[bool, NDArray[np.uint8] | None]:
+        """Return whether there is a next picture, and the picture (h, w, 3)."""
+        ...
+
+    def release(self) -> None:
+        """Close it."""
+        ...
+
+
+def open_capture(source: str) -> Capture:
+    """Open a camera by its number or device, an address, or a file of pictures."""
+    import cv2  # noqa: PLC0415  # of the extra `camera`
+
+    if source.isdecimal():
+        return cv2.VideoCapture(int(source))
+    if "://" in source:
+        timeouts = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _URL_TIMEOUT_MS,
+                    cv2.CAP_PROP_READ_TIMEOUT_MSEC, _URL_TIMEOUT_MS]  # fmt: skip
+        return cv2.VideoCapture(source, cv2.CAP_FFMPEG, timeouts)
+    return cv2.VideoCapture(source)
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture as it is sent.
+
+    Attributes:
+        number: Counts the pictures, from 1.
+        jpeg: Its bytes.
+    """
+
+    number: int
+    jpeg: bytes
+
+
+class VideoSource:
+    """Reads a camera in a thread of its own; the newest picture counts.
+
+    Args:
+        source: The number of a camera, a device, an ``http://`` address or a file, which is
+            repeated.
+        clock: Tells how old the last picture is.
+        open_source: Opens the source.
+
+    Raises:
+        InputError: There is no such device or file.
+    """
+
+    def __init__(
+        self, source: str, clock: Clock, open_source: Callable[[str], Capture] = open_capture
+    ) -> None:
+        is_path = not source.isdecimal() and "://" not in source
+        if is_path and not Path(source).exists():
+            raise InputError(f"There is no camera or file {source}.", "Is it plugged in?")
+        self._source, self._clock, self._open = source, clock, open_source
+        self._is_file = is_path and Path(source).is_file()
+        self._picture: Picture | None = None
+        self._read_s, self._error = -math.inf, ""
+        self._watchers = 0
+        self._watched_s = math.inf  # since when
+        self._wanted, self._ending = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._run, name="ikservo camera", daemon=True)
+
+    def __enter__(self) -> VideoSource:
+        """Start the thread; the camera is opened once somebody looks."""
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the thread and close the camera."""
+        self._ending.set()
+        self._wanted.set()
+        self._thread.join()
+
+    @property
+    def name(self) -> str:
+        """Return the source without what may be secret in an address."""
+        if "://" in self._source:
+            return urlsplit(self._source).hostname or "address"
+        return f"camera {self._source}" if self._source.isdecimal() else Path(self._source).name
+
+    @property
+    def trouble(self) -> str:
+        """Return what is wrong while somebody looks; empty if pictures arrive."""
+        now_s = self._clock.now_s()
+        if not self._watchers or now_s - max(self._read_s, self._watched_s) < _OLD_S:
+            return ""
+        return self._error or f"No picture from {self.name}: is it unplugged?"
+
+    async def stream(self) -> AsyncGenerator[bytes]:
+        """Yield new pictures as parts of ``VIDEO_TYPE``; a slow page misses some."""
+        if not self._watchers:
+            self._watched_s = self._clock.now_s()
+        self._watchers += 1
+        self._wanted.set()
+        number = 0
+        try:
+            while not self._ending.is_set():
+                picture = self._picture
+                if picture is not None and picture.number != number:
+                    number = picture.number
+                    yield _part(picture.jpeg)
+                await asyncio.sleep(_LOOK_S)
+        finally:
+            self._watchers -= 1
+
+    def _run(self) -> None:
+        """Read while somebody looks; open a camera that failed again and again."""
+        while not self._ending.is_set():
+            self._wanted.wait()
+            self._read_while_watched()
+            if not self._watchers:
+                self._wanted.clear()
+                self._picture = None
+            elif not self._is_file or self._error:
+                self._ending.wait(_RETRY_S)
+
+    def _read_while_watched(self) -> None:
+        """Read until nobody looks or the camera fails."""
+        capture = self._open(self._source)
+        try:
+            self._error = "" if capture.isOpened() else f"{self.name} cannot be opened."
+            while self._watchers and not self._ending.is_set() and not self._error:
+                ready, image = capture.read()
+                if not ready or image is None:
+                    return
+                self._keep(image)
+        finally:
+            capture.release()
+
+    def _keep(self, image: NDArray[np.uint8]) -> None:
+        """Keep a picture as JPEG; a camera that is faster than the page misses some."""
+        now_s = self._clock.now_s()
+        if self._is_file:
+            self._ending.wait(_PERIOD_S)
+        elif now_s - self._read_s < _PERIOD_S:
+            return
+        import cv2  # noqa: PLC0415  # of the extra `camera`
+
+        _, jpeg = cv2.imencode(".jpg", image)
+        number = 1 if self._picture is None else self._picture.number + 1
+        self._picture, self._read_s = Picture(number, jpeg.tobytes()), now_s
+
+
+def _part(jpeg: bytes) -> bytes:
+    header = f"--picture\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
+    return header.encode() + jpeg + b"\r\n"

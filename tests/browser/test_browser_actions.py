@@ -1,0 +1,116 @@
+"""Preview carried out by one button, undo by keys, zoom, help, and a hundred poses in a list."""
+
+import math
+
+import numpy as np
+import pytest
+import tomli_w
+
+from tests.browser.page_operator import Operator, serve_view, until
+from tests.browser.test_browser_page import CONTRAST
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory):
+    """A view of an arm with 97 taught poses, each turning the wrist by a degree more."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("IKSERVO_HOME", str(tmp_path_factory.mktemp("home")))
+        with serve_view() as view:
+            library, home = view.arm.poses, view.arm.model.pose("home")
+            poses = {
+                f"place_{i:02}": library._pose_tables({**home, "wrist_roll": math.radians(i)})
+                for i in range(97)
+            }
+            library.path.parent.mkdir(parents=True, exist_ok=True)
+            library.path.write_text(tomli_w.dumps({"format": 1, "arm": "so101", "poses": poses}))
+            yield view
+
+
+@pytest.fixture(scope="module")
+def person(browser, served):
+    context = browser.new_context(viewport={"width": 1280, "height": 800})
+    yield Operator(context.new_page(), served)
+    context.close()
+
+
+def joints_deg(operator):
+    return [math.degrees(angle) for angle in operator.served.joints().values()]
+
+
+def test_the_preview_is_carried_out_by_one_button_and_undone_by_keys(person):
+    page, before = person.page, person.served.goals()
+    page.click("#speeds button[value=fast]")
+    assert page.is_disabled("#execute")
+    person.click(person.tip_px() + np.array([25.0, -90.0])).wait_for("status.target")
+    first = person.status["goals"]
+    page.wait_for_timeout(100)
+    page.locator("[data-joint=wrist_roll]").get_by_label("more by one step").click()
+    person.wait_for("Math.abs(status.goals[4] - 1) < 0.05")
+    page.focus("#drawing")
+    page.keyboard.press("Control+z")
+    person.wait_for("Math.abs(status.goals[4]) < 0.05")
+    assert person.status["goals"] == pytest.approx(first, abs=0.1)
+    page.keyboard.press("Control+Shift+z")
+    person.wait_for("Math.abs(status.goals[4] - 1) < 0.05")
+    assert person.served.goals() == before
+    goal = person.status["goals"]
+    page.click("#execute")
+    until(lambda: joints_deg(person) == pytest.approx(goal, abs=0.7))
+    person.wait_for("status.mode === 'preview'")
+
+
+def test_one_of_a_hundred_poses_is_found_and_chosen_by_keys(person):
+    page = person.page
+    page.click("#all-poses")
+    page.keyboard.type("e_4")
+    assert page.inner_text("#pose-count") == "10 of 100"
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("ArrowDown")
+    page.keyboard.press("Enter")
+    person.wait_for("Math.abs(status.goals[4] - 41) < 0.1")
+    assert page.evaluate(CONTRAST) == []
+    page.fill("#pose-filter", "cup")
+    assert "No pose is called “cup”" in page.inner_text("#pose-count")
+    page.click("#pose-close")
+
+
+def test_help_opens_by_a_key_beside_a_stop_that_still_works(person):
+    page = person.page
+    page.focus("#drawing")
+    page.keyboard.press("?")
+    for words in ("Mouse", "Touch", "Keyboard", "Gamepad"):
+        assert page.get_by_role("heading", name=words, exact=True).is_visible()
+    for scheme in ("dark", "light"):
+        page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
+        assert page.evaluate(CONTRAST) == []
+    page.click("#stop")
+    person.wait_for("status.mode === 'stopped'")
+    page.click("#acknowledge")
+    person.wait_for("status.mode === 'preview'")
+    page.keyboard.press("?")
+    assert page.is_hidden("#help")
+
+
+def test_the_wheel_beside_the_arm_zooms_at_the_pointer_and_fit_undoes_it(person):
+    page = person.page
+    scale, at = person.pixels_per_metre, person.tip_px()
+    page.mouse.move(*person.over([40.0, 120.0]))
+    person.wait_for("!scene.hover")
+    page.mouse.wheel(0, -200)
+    until(lambda: person.pixels_per_metre > 1.5 * scale)
+    grown = person.pixels_per_metre / scale
+    place = np.array([40.0, 120.0])
+    assert person.tip_px() == pytest.approx(place + grown * (at - place), abs=3.0)
+    page.keyboard.press("f")
+    until(lambda: abs(person.pixels_per_metre / scale - 1) < 1e-3)
+
+
+def test_release_asks_and_then_lets_go(person):
+    page = person.page
+    page.click("#release")
+    assert page.inner_text("#release") == "It falls: sure?"
+    page.click("#release")
+    person.until("document.getElementById('mode').textContent === 'Preview – the arm is limp'")
+    assert person.errors == []

@@ -1,0 +1,152 @@
+"""The list of arms: opened, changed, stopped and closed on the page, without a restart."""
+
+from contextlib import contextmanager
+from functools import partial
+
+import pytest
+
+from ikservo.model import load_model
+from ikservo.view.served_arms import ArmAtPort
+from ikservo.view.video import VideoSource
+from tests.arm.simulated import line_of, registers
+from tests.browser.page_operator import HoldingView, Operator, ServedView, until
+from tests.browser.test_browser_page import CONTRAST, NAMES, SMALL
+from tests.view.webcam import Webcam
+
+pytestmark = pytest.mark.browser
+
+# What can be reached inside the list, in its order, and what is reached now.
+IN_ORDER = """() => [...document.querySelectorAll("#arms :is(button, select)")]
+  .filter((e) => e.checkVisibility() && !e.disabled)
+  .map((e) => e.getAttribute("aria-label") || e.id || e.textContent)"""
+IS_FOCUSED = """() => document.activeElement.getAttribute("aria-label")
+  || document.activeElement.id || document.activeElement.textContent"""
+
+
+@contextmanager
+def desk(*places, **options):
+    arms = [ArmAtPort(load_model(arm), port) for arm, port in places]
+    app = HoldingView(arms, dead_man_s=5.0, **options)
+    with app as urls, app.serve_in_thread() as server:
+        yield ServedView(app, urls, server)
+
+
+@pytest.fixture
+def page(browser):
+    context = browser.new_context(viewport={"width": 1100, "height": 800})
+    page = context.new_page()
+    page.set_default_timeout(15_000)
+    yield page
+    context.close()
+
+
+@pytest.fixture(scope="module")
+def two():
+    """Two arms that hold, for the tests that leave them open."""
+    with desk(("so101", "sim:?pose=home"), ("koch", "sim:?pose=home")) as served:
+        yield served
+
+
+def row(page, name):
+    return page.locator(f"#arms-open [data-arm={name}]")
+
+
+def test_without_an_arm_the_page_lists_what_there_is_and_opens_and_changes_it(page):
+    with desk() as served:
+        page.goto(served.urls.control)
+        page.wait_for_selector("#arms-port [value=sim]", state="attached")
+        assert page.is_visible("#arms")
+        assert page.is_hidden("#live")
+        page.select_option("#arms-model", "koch")
+        page.select_option("#arms-port", "sim")
+        page.click("#arms-form button")
+        page.wait_for_selector("#title:has-text('Koch')")
+        page.wait_for_selector("body[data-mode=preview]")
+        koch = served.app.arms.find("koch")
+        assert set(koch.arm_thread.arm.chain.names) >= set(page.evaluate(
+            "[...document.querySelectorAll('#joints [data-joint]')].map((e) => e.dataset.joint)"
+        )) - {"gripper"}  # fmt: skip
+        page.click("#arms-toggle")
+        page.select_option("#arms-model", "planar3")
+        page.click("#arms-form button")
+        page.wait_for_selector("#views [value=plane]")
+        page.click("#arms-toggle")
+        page.click("[aria-label='Show koch']")
+        page.wait_for_selector("#title:has-text('Koch')")
+        page.click("#arms-toggle")
+        page.click("[aria-label='Close koch']")
+        page.wait_for_selector("#banner-message:has-text('This arm was closed')")
+        assert page.is_disabled("#stop")
+        until(lambda: [arm.name for arm in served.app.arms.all()] == ["planar3"])
+
+
+def test_the_list_is_legible_named_and_reached_in_order_by_a_finger_and_by_tab(page, two):
+    for width, scheme in ((390, "dark"), (1100, "light")):
+        page.set_viewport_size({"width": width, "height": 844})
+        page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
+        page.goto("about:blank")
+        operator = Operator(page, two)
+        page.click("#arms-toggle")
+        page.wait_for_selector("#arms-port [value=sim]", state="attached")
+        row(page, "koch").wait_for()
+        assert operator.page.evaluate(CONTRAST) == []
+        assert operator.page.evaluate(SMALL, 24) == []
+        assert operator.page.evaluate("document.documentElement.scrollWidth") <= width
+        assert all(operator.page.evaluate(NAMES))
+    page.focus("#arms-toggle")
+    expected, reached = page.evaluate(IN_ORDER), []
+    for _ in expected:
+        page.keyboard.press("Tab")
+        reached.append(page.evaluate(IS_FOCUSED))
+    assert len(expected) >= 8  # close, show, stop and close of two arms, arm, port, open
+    assert reached == expected
+
+
+def test_space_stops_every_arm_and_a_fault_of_one_is_told_beside_its_name(page, two):
+    operator = Operator(page, two)
+    operator.enable_live()
+    koch = two.app.arms.find("koch").arm_thread
+    page.click("#arms-toggle")
+    page.click("[aria-label='Stop koch']")
+    row(page, "koch").filter(has_text="Stopped from the list of arms").wait_for()
+    assert operator.status["mode"] == "live"
+    koch.acknowledge()
+    row(page, "koch").filter(has_text="preview").wait_for()
+    before = [registers(koch.arm, "goal_position"), two.goals()]
+    page.keyboard.press("Space")
+    operator.wait_for("status.mode === 'stopped'")
+    row(page, "koch").filter(has_text="stopped").wait_for()
+    for goals, held in zip(
+        [registers(koch.arm, "goal_position"), two.goals()], before, strict=True
+    ):
+        assert max(abs(goals[i] - held[i]) for i in held) <= 4  # each lifts what sags
+    koch.acknowledge()
+    row(page, "koch").filter(has_text="preview").wait_for()
+    line_of(koch.arm).plugged = False
+    row(page, "koch").filter(has_text="Lost connection").wait_for()
+    page.click("#acknowledge")
+    operator.wait_for("status.mode === 'preview'")
+
+
+def test_a_camera_is_shown_beside_the_arm_or_behind_it_and_says_when_it_is_unplugged(
+    page, monkeypatch
+):
+    pytest.importorskip("cv2")
+    webcam = Webcam()
+    monkeypatch.setattr(
+        "ikservo.view.app.VideoSource", partial(VideoSource, open_source=webcam.open)
+    )
+    with desk(("planar2", "sim"), camera="0") as served:
+        operator = Operator(page, served)
+        operator.until("document.getElementById('camera-picture').naturalWidth === 32")
+        assert page.inner_text("#camera-note") == "camera 0"
+        assert page.evaluate(CONTRAST) == []
+        page.click("#camera-places [value=behind]")
+        stage, picture = (page.locator(each).bounding_box() for each in ("#drawing", "#camera"))
+        assert picture["width"] == pytest.approx(stage["width"], abs=4)
+        webcam.plugged = False
+        page.wait_for_selector("#camera[data-trouble]")
+        assert page.inner_text("#camera-note").startswith("camera 0 cannot be opened")
+        page.click("#camera-places [value=off]")
+        assert page.is_hidden("#camera")
+        until(lambda: webcam.released == webcam.opened)

@@ -1,0 +1,83 @@
+"""The figures of docs/lecture.md do what their text says."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.browser
+FIGURES = Path(__file__).parents[2] / "docs" / "figures"
+LECTURE = (FIGURES.parent / "lecture.md").read_text("utf-8")
+NAMES = re.findall(r'<figure class="interactive" data-figure="(\w+)"></figure>', LECTURE)
+
+
+@pytest.fixture(scope="module")
+def page(browser):
+    """The figures alone, in the order of the page."""
+    context = browser.new_context(viewport={"width": 700, "height": 900})
+    page = context.new_page()
+    page.route("http://docs.test/**", serve)
+    page.goto("http://docs.test/")
+    yield page
+    context.close()
+
+
+def serve(route):
+    name = route.request.url.rpartition("/")[2]
+    if name:
+        route.fulfill(body=(FIGURES / name).read_text("utf-8"), content_type="text/javascript")
+        return
+    figures = "".join(f'<figure data-figure="{each}"></figure>' for each in NAMES)
+    body = f'<!doctype html>{figures}<script type="module" src="lecture.js"></script>'
+    route.fulfill(body=body, content_type="text/html")
+
+
+def figure(page, name):
+    return page.locator(f'figure[data-figure="{name}"]')
+
+
+def drag_to(page, name, x, y):
+    """Drag to a place, as shares of the drawing from its lower left corner."""
+    svg = figure(page, name).locator("svg")
+    svg.scroll_into_view_if_needed()
+    box = svg.bounding_box()
+    page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.down()
+    page.mouse.move(box["x"] + x * box["width"], box["y"] + (1 - y) * box["height"], steps=3)
+    page.mouse.up()
+    return figure(page, name).locator("output").inner_text()
+
+
+def test_two_links_say_when_a_point_is_out_of_reach(page):
+    assert drag_to(page, "twoLinks", 0.7, 0.7).startswith("two solutions")
+    assert drag_to(page, "twoLinks", 0.99, 0.99).startswith("unreachable")
+
+
+def test_the_wrist_of_three_links_leaves_some_directions(page):
+    share = re.search(r"(\d+) % of all directions", drag_to(page, "threeLinks", 0.85, 0.6))
+    assert 0 < int(share[1]) < 100
+
+
+@pytest.mark.parametrize("name", ["pseudoInverse", "transpose", "ccd"])
+def test_an_iterative_method_ends_at_the_target(page, name):
+    assert "step 0," in drag_to(page, name, 0.55, 0.8)
+    figure(page, name).get_by_text("To the end").click()
+    assert "error 0.1 mm" in (text := figure(page, name).locator("output").inner_text()) or (
+        "error 0.0 mm" in text
+    )
+
+
+def test_the_null_space_bends_the_arm_and_keeps_the_tip(page):
+    figure(page, "nullSpace").scroll_into_view_if_needed()
+    output = figure(page, "nullSpace").locator("output")
+    before = output.inner_text()
+    figure(page, "nullSpace").locator("input").fill("-0.9")
+    assert output.inner_text() != before
+    assert "tip 0.0 mm from the target" in output.inner_text()
+
+
+def test_a_ray_looks_only_into_boxes_that_it_meets(page):
+    text = drag_to(page, "picking", 0.9, 0.05)
+    assert text.count("misses its box") == 3
+    assert text.endswith("selected: nothing")
+    assert "selected: nothing" not in drag_to(page, "picking", 0.3, 0.5)

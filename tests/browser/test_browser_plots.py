@@ -1,0 +1,94 @@
+"""Plots: what the simulated servos did, shown by themselves when something stops the arm."""
+
+import csv
+
+import pytest
+
+from servosim.faults import Fault
+from tests.arm.simulated import servo_id
+from tests.browser.test_browser_page import CONTRAST, NAMES, SMALL
+from tests.browser.test_browser_safety import OWN, under_way
+
+pytestmark = pytest.mark.browser
+
+# How many pixels of a chart's canvas have the colour of a series.
+DRAWN = """([quantity, series]) => {
+  const canvas = document.querySelector(`[data-quantity=${quantity}] canvas`);
+  const pen = canvas.getContext("2d");
+  const style = getComputedStyle(document.documentElement);
+  const probe = Object.assign(document.createElement("canvas"), { width: 1, height: 1 }).getContext("2d");
+  probe.fillStyle = style.getPropertyValue(`--plot-${series}`);
+  probe.fillRect(0, 0, 1, 1);
+  const [r, g, b] = probe.getImageData(0, 0, 1, 1).data;
+  const data = pen.getImageData(0, 0, canvas.width, canvas.height).data;
+  let count = 0;
+  for (let i = 0; i < data.length; i += 4)
+    count += Math.abs(data[i] - r) + Math.abs(data[i + 1] - g) + Math.abs(data[i + 2] - b) < 40 && data[i + 3] > 200;
+  return count;
+}"""  # noqa: E501
+
+
+def label(operator, quantity):
+    return operator.page.locator(f"[data-quantity={quantity}] [role=img]").get_attribute(
+        "aria-label"
+    )
+
+
+def open_plots(operator):
+    operator.page.click("#plots-toggle")
+    operator.page.wait_for_selector("[data-quantity=position] canvas")
+    return operator
+
+
+@pytest.mark.campaign  # wants a machine that draws in time; tests/view has the samples
+def test_plots_show_where_the_joints_are_and_only_what_was_chosen(operator):
+    open_plots(operator)
+    degrees = operator.page.inner_text("[data-joint=elbow_flex] .value").rstrip("°")
+    plotted = label(operator, "position").partition("elbow_flex ")[2].partition(",")[0]
+    assert abs(float(plotted) - float(degrees)) < 0.5
+    drawn = f"(line) => ({DRAWN})(line) > 10"  # as soon as the line is long enough
+    operator.page.wait_for_function(drawn, arg=["position", 2])
+    operator.page.click("#plots-quantities [value=voltage]")
+    operator.page.click("#plots-quantities [value=error]")
+    operator.page.click("#plots-joints [value=shoulder_pan]")
+    operator.page.wait_for_selector(
+        "[data-quantity=voltage] [role=img][aria-label*='elbow_flex 7.4']"
+        ":not([aria-label*=shoulder_pan])"  # each click is answered by charts of its own
+    )
+    assert operator.page.locator("[data-quantity=error]").count() == 0
+    operator.page.click("#plots-close")
+    assert operator.page.is_hidden("#plots")
+    assert operator.page.evaluate("document.activeElement.id") == "plots-toggle"
+
+
+@pytest.mark.parametrize(("width", "scheme"), [(390, "dark"), (1600, "light")])
+def test_plots_can_be_read_and_worked_with_a_finger_and_by_their_names(visit, width, scheme):
+    operator = visit(color_scheme=scheme, reduced_motion="reduce")
+    operator.page.set_viewport_size({"width": width, "height": 844})
+    open_plots(operator)
+    assert operator.page.evaluate(CONTRAST) == []
+    assert operator.page.evaluate(SMALL, 24) == []
+    assert operator.page.evaluate("document.documentElement.scrollWidth") <= width
+    assert all(operator.page.evaluate(NAMES))
+
+
+@OWN
+def test_a_servo_that_falls_silent_shows_the_ten_seconds_before_until_it_is_acknowledged(live):
+    under_way(live)
+    joint = servo_id("so101", "wrist_flex")
+    live.served.line.faults.add(Fault("silent", id=joint, at_s=live.served.line.world.time_s))
+    live.page.wait_for_selector("[data-quantity=error] canvas")
+    assert "wrist_flex (id 4)" in live.page.inner_text("#plots-reason")
+    assert live.page.get_attribute("#plots-spans [value=stop]", "aria-checked") == "true"
+    assert live.page.evaluate(DRAWN, ["error", 1]) > 0
+    with live.page.expect_download() as fetched:
+        live.page.click("#plots-save")
+    with fetched.value.path().open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    moved = [abs(float(row["shoulder_lift_error_deg"] or 0)) for row in rows]
+    assert max(moved) > 0
+    assert {row["shoulder_lift_goal_deg"] == "" for row in rows} == {True, False}
+    assert "losses" in rows[0]  # how many depends on when the page asks
+    live.served.line.faults.clear()
+    live.page.click("#acknowledge")
+    live.page.wait_for_selector("#plots", state="hidden")

@@ -1,0 +1,159 @@
+"""The program panel: two poses taught, ordered, saved, played, stopped; judged by the servos."""
+
+import math
+
+import pytest
+
+from tests.browser.page_operator import Operator, serve_view, until
+from tests.browser.test_browser_page import CONTRAST, SMALL
+
+pytestmark = pytest.mark.browser
+
+PHASE = "document.getElementById('program-state').className === '{}'"
+
+
+@pytest.fixture(scope="module")
+def home(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("home")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("IKSERVO_HOME", str(folder))
+        yield folder
+
+
+@pytest.fixture(scope="module")
+def teacher(browser, home):
+    """A person with the panel open, all through this module."""
+    with serve_view() as view:
+        context = browser.new_context(viewport={"width": 1100, "height": 720})
+        operator = Operator(context.new_page(), view)
+        operator.page.click("#program summary")
+        yield operator
+        context.close()
+
+
+@pytest.fixture
+def empty(teacher):
+    """The same person with a program without steps."""
+    teacher.page.click("#program-new")
+    if teacher.page.inner_text("#program-new") != "New":
+        teacher.page.click("#program-new")
+    return teacher.until("document.querySelectorAll('#program-steps li').length === 0")
+
+
+def roll_deg(operator):
+    return math.degrees(operator.served.joints()["wrist_roll"])
+
+
+def teach_roll(operator, degrees):
+    """Turn the target's wrist and add it as a step."""
+    field = operator.page.locator("[data-joint=wrist_roll] input[type=text]")
+    field.fill(str(degrees))
+    field.press("Enter")
+    operator.wait_for(f"Math.abs(status.goals.at(-2) - {degrees}) < 0.1")
+    count = operator.page.locator("#program-steps li").count()
+    operator.page.click("#add-target")
+    return operator.until(f"document.querySelectorAll('#program-steps li').length === {count + 1}")
+
+
+def places(operator):
+    return operator.page.locator("#program-steps li").evaluate_all(
+        "rows => rows.map((row) => Number(row.dataset.step))"
+    )
+
+
+def test_two_poses_are_taught_ordered_by_key_and_by_pointer_saved_and_played(empty, home):
+    page, before = empty.page, roll_deg(empty)
+    page.click("#program-speed button[value=fast]")
+    teach_roll(empty, 25)
+    teach_roll(empty, -15)
+    first, second = places(empty)
+    grip = page.get_by_label("Move step 1: arrow up, arrow down")
+    grip.press("ArrowDown")
+    until(lambda: places(empty) == [second, first])
+    assert page.evaluate("document.activeElement.closest('li').dataset.step") == str(first)
+    top, bottom = (page.locator(".grip").nth(i).bounding_box() for i in (0, 1))
+    page.mouse.move(bottom["x"] + 9, bottom["y"] + 9)
+    page.mouse.down()
+    page.mouse.move(top["x"] + 9, top["y"] - 8, steps=4)
+    page.mouse.up()
+    until(lambda: places(empty) == [first, second])
+    page.fill("#program-name", "wrist")
+    page.click("#program-save")
+    empty.until("document.getElementById('program-title').textContent === 'wrist'")
+    assert (home / "programs" / "wrist.toml").read_text().count("[[steps]]") == 2
+    page.click("#program-check")
+    empty.until(PHASE.format("ok"))
+    assert abs(roll_deg(empty) - before) < 1.0
+    page.click("#program-step")
+    empty.until(PHASE.format("paused"))
+    assert roll_deg(empty) == pytest.approx(25.0, abs=1.0)
+    assert page.inner_text("#program-play") == "Play from 2"
+    page.click("#program-play")
+    empty.until(PHASE.format("done"))
+    assert roll_deg(empty) == pytest.approx(-15.0, abs=1.0)
+
+
+def test_a_stop_ends_the_program_in_its_step_and_nothing_moves_before_it_is_acknowledged(empty):
+    page = empty.page
+    teach_roll(empty, 80)
+    teach_roll(empty, -80)
+    page.click("#program-play")
+    empty.until(PHASE.format("playing")).wait_for("status.mode === 'busy'")
+    assert page.is_disabled("#add-wait")
+    assert page.is_disabled("#live")
+    assert page.inner_text("#mode") == "Plays the program …"
+    start = roll_deg(empty)
+    until(lambda: abs(roll_deg(empty) - start) > 5)
+    page.keyboard.press("Escape")
+    empty.wait_for("status.mode === 'stopped'").until_still()
+    assert page.inner_text("#program-state").startswith("Stopped in step")
+    assert page.is_disabled("#program-play")
+    before = empty.served.goals()
+    page.wait_for_timeout(300)
+    assert empty.served.goals() == before
+    page.click("#acknowledge")
+    empty.wait_for("status.mode === 'preview'")
+    assert page.inner_text("#program-play").startswith("Play")
+    assert empty.served.goals() == before
+
+
+def test_the_step_that_cannot_be_made_is_marked_with_its_reason(empty):
+    page, before = empty.page, empty.served.goals()
+    page.click("#add-wait")
+    for joint, degrees in [("shoulder_lift", "90"), ("elbow_flex", "-20")]:
+        page.fill(f"[data-joint={joint}] input[type=text]", degrees)
+        page.press(f"[data-joint={joint}] input[type=text]", "Enter")
+    empty.wait_for("status.refused")
+    page.click("#add-target")
+    until(lambda: len(places(empty)) == 2)
+    page.click("#program-play")
+    empty.until(PHASE.format("bad"))
+    assert "floor" in page.inner_text("#program-steps li.bad .reason")
+    assert empty.served.goals() == before
+    for scheme in ("light", "dark"):
+        page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
+        assert page.evaluate(CONTRAST) == []
+    page.set_viewport_size({"width": 390, "height": 844})
+    assert page.evaluate("document.documentElement.scrollWidth") <= 390
+    assert page.evaluate(SMALL, 24) == []
+    assert empty.errors == []
+
+
+def test_a_limp_arm_is_recorded_by_one_button_and_the_same_ends_it(empty):
+    empty.page.click("#release")
+    empty.page.click("#release")
+    empty.wait_for(
+        "status.mode === 'preview' && status.health.joints.every((j) => j.torque !== 'on')"
+    )
+    empty.page.click("#record-step")
+    empty.wait_for("status.mode === 'busy'")
+    empty.until("document.getElementById('record-step').textContent === 'End recording'")
+    assert not empty.page.is_disabled("#record-step")
+    empty.page.click("#record-step")
+    empty.until("document.querySelectorAll('#program-steps li').length === 1")
+    assert "recording-1.jsonl" in empty.page.inner_text("#program-steps li")
+    assert empty.page.locator("#add-recording option").all_inner_texts() == [
+        "+ Recording …",
+        "recording-1",
+    ]
+    assert empty.errors == []

@@ -1,0 +1,34 @@
+"""The page beyond this machine: by TLS it is operated as on it."""
+
+import pytest
+
+from tests.browser.page_operator import Operator, serve_view
+from tests.browser.test_browser_safety import FAR
+
+pytestmark = pytest.mark.browser
+
+
+@pytest.fixture(scope="module")
+def far_view(own_address):
+    with serve_view(listen=own_address) as view:
+        yield view
+
+
+def test_an_arm_is_moved_by_a_page_that_came_by_tls(browser, far_view):
+    context = browser.new_context(ignore_https_errors=True)
+    operator = Operator(context.new_page(), far_view)
+    assert far_view.urls.control.startswith("https://")
+    operator.enable_live().until_still()
+    operator.click(operator.tip_px() + FAR).until_moving()
+    operator.page.click("#stop")
+    operator.wait_for("status.mode === 'stopped'").until_still()
+    assert operator.errors == []
+    context.close()
+
+
+def test_a_browser_that_does_not_know_the_certificate_shows_no_page(browser, far_view):
+    context = browser.new_context()
+    page = context.new_page()
+    with pytest.raises(Exception, match="ERR_CERT_AUTHORITY_INVALID"):
+        page.goto(far_view.urls.control)
+    context.close()

@@ -1,0 +1,27 @@
+"""A camera whose cable a test pulls."""
+
+import threading
+
+import numpy as np
+
+
+class Webcam:
+    """A camera of one colour whose cable a test pulls."""
+
+    def __init__(self):
+        self.plugged, self.opened, self.released = True, 0, 0
+        self.pace = threading.Event()
+
+    def open(self, _source):
+        self.opened += 1
+        return self
+
+    def isOpened(self):  # noqa: N802
+        return self.plugged
+
+    def read(self):
+        self.pace.wait(0.01)
+        return self.plugged, np.full((24, 32, 3), (0, 0, 255), np.uint8)
+
+    def release(self):
+        self.released += 1

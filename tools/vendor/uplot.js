@@ -1,0 +1,2 @@
+// What the page uses of uPlot.
+export { default } from "uplot";
