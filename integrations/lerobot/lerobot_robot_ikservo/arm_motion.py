@@ -1,0 +1,117 @@
+"""Goals for an open arm at LeRobot's rate; what the arm refuses becomes a line in the log."""
+
+from __future__ import annotations
+
+import logging
+import time
+from contextlib import ExitStack
+
+import numpy as np
+from numpy.typing import NDArray
+
+import ikservo
+from ikservo.arm import DEAD_MAN_TIMEOUT_S, MotionProgress
+from ikservo.arm.setpoint_stream import SetpointStream
+
+__all__ = ["ArmMotion"]
+
+Vector = NDArray[np.float64]
+
+_LOG = logging.getLogger(__name__)
+_FRESH_S = DEAD_MAN_TIMEOUT_S / 2  # after a goal the control loop runs and measures for longer
+_QUIET_ACTIONS = 25  # without a refusal, until the next of its kind is logged
+_LOST = (ikservo.PortLostError, ikservo.ServoSilentError)
+
+
+class ArmMotion:
+    """Sends goals to an arm and measures it.
+
+    A refused goal, a stop and a servo's alarm are logged when they begin, and the arm holds.
+    Nothing else is hidden: without its port the arm cannot be measured either.
+
+    Args:
+        arm: An open arm; it stays open.
+        speed: Its speed class.
+    """
+
+    def __init__(self, arm: ikservo.Arm, speed: str) -> None:
+        self._arm, self._speed = arm, speed
+        self._stream: SetpointStream | None = None
+        self._open_stream = ExitStack()
+        self._refused = 0
+        self._sent_s = -np.inf
+        self._quiet: dict[str, int] = {}
+
+    def send(self, goal: Vector) -> bool:
+        """Send the goal of all joints (n,), rad or m; return whether the arm follows it.
+
+        Raises:
+            PortLostError, ServoSilentError: The arm is not to be reached any more.
+        """
+        if self._arm.stopped_for:
+            self._report("stopped", f"{self._arm.stopped_for} {_AFTER_STOP}")
+            return False
+        try:
+            stream = self._streaming()
+            stream.send(goal)
+        except _LOST:
+            raise
+        except ikservo.IkservoError as error:
+            self._drop_stream()
+            self._report("error", str(error))
+            return False
+        self._sent_s = time.monotonic()
+        self._report("error", "")
+        return self._note_refusals(stream)
+
+    def measure(self) -> Vector:
+        """Return the joints (n,), rad or m, as measured in the last control cycle or now."""
+        progress = self._progress()
+        return self._arm.where().positions_rad if progress is None else progress.joints_rad.copy()
+
+    def setpoint(self) -> Vector:
+        """Return where the joints (n,) should be now; where they are while nothing moves them."""
+        progress = self._progress()
+        return self.measure() if progress is None else progress.setpoints_rad.copy()
+
+    def report(self, text: str) -> None:
+        """Log why a goal is changed before it is sent, when that begins; empty if it is not."""
+        self._report("goal", text)
+
+    def close(self) -> None:
+        """Brake and hold."""
+        try:
+            self._open_stream.close()
+        except ikservo.IkservoError as error:
+            self._report("error", str(error))
+        self._stream = None
+
+    def _progress(self) -> MotionProgress | None:
+        """Return the last control cycle, unless the control loop may have ended since."""
+        is_fresh = time.monotonic() - self._sent_s < _FRESH_S
+        return self._stream.progress if self._stream is not None and is_fresh else None
+
+    def _streaming(self) -> SetpointStream:
+        if self._stream is None:
+            self._stream = self._open_stream.enter_context(self._arm.stream(speed=self._speed))
+            self._refused = 0
+        return self._stream
+
+    def _drop_stream(self) -> None:
+        self._stream = None
+        self.close()
+
+    def _note_refusals(self, stream: SetpointStream) -> bool:
+        is_new = stream.refused > self._refused
+        self._refused = stream.refused
+        self._report("refused", stream.reason if is_new else "")
+        return not is_new
+
+    def _report(self, kind: str, text: str) -> None:
+        quiet = self._quiet.get(kind, 0)
+        if text and not quiet:
+            _LOG.warning("%s", text)
+        self._quiet[kind] = _QUIET_ACTIONS if text else max(0, quiet - 1)
+
+
+_AFTER_STOP = "The arm holds; actions are ignored until this command is started again."

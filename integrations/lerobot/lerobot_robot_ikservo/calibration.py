@@ -1,0 +1,57 @@
+"""Calibration of an arm by ikservo's commands, and LeRobot's file of its result."""
+
+from __future__ import annotations
+
+import logging
+import subprocess
+import sys
+from pathlib import Path
+
+import ikservo
+from ikservo.arm import ZeroSource
+from ikservo.calibration.calibration_file import load_calibration
+from ikservo.calibration.lerobot import dump_lerobot, lerobot_joints, lost_in_lerobot
+from ikservo.hardware.remembered_port import serial_number_of
+from lerobot_robot_ikservo.config import IkservoLeaderConfig, IkservoRobotConfig
+
+__all__ = ["calibrate_arm", "calibration_command", "write_lerobot_file"]
+
+_LOG = logging.getLogger(__name__)
+
+
+def calibrate_arm(config: IkservoRobotConfig | IkservoLeaderConfig) -> None:
+    """Calibrate an arm in this terminal; its port must be closed.
+
+    Raises:
+        CalibrationError: The command failed; it has said why.
+    """
+    if config.port.partition(":")[0] == "sim":
+        _LOG.info("The simulated arm needs no calibration.")
+        return
+    done = subprocess.run(calibration_command(config), check=False)
+    if done.returncode:
+        raise ikservo.CalibrationError(
+            f"The calibration ended with exit code {done.returncode}; nothing was saved."
+        )
+
+
+def calibration_command(config: IkservoRobotConfig | IkservoLeaderConfig) -> list[str]:
+    """Return the command: a calibration by hand, or an import of LeRobot's file."""
+    given = config.lerobot_calibration
+    what = ["import", "lerobot", given, "--arm"] if given else ["calibrate"]
+    port = ["--port", config.port] if config.port else []
+    yes = ["--yes"] if config.assume_yes else []
+    return [sys.executable, "-m", "ikservo", *what, config.arm, *port, *yes]
+
+
+def write_lerobot_file(arm: ikservo.Arm, path: Path) -> bool:
+    """Write an arm's calibration where LeRobot looks for it; return whether there is one."""
+    if arm.zeros is not ZeroSource.CALIBRATED:
+        return False
+    calibration = load_calibration(arm.model.name, serial_number_of(arm.port_name))
+    if calibration is None:
+        return False
+    path.write_text(dump_lerobot(lerobot_joints(calibration)), encoding="utf-8")
+    for line in lost_in_lerobot(calibration):
+        _LOG.info("%s", line)
+    return True

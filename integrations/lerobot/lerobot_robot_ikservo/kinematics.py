@@ -1,0 +1,110 @@
+"""LeRobot's kinematics by ikservo's solver: converged, inside the limits, continuous."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from ikservo import Arm, Chain, Solver, load_model
+from ikservo.arm.calibrated_arm import calibrated_model
+from ikservo.kinematics.joints import JointType
+
+__all__ = ["IkservoKinematics", "TipSolver"]
+
+Vector = NDArray[np.float64]
+Matrix = NDArray[np.float64]
+
+_TOLERANCE_M = 1e-4
+_PATH_M = 0.1  # a target further from the tip than this begins another path
+
+
+class TipSolver:
+    """Joints for poses of the tip, each from the last ones.
+
+    The position comes first; the orientation is met as well as the joints and limits allow.
+
+    Args:
+        chain: Base to tip, with the limits to keep.
+    """
+
+    def __init__(self, chain: Chain) -> None:
+        self.chain = chain
+        self._pose, self._position = Solver(chain, "pose"), Solver(chain, "position")
+
+    def solve(self, T_base_tip: Matrix, q: Vector, *, turn: bool = True) -> tuple[Vector, float]:
+        """Return joints (dof,) from ``q`` (dof,), rad or m, and the error of the position [m].
+
+        A target near the tip is tracked, without a jump to another branch; where it cannot be
+        reached, the tip goes as near as it can. ``turn`` is whether the orientation counts.
+        """
+        solver = self._pose if turn else self._position
+        found, reached = solver.track(T_base_tip, q)
+        error_m = self._error_m(T_base_tip, found)
+        if reached or error_m <= _TOLERANCE_M or self._error_m(T_base_tip, q) <= _PATH_M:
+            return found, error_m
+        return self._search(solver, T_base_tip, q, found)
+
+    def _search(
+        self, solver: Solver, T: Matrix, q: Vector, tracked: Vector
+    ) -> tuple[Vector, float]:
+        """Return the better of the tracked joints and those of a search over all branches."""
+        searched, _ = solver(T, q)
+        return min(((x, self._error_m(T, x)) for x in (tracked, searched)), key=lambda x: x[1])
+
+    def _error_m(self, T: Matrix, q: Vector) -> float:
+        return float(np.linalg.norm(self.chain.forward(q)[:3, 3] - T[:3, 3]))
+
+
+class IkservoKinematics:
+    """What LeRobot's end-effector processors take as ``kinematics``; needs no placo.
+
+    Joints are degrees (millimetres of a prismatic one), positions metres, in the base frame.
+
+    Args:
+        arm: An open arm, whose calibrated limits are kept; or a name in the catalogue or an arm
+            file, with the limits of its newest calibration, or of the arm file without one.
+        joint_names: The order of joint values; those that do not move the tip, as a gripper's,
+            are left as they are. The joints of the chain, base to tip, if None.
+
+    Raises:
+        ValueError: A joint of the chain is not in ``joint_names``.
+    """
+
+    def __init__(
+        self, arm: Arm | str | Path = "so101", joint_names: Sequence[str] | None = None
+    ) -> None:
+        chain = arm.chain if isinstance(arm, Arm) else calibrated_model(load_model(arm)).model.chain
+        self._solver = TipSolver(chain)
+        self.joint_names = list(chain.names if joint_names is None else joint_names)
+        self._columns = [self.joint_names.index(name) for name in chain.names]
+        prismatic = [kind is JointType.PRISMATIC for kind in chain.kinds]
+        self._scale = np.where(prismatic, 1e-3, np.pi / 180.0)
+
+    def forward_kinematics(self, joint_pos_deg: ArrayLike) -> Matrix:
+        """Return the pose of the tip, T_base_tip (4, 4), at joint values (n,)."""
+        return self._solver.chain.forward(self._chain_joints(np.asarray(joint_pos_deg, float)))
+
+    def inverse_kinematics(
+        self,
+        current_joint_pos: ArrayLike,
+        desired_ee_pose: ArrayLike,
+        position_weight: float = 1.0,
+        orientation_weight: float = 0.01,
+    ) -> Vector:
+        """Return joint values (n,) that bring the tip to a pose (4, 4).
+
+        The position always comes first. With ``orientation_weight`` 0 only it counts; other
+        weights make no difference. Values beyond those of the chain are returned as given.
+        """
+        del position_weight  # LeRobot's signature; the position comes first
+        current = np.array(current_joint_pos, float)
+        T = np.asarray(desired_ee_pose, float)
+        q, _ = self._solver.solve(T, self._chain_joints(current), turn=orientation_weight > 0.0)
+        current[self._columns] = q / self._scale
+        return current
+
+    def _chain_joints(self, values: Vector) -> Vector:
+        return values[self._columns] * self._scale

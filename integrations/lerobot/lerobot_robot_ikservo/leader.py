@@ -1,0 +1,108 @@
+"""``--teleop.type=ikservo_leader``: an arm of ikservo, guided by hand, leads a robot."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+from lerobot.teleoperators import Teleoperator
+from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
+
+import ikservo
+from ikservo.model.lerobot_values import JointValues
+from lerobot_robot_ikservo.calibration import calibrate_arm, write_lerobot_file
+from lerobot_robot_ikservo.config import IkservoLeaderConfig
+
+__all__ = ["IkservoLeader"]
+
+_LOG = logging.getLogger(__name__)
+
+
+class IkservoLeader(Teleoperator):
+    """A leader arm; its torque is left as it is.
+
+    Args:
+        config: See ``IkservoLeaderConfig``.
+    """
+
+    config_class = IkservoLeaderConfig
+    name = "ikservo_leader"
+
+    def __init__(self, config: IkservoLeaderConfig) -> None:
+        super().__init__(config)
+        self.config = config
+        self._model = ikservo.load_model(config.arm)
+        self._values = JointValues(self._model)
+        self._arm: ikservo.Arm | None = None
+
+    @property
+    def action_features(self) -> dict[str, type]:
+        """Return one value a joint."""
+        return self._values.features
+
+    @property
+    def feedback_features(self) -> dict[str, type]:
+        """Return none: it gives no feedback."""
+        return {}
+
+    @property
+    def is_connected(self) -> bool:
+        """Return whether the arm is open."""
+        return self._arm is not None
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Return whether the zeros of its joints are known."""
+        return self._require_arm().zeros.are_known
+
+    def connect(self, calibrate: bool = True) -> None:
+        """Open the arm; nothing moves and no torque changes.
+
+        Raises:
+            DeviceAlreadyConnectedError: It is open.
+        """
+        if self._arm is not None:
+            raise DeviceAlreadyConnectedError(f"{self} is connected.")
+        self._open_arm()
+        if calibrate and not self.is_calibrated:
+            self.calibrate()
+        if self._require_arm().where().torque.any():
+            _LOG.warning("The leader holds itself; to guide it by hand: ikservo relax")
+
+    def calibrate(self) -> None:
+        """Calibrate it as the robot is."""
+        self._require_arm().close("hold")
+        self._arm = None
+        calibrate_arm(self.config)
+        self._open_arm()
+        if write_lerobot_file(self._require_arm(), self.calibration_fpath):
+            self._load_calibration()
+
+    def configure(self) -> None:
+        """Do nothing."""
+
+    def get_action(self) -> dict[str, float]:
+        """Return the measured joints."""
+        arm = self._require_arm()
+        measured = (
+            arm.where().positions_rad
+            if arm.is_remote
+            else arm.context.servos.measure_positions()  # nothing else, for LeRobot's rate
+        )
+        return self._values.from_positions(measured)
+
+    def send_feedback(self, feedback: dict[str, Any]) -> None:
+        """Do nothing."""
+
+    def disconnect(self) -> None:
+        """Close the arm; its torque is left as it is."""
+        self._require_arm().close("hold")
+        self._arm = None
+
+    def _open_arm(self) -> None:
+        self._arm = ikservo.open_arm(self._model, self.config.port or None)
+
+    def _require_arm(self) -> ikservo.Arm:
+        if self._arm is None:
+            raise DeviceNotConnectedError(f"{self} is not connected.")
+        return self._arm

@@ -1,0 +1,198 @@
+"""``--robot.type=ikservo``: any arm of ikservo as a robot of LeRobot."""
+
+from __future__ import annotations
+
+import logging
+from typing import Any
+
+import numpy as np
+from lerobot.cameras.utils import make_cameras_from_configs
+from lerobot.robots import Robot
+from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
+from numpy.typing import NDArray
+
+import ikservo
+from ikservo.arm import check_followed_goal
+from ikservo.model.lerobot_values import JointValues
+from lerobot_robot_ikservo.actions import POSE_KEYS, action_kind, pose_values
+from lerobot_robot_ikservo.arm_motion import ArmMotion
+from lerobot_robot_ikservo.calibration import calibrate_arm, write_lerobot_file
+from lerobot_robot_ikservo.config import IkservoRobotConfig
+
+__all__ = ["IkservoRobot"]
+
+Vector = NDArray[np.float64]
+
+_LOG = logging.getLogger(__name__)
+_MAX_LEAD_M = 0.05  # goals of steps wait for an arm that is further behind
+
+
+class IkservoRobot(Robot):
+    """An arm of ikservo; every action passes its guard, and it holds when LeRobot ends.
+
+    Args:
+        config: See ``IkservoRobotConfig``.
+
+    Raises:
+        UnknownNameError: No such arm.
+    """
+
+    config_class = IkservoRobotConfig
+    name = "ikservo"
+
+    def __init__(self, config: IkservoRobotConfig) -> None:
+        super().__init__(config)
+        self.config = config
+        self.cameras = make_cameras_from_configs(config.cameras)
+        self._model = ikservo.load_model(config.arm)
+        self._values = JointValues(self._model)
+        self._actions = action_kind(config, self._model, self._values)
+        self._arm: ikservo.Arm | None = None
+        self._motion: ArmMotion | None = None
+        self._goal: Vector | None = None
+
+    @property
+    def observation_features(self) -> dict[str, Any]:
+        """Return joints, pose of the tip, pictures."""
+        pictures = {name: (camera.height, camera.width, 3) for name, camera in self.cameras.items()}
+        return {**self._values.features, **dict.fromkeys(POSE_KEYS, float), **pictures}
+
+    @property
+    def action_features(self) -> dict[str, type]:
+        """Return what an action consists of."""
+        return self._actions.features
+
+    @property
+    def is_connected(self) -> bool:
+        """Return whether the arm is open."""
+        return self._arm is not None
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Return whether the zeros of its joints are known."""
+        return self._require_arm().zeros.are_known
+
+    def connect(self, calibrate: bool = True) -> None:
+        """Open the arm; nothing moves and no torque changes.
+
+        Raises:
+            DeviceAlreadyConnectedError: It is open.
+            IkservoError: It cannot be opened; says what to do.
+        """
+        if self._arm is not None:
+            raise DeviceAlreadyConnectedError(f"{self} is connected.")
+        self._open_arm()
+        if calibrate and not self.is_calibrated:
+            self.calibrate()
+        for camera in self.cameras.values():
+            camera.connect()
+        self.configure()
+
+    def calibrate(self) -> None:
+        """Run ``ikservo calibrate``, or ``ikservo import lerobot``, and write LeRobot's file."""
+        self._close_arm()
+        calibrate_arm(self.config)
+        self._open_arm()
+        if write_lerobot_file(self._require_arm(), self.calibration_fpath):
+            self._load_calibration()
+
+    def configure(self) -> None:
+        """Do nothing: ikservo configures the servos when it calibrates them."""
+
+    def get_observation(self) -> dict[str, Any]:
+        """Return the measured joints, the pose of the tip there, and the cameras' pictures."""
+        arm, motion = self._require_arm(), self._require_motion()
+        joints = motion.measure()
+        T = arm.chain.forward(arm.joint_index.chain_joints(joints))
+        pictures = {name: camera.async_read() for name, camera in self.cameras.items()}
+        return {**self._values.from_positions(joints), **pose_values(T), **pictures}
+
+    def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
+        """Send a goal; what is refused or out of reach is logged, and the arm holds.
+
+        Returns:
+            The action; joint positions inside the arm's limits.
+
+        Raises:
+            ValueError: The action has other keys than ``action_features``.
+        """
+        arm, motion = self._require_arm(), self._require_motion()
+        last = motion.setpoint() if self._goal is None else self._goal
+        try:
+            goal, missing = self._actions.goal(action, last, arm)
+        except KeyError as error:
+            raise ValueError(self._wrong_action_text(error.args[0])) from error
+        if not np.isfinite(goal).all():
+            motion.report("An action has values that are no numbers; the arm holds.")
+            return action
+        inside = np.clip(goal, *arm.limits())
+        refusal = self._step_refusal(last, inside)
+        motion.report(refusal or missing or self._outside_text(arm, goal, inside))
+        if refusal or self._leads_too_far(last, inside):
+            inside = last
+        self._goal = inside if motion.send(inside) else None
+        return self._values.from_positions(inside) if self.config.action == "joint" else action
+
+    def disconnect(self) -> None:
+        """Brake, hold, and close the arm: torque stays on, unless ``on_exit`` is ``relax``."""
+        self._require_arm()
+        for camera in self.cameras.values():
+            camera.disconnect()
+        self._close_arm()
+
+    def _open_arm(self) -> None:
+        self._arm = ikservo.open_arm(self._model, self.config.port or None)
+        self._motion = ArmMotion(self._arm, self.config.speed)
+        self._goal = None
+
+    def _close_arm(self) -> None:
+        arm, motion = self._require_arm(), self._require_motion()
+        self._arm = self._motion = None
+        motion.close()
+        arm.close("relax" if self.config.on_exit == "relax" else "hold")
+
+    def _step_refusal(self, last: Vector, goal: Vector) -> str:
+        """Return why the guard refuses a step: the next one shall begin at this one's start."""
+        arm = self._require_arm()
+        if self.config.action != "ee_delta" or arm.is_remote or np.array_equal(last, goal):
+            return ""
+        start = self._require_motion().setpoint()
+        try:
+            check_followed_goal(arm.context, start, goal, self.config.speed)
+        except ikservo.RefusedError as error:
+            return error.message
+        return ""
+
+    def _leads_too_far(self, last: Vector, goal: Vector) -> bool:
+        """Return whether a step takes the goal too far ahead of an arm that cannot follow."""
+        if self.config.action != "ee_delta" or np.array_equal(last, goal):
+            return False
+        arm, setpoint = self._require_arm(), self._require_motion().setpoint()
+        now, before, after = (
+            arm.chain.forward(arm.joint_index.chain_joints(q))[:3, 3]
+            for q in (setpoint, last, goal)
+        )
+        lead_m = float(np.linalg.norm(after - now))
+        return lead_m > max(_MAX_LEAD_M, float(np.linalg.norm(before - now)))
+
+    def _outside_text(self, arm: ikservo.Arm, goal: Vector, inside: Vector) -> str:
+        beyond = np.flatnonzero(np.abs(goal - inside) > np.radians(0.5))
+        names = ", ".join(arm.joint_names[i] for i in beyond)
+        return f"Limited to this arm's range: {names}." if names else ""
+
+    def _wrong_action_text(self, key: str) -> str:
+        return (
+            f"The action has no {key!r}; --robot.action={self.config.action} takes "
+            f"{', '.join(self.action_features)}. For keyboard_ee and gamepad: "
+            "--robot.action=ee_delta; for leader arms and ikservo_page: --robot.action=joint."
+        )
+
+    def _require_arm(self) -> ikservo.Arm:
+        if self._arm is None:
+            raise DeviceNotConnectedError(f"{self} is not connected.")
+        return self._arm
+
+    def _require_motion(self) -> ArmMotion:
+        if self._motion is None:
+            raise DeviceNotConnectedError(f"{self} is not connected.")
+        return self._motion

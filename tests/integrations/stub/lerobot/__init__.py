@@ -1,0 +1,1 @@
+"""What ikservo's plug-in uses of LeRobot, described by us; ``make lerobot`` compares it."""

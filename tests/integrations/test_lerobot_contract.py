@@ -1,0 +1,91 @@
+"""Robot and teleoperators of the plug-in are what LeRobot's commands call."""
+
+import inspect
+
+import pytest
+
+from ikservo import load_model
+
+POSE = {"ee.x", "ee.y", "ee.z", "ee.wx", "ee.wy", "ee.wz"}
+
+
+@pytest.fixture
+def plugin():
+    import lerobot_robot_ikservo
+
+    return lerobot_robot_ikservo
+
+
+def abstract_members(base):
+    return {name: getattr(base, name) for name in base.__abstractmethods__}
+
+
+@pytest.mark.parametrize(
+    ("kind", "base"),
+    [("IkservoRobot", "Robot"), ("IkservoLeader", "Teleoperator"), ("IkservoPage", "Teleoperator")],
+)
+def test_every_abstract_member_is_there_with_lerobots_parameters(plugin, kind, base):
+    import lerobot.robots
+    import lerobot.teleoperators
+
+    own = getattr(plugin, kind)
+    parent = getattr(lerobot.robots, base, None) or getattr(lerobot.teleoperators, base)
+    assert not own.__abstractmethods__
+    for name, member in abstract_members(parent).items():
+        ours = getattr(own, name)
+        assert isinstance(ours, property) == isinstance(member, property), name
+        if not isinstance(member, property):
+            expected = list(inspect.signature(member).parameters)
+            assert list(inspect.signature(ours).parameters) == expected, name
+
+
+@pytest.mark.parametrize("kind", ["IkservoRobot", "IkservoLeader", "IkservoPage"])
+def test_lerobot_finds_the_class_of_a_configuration_by_its_name(plugin, kind):
+    config = getattr(plugin, f"{kind}Config")
+    module = config.__module__.rpartition(".")[0]
+    assert module == "lerobot_robot_ikservo"
+    assert getattr(plugin, kind).config_class is config
+    assert getattr(plugin, kind).name == config.type
+
+
+def test_the_distribution_has_the_prefix_that_lerobot_looks_for(folders):
+    import tomllib
+    from pathlib import Path
+
+    text = Path("integrations/lerobot/pyproject.toml").read_text()
+    assert tomllib.loads(text)["project"]["name"] == "lerobot_robot_ikservo"
+
+
+@pytest.mark.parametrize("arm", ["so101", "wx250s", "planar2"])
+@pytest.mark.parametrize("action", ["joint", "ee", "ee_delta"])
+def test_features_of_every_arm_are_known_before_it_is_connected(plugin, arm, action):
+    robot = plugin.IkservoRobot(
+        plugin.IkservoRobotConfig(id="a", arm=arm, port="sim", action=action)
+    )
+    model = load_model(arm)
+    joints = {f"{joint.name}.pos" for joint in model.joints}
+    assert set(robot.observation_features) == joints | POSE
+    gripper = model.gripper is not None
+    expected = {
+        "joint": joints,
+        "ee": POSE | ({"ee.gripper_pos"} if gripper else set()),
+        "ee_delta": {"delta_x", "delta_y", "delta_z"} | ({"gripper"} if gripper else set()),
+    }
+    assert set(robot.action_features) == expected[action]
+    assert not robot.is_connected
+
+
+def test_an_unknown_kind_of_action_names_those_that_exist(plugin):
+    with pytest.raises(ValueError, match="joint, ee, ee_delta"):
+        plugin.IkservoRobotConfig(action="tip")
+
+
+def test_a_device_that_is_not_connected_says_so(plugin):
+    from lerobot.utils.errors import DeviceNotConnectedError
+
+    robot = plugin.IkservoRobot(plugin.IkservoRobotConfig(id="a", port="sim"))
+    leader = plugin.IkservoLeader(plugin.IkservoLeaderConfig(id="a", port="sim"))
+    page = plugin.IkservoPage(plugin.IkservoPageConfig(id="a"))
+    for call in (robot.get_observation, robot.disconnect, leader.get_action, page.get_action):
+        with pytest.raises(DeviceNotConnectedError, match="not connected"):
+            call()

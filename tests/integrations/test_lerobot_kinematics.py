@@ -1,0 +1,94 @@
+"""LeRobot's kinematics by ikservo's solver."""
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.kinematics.se3 import exp_so3
+
+
+@pytest.fixture
+def kinematics():
+    from lerobot_robot_ikservo import IkservoKinematics
+
+    return IkservoKinematics("so101")
+
+
+def home(kinematics):
+    return np.degrees(ikservo.load_model("so101").chain_pose("home"))
+
+
+def test_forward_is_the_pose_of_the_tip_in_metres_from_degrees(kinematics):
+    chain = ikservo.load_model("so101").chain
+    q = home(kinematics)
+    np.testing.assert_allclose(
+        kinematics.forward_kinematics(q), chain.forward(np.radians(q)), atol=1e-12
+    )
+    assert kinematics.joint_names == list(chain.names)
+
+
+def test_one_call_converges_inside_the_limits(kinematics):
+    chain = ikservo.load_model("so101").chain
+    rng = np.random.default_rng(3)
+    for _ in range(50):
+        wanted = chain.forward(rng.uniform(chain.lower_rad, chain.upper_rad))
+        q = kinematics.inverse_kinematics(home(kinematics), wanted)
+        assert np.linalg.norm(kinematics.forward_kinematics(q)[:3, 3] - wanted[:3, 3]) < 1e-3
+        assert np.all(np.radians(q) >= chain.lower_rad - 1e-9)
+        assert np.all(np.radians(q) <= chain.upper_rad + 1e-9)
+
+
+def test_a_line_of_targets_has_no_jump_even_beyond_reach(kinematics):
+    q = home(kinematics)
+    T = kinematics.forward_kinematics(q)
+    largest = 0.0
+    for _ in range(200):
+        T[0, 3] += 0.002
+        following = kinematics.inverse_kinematics(q, T)
+        largest, q = max(largest, np.abs(following - q).max()), following
+    assert largest < 15.0  # where the arm is stretched, 2 mm turn the elbow far
+    assert np.linalg.norm(T[:3, 3] - kinematics.forward_kinematics(q)[:3, 3]) > 0.05
+
+
+def test_values_that_do_not_move_the_tip_are_left_as_given():
+    from lerobot_robot_ikservo import IkservoKinematics
+
+    names = [joint.name for joint in ikservo.load_model("so101").joints]
+    with_gripper = IkservoKinematics("so101", joint_names=names)
+    q = np.append(home(with_gripper), 37.0)
+    T = with_gripper.forward_kinematics(q)
+    T[2, 3] += 0.01
+    found = with_gripper.inverse_kinematics(q, T)
+    assert with_gripper.joint_names[-1] == "gripper"
+    assert found.shape == (6,)
+    assert found[-1] == 37.0
+    assert not np.allclose(found[:-1], q[:-1])
+
+
+def test_without_a_weight_the_orientation_does_not_count(kinematics):
+    q = home(kinematics)
+    T = kinematics.forward_kinematics(q)
+    T[:3, :3] = T[:3, :3] @ exp_so3([0.0, 0.0, 0.8])
+    kept = kinematics.inverse_kinematics(q, T, orientation_weight=0.0)
+    np.testing.assert_allclose(kept, q, atol=1e-3)
+    turned = kinematics.inverse_kinematics(q, T)
+    assert np.abs(turned - q).max() > 5.0
+
+
+def test_an_open_arm_gives_its_own_limits():
+    from lerobot_robot_ikservo import IkservoKinematics
+
+    with ikservo.open_arm("so101", port="sim") as arm:
+        kinematics = IkservoKinematics(arm)
+        T = kinematics.forward_kinematics(np.zeros(5))
+        T[0, 3] += 1.0
+        q = kinematics.inverse_kinematics(np.zeros(5), T)
+        assert np.all(np.radians(q) <= arm.chain.upper_rad + 1e-9)
+
+
+def test_an_order_without_a_joint_of_the_chain_is_refused():
+    from lerobot_robot_ikservo import IkservoKinematics
+
+    with pytest.raises(ValueError, match="wrist_roll"):
+        IkservoKinematics("so101", joint_names=["shoulder_pan", "shoulder_lift", "elbow_flex",
+                                                "wrist_flex"])  # fmt: skip

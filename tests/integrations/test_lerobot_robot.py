@@ -1,0 +1,226 @@
+"""An arm as LeRobot drives it: judged by the simulated joints."""
+
+import logging
+import math
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.arm.setpoint_stream import open_stream
+from servosim.faults import Fault
+from tests.arm.audit import Auditor
+from tests.arm.simulated import line_of, registers, true_joints, true_tip_m
+
+STAY = {"delta_x": 0.0, "delta_y": 0.0, "delta_z": 0.0, "gripper": 1.0}
+
+
+@pytest.fixture
+def connected(monkeypatch):
+    """Return a function that connects a robot on a simulated arm, whose time passes as it sends."""
+    from lerobot_robot_ikservo import IkservoRobot, IkservoRobotConfig
+
+    monkeypatch.setattr(
+        ikservo.Arm, "stream", lambda arm, speed: open_stream(arm, speed=speed, rate_hz=50)
+    )
+    robots = []
+
+    def connect(port="sim:?pose=home", **options):
+        robot = IkservoRobot(IkservoRobotConfig(id="a", port=port, **options))
+        robot.connect()
+        robots.append(robot)
+        return robot
+
+    yield connect
+    for robot in robots:
+        if robot.is_connected:
+            robot.disconnect()
+
+
+def send(robot, action, frames):
+    for _ in range(frames):
+        robot.send_action(action)
+
+
+def test_joint_actions_are_degrees_of_the_geometry_and_percent_of_the_gripper(connected):
+    robot = connected()
+    arm, jaws = robot._arm, robot._arm.model.gripper
+    send(robot, {"shoulder_pan.pos": 10.0, "gripper.pos": 50.0}, 120)
+    truth = true_joints(arm)
+    assert math.degrees(truth["shoulder_pan"]) == pytest.approx(10.0, abs=0.5)
+    assert truth["gripper"] == pytest.approx((jaws.open + jaws.closed) / 2, abs=0.05)
+    seen = robot.get_observation()
+    assert seen["shoulder_pan.pos"] == pytest.approx(10.0, abs=0.5)
+    assert seen["gripper.pos"] == pytest.approx(50.0, abs=3.0)
+    assert seen.keys() == robot.observation_features.keys()
+
+
+def test_an_observation_sent_back_as_an_action_moves_nothing(connected):
+    robot = connected(action="ee")
+    seen = robot.get_observation()
+    before = true_tip_m(robot._arm)
+    action = {k: seen[k] for k in robot.action_features if k in seen}
+    send(robot, {**action, "ee.gripper_pos": seen["gripper.pos"]}, 50)
+    np.testing.assert_allclose(true_tip_m(robot._arm), before, atol=2e-3)
+
+
+def test_pose_actions_move_the_tip_and_the_gripper(connected):
+    robot = connected(action="ee")
+    seen = robot.get_observation()
+    action = {k: seen[k] for k in robot.action_features if k in seen}
+    action |= {"ee.y": 0.03, "ee.z": seen["ee.z"] + 0.02, "ee.gripper_pos": 80.0}
+    send(robot, action, 120)
+    wanted = [action[f"ee.{axis}"] for axis in "xyz"]
+    np.testing.assert_allclose(true_tip_m(robot._arm), wanted, atol=2e-3)
+    assert robot.get_observation()["gripper.pos"] == pytest.approx(80.0, abs=3.0)
+
+
+@pytest.mark.parametrize("arm", ["so101", "wx250s"])
+def test_steps_move_the_tip_along_the_axes_and_keep_how_the_tool_stands(connected, arm):
+    robot = connected(action="ee_delta", arm=arm, step_m=0.001)
+    send(robot, STAY, 60)  # the first motion is slow
+    before = robot.get_observation()
+    start = true_tip_m(robot._arm).copy()
+    send(robot, {**STAY, "delta_z": 1.0}, 20)
+    send(robot, STAY, 60)
+    np.testing.assert_allclose(true_tip_m(robot._arm) - start, [0, 0, 0.02], atol=2e-3)
+    after = robot.get_observation()
+    turned = [abs(after[k] - before[k]) for k in ("ee.wx", "ee.wy", "ee.wz")]
+    assert max(turned) < math.radians(3.0)
+
+
+@pytest.mark.parametrize(("step", "change"), [(2.0, 1), (0.0, -1), (-1.0, 0)])
+def test_the_grippers_steps_open_close_and_stay(connected, step, change):
+    robot = connected(action="ee_delta")
+    before = robot.get_observation()["gripper.pos"]
+    send(robot, {**STAY, "gripper": step}, 5)
+    send(robot, STAY, 60)
+    after = robot.get_observation()["gripper.pos"]
+    assert after - before == pytest.approx(change * 10.0, abs=2.0)
+
+
+def test_steps_out_of_reach_are_one_line_and_the_way_back_begins_at_once(connected, caplog):
+    robot = connected(action="ee_delta", step_m=0.004)
+    send(robot, {**STAY, "delta_x": 1.0}, 150)
+    assert sum("out of reach" in line for line in caplog.messages) == 1
+    furthest = true_tip_m(robot._arm)[0]
+    send(robot, {**STAY, "delta_x": -1.0}, 15)
+    send(robot, STAY, 40)
+    assert true_tip_m(robot._arm)[0] < furthest - 0.03
+
+
+def test_what_the_guard_refuses_is_a_line_and_the_recording_goes_on(connected, caplog):
+    robot = connected(action="ee_delta")
+    send(robot, {**STAY, "delta_z": -1.0}, 200)
+    assert any("floor" in line for line in caplog.messages)
+    assert len(caplog.messages) < 20
+    assert true_tip_m(robot._arm)[2] > 0.0
+    send(robot, {**STAY, "delta_z": 1.0}, 60)
+    assert true_tip_m(robot._arm)[2] > 0.05
+
+
+def test_joints_beyond_a_limit_go_to_it_and_that_is_what_is_returned(connected, caplog):
+    robot = connected()
+    sent = robot.send_action({"elbow_flex.pos": 150.0})
+    assert sent["elbow_flex.pos"] == pytest.approx(96.8, abs=0.2)
+    assert "Limited to this arm's range: elbow_flex." in caplog.messages
+    assert {record.levelno for record in caplog.records} == {logging.WARNING}
+
+
+def test_a_jump_of_the_actions_is_shaped_to_the_arms_limits(connected):
+    robot = connected(speed="fast")
+    auditor = Auditor(robot._arm)
+    send(robot, {"shoulder_pan.pos": 0.0}, 5)
+    send(robot, {"shoulder_pan.pos": 60.0}, 60)
+    assert auditor.faults() == []
+
+
+def test_after_a_stop_actions_are_ignored_with_one_line(connected, caplog):
+    robot = connected()
+    send(robot, {"shoulder_pan.pos": 5.0}, 20)
+    robot._arm.stop("a person came near")
+    send(robot, {"shoulder_pan.pos": 40.0}, 60)
+    assert math.degrees(true_joints(robot._arm)["shoulder_pan"]) < 10.0
+    robot.get_observation()
+    lines = [line for line in caplog.messages if "actions are ignored" in line]
+    assert len(lines) == 1
+    assert "a person came near" in lines[0]
+
+
+@pytest.mark.parametrize("value", [math.nan, math.inf])
+def test_an_action_that_is_no_number_moves_nothing(connected, caplog, value):
+    robot = connected()
+    before = true_joints(robot._arm)
+    send(robot, {"shoulder_pan.pos": value}, 3)
+    assert "no numbers" in caplog.text
+    assert true_joints(robot._arm)["shoulder_pan"] == pytest.approx(before["shoulder_pan"])
+
+
+def test_actions_of_another_kind_name_the_option(connected):
+    robot = connected(action="joint")
+    with pytest.raises(ValueError, match="action=ee_delta"):
+        robot.send_action(STAY)
+
+
+def test_nothing_drops_at_disconnect(connected):
+    robot = connected()
+    send(robot, {"shoulder_lift.pos": 0.0}, 100)
+    arm, before = robot._arm, true_joints(robot._arm)
+    robot.disconnect()
+    assert all(registers(arm, "torque_enable").values())
+    after = true_joints(arm)
+    assert all(abs(after[name] - before[name]) < 0.02 for name in before)
+
+
+def test_connecting_moves_nothing_and_switches_no_torque(connected):
+    robot = connected(port="sim")
+    assert robot.is_connected
+    assert robot.is_calibrated
+    assert not any(registers(robot._arm, "torque_enable").values())
+
+
+def test_an_arm_whose_port_is_gone_is_an_error(connected):
+    robot = connected()
+    send(robot, {"shoulder_pan.pos": 5.0}, 5)
+    line = line_of(robot._arm)
+    line.faults.add(Fault("unplug", at_s=line.world.time_s + 0.1))
+    with pytest.raises(ikservo.PortLostError):
+        send(robot, {"shoulder_pan.pos": 10.0}, 50)
+
+
+def test_a_second_connection_is_refused(connected):
+    from lerobot.utils.errors import DeviceAlreadyConnectedError
+
+    robot = connected()
+    with pytest.raises(DeviceAlreadyConnectedError):
+        robot.connect()
+
+
+class Camera:
+    """A camera of LeRobot, as far as a robot uses one."""
+
+    height, width = 4, 6
+
+    def __init__(self):
+        self.events = []
+
+    def make(self):
+        return self
+
+    def connect(self):
+        self.events.append("connect")
+
+    def disconnect(self):
+        self.events.append("disconnect")
+
+    def async_read(self):
+        return np.zeros((4, 6, 3), np.uint8)
+
+
+def test_cameras_are_opened_read_and_closed(connected):
+    camera = Camera()
+    robot = connected(cameras={"wrist": camera})
+    assert robot.observation_features["wrist"] == (4, 6, 3)
+    assert robot.get_observation()["wrist"].shape == (4, 6, 3)
+    robot.disconnect()
+    assert camera.events == ["connect", "disconnect"]
