@@ -1,0 +1,141 @@
+"""Every code block of README and docs runs, or says why it cannot."""
+
+import io
+import json
+import re
+import shlex
+import tomllib
+from pathlib import Path
+
+import pytest
+import typer
+
+from ikservo.cli import main
+from ikservo.cli.app import COMMANDS, app
+from tests.docs.blocks import PAGES, ROOT, blocks
+
+BLOCKS = [block for page in PAGES for block in blocks(page)]
+NUMBER = r"-?\d+(?:\.\d+)?"
+LANGUAGES = ("console", "sh", "python", "toml", "json", "text")
+COMMAND = re.compile(r"(?:\$ )?ikservo [a-z]+ ?")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder to work in, and no calibration, port or arm of a user."""
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
+    for name in ("IKSERVO_ARM", "IKSERVO_PORT"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def pattern(lines):
+    """What was shown as an expression: numbers may differ, `…` stands for anything."""
+    tokens = re.split(rf"({NUMBER}|…|\s+)", lines.strip())
+    return "".join(map(_token_pattern, filter(None, tokens)))
+
+
+def _token_pattern(token):
+    if re.fullmatch(NUMBER, token):
+        return NUMBER
+    if token == "…":
+        return ".*"
+    return r"\s+" if token.isspace() else re.escape(token)
+
+
+def split(words):
+    """Return program, arguments, and the file after ``>``."""
+    program, *args = shlex.split(words, comments=True)
+    *before, file = args if ">" in args else (*args, "")
+    return program, [word for word in before if word != ">"], file
+
+
+def run_commands(block, monkeypatch):
+    """Run the commands of a block in this process."""
+    for words, printed in block.commands:
+        out = io.StringIO()
+        monkeypatch.setattr("sys.stdout", out)
+        monkeypatch.setattr("sys.stderr", out)
+        program, args, file = split(words)
+        assert program == "ikservo", f"{block}: only ikservo can run here, not {words!r}"
+        assert main(args) == block.exit_code, f"{block}: {words}\n{out.getvalue()}"
+        if file:
+            Path(file).write_text(out.getvalue(), "utf-8")
+        elif printed is not None:
+            assert re.fullmatch(pattern(printed), out.getvalue().strip()), (
+                f"{block}: {words} prints\n{out.getvalue()}"
+            )
+
+
+def run_python(block, names):
+    """Run a snippet; a traceback shows the page and its line."""
+    text = block.text.replace("/path/to/configs", str(ROOT / "configs"))
+    if not block.reason:
+        exec(compile("\n" * block.line + text, block.page, "exec"), names)
+
+
+def read_data(block):
+    """Parse a block of data."""
+    {"toml": tomllib.loads, "json": json.loads}[block.language](block.text)
+
+
+PAGES_WITH_CODE = sorted({block.page for block in BLOCKS if block.language != "text"})
+
+
+@pytest.mark.timeout(600)  # the longest page is many motions, seconds of a core each
+@pytest.mark.parametrize("page", PAGES_WITH_CODE)
+def test_every_block_of_a_page_runs_one_after_the_other(page, folder, monkeypatch):
+    names = {}
+    for block in blocks(ROOT / page):
+        if block.language == "python":
+            run_python(block, names)
+        elif block.language in ("toml", "json"):
+            read_data(block)
+        elif not block.reason:
+            run_commands(block, monkeypatch)
+
+
+def test_every_block_says_what_it_holds():
+    for block in BLOCKS:
+        assert block.language in LANGUAGES, f"{block}: {block.language!r}"
+        hidden = [line for line in block.text.splitlines() if COMMAND.match(line)]
+        assert block.language in ("console", "sh") or not hidden, f"{block}: commands in a text"
+
+
+def require_command(block, words):
+    """Parse a command line without running the command."""
+    name, *args = words
+    assert name in COMMANDS, f"{block}: {name}"
+    command = typer.main.get_command(app).get_command(None, name)
+    try:
+        command.make_context(name, args)
+    except Exception as error:
+        pytest.fail(f"{block}: {words}: {error}")
+
+
+def test_every_command_that_cannot_run_exists_with_its_options():
+    for block in BLOCKS:
+        for words, _ in block.commands if block.reason else ():
+            program, args, _ = split(words)
+            if program == "ikservo" and args != ["--install-completion"]:
+                require_command(block, args)
+
+
+def test_pages_link_to_files_that_exist():
+    missing = [
+        f"{page.relative_to(ROOT)}: {link}"
+        for page in PAGES
+        for link in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text("utf-8"))
+        if "://" not in link and not (page.parent / link).exists() and not _is_generated(page, link)
+    ]
+    assert missing == []
+
+
+def _is_generated(page: Path, link: str):
+    from tests.docs.pages_tool import GENERATED
+
+    target = (page.parent / link).resolve()
+    return target.is_relative_to(ROOT / "docs") and (
+        str(target.relative_to(ROOT / "docs")) in GENERATED
+    )

@@ -1,0 +1,134 @@
+"""The pages written from the sources hold everything that the sources have."""
+
+import re
+from pathlib import Path
+
+import pytest
+import typer
+
+import ikservo
+from ikservo import errors
+from ikservo.cli import main
+from ikservo.cli.app import COMMANDS, app
+from ikservo.errors import ExitCode, IkservoError
+from ikservo.model.arm_schema import ArmFile
+from ikservo.registers.models import MODELS
+from tests.docs.pages_tool import GENERATED, WIRINGS, draw, generated_pages
+
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module")
+def pages():
+    return generated_pages()
+
+
+def section(page, heading, level):
+    """Return what stands below a heading, up to the next one of its level or above."""
+    marks = "#" * level
+    found = re.search(
+        rf"^{marks} {re.escape(heading)}\n(.*?)(?=^#{{1,{level}}} |\Z)", page, re.S | re.M
+    )
+    assert found, heading
+    return found[1]
+
+
+def test_every_generated_page_is_in_the_navigation():
+    navigation = (ROOT / "mkdocs.yml").read_text()
+    assert [path for path in GENERATED if f": {path}\n" not in navigation] == []
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_option_of_a_command_is_listed(pages, name):
+    text = section(pages["reference/commands.md"], f"ikservo {name}", 3)
+    command = typer.main.get_command(app).get_command(None, name)
+    options = [each for param in command.params for each in param.opts if each.startswith("--")]
+    assert [each for each in options if each not in text] == []
+
+
+def test_every_key_of_an_arm_file_has_its_type_and_default(pages):
+    text = pages["reference/arm-toml.md"]
+    assert [key for key in ArmFile.model_fields if f"| `{key}` |" not in text] == []
+    assert "| `gear` | number, above 0 | no, else `1.0` |" in text
+    assert "| `id` | whole number, at least 0, at most 252 | yes |" in text
+
+
+def test_arm_files_that_ship_use_no_key_that_is_not_listed(pages):
+    text = pages["reference/arm-toml.md"]
+    listed = set(re.findall(r"^\| `(\w+)` \|", text, re.M))
+    nested = re.compile(r"^(\w+) *=", re.M)
+    for path in (ROOT / "configs").glob("*/arm.toml"):
+        top = path.read_text("utf-8").partition("[")[0]
+        assert set(nested.findall(top)) <= listed, path
+
+
+@pytest.mark.parametrize("model", MODELS.values(), ids=list(MODELS))
+def test_every_register_of_a_servo_is_listed_with_its_address(pages, model):
+    text = section(pages["reference/registers.md"], model.model_name, 2)
+    rows = set(re.findall(r"^\| (\d+) \| (\d) \| `(\w+)`", text, re.M))
+    assert rows == {
+        (str(each.address), str(each.size), name) for name, each in model.registers.items()
+    }
+
+
+def test_every_message_that_the_page_sends_is_described(pages):
+    sent = set()
+    for path in (ROOT / "ikservo/view/page").glob("*.js"):
+        if ".min." not in path.name:
+            sent |= set(re.findall(r'\bsend\("(\w+)"', path.read_text("utf-8")))
+    described = set(re.findall(r"^### (\w+)$", pages["reference/page-protocol.md"], re.M))
+    assert sent <= described
+    assert len(sent) > 10
+
+
+def test_a_message_that_a_command_prints_is_among_all_messages(pages, capsys):
+    main(["gripper", "open", "--arm", "planar2", "--port", "sim"])
+    printed = capsys.readouterr().err.splitlines()[-2]
+    rows = section(pages["reference/error-messages.md"], "Exit code 1: failed", 2)
+    messages = [row.split(" | ")[0].removeprefix("| ") for row in rows.splitlines()[3:]]
+    assert any(re.fullmatch(re.escape(each).replace("…", ".*"), printed) for each in messages)
+
+
+TROUBLE = (ROOT / "docs/troubleshooting.md").read_text("utf-8")
+
+
+@pytest.mark.parametrize("exit_code", ExitCode, ids=str)
+def test_troubleshooting_explains_every_error_under_its_exit_code(exit_code):
+    text = section(TROUBLE, f"Exit code {exit_code.value}: {exit_code.meaning}", 3)
+    kinds = [each for name in errors.__all__ if is_error(each := getattr(errors, name))]
+    names = {each.__name__ for each in kinds if each.exit_code is exit_code}
+    assert {name for name in names if f"`{name}`" not in text} == set()
+
+
+def is_error(value):
+    return isinstance(value, type) and issubclass(value, IkservoError)
+
+
+def test_every_public_name_is_in_the_python_reference():
+    text = (ROOT / "docs/reference/python.md").read_text("utf-8")
+    assert [name for name in ikservo.__all__ if f"::: ikservo.{name}\n" not in text] == []
+
+
+def test_every_idea_of_the_lecture_that_the_sources_cite_is_explained():
+    page = (ROOT / "docs/lecture.md").read_text("utf-8")
+    explained = set(re.findall(r"^### (L\d+)\. .* \{#l\d+\}$", page, re.M))
+    sources = [*(ROOT / "ikservo").rglob("*.py"), *(ROOT / "tests").rglob("*.py")]
+    texts = [path.read_text("utf-8") for path in sources]
+    cited = {each for text in texts for each in re.findall(r"lecture (L\d+)|\((L\d+)[,)]", text)}
+    assert explained == {f"L{number}" for number in range(1, 20)}
+    assert {one or other for one, other in cited} <= explained
+
+
+def test_files_named_by_the_lecture_page_exist():
+    page = (ROOT / "docs/lecture.md").read_text("utf-8")
+    named = set(re.findall(r"`(ikservo/[\w/]+\.py)`", page))
+    assert [path for path in named if not (ROOT / path).exists()] == []
+    assert len(named) > 5
+
+
+@pytest.mark.parametrize("wiring", WIRINGS, ids=lambda each: each.arm)
+def test_the_wiring_drawings_show_the_servos_of_the_arm_files(wiring):
+    stored = (ROOT / f"docs/pictures/wiring-{wiring.arm}.svg").read_text("utf-8")
+    assert stored == draw(wiring)
+    for joint in ikservo.load_model(wiring.arm).joints:
+        assert f">id {joint.servo.id}<" in stored

@@ -1,0 +1,148 @@
+"""Pages of ``arm.toml``, of programs and recordings, and of the messages of the page."""
+
+from __future__ import annotations
+
+import inspect
+from dataclasses import fields
+from typing import get_args
+
+from pydantic import BaseModel
+
+from ikservo.arm import program, recording
+from ikservo.arm.program import Program
+from ikservo.arm.recording import RecordingHeader
+from ikservo.model.arm_schema import ArmFile
+from ikservo.view import arm_list, connection, messages
+from pages.markdown import code, table
+from pages.schemas import describe_type, model_sections
+
+__all__ = ["arm_toml_page", "page_protocol_page", "programs_page"]
+
+_ARM_TOML = """# arm.toml
+
+This page is made from the schema that reads the file (`ikservo/model/arm_schema.py`). An unknown
+key, a wrong type and a value outside its bounds are refused with the place in the file.
+[Add your own arm](../how-to/own-arm.md) leads through a file from its first line to its last.
+
+- A joint of type `prismatic` (it slides) has a `servo` with `m_per_turn` or `crank`.
+- `zero_from = "vendor"`: the maker fixes the zero, no calibration is needed. `"nominal"`: zeros
+  differ from arm to arm, the arm is calibrated before it moves.
+- Names of joints and links are those of the URDF.
+"""
+
+_PROTOCOL = """# Protocol of the page
+
+The page of `ikservo view` and its server exchange JSON texts over two websockets: `/live/ARM` for
+the arm that is shown, `/live` for the first, and `/arms` for the list of arms. This page is made
+from the models that check the messages (`ikservo/view/messages.py`, `ikservo/view/arm_list.py`).
+Everything else is refused, and nothing changes.
+
+## From the connection to the first scene
+
+1. The server sends `{{"kind": "challenge", "nonce": …}}`.
+2. The page answers with `hello`: its `proof` is the HMAC-SHA-256 of the nonce with the key after
+   `#token=` in the address. The key itself is never sent.
+3. From then on the server sends scenes and states, and the page sends the messages below. Each has
+   `seq`, which increases, and `seen`, the number of the last scene that it has drawn.
+
+| bound | value |
+| --- | --- |
+| longest message | {bytes} bytes |
+| oldest scene to which a command may answer | {age_s:g} s |
+
+An older command, a repeated `seq` and a message with a number out of its bounds are dropped.
+`stop`, `viewport` and the `heartbeat` of a hidden page are accepted at any age.
+
+## Messages of the page
+"""
+
+_LIST = """## Messages to the list of arms
+
+The server answers each change with `arms`: those that are open, and what could be opened."""
+
+
+def arm_toml_page() -> str:
+    """Return the reference of ``arm.toml`` as Markdown."""
+    return f"{_ARM_TOML}\n{model_sections(ArmFile)}\n"
+
+
+def programs_page() -> str:
+    """Return the formats of programs and recordings as Markdown."""
+    names = [each.name for each in fields(RecordingHeader)]
+    columns = [(code(name), _attribute(RecordingHeader, name)) for name in names]
+    return (
+        "\n\n".join(
+            [
+                "# Programs and recordings",
+                "This page is made from the models that read the files.",
+                "## Programs",
+                "`ikservo program new FILE` writes a first one. An example:",
+                _example(program.__doc__, "toml"),
+                model_sections(Program, 3),
+                "## Recordings",
+                "JSON Lines, written by `ikservo record`: a header, then one line per sample.",
+                _example(recording.__doc__, "text"),
+                table(["key of the header", "meaning"], columns),
+                "In each sample `t_s` is the time since the start and `q` the joints, in the order "
+                "and the units of the header. `ikservo export csv FILE` makes a table of it.",
+            ]
+        )
+        + "\n"
+    )
+
+
+def _attribute(owner: type, name: str) -> str:
+    lines = (inspect.getdoc(owner) or "").splitlines()
+    found = [line.strip() for line in lines if line.strip().startswith(f"{name}: ")]
+    return found[0].partition(": ")[2].replace("``", "`") if found else ""
+
+
+def _example(doc: str | None, language: str) -> str:
+    """Return the literal block of a docstring (after ``::``) as a fence."""
+    block = (doc or "").partition("\n::\n\n")[2]
+    lines: list[str] = []
+    for line in block.splitlines():
+        if line and not line.startswith("    "):
+            break
+        lines.append(line.removeprefix("    "))
+    return f"```{language}\n" + "\n".join(lines).strip() + "\n```"
+
+
+def page_protocol_page() -> str:
+    """Return the messages that a page may send as Markdown."""
+    introduction = _PROTOCOL.format(
+        bytes=messages.MAX_MESSAGE_BYTES, age_s=connection.MAX_MESSAGE_AGE_S
+    )
+    kinds = [messages.Hello, *get_args(messages.Message)]
+    listed = [kind for kind in get_args(arm_list.ArmListMessage) if kind not in kinds]
+    parts = [introduction, *map(_message, kinds), _LIST, *map(_message, listed)]
+    return "\n\n".join(parts) + "\n"
+
+
+def _message(model: type[BaseModel]) -> str:
+    (kind,) = get_args(model.model_fields["kind"].annotation)
+    own = [name for name in model.model_fields if name not in ("kind", "seq", "seen")]
+    rows = [
+        (
+            code(name),
+            describe_type(model.model_fields[name]),
+            "yes" if model.model_fields[name].is_required() else "no",
+        )
+        for name in own
+    ]
+    text = (inspect.getdoc(model) or "").replace("``", "`").partition("\n\nAttributes:")
+    parts = [f"### {kind}", text[0], _attributes(text[2])]
+    parts.append(table(["key", "type", "needed"], rows) if rows else "")
+    return "\n\n".join(part for part in parts if part)
+
+
+def _attributes(text: str) -> str:
+    """Return the attributes of a docstring as a list."""
+    items: list[str] = []
+    for line in text.splitlines():
+        name, colon, rest = line.strip().partition(": ")
+        if line.startswith("    ") and not line.startswith("     ") and colon:
+            items.append(f"- `{name}`: {rest}")
+        elif line.strip() and items:
+            items[-1] += f" {line.strip()}"
+    return "\n".join(items)
