@@ -1,0 +1,65 @@
+"""Every example runs as it stands, in this process, and prints what it promises."""
+
+import re
+import runpy
+from pathlib import Path
+
+import pytest
+
+from tests.network.conftest import PATIENCE_S, find_free_port, serve
+
+ROOT = Path(__file__).parents[2]
+EXAMPLES = ROOT / "examples"
+pytestmark = pytest.mark.timeout(600)  # of a busy machine
+PRINTED = {  # the line that tells that it worked
+    "move": r"error +0\.\d\d mm",
+    "draw_circle": r"largest distance from the circle +[0-2]\.\d\d mm",
+    "pick_and_place": r"open: the gripper is at 100°",
+    "stream": r"150 goals sent, 0 refused",
+    "several_arms": r"reached: True, [\d.]+ s\nreached: True, [\d.]+ s",
+    "own_arm": r"reached: True, error 0\.000 mm\nmeasured error 0\.\d\d mm",
+    "batch_ik": r"9\d % of the points can be reached",
+    "plot_workspace": r"workspace\.png: \d{3} of 868 points can be reached",
+    "record_and_replay": r"2\d samples in 0\.50 s\nreplayed in",
+    "network": r"reached: True",
+}
+
+
+@pytest.fixture
+def run(tmp_path, monkeypatch, capsys):
+    """Return a function that runs an example in an empty folder and returns what it prints."""
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
+    monkeypatch.chdir(tmp_path)
+
+    def run(name, *args):
+        monkeypatch.setattr("sys.argv", [name, *args])
+        runpy.run_path(str(EXAMPLES / f"{name}.py"), run_name="__main__")
+        return capsys.readouterr().out
+
+    return run
+
+
+def test_every_example_is_tested_and_listed():
+    names = {path.stem for path in EXAMPLES.glob("*.py")}
+    page = (ROOT / "docs/how-to/examples.md").read_text("utf-8")
+    assert names == set(PRINTED) == set(re.findall(r"^\| `(\w+)\.py` \|", page, re.M))
+
+
+@pytest.mark.parametrize("name", sorted(set(PRINTED) - {"network"}))
+def test_an_example_runs(run, name, tmp_path):
+    assert re.search(PRINTED[name], run(name))
+    for picture in tmp_path.glob("*.png"):
+        assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_an_arm_on_another_machine_is_driven(run, monkeypatch):
+    monkeypatch.setattr("ikservo.network.connection._MAX_ROUND_TRIP_S", PATIENCE_S)
+    with serve(find_free_port()) as served:
+        served.server.lease.timeout_s = PATIENCE_S
+        assert re.search(PRINTED["network"], run("network", served.address))
+        assert abs(served.arm.where().positions["wrist_roll"] - 0.2) < 0.02
+
+
+def test_examples_are_short():
+    long = {path.name for path in EXAMPLES.glob("*.py") if len(path.read_text().splitlines()) > 40}
+    assert long == set()
