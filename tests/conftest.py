@@ -5,6 +5,7 @@ from __future__ import annotations
 import gc
 import os
 import signal
+import socket
 import sys
 
 import pytest
@@ -55,3 +56,14 @@ def pytest_collection_finish():
 @pytest.fixture(autouse=True, scope="session")
 def _isolate_user_files(tmp_path_factory):
     os.environ["IKSERVO_HOME"] = str(tmp_path_factory.mktemp("home"))
+
+
+@pytest.fixture(scope="session")
+def own_address():
+    """An address of this machine that other machines could reach."""
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sending:
+        try:
+            sending.connect(("192.0.2.1", 9))  # sends nothing
+        except OSError:
+            pytest.skip("no network")
+        return sending.getsockname()[0]

@@ -1,0 +1,39 @@
+"""The core works without what there is on POSIX systems only; Windows has none of it."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.portability.without_posix import MODULES
+
+HERE = Path(__file__).parent
+ROOT = HERE.parents[1]
+
+
+@pytest.fixture(scope="module")
+def output(tmp_path_factory):
+    """Return what the cases print in a Python without POSIX."""
+    home = str(tmp_path_factory.mktemp("home"))
+    command = ["-m", "tests.portability.without_posix", str(HERE / "core_cases.py")]
+    done = subprocess.run(
+        [sys.executable, *command], cwd=ROOT, capture_output=True, text=True, check=False,
+        env=os.environ | {"IKSERVO_HOME": home, "PYTHONPATH": str(ROOT)},
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    return done.stdout.splitlines()
+
+
+@pytest.mark.parametrize(
+    "case",
+    ["solve", "move", "view", "arms", "ports", "calibrate", "doctor", "relax", "lock", "sim"],
+)
+def test_the_core_works(output, case):
+    assert f"works: {case}" in output
+
+
+def test_no_posix_module_was_loaded(output):
+    loaded = next(line for line in output if line.startswith("modules: ")).split()[1:]
+    assert not MODULES & set(loaded)
