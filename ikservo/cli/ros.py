@@ -19,7 +19,7 @@ from ikservo.cli.options import (
     UncalibratedOption,
     YesOption,
 )
-from ikservo.cli.serve import wait_for_signal
+from ikservo.cli.serve import ended_by_signal
 from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import format_port, print_json, print_status
 from ikservo.errors import BadValueError
@@ -77,9 +77,10 @@ def command(
     ):
         if not no_wiggle:
             check_directions_once(machine, yes=yes)
-        with RosBridge(session, machine, number, place, rate, speed, print_status):
+        bridge = RosBridge(session, machine, number, place, rate, speed, print_status)
+        with ended_by_signal() as wait, bridge:
             _announce(machine, endpoint, number, place, json=json)
-            wait_for_signal()
+            wait()
 
 
 def _with_port(router: str) -> str:

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import signal
 import threading
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
 from types import FrameType
 from typing import Annotated
 
@@ -29,7 +31,7 @@ from ikservo.network.arm_server import ArmServer
 from ikservo.network.certificates import access_control, server_certificate
 from ikservo.network.session import open_server
 
-__all__ = ["command", "wait_for_signal"]
+__all__ = ["command", "ended_by_signal"]
 
 Listen = Annotated[
     str,
@@ -83,9 +85,9 @@ def command(
     ):
         if not no_wiggle:
             check_directions_once(machine, yes=yes)
-        with ArmServer(session, machine, served_as, rate):
+        with ended_by_signal() as wait, ArmServer(session, machine, served_as, rate):
             _announce(machine, ArmAddress(served_as, endpoint), json=json)
-            wait_for_signal()
+            wait()
 
 
 def _announce(machine: Arm, address: ArmAddress, *, json: bool) -> None:
@@ -116,19 +118,27 @@ def _reachable(address: ArmAddress) -> ArmAddress:
     return ArmAddress(address.name, Endpoint(endpoint.protocol, platform.node(), endpoint.port))
 
 
-def wait_for_signal() -> None:
-    """Wait for Ctrl-C, SIGTERM or SIGHUP, which all end the command without an error."""
+@contextmanager
+def ended_by_signal() -> Generator[Callable[[], None]]:
+    """Take Ctrl-C, SIGTERM and SIGHUP as the end of the command, without an error.
+
+    Yields:
+        What waits for one of them; one that came since the start of the block counts.
+    """
     ended = threading.Event()
 
     def end(_: int, __: FrameType | None) -> None:
         ended.set()
 
+    def wait() -> None:
+        while not ended.wait(0.5):
+            pass
+
     names = ("SIGINT", "SIGTERM", "SIGHUP")  # the last: its terminal was closed; not on Windows
     numbers = [getattr(signal, name) for name in names if hasattr(signal, name)]
     before = {number: signal.signal(number, end) for number in numbers}
     try:
-        while not ended.wait(0.5):
-            pass
+        yield wait
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

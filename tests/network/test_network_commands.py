@@ -1,16 +1,14 @@
 """The commands for arms on other machines, and the usual commands with an address for a port."""
 
 import json
-import os
 import signal
 import subprocess
 import sys
-import threading
 
 import pytest
 
 from ikservo.cli import main
-from ikservo.cli.serve import wait_for_signal
+from ikservo.cli.serve import ended_by_signal
 from ikservo.network.address import parse_address
 from ikservo.network.connection import Connection
 from tests.network.conftest import find_free_port
@@ -175,7 +173,20 @@ def test_serve_says_where_it_listens_and_ends_by_ctrl_c():
         assert process.wait(20) == 0
 
 
-@pytest.mark.skipif(not hasattr(signal, "SIGHUP"), reason="Windows has no SIGHUP")
-def test_serving_ends_well_where_its_terminal_was_closed():
-    threading.Timer(0.1, os.kill, (os.getpid(), signal.SIGHUP)).start()
-    wait_for_signal()
+@pytest.mark.parametrize("name", ["SIGINT", "SIGTERM", "SIGHUP"])
+def test_a_signal_before_the_wait_ends_a_served_arm_without_an_error(name):
+    if not hasattr(signal, name):
+        pytest.skip("Windows has no SIGHUP")
+    before = signal.getsignal(getattr(signal, name))
+    with ended_by_signal() as wait:
+        signal.raise_signal(getattr(signal, name))
+        wait()
+    assert signal.getsignal(getattr(signal, name)) == before
+
+
+def test_a_signal_while_serving_is_announced_ends_it_well(run, monkeypatch):
+    monkeypatch.setattr(
+        "ikservo.cli.serve._announce", lambda *_, **__: signal.raise_signal(signal.SIGINT)
+    )
+    listen = f"tcp/127.0.0.1:{find_free_port()}"
+    assert run("serve", "so101", "--port", "sim", "--listen", listen)[0] == 0

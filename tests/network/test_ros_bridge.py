@@ -363,6 +363,13 @@ def test_a_domain_that_is_none_is_named(monkeypatch, capsys):
     assert "ROS_DOMAIN_ID" in capsys.readouterr().err
 
 
+def test_a_signal_while_the_command_announces_itself_ends_it_well(graph, monkeypatch):
+    monkeypatch.setattr(
+        "ikservo.cli.ros._announce", lambda *_, **__: signal.raise_signal(signal.SIGINT)
+    )
+    assert main(["ros", "so101", "--port", "sim", "--router", f"{HOST}:{graph.port}"]) == 0
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_the_command_joins_the_graph_and_ends_by_ctrl_c(graph):
     argv = [sys.executable, "-c", CONSOLE, "ros", "so101", "--port", "sim", "--json",
