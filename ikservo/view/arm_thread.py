@@ -399,7 +399,8 @@ class ArmThread:
     def _end_session(self, stop_notice: StopNotice) -> None:
         """End the session: the stop must be acknowledged and Live switched on again."""
         self.log_message(stop_notice.message)
-        self.history.mark_stop(stop_notice.message, self._clock.now_s())
+        link = self.arm.context.servos.link_statistics()
+        self.history.mark_stop(stop_notice.message, self.snapshot, link, self._clock.now_s())
         self.snapshot = replace(
             self.snapshot,
             stop_notice=stop_notice,

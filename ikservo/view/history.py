@@ -114,16 +114,25 @@ class History:
 
     def record(self, snapshot: ArmSnapshot, link: LinkStatistics, now_s: float) -> None:
         """Append a sample; one that comes too soon after the last is dropped."""
-        capacity = len(self._times)
-        if self._count and now_s - self._times[(self._count - 1) % capacity] < self._least_s:
-            return
-        row = self._count % capacity
+        last_s = self._times[(self._count - 1) % len(self._times)]
+        if not self._count or now_s - last_s >= self._least_s:
+            self._append(snapshot, link, now_s)
+
+    def _append(self, snapshot: ArmSnapshot, link: LinkStatistics, now_s: float) -> None:
+        row = self._count % len(self._times)
         self._times[row] = now_s
         self._values[row] = self._sample(snapshot, link)
         self._count += 1  # last: readers see whole samples only
 
-    def mark_stop(self, reason: str, now_s: float) -> None:
-        """Keep the last ten seconds: something has stopped the arm."""
+    def mark_stop(
+        self, reason: str, snapshot: ArmSnapshot, link: LinkStatistics, now_s: float
+    ) -> None:
+        """Keep the last ten seconds: something has stopped the arm.
+
+        The sample at the stop is kept however soon it comes after the last: what the failed cycle
+        lost is in none before.
+        """
+        self._append(snapshot, link, now_s)
         kept = self.since(now_s - self.STOP_S)
         self.last_stop = HistorySlice(kept.channels, kept.times_s, kept.values, reason)
 

@@ -73,8 +73,7 @@ class ServedView:
         return self
 
     def is_home(self):
-        home = self.arm.model.pose("home")
-        return max(abs(at - home[name]) for name, at in self.joints().items()) < AT_HOME_RAD
+        return away_from_home_rad(self.arm) < AT_HOME_RAD
 
     def place_m(self, joint):
         """Return where a joint's pivot is (3,), metres, by Pinocchio."""
@@ -88,7 +87,10 @@ class ServedView:
 
 
 class HoldingView(ViewApp):
-    """A view of an arm that holds itself when it is opened, as one in use does."""
+    """A view of an arm that holds itself when it is opened, as one in use does.
+
+    Its simulator runs in real time: on a busy machine the limp arm falls before its torque is on.
+    """
 
     def __init__(self, *args, calibrated=True, **options):
         self._calibrated = calibrated
@@ -97,7 +99,14 @@ class HoldingView(ViewApp):
     def _open_arm(self, model, port):
         arm = super()._open_arm(model, port)
         arm.enable()
+        if port.endswith("pose=home") and away_from_home_rad(arm) > AT_HOME_RAD:
+            arm.pose("home", speed="fast")
         return arm if self._calibrated else without_zeros(arm)
+
+
+def away_from_home_rad(arm):
+    home = arm.model.pose("home")
+    return max(abs(at - home[name]) for name, at in true_joints(arm).items())
 
 
 @contextmanager

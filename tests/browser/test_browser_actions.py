@@ -57,7 +57,10 @@ def test_the_preview_is_carried_out_by_one_button_and_undone_by_keys(person):
     assert person.served.goals() == before
     goal = person.status["goals"]
     page.click("#execute")
-    until(lambda: joints_deg(person) == pytest.approx(goal, abs=0.7))
+    until(
+        lambda: joints_deg(person) == pytest.approx(goal, abs=0.7),
+        lambda: (joints_deg(person), goal, person.status),
+    )
     person.wait_for("status.mode === 'preview'")
 
 

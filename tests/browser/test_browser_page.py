@@ -37,7 +37,7 @@ CONTRAST = """() => {
     const ratio = (Math.max(a, b) + 0.05) / (Math.min(a, b) + 0.05);
     const size = parseFloat(style.fontSize);
     const least = size >= 24 || (size >= 18.66 && style.fontWeight >= 700) ? 3 : 4.5;
-    if (ratio < least - 0.005) poor.push(`${words.slice(0, 30)}: ${ratio.toFixed(2)}`);
+    if (ratio < least) poor.push(`${words.slice(0, 30)}: ${ratio.toFixed(2)}`);
   }
   return poor;
 }"""  # noqa: E501

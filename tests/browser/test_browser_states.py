@@ -39,7 +39,7 @@ def test_in_preview_a_target_below_the_table_is_refused_at_once_beside_the_point
 
 
 def test_in_live_a_refused_target_is_shown_as_refused_and_no_goal_is_sent(live):
-    before = live.served.goals()
+    before = live.until_still().served.goals()
     live.click(below_the_table(live)).wait_for(REFUSED)
     assert live.items("target_refused")
     assert "would touch the floor" in live.page.inner_text("#refusal")

@@ -115,10 +115,12 @@ def test_samples_that_are_overwritten_while_they_are_read_are_dropped(monkeypatc
 
 def test_the_ten_seconds_before_a_stop_stay_as_they_were():
     history = fill(make_history(), 1000)
-    history.mark_stop("shoulder hit something", 999 * 0.02)
+    lost = LinkStatistics(lost=6, round_trip_s=0.02)  # by the cycle that failed
+    history.mark_stop("shoulder hit something", snapshot(), lost, 999 * 0.02 + 0.01)
     fill(history, 2000)
     stop = history.last_stop
     assert stop.reason == "shoulder hit something"
+    assert stop.select([Channel("losses", "")])[-2:, 0].tolist() == [3.0, 6.0]
     assert stop.times_s[-1] - stop.times_s[0] == pytest.approx(10.0, abs=0.03)
 
 
@@ -182,11 +184,11 @@ def test_ten_minutes_are_thinned_to_what_a_screen_shows():
 
 def test_the_seconds_before_a_stop_are_sent_once_and_with_the_reason():
     history, feed = fill(make_history(), 100), PlotFeed()
-    history.mark_stop("low supply", 2.0)
+    history.mark_stop("low supply", snapshot(), LINK, 2.0)
     feed.choose(1, chosen("goal", stopped=True), history)
     (frame,) = feed.frames(1, history, 2.0)
     assert frame["reason"] == "low supply"
-    assert frame["values"] == [[None] * 100]
+    assert frame["values"] == [[None] * 101]
     assert feed.frames(1, history, 3.0) == []
 
 
