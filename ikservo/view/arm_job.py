@@ -26,6 +26,14 @@ class JobObserver(Protocol):
         """
         ...
 
+    def on_guided(self, measured: Vector) -> None:
+        """Receive joints (n,) of an arm that is guided by hand; it moves nothing by itself.
+
+        Raises:
+            RefusedError: The arm was stopped.
+        """
+        ...
+
     def on_torque_off(self) -> None:
         """Read the arm after its torque was switched off, which is no loss of torque then."""
         ...

@@ -141,6 +141,7 @@ class ArmThread:
         calibration: Runs calibrations; None if there are none.
 
     Attributes:
+        dead_man_s: As given.
         arm: The arm; other threads may use only what does not change while it is open. It is
             replaced after a calibration, and after its port was lost.
         snapshot: Written by this thread alone.
@@ -154,7 +155,7 @@ class ArmThread:
         dead_man_s: float = DEAD_MAN_TIMEOUT_S,
         calibration: CalibrationDriver | None = None,
     ) -> None:
-        self._open, self._clock, self._dead_man_s = open_arm, clock, dead_man_s
+        self._open, self._clock, self.dead_man_s = open_arm, clock, dead_man_s
         self.calibration = calibration
         self.arm = open_arm()
         self._command = ArmCommand()
@@ -281,12 +282,24 @@ class ArmThread:
         self.snapshot = replace(self._update_positions(), reference=None)
         self._record_history()
 
+    def on_guided(self, measured: Vector) -> None:
+        """Store joints (n,) of an arm that is guided by hand: no page has to hold it.
+
+        Raises:
+            RefusedError: The arm was stopped.
+        """
+        self.arm.context.servos.check_stop()
+        now_s = self._clock.now_s()
+        self.snapshot = replace(self.snapshot, measured=measured, read_s=now_s, reference=None)
+        self._update_telemetry()
+        self._record_history()
+
     def on_torque_off(self) -> None:
         """Read the arm after its torque was switched off, which is no loss of torque then."""
         self.snapshot = replace(self._update_positions(), reference=None)
 
     def _require_heartbeat(self, now_s: float) -> None:
-        silent = now_s - self.command.heartbeat_s > self._dead_man_s
+        silent = now_s - self.command.heartbeat_s > self.dead_man_s
         if silent and self._stop_reason is None:
             self.request_stop(StopReason(StopKind.CLIENT, _JOB_SILENCE_TEXT))
 
@@ -340,7 +353,7 @@ class ArmThread:
 
     def _run_session(self) -> None:
         """Follow commands until Live ends, the speed changes, or heartbeats stop."""
-        session = LiveSession(self, self._clock, self._dead_man_s)
+        session = LiveSession(self, self._clock, self.dead_man_s)
         self.arm.follow_goals(session, speed=session.speed, jerk_factor=JERK_FACTOR)
         if session.silent:
             self.log_message(_SILENCE_TEXT)

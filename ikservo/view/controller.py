@@ -21,6 +21,7 @@ from ikservo.view.camera import Viewport
 from ikservo.view.connection import Client, ControlLease
 from ikservo.view.downloads import Download, DownloadOffers
 from ikservo.view.drag_solver import PosturePreference
+from ikservo.view.follow_panel import FindArm, FollowPanel
 from ikservo.view.frames import FrameComposer
 from ikservo.view.goal_check import PreviewGuard
 from ikservo.view.history import csv_lines
@@ -53,13 +54,18 @@ class SessionController:
         arm_thread: Owns the arm.
         clock: Time stamps of heartbeats.
         downloads: Where files are offered; a place of its own if None.
+        find_arm: Finds another arm of the page, to be followed.
 
     Attributes:
         downloads: The files that pages have asked for.
     """
 
     def __init__(
-        self, arm_thread: ArmThread, clock: Clock, downloads: DownloadOffers | None = None
+        self,
+        arm_thread: ArmThread,
+        clock: Clock,
+        downloads: DownloadOffers | None = None,
+        find_arm: FindArm = lambda _: None,
     ) -> None:
         self._arm_thread, self._clock = arm_thread, clock
         self._arm = arm_thread.arm
@@ -70,6 +76,7 @@ class SessionController:
         self._lease = ControlLease()
         self._composer = FrameComposer(arm_thread, self._interaction, clock, self._lease)
         self._program = ProgramPanel(arm_thread)
+        self._following = FollowPanel(arm_thread, clock, find_arm)
         self._clients: dict[int, Client] = {}
         self._numbers = itertools.count(1)
         self._handlers: dict[type, Handler] = {
@@ -99,6 +106,7 @@ class SessionController:
             msg.SetTorque: self._set_torque,
             msg.Undo: self._undo,
             msg.ArmAction: self._start_action,
+            msg.FollowArm: self._follow_arm,
             **dict.fromkeys(get_args(ProgramMessage), self._handle_program),
         }
 
@@ -135,6 +143,7 @@ class SessionController:
         client = self._clients[client_id]
         frames = self._composer.compose(client, controller=controller, fallback=self._fallback)
         frames += self._program.frames(client)
+        frames += self._following.frames(client)
         frames += self._plots.frames(client_id, self._arm_thread.history, self._clock.now_s())
         return frames + client.take_outbox()
 
@@ -321,6 +330,14 @@ class SessionController:
         if refusal is not None and refusal.goal is goal:
             raise BadMessageError(refusal.reason, "Nothing moves. Choose another target.")
         self._arm_thread.request_job(ExecuteGoal(goal, self._arm_thread.command.speed))
+
+    def _follow_arm(self, message: msg.FollowArm, _client: Client) -> None:
+        if message.leader is None:
+            self._following.finish()
+            return
+        self._require_ready()
+        self._following.start(message.leader)
+        self._interaction.reset()
 
     def _require_ready(self) -> None:
         """Raise where the arm takes no targets.

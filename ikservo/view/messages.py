@@ -25,6 +25,7 @@ __all__ = [
     "DragTarget",
     "DragTool",
     "FitView",
+    "FollowArm",
     "Gamepad",
     "GoToPose",
     "Heartbeat",
@@ -345,6 +346,13 @@ class SaveHistory(PageMessage):
     stopped: bool = False
 
 
+class FollowArm(PageMessage):
+    """Follow another open arm of the page, which is guided by hand; none ends that."""
+
+    kind: Literal["follow_arm"]
+    leader: Name | None = None
+
+
 class CalibrationAnswer(PageMessage):
     """User input of a calibration; ``start`` starts it and ``cancel`` ends it."""
 
@@ -384,6 +392,7 @@ Message = (
     | SetTorque
     | ShowPlots
     | SaveHistory
+    | FollowArm
     | CalibrationAnswer
     | ProgramMessage
 )

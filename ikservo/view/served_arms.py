@@ -19,6 +19,7 @@ from ikservo.view.auth import Permission
 from ikservo.view.calibration import CalibrationDriver
 from ikservo.view.controller import SessionController
 from ikservo.view.downloads import DownloadOffers
+from ikservo.view.follow_panel import FindArm
 from ikservo.view.frames import mode
 from ikservo.view.labels import describe_torque
 from ikservo.view.messages import BadMessageError, Message
@@ -84,6 +85,7 @@ class ServedArm:
         name: Unique among the arms of the page.
         place: The arm and its port.
         settings: What all arms have in common.
+        find_arm: Finds another arm of the page, to be followed.
 
     Attributes:
         state: Whether it is open; written by the thread that opens it, then by the server's.
@@ -95,8 +97,11 @@ class ServedArm:
     arm_thread: ArmThread
     controller: SessionController
 
-    def __init__(self, name: str, place: ArmAtPort, settings: ViewSettings) -> None:
+    def __init__(
+        self, name: str, place: ArmAtPort, settings: ViewSettings, find_arm: FindArm
+    ) -> None:
         self.name, self.place, self._settings = name, place, settings
+        self._find_arm = find_arm
         self.state = ServedArmState.OPENING
         self.error: StopNotice | None = None
         self._exits = ExitStack()
@@ -129,7 +134,9 @@ class ServedArm:
                     CalibrationDriver(model, port),
                 )
             )
-            self.controller = SessionController(self.arm_thread, settings.clock, settings.downloads)
+            self.controller = SessionController(
+                self.arm_thread, settings.clock, settings.downloads, self._find_arm
+            )
             stack.callback(self.controller.close)
             return stack.pop_all()
 
@@ -222,6 +229,10 @@ class ServedArms:
         found = [arm for arm in self.all() if arm.is_open and name in ("", arm.name)]
         return found[0] if found else None
 
+    def _find_thread(self, name: str) -> ArmThread | None:
+        found = self.find(name)
+        return None if found is None else found.arm_thread
+
     def open_all(self, places: Sequence[ArmAtPort]) -> None:
         """Open arms and wait for them; those that cannot be opened stay in the list.
 
@@ -266,7 +277,8 @@ class ServedArms:
     def _add(self, place: ArmAtPort) -> ServedArm:
         stem = place.model.name
         names = itertools.chain([stem], (f"{stem}-{i}" for i in itertools.count(2)))
-        arm = ServedArm(next(n for n in names if n not in self._arms), place, self._settings)
+        name = next(n for n in names if n not in self._arms)
+        arm = ServedArm(name, place, self._settings, self._find_thread)
         self._arms[arm.name] = arm
         return arm
 

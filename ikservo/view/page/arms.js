@@ -13,8 +13,9 @@ const STATES = {
 const IS_OPEN = new Set(["stopped", "live", "busy", "calibration", "preview"]);
 
 export class Arms {
-  constructor(key, options) {
+  constructor(key, options, follow) {
     this.options = options;
+    this.follow = follow; // called with the name of an arm that the one shown is to follow
     this.shown = null; // the name of the arm that this page shows
     this.wanted = null; // the one that was chosen to be opened, and is shown once it is open
     this.list = [];
@@ -83,7 +84,7 @@ export class Arms {
     updateRows($("arms-open"), this.list, createArmRow, (row, arm) => this.updateArm(row, arm));
   }
 
-  updateArm({ element, title, text, show, stop, close }, { name, title: words, port, state, text: what, hint }) {
+  updateArm({ element, title, text, show, follow, stop, close }, { name, title: words, port, state, text: what, hint }) {
     const open = IS_OPEN.has(state);
     element.dataset.state = state;
     element.dataset.arm = name;
@@ -93,9 +94,11 @@ export class Arms {
     stop.hidden = !open || state === "stopped";
     setText(close, open ? "Close" : "Remove");
     close.hidden = state === "opening" || state === "closing";
-    stop.disabled = close.disabled = !this.mayControl;
-    for (const [button, word] of [[show, "Show"], [stop, "Stop"], [close, close.textContent]]) button.setAttribute("aria-label", `${word} ${name}`);
+    follow.hidden = show.hidden || !this.shown;
+    stop.disabled = close.disabled = follow.disabled = !this.mayControl;
+    for (const [button, word] of [[show, "Show"], [follow, "Follow"], [stop, "Stop"], [close, close.textContent]]) button.setAttribute("aria-label", `${word} ${name}`);
     show.onclick = () => this.showArm(name);
+    follow.onclick = () => { this.close(); this.follow(name); };
     stop.onclick = () => this.send("stop_arms", { name });
     close.onclick = () => this.send("close_arm", { name });
   }
@@ -143,9 +146,9 @@ export class Arms {
 
 function createArmRow() {
   const [title, text] = [createElement("strong"), createElement("span", { class: "quiet" })];
-  const [show, stop, close] = ["Show", "Stop", "Close"].map((word) => createElement("button", { type: "button", class: word === "Stop" ? "stop small" : "ghost small" }, word));
-  const element = createElement("li", {}, createElement("div", {}, title, text), show, stop, close);
-  return { element, title, text, show, stop, close };
+  const [show, follow, stop, close] = ["Show", "Follow …", "Stop", "Close"].map((word) => createElement("button", { type: "button", class: word === "Stop" ? "stop small" : "ghost small" }, word));
+  const element = createElement("li", {}, createElement("div", {}, title, text), show, follow, stop, close);
+  return { element, title, text, show, follow, stop, close };
 }
 
 // The choice stays where it is still offered.

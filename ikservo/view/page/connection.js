@@ -16,8 +16,9 @@ export class Connection {
     this.seq = 0;
     this.seen = 0;
     this.open = false;
-    if (path !== "arms") setInterval(() => this.sendHeartbeat(), HEARTBEAT_PERIOD_MS);
-    if (path !== "arms") document.addEventListener("visibilitychange", () => this.sendHeartbeat());
+    const beat = () => this.sendHeartbeat();
+    if (path !== "arms") this.timer = setInterval(beat, HEARTBEAT_PERIOD_MS);
+    if (path !== "arms") document.addEventListener("visibilitychange", beat);
     this.connect();
   }
 
@@ -62,10 +63,18 @@ export class Connection {
     this.socket.send(JSON.stringify({ kind, seq: this.seq, seen: this.seen, ...fields }));
   }
 
+  // Ends it for good.
+  close() {
+    clearInterval(this.timer);
+    this.ended = true;
+    this.socket.close();
+  }
+
   onClose(event) {
     this.open = false;
+    if (this.ended) return;
     const final = FINAL[event.code];
     this.handlers.closed?.(final ?? "lost", event.reason);
-    if (!final) setTimeout(() => this.connect(), RECONNECT_DELAY_MS);
+    if (!final) setTimeout(() => this.ended || this.connect(), RECONNECT_DELAY_MS);
   }
 }

@@ -9,6 +9,7 @@ import { $, setText, updateChoices } from "./elements.js";
 import { Freshness } from "./freshness.js";
 import { Gamepads } from "./gamepad.js";
 import { HandleInput } from "./handle_input.js";
+import { Leader } from "./leader.js";
 import { Panel } from "./panel.js";
 import { PointerInput } from "./pointing.js";
 import { Poses } from "./poses.js";
@@ -43,6 +44,7 @@ const connection = new Connection(key, {
   },
   program(message) { program.setProgram(message); },
   program_state(message) { program.setState(message); },
+  following(message) { leader.showFollowing(message); },
   graph(message) { rendering.setGraph(message); },
   scene(message) {
     scenes.push(message);
@@ -69,7 +71,8 @@ const program = new Program(send, (message) => panel.showRefusal({ message, hint
 const plots = new Plots(send);
 const poses = new Poses(send);
 const actions = new Actions(send);
-const arms = new Arms(key, options);
+const leader = new Leader(key, send, () => sendViewport());
+const arms = new Arms(key, options, (name) => leader.choose(name));
 const rendering = new Rendering($("webgl"), options.get("draw"), () => sendViewport());
 const stopButton = new StopButton(send, (refusal) => panel.showRefusal(refusal));
 const freshness = new Freshness(() => showOffline("silent"), () => window.ikservo.status && showStatus(window.ikservo.status));
@@ -88,6 +91,7 @@ function showStatus(status) {
   panel.show(status);
   program.show(status);
   actions.show(status);
+  leader.show(status);
   stopButton.show(status, armInfo.permission);
   wizard.show(status.calibration);
   showAllAround(Boolean(status.calibration));

@@ -1,0 +1,74 @@
+"""Two arms on one page: one is guided by hand, the other follows; both and the lag are seen."""
+
+import pytest
+
+from servosim.joint import Hand, glide
+from tests.arm.simulated import line_of, registers, true_joints
+from tests.browser.page_operator import Operator, until
+from tests.browser.test_browser_arms import desk
+from tests.browser.test_browser_page import CONTRAST, NAMES, SMALL
+
+pytestmark = pytest.mark.browser
+
+TURN_RAD = 0.4
+
+
+@pytest.fixture
+def two():
+    with desk(("planar3", "sim:?pose=home"), ("planar3", "sim:?pose=home")) as served:
+        yield served
+
+
+@pytest.fixture
+def page(browser):
+    context = browser.new_context(viewport={"width": 1100, "height": 800})
+    page = context.new_page()
+    yield page
+    context.close()
+
+
+def turn(arm, by_rad):
+    here = joint3_rad(arm)
+    line_of(arm).world.grasp("joint3", Hand(glide(here, here + by_rad, 0.4)))
+
+
+def joint3_rad(arm):
+    return true_joints(arm)["joint3"]
+
+
+def test_the_arm_shown_follows_the_one_beside_it_until_it_is_stopped(page, two):
+    operator = Operator(page, two)
+    leader, follower = (two.app.arms.find(name).arm_thread.arm for name in ("planar3-2", "planar3"))
+    page.click("#speeds button[value=fast]")
+    page.click("#arms-toggle")
+    page.click("[aria-label='Follow planar3-2']")
+    page.wait_for_selector("#leader-state:has-text('It holds')")
+    assert page.is_disabled("#follow")
+    page.click("#leader-release")
+    page.click("#leader-release")
+    page.wait_for_selector("#leader-state:has-text('ready to lead')")
+    before = joint3_rad(follower)
+    page.click("#follow")
+    page.wait_for_selector("#mode:has-text('Follows planar3-2')")
+    turn(leader, TURN_RAD)
+    until(lambda: " ms" in page.inner_text("#leader-lag"), lambda: page.inner_text("#leader"))
+    until(lambda: abs(joint3_rad(follower) - before - TURN_RAD) < 0.03)
+    drawn = "[...document.querySelectorAll('#drawing, #leader-drawing')].map((c) => c.width)"
+    assert all(width > 200 for width in page.evaluate(drawn))
+    for scheme in ("light", "dark"):
+        page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
+        assert page.evaluate(CONTRAST) == []
+    assert page.evaluate(SMALL, 24) == []
+    assert all(page.evaluate(NAMES))
+    page.keyboard.press("Space")
+    operator.wait_for("status.mode === 'stopped'")
+    page.wait_for_selector("#leader-acknowledge:visible")
+    held = registers(follower, "goal_position")
+    turn(leader, -TURN_RAD)
+    page.click("#leader-acknowledge")
+    page.click("#acknowledge")
+    page.wait_for_selector("#leader-state:has-text('ready to lead')")
+    until(lambda: abs(joint3_rad(leader) - before) < 0.05)
+    assert registers(follower, "goal_position") == held
+    page.click("#leader-close")
+    assert page.is_hidden("#leader")
