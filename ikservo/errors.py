@@ -23,6 +23,7 @@ the builtin that fits, so that ``except TimeoutError`` works for a silent servo:
     │   ├── CartesianPathError                  not along the path; names the place
     │   └── OrientationError                    the point, but not in this orientation
     ├── RefusedError                   exit 8   the guard does not allow a goal
+    │   ├── LatchedStopError                    it was stopped, and that is not acknowledged
     │   └── LeaseLostError                      another program controls the arm
     ├── NotSettledError   TimeoutError exit 1   the arm did not arrive
     └── StoppedError                   exit 130 stopped by the user
@@ -50,6 +51,7 @@ __all__ = [
     "HeldUpError",
     "IkservoError",
     "InputError",
+    "LatchedStopError",
     "LeaseLostError",
     "NoPortError",
     "NotSettledError",
@@ -419,6 +421,15 @@ class CollisionError(RefusedError):
 
 class HeldUpError(RefusedError):
     """The program was stalled in a motion for so long that servos stopped themselves."""
+
+
+class LatchedStopError(RefusedError):
+    """The arm was stopped, and that is not acknowledged yet."""
+
+    def __init__(self, reason: str) -> None:
+        super().__init__(
+            f"The arm was stopped: {reason}", "Check the arm, then acknowledge the stop."
+        )
 
 
 class LeaseLostError(RefusedError):

@@ -15,6 +15,7 @@ _NUMBER = r"(-?[\d.]+\d)"
 _REPLACEMENTS = [
     (rf"ikservo move {_NUMBER} {_NUMBER} {_NUMBER}", r"arm.move_to((\1, \2, \3))"),
     (r"ikservo (relax|where|stop)\b(?! [A-Z<])", r"arm.\1()"),
+    (r"then: ikservo net acknowledge --port \S+", "then call arm.acknowledge()"),
     (r"acknowledge the stop\b", "call arm.acknowledge()"),
     (r"ikservo joints\b", "arm.move_joints()"),
     (r"ikservo pose (\w+)", r'arm.pose("\1")'),

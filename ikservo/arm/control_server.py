@@ -12,6 +12,7 @@ import socket
 import threading
 import time
 from collections.abc import Callable, Generator, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 from enum import StrEnum
@@ -272,15 +273,16 @@ def broadcast_command(
     Returns:
         A reply, or an error, of each that listens.
     """
-    replies: list[dict[str, Any] | IkservoError] = []
-    for path in socket_paths():
+
+    def request(path: Path) -> dict[str, Any] | IkservoError | None:
         try:
-            reply = _request_at(path, "a port", command, timeout_s)
+            return _request_at(path, "a port", command, timeout_s)
         except IkservoError as error:
-            replies.append(error)
-        else:
-            replies += [reply] if reply is not None else []
-    return replies
+            return error
+
+    with ThreadPoolExecutor() as pool:  # one that does not answer must not delay the others
+        replies = list(pool.map(request, socket_paths()))
+    return [reply for reply in replies if reply is not None]
 
 
 def _request_at(
@@ -353,6 +355,11 @@ class RemoteTarget(Protocol):
         """Held by each motion."""
         ...
 
+    @property
+    def motion_running(self) -> bool:
+        """Whether a motion runs."""
+        ...
+
     def request_stop(self, reason: StopReason) -> None:
         """Brake the running motion and hold."""
 
@@ -405,16 +412,16 @@ class CommandHandler:
 
     def _handle_stop(self) -> Mapping[str, object]:
         target = self._target
-        moving = not target.lock.acquire(blocking=False)
-        if moving:
+        moving = False
+        if not target.lock.acquire(blocking=False):  # a motion, or a thread that reads servos
             target.request_stop(_STOPPED)
-            with self._acquire_lock(BRAKE_TIMEOUT_S):
-                outcome = StopOutcome(target.joint_names, (), ())  # a motion that ended holds
-        else:
-            try:
-                outcome = target.stop_servos(_STOPPED)
-            finally:
-                target.lock.release()
+            moving = target.motion_running
+            self._wait_for_lock(BRAKE_TIMEOUT_S)
+        try:
+            ended = StopOutcome(target.joint_names, (), ())  # a motion that ended holds
+            outcome = ended if moving else target.stop_servos(_STOPPED)
+        finally:
+            target.lock.release()
         return {
             "arm": target.arm_name,
             "port": target.port_name,
@@ -443,12 +450,15 @@ class CommandHandler:
 
     @contextmanager
     def _acquire_lock(self, timeout_s: float) -> Generator[None]:
+        self._wait_for_lock(timeout_s)
+        try:
+            yield
+        finally:
+            self._target.lock.release()
+
+    def _wait_for_lock(self, timeout_s: float) -> None:
         if not self._target.lock.acquire(timeout=timeout_s):
             raise IkservoError(
                 "The program that moves the arm did not stop when told to.",
                 "End it, or switch off the arm's power.",
             )
-        try:
-            yield
-        finally:
-            self._target.lock.release()

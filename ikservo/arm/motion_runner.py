@@ -101,6 +101,11 @@ class MotionRunner:
         return self._servos.names
 
     @property
+    def motion_running(self) -> bool:
+        """Whether a motion runs, of one control loop or several."""
+        return self._servos.stop_request.motion_running
+
+    @property
     def stop_requests(self) -> int:
         """How often a stop was requested since the last ``acknowledge``."""
         return self._servos.stop_request.times

@@ -13,7 +13,7 @@ from ikservo.model import Model
 
 if TYPE_CHECKING:
     from ikservo.arm.arm import Arm, OnExit
-    from ikservo.arm.reports import StopResult
+    from ikservo.arm.reports import StopAllResult, StopResult
 
 __all__ = ["ArmNetwork", "find_network", "installed_networks"]
 
@@ -39,7 +39,7 @@ class ArmNetwork(Protocol):
         """
         ...
 
-    def stop_all_arms(self) -> list[StopResult]:
+    def stop_all_arms(self) -> StopAllResult:
         """Stop every arm on the machines that the user has listed."""
         ...
 

@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
 from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
@@ -13,7 +15,7 @@ from ikservo.arm.networks import find_network, installed_networks
 from ikservo.arm.opening import open_bus, resolve_port
 from ikservo.arm.recorder import RecordResult, RecordSettings, describe_arm, record
 from ikservo.arm.recording import ArmSample
-from ikservo.arm.reports import ArmState, JointMoveResult, StopResult
+from ikservo.arm.reports import ArmState, JointMoveResult, StopAllResult, StopResult
 from ikservo.calibration.paths import calibration_path
 from ikservo.clock import Clock, RealClock
 from ikservo.control.feedback import JointState
@@ -25,6 +27,7 @@ from ikservo.kinematics.arrays import as_floats
 from ikservo.model import Model
 
 __all__ = [
+    "StopAllResult",
     "StopResult",
     "query_state",
     "record_remote",
@@ -76,36 +79,42 @@ def stop_arm(model: Model, port: str | None, clock: Clock | None = None) -> Stop
                 raise
             clock.sleep_until(clock.now_s() + _RETRY_PERIOD_S)
         else:
-            return StopResult(model.name, device, False, outcome.held, outcome.limp, outcome.silent)
+            held, limp, silent = outcome.held, outcome.limp, outcome.silent
+            return StopResult(model.name, device, False, held, limp, silent, latched=False)
 
 
-def stop_all_arms() -> list[StopResult]:
+def stop_all_arms() -> StopAllResult:
     """Stop every arm whose port a program of this user has open, and those on other machines.
 
     Those are the arm at the address in ``IKSERVO_PORT`` and the arms of listed machines.
-
-    Raises:
-        IkservoError: One of them could not be stopped; the others were.
     """
+    with ThreadPoolExecutor() as pool:  # one that does not answer must not delay the others
+        return StopAllResult.joined(pool.map(_attempt, [_stop_own_programs, *_remote_stops()]))
+
+
+def _attempt(stop: Callable[[], StopAllResult]) -> StopAllResult:
+    try:
+        return stop()
+    except IkservoError as error:
+        return StopAllResult(errors=(error,))
+
+
+def _stop_own_programs() -> StopAllResult:
     replies = broadcast_command(Command.STOP, BRAKE_TIMEOUT_S + 2.0)
-    errors = [reply for reply in replies if isinstance(reply, IkservoError)]
-    elsewhere: list[StopResult] = []
-    for stop in _remote_stops():
-        try:
-            elsewhere += stop()
-        except IkservoError as error:
-            errors.append(error)
-    for error in errors:
-        raise error
-    here = [reply for reply in replies if not isinstance(reply, IkservoError)]
-    return [*(_validate_reply(_STOPPED_FIELDS, reply) for reply in here if reply), *elsewhere]
+    return StopAllResult.joined(_attempt(partial(_read_stopped, reply)) for reply in replies)
 
 
-def _remote_stops() -> Iterator[Callable[[], list[StopResult]]]:
+def _read_stopped(reply: dict[str, Any] | IkservoError) -> StopAllResult:
+    if isinstance(reply, IkservoError):
+        raise reply
+    return StopAllResult((_validate_reply(_STOPPED_FIELDS, reply),))
+
+
+def _remote_stops() -> Iterator[Callable[[], StopAllResult]]:
     own = find_network(None)
     if own is not None:
         network, address = own
-        yield lambda: [network.stop_arm(address)]
+        yield lambda: StopAllResult((network.stop_arm(address),))
     for each in installed_networks():
         yield each.stop_all_arms
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.control.feedback import JointState
-from ikservo.errors import BadValueError, UnknownNameError
+from ikservo.errors import BadValueError, IkservoError, UnknownNameError
 from ikservo.files.writing import write_atomic
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion import Trajectory
@@ -24,6 +24,7 @@ __all__ = [
     "MoveResult",
     "OnProgress",
     "SampledTrajectory",
+    "StopAllResult",
     "StopResult",
     "sample_trajectory",
 ]
@@ -223,6 +224,7 @@ class StopResult:
         held: The joints that hold.
         limp: Those without torque; nothing was changed there.
         silent: Those that did not reply.
+        latched: Whether a program has the arm, which moves it only once the stop is acknowledged.
     """
 
     arm: str
@@ -231,6 +233,29 @@ class StopResult:
     held: tuple[str, ...]
     limp: tuple[str, ...]
     silent: tuple[str, ...]
+    latched: bool = True
+
+
+@dataclass(frozen=True, slots=True)
+class StopAllResult:
+    """The outcome of stopping several arms.
+
+    Attributes:
+        stopped: Those that have confirmed it.
+        errors: Why one could not be stopped, or was not heard to have stopped.
+    """
+
+    stopped: tuple[StopResult, ...] = ()
+    errors: tuple[IkservoError, ...] = ()
+
+    @classmethod
+    def joined(cls, results: Iterable[StopAllResult]) -> StopAllResult:
+        """Return several outcomes as one."""
+        found = tuple(results)
+        return cls(
+            tuple(stopped for each in found for stopped in each.stopped),
+            tuple(error for each in found for error in each.errors),
+        )
 
 
 _MAX_SAMPLES = 1_000_000

@@ -9,7 +9,7 @@ from enum import Enum, auto
 from types import MappingProxyType
 
 from ikservo.clock import Clock
-from ikservo.errors import RefusedError
+from ikservo.errors import LatchedStopError, RefusedError
 from ikservo.guard.limits import CommandLimits, LeadLimiter, require_int_tick
 
 __all__ = ["MAX_ELAPSED_S", "Gate", "RateLimiter", "StopKind", "StopLatch", "StopReason"]
@@ -115,13 +115,10 @@ class StopLatch:
         """Raise while a stop is latched.
 
         Raises:
-            RefusedError: The arm was stopped; names the reason.
+            LatchedStopError: The arm was stopped; names the reason.
         """
         if self._reason is not None:
-            raise RefusedError(
-                f"The arm was stopped: {self._reason.headline}",
-                "Check the arm, then acknowledge the stop.",
-            )
+            raise LatchedStopError(self._reason.headline)
 
 
 class Gate:

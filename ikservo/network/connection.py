@@ -11,9 +11,17 @@ from collections.abc import Callable, Generator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING, cast
 
-from ikservo.errors import IkservoError, LeaseLostError, PortError, PortLostError, RefusedError
+from ikservo.errors import (
+    IkservoError,
+    LatchedStopError,
+    LeaseLostError,
+    PortError,
+    PortLostError,
+    RefusedError,
+)
 from ikservo.network import key_expressions as keys
 from ikservo.network.address import ArmAddress
+from ikservo.network.fleet import served_names
 from ikservo.network.messages import (
     MAX_REQUEST_BYTES,
     MAX_SETPOINT_BYTES,
@@ -31,7 +39,7 @@ from ikservo.network.values import decode_value
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = ["Connection", "PendingCall"]
+__all__ = ["Connection", "PendingCall", "who_asks"]
 
 _SIGN_OF_LIFE_PERIOD_S = 0.05
 _SYNC_PERIOD_S = 10.0
@@ -92,6 +100,11 @@ class PendingCall:
             return result_of(self._data)
         except LeaseLostError:
             self._on_lease_lost()
+            raise
+        except LatchedStopError as error:
+            error.command_hint = (
+                f"Check the arm, then: ikservo net acknowledge --port {self._address}"
+            )
             raise
 
 
@@ -215,10 +228,9 @@ class Connection:
         Raises:
             RefusedError: Another program has it, or this machine's certificate is no operator's.
         """
-        who = f"{_user()} on {platform.node()}"
         key = keys.drive(self.address.name, "lease")
         self._require_open()
-        answers = ask(self._session, key, self._request({"operator": who}), _QUICK_S)
+        answers = ask(self._session, key, self._request({"operator": who_asks()}), _QUICK_S)
         if not answers:
             raise self._not_allowed()
         return cast("Mapping[str, object]", result_of(answers[0][1]))
@@ -312,17 +324,13 @@ class Connection:
         return time.monotonic() + self._offset_s
 
     def _check_served(self) -> None:
-        names = [key.split("/")[1] for key in self._served_keys() if len(key.split("/")) == 3]
+        names = served_names(self._session, _QUICK_S)
         if self.address.name not in names:
-            listing = ", ".join(sorted(names)) or "none"
+            listing = ", ".join(names) or "none"
             raise PortError(
                 f"No arm named {self.address.name!r} is served at {self.address.endpoint}.",
                 f"Served there: {listing}.",
             )
-
-    def _served_keys(self) -> list[str]:
-        replies = self._session.liveliness().get(keys.server("*"), timeout=_QUICK_S)
-        return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
 
     def _request(
         self, arguments: Mapping[str, object], *, lease: str = "", number: int = 0
@@ -368,8 +376,10 @@ class Connection:
         return result_of(answers[0][1])
 
 
-def _user() -> str:
+def who_asks() -> str:
+    """Return the user of this program and its machine, as others read it."""
     try:
-        return getpass.getuser()
+        user = getpass.getuser()
     except (ImportError, KeyError, OSError):  # an account without a name
-        return "somebody"
+        user = "somebody"
+    return f"{user} on {platform.node()}"

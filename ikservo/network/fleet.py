@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import Any, TypeVar, cast
+from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from ikservo.errors import IkservoError
 from ikservo.network import key_expressions as keys
@@ -15,7 +15,10 @@ from ikservo.network.certificates import client_certificate
 from ikservo.network.messages import ServiceRequest, encode, result_of
 from ikservo.network.session import ask, open_client
 
-__all__ = ["FleetArm", "on_each_host", "read_fleet"]
+if TYPE_CHECKING:
+    import zenoh
+
+__all__ = ["FleetArm", "on_each_host", "read_fleet", "served_names"]
 
 _TIMEOUT_S = 5.0
 T = TypeVar("T")
@@ -76,6 +79,12 @@ def on_each_host(hosts: list[Endpoint], do: Callable[[Endpoint], T]) -> list[T |
         return list(pool.map(attempt, hosts))
 
 
+def served_names(session: zenoh.Session, timeout_s: float) -> list[str]:
+    """Return the names under which arms are served at the other end of a session."""
+    replies = session.liveliness().get(keys.server("*"), timeout=timeout_s)
+    return sorted(str(each.ok.key_expr).split("/")[1] for each in replies if each.ok is not None)
+
+
 def _place(host: Endpoint) -> str:
     return str(host).partition("/")[2]
 
@@ -84,9 +93,7 @@ def _read_host(host: Endpoint) -> list[FleetArm]:
     request = encode(ServiceRequest(schema="ikservo/net/1"))
     rows: list[FleetArm] = []
     with open_client([host], client_certificate(host)) as session:
-        replies = session.liveliness().get(keys.server("*"), timeout=_TIMEOUT_S)
-        names = [str(each.ok.key_expr).split("/")[1] for each in replies if each.ok is not None]
-        for name in sorted(names):
+        for name in served_names(session, _TIMEOUT_S):
             before_s = time.monotonic()
             answers = ask(session, keys.watch(name, "health"), request, _TIMEOUT_S)
             rows.append(_row(host, name, answers, time.monotonic() - before_s))

@@ -3,21 +3,17 @@
 from __future__ import annotations
 
 import os
-import socket
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, cast
 
 from ikservo.arm import OnExit
-from ikservo.arm.reports import StopResult
+from ikservo.arm.reports import StopAllResult, StopResult
 from ikservo.errors import IkservoError
 from ikservo.model import Model
-from ikservo.network import key_expressions as keys
 from ikservo.network.address import ArmAddress, Endpoint, parse_address, parse_host
 from ikservo.network.certificates import client_certificate
 from ikservo.network.connection import Connection
-from ikservo.network.fleet import on_each_host
-from ikservo.network.messages import ServiceRequest, encode, result_of
 from ikservo.network.remote_arm import RemoteArm
-from ikservo.network.session import ask, open_client
+from ikservo.network.remote_stop import listens, stop_machine, stop_machines
 
 if TYPE_CHECKING:
     from ikservo.arm import Arm
@@ -25,7 +21,6 @@ if TYPE_CHECKING:
 __all__ = ["NETWORK", "ZenohNetwork", "connect", "fleet_hosts"]
 
 _VARIABLE = "IKSERVO_FLEET"
-_PROBE_TIMEOUT_S = 0.3
 
 
 def connect(address: ArmAddress) -> Connection:
@@ -56,31 +51,23 @@ class ZenohNetwork:
             raise
 
     def stop_arm(self, address: str) -> StopResult:
-        """Stop the arm at an address, whoever controls it."""
-        connection = connect(parse_address(address))
-        try:
-            stopped = connection.stop("", "CLIENT")
-        finally:
-            connection.close()
-        return cast("StopResult", stopped)
-
-    def stop_all_arms(self) -> list[StopResult]:
-        """Stop every arm on the machines of ``IKSERVO_FLEET``, and those served on this one.
+        """Stop the arm at an address, whoever controls it.
 
         Raises:
-            IkservoError: One of them is no address or could not be reached; the others were
-                stopped.
+            BadValueError: It is no address.
+            PortError: It cannot be reached, or has not confirmed the stop.
         """
-        stopped: list[StopResult] = []
+        there = parse_address(address)
+        found = stop_machine(there.endpoint, there.name)
+        for error in found.errors:
+            raise error
+        return found.stopped[0]
+
+    def stop_all_arms(self) -> StopAllResult:
+        """Stop every arm on the machines of ``IKSERVO_FLEET``, and those served on this one."""
         hosts, errors = _machines_to_stop()
-        for found in on_each_host(hosts, _stop_host):
-            if isinstance(found, IkservoError):
-                errors.append(found)
-            else:
-                stopped += found
-        if errors:
-            raise errors[0]
-        return stopped
+        found = stop_machines(hosts)
+        return StopAllResult(found.stopped, (*errors, *found.errors))
 
 
 NETWORK = ZenohNetwork()
@@ -109,32 +96,6 @@ def _machines_to_stop() -> tuple[list[Endpoint], list[IkservoError]]:
         except IkservoError as error:
             errors.append(error)
     own = parse_host("127.0.0.1")
-    if own not in hosts and _listens(own):
+    if own not in hosts and listens(own):
         hosts.append(own)
     return hosts, errors
-
-
-def _listens(endpoint: Endpoint) -> bool:
-    """Return whether anything listens there; a session of Zenoh waits for seconds to know."""
-    try:
-        socket.create_connection((endpoint.host, endpoint.port), _PROBE_TIMEOUT_S).close()
-    except OSError:
-        return False
-    return True
-
-
-def _stop_host(host: Endpoint) -> list[StopResult]:
-    return cast("list[StopResult]", [result for _, result in ask_host(host, keys.stop("*"))])
-
-
-def ask_host(host: Endpoint, key: str) -> list[tuple[str, Any]]:
-    """Send a request to every arm of a machine; return the arms' names and results.
-
-    Raises:
-        IkservoError: It cannot be reached, or an arm refused.
-    """
-    request = encode(ServiceRequest(schema="ikservo/net/1"))
-    with open_client([host], client_certificate(host)) as session:
-        return [
-            (name.split("/")[1], result_of(data)) for name, data in ask(session, key, request, 5.0)
-        ]

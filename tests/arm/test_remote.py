@@ -112,6 +112,33 @@ def test_a_moving_arm_is_stopped_and_stays_so(arm, other_thread):
         arm.move_joints({"shoulder_pan": 0.0})
 
 
+def test_a_stop_that_meets_a_reader_of_the_servos_holds_them_and_reports_no_motion(
+    arm, other_thread
+):
+    arm.enable()
+    with motion_runner(arm).lock:
+        stopping = other_thread.submit(remote.stop_arm, arm.model, None)
+        while not arm.stop_requests:
+            threading.Event().wait(0.001)
+    stopped = stopping.result(20)
+    assert (stopped.moving, stopped.held) == (False, servo_group(arm).names)
+    assert arm.stop_reason is not None
+
+
+def test_a_program_that_does_not_answer_keeps_no_other_from_stopping(arm, tmp_path, monkeypatch):
+    goes_on = threading.Event()
+    silent = serve(str(tmp_path / "ttyACM1"), lambda _: {"waited": goes_on.wait(60)})
+    monkeypatch.setattr(remote, "BRAKE_TIMEOUT_S", -1.0)
+    try:
+        found = remote.stop_all_arms()
+    finally:
+        goes_on.set()
+        silent.close()
+    assert [each.arm for each in found.stopped] == ["so101"]
+    (error,) = found.errors
+    assert "does not answer" in error.message
+
+
 def test_after_it_was_acknowledged_the_arm_moves_again(arm):
     remote.stop_arm(arm.model, None)
     arm.acknowledge()
@@ -135,7 +162,7 @@ def test_relaxing_lowers_the_arm_and_lets_go_for_good(arm):
 
 
 def test_every_arm_is_stopped_where_none_is_named(arm):
-    (stopped,) = remote.stop_all_arms()
+    (stopped,) = remote.stop_all_arms().stopped
     assert stopped.arm == "so101"
 
 
@@ -143,7 +170,7 @@ def test_without_a_process_on_the_port_no_request_is_sent(device):
     model = ikservo.load_model("so101")
     assert remote.query_state(model, None) is None
     assert remote.request_relax(model, None) is None
-    assert remote.stop_all_arms() == []
+    assert remote.stop_all_arms() == remote.StopAllResult()
 
 
 @pytest.mark.parametrize("answer", [{}, {"tip_m": [0, 0, 0], "joints": [{"name": "a"}]},

@@ -38,7 +38,8 @@ def test_stop_says_what_became_of_every_joint(run_cli):
 def test_stop_without_an_arm_needs_a_program_that_moves_one(run_cli):
     result = run_cli("stop")
     assert result.code == 2
-    assert result.err.startswith("No running ikservo program.\nUse --arm")
+    assert result.err.startswith("No program of yours has an arm open, and none is served")
+    assert "ikservo stop --arm" in result.err
 
 
 def test_jog_for_a_time(run_cli):

@@ -2,15 +2,17 @@
 
 import json
 import signal
+import socket
 import subprocess
 import sys
+import threading
 
 import pytest
 
 from ikservo.cli import main
 from ikservo.cli.serve import ended_by_signal
 from ikservo.network.address import parse_address
-from ikservo.network.connection import Connection
+from ikservo.network.connection import Connection, who_asks
 from tests.network.conftest import find_free_port
 
 SERVE = "import sys; from ikservo.cli.entry_point import console; console()"
@@ -55,7 +57,8 @@ def test_a_stop_is_acknowledged_at_the_command_line(served, run):
     assert run("stop", *there)[0] == 0
     code, _, err = run("joints", "gripper=10", *there)
     assert code == 8
-    assert "acknowledge" in err
+    assert f"Stopped by {who_asks()}" in err
+    assert f"ikservo net acknowledge --port {served.address}" in err
     code, out, _ = run("net", "acknowledge", "--port", served.address)
     assert code == 0
     assert "acknowledged" in out
@@ -95,6 +98,51 @@ def test_stop_all_stops_the_arm_of_the_environment_too(served, run, monkeypatch)
     assert code == 3
     assert "No arm can be reached" in err
     assert served.arm.stop_reason is not None  # whatever cannot be reached
+
+
+@pytest.fixture
+def silent_port():
+    """A port of this machine that accepts connections and answers nothing."""
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        yield listening.getsockname()[1]
+
+
+def test_a_machine_that_answers_nothing_is_named_and_the_others_are_stopped(
+    served, run, monkeypatch, silent_port
+):
+    monkeypatch.setattr("ikservo.network.session._CONNECT_TIMEOUT_S", 0.3)
+    monkeypatch.setenv("IKSERVO_FLEET", f"127.0.0.1:{silent_port},127.0.0.1:{served.port}")
+    code, out, err = run("stop", "--all")
+    assert (code, f"127.0.0.1:{silent_port}" in err) == (3, True), err
+    assert out.startswith("so101 on")
+    found = json.loads(run("stop", "--all", "--json")[1])
+    assert ([arm["arm"] for arm in found["arms"]], len(found["errors"])) == (["so101"], 1)
+
+
+def test_an_arm_whose_program_hangs_is_asked_again_and_not_counted_as_stopped(
+    served, run, monkeypatch
+):
+    asked, goes_on = [], threading.Event()
+    answer = served.server._stopping
+
+    def hang(request):
+        asked.append(request)
+        goes_on.wait(30)
+        return answer(request)
+
+    monkeypatch.setattr("ikservo.network.remote_stop._ANSWER_TIMEOUT_S", 0.3)
+    monkeypatch.setattr(served.server, "_stopping", hang)
+    monkeypatch.setenv("IKSERVO_FLEET", f"127.0.0.1:{served.port}")
+    code, out, err = run("stop", "--all")
+    goes_on.set()
+    assert (code, out, len(asked)) == (3, "", 3)
+    assert f"desk at tcp/127.0.0.1:{served.port} was not confirmed" in err
+
+
+def test_an_address_is_stopped_however_slow_the_network_is(served, run, monkeypatch):
+    monkeypatch.setattr("ikservo.network.connection._MAX_ROUND_TRIP_S", 0.0)
+    assert run("stop", "--port", served.address)[0] == 0
+    assert served.arm.stop_reason is not None
 
 
 def test_an_address_is_stopped_without_the_name_of_its_arm(served, run):
