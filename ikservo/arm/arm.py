@@ -364,6 +364,7 @@ class Arm:
 
         Raises:
             UnknownNameError: No such pose.
+            BadValueError: ``start`` has another shape, or a number is not finite.
         """
         return self.preflight.pose_within_limits(pose, start)
 

@@ -18,6 +18,7 @@ __all__ = [
     "PublishingLeader",
     "follow_arm",
     "leader_positions",
+    "published_positions",
     "require_shared",
     "shared_joints",
 ]
@@ -37,13 +38,20 @@ class PublishingLeader(Protocol):
         ...
 
 
-def _published_positions(
+def published_positions(
     newest: Callable[[], dict[str, float] | None],
     shared: Sequence[str],
     cycle_time_s: float,
     until: Callable[[], bool] | None,
 ) -> Iterator[dict[str, float] | None]:
-    """Yield the newest positions of shared joints, or None, in real time."""
+    """Yield the newest positions of shared joints, or None, in real time.
+
+    Args:
+        newest: Takes the newest positions by joint once.
+        shared: The joints that the leader has in common with the follower.
+        cycle_time_s: Between two items.
+        until: Ends it by returning True.
+    """
     for _ in Rate(RealClock(), cycle_time_s):
         if until and until():
             return
@@ -78,12 +86,13 @@ def follow_arm(
         require_shared(shared, leader.joint_names, own.index.names)
         cycle_time_s = arm.runner.loop.measure_cycle_time_s()
         with leader.published_positions() as newest:
-            published = _published_positions(newest, shared, cycle_time_s, until)
+            published = published_positions(newest, shared, cycle_time_s, until)
             return follow_targets(arm, published, chosen.speed, chosen.on_progress)
     leading = _leader_context(arm, leader)
     leading.require_zeros()
     cycle_time_s = arm.runner.loop.measure_cycle_time_s()
-    positions = leader_positions(leading, own, cycle_time_s, until)
+    shared = shared_joints(leading, own)
+    positions = leader_positions(leading, shared, cycle_time_s, until)
     return follow_targets(arm, positions, chosen.speed, chosen.on_progress)
 
 
@@ -127,7 +136,7 @@ def require_shared(shared: Sequence[str], leader: Iterable[str], follower: Itera
 
 def leader_positions(
     leader: ArmContext,
-    follower: ArmContext,
+    shared: Sequence[str],
     cycle_time_s: float,
     until: Callable[[], bool] | None = None,
 ) -> Iterator[dict[str, float] | None]:
@@ -135,11 +144,10 @@ def leader_positions(
 
     Args:
         leader: The arm that is guided by hand; its torque is left as it is.
-        follower: The arm that follows.
+        shared: The joints that it has in common with the follower.
         cycle_time_s: Between two readings of the leader.
         until: Ends it by returning True.
     """
-    shared = shared_joints(leader, follower)
     for _ in Rate(leader.servos.clock, cycle_time_s):
         if until and until():
             return

@@ -27,7 +27,7 @@ from ikservo.arm.plan import (
 from ikservo.arm.planner import with_suggested_point
 from ikservo.arm.poses import PoseLibrary
 from ikservo.errors import BadValueError, OrientationError, RefusedError, UnreachableError
-from ikservo.kinematics import finite_vector
+from ikservo.kinematics import finite_array, finite_vector
 from ikservo.kinematics.arrays import Vector
 from ikservo.motion import ArcPath, arc_about_axis, arc_through_points
 
@@ -166,7 +166,10 @@ class PreflightPlanner:
         if start is None and pose == "rest":
             return self.rest_pose()
         positions = self._poses.get_pose(pose)
-        start = self._runner.start_position() if start is None else start
+        if start is None:
+            start = self._runner.start_position()
+        else:
+            start = finite_array(start, (len(self._servos.names),), "The start")
         return clamp_pose(pose, positions, self._servos.fences, start)
 
     def clearance_m(self, positions: Mapping[str, float] | ArrayLike) -> float:

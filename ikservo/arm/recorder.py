@@ -113,7 +113,11 @@ def recording_header(model: Model, period_s: float) -> RecordingHeader:
 
 
 def describe_arm(
-    model: Model, chain: Chain, period_s: float, zeros: ZeroSource, serial_number: str = ""
+    model: Model,
+    chain: Chain,
+    period_s: float,
+    zeros: ZeroSource,
+    serial_number: str | None = None,
 ) -> RecordedArm:
     """Return what is recorded of an arm besides samples.
 
@@ -122,13 +126,14 @@ def describe_arm(
         chain: Its own chain, calibrated.
         period_s: Between two samples.
         zeros: Where the zeros of its joints come from.
-        serial_number: Of its adapter, by which its calibration is found; where there is one.
+        serial_number: Of its adapter, by which its calibration is found on this machine; empty for
+            an adapter without one, None where the arm is on another machine.
 
     Raises:
         BadValueError: The period is out of its range.
     """
     header, text = recording_header(model, period_s), ""
-    if zeros is ZeroSource.CALIBRATED:
+    if zeros is ZeroSource.CALIBRATED and serial_number is not None:
         calibration = load_calibration(model.name, serial_number)
         text = dump_calibration(calibration) if calibration else ""
     return RecordedArm(header, model, chain, zeros.value, text)

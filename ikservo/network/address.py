@@ -40,7 +40,7 @@ class Endpoint:
     Attributes:
         protocol: ``tcp`` for this machine only, ``tls`` with certificates.
         host: A name or an address.
-        port: The TCP port; 0 for any that is free.
+        port: The TCP port.
     """
 
     protocol: Protocol
@@ -151,7 +151,7 @@ def _split_place(place: str, text: str, expected: str) -> tuple[str, int]:
     if found is None:
         raise BadValueError("The address", repr(text), expected)
     host, port = found[1] or found[2], int(found[3] or DEFAULT_PORT)
-    if port > 65535 or not (_is_ip(host) or _HOST.fullmatch(host)):
+    if not 0 < port <= 65535 or not (_is_ip(host) or _HOST.fullmatch(host)):
         raise BadValueError("The address", repr(text), expected)
     return host, port
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import threading
 import time
 from collections.abc import Callable
@@ -94,7 +95,7 @@ class ArmServer:
         self._closing = threading.Event()
         self._stack = ExitStack()
         self._news: dict[str, Any] = {}
-        self._news_count = 0
+        self._news_numbers = itertools.count(1)
         arm.runner.caches_states = True
 
     def __enter__(self) -> ArmServer:
@@ -233,7 +234,7 @@ class ArmServer:
             return lambda: run_jog(arm, inbox, jog.what, jog.speed)
         speed = cast("AtSpeed", given).speed
         if service == "follow":
-            return lambda: run_follow(arm, inbox, speed)
+            return lambda: run_follow(arm, inbox, speed, self.lease.timeout_s)
         return lambda: run_stream(arm, inbox, speed, self.lease.timeout_s)
 
     # the lease
@@ -332,10 +333,9 @@ class ArmServer:
         return "sim" if name.startswith("sim:") else name
 
     def _publish(self, topic: str, value: object) -> None:
-        self._news_count += 1
         message = Announcement(
             schema="ikservo/net/1",
-            number=self._news_count,
+            number=next(self._news_numbers),
             sent_s=self._clock.now_s(),
             value=encode_value(value),
         )
@@ -345,7 +345,7 @@ class ArmServer:
         publisher = cast("zenoh.Publisher", self._news["state"])
         due_s = self._clock.now_s()
         while not self._closing.is_set():
-            with suppress(IkservoError):  # a servo that does not answer is in the health
+            with suppress(Exception):  # a servo that does not answer is in the health
                 if _has_subscriber(publisher):
                     self._publish("state", self._measure())
             due_s = max(due_s + 1.0 / self._rate_hz, self._clock.now_s())

@@ -11,6 +11,8 @@ from collections.abc import Callable, Generator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING, cast
 
+from pydantic import ValidationError
+
 from ikservo.errors import (
     IkservoError,
     LatchedStopError,
@@ -22,6 +24,7 @@ from ikservo.errors import (
 from ikservo.network import key_expressions as keys
 from ikservo.network.address import ArmAddress
 from ikservo.network.fleet import served_names
+from ikservo.network.lease import is_fresh
 from ikservo.network.messages import (
     MAX_REQUEST_BYTES,
     MAX_SETPOINT_BYTES,
@@ -265,12 +268,19 @@ class Connection:
 
     @contextmanager
     def subscribed(self, topic: str, on_value: Callable[[object], None]) -> Generator[None]:
-        """Call a function with each value of a topic, in a thread of Zenoh, within the block."""
+        """Call a function with each value of a topic, in a thread of Zenoh, within the block.
+
+        What is older than the dead-man timeout, repeated or overtaken is dropped, as goals are.
+        """
+        newest = 0
 
         def on_sample(sample: zenoh.Sample) -> None:
-            with suppress(IkservoError):
+            nonlocal newest
+            with suppress(IkservoError, ValidationError):  # what is no such message is dropped
                 news = decode(Announcement, sample.payload.to_bytes(), MAX_REQUEST_BYTES)
-                on_value(decode_value(news.value))
+                if news.number > newest and is_fresh(news.sent_s, self._server_now_s()):
+                    newest = news.number
+                    on_value(decode_value(news.value))
 
         key = keys.news(self.address.name, topic)
         with self._session.declare_subscriber(key, on_sample):

@@ -13,6 +13,7 @@ from ikservo.network import key_expressions as keys
 from ikservo.network.address import Endpoint
 from ikservo.network.certificates import client_certificate
 from ikservo.network.messages import ServiceRequest, encode, result_of
+from ikservo.network.remote_errors import SAME_VERSION
 from ikservo.network.session import ask, open_client
 
 if TYPE_CHECKING:
@@ -106,9 +107,15 @@ def _row(
     if not answers:
         return FleetArm(_place(host), name, error="it does not answer")
     try:
-        health = cast("Mapping[str, Any]", result_of(answers[0][1]))
+        return _healthy_row(host, name, result_of(answers[0][1]), latency_s)
     except IkservoError as error:
         return FleetArm(_place(host), name, error=error.message)
+    except (AttributeError, KeyError, TypeError, ValueError):
+        return FleetArm(_place(host), name, error=f"another version of ikservo. {SAME_VERSION}")
+
+
+def _healthy_row(host: Endpoint, name: str, answer: object, latency_s: float) -> FleetArm:
+    health = cast("Mapping[str, Any]", answer)
     return FleetArm(
         host=_place(host),
         name=name,

@@ -12,7 +12,7 @@ from ikservo.clock import Clock
 from ikservo.errors import LeaseLostError, RefusedError
 from ikservo.guard import DEAD_MAN_TIMEOUT_S
 
-__all__ = ["IDLE_TIMEOUT_S", "ArmLease", "Holder"]
+__all__ = ["IDLE_TIMEOUT_S", "ArmLease", "Holder", "is_fresh"]
 
 IDLE_TIMEOUT_S = 3.0
 """An operator who moves nothing and is not heard for so long has lost the lease."""
@@ -33,6 +33,11 @@ class Holder:
     lease: str
     operator: str
     since_s: float
+
+
+def is_fresh(sent_s: float, now_s: float, timeout_s: float = DEAD_MAN_TIMEOUT_S) -> bool:
+    """Return whether a message counts: it is not old, and not from the future."""
+    return -_MAX_AHEAD_S <= now_s - sent_s <= timeout_s
 
 
 class ArmLease:
@@ -153,4 +158,4 @@ class ArmLease:
             self._request_number, self._heard_s = number, self._clock.now_s()
 
     def _is_fresh(self, sent_s: float) -> bool:
-        return -_MAX_AHEAD_S <= self._clock.now_s() - sent_s <= self.timeout_s
+        return is_fresh(sent_s, self._clock.now_s(), self.timeout_s)

@@ -26,10 +26,16 @@ from ikservo.arm.arguments import (
     parse_all_positions,
     parse_points,
 )
+from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.background_motion import Background
 from ikservo.arm.following import FollowResult
 from ikservo.arm.jogging import JogResult, KeepGoing
-from ikservo.arm.leader_following import require_shared
+from ikservo.arm.leader_following import (
+    PublishingLeader,
+    leader_positions,
+    published_positions,
+    require_shared,
+)
 from ikservo.arm.motion_options import check_options, parse_options
 from ikservo.arm.plan import PoseWithinLimits
 from ikservo.arm.recorder import RecordResult, RecordSettings, describe_arm, record
@@ -157,8 +163,8 @@ class RemoteArm:
         chosen = check_choice("way to exit", on_exit or self._on_exit, ("hold", "relax"))
         if not self._connection.is_open:
             return
-        self.background.close()
         try:
+            self.background.close()
             if chosen == "relax":
                 self.relax()
         finally:
@@ -390,7 +396,7 @@ class RemoteArm:
 
     def follow_arm(
         self,
-        leader: Any,  # noqa: ANN401
+        leader: object,
         *,
         until: Callable[[], bool] | None = None,
         **options: Any,  # noqa: ANN401
@@ -398,17 +404,28 @@ class RemoteArm:
         """Follow another arm, guided by hand, on any machine; see ``Arm.follow_arm``."""
         parse_options("follow_arm", options_of.FollowOptions, options)
         check_callable("until", until)
-        if leader is self or not hasattr(leader, "where"):
+        if isinstance(leader, PublishingLeader) and leader is not self:
+            shared = self._shared_joints(leader.joint_names)
+            with leader.published_positions() as newest:
+                published = published_positions(newest, shared, _FOLLOW_PERIOD_S, until)
+                return self.follow(published, **options)
+        if leader is self or not isinstance(leader, ArmParts):
             raise BadValueError("The leader", repr(leader), "another open arm")
-        shared = [name for name in leader.joint_names if name in self.joint_names]
-        require_shared(shared, leader.joint_names, self.joint_names)
+        leading = leader.context
+        leading.require_zeros()
+        shared = self._shared_joints(leading.index.names)
+        measured = leader_positions(leading, shared, _FOLLOW_PERIOD_S, until)
+        return self.follow(measured, **options)
 
-        def positions() -> Iterable[dict[str, float]]:
-            while until is None or not until():
-                measured = leader.where().positions
-                yield {name: measured[name] for name in shared}
+    def _shared_joints(self, leader: Sequence[str]) -> list[str]:
+        """Return the joints that this arm has in common with a leader.
 
-        return self.follow(positions(), **options)
+        Raises:
+            InputError: There is none.
+        """
+        shared = [name for name in leader if name in self.joint_names]
+        require_shared(shared, leader, self.joint_names)
+        return shared
 
     @contextmanager
     def published_positions(self) -> Generator[Callable[[], dict[str, float] | None]]:

@@ -12,6 +12,7 @@ from ikservo.arm.target_tracking import CartesianOrJointTarget
 from ikservo.clock import RealClock
 from ikservo.control.stopping import RELAX_HINT
 from ikservo.errors import StoppedError
+from ikservo.guard import DEAD_MAN_TIMEOUT_S
 from ikservo.kinematics import finite_array
 from ikservo.network.messages import Setpoint
 
@@ -135,17 +136,37 @@ def run_jog(arm: Arm, inbox: SetpointInbox, what: str, speed: float | None) -> o
     return arm.jog(what, speed, wanted=wanted)
 
 
-def run_follow(arm: Arm, inbox: SetpointInbox, speed: str) -> object:
-    """Follow the operator's goals until no more are wanted; see ``Arm.follow``."""
-    return arm.follow(_goals(arm, inbox), speed=speed)
+def run_follow(arm: Arm, inbox: SetpointInbox, speed: str, timeout_s: float) -> object:
+    """Follow the operator's goals until no more are wanted; see ``Arm.follow``.
+
+    An operator who lives and sends none for so long as the timeout stops the arm, which holds.
+
+    Raises:
+        StoppedError: It was stopped.
+    """
+    result = arm.follow(_goals(arm, inbox, timeout_s), speed=speed)
+    if inbox.wanted:  # it has ended for want of a goal
+        _stop_without_goal(arm)
+        raise StoppedError(arm.stopped_for, RELAX_HINT)
+    return result
 
 
-def _goals(arm: Arm, inbox: SetpointInbox) -> Iterator[CartesianOrJointTarget | None]:
+def _goals(
+    arm: Arm, inbox: SetpointInbox, timeout_s: float
+) -> Iterator[CartesianOrJointTarget | None]:
     """Yield the newest goal in each control cycle, or None."""
     pace = _Pace(arm)
     while inbox.wanted:
         pace.wait()
-        yield inbox.take()
+        goal = inbox.take()
+        if inbox.silence_s() >= timeout_s and not arm.stop_requests:
+            _stop_without_goal(arm)
+        yield goal
+
+
+def _stop_without_goal(arm: Arm) -> None:
+    text = f"No goal was sent for {DEAD_MAN_TIMEOUT_S:g} s; the arm holds."
+    arm.request_stop(StopReason(StopKind.CLIENT, text))
 
 
 def run_stream(arm: Arm, inbox: SetpointInbox, speed: str, timeout_s: float) -> object:
@@ -162,8 +183,7 @@ def run_stream(arm: Arm, inbox: SetpointInbox, speed: str, timeout_s: float) -> 
             if goal is not None:
                 stream.send(goal)
             elif inbox.silence_s() > timeout_s:
-                text = f"No goal was sent for {timeout_s:g} s; the arm holds."
-                arm.request_stop(StopReason(StopKind.CLIENT, text))
+                _stop_without_goal(arm)
             else:
                 inbox.wait()
     if arm.stop_reason is not None:

@@ -53,7 +53,7 @@ def _parse_array(value: object) -> NDArray[np.float64]:
     """Return an array from nested lists; text is refused but for numbers that are not finite."""
     try:
         return np.array(value, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):  # the last: of an integer of 400 digits
         raise ValueError("expected numbers, or lists of them of equal length") from None
 
 

@@ -27,8 +27,9 @@ def test_an_address_names_an_arm_and_where_it_is_served(text, name, endpoint):
 @pytest.mark.parametrize(
     "text",
     ["zenoh:", "zenoh:desk", "zenoh:@lab-pi", "zenoh:desk@", "zenoh:a/b@lab-pi", "zenoh:*@lab-pi",
-     "zenoh:desk@lab-pi:99999", "zenoh:desk@lab pi", "zenoh:desk@lab-pi:x", "desk@lab-pi",
-     "zenoh:desk@udp/lab-pi", "zenoh:desk@lab-pi;x=1", "zenoh:" + "a" * 65 + "@lab-pi"],
+     "zenoh:desk@lab-pi:99999", "zenoh:desk@lab-pi:0", "zenoh:desk@lab pi", "zenoh:desk@lab-pi:x",
+     "desk@lab-pi", "zenoh:desk@udp/lab-pi", "zenoh:desk@lab-pi;x=1",
+     "zenoh:" + "a" * 65 + "@lab-pi"],
 )  # fmt: skip
 def test_what_is_no_address_is_refused_with_what_was_expected(text):
     with pytest.raises(BadValueError, match="Expected "):
@@ -40,3 +41,8 @@ def test_without_certificates_only_this_machine_is_served():
     assert parse_listen("tls/0.0.0.0:7448") == Endpoint("tls", "0.0.0.0", 7448)
     with pytest.raises(InputError, match="ikservo net keys"):
         parse_listen("tcp/0.0.0.0:7448")
+
+
+def test_a_port_that_the_system_chooses_could_not_be_announced():
+    with pytest.raises(BadValueError, match="Expected "):
+        parse_listen("tcp/127.0.0.1:0")

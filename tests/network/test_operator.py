@@ -7,13 +7,20 @@ import time
 import pytest
 
 import ikservo
-from ikservo.errors import IkservoError, LeaseLostError, RefusedError, StoppedError
+from ikservo.errors import (
+    IkservoError,
+    LatchedStopError,
+    LeaseLostError,
+    RefusedError,
+    StoppedError,
+)
 from ikservo.ik import Target
 from ikservo.network import key_expressions as keys
-from ikservo.network.messages import Setpoint, result_of
+from ikservo.network.messages import Announcement, Setpoint, encode, result_of
 from ikservo.network.session import ask
 from ikservo.network.setpoint_inbox import SetpointInbox
-from tests.arm.simulated import registers, true_joints
+from servosim.faults import Fault
+from tests.arm.simulated import line_of, registers, true_joints
 from tests.network.conftest import PATIENCE_S
 
 HOLD_S = 0.3
@@ -30,11 +37,15 @@ def joint_of(served, name):
     return true_joints(served.arm)[name]
 
 
-def again(follow, is_done=None):
+def again(served, follow, is_done=None):
     """Follow again where a busy machine has delayed a target for longer than it counts."""
     while True:
-        result = follow()
-        if is_done() if is_done else result.ended == "end of the targets":
+        try:
+            result = follow()
+        except (StoppedError, RefusedError):
+            served.arm.acknowledge()
+            continue
+        if is_done is None or is_done():
             return result
 
 
@@ -80,6 +91,58 @@ def test_a_stream_without_goals_stops_the_arm(served):
         arm.acknowledge()
 
 
+@pytest.mark.parametrize("goals", [0, 5])
+def test_a_follower_without_goals_stops_and_stays_stopped(served, goals):
+    def targets():
+        yield from [{"wrist_roll": joint_of(served, "wrist_roll")}] * goals
+        while True:
+            yield None
+
+    with served.open() as arm:
+        served.server.lease.timeout_s = 1.0
+        with pytest.raises((StoppedError, RefusedError), match=r"No goal was sent for 0\.3 s"):
+            arm.follow(targets())
+        assert "No goal was sent" in served.arm.stop_reason.text
+        with pytest.raises(LatchedStopError):
+            arm.enable()
+        arm.acknowledge()
+
+
+def test_states_of_a_leader_that_are_old_or_repeated_are_dropped(served):
+    seen, leader = [], served.connect()
+    key, now_s = keys.news("desk", "test"), served.server._clock.now_s
+
+    def publish(number, sent_s, value):
+        served.server._session.put(key, encode(Announcement(
+            schema="ikservo/net/1", number=number, sent_s=sent_s, value=value)))  # fmt: skip
+
+    with leader.subscribed("test", seen.append):
+        until(lambda: _publishes(publish, 1, now_s(), "first", seen))
+        publish(9, now_s(), "newer")
+        publish(9, now_s(), "repeated")
+        publish(8, now_s(), "overtaken")
+        publish(10, now_s() - 1.0, "old")
+        publish(11, now_s() + 1.0, "ahead")
+        publish(12, now_s(), "last")
+        until(lambda: "last" in seen)
+    assert seen == ["first", "newer", "last"]
+    leader.close()
+
+
+def _publishes(publish, number, sent_s, value, seen):
+    publish(number, sent_s, value)
+    return bool(seen)
+
+
+def test_a_leader_on_this_machine_that_does_not_answer_stops_the_follower_there(served):
+    with served.open() as arm, ikservo.open_arm("so101", port="sim:?pose=home") as leader:
+        served.server.lease.timeout_s = 1.0
+        line_of(leader).faults.add(Fault("silent", id=3))
+        with pytest.raises((StoppedError, RefusedError), match="No goal was sent"):
+            arm.follow_arm(leader)
+        arm.acknowledge()
+
+
 def test_a_stream_may_end_before_its_first_goal(served):
     with served.open() as arm:
         with arm.stream() as stream:
@@ -110,7 +173,7 @@ def test_targets_are_followed_and_reported(served):
             while abs(joint_of(served, "wrist_roll") - goal) > 0.02:
                 yield {"wrist_roll": goal}
 
-        result = again(lambda: arm.follow(goals(), speed="fast"))
+        result = again(served, lambda: arm.follow(goals(), speed="fast"))
     assert result.setpoints > 0
     assert result.measured_rad["wrist_roll"] == pytest.approx(goal, abs=0.04)
 
@@ -118,7 +181,7 @@ def test_targets_are_followed_and_reported(served):
 def test_an_arm_follows_a_leader_on_another_machine(served):
     with served.open() as arm, served.open() as leader:
         asked = itertools.count()
-        result = again(lambda: arm.follow_arm(leader, until=lambda: next(asked) > 30))
+        result = again(served, lambda: arm.follow_arm(leader, until=lambda: next(asked) > 30))
     assert result.setpoints > 0
     assert result.refused == 0
 
@@ -132,7 +195,7 @@ def test_an_arm_here_follows_a_leader_on_another_machine(served):
 
         arm.move_joints({"wrist_roll": there - 0.3})
         assert not is_there()
-        result = again(lambda: arm.follow_arm(leader, until=is_there))
+        result = again(served, lambda: arm.follow_arm(leader, until=is_there))
     assert result.setpoints > 0
     assert result.measured_rad["wrist_roll"] == pytest.approx(there, abs=0.1)
 
@@ -144,7 +207,7 @@ def test_a_jog_goes_on_while_it_is_wanted(served):
         def has_moved():
             return joint_of(served, "wrist_roll") - before > 0.05
 
-        result = again(lambda: arm.jog("wrist_roll", 0.3, wanted=lambda: not has_moved()),
+        result = again(served, lambda: arm.jog("wrist_roll", 0.3, wanted=lambda: not has_moved()),
                        has_moved)  # fmt: skip
     assert result.measured_rad["wrist_roll"] - before > 0.04
 
@@ -223,6 +286,8 @@ MALFORMED = [
     b"[" * 50_000, b'{"schema":"ikservo/net/1","lease":"../../etc"}',
     b'{"schema":"ikservo/net/1","arguments":{"position_m":[0,0,"x"]}}',
     b'{"schema":"ikservo/net/1","arguments":{"__class__":1},"more":2}',
+    b'{"schema":"ikservo/net/1","arguments":{"position_m":[0,0,1%s]}}' % (b"0" * 400),
+    b'{"schema":"ikservo/net/1","arguments":{"positions":{"gripper":1%s}}}' % (b"0" * 400),
     b'{"schema":"ikservo/net/1","number":-1}', b"x" * 1_000_001,
     b"cposix\nsystem\n(S'true'\ntR.", b'{"schema":"ikservo/net/1","sent_s":1e30}',
 ]  # fmt: skip

@@ -7,7 +7,9 @@ import pytest
 
 import ikservo
 from ikservo.arm import Arm
+from ikservo.arm.recording_mcap import CALIBRATION_FILE, read_attachment
 from ikservo.errors import (
+    BadValueError,
     InputError,
     PortError,
     RefusedError,
@@ -212,6 +214,32 @@ def test_a_closed_arm_moves_nothing(served):
     arm.close()
     with pytest.raises(PortError, match="closed"):
         arm.move_joints({"gripper": 0.1})
+
+
+def test_a_connection_is_closed_whatever_becomes_of_a_motion_in_the_background(served, monkeypatch):
+    arm = served.open()
+    monkeypatch.setattr(arm.background, "close", lambda: 1 / 0)
+    with pytest.raises(ZeroDivisionError):
+        arm.close()
+    assert not arm._connection.is_open
+
+
+def test_a_recording_has_no_calibration_of_another_arm_on_this_machine(
+    served, tmp_path, monkeypatch
+):
+    monkeypatch.setattr("ikservo.arm.recorder.load_calibration", pytest.fail)
+    with served.open() as arm:
+        arm.zeros = ikservo.arm.ZeroSource.CALIBRATED
+        result = arm.record(tmp_path / "a.mcap", duration_s=0.1)
+    assert result.samples
+    assert read_attachment(result.path, CALIBRATION_FILE) is None
+
+
+def test_a_start_of_another_length_is_named(served):
+    with served.open() as arm:
+        for each in (served.arm, arm):
+            with pytest.raises(BadValueError, match="The start"):
+                each.pose_within_limits("home", np.zeros(2))
 
 
 def test_unknown_options_are_type_errors_as_on_a_port(served):
