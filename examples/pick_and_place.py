@@ -1,12 +1,21 @@
-"""Take an object at one place and put it down at another one, in the simulator."""
+"""Take an object at one place and put it down at another one.
+
+python examples/pick_and_place.py                 a simulated SO-101 and a simulated object
+python examples/pick_and_place.py /dev/ttyACM0    a real arm: put an object at PICK_M
+"""
 
 import math
+import sys
 
 import ikservo
+from servosim.joint import Hand, hold
 
 PICK_M, PLACE_M = (0.24, 0.08, 0.04), (0.24, -0.08, 0.04)
 ABOVE_M = 0.06
-DOWN = ikservo.ToolOrientation(pitch_rad=-1.2)  # the hand points downwards
+DOWN = ikservo.ToolOrientation(pitch_rad=-1.2)  # the tool points downwards
+OBJECT_RAD = math.radians(40.0)  # angle at which the jaws touch the simulated object
+
+port = sys.argv[1] if len(sys.argv) > 1 else "sim:?pose=home"
 
 
 def above(point_m):
@@ -14,12 +23,18 @@ def above(point_m):
     return (*point_m[:2], point_m[2] + ABOVE_M)
 
 
-with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
+with ikservo.open_arm("so101", port=port) as arm:
+    world = arm.context.port.transport.line.world if port.startswith("sim") else None
+    if world:  # an obstacle that stops the closing jaws; it has no weight
+        world.grasp("gripper", Hand(hold(OBJECT_RAD), limit=1e4, only=1))
     arm.gripper("open")
     for place_m, action in ((PICK_M, "close"), (PLACE_M, "open")):
         arm.move_to(above(place_m), stance=DOWN)
         arm.move_line(place_m, stance=DOWN)
         report = arm.gripper(action, force=0.2)
         arm.move_line(above(place_m), stance=DOWN)
-        print(f"{action}: the gripper is at {math.degrees(report.position_rad):.0f}°")
+        held_deg = math.degrees(arm.where().positions["gripper"])
+        print(f"{action}: grasped {report.grasped}, the gripper is at {held_deg:.0f}°")
+    if world:
+        world.release("gripper")
     arm.pose("home")
