@@ -1,11 +1,14 @@
 """Robot and teleoperators of the plug-in are what LeRobot's commands call."""
 
 import inspect
+import tomllib
+from pathlib import Path
 
 import pytest
 
 from ikservo import load_model
 
+ROOT = Path(__file__).parents[2]
 POSE = {"ee.x", "ee.y", "ee.z", "ee.wx", "ee.wy", "ee.wz"}
 
 
@@ -48,11 +51,8 @@ def test_lerobot_finds_the_class_of_a_configuration_by_its_name(plugin, kind):
     assert getattr(plugin, kind).name == config.type
 
 
-def test_the_distribution_has_the_prefix_that_lerobot_looks_for(folders):
-    import tomllib
-    from pathlib import Path
-
-    text = Path("integrations/lerobot/pyproject.toml").read_text()
+def test_the_distribution_has_the_prefix_that_lerobot_looks_for():
+    text = (ROOT / "integrations/lerobot/pyproject.toml").read_text("utf-8")
     assert tomllib.loads(text)["project"]["name"] == "lerobot_robot_ikservo"
 
 

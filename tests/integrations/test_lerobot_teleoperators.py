@@ -22,7 +22,7 @@ def plugin():
 def test_a_leader_leads_with_its_measured_joints(plugin):
     leader = plugin.IkservoLeader(plugin.IkservoLeaderConfig(id="a", port="sim:?pose=home"))
     leader.connect()
-    line_of(leader._arm).world.place("wrist_roll", math.radians(25.0))
+    line_of(leader._connection.arm).world.place("wrist_roll", math.radians(25.0))
     action = leader.get_action()
     leader.disconnect()
     assert action.keys() == leader.action_features.keys()
@@ -39,9 +39,8 @@ def test_a_leader_that_holds_itself_is_a_warning(plugin, caplog):
         arm.enable()
         return arm
 
-    leader_module = sys.modules["lerobot_robot_ikservo.leader"]
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(leader_module.ikservo, "open_arm", open_enabled)
+        patch.setattr(ikservo, "open_arm", open_enabled)
         leader.connect()
     leader.disconnect()
     assert "ikservo relax" in caplog.text
@@ -103,7 +102,7 @@ def test_the_calibration_is_written_where_lerobot_looks_for_it(plugin, monkeypat
     robot.connect(calibrate=False)
     assert not robot.is_calibrated
     monkeypatch.setattr(
-        "lerobot_robot_ikservo.robot.calibrate_arm",
+        "lerobot_robot_ikservo.arm_connection.calibrate_arm",
         lambda _: calibrate_in_process(mounted, folders),
     )
     robot.calibrate()

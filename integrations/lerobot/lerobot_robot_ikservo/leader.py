@@ -6,11 +6,8 @@ import logging
 from typing import Any
 
 from lerobot.teleoperators import Teleoperator
-from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
-import ikservo
-from ikservo.model.lerobot_values import JointValues
-from lerobot_robot_ikservo.calibration import calibrate_arm, write_lerobot_file
+from lerobot_robot_ikservo.arm_connection import ArmConnection
 from lerobot_robot_ikservo.config import IkservoLeaderConfig
 
 __all__ = ["IkservoLeader"]
@@ -31,14 +28,12 @@ class IkservoLeader(Teleoperator):
     def __init__(self, config: IkservoLeaderConfig) -> None:
         super().__init__(config)
         self.config = config
-        self._model = ikservo.load_model(config.arm)
-        self._values = JointValues(self._model)
-        self._arm: ikservo.Arm | None = None
+        self._connection = ArmConnection(config, str(self))
 
     @property
     def action_features(self) -> dict[str, type]:
         """Return one value a joint."""
-        return self._values.features
+        return self._connection.values.features
 
     @property
     def feedback_features(self) -> dict[str, type]:
@@ -48,12 +43,12 @@ class IkservoLeader(Teleoperator):
     @property
     def is_connected(self) -> bool:
         """Return whether the arm is open."""
-        return self._arm is not None
+        return self._connection.is_open
 
     @property
     def is_calibrated(self) -> bool:
         """Return whether the zeros of its joints are known."""
-        return self._require_arm().zeros.are_known
+        return self._connection.arm.zeros.are_known
 
     def connect(self, calibrate: bool = True) -> None:
         """Open the arm; nothing moves and no torque changes.
@@ -61,21 +56,15 @@ class IkservoLeader(Teleoperator):
         Raises:
             DeviceAlreadyConnectedError: It is open.
         """
-        if self._arm is not None:
-            raise DeviceAlreadyConnectedError(f"{self} is connected.")
-        self._open_arm()
+        self._connection.open()
         if calibrate and not self.is_calibrated:
             self.calibrate()
-        if self._require_arm().where().torque.any():
+        if self._connection.arm.where().torque.any():
             _LOG.warning("The leader holds itself; to guide it by hand: ikservo relax")
 
     def calibrate(self) -> None:
         """Calibrate it as the robot is."""
-        self._require_arm().close("hold")
-        self._arm = None
-        calibrate_arm(self.config)
-        self._open_arm()
-        if write_lerobot_file(self._require_arm(), self.calibration_fpath):
+        if self._connection.calibrate(self.calibration_fpath):
             self._load_calibration()
 
     def configure(self) -> None:
@@ -83,26 +72,17 @@ class IkservoLeader(Teleoperator):
 
     def get_action(self) -> dict[str, float]:
         """Return the measured joints."""
-        arm = self._require_arm()
+        arm = self._connection.arm
         measured = (
             arm.where().positions_rad
             if arm.is_remote
             else arm.context.servos.measure_positions()  # nothing else, for LeRobot's rate
         )
-        return self._values.from_positions(measured)
+        return self._connection.values.from_positions(measured)
 
     def send_feedback(self, feedback: dict[str, Any]) -> None:
         """Do nothing."""
 
     def disconnect(self) -> None:
         """Close the arm; its torque is left as it is."""
-        self._require_arm().close("hold")
-        self._arm = None
-
-    def _open_arm(self) -> None:
-        self._arm = ikservo.open_arm(self._model, self.config.port or None)
-
-    def _require_arm(self) -> ikservo.Arm:
-        if self._arm is None:
-            raise DeviceNotConnectedError(f"{self} is not connected.")
-        return self._arm
+        self._connection.close()

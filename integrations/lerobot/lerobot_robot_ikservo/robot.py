@@ -8,15 +8,14 @@ from typing import Any
 import numpy as np
 from lerobot.cameras.utils import make_cameras_from_configs
 from lerobot.robots import Robot
-from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
+from lerobot.utils.errors import DeviceNotConnectedError
 from numpy.typing import NDArray
 
 import ikservo
 from ikservo.arm import check_followed_goal
-from ikservo.model.lerobot_values import JointValues
 from lerobot_robot_ikservo.actions import POSE_KEYS, action_kind, pose_values
+from lerobot_robot_ikservo.arm_connection import ArmConnection
 from lerobot_robot_ikservo.arm_motion import ArmMotion
-from lerobot_robot_ikservo.calibration import calibrate_arm, write_lerobot_file
 from lerobot_robot_ikservo.config import IkservoRobotConfig
 
 __all__ = ["IkservoRobot"]
@@ -44,10 +43,10 @@ class IkservoRobot(Robot):
         super().__init__(config)
         self.config = config
         self.cameras = make_cameras_from_configs(config.cameras)
-        self._model = ikservo.load_model(config.arm)
-        self._values = JointValues(self._model)
-        self._actions = action_kind(config, self._model, self._values)
-        self._arm: ikservo.Arm | None = None
+        on_exit = "relax" if config.on_exit == "relax" else "hold"
+        self._connection = ArmConnection(config, str(self), on_exit)
+        self._values = self._connection.values
+        self._actions = action_kind(config, self._connection.model, self._values)
         self._motion: ArmMotion | None = None
         self._goal: Vector | None = None
 
@@ -65,12 +64,12 @@ class IkservoRobot(Robot):
     @property
     def is_connected(self) -> bool:
         """Return whether the arm is open."""
-        return self._arm is not None
+        return self._connection.is_open
 
     @property
     def is_calibrated(self) -> bool:
         """Return whether the zeros of its joints are known."""
-        return self._require_arm().zeros.are_known
+        return self._connection.arm.zeros.are_known
 
     def connect(self, calibrate: bool = True) -> None:
         """Open the arm; nothing moves and no torque changes.
@@ -79,9 +78,8 @@ class IkservoRobot(Robot):
             DeviceAlreadyConnectedError: It is open.
             IkservoError: It cannot be opened; says what to do.
         """
-        if self._arm is not None:
-            raise DeviceAlreadyConnectedError(f"{self} is connected.")
-        self._open_arm()
+        self._connection.open()
+        self._begin_motion()
         if calibrate and not self.is_calibrated:
             self.calibrate()
         for camera in self.cameras.values():
@@ -90,10 +88,10 @@ class IkservoRobot(Robot):
 
     def calibrate(self) -> None:
         """Run ``ikservo calibrate``, or ``ikservo import lerobot``, and write LeRobot's file."""
-        self._close_arm()
-        calibrate_arm(self.config)
-        self._open_arm()
-        if write_lerobot_file(self._require_arm(), self.calibration_fpath):
+        self._end_motion()
+        has_file = self._connection.calibrate(self.calibration_fpath)
+        self._begin_motion()
+        if has_file:
             self._load_calibration()
 
     def configure(self) -> None:
@@ -101,7 +99,7 @@ class IkservoRobot(Robot):
 
     def get_observation(self) -> dict[str, Any]:
         """Return the measured joints, the pose of the tip there, and the cameras' pictures."""
-        arm, motion = self._require_arm(), self._require_motion()
+        arm, motion = self._connection.arm, self._require_motion()
         joints = motion.measure()
         T = arm.chain.forward(arm.joint_index.chain_joints(joints))
         pictures = {name: camera.async_read() for name, camera in self.cameras.items()}
@@ -116,7 +114,7 @@ class IkservoRobot(Robot):
         Raises:
             ValueError: The action has other keys than ``action_features``.
         """
-        arm, motion = self._require_arm(), self._require_motion()
+        arm, motion = self._connection.arm, self._require_motion()
         last = motion.setpoint() if self._goal is None else self._goal
         try:
             goal, missing = self._actions.goal(action, last, arm)
@@ -135,25 +133,23 @@ class IkservoRobot(Robot):
 
     def disconnect(self) -> None:
         """Brake, hold, and close the arm: torque stays on, unless ``on_exit`` is ``relax``."""
-        self._require_arm()
+        self._require_motion()
         for camera in self.cameras.values():
             camera.disconnect()
-        self._close_arm()
+        self._end_motion()
+        self._connection.close()
 
-    def _open_arm(self) -> None:
-        self._arm = ikservo.open_arm(self._model, self.config.port or None)
-        self._motion = ArmMotion(self._arm, self.config.speed)
+    def _begin_motion(self) -> None:
+        self._motion = ArmMotion(self._connection.arm, self.config.speed)
         self._goal = None
 
-    def _close_arm(self) -> None:
-        arm, motion = self._require_arm(), self._require_motion()
-        self._arm = self._motion = None
-        motion.close()
-        arm.close("relax" if self.config.on_exit == "relax" else "hold")
+    def _end_motion(self) -> None:
+        self._require_motion().close()
+        self._motion = None
 
     def _step_refusal(self, last: Vector, goal: Vector) -> str:
         """Return why the guard refuses a step: the next one shall begin at this one's start."""
-        arm = self._require_arm()
+        arm = self._connection.arm
         if self.config.action != "ee_delta" or arm.is_remote or np.array_equal(last, goal):
             return ""
         start = self._require_motion().setpoint()
@@ -167,7 +163,7 @@ class IkservoRobot(Robot):
         """Return whether a step takes the goal too far ahead of an arm that cannot follow."""
         if self.config.action != "ee_delta" or np.array_equal(last, goal):
             return False
-        arm, setpoint = self._require_arm(), self._require_motion().setpoint()
+        arm, setpoint = self._connection.arm, self._require_motion().setpoint()
         now, before, after = (
             arm.chain.forward(arm.joint_index.chain_joints(q))[:3, 3]
             for q in (setpoint, last, goal)
@@ -186,11 +182,6 @@ class IkservoRobot(Robot):
             f"{', '.join(self.action_features)}. For keyboard_ee and gamepad: "
             "--robot.action=ee_delta; for leader arms and ikservo_page: --robot.action=joint."
         )
-
-    def _require_arm(self) -> ikservo.Arm:
-        if self._arm is None:
-            raise DeviceNotConnectedError(f"{self} is not connected.")
-        return self._arm
 
     def _require_motion(self) -> ArmMotion:
         if self._motion is None:

@@ -2,10 +2,20 @@
 
 import json
 import os
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
 from pathlib import Path
 
+from lerobot.registry import ChoiceRegistry
 
-class Device:
+
+@dataclass(kw_only=True)
+class DeviceConfig(ChoiceRegistry):
+    id: str | None = None
+    calibration_dir: Path | None = None
+
+
+class Device(ABC):
     def __init__(self, config, kind):
         self.id = config.id
         root = Path(os.environ["HF_LEROBOT_CALIBRATION"])
@@ -16,3 +26,27 @@ class Device:
 
     def _load_calibration(self, fpath=None):
         self.calibration = json.loads((fpath or self.calibration_fpath).read_text())
+
+    @property
+    @abstractmethod
+    def action_features(self): ...
+
+    @property
+    @abstractmethod
+    def is_connected(self): ...
+
+    @abstractmethod
+    def connect(self, calibrate=True): ...
+
+    @property
+    @abstractmethod
+    def is_calibrated(self): ...
+
+    @abstractmethod
+    def calibrate(self): ...
+
+    @abstractmethod
+    def configure(self): ...
+
+    @abstractmethod
+    def disconnect(self): ...
