@@ -168,7 +168,6 @@ def test_a_client_cannot_answer_in_place_of_the_arm(served, certificates, role):
         answers = ask(other, keys.watch("desk", "clock"), REQUEST, 2.0)
         assert len(answers) == 1
         assert result_of(answers[0][1]) > 0
-        other.put(keys.news("desk", "state"), b"{}")
     assert asked == []
 
 

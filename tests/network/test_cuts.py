@@ -36,7 +36,8 @@ def stream_until_cut(served, proxy, how, dice):
                 proxy.cut(how)
                 served.server.lease.timeout_s = DEAD_MAN_TIMEOUT_S
             if served.arm.stop_reason is not None:
-                return arm
+                break
+    assert left <= 0, "the arm was stopped before the cut"
     return arm
 
 

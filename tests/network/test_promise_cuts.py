@@ -236,4 +236,4 @@ def test_whatever_is_lost_in_motion_the_arm_holds_until_it_is_acknowledged(seeds
             log(capsys, f"{seed} {kind}: {figures.text()}")
     log(capsys, f"{JOINT}: {figures.text()}")
     assert figures.faults == []
-    assert not many or figures.cuts > 0
+    assert not many or figures.cuts >= len(seeds) // 2  # a busy machine ends some motions before

@@ -11,7 +11,7 @@ from ikservo.maintenance.calibration_session import TorqueOffArm
 from ikservo.model import load_model
 from ikservo.view.calibration import CalibrationDriver
 from ikservo.view.limp_picture import LimpPicture
-from tests.calibration.mounted_arms import make_mounted_arm
+from tests.calibration.mounted_arms import Operator, make_mounted_arm
 from tests.calibration.scripted_operator import schedule_operator
 from tests.view.view_session import ViewSession
 
@@ -39,7 +39,9 @@ def calibrated(monkeypatch):
                           np.array([model.pose("home")[name] for name in names]))  # fmt: skip
     driver.request_start()
 
-    def pairs():
+    def pairs(moved_rad=0.0):
+        for name in names if moved_rad else ():
+            Operator(arm).move(name, moved_rad)
         for count, view in enumerate(driver.run()):
             wizard = view.wizard
             at = np.array([arm.world.joint(name).position for name in names])
@@ -68,10 +70,11 @@ def test_once_the_pose_is_taken_and_the_directions_are_known_the_drawing_is_the_
 def test_before_the_pose_the_drawing_moves_as_much_as_the_joints(calibrated):
     shown = [
         (drawn, at)
-        for wizard, drawn, at in calibrated()
+        for wizard, drawn, at in calibrated(moved_rad=0.3)
         if wizard is not None and wizard.tracks and not wizard.reference_ticks
     ]
     (first, start), *_ = shown
+    assert np.ptp([at for _, at in shown], axis=0).min() > math.radians(5.0)
     for drawn, at in shown:
         assert np.abs(drawn - first) == pytest.approx(np.abs(at - start), abs=math.radians(0.5))
 
