@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Literal
 
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
 import ikservo
+from ikservo.arm.arm import OnExit
 from ikservo.model.lerobot_values import JointValues
 from lerobot_robot_ikservo.calibration import calibrate_arm, write_lerobot_file
 from lerobot_robot_ikservo.config import IkservoLeaderConfig, IkservoRobotConfig
@@ -35,9 +35,10 @@ class ArmConnection:
         self,
         config: IkservoRobotConfig | IkservoLeaderConfig,
         device: str,
-        on_exit: Literal["hold", "relax"] = "hold",
+        on_exit: OnExit = "hold",
     ) -> None:
-        self._config, self._device, self._on_exit = config, device, on_exit
+        self._config, self._device = config, device
+        self._on_exit: OnExit = on_exit
         self.model = ikservo.load_model(config.arm)
         self.values = JointValues(self.model)
         self._arm: ikservo.Arm | None = None
