@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import platform
 import time
+import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -289,6 +290,8 @@ class RosRecordingWriter:
 def _read_records(path: Path) -> Iterator[Any]:
     """Yield the records of an MCAP file; one that was cut short ends with its last whole one.
 
+    So does one that is damaged, with a warning that says where.
+
     Raises:
         FileFormatError: It cannot be read.
     """
@@ -307,10 +310,14 @@ def _read_records(path: Path) -> Iterator[Any]:
                 raise
             except Exception as error:  # the reader has no error of its own for what is cut short
                 if file.read(1):
-                    where = f"byte {file.tell() - 1}"
-                    raise FileFormatError(path, where, f"is damaged ({error})", "MCAP") from error
+                    _warn_damaged(path, file.tell() - 1, error)
     except OSError as error:
         raise FileFormatError(path, "", f"cannot be read ({error.strerror})") from error
+
+
+def _warn_damaged(path: Path, byte: int, error: Exception) -> None:
+    text = f"{path} is damaged near byte {byte} ({error}); only what is before that is read."
+    warnings.warn(text, RuntimeWarning, stacklevel=2)
 
 
 def read_attachment(path: Path, name: str) -> str | None:
@@ -346,6 +353,7 @@ class _JointStateReader:
     """Collects joint states from the records of a file.
 
     Joints that are published one by one are put together: a sample is where all of them are known.
+    Samples are sorted by their stamps: messages of several publishers are recorded as they come.
     """
 
     def __init__(self, path: Path) -> None:
@@ -353,8 +361,7 @@ class _JointStateReader:
         self._header: RecordingHeader | None = None
         self._schemas: dict[int, str] = {}
         self._channels: set[int] = set()
-        self._times_ns: list[int] = []
-        self._rows: list[dict[str, float]] = []
+        self._rows: dict[int, dict[str, float]] = {}  # by stamp, nanoseconds
 
     def take(self, record: object) -> None:
         from mcap.records import Channel, Message, Metadata, Schema  # noqa: PLC0415
@@ -377,10 +384,11 @@ class _JointStateReader:
         Raises:
             FileFormatError: There is nothing.
         """
+        times_ns = sorted(self._rows)
         names = self._header.joints if self._header else tuple(dict.fromkeys(
-            name for row in self._rows for name in row))  # fmt: skip
-        table = np.full((len(self._rows), len(names)), np.nan)
-        for index, row in enumerate(self._rows):
+            name for row in self._rows.values() for name in row))  # fmt: skip
+        table = np.full((len(times_ns), len(names)), np.nan)
+        for index, row in enumerate(self._rows[time_ns] for time_ns in times_ns):
             known = table[index - 1] if index else table[0]
             table[index] = [row.get(name, at) for name, at in zip(names, known, strict=True)]
         complete = np.isfinite(table).all(axis=1)
@@ -388,7 +396,12 @@ class _JointStateReader:
             raise FileFormatError(
                 self._path, "", "has no sample", f"{JOINT_STATES.name} of every joint"
             )
-        times_s = (np.array(self._times_ns) - self._times_ns[int(np.argmax(complete))]) / _NS
+        times_s = (np.array(times_ns) - times_ns[int(np.argmax(complete))]) / _NS
+        if times_s[-1] > MAX_SECONDS:
+            raise FileFormatError(
+                self._path, "the last sample", "is too late",
+                f"at most {MAX_SECONDS:.0f} s of samples",
+            )  # fmt: skip
         header = self._header or _foreign_header(names, times_s)
         return Recording(header, times_s[complete], table[complete], first_line=None)
 
@@ -419,23 +432,10 @@ class _JointStateReader:
         stamp = message.header.stamp
         time_ns = stamp.sec * _NS + stamp.nanosec or log_time_ns
         row = dict(zip(message.name, message.position.tolist(), strict=True))
-        if self._times_ns and time_ns == self._times_ns[-1]:
-            self._rows[-1] |= row
-            return
-        self._check_time(where, time_ns)
-        self._times_ns.append(time_ns)
-        self._rows.append(row)
-
-    def _check_time(self, where: str, time_ns: int) -> None:
-        if self._times_ns and time_ns < self._times_ns[-1]:
-            raise FileFormatError(self._path, where, "is earlier than the one before")
-        if len(self._times_ns) >= MAX_SAMPLES:
+        self._rows.setdefault(time_ns, {}).update(row)
+        if len(self._rows) > MAX_SAMPLES:
             raise FileFormatError(
                 self._path, where, "is one too many", f"at most {MAX_SAMPLES} samples"
-            )
-        if self._times_ns and time_ns - self._times_ns[0] > MAX_SECONDS * _NS:
-            raise FileFormatError(
-                self._path, where, "is too late", f"at most {MAX_SECONDS:.0f} s of samples"
             )
 
 

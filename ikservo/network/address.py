@@ -15,6 +15,7 @@ __all__ = [
     "ArmAddress",
     "Endpoint",
     "check_arm_name",
+    "check_host",
     "parse_address",
     "parse_host",
     "parse_listen",
@@ -88,6 +89,17 @@ def check_arm_name(name: str) -> str:
     if not _NAME.fullmatch(name):
         raise BadValueError("The name of the served arm", repr(name), _EXPECTED_NAME)
     return name
+
+
+def check_host(host: str) -> str:
+    """Return the name or address of a machine.
+
+    Raises:
+        BadValueError: It is none.
+    """
+    if not (_is_ip(host) or _HOST.fullmatch(host)):
+        raise BadValueError("The host", repr(host), "a name or an address, as in lab-pi")
+    return host
 
 
 def parse_address(text: str) -> ArmAddress:

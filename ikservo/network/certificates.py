@@ -7,13 +7,14 @@ import ipaddress
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from ikservo.errors import BadValueError, IkservoError, InputError
 from ikservo.files.folders import config_dir
 from ikservo.network import key_expressions as keys
-from ikservo.network.address import Endpoint
+from ikservo.network.address import Endpoint, check_host
 from ikservo.network.session import Certificate
 
 if TYPE_CHECKING:
@@ -109,18 +110,27 @@ def make_keys(folder: Path, hosts: Sequence[str], *, overwrite: bool = False) ->
         The folders.
 
     Raises:
-        BadValueError: There are some already.
+        BadValueError: There are some already, or a host is no name and no address.
         IkservoError: The extra ``net`` is not installed, or the folder cannot be written.
     """
     if (folder / _AUTHORITY).exists() and not overwrite:
         raise BadValueError("The folder", f"{folder}, which has certificates", "another folder")
+    for host in hosts:
+        check_host(host)
+    _require_cryptography()
     authority = _make_authority()
-    made = [_write(folder / _AUTHORITY, _AUTHORITY, authority, authority)]
+    signed = {_AUTHORITY: authority}
     for role in ROLES:
         names = (*_ANYWHERE, *hosts) if role == "server" else ()
-        signed = _sign(authority, role, names, datetime.timedelta(days=_DAYS))
-        made.append(_write(folder / role, role, signed, authority))
-    return made
+        signed[role] = _sign(authority, role, names, datetime.timedelta(days=_DAYS))
+    return [_write(folder / name, name, own, authority) for name, own in signed.items()]
+
+
+def _require_cryptography() -> None:
+    if find_spec("cryptography") is None:
+        raise IkservoError(
+            "Certificates need the library cryptography.", 'Install it: pip install "ikservo[net]"'
+        )
 
 
 def _make_authority() -> _Signed:

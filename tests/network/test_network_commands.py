@@ -207,6 +207,23 @@ def test_keys_are_made_in_a_folder(run, tmp_path):
     assert run("net", "keys", "--folder", tmp_path / "keys", "--new")[0] == 0
 
 
+@pytest.mark.parametrize("host", ["münchen", "a/b", "", "x" * 300])
+def test_keys_for_a_host_that_is_none_lose_no_earlier_ones(run, tmp_path, host):
+    folder = tmp_path / "keys"
+    assert run("net", "keys", "--folder", folder)[0] == 0
+    before = {path: path.read_bytes() for path in folder.rglob("*.*")}
+    code, _, err = run("net", "keys", "--folder", folder, "--new", "--host", host)
+    assert (code, "The host" in err) == (2, True), err
+    assert {path: path.read_bytes() for path in folder.rglob("*.*")} == before
+
+
+def test_keys_without_the_library_for_them_are_one_clear_error(run, tmp_path, monkeypatch):
+    monkeypatch.setattr("ikservo.network.certificates.find_spec", lambda _: None)
+    code, _, err = run("net", "keys", "--folder", tmp_path / "keys")
+    assert (code, 'pip install "ikservo[net]"' in err) == (1, True), err
+    assert not (tmp_path / "keys").exists()
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_serve_says_where_it_listens_and_ends_by_ctrl_c():
     port = find_free_port()

@@ -6,6 +6,7 @@ import signal
 import struct
 import subprocess
 import sys
+import threading
 import time
 
 import numpy as np
@@ -32,7 +33,7 @@ from ikservo.network.address import Endpoint
 from ikservo.network.ros.bridge import RosBridge
 from ikservo.network.session import open_router_client
 from tests.arm.simulated import true_joints, true_tip_m
-from tests.network.conftest import find_free_port, serve
+from tests.network.conftest import PATIENCE_S, find_free_port, serve
 
 HOST = "127.0.0.1"
 CONSOLE = "import sys; from ikservo.cli.entry_point import console; console()"
@@ -277,6 +278,50 @@ def test_a_stop_is_latched_until_it_is_acknowledged(graph):
     wait_until(lambda: true_joints(graph.arm)["wrist_roll"] < held - 0.02)
 
 
+def test_a_stop_without_attachment_is_obeyed_however_busy_the_other_services_are(graph):
+    busy, goes_on = [], threading.Event()
+
+    def wait():
+        busy.append(True)
+        goes_on.wait(60)
+        return ""
+
+    key, request = graph.key("/hold", Trigger), Trigger.Request().serialize()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(graph.arm, "hold", wait)
+        for _ in range(30):  # more than are kept
+            graph._session.get(key, lambda _: None, payload=request,
+                               attachment=graph.attachment())  # fmt: skip
+        wait_until(lambda: len(busy) == 4)
+        (reply,) = graph._session.get(graph.key("/stop", Trigger), payload=request)
+        goes_on.set()
+    assert Trigger.Response.deserialize(reply.ok.payload.to_bytes()).success
+    assert graph.arm.stop_reason is not None
+
+
+def test_a_goal_that_comes_again_is_dropped(graph):
+    start = true_joints(graph.arm)["wrist_roll"]
+    message, sent = trajectory("wrist_roll", (0.5, start + 0.1)), graph.attachment()
+    graph.publish("/joint_trajectory", message, attachment=sent)
+    wait_until(lambda: graph.bridge._driver.is_moving)
+    graph.wait_until_still()
+    graph.publish("/joint_trajectory", message, attachment=sent)
+    wait_until(lambda: graph.warnings and "repeated" in graph.warnings[-1])
+    assert not graph.bridge._driver.is_moving
+
+
+def test_an_unforeseen_error_ends_a_motion_and_not_the_bridge(graph, monkeypatch):
+    start = true_joints(graph.arm)["wrist_roll"]
+    goal = trajectory("wrist_roll", (0.5, start + 0.1))
+    with monkeypatch.context() as patch:
+        patch.setattr(graph.arm, "stream", lambda **_: 1 / 0)
+        graph.publish("/joint_trajectory", goal)
+        wait_until(lambda: graph.warnings and "ZeroDivisionError" in graph.warnings[-1])
+        graph.wait_until_still()
+    graph.publish("/joint_trajectory", goal)
+    wait_until(lambda: true_joints(graph.arm)["wrist_roll"] > start + 0.05)
+
+
 @pytest.mark.parametrize(
     ("message", "how", "found"),
     [
@@ -330,6 +375,7 @@ def test_an_arm_of_another_machine_is_bridged(graph):
         served.open() as remote,
         RosBridge(session, remote, namespace="/far", speed="fast") as bridge,
     ):
+        served.server.lease.timeout_s = PATIENCE_S
         start = true_joints(served.arm)["wrist_roll"]
         message = trajectory("wrist_roll", (1.0, start + 0.3))
         graph.publish("/far/joint_trajectory", message)

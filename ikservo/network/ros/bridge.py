@@ -115,7 +115,7 @@ class RosBridge:
             node.subscribe(topic, take)
         actions = (self._stop, self._hold, self._acknowledge)
         for name, action in zip(SERVICES, actions, strict=True):
-            node.serve_trigger(name, action)
+            node.serve_trigger(name, action, always=action == self._stop)
 
     # what comes in
 

@@ -80,9 +80,9 @@ class GoalDriver:
                     self._warn(stream.reason)
                 elif stream.unreached:
                     self._warn("The goal is out of reach; the arm went as near as it could.")
-            except IkservoError as error:
+            except Exception as error:  # this thread must not end: nobody would drive the arm
                 self.put(None)
-                self._warn(error.message)
+                self._warn(_text_of(error))
             finally:
                 with self._changed:
                     self._busy = False
@@ -116,6 +116,12 @@ class GoalDriver:
         with self._changed:
             if self._goal is goal:  # no newer one came meanwhile
                 self._goal = None
+
+
+def _text_of(error: Exception) -> str:
+    if isinstance(error, IkservoError):
+        return error.message
+    return f"The motion has failed: {type(error).__name__}: {error}"
 
 
 def _is_running(stream: SetpointStream, elapsed_s: float) -> bool:

@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import threading
 import time
+from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, suppress
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
-from ikservo.errors import IkservoError, InputError
+from ikservo.errors import IkservoError, InputError, RefusedError
 from ikservo.network.ros.wire import (
     Attachment,
     EndpointKind,
@@ -29,6 +30,7 @@ __all__ = ["RosNode"]
 
 _MAX_MESSAGE_BYTES = 1024 * 1024
 _MAX_PENDING = 16
+_MAX_SENDERS = 256
 _ENCODING = "application/cdr"
 
 _T = TypeVar("_T")
@@ -50,7 +52,7 @@ class RosNode:
         self._session, self.name, self._stack, self._warn = session, name, stack, warn
         self._count = 0
         self._messages = _Worker(1, "ikservo-ros-messages")  # in their order
-        self._services = _Worker(4, "ikservo-ros-services")  # a stop waits for nothing
+        self._services = _Worker(4, "ikservo-ros-services")
         stack.callback(self._messages.close)
         stack.callback(self._services.close)
         self._announce(node_token(name))
@@ -74,10 +76,11 @@ class RosNode:
 
     def subscribe(self, topic: Topic, on_message: Callable[[Any], None]) -> None:
         """Announce a subscription; what is no message of its type is dropped with a warning."""
+        senders = _Senders()
 
         def take(sample: zenoh.Sample) -> None:
             try:
-                _read_attachment(sample.attachment)
+                senders.check(_read_attachment(sample.attachment))
                 on_message(decode(topic.kind, _bytes_of(sample.payload)))
             except IkservoError as error:
                 self._warn(f"{topic.name}: {error.message}")
@@ -89,31 +92,39 @@ class RosNode:
         self._stack.enter_context(self._session.declare_subscriber(key, on_sample))
         self._announce_endpoint(EndpointKind.SUBSCRIPTION, topic)
 
-    def serve_trigger(self, name: str, action: Callable[[], str]) -> None:
+    def serve_trigger(self, name: str, action: Callable[[], str], *, always: bool = False) -> None:
         """Announce a service std_srvs/srv/Trigger.
 
         Args:
             name: With a leading slash.
             action: Does it, and returns the message of the response; an error is one without
                 success.
+            always: Whether every request is obeyed at its arrival, also one that is repeated or
+                has no attachment; ``action`` must not wait then.
         """
-        key = data_key(self.name, name, TRIGGER)
+        key, senders = data_key(self.name, name, TRIGGER), _Senders()
 
         def answer(query: zenoh.Query) -> None:
             with query, suppress(Exception):  # the client is gone
                 try:
-                    asked = _read_attachment(query.attachment)
+                    asked = senders.check(_read_attachment(query.attachment))
                 except IkservoError as error:
                     self._warn(f"{name}: {error.message}")
                     return
-                response = _respond(action)
-                dated = Attachment(asked.sequence, time.time_ns(), asked.gid)
-                query.reply(  # pyright: ignore[reportUnknownMemberType]
-                    key, response, encoding=_ENCODING, attachment=dated.to_bytes()
-                )
+                _reply(query, key, _respond(action), asked)
+
+        def obey(query: zenoh.Query) -> None:
+            response, asked = _respond(action), Attachment(0, 0, bytes(16))
+            with query, suppress(Exception):
+                with suppress(IkservoError):
+                    asked = _read_attachment(query.attachment)
+                _reply(query, key, response, asked)
 
         def on_query(query: zenoh.Query) -> None:
-            self._services.submit(answer, query)
+            if always:
+                obey(query)
+            else:
+                self._services.submit(answer, query)
 
         self._stack.enter_context(self._session.declare_queryable(key, on_query, complete=True))
         self._announce_endpoint(EndpointKind.SERVICE, Topic(name, TRIGGER))
@@ -128,6 +139,29 @@ class RosNode:
 
     def _announce(self, token: str) -> None:
         self._stack.enter_context(self._session.liveliness().declare_token(token))
+
+
+class _Senders:
+    """Knows the number of the last message of each sender, and refuses what is not newer."""
+
+    def __init__(self) -> None:
+        self._last: OrderedDict[bytes, int] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def check(self, attachment: Attachment) -> Attachment:
+        """Return the attachment of a message that counts.
+
+        Raises:
+            RefusedError: It is repeated, or was overtaken by a later one.
+        """
+        with self._lock:
+            if attachment.sequence <= self._last.get(attachment.gid, -1):
+                raise RefusedError("A message was repeated on its way.", "It was dropped.")
+            self._last[attachment.gid] = attachment.sequence
+            self._last.move_to_end(attachment.gid)
+            if len(self._last) > _MAX_SENDERS:
+                self._last.popitem(last=False)
+        return attachment
 
 
 class _Worker:
@@ -173,8 +207,15 @@ def _respond(action: Callable[[], str]) -> bytes:
         success, text = True, action()
     except IkservoError as error:
         success, text = False, error.message
+    except Exception as error:  # it must be answered all the same
+        success, text = False, f"It failed: {type(error).__name__}: {error}"
     kind = f"{TRIGGER}_Response"
     return encode(kind, make(kind, success=success, message=text))
+
+
+def _reply(query: zenoh.Query, key: str, response: bytes, asked: Attachment) -> None:
+    dated = Attachment(asked.sequence, time.time_ns(), asked.gid).to_bytes()
+    query.reply(key, response, encoding=_ENCODING, attachment=dated)  # pyright: ignore[reportUnknownMemberType]
 
 
 def _read_attachment(attachment: zenoh.ZBytes | None) -> Attachment:
