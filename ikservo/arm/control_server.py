@@ -280,7 +280,7 @@ def broadcast_command(
         except IkservoError as error:
             return error
 
-    with ThreadPoolExecutor() as pool:  # one that does not answer must not delay the others
+    with ThreadPoolExecutor() as pool:  # one without a reply must not delay the others
         replies = list(pool.map(request, socket_paths()))
     return [reply for reply in replies if reply is not None]
 

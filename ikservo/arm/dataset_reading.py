@@ -40,7 +40,7 @@ class Episode:
 
 @dataclass(frozen=True, slots=True)
 class Dataset:
-    """What a data set says of itself, and its episodes.
+    """The metadata of a data set, and its episodes.
 
     Attributes:
         folder: Where it is.

@@ -94,11 +94,11 @@ class FoxgloveServer:
         """Messages are sent at once."""
 
     def close(self) -> None:
-        """Disconnect everybody."""
+        """Disconnect all clients."""
         self._server.stop()
 
     def _on_subscribe(self, topic: str) -> None:
-        """Send what was said before to a new subscriber; called in a thread of the library."""
+        """Send the latest message to a new subscriber; called in a thread of the library."""
         with self._lock:
             self._wanted.add(topic)
 

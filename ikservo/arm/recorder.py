@@ -240,4 +240,4 @@ def _is_mcap_file(path: Path) -> bool:
         with path.open("rb") as file:
             return file.read(len(MAGIC)) == MAGIC
     except (OSError, ValueError):
-        return False  # the other reader says why
+        return False  # the other reader reports the error

@@ -135,7 +135,7 @@ class ArmSample:
 
     @classmethod
     def of_states(cls, states: tuple[JointState, ...], stopped_for: str = "") -> ArmSample:
-        """Return what joint states say."""
+        """Return the sample that the states of all joints make."""
         goals = [state.goal_rad for state in states]
         return cls(
             np.array([state.position_rad for state in states]),

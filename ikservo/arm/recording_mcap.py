@@ -48,7 +48,7 @@ __all__ = ["CALIBRATION_FILE", "MAGIC", "McapFile", "MessageSink", "RecordedArm"
            "RosRecordingWriter", "read_attachment", "read_mcap"]  # fmt: skip
 
 MAGIC = b"\x89MCAP0\r\n"
-"""How an MCAP file begins."""
+"""The first bytes of an MCAP file."""
 
 CALIBRATION_FILE = "calibration.toml"
 """The attachment with the arm's calibration."""
@@ -61,18 +61,18 @@ _NS = 1_000_000_000
 
 
 class MessageSink(Protocol):
-    """Takes the messages of a recording."""
+    """Receives the messages of a recording."""
 
     def publish(self, message: RosMessage, /) -> None:
-        """Take one message."""
+        """Receive one message."""
         ...
 
     def flush(self) -> None:
-        """Keep what was taken, whatever happens next."""
+        """Flush the messages received until now to the system."""
         ...
 
     def close(self) -> None:
-        """Take no more."""
+        """Close the sink."""
         ...
 
 
@@ -183,7 +183,7 @@ class McapFile:
             self._writer.add_message(channel, message.time_ns, message.data, message.time_ns)
 
     def flush(self) -> None:
-        """Hand everything to the system, as a chunk that can be read by itself."""
+        """Write everything to the system, as a chunk that can be read independently."""
         with self._naming_the_file():
             self._writer.flush()
 
@@ -290,7 +290,7 @@ class RosRecordingWriter:
 def _read_records(path: Path) -> Iterator[Any]:
     """Yield the records of an MCAP file; one that was cut short ends with its last whole one.
 
-    So does one that is damaged, with a warning that says where.
+    So does a damaged file, with a warning that names the position.
 
     Raises:
         FileFormatError: It cannot be read.

@@ -88,7 +88,7 @@ def stop_all_arms() -> StopAllResult:
 
     Those are the arm at the address in ``IKSERVO_PORT`` and the arms of listed machines.
     """
-    with ThreadPoolExecutor() as pool:  # one that does not answer must not delay the others
+    with ThreadPoolExecutor() as pool:  # one without a reply must not delay the others
         return StopAllResult.joined(pool.map(_attempt, [_stop_own_programs, *_remote_stops()]))
 
 

@@ -1,4 +1,4 @@
-"""The calibration that is attached to a recording, taken back by its arm."""
+"""The calibration that is attached to a recording, restored for its arm."""
 
 from __future__ import annotations
 

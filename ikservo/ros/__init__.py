@@ -1,1 +1,1 @@
-"""Messages of ROS 2 without ROS: types, encoding, what an arm says in them."""
+"""Messages of ROS 2 without ROS: types, encoding, and the messages of an arm."""

@@ -1,4 +1,4 @@
-"""What an arm says in messages of ROS 2: joints, goals, link poses, health, description."""
+"""The state of an arm as messages of ROS 2: joints, goals, link poses, health, description."""
 
 from __future__ import annotations
 

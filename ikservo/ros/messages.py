@@ -103,7 +103,7 @@ def decode(kind: str, data: bytes) -> Any:  # noqa: ANN401
     """
     try:
         return _store().deserialize_cdr(data, kind)
-    except Exception as error:  # whatever the generated code stumbles over
+    except Exception as error:  # any error of the generated code
         raise InputError(f"Not a message of type {kind}: {error}.", "Nothing was done.") from None
 
 
