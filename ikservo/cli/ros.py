@@ -26,6 +26,7 @@ from ikservo.errors import BadValueError
 from ikservo.network.address import Endpoint, parse_host
 from ikservo.network.certificates import client_certificate
 from ikservo.network.ros.bridge import INPUTS, OUTPUTS, SERVICES, RosBridge
+from ikservo.network.ros.trajectory_action import ACTION
 from ikservo.network.ros.wire import MAX_DOMAIN, check_namespace
 from ikservo.network.session import open_router_client
 
@@ -36,7 +37,9 @@ _DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
 
 Domain = Annotated[
     int | None,
-    typer.Option("--domain", min=0, max=MAX_DOMAIN, help="Of ROS 2; ROS_DOMAIN_ID, or 0."),
+    typer.Option(
+        "--domain", min=0, max=MAX_DOMAIN, help="ROS 2 domain; else that in ROS_DOMAIN_ID, or 0."
+    ),
 ]
 Router = Annotated[
     str,
@@ -107,11 +110,12 @@ def _announce(machine: Arm, router: Endpoint, domain: int, namespace: str, *, js
     """Say what the graph has now."""
     outputs, inputs = ([f"{namespace}{topic.name}" for topic in each] for each in (OUTPUTS, INPUTS))
     services = [f"{namespace}{name}" for name in SERVICES]
+    actions = [f"{namespace}{ACTION}"]
     port = format_port(machine.port_name)
     if json:
         print_json(
             "ros", arm=machine.model.name, port=port, router=str(router), domain=domain,
-            outputs=outputs, inputs=inputs, services=services,
+            outputs=outputs, inputs=inputs, services=services, actions=actions,
         )  # fmt: skip
         return
     print_status(
@@ -121,3 +125,4 @@ def _announce(machine: Arm, router: Endpoint, domain: int, namespace: str, *, js
     print_status(f"says    {' '.join(outputs)}")
     print_status(f"takes   {' '.join(inputs)}")
     print_status(f"serves  {' '.join(services)}")
+    print_status(f"action  {' '.join(actions)}")

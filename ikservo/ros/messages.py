@@ -6,63 +6,12 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from ikservo.errors import IkservoError, InputError
+from ikservo.ros.service_types import EVENT_INFO, TRIGGER, service_types
 
 if TYPE_CHECKING:
-    from rosbags.interfaces import Nodetype
-    from rosbags.interfaces.typing import FieldDesc, NameDesc, Typesdict
     from rosbags.typesys.store import Typestore
 
 __all__ = ["TRIGGER", "decode", "definition", "encode", "make", "type_hash"]
-
-TRIGGER = "std_srvs/srv/Trigger"
-_EVENT_INFO = "service_msgs/msg/ServiceEventInfo"
-
-
-def _trigger_types(node: type[Nodetype]) -> Typesdict:
-    """Return the service's types, which the store of rosbags does not have, of ROS 2 Jazzy.
-
-    A service is described for its hash as a message of request, response and event.
-    """
-
-    def named(name: str) -> NameDesc:
-        return node.NAME, name
-
-    def at_most_one(name: str) -> FieldDesc:
-        return node.SEQUENCE, (named(name), 1)
-
-    request, response, event = (f"{TRIGGER}_{part}" for part in ("Request", "Response", "Event"))
-    return {
-        _EVENT_INFO: (
-            [],
-            [
-                ("event_type", (node.BASE, ("uint8", 0))),
-                ("stamp", named("builtin_interfaces/msg/Time")),
-                ("client_gid", (node.ARRAY, ((node.BASE, ("uint8", 0)), 16))),
-                ("sequence_number", (node.BASE, ("int64", 0))),
-            ],
-        ),
-        request: ([], []),
-        response: (
-            [],
-            [("success", (node.BASE, ("bool", 0))), ("message", (node.BASE, ("string", 0)))],
-        ),
-        event: (
-            [],
-            [
-                ("info", named(_EVENT_INFO)),
-                ("request", at_most_one(request)),
-                ("response", at_most_one(response)),
-            ],
-        ),
-        TRIGGER: (
-            [],
-            [
-                ("request_message", named(request)),
-                ("response_message", named(response)),
-                ("event_message", named(event)),
-            ],
-        ),
-    }
 
 
 @cache
@@ -76,8 +25,8 @@ def _store() -> Typestore:
         ) from None
     store = get_typestore(Stores.ROS2_JAZZY)
     # rosbags hashes its array of char as such; ROS 2 reads a char of a definition as uint8.
-    del store.fielddefs[_EVENT_INFO]
-    store.register(_trigger_types(Nodetype))
+    del store.fielddefs[EVENT_INFO]
+    store.register(service_types(Nodetype))
     return store
 
 

@@ -81,3 +81,23 @@ def served(served_once, monkeypatch):
     served_once.server.lease.timeout_s = PATIENCE_S
     yield served_once
     assert served_once.server.lease.holder is None
+
+
+@pytest.fixture(scope="module")
+def graph_once(_own_folder):
+    port = find_free_port()
+    from tests.network.ros_graph import bridged, router  # packages of its own
+
+    with router(port), bridged(port) as graph:
+        graph.arm.pose("home")  # the first motion is slow
+        yield graph
+
+
+@pytest.fixture
+def graph(graph_once):
+    """The same, at rest and not stopped."""
+    graph_once.warnings.clear()
+    yield graph_once
+    graph_once.bridge._driver.put(None)
+    graph_once.wait_until_still()
+    graph_once.arm.acknowledge()

@@ -14,28 +14,25 @@ import pytest
 import zenoh
 import zenoh.ext
 import zenoh_ros2_sdk
-from ros2_pyterfaces.cyclone.builtin_interfaces.msg import Duration
 from ros2_pyterfaces.cyclone.diagnostic_msgs.msg import DiagnosticArray
 from ros2_pyterfaces.cyclone.geometry_msgs.msg import PoseStamped, TwistStamped
 from ros2_pyterfaces.cyclone.sensor_msgs.msg import JointState
 from ros2_pyterfaces.cyclone.std_msgs.msg import String
 from ros2_pyterfaces.cyclone.std_srvs.srv import Trigger
-from ros2_pyterfaces.cyclone.trajectory_msgs.msg import JointTrajectory, JointTrajectoryPoint
+from ros2_pyterfaces.cyclone.trajectory_msgs.msg import JointTrajectory
 from rosbags.typesys import get_types_from_msg
 from zenoh_ros2_sdk import discovery
-from zenoh_ros2_sdk.keyexpr import topic_keyexpr
 from zenoh_ros2_sdk.session import ZenohSession
-from zenoh_ros2_sdk.utils import ros2_to_dds_type
 
-import ikservo
 from ikservo.cli import main
 from ikservo.network.address import Endpoint
 from ikservo.network.ros.bridge import RosBridge
+from ikservo.network.ros.trajectory_action import ACTION
 from ikservo.network.session import open_router_client
 from tests.arm.simulated import true_joints, true_tip_m
 from tests.network.conftest import PATIENCE_S, find_free_port, serve
+from tests.network.ros_graph import HOST, bridged, router, trajectory, wait_until
 
-HOST = "127.0.0.1"
 CONSOLE = "import sys; from ikservo.cli.entry_point import console; console()"
 DEFINITIONS = {  # which the SDK would fetch from GitHub
     "builtin_interfaces/msg/Time": "int32 sec\nuint32 nanosec",
@@ -43,116 +40,6 @@ DEFINITIONS = {  # which the SDK would fetch from GitHub
     "sensor_msgs/msg/JointState": "std_msgs/Header header\nstring[] name\nfloat64[] position\n"
     "float64[] velocity\nfloat64[] effort",
 }
-
-
-@contextlib.contextmanager
-def router(port):
-    """What rmw_zenohd is: a Zenoh router."""
-    config = zenoh.Config()
-    for key, value in {
-        "mode": "router", "listen/endpoints": [f"tcp/{HOST}:{port}"],
-        "scouting/multicast/enabled": False, "transport/link/tx/lease": 1000,
-    }.items():  # fmt: skip
-        config.insert_json5(key, json.dumps(value))
-    with zenoh.open(config) as session:
-        yield session
-
-
-class Graph:
-    """A bridged arm, and a node of another implementation.
-
-    Attributes:
-        arm: The simulated arm.
-        warnings: What the bridge has refused.
-    """
-
-    def __init__(self, port, arm, session, warnings):
-        self.port, self.arm, self._session, self.warnings = port, arm, session, warnings
-        self._sent = 0
-
-    def key(self, name, kind):
-        """Return a key expression by the SDK, with the hash by ros2-pyterfaces."""
-        dds = ros2_to_dds_type(kind.get_type_name())
-        return topic_keyexpr(0, name, dds, kind.hash_rihs01())
-
-    def attachment(self):
-        self._sent += 1
-        return struct.pack("<qqB16s", self._sent, time.time_ns(), 16, b"g" * 16)
-
-    def publish(self, name, message, **how):
-        how = {"attachment": self.attachment(), **how}
-        self._session.put(self.key(name, type(message)), message.serialize(), **how)
-
-    def call(self, name):
-        """Call a trigger service; return its response and the sequence in its attachment."""
-        (reply,) = self._session.get(
-            self.key(name, Trigger), payload=Trigger.Request().serialize(),
-            attachment=self.attachment(), target=zenoh.QueryTarget.ALL_COMPLETE,
-        )  # fmt: skip
-        sequence = struct.unpack_from("<q", reply.ok.attachment.to_bytes())[0]
-        return Trigger.Response.deserialize(reply.ok.payload.to_bytes()), sequence
-
-    def next(self, name, kind, accept=lambda message: True, within_s=60.0):
-        """Return the next message of a topic that is accepted."""
-        found = []
-
-        def take(sample):
-            message = kind.deserialize(sample.payload.to_bytes())
-            if not found and accept(message):
-                found.append((message, sample))
-
-        with self._session.declare_subscriber(self.key(name, kind), take):
-            wait_until(lambda: found, within_s)
-        return found[0]
-
-    def wait_until_still(self):
-        wait_until(lambda: not self.bridge._driver.is_moving)
-
-
-def wait_until(met, within_s=60.0):
-    end_s = time.monotonic() + within_s
-    while not met():
-        assert time.monotonic() < end_s
-        time.sleep(0.02)
-
-
-def trajectory(joint, *points):
-    rows = [JointTrajectoryPoint(positions=[q], time_from_start=Duration(
-        sec=int(s), nanosec=int(s % 1 * 1e9))) for s, q in points]  # fmt: skip
-    return JointTrajectory(joint_names=[joint], points=rows)
-
-
-@contextlib.contextmanager
-def bridged(port):
-    """A bridged arm."""
-    warnings = []
-    with (
-        open_router_client(Endpoint("tcp", HOST, port), None) as own,
-        open_router_client(Endpoint("tcp", HOST, port), None) as other,
-        ikservo.open_arm("so101", port="sim:?pose=home") as arm,
-        RosBridge(own, arm, speed="fast", warn=warnings.append) as bridge,
-    ):
-        graph = Graph(port, arm, other, warnings)
-        graph.bridge = bridge
-        yield graph
-
-
-@pytest.fixture(scope="module")
-def graph_once(_own_folder):
-    port = find_free_port()
-    with router(port), bridged(port) as graph:
-        graph.arm.pose("home")  # the first motion is slow
-        yield graph
-
-
-@pytest.fixture
-def graph(graph_once):
-    """The same, at rest and not stopped."""
-    graph_once.warnings.clear()
-    yield graph_once
-    graph_once.bridge._driver.put(None)
-    graph_once.wait_until_still()
-    graph_once.arm.acknowledge()
 
 
 @pytest.fixture
@@ -174,10 +61,15 @@ def test_another_implementation_lists_reads_and_calls(graph, sdk):
         "/joint_trajectory": ["trajectory_msgs/msg/JointTrajectory"],
         "/servo_twist": ["geometry_msgs/msg/TwistStamped"],
         "/target_pose": ["geometry_msgs/msg/PoseStamped"],
+        f"{ACTION}/_action/feedback": ["control_msgs/action/FollowJointTrajectory_FeedbackMessage"],
+        f"{ACTION}/_action/status": ["action_msgs/msg/GoalStatusArray"],
     }  # fmt: skip
     services = dict(discovery.get_service_names_and_types(0, HOST, graph.port))
-    assert services == {
-        name: ["std_srvs/srv/Trigger"] for name in ("/stop", "/hold", "/acknowledge")
+    triggers = {name: ["std_srvs/srv/Trigger"] for name in ("/stop", "/hold", "/acknowledge")}
+    assert services == triggers | {
+        f"{ACTION}/_action/send_goal": ["control_msgs/action/FollowJointTrajectory_SendGoal"],
+        f"{ACTION}/_action/get_result": ["control_msgs/action/FollowJointTrajectory_GetResult"],
+        f"{ACTION}/_action/cancel_goal": ["action_msgs/srv/CancelGoal"],
     }
     info = discovery.get_topic_info("/joint_states", 0, HOST, graph.port, verbose=True)
     assert [(each.node_name, each.type_hash) for each in info.publishers] == [

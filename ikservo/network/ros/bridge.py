@@ -17,12 +17,14 @@ from ikservo.model.loading import description_text
 from ikservo.network.ros.goal_driver import GoalDriver
 from ikservo.network.ros.goals import (
     MotionGoal,
+    TrajectoryGoal,
     TwistGoal,
     check_age,
     pose_goal,
     trajectory_goal,
 )
 from ikservo.network.ros.node import RosNode
+from ikservo.network.ros.trajectory_action import TrajectoryAction
 from ikservo.network.ros.wire import NodeName
 from ikservo.ros.arm_messages import (
     DESCRIPTION,
@@ -116,6 +118,7 @@ class RosBridge:
         actions = (self._stop, self._hold, self._acknowledge)
         for name, action in zip(SERVICES, actions, strict=True):
             node.serve_trigger(name, action, always=action == self._stop)
+        TrajectoryAction(node, self._arm, self._driver, self._parse_trajectory)
 
     # what comes in
 
@@ -124,11 +127,21 @@ class RosBridge:
         if not message.points:  # as controllers of ROS 2 understand it
             self._driver.put(None)
             return
+        self._move(self._parse_trajectory(message))
+
+    def _parse_trajectory(self, message: Any) -> TrajectoryGoal:  # noqa: ANN401
+        """Return the goal in a trajectory that may begin now.
+
+        Raises:
+            InputError: It cannot be used; says why.
+            RefusedError: A point is beyond a limit, or the arm is stopped.
+        """
+        self._check_not_stopped()
         lower, upper = self._arm.limits()
         names = self._arm.joint_names
         limits = dict(zip(names, zip(lower.tolist(), upper.tolist(), strict=True), strict=True))
         present = self._arm.where().positions
-        self._move(trajectory_goal(message, present, limits, time.monotonic()))
+        return trajectory_goal(message, present, limits, time.monotonic())
 
     def _take_twist(self, message: Any) -> None:  # noqa: ANN401
         check_age(message.header.stamp, time.time())
@@ -169,11 +182,14 @@ class RosBridge:
         return self._arm.chain.forward(index.chain_joints(known))
 
     def _move(self, goal: MotionGoal) -> None:
+        self._check_not_stopped()
+        self._driver.put(goal)
+
+    def _check_not_stopped(self) -> None:
         reason = self._arm.stop_reason
         if reason is not None or self._arm.stop_requests:
             text = "by a request" if reason is None else reason.text
             raise RefusedError(f"The arm is stopped: {text} Call /acknowledge first.")
-        self._driver.put(goal)
 
     def _stop(self) -> str:
         self._request_stop("Stopped from ROS 2; torque stays on.")

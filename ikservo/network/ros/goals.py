@@ -94,6 +94,14 @@ class TrajectoryGoal:
 
     def setpoint(self, now_s: float, tip_m: Vector) -> dict[str, float]:
         """Return the positions now by joint."""
+        return self.positions_at(now_s)
+
+    def late_s(self, now_s: float) -> float:
+        """Return the time since its end; negative before."""
+        return now_s - self._start_s - float(self._times_s[-1])
+
+    def positions_at(self, now_s: float) -> dict[str, float]:
+        """Return where the joints should be, rad or m by name; after its end the last ones."""
         elapsed_s = min(max(now_s - self._start_s, 0.0), float(self._times_s[-1]))
         k = int(np.searchsorted(self._times_s[1:-1], elapsed_s, side="right"))
         span_s = float(self._times_s[k + 1] - self._times_s[k])
@@ -109,7 +117,7 @@ class TrajectoryGoal:
 
     def has_ended(self, now_s: float) -> bool:
         """Return whether its duration is over."""
-        return now_s - self._start_s >= float(self._times_s[-1])
+        return self.late_s(now_s) >= 0.0
 
 
 def trajectory_goal(

@@ -26,7 +26,7 @@ from ikservo.ros.messages import TRIGGER, decode, encode, make
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = ["RosNode"]
+__all__ = ["Respond", "RosNode"]
 
 _MAX_MESSAGE_BYTES = 1024 * 1024
 _MAX_PENDING = 16
@@ -34,6 +34,9 @@ _MAX_SENDERS = 256
 _ENCODING = "application/cdr"
 
 _T = TypeVar("_T")
+
+Respond = Callable[[Any], None]
+"""Sends the response to a request, a message of the service's type."""
 
 
 class RosNode:
@@ -102,32 +105,69 @@ class RosNode:
             always: Whether every request is obeyed at its arrival, also one that is repeated or
                 has no attachment; ``action`` must not wait then.
         """
-        key, senders = data_key(self.name, name, TRIGGER), _Senders()
-
-        def answer(query: zenoh.Query) -> None:
-            with query, suppress(Exception):  # the client is gone
-                try:
-                    asked = senders.check(_read_attachment(query.attachment))
-                except IkservoError as error:
-                    self._warn(f"{name}: {error.message}")
-                    return
-                _reply(query, key, _respond(action), asked)
+        key = data_key(self.name, name, TRIGGER)
 
         def obey(query: zenoh.Query) -> None:
-            response, asked = _respond(action), Attachment(0, 0, bytes(16))
-            with query, suppress(Exception):
-                with suppress(IkservoError):
-                    asked = _read_attachment(query.attachment)
-                _reply(query, key, response, asked)
+            response, asked = _trigger_response(action), Attachment(0, 0, bytes(16))
+            with suppress(IkservoError):
+                asked = _read_attachment(query.attachment)
+            _reply(query, key, encode(f"{TRIGGER}_Response", response), asked)
 
-        def on_query(query: zenoh.Query) -> None:
-            if always:
-                obey(query)
-            else:
-                self._services.submit(answer, query)
+        def answer(_: None, respond: Respond) -> None:
+            respond(_trigger_response(action))
 
+        if always:
+            self._declare_service(name, TRIGGER, obey)
+        else:
+            self._serve(name, TRIGGER, answer, lambda _: None, self._services)
+
+    def serve(
+        self,
+        name: str,
+        kind: str,
+        on_request: Callable[[Any, Respond], None],
+        *,
+        in_order: bool = False,
+    ) -> None:
+        """Announce a service.
+
+        Args:
+            name: With a leading slash.
+            kind: Its type.
+            on_request: Called with a request and with what sends its response, now or later.
+            in_order: Whether requests are handled one by one, with the messages of topics.
+        """
+        worker = self._messages if in_order else self._services
+        self._serve(name, kind, on_request, lambda data: decode(f"{kind}_Request", data), worker)
+
+    def _serve(
+        self,
+        name: str,
+        kind: str,
+        on_request: Callable[[Any, Respond], None],
+        read: Callable[[bytes], Any],
+        worker: _Worker,
+    ) -> None:
+        key, senders = data_key(self.name, name, kind), _Senders()
+
+        def answer(query: zenoh.Query) -> None:
+            try:
+                asked = senders.check(_read_attachment(query.attachment))
+                request = read(b"" if query.payload is None else _bytes_of(query.payload))
+            except IkservoError as error:
+                self._warn(f"{name}: {error.message}")
+                return
+            on_request(request, lambda response: _reply(
+                query, key, encode(f"{kind}_Response", response), asked))  # fmt: skip
+
+        self._declare_service(name, kind, lambda query: worker.submit(answer, query))
+
+    def _declare_service(
+        self, name: str, kind: str, on_query: Callable[[zenoh.Query], None]
+    ) -> None:
+        key = data_key(self.name, name, kind)
         self._stack.enter_context(self._session.declare_queryable(key, on_query, complete=True))
-        self._announce_endpoint(EndpointKind.SERVICE, Topic(name, TRIGGER))
+        self._announce_endpoint(EndpointKind.SERVICE, Topic(name, kind))
 
     def _announce_endpoint(self, kind: EndpointKind, topic: Topic) -> None:
         self._count += 1
@@ -202,20 +242,20 @@ class _Publisher:
         self._publisher.put(message.data, encoding=_ENCODING, attachment=attachment)
 
 
-def _respond(action: Callable[[], str]) -> bytes:
+def _trigger_response(action: Callable[[], str]) -> Any:  # noqa: ANN401  # a generated class
     try:
         success, text = True, action()
     except IkservoError as error:
         success, text = False, error.message
     except Exception as error:  # it must be answered all the same
         success, text = False, f"It failed: {type(error).__name__}: {error}"
-    kind = f"{TRIGGER}_Response"
-    return encode(kind, make(kind, success=success, message=text))
+    return make(f"{TRIGGER}_Response", success=success, message=text)
 
 
 def _reply(query: zenoh.Query, key: str, response: bytes, asked: Attachment) -> None:
     dated = Attachment(asked.sequence, time.time_ns(), asked.gid).to_bytes()
-    query.reply(key, response, encoding=_ENCODING, attachment=dated)  # pyright: ignore[reportUnknownMemberType]
+    with query, suppress(Exception):  # the client is gone
+        query.reply(key, response, encoding=_ENCODING, attachment=dated)  # pyright: ignore[reportUnknownMemberType]
 
 
 def _read_attachment(attachment: zenoh.ZBytes | None) -> Attachment:
