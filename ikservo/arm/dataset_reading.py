@@ -10,7 +10,7 @@ from typing import cast
 
 import numpy as np
 
-from ikservo.errors import FileFormatError, InputError, UnknownNameError
+from ikservo.errors import FileFormatError, IkservoError, InputError, UnknownNameError
 from ikservo.files.reading import parse_json, read_text
 from ikservo.kinematics.arrays import Matrix, Vector
 
@@ -61,11 +61,11 @@ def require_pyarrow() -> None:
     """Refuse to go on without pyarrow.
 
     Raises:
-        InputError: It is not installed.
+        IkservoError: It is not installed.
     """
     if find_spec("pyarrow") is None:
-        raise InputError("Data sets need pyarrow; it is not installed.",
-                         "Try: pip install 'ikservo[dataset]'")  # fmt: skip
+        raise IkservoError("Data sets need pyarrow; it is not installed.",
+                           "Try: pip install 'ikservo[dataset]'")  # fmt: skip
 
 
 def read_dataset(folder: Path, what: str = "state") -> Dataset:
@@ -76,15 +76,21 @@ def read_dataset(folder: Path, what: str = "state") -> Dataset:
         what: ``state`` for what was measured, ``action`` for what was commanded.
 
     Raises:
-        InputError: pyarrow is not installed.
         UnknownNameError: ``what`` is neither of the two.
+        InputError: The folder is none of a data set.
+        IkservoError: pyarrow is not installed.
         FileFormatError: It is no data set of version 3, or has no joints; says where.
     """
     if what not in COLUMNS:
         raise UnknownNameError("column", what, COLUMNS)
-    require_pyarrow()
     path = folder / "meta" / "info.json"
+    if not path.is_file():
+        raise InputError(
+            f"{folder} is no LeRobotDataset: it has no meta/info.json.",
+            "Give the folder in which meta and data are.",
+        )
     info = _read_info(path)
+    require_pyarrow()
     names = _value_names(path, info, COLUMNS[what])
     columns = [i for i, name in enumerate(names) if name.endswith(_SUFFIX)]
     if not columns:

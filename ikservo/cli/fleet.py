@@ -14,7 +14,7 @@ from rich.live import Live
 from rich.table import Table
 
 from ikservo.cli.options import JsonOption, parse_time_s
-from ikservo.cli.terminal import print_json
+from ikservo.cli.terminal import print_json, print_table
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import PortError
 from ikservo.network.address import Endpoint, parse_host
@@ -60,7 +60,8 @@ def _show(
     hosts: list[Endpoint], times: int | None, period_s: float, clock: Clock, *, json: bool
 ) -> None:
     console = Console(highlight=False)
-    live = Live(console=console, auto_refresh=False) if console.is_terminal else None
+    watched = console.is_terminal and times != 1
+    live = Live(console=console, auto_refresh=False) if watched else None
     arms: list[FleetArm] = []
     with live or contextlib.nullcontext():
         for number in itertools.count(1):
@@ -71,7 +72,7 @@ def _show(
             elif live is not None:
                 live.update(_table(arms), refresh=True)
             else:
-                console.print(_table(arms))
+                print_table(_COLUMNS, map(_row, arms))
             if number == times:
                 break
             clock.sleep_until(clock.now_s() + period_s)
@@ -85,9 +86,12 @@ def _table(arms: Iterable[FleetArm]) -> Table:
         justify = "right" if column in ("°C", "latency") else "left"
         table.add_column(column, justify=justify, no_wrap=bool(column))
     for arm in arms:
-        heat = "" if arm.temperature_c is None else f"{arm.temperature_c:.0f}"
-        latency = "" if arm.latency_s is None else f"{1000 * arm.latency_s:.1f} ms"
-        note = arm.error or arm.stopped_for or "; ".join(arm.alarms)
-        row = (arm.name, arm.host, arm.arm, arm.state, arm.operator, heat, latency, note)
-        table.add_row(*row)
+        table.add_row(*_row(arm))
     return table
+
+
+def _row(arm: FleetArm) -> tuple[str, ...]:
+    heat = "" if arm.temperature_c is None else f"{arm.temperature_c:.0f}"
+    latency = "" if arm.latency_s is None else f"{1000 * arm.latency_s:.1f} ms"
+    note = arm.error or arm.stopped_for or "; ".join(arm.alarms)
+    return (arm.name, arm.host, arm.arm, arm.state, arm.operator, heat, latency, note)

@@ -221,7 +221,11 @@ ArmArgument = Annotated[
 ]
 PortOption = Annotated[
     str | None,
-    typer.Option("--port", envvar="IKSERVO_PORT", help="Serial port, or `sim` for no hardware."),
+    typer.Option(
+        "--port",
+        envvar="IKSERVO_PORT",
+        help="Serial port, `sim` for no hardware, or zenoh:NAME@HOST of `ikservo serve`.",
+    ),
 ]
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")]
 YesOption = Annotated[

@@ -37,6 +37,8 @@ FoxglovePort = Annotated[
     int, typer.Option("--foxglove-port", min=1, max=65535, help="At this TCP port.")
 ]
 
+_JSON_LINES = (".jsonl", ".json", ".ndjson")
+
 
 def command(
     file: File,
@@ -75,6 +77,8 @@ def command(
             report = machine.record(file, duration_s=duration, until=until, period_s=period,
                                     overwrite=overwrite, foxglove_port=live)  # fmt: skip
     _print_record_report(report, json=json)
+    if file.suffix not in _JSON_LINES and file.suffix != ".mcap":
+        print_status(f"{file.name} has JSON lines; messages of ROS 2 are in a file named .mcap.")
 
 
 def _offer_release(machine: Arm) -> None:

@@ -21,7 +21,7 @@ from ikservo.cli.options import (
     YesOption,
 )
 from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
-from ikservo.cli.terminal import print_json, print_lines, print_status
+from ikservo.cli.terminal import format_port, print_json, print_lines, print_status
 from ikservo.errors import format_point
 
 __all__ = ["command"]
@@ -53,8 +53,8 @@ def command(
             f", {playback.slowdown:.1f} times slower than recorded" if playback.slowdown > 1 else ""
         )
         print_status(
-            f"{machine.model.title} on {machine.port_name}: {len(recording.times_s)} samples, "
-            f"{playback.duration_s:.1f} s{slowdown}."
+            f"{machine.model.title} on {format_port(machine.port_name)}: "
+            f"{len(recording.times_s)} samples, {playback.duration_s:.1f} s{slowdown}."
         )
         if dry_run:
             if json:

@@ -170,8 +170,10 @@ def test_without_pyarrow_the_error_says_what_to_install(exported, run_cli, monke
         "ikservo.arm.dataset_reading.find_spec", lambda n: None if n == "pyarrow" else find(n)
     )
     done = run_cli(f"import dataset {exported} --arm so101 --to {tmp_path / 'back'}")
-    assert done.code == 2
+    assert done.code == 1  # as for every extra
     assert "pip install 'ikservo[dataset]'" in done.err
+    done = run_cli(f"import dataset {tmp_path} --arm so101 --to {tmp_path / 'back'}")
+    assert (done.code, "in which meta and data are" in done.err) == (2, True), done.err
 
 
 def test_another_arms_data_are_refused(exported, wave, run_cli, tmp_path):

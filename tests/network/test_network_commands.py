@@ -163,6 +163,13 @@ def test_the_fleet_lists_arms_and_machines_that_are_not_reached(served, run, mon
     assert there["error"]
 
 
+def test_the_reason_of_a_stop_is_whole_in_a_narrow_terminal(served, run, monkeypatch):
+    monkeypatch.setattr("ikservo.cli.terminal.terminal_width", lambda _: 80)
+    served.arm.stop("a person has come near the arm, too near for it to move")
+    _, out, _ = run("fleet", f"127.0.0.1:{served.port}")
+    assert "a person has come near the arm, too near for it to move" in out
+
+
 def test_the_fleet_says_who_controls_an_arm(served, run):
     with served.open() as arm:
         arm.enable()
