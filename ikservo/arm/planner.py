@@ -25,13 +25,14 @@ from ikservo.arm.tool_orientation import (
 )
 from ikservo.arm.tool_speed import ToolSpeed, sample_times_s, tool_speed_between
 from ikservo.errors import BadValueError, RefusedError, UnreachableError
-from ikservo.guard import sample_path
+from ikservo.guard import MAX_TRAVEL_RAD, sample_path
 from ikservo.ik import Result, Target, in_millimetres
 from ikservo.kinematics import Chain, JointIndex
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.inertia import GRAVITY_M_S2
 from ikservo.kinematics.se3 import log_so3
 from ikservo.model import Model
+from ikservo.model.stopping import stopping_times_s
 from ikservo.model.tool import tool_frame
 from ikservo.motion import (
     CartesianTrajectory,
@@ -112,6 +113,10 @@ class Planner:
         self._tool = tool_frame(model)
         self._joints = [model.joint(name) for name in index.names]
         self._units = tuple(joint.joint_map.unit for joint in self._joints)
+        times_s = stopping_times_s(model, chain)
+        self._top_speeds_rad_s = [
+            MAX_TRAVEL_RAD / times_s[name] if name in times_s else math.inf for name in index.names
+        ]
 
     def plan_to_point(
         self,
@@ -309,12 +314,19 @@ class Planner:
     def motion_limits(self, speed: str) -> list[KinematicLimits]:
         """Return the kinematic limits of each joint; a slide goes as fast as its horn turns it.
 
+        A joint is not so fast that it would travel further than ``guard.MAX_TRAVEL_RAD`` once
+        nobody sends goals any more, however fast the speed class is.
+
         Raises:
             UnknownNameError: No such speed.
         """
         horn = self._model.speed(speed)
-        limits = KinematicLimits(horn.rad_s, horn.rad_s2, horn.rad_s3)
-        return [limits.scale_units(joint.travel_per_turn / math.tau) for joint in self._joints]
+        return [
+            KinematicLimits(min(horn.rad_s, top_rad_s), horn.rad_s2, horn.rad_s3).scale_units(
+                joint.travel_per_turn / math.tau
+            )
+            for joint, top_rad_s in zip(self._joints, self._top_speeds_rad_s, strict=True)
+        ]
 
     def _solve_orientation(
         self, start: Vector, target: Target, stance: ToolOrientation

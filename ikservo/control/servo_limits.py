@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 
 from ikservo.control.feedback import with_retries
@@ -71,10 +71,15 @@ class ServoRamLimits:
     Args:
         bus: The servos' bus.
         servo_ids: The servos that goals are sent to.
+        unwatched: Those that get no watchdog. A tripped one makes the servo's goal where it stands,
+            and a joint under load sinks from there further than it would go on to its last goal.
     """
 
-    def __init__(self, bus: ServoBus, servo_ids: Sequence[int]) -> None:
+    def __init__(
+        self, bus: ServoBus, servo_ids: Sequence[int], unwatched: Collection[int] = ()
+    ) -> None:
         self._bus, self._ids = bus, list(servo_ids)
+        self._watched = [i for i in servo_ids if i not in unwatched]
         self._expected: dict[int, dict[Register, int]] = {i: {} for i in servo_ids}
         self._time_based: dict[int, bool] = {}
         self._speed_rad_s: float | None = None
@@ -82,8 +87,8 @@ class ServoRamLimits:
 
     @property
     def watchdog_ids(self) -> list[int]:
-        """Return the servos that have a bus watchdog."""
-        return [i for i in self._ids if "bus_watchdog" in self._limit_registers(i)]
+        """Return the servos whose bus watchdog is used."""
+        return [i for i in self._watched if "bus_watchdog" in self._limit_registers(i)]
 
     def invalidate(self) -> None:
         """Write everything again next time: the servos may have lost their RAM."""
@@ -181,7 +186,7 @@ class ServoRamLimits:
         if servo_id not in self._expected:
             return {}
         registers, expected = self._limit_registers(servo_id), self._expected[servo_id]
-        if self._armed and "bus_watchdog" in registers:
+        if self._armed and servo_id in self.watchdog_ids:
             return expected | {registers["bus_watchdog"]: _WATCHDOG_COUNTS}
         return expected
 

@@ -67,7 +67,8 @@ class StreamedServos:
         self._per_horn_rad = np.array([f.joint_map.unit_per_horn_rad for f in fences])
         self._reference_s = 0.0
         self._uncut = True
-        self._limits = ServoRamLimits(bus, self._ids)
+        unwatched = [fence.servo_id for fence in fences if fence.sinks_far]
+        self._limits = ServoRamLimits(bus, self._ids, unwatched)
         self._health_poller: HealthPoller | None = None
         self._cycle_at_s = self._horn_rad_s = 0.0
         self.restarts = 0

@@ -8,7 +8,7 @@ from ikservo.guard.collision import (
     thin_path,
 )
 from ikservo.guard.gate import Gate, StopKind, StopLatch, StopReason
-from ikservo.guard.limits import CommandLimits, LeadLimiter
+from ikservo.guard.limits import MAX_TRAVEL_RAD, CommandLimits, LeadLimiter
 from ikservo.guard.monitors import (
     DEAD_MAN_TIMEOUT_S,
     CommunicationMonitor,
@@ -23,6 +23,7 @@ from ikservo.model.model import HealthLimits, KeepOutBox
 __all__ = [
     "DEAD_MAN_TIMEOUT_S",
     "MAX_SAMPLE_STEP_RAD",
+    "MAX_TRAVEL_RAD",
     "CollisionChecker",
     "CommandLimits",
     "CommunicationMonitor",

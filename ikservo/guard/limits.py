@@ -9,14 +9,16 @@ from dataclasses import dataclass
 from ikservo.calibration import JointMap, JointUnit, Limits, format_position, format_source
 from ikservo.errors import RefusedError
 
-__all__ = ["CommandLimits", "LeadLimiter", "require_int_tick"]
+__all__ = ["MAX_TRAVEL_RAD", "CommandLimits", "LeadLimiter", "require_int_tick"]
 
 
-# A joint must not travel further than 60 ticks of 4096 when its program dies; in addition, the
-# steady-state error of a P-controlled servo under load, or the lead that compensates it. That is
-# at least the lag at rest; the most is where no servo of the catalogue gives more torque.
+MAX_TRAVEL_RAD = 60 * math.tau / 4096
+"""How far a horn may travel after its program has died: 60 ticks of 4096."""
+
+# A goal leads a moving joint by no more than that; in addition, the steady-state error of a
+# P-controlled servo under load, or the lead that compensates it. That is at least the lag at rest;
+# the most is where no servo of the catalogue gives more torque.
 _LEAD_TIME_S = 0.1
-_MAX_LEAD_RAD = 60 * math.tau / 4096
 _AT_REST_LEAD_RAD, _MAX_AT_REST_LEAD_RAD = 0.12, 0.2
 
 
@@ -69,6 +71,15 @@ class CommandLimits:
         margin = min(self.stall_error, 0.5 * (high - low))
         return low + margin, high - margin
 
+    @property
+    def sinks_far(self) -> bool:
+        """Return whether a servo that takes its position for its goal sinks far under the arm.
+
+        That is by more than two thirds of ``MAX_TRAVEL_RAD``: not quite half of the lag with which
+        it lifts the arm is weight, the rest is friction.
+        """
+        return self.lifting_lag_rad > 1.5 * MAX_TRAVEL_RAD
+
     def tick(self, position: float) -> int:
         """Return the tick nearest to a position, inside the limits if the position is.
 
@@ -96,7 +107,7 @@ class CommandLimits:
         horn = self.joint_map.horn_rad_per_tick
         moving = min(
             min(speed, self.speed) * _LEAD_TIME_S / self.joint_map.unit_per_tick,
-            _MAX_LEAD_RAD / horn,
+            MAX_TRAVEL_RAD / horn,
         )
         at_rest = min(max(self.lifting_lag_rad, _AT_REST_LEAD_RAD), _MAX_AT_REST_LEAD_RAD)
         return math.floor(moving + 1e-6) + math.floor(at_rest / horn)

@@ -11,7 +11,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model.joint_drive import JointDrive, nominal_parameters
 from ikservo.model.model import Model
 
-__all__ = ["lifting_lags"]
+__all__ = ["lifting_lags", "spread_postures"]
 
 _POSTURES = 64
 # The heaviest posture may be between those that are tried, servos differ by a tenth, their supply
@@ -36,7 +36,7 @@ def lifting_lags(model: Model, chain: Chain) -> dict[str, float]:
     parameters = nominal_parameters(model, chain)
     if parameters is None:
         return {}
-    loads = [np.abs(parameters.dynamics.gravity_torques(q)) for q in _postures(chain)]
+    loads = [np.abs(parameters.dynamics.gravity_torques(q)) for q in spread_postures(chain)]
     heaviest = np.max(loads, axis=0)
     per_horn_rad = {joint.name: joint.travel_per_turn / tau for joint in model.joints}
     return {
@@ -55,7 +55,7 @@ def _lifting_torque(drive: JointDrive, load_nm: float) -> float:
     return drive.friction.static_load_nm(2.0 * load_nm) - load_nm
 
 
-def _postures(chain: Chain) -> Matrix:
+def spread_postures(chain: Chain) -> Matrix:
     """Return postures (n, dof) spread evenly over the joints' ranges, the same in each call."""
     lower, upper = np.maximum(chain.lower_rad, -np.pi), np.minimum(chain.upper_rad, np.pi)
     irrational: Vector = np.sqrt(np.arange(2.1, chain.dof + 2))

@@ -3,11 +3,9 @@
 Only here do tests reach for the parts of an open arm: its port, its servos and its motion runner.
 """
 
-import math
 from dataclasses import replace
 
 from ikservo.arm import ZeroSource
-from ikservo.motion import KinematicLimits
 from tests.oracle import arm_file, joints_from_ticks, tip_from_ticks
 
 
@@ -54,10 +52,7 @@ def gate_of(arm):
 
 def motion_limits(arm, speed):
     """Return the kinematic limits of every joint at a speed: slow, normal or fast."""
-    limits = arm.model.speed(speed)
-    horn = KinematicLimits(limits.rad_s, limits.rad_s2, limits.rad_s3)
-    joints = [arm.model.joint(name) for name in servo_group(arm).names]
-    return [horn.scale_units(joint.travel_per_turn / math.tau) for joint in joints]
+    return context_of(arm).planner.motion_limits(speed)
 
 
 def run_trajectory(arm, make_trajectory, on_cycle, speed):

@@ -4,7 +4,7 @@ import pytest
 
 import ikservo
 from ikservo.errors import ServoAlarmError
-from tests.arm.simulated import clock_of, line_of, registers, true_joints
+from tests.arm.simulated import clock_of, line_of, registers, servo_id, true_joints
 
 
 @pytest.fixture
@@ -67,6 +67,16 @@ def test_the_watchdog_runs_while_goals_are_streamed_and_not_after(x_series):
     clock.sleep_until(clock.now_s() + 1.0)
     assert seen[5] == {5}
     assert set(registers(x_series, "bus_watchdog").values()) == {0}
+
+
+def test_a_shoulder_that_would_sink_far_has_no_watchdog():
+    with ikservo.open_arm("wx250s", port="sim", collisions=False) as arm:
+        seen = []
+        arm.move_joints(
+            {"waist": 0.1}, on_progress=lambda _: seen.append(registers(arm, "bus_watchdog"))
+        )
+        armed = [seen[5][servo_id("wx250s", name)] for name in ("waist", "shoulder", "elbow")]
+        assert armed == [5, 0, 5]
 
 
 def test_a_speed_that_is_gone_means_a_reset(sts):

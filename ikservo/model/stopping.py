@@ -1,0 +1,67 @@
+"""How long joints go on, in seconds of their speed, when nobody sends goals any more.
+
+The goal of a moving joint leads it, for a position servo gives torque only while its joint lags.
+When the program dies the joint still goes to its last goal, and swings past it if it has little
+damping. With inertia I, damping b, stiffness k, and ``w = sqrt(k / I)``, ``z = b / (2 sqrt(k I))``,
+a joint at the speed v goes on by v times::
+
+    delay + b / k + exp(-z (pi - acos z) / sqrt(1 - z^2)) / w        the last where z < 1
+
+That is the response of the linear system from its lag ``b v / k``. Gravity and friction of a
+moving joint only shift where it comes to rest.
+"""
+
+from __future__ import annotations
+
+from math import acos, exp, pi, sqrt
+
+import numpy as np
+
+from ikservo.kinematics import Chain
+from ikservo.model.joint_drive import JointDrive, joint_drive, nominal_parameters
+from ikservo.model.lifting import spread_postures
+from ikservo.model.model import Model
+
+__all__ = ["stopping_times_s"]
+
+# Servos differ in torque and damping by a twentieth, and the joints of an arm push each other.
+_MARGIN = 1.05
+
+
+def stopping_times_s(model: Model, chain: Chain) -> dict[str, float]:
+    """Return for each joint the travel after its last goal, divided by its speed, in any posture.
+
+    Args:
+        model: The masses and servos.
+        chain: The joints, base to tip.
+
+    Returns:
+        Seconds by joint; without joints whose servos' motors are not known.
+    """
+    inertia = _greatest_inertia(model, chain)
+    drives = {joint.name: joint_drive(joint, model.supply_v) for joint in model.joints}
+    return {
+        name: _MARGIN * _stopping_time_s(drive, drive.armature_kg_m2 + inertia.get(name, 0.0))
+        for name, drive in drives.items()
+        if drive is not None
+    }
+
+
+def _greatest_inertia(model: Model, chain: Chain) -> dict[str, float]:
+    """Return the inertia that each joint of a chain moves, kg m², in the worst posture."""
+    parameters = nominal_parameters(model, chain)
+    if parameters is None:
+        return {}
+    matrices = parameters.dynamics.inertia_matrix(spread_postures(chain))
+    greatest = np.diagonal(matrices, axis1=1, axis2=2).max(axis=0)
+    return dict(zip(chain.names, greatest.tolist(), strict=True))
+
+
+def _stopping_time_s(drive: JointDrive, inertia_kg_m2: float) -> float:
+    stiffness, damping = drive.stiffness_nm_rad, drive.damping_nm_s
+    lag_s = drive.delay_s + damping / stiffness
+    share = 0.5 * damping / sqrt(stiffness * inertia_kg_m2)
+    if share >= 1.0:
+        return lag_s
+    decay = exp(-share * (pi - acos(share)) / sqrt(1.0 - share**2))
+    return lag_s + decay * sqrt(inertia_kg_m2 / stiffness)

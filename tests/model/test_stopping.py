@@ -1,0 +1,40 @@
+"""How long a joint goes on after its last goal, against its equation of motion step by step."""
+
+import pytest
+
+from ikservo.model import load_model
+from ikservo.model.joint_drive import joint_drive, nominal_parameters
+from ikservo.model.lifting import spread_postures
+from ikservo.model.stopping import stopping_times_s
+
+
+def furthest(inertia, damping, stiffness):
+    """Return how far past its last goal a joint at 1 rad/s comes at most, and its lag there."""
+    at, speed, step_s, most = -damping / stiffness, 1.0, 1e-5, 0.0
+    for _ in range(60_000):
+        speed -= step_s * (damping * speed + stiffness * at) / inertia
+        at += step_s * speed
+        most = max(most, at)
+    return damping / stiffness + most
+
+
+@pytest.mark.parametrize(("name", "joint"), [
+    ("wx250s", "waist"), ("so101", "elbow_flex"), ("vx300s", "forearm_roll"),
+])  # fmt: skip
+def test_a_joint_travels_its_lag_and_its_swing(name, joint):
+    model = load_model(name)
+    column = model.chain.names.index(joint)
+    dynamics = nominal_parameters(model, model.chain).dynamics
+    carried = dynamics.inertia_matrix(spread_postures(model.chain))[:, column, column].max()
+    drive = joint_drive(model.joint(joint), model.supply_v)
+    expected_s = furthest(
+        carried + drive.armature_kg_m2, drive.damping_nm_s, drive.stiffness_nm_rad
+    )
+    found_s = stopping_times_s(model, model.chain)[joint]
+    assert found_s == pytest.approx(1.05 * (expected_s + drive.delay_s), rel=0.005)
+
+
+def test_a_gripper_moves_its_own_gears_only():
+    model = load_model("so101")
+    times_s = stopping_times_s(model, model.chain)
+    assert times_s["gripper"] < min(times_s[name] for name in model.chain.names)
