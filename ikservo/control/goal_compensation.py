@@ -88,7 +88,7 @@ class GoalCompensator:
         self,
         reference: Vector,
         goals: Vector,
-        cycle_time_s: float = 0.0,
+        cycle_time_s: float | None = None,
         measured: Vector | None = None,
     ) -> None:
         """Begin a motion at a reference (n,) that the servos hold with some goals (n,).
@@ -96,10 +96,10 @@ class GoalCompensator:
         Args:
             reference: Where the joints are.
             goals: What their servos hold.
-            cycle_time_s: How long a goal is held until the next one.
+            cycle_time_s: How long a goal is held until the next one; as long as before if None.
             measured: Where they were measured; the reference if None.
         """
-        self._held_s = cycle_time_s
+        self._held_s = self._held_s if cycle_time_s is None else cycle_time_s
         self._reference_range, self._goal_range = (
             (np.minimum(self._low, each), np.maximum(self._high, each))
             for each in (reference, goals)
