@@ -34,7 +34,9 @@ __all__ = [
 # The goal moves by this fraction of the error each second, and no slower than the second number
 # [rad/s at the horn]: stiction must be overcome in good time.
 _FRACTION_PER_S = 4.0
-_MIN_RAD_S = 8 * math.tau / 4096
+_MIN_RAD_S = 16 * math.tau / 4096
+# A joint that friction keeps does not move with its goal, however slow its speed class is.
+_MIN_RAD_S2 = 4.0
 # A servo may have less friction than known, by this share of both its directions together.
 _FRICTION_MARGIN = 0.15
 # While it jumps its goal goes back by so much of its speed, over this time.
@@ -73,9 +75,10 @@ class GoalIntegrator:
     """Integrates the error of a joint into its goal.
 
     It ends at the target tick. A joint without load sticks and then jumps by a tick or two; when
-    it has crossed the target, one tick beside is as near as it gets, and it is not reversed for
-    that: on the way back it would cross its backlash and jump again. While it moves its goal goes
-    back, against its speed, so that the jump is short.
+    it has crossed the target, or is pressed away from it, one tick beside is as near as it gets,
+    and it is not reversed for that: on the way back it would cross its backlash and jump further.
+    Each time that it jumps over the target again, twice as many ticks beside it are enough. While
+    it moves its goal goes back, against its speed, so that the jump is short.
 
     Args:
         fence: The limits of its servo's commands.
@@ -108,7 +111,7 @@ class GoalIntegrator:
         self._lead = fence.max_lead_ticks(0.0)
         self.at = self._before = self._anchor = goal if target is None else target
         self.moved_s, self.still_since_s = -math.inf, 0.0
-        self._side, self._crossed = 0, False
+        self._side, self._furthest, self._enough = 0, 0, 0
         self._rate = self._brake = 0.0
         self._filtered: float | None = None
 
@@ -120,7 +123,8 @@ class GoalIntegrator:
     @property
     def arrived(self) -> bool:
         """Return whether the joint is as near to its target as it gets."""
-        return self.error_ticks == 0 or (self._crossed and abs(self.error_ticks) <= 1)
+        beside = abs(self.error_ticks)
+        return beside <= self._enough or (beside == 1 and self._would_cross_backlash())
 
     @property
     def saturation_reason(self) -> SaturationReason | None:
@@ -166,7 +170,11 @@ class GoalIntegrator:
         if abs(tick - self._anchor) > _NOISE_TICKS:
             self._anchor, self.still_since_s = tick, time_s
         side = (self.error_ticks > 0) - (self.error_ticks < 0)
-        self._crossed = self._crossed or side * self._side < 0
+        if side * self._side < 0:
+            if self._furthest > self._enough:
+                self._enough = 2 * self._enough or 1
+            self._furthest = 0
+        self._furthest = max(self._furthest, abs(self.error_ticks))
         self._side = side or self._side
 
     def _track_speed(self, tick: int, elapsed_s: float) -> None:
@@ -187,6 +195,11 @@ class GoalIntegrator:
             return 0.0
         slowly = max(_FRACTION_PER_S * abs(self.error_ticks), self._slowest)
         return math.copysign(max(slowly, self._speed_while_stuck()), self.error_ticks)
+
+    def _would_cross_backlash(self) -> bool:
+        """Return whether gears without load have to change their flank on the way to the target."""
+        low, high = self._stuck
+        return low < 0.0 < high and self._side * (self.goal - self.at) < 0.0
 
     def _speed_while_stuck(self) -> float:
         """Return the speed with which the goal comes to rest before friction lets the joint go."""
@@ -232,7 +245,7 @@ class SettlingTrajectory:
                 fence,
                 goal,
                 target,
-                limit.acceleration_rad_s2 / fence.joint_map.unit_per_tick,
+                _goal_acceleration(fence, limit),
                 _lead_ticks(fence, float(lowest), float(highest)),
             )
             for fence, goal, target, limit, lowest, highest in rows
@@ -285,6 +298,12 @@ class SettlingTrajectory:
         return tuple(
             _describe_residual(j) for j in self._joints if abs(j.error_ticks) >= _RESIDUAL_TICKS
         )
+
+
+def _goal_acceleration(fence: CommandLimits, limits: KinematicLimits) -> float:
+    """Return how fast the speed of a joint's goal changes, ticks/s²."""
+    usual = limits.acceleration_rad_s2 / fence.joint_map.unit_per_tick
+    return max(usual, _MIN_RAD_S2 / fence.joint_map.horn_rad_per_tick)
 
 
 def _lead_ticks(fence: CommandLimits, lowest: float, highest: float) -> tuple[float, float]:
