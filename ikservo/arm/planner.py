@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ikservo.arm.loaded_limits import limits_under_load
 from ikservo.arm.plan import (
     MotionPlan,
     near_limits,
@@ -24,7 +25,7 @@ from ikservo.arm.tool_orientation import (
     solve_with_orientation,
 )
 from ikservo.arm.tool_speed import ToolSpeed, sample_times_s, tool_speed_between
-from ikservo.errors import BadValueError, RefusedError, UnreachableError
+from ikservo.errors import BadValueError, CartesianPathError, RefusedError, UnreachableError
 from ikservo.guard import MAX_TRAVEL_RAD, sample_path
 from ikservo.ik import Result, Target, in_millimetres
 from ikservo.kinematics import Chain, JointIndex
@@ -32,6 +33,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.inertia import GRAVITY_M_S2
 from ikservo.kinematics.se3 import log_so3
 from ikservo.model import Model
+from ikservo.model.joint_drive import nominal_parameters
 from ikservo.model.stopping import stopping_times_s
 from ikservo.model.tool import tool_frame
 from ikservo.motion import (
@@ -113,6 +115,7 @@ class Planner:
         self._tool = tool_frame(model)
         self._joints = [model.joint(name) for name in index.names]
         self._units = tuple(joint.joint_map.unit for joint in self._joints)
+        self._parameters = nominal_parameters(model, chain)
         times_s = stopping_times_s(model, chain)
         self._top_speeds_rad_s = [
             MAX_TRAVEL_RAD / times_s[name] if name in times_s else math.inf for name in index.names
@@ -195,16 +198,21 @@ class Planner:
         path = path_from(self.tip(start))
         target = Target(path.at(path.length)[0])
         solved = self._solve_orientation(start, target, replace(stance, keep=False))
-        line = CartesianTrajectory(
-            self._chain,
-            q,
-            path,
-            [limits[column] for column in self._index.chain],
-            speed_m_s=_TIP_M_S[speed],
-            tool_speed_m_s=tool_speed_m_s,
-            end=solved.solution.q if stance.constrains_more_than_keep else None,
-            strict=stance.keep,
-        )
+        end = solved.solution.q if stance.constrains_more_than_keep else None
+
+        def follow(chain: Chain) -> CartesianTrajectory:
+            return CartesianTrajectory(
+                chain,
+                q,
+                path,
+                [limits[column] for column in self._index.chain],
+                speed_m_s=_TIP_M_S[speed],
+                tool_speed_m_s=tool_speed_m_s,
+                end=end,
+                strict=stance.keep,
+            )
+
+        line = self._follow_under_load(follow)
         solution = replace(
             solved.solution, q=line.goal, nearest_m=self._chain.forward(line.goal)[:3, 3]
         )
@@ -345,6 +353,30 @@ class Planner:
         """Return the blend of the joints with which the tip passes a point within a distance."""
         J = self._chain.jacobian(self._index.chain_joints(joints))[:3]
         return blend_m / (_PASSED * float(np.linalg.norm(J, axis=0).sum()))
+
+    def _follow_under_load(
+        self, follow: Callable[[Chain], CartesianTrajectory]
+    ) -> CartesianTrajectory:
+        """Follow a path inside limits that leave room for the goals which hold the arm there.
+
+        Raises:
+            CartesianPathError: The path cannot be followed; says so where the load is the cause.
+        """
+        line = follow(self._chain)
+        if self._parameters is None:
+            return line
+        joints = sample_states(line)[0]
+        loaded = limits_under_load(self._chain, self._parameters, joints)
+        if loaded is None:
+            return line
+        try:
+            return follow(loaded)
+        except CartesianPathError as error:
+            cause = "a joint that holds the arm's weight stays short of its limit"
+            binding = [*error.binding, cause]
+            raise CartesianPathError(
+                error.along_m, error.target_m, error.nearest_m, binding, error.shape
+            ) from error
 
     def _tool_speed(self, plan: MotionPlan, requested_m_s: float) -> ToolSpeed:
         times_s = sample_times_s(plan.trajectory)

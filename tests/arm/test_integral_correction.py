@@ -15,10 +15,10 @@ from ikservo.motion import KinematicLimits
 BEAT_S = 0.01
 
 
-def creep(goal=2000, wanted=2000, lower=-1.0, upper=1.0):
+def creep(goal=2000, wanted=2000, lower=-1.0, upper=1.0, stuck=(0.0, 0.0)):
     limits = Limits.of("elbow", lower, upper, "hand sweep of 2026-11-02")
     fence = CommandLimits(JointMap.revolute("elbow", 3, 1, 2048, 4096), limits, speed=2.0)
-    return GoalIntegrator(fence, goal, wanted, acceleration=2000.0)
+    return GoalIntegrator(fence, goal, wanted, acceleration=2000.0, stuck=stuck)
 
 
 def feed(joint, ticks, start_s=0.0):
@@ -81,6 +81,23 @@ def test_a_joint_that_has_gone_across_is_not_turned_round_for_a_tick():
     feed(joint, [1998] * 5 + [2001] * 30)
     assert joint.arrived
     assert joint.error_ticks == -1
+
+
+@pytest.mark.parametrize(("stuck", "left"), [((-6.0, 6.0), True), ((-20.0, -2.0), False)])
+def test_a_joint_without_load_is_not_taken_across_its_backlash_for_a_tick(stuck, left):
+    joint = creep(goal=1995, stuck=stuck)
+    goals = feed(joint, [1999] * 10)
+    assert joint.arrived == left
+    assert (goals[-1] == 1995) == left
+
+
+def test_a_joint_that_jumps_to_and_fro_is_left_where_it_is_nearer_each_time():
+    joint = creep()
+    for away in (-5, 4, -4):
+        feed(joint, [2000 + away] * 5)
+        assert not joint.arrived
+    feed(joint, [2004] * 5)
+    assert joint.arrived
 
 
 def test_the_goal_of_a_joint_that_jumps_goes_back_until_it_rests():

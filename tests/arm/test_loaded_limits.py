@@ -1,0 +1,73 @@
+"""Lines near a limit: the goal of a loaded joint leads it, and may not pass the limit."""
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.arm import ToolOrientation
+from ikservo.arm.loaded_limits import limits_under_load, static_leads
+from ikservo.arm.planner import Planner
+from ikservo.errors import CartesianPathError
+from ikservo.kinematics import JointIndex
+from ikservo.model.joint_drive import nominal_parameters
+
+WEIGHT = "a joint that holds the arm's weight stays short of its limit"
+
+
+@pytest.fixture(scope="module")
+def wx250s():
+    with ikservo.open_arm("wx250s", port="sim", collisions=False) as arm:
+        yield arm
+
+
+def leaning(arm, elbow_from_limit):
+    """Return joints (dof,) whose elbow is held up against the arm's weight at its lower limit."""
+    q = dict.fromkeys(arm.chain.names, 0.0) | {"shoulder": 1.2}
+    column = arm.chain.names.index("elbow")
+    q["elbow"] = arm.chain.lower_rad[column] + elbow_from_limit
+    return np.array([q[name] for name in arm.chain.names])
+
+
+def lead_of_elbow(arm, q):
+    """Return by how much the goal of the elbow leads it at joints (dof,), rad."""
+    parameters = nominal_parameters(arm.model, arm.chain)
+    return static_leads(parameters, q[None])[0, arm.chain.names.index("elbow")]
+
+
+def elbow_limit(arm, q):
+    """Return the lower limit of the elbow where joints (dof,) have to be held; None if as usual."""
+    parameters = nominal_parameters(arm.model, arm.chain)
+    chain = limits_under_load(arm.chain, parameters, q[None])
+    return None if chain is None else chain.lower_rad[arm.chain.names.index("elbow")]
+
+
+def test_a_line_takes_a_way_on_which_no_goal_has_to_pass_a_limit(wx250s):
+    start, names = leaning(wx250s, 0.4), wx250s.chain.names
+    wx250s.move_joints(dict(zip(names, start, strict=True)), speed="fast")
+    end_m = wx250s.chain.forward(leaning(wx250s, 0.005))[:3, 3]
+    plan = wx250s.plan_line(end_m)
+    q = plan.goal[[plan.names.index(name) for name in names]]
+    lowest = wx250s.chain.lower_rad[names.index("elbow")]
+    assert q[names.index("elbow")] + lead_of_elbow(wx250s, q) >= lowest - 0.0031
+    np.testing.assert_allclose(plan.tip_m, end_m, atol=1e-4)
+
+
+def test_a_line_without_such_a_way_is_refused_and_says_why():
+    model = ikservo.load_model("px100")
+    names = [joint.name for joint in model.joints]
+    planner = Planner(model, model.chain, JointIndex.from_names(names, model.chain.names, None))
+    start = np.array([0.0, 1.25, -2.06, 1.05, 0.0])
+    end_m = planner.tip(np.array([0.0, 1.248, -2.109, 1.101, 0.0]))
+    with pytest.raises(CartesianPathError, match=WEIGHT):
+        planner.plan_linear(start, [end_m], "slow", 0.01, ToolOrientation(keep=True))
+
+
+def test_limits_stay_where_goals_stay_inside_them(wx250s):
+    assert elbow_limit(wx250s, leaning(wx250s, 0.1)) is None
+
+
+def test_a_limit_moves_by_the_lead_that_is_needed_there(wx250s):
+    at_limit = leaning(wx250s, 0.0)
+    moved = elbow_limit(wx250s, at_limit) - at_limit[wx250s.chain.names.index("elbow")]
+    assert moved == pytest.approx(-lead_of_elbow(wx250s, at_limit))
+    assert moved > 0.01
