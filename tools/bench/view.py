@@ -23,7 +23,7 @@ from typing import Any
 import numpy as np
 from playwright.sync_api import sync_playwright
 from ten_links import ten_links
-from visiting import served
+from visiting import Page, served
 
 from ikservo.control.loop import ControlCycle
 from ikservo.kinematics.arrays import Vector
@@ -42,7 +42,7 @@ def latencies_ms() -> list[float]:
     took: list[float] = []
     with served("so101", "home") as (house, page):
         out = _goal_times(house)
-        page.point("down", 560, 250)
+        grab(house, page, 560, 250)
         for count in range(EVENTS):
             page.live_for(0.03)
             before = house.arm_thread.command.goal
@@ -50,6 +50,20 @@ def latencies_ms() -> list[float]:
             page.point("move", 560 + 8 * (count % 7), 250 + 6 * (count % 5))
             took.append(1000 * (_obeyed_s(house, out, before, said_s) - said_s))
     return took
+
+
+def grab(house: ServedArm, page: Page, x: float, y: float) -> None:
+    """Press until the arm has a goal: a busy machine may drop a message as too old.
+
+    Raises:
+        TimeoutError: It has none in half a minute.
+    """
+    deadline_s = time.monotonic() + 30.0
+    while house.arm_thread.command.goal is None:
+        if time.monotonic() > deadline_s:
+            raise TimeoutError(f"no goal: {house.arm_thread.snapshot.stop_notice}")
+        page.point("down", x, y)
+        page.live_for(0.3)
 
 
 def _goal_times(house: ServedArm) -> list[tuple[float, object]]:
@@ -99,7 +113,7 @@ def arrivals_ms(speed: str, jerk_factor: float) -> tuple[list[float], list[float
     arm_thread_module.JERK_FACTOR = jerk_factor  # pyright: ignore[reportConstantRedefinition]
     with served("so101", "home") as (house, page):
         page.say("set_speed", name=speed)
-        page.point("down", 560, 250)
+        grab(house, page, 560, 250)
         page.live_for(2.0)
         for count in range(ARRIVALS):
             before, said_s = house.arm_thread.command.goal, time.perf_counter()
@@ -138,7 +152,7 @@ def drag() -> tuple[int, int]:
                 heard.append(said - len(heard) - 1)
 
         house.controller.receive = receive
-        page.point("down", 560, 250)
+        grab(house, page, 560, 250)
         for count in range(MOVES):
             said += 1
             page.point("move", 560 - count / 2, 250 + count / 4)
@@ -149,13 +163,13 @@ def drag() -> tuple[int, int]:
 
 def traffic_kb_s(view: str, *, webgl: bool) -> tuple[float, float]:
     """Return what one page receives of an arm at rest, and of one that it drags, kB/s."""
-    with served("so101", "home") as (_, page):
+    with served("so101", "home") as (house, page):
         page.say("viewport", w=900, h=700, dpr=1, view=view, webgl=webgl)
         page.live_for(2.0)
         begun, page.received_bytes = time.monotonic(), 0
         page.live_for(SECONDS)
         idle = page.received_bytes / (time.monotonic() - begun)
-        page.point("down", 450, 300)
+        grab(house, page, 450, 300)
         begun, page.received_bytes, moves = time.monotonic(), 0, 0
         while (since_s := time.monotonic() - begun) < SECONDS:
             across, down = 150 * math.sin(2 * since_s), 100 * math.sin(3.5 * since_s)
@@ -170,7 +184,7 @@ def page_share(view: str, *, webgl: bool) -> tuple[float, float, float]:
 
     It is a thread of the process that streams the goals. The third number is the moves a second.
     """
-    with served("so101", "home") as (_, page):
+    with served("so101", "home") as (house, page):
         page.say("viewport", w=900, h=700, dpr=1, view=view, webgl=webgl)
         page.live_for(2.0)
         (server,) = [each for each in threading.enumerate() if each.name.endswith("(run)")]
@@ -178,7 +192,7 @@ def page_share(view: str, *, webgl: bool) -> tuple[float, float, float]:
         begun, before = time.monotonic(), time.clock_gettime(clock)
         page.live_for(SECONDS)
         idle = (time.clock_gettime(clock) - before) / (time.monotonic() - begun)
-        page.point("down", 450, 300)
+        grab(house, page, 450, 300)
         begun, before, moves = time.monotonic(), time.clock_gettime(clock), 0
         while (since_s := time.monotonic() - begun) < SECONDS:
             across, down = 150 * math.sin(2 * since_s), 100 * math.sin(3.5 * since_s)
