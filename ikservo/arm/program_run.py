@@ -103,6 +103,7 @@ class ProgramRun:
             raise BadValueError("The program", f"one for {program.arm}", f"one for {name}")
         self._arm, self._program, self._folder, self._poses = arm, program, folder, poses
         self._on_wait = on_wait
+        self._has_moved = False  # before that torque may be off
 
     def check(self, first: int = 1) -> Iterator[StepCheck]:
         """Plan each step from where the one before it ends; nothing moves.
@@ -183,12 +184,20 @@ class ProgramRun:
     def _make(
         self, step: ProgramStep, on_progress: OnProgress | None
     ) -> MoveResult | JointMoveResult | GraspResult | ReplayResult | None:
-        arm = self._arm
         options = JointOptions(speed=self._program.speed_of(step), on_progress=on_progress)
         match step.action:
             case "wait_s":
                 self._wait(step.wait_s or 0.0)
                 return None
+            case _:
+                self._has_moved = True
+                return self._move(step, options, on_progress)
+
+    def _move(
+        self, step: ProgramStep, options: JointOptions, on_progress: OnProgress | None
+    ) -> MoveResult | JointMoveResult | GraspResult | ReplayResult:
+        arm = self._arm
+        match step.action:
             case "gripper":
                 return move_gripper(arm, step.gripper, on_progress=on_progress)
             case "recording":
@@ -201,15 +210,19 @@ class ProgramRun:
                 return goal_motions.move_joints(arm, _positions(arm.context, step), **options)
 
     def _wait(self, seconds: float) -> None:
-        """Wait while the arm holds; a stop ends it.
+        """Wait while the arm holds; a stop or a fault of a servo ends it.
 
         Raises:
             StoppedError, RefusedError: The arm was stopped.
+            BusError: A servo does not answer.
+            ServoAlarmError: One reports a fault, has a wrong supply, or was reset.
         """
         context = self._arm.context
         end_s = context.now_s() + seconds
         while (left_s := end_s - context.now_s()) > 0.0:
             context.servos.check_stop()
+            if self._has_moved:
+                context.servos.check_health()
             if self._on_wait is not None:
                 self._on_wait()
             context.servos.clock.sleep_until(context.now_s() + min(left_s, _LONGEST_SLEEP_S))

@@ -15,8 +15,8 @@ from ikservo.control.health_polling import HealthPoller
 from ikservo.control.servo_limits import ServoRamLimits
 from ikservo.control.stopping import StopRequest, check_pause, fault_reason
 from ikservo.control.torque_state import TorqueStateMachine
-from ikservo.errors import HeldUpError, StoppedError
-from ikservo.guard import CommandLimits, Gate, StopReason, TrackingMonitor
+from ikservo.errors import HeldUpError, IkservoError, RegisterAccessError, StoppedError
+from ikservo.guard import CommandLimits, Gate, StopReason, TrackingMonitor, torque_lost_error
 from ikservo.hardware.bus import ServoBus
 from ikservo.kinematics.arrays import Vector
 from ikservo.motion import TrajectoryPoint
@@ -274,6 +274,16 @@ class StreamedServos:
             self._health_poller.poll()
         return measured
 
+    def check_health(self) -> None:
+        """Read the telemetry of one servo between two motions, its torque still on.
+
+        Raises:
+            BusError: It does not answer.
+            ServoAlarmError: It reports a fault, has a wrong supply, or was reset.
+        """
+        if self._health_poller:
+            self._health_poller.poll()
+
     def _restart_servos(self) -> None:
         """Start servos again, at their positions, that their watchdogs have stopped.
 
@@ -312,14 +322,22 @@ class StreamedServos:
 
         Raises:
             RefusedError: The guard refuses them; nothing was sent.
+            ServoAlarmError: A servo has lost its torque; nothing was sent.
         """
         self.stop_request.raise_if_without_braking()
         if self._gate.stale_joints(now_s):
             return False
         requested = self._to_ticks(positions)
         goals = self._gate.shorten_goals(requested, now_s)
-        self._gate.send(goals, now_s)
+        try:
+            self._gate.send(goals, now_s)
+        except RegisterAccessError as error:  # a limp servo takes no goal
+            raise self._torque_error(error) from error
         return goals == requested
+
+    def _torque_error(self, error: RegisterAccessError) -> IkservoError:
+        limp = [f.joint for f in self.fences if not self._bus.is_torque_on(f.servo_id)]
+        return torque_lost_error(limp) if limp else error
 
     def hold(self, reason: StopReason) -> None:
         """Latch a stop and hold, until ``acknowledge``; never raises.

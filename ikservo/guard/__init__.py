@@ -16,6 +16,7 @@ from ikservo.guard.monitors import (
     HealthMonitor,
     ServoTelemetry,
     TrackingMonitor,
+    torque_lost_error,
 )
 from ikservo.guard.sag import Weight, sag_of
 from ikservo.model.model import HealthLimits, KeepOutBox
@@ -43,4 +44,5 @@ __all__ = [
     "sample_line",
     "sample_path",
     "thin_path",
+    "torque_lost_error",
 ]

@@ -21,6 +21,7 @@ __all__ = [
     "HealthMonitor",
     "ServoTelemetry",
     "TrackingMonitor",
+    "torque_lost_error",
 ]
 
 
@@ -276,8 +277,15 @@ class HealthMonitor:
 def _reset_faults(telemetry: ServoTelemetry) -> Iterator[_ThresholdFault]:
     if not (telemetry.torque and telemetry.settings_intact):
         lost = "settings lost" if telemetry.torque else "torque is off"
-        yield _ThresholdFault(
-            f"was reset: {lost}",
-            "Its supply voltage may have dropped. Check power and cables, then start the motion "
-            "again.",
-        )
+        yield _ThresholdFault(f"was reset: {lost}", _RESET_HINT)
+
+
+_RESET_HINT = (
+    "Its supply voltage may have dropped. Check power and cables, then start the motion again."
+)
+
+
+def torque_lost_error(joints: Sequence[str]) -> ServoAlarmError:
+    """Return the error of joints whose servos have lost their torque in a motion."""
+    were = "was" if len(joints) == 1 else "were"
+    return ServoAlarmError(f"{', '.join(joints)} {were} reset: torque is off.", _RESET_HINT)

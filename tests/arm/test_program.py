@@ -13,6 +13,7 @@ from ikservo.errors import (
     FileFormatError,
     IkservoError,
     RefusedError,
+    ServoAlarmError,
     StoppedError,
     UnreachableError,
 )
@@ -39,14 +40,13 @@ def arm():
         yield machine
 
 
-def program(*steps, **options):
-    return Program(
-        format=1, arm="so101", steps=tuple(ProgramStep(**step) for step in steps), **options
-    )
+def program(*steps, arm="so101", **options):
+    return Program(format=1, arm=arm, steps=tuple(ProgramStep(**step) for step in steps), **options)
 
 
 def run_of(arm, tmp_path, *steps, **options):
-    return ProgramRun(arm, program(*steps, **options), tmp_path, arm.poses)
+    wanted = program(*steps, arm=arm.model.name, **options)
+    return ProgramRun(arm, wanted, tmp_path, arm.poses)
 
 
 def test_every_kind_of_step_survives_being_written_and_read(tmp_path):
@@ -151,6 +151,24 @@ def test_a_stop_ends_a_wait(arm, tmp_path):
     with pytest.raises(RefusedError, match="another terminal"):
         next(run)
     assert clock_of(arm).now_s() - begin_s < 1.0
+
+
+@pytest.mark.parametrize("name", ["so101", "koch"])
+def test_a_supply_that_drops_during_a_wait_stops_the_program(tmp_path, name):
+    with ikservo.open_arm(name, port="sim:?pose=home") as arm:
+        run = run_of(arm, tmp_path, {"deg": {"wrist_roll": 2.0}}, {"wait_s": 60.0}).run()
+        next(run)
+        line = line_of(arm)
+        line.faults.add(Fault("voltage", volts=3.6, at_s=line.world.time_s + 0.5))
+        begin_s = clock_of(arm).now_s()
+        with pytest.raises(ServoAlarmError, match=r"supply|voltage"):
+            next(run)
+        assert clock_of(arm).now_s() - begin_s < 3.0
+
+
+def test_a_long_wait_of_an_arm_in_order_ends_by_itself(arm, tmp_path):
+    steps = [{"wait_s": 1.0}, {"deg": {"wrist_roll": 2.0}}, {"wait_s": 4.0}]
+    assert len(list(run_of(arm, tmp_path, *steps).run())) == 3
 
 
 TWENTY = [

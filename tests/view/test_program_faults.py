@@ -90,6 +90,7 @@ def test_a_fault_stops_the_program_and_nothing_moves_until_it_is_acknowledged(se
     state = run(session, on_cycle=in_the_middle(session, numbers[9], fail))
     assert state["phase"] == "stopped"
     assert state["step"] == numbers[9]
+    assert "cannot be written" not in session.arm_thread.snapshot.stop_notice.message
     sent = session.record_goals()
     for _ in range(5):
         session.arm_thread.step()
