@@ -124,7 +124,7 @@ _SILENCE_TEXT = (
 _JOB_SILENCE_TEXT = "The page does not answer; stopped, torque stays on."
 _TORQUE_LOST_TEXT = (
     "{} lost torque without being told to: reset, supply broken down, or another program. "
-    "Live switches it on again."
+    "The button beside the joint switches it on again."
 )
 _REOPEN_TEXT = "Check cable and power of the adapter, then continue: the port is opened again."
 _CHECK_FIRST_TEXT = "Check the arm, then continue."
