@@ -202,6 +202,15 @@ def test_a_goal_that_comes_again_is_dropped(graph):
     assert not graph.bridge._driver.is_moving
 
 
+def test_an_unforeseen_error_of_a_reading_is_said_and_states_go_on(graph, monkeypatch):
+    with monkeypatch.context() as patch:
+        patch.setattr(graph.arm, "where", lambda: 1 / 0)
+        graph.next("/diagnostics", DiagnosticArray,
+                   lambda found: "ZeroDivisionError" in found.status[0].message)  # fmt: skip
+    graph.next("/joint_states", JointState)
+    graph.bridge._warning = ""
+
+
 def test_an_unforeseen_error_ends_a_motion_and_not_the_bridge(graph, monkeypatch):
     start = true_joints(graph.arm)["wrist_roll"]
     goal = trajectory("wrist_roll", (0.5, start + 0.1))

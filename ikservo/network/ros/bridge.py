@@ -213,10 +213,16 @@ class RosBridge:
     def _watch_router(self) -> None:
         """Stop a motion where nobody could stop it any more."""
         while not self._closing.wait(_ROUTER_PERIOD_S):
-            if self._driver.is_moving and not self._session.info.routers_zid():
+            if self._driver.is_moving and not self._has_router():
                 text = "The connection to the Zenoh router was lost; the arm holds."
                 self._request_stop(text)
                 self._warn(text)
+
+    def _has_router(self) -> bool:
+        try:
+            return bool(self._session.info.routers_zid())
+        except Exception:  # the session is closed
+            return False
 
     def _warn(self, text: str) -> None:
         self._warning = text
@@ -245,7 +251,9 @@ class RosBridge:
             return self._arm.where()
         except IkservoError as error:  # a servo that does not answer
             self._warning = error.message
-            return None
+        except Exception as error:  # this thread must not end
+            self._warning = f"The arm cannot be read: {type(error).__name__}: {error}"
+        return None
 
     def _publish_state(self, state: ArmState) -> None:
         now_ns, positions = time.time_ns(), state.positions
