@@ -238,7 +238,10 @@ class DriveCommand:
 
 PROTECTED_SHARE = 0.25  # scope, motor uncoupled: 0.041 instead of 0.165 duty/(P rad) from 100°
 RELEASED: tuple[object, ...] = (None,)
-PROFILED = (ControlMode.POSITION, ControlMode.CURRENT_POSITION)
+# Names of a module are found at once; a member of an Enum takes half a microsecond (Python 3.11).
+POSITION, VELOCITY, PWM = ControlMode.POSITION, ControlMode.VELOCITY, ControlMode.PWM
+CURRENT, CURRENT_POSITION = ControlMode.CURRENT, ControlMode.CURRENT_POSITION
+PROFILED = (POSITION, CURRENT_POSITION)
 
 
 class Controller:
@@ -292,14 +295,10 @@ class Controller:
             self._accept_command(order, drive, position_rad, velocity_rad_s)
         if mode in PROFILED:
             duty = self._position_duty(dt_s, drive, position_rad, velocity_rad_s)
-        elif mode is ControlMode.VELOCITY:
+        elif mode is VELOCITY:
             duty = self._velocity_duty(dt_s, drive, velocity_rad_s)
         else:
-            return (
-                drive.goal_pwm
-                if mode is ControlMode.PWM
-                else math.copysign(1.0, drive.goal_current_a)
-            )
+            return drive.goal_pwm if mode is PWM else math.copysign(1.0, drive.goal_current_a)
         reference = self.reference
         if reference.running:
             reference.advance(dt_s)
@@ -360,7 +359,7 @@ class Controller:
             self.reference.reset_to(position_rad, velocity_rad_s)
             self._integral = self.derivative = 0.0
         self._order = order
-        if drive.mode is ControlMode.VELOCITY:
+        if drive.mode is VELOCITY:
             self._plan_velocity(drive)
         elif drive.mode in PROFILED:
             self.reference.follow(self._position_profile(drive), drive.goal_rad)

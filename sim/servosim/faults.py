@@ -356,6 +356,8 @@ class FaultScript:
 
     def loses_instruction(self, at_s: float) -> bool:
         """Return whether an instruction is not received."""
+        if not self._lost:  # each frame on the line asks
+            return False
         return any(running.is_triggered(at_s, self._random) for running in self._lost)
 
     @property

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 
-from servosim.control import Controller, ControlMode, DriveCommand
+from servosim.control import CURRENT, CURRENT_POSITION, Controller, ControlMode, DriveCommand
 from servosim.parameters import PARAMETERS, MotorParameters
 
 __all__ = ["PARAMETERS", "ControlMode", "DriveCommand", "Motor", "MotorParameters"]
@@ -31,7 +31,6 @@ class ThermalModel:
         self.temperature_c += flow_w * dt_s / self._capacity_j_k
 
 
-CURRENT_MODES = (ControlMode.CURRENT, ControlMode.CURRENT_POSITION)
 PLAY_HZ = 45.0  # a load moves through the play with this damping: inertia times this rate
 AT_REST_RAD_S = 1e-6  # a motion slower than this sticks
 FREE_PLAY_FRACTION = 1e-3  # loads below this fraction of the stall torque do not take up the play
@@ -294,8 +293,8 @@ class Motor:
         self.velocity_rad_s = velocity_rad_s
 
     def _limit_torque(self, torque_nm: float, drive: DriveCommand) -> float:
-        limit_a = drive.current_limit_a
-        if drive.mode in CURRENT_MODES:
+        limit_a, mode = drive.current_limit_a, drive.mode
+        if mode is CURRENT or mode is CURRENT_POSITION:
             limit_a = min(limit_a, abs(drive.goal_current_a))
         self._limits_itself = limit_a > self._most_a
         limit_nm = (self._most_a if self._limits_itself else limit_a) * self._nm_per_a

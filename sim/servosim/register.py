@@ -179,6 +179,9 @@ class Memory:
 
     ``image`` is what instructions read and write; ``eeprom`` is what survives loss of power.
     power was off. Nothing here checks access: that is the servo's firmware.
+
+    Attributes:
+        get: Returns a register's number by its name; called for every frame and every protection.
     """
 
     def __init__(self, table: ServoTable, delivered: Mapping[str, int] | None = None) -> None:
@@ -186,6 +189,8 @@ class Memory:
         self._eeprom_end = max(row.end for row in table.registers if row.persists)
         self.image = bytearray(table.size)  # always the same object: live servos reference it
         self._getters = {row.name: _make_getter(self.image, row) for row in table.registers}
+        self._numbers: dict[str, int] = {}  # of all registers, decoded whenever bytes change
+        self.get: Callable[[str], int] = self._numbers.__getitem__
         self.eeprom = bytearray(table.size)
         self.eeprom_writes = 0
         self._backup = bytes(self._factory_image())
@@ -199,14 +204,14 @@ class Memory:
         raw = bytes(self.image[address : address + length])
         return raw if len(raw) == length else raw.ljust(length, b"\x00")
 
-    def get(self, name: str) -> int:
-        """Return a register's number."""
-        return self._getters[name]()
-
     def put(self, name: str, value: int) -> None:
         """Set a register as the firmware does: no checks, RAM image only."""
-        row = self.table.by_name[name]
+        self.put_row(self.table.by_name[name], value)
+
+    def put_row(self, row: SimulatedRegister, value: int) -> None:
+        """Set the register of a row as `put` does."""
         self.image[row.address : row.end] = row.encode(value)
+        self._numbers[row.name] = self._getters[row.name]()
 
     def persist_value(self, name: str) -> None:
         """Make a register's present number survive loss of power, lock or not."""
@@ -215,8 +220,11 @@ class Memory:
     def write(self, address: int, data: bytes, *, persist: bool = True) -> None:
         """Store bytes in the image, and those of EEPROM registers permanently if ``persist``."""
         self.image[address : address + len(data)] = data
+        rows = self.table.registers_in(address, len(data))
+        for row in rows:
+            self._numbers[row.name] = self._getters[row.name]()
         if persist and address < self._eeprom_end:
-            for row in self.table.registers_in(address, len(data)):
+            for row in rows:
                 self._persist_register(row)
 
     def power_cycle(self) -> None:
@@ -226,6 +234,7 @@ class Memory:
                 self.image[row.address : row.end] = self.eeprom[row.address : row.end]
             else:
                 self.image[row.address : row.end] = row.encode(row.default)
+        self._decode_all()
 
     def store_backup(self) -> None:
         """Keep the EEPROM registers of now for the next `restore_factory`."""
@@ -242,6 +251,10 @@ class Memory:
                 self.image[row.address : row.end] = self._backup[row.address : row.end]
                 if row.persists:
                     self.eeprom[row.address : row.end] = self._backup[row.address : row.end]
+        self._decode_all()
+
+    def _decode_all(self) -> None:
+        self._numbers.update((name, decode()) for name, decode in self._getters.items())
 
     def _factory_image(self) -> bytearray:
         """Return the datasheet's default of every register."""

@@ -96,7 +96,7 @@ class HornMounting:
         return self.sign * (tick - self.zero_tick) * self.rad_per_tick
 
 
-_Live = tuple[int, int, SimulatedRegister, Callable[[], int]]
+_Live = tuple[SimulatedRegister, Callable[[], int]]
 
 
 class Servo:
@@ -198,9 +198,8 @@ class Servo:
         plan = self._plans.get((address, length))
         if plan is None:
             plan = self._plans[address, length] = self._live_registers_in(address, length)
-        image = self.memory.image
-        for start, end, row, measure in plan:
-            image[start:end] = row.encode(measure())
+        for row, measure in plan:
+            self.memory.put_row(row, measure())
         return self.memory.read(address, length)
 
     def write_bytes(self, address: int, data: bytes) -> InstructionError | None:
@@ -348,11 +347,7 @@ class Servo:
 
     def _live_registers_in(self, address: int, length: int) -> tuple[_Live, ...]:
         rows = self.table.registers_in(address, length)
-        return tuple(
-            (row.address, row.end, row, self.live[row.name])
-            for row in rows
-            if row.name in self.live
-        )
+        return tuple((row, self.live[row.name]) for row in rows if row.name in self.live)
 
 
 def _no_effect() -> None:

@@ -105,6 +105,7 @@ class World:
     ) -> None:
         self.joints = tuple(joints)
         self.servos = tuple(servo for joint in joints for servo in joint.servos)
+        self._motors = tuple(servo.motor for servo in self.servos)
         self._mover = body if isinstance(body, ExternalDynamics) else None
         free = FreeBody([joint.name for joint in joints])
         self.body: Dynamics = free if body is None or isinstance(body, ExternalDynamics) else body
@@ -243,14 +244,14 @@ class World:
         self._update_rest()
 
     def _update_rest(self) -> None:
-        positions = [servo.motor.position_rad for servo in self.servos]
+        positions = [motor.position_rad for motor in self._motors]
         moving = self._has_moved(positions)
         if moving:
             self._positions = positions
         busy = moving or self.hands or any(servo.is_active for servo in self.servos)
         if self._mover is None:
             # Gears that cross their backlash turn while the output shaft is still.
-            busy = busy or any(servo.motor.velocity_rad_s for servo in self.servos)
+            busy = busy or any(motor.velocity_rad_s for motor in self._motors)
         self._still = 0 if busy else self._still + 1
 
     def _has_moved(self, positions: list[float]) -> bool:
