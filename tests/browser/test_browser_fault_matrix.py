@@ -27,7 +27,7 @@ class Desk:
     """A page in control of an arm, a second one that looks on, and the arm's simulated line."""
 
     def __init__(self, browser, served, arm, width, scheme):
-        self.served, self.arm, self.line = served, arm, served.line
+        self.served, self.arm = served, arm
         self.joint = served.arm.chain.names[0]
         options = {"viewport": {"width": width, "height": 844}, "color_scheme": scheme}
         self.contexts = [browser.new_context(**options) for _ in range(2)]
@@ -35,6 +35,11 @@ class Desk:
             Operator(context.new_page(), served) for context in self.contexts
         )
         self.page = self.operator.page
+
+    @property
+    def line(self):
+        """Return the line of now: an arm that was opened again has another one."""
+        return self.served.line
 
     def close(self):
         for context in self.contexts:
