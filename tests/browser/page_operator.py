@@ -1,5 +1,6 @@
 """An operator of the page, and the arm behind it as the simulated servos have it."""
 
+import itertools
 import json
 import math
 import threading
@@ -63,12 +64,19 @@ class ServedView:
             arm_thread.acknowledge()
             until(lambda: not arm_thread.snapshot.stop_notice)
         if not self.is_home():
-            me = controller.connect(Permission.CONTROL)
-            for seq, words in enumerate(GO_HOME):
-                controller.receive(
-                    me, read_message(json.dumps({**words, "seq": seq + 1, "seen": 0}))
-                )
-            until(self.is_home, lambda: (arm_thread.snapshot, self.joints()))
+            me, numbers = controller.connect(Permission.CONTROL), itertools.count(1)
+
+            def send(**words):
+                text = json.dumps({**words, "seq": next(numbers), "seen": 0})
+                controller.receive(me, read_message(text))
+
+            def is_home():
+                send(kind="heartbeat")  # a page that is silent ends Live
+                return self.is_home()
+
+            for words in GO_HOME:
+                send(**words)
+            until(is_home, lambda: (arm_thread.snapshot, self.joints()))
             controller.disconnect(me)
         return self
 
@@ -99,7 +107,7 @@ class HoldingView(ViewApp):
     def _open_arm(self, model, port):
         arm = super()._open_arm(model, port)
         arm.enable()
-        if port.endswith("pose=home") and away_from_home_rad(arm) > AT_HOME_RAD:
+        if "pose=home" in port and away_from_home_rad(arm) > AT_HOME_RAD:
             arm.pose("home", speed="fast")
         return arm if self._calibrated else without_zeros(arm)
 

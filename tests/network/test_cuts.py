@@ -62,8 +62,8 @@ def test_a_cut_in_mid_motion_makes_the_arm_hold(served, proxy, how):
 
 
 def test_a_lost_connection_is_said_with_what_to_look_at(served, proxy, monkeypatch):
-    monkeypatch.setattr("ikservo.network.connection._QUICK_S", 0.1)
     arm = ikservo.open_arm("so101", port=f"zenoh:desk@127.0.0.1:{proxy.port}")
+    monkeypatch.setattr("ikservo.network.connection._QUICK_S", 0.1)
     proxy.close()
     with pytest.raises(PortLostError, match="Is that machine on and reachable"):
         arm.where()
