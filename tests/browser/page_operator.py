@@ -71,7 +71,7 @@ class ServedView:
                 controller.receive(me, read_message(text))
 
             def is_home():
-                send(kind="heartbeat")  # a page that is silent ends Live
+                send(kind="heartbeat", visible=True)  # a page that is silent ends Live
                 return self.is_home()
 
             for words in GO_HOME:
