@@ -76,6 +76,7 @@ def test_a_servo_that_falls_silent_shows_the_ten_seconds_before_until_it_is_ackn
     under_way(live)
     joint = servo_id("so101", "wrist_flex")
     live.served.line.faults.add(Fault("silent", id=joint, at_s=live.served.line.world.time_s))
+    live.wait_for("status.mode === 'stopped'")
     live.page.wait_for_selector("[data-quantity=error] canvas")
     assert "wrist_flex (id 4)" in live.page.inner_text("#plots-reason")
     assert live.page.get_attribute("#plots-spans [value=stop]", "aria-checked") == "true"
