@@ -25,6 +25,7 @@ __all__ = [
     "ModelJoint",
     "ModelServo",
     "SpeedClass",
+    "at_distance",
     "at_limit",
     "limit_distance",
     "near_distance",
@@ -277,6 +278,11 @@ def near_distance(lower: float, upper: float, unit: str) -> float:
     return min(_NEAR[unit], _NEAR_FRACTION * (upper - lower))
 
 
+def at_distance(lower: float, upper: float, unit: str) -> float:
+    """Return the distance from a limit within which a joint is at it; arguments as above."""
+    return min(_AT[unit], near_distance(lower, upper, unit))
+
+
 def near_limit(position: float, lower: float, upper: float, unit: str = "rad") -> bool:
     """Return whether a joint is within 5° (5 mm) of a limit, or a twentieth of a shorter range."""
     return limit_distance(position, lower, upper) <= near_distance(lower, upper, unit)
@@ -284,5 +290,4 @@ def near_limit(position: float, lower: float, upper: float, unit: str = "rad") -
 
 def at_limit(position: float, lower: float, upper: float, unit: str = "rad") -> bool:
     """Return whether a joint is within 0.3° (0.3 mm) of a limit, or beyond it."""
-    at = min(_AT[unit], near_distance(lower, upper, unit))
-    return limit_distance(position, lower, upper) <= at
+    return limit_distance(position, lower, upper) <= at_distance(lower, upper, unit)

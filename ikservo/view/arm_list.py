@@ -11,7 +11,8 @@ from ikservo.clock import Clock
 from ikservo.view.arm_choices import ChoiceFinder
 from ikservo.view.auth import Permission
 from ikservo.view.downloads import Download, DownloadOffers
-from ikservo.view.message_fields import Name, PageMessage
+from ikservo.view.labels import STOP_TEXTS
+from ikservo.view.message_fields import Name, PageMessage, StopInput
 from ikservo.view.messages import BadMessageError, Heartbeat, validate_message
 from ikservo.view.served_arms import ServedArms
 from ikservo.view.server import Frame
@@ -64,12 +65,19 @@ class StopArms(PageMessage):
 
     kind: Literal["stop_arms"]
     name: Name | None = None
+    by: StopInput = "button"
 
 
 ArmListMessage = Heartbeat | FindChoices | OpenArm | CloseArm | ShowCamera | StopArms
 _MESSAGES: TypeAdapter[ArmListMessage] = TypeAdapter(
     Annotated[ArmListMessage, Field(discriminator="kind")]
 )
+
+
+def _stopped_by(message: StopArms) -> str:
+    if message.by != "button":
+        return STOP_TEXTS[message.by]
+    return "Stopped from the list of arms" if message.name else "Stopped by Stop all on the page"
 
 
 def read_arm_list_message(text: str) -> ArmListMessage:
@@ -140,7 +148,7 @@ class ArmList:
             case CloseArm():
                 self._arms.start_closing(message.name)
             case StopArms():
-                self._arms.stop(message.name)
+                self._arms.stop(message.name, _stopped_by(message))
 
     def _offer_camera(self, client_id: int) -> None:
         if self._camera is None:

@@ -21,7 +21,15 @@ from ikservo.arm import (
 )
 from ikservo.clock import Clock
 from ikservo.control.loop import ControlCycle
-from ikservo.errors import BusError, IkservoError, InputError, PortLostError, RefusedError
+from ikservo.errors import (
+    BusError,
+    IkservoError,
+    InputError,
+    LatchedStopError,
+    PortLostError,
+    RefusedError,
+    StoppedError,
+)
 from ikservo.kinematics.arrays import Vector
 from ikservo.view.arm_job import ArmJob
 from ikservo.view.calibration import CalibrationDriver
@@ -238,7 +246,10 @@ class ArmThread:
         except IkservoError as error:
             self._lost = self._lost or isinstance(error, PortLostError)
             hint = _REOPEN_TEXT if isinstance(error, PortLostError) else error.command_hint
-            self._end_session(StopNotice(error.message, hint))
+            stopped = isinstance(error, (LatchedStopError, StoppedError))
+            requested = self._stop_reason if stopped else None
+            notice = requested and StopNotice(requested.text, _CHECK_FIRST_TEXT)
+            self._end_session(notice or StopNotice(error.message, hint))
 
     def on_cycle(self, cycle: ControlCycle) -> None:
         """Store a cycle's positions; poll telemetry once a second (``CycleObserver``)."""

@@ -162,7 +162,7 @@ def calibration_view(
 
 def _format_task(model: Model, wizard: CalibrationState, pose: str) -> str:
     if wizard.stage is CalibrationStage.REFERENCE_POSE:
-        state = "It is held still." if wizard.is_at_rest else "It still moves …"
+        state = "It is still: go on." if wizard.is_at_rest else "It still moves …"
         return f"Put the arm in the pose “{pose}”, as the ghost beside it, and hold it. {state}"
     if wizard.current_joint:
         return current_step(model, pose, wizard).request

@@ -120,8 +120,7 @@ class MessageFilter(Generic[_MessageT]):
 
     def _age_s(self, scene: int, now_s: float) -> float:
         """Return how long ago the scene after the drawn one was sent."""
-        after = next((at_s for seq, at_s in self._sent.items() if seq > scene), now_s)
-        return now_s - after
+        return now_s - self._sent.get(scene + 1, now_s)
 
 
 def _is_always_accepted(message: PageMessage) -> bool:
@@ -166,7 +165,7 @@ class Client:
         permission: What its key permits.
         view: Its viewpoint.
         viewport: Size of its drawing; None until it was received.
-        webgl: Whether it draws by itself from the scene graph.
+        webgl: Whether it draws in 3D.
         handles: Whether it draws handles at the tool, too.
         sent: The last frame of each kind, so that nothing is sent twice.
         sent_s: When the last frame of each kind was sent.

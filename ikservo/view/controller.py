@@ -26,7 +26,7 @@ from ikservo.view.frames import FrameComposer
 from ikservo.view.goal_check import PreviewGuard
 from ikservo.view.history import csv_lines
 from ikservo.view.interaction import Interaction
-from ikservo.view.labels import describe_torque
+from ikservo.view.labels import STOP_TEXTS, describe_torque
 from ikservo.view.messages import BadMessageError, Message
 from ikservo.view.plots import PlotFeed
 from ikservo.view.program_messages import ProgramMessage
@@ -221,9 +221,9 @@ class SessionController:
     def _fit_view(self, _message: msg.FitView, client: Client) -> None:
         client.view = Viewpoint(client.view.name)
 
-    def _stop(self, _message: msg.Stop, client: Client) -> None:
+    def _stop(self, message: msg.Stop, client: Client) -> None:
         _check_may_control(client)
-        self.stop("Stopped from the page")
+        self.stop(STOP_TEXTS[message.by])
 
     def _acknowledge(self, _message: msg.Acknowledge, client: Client) -> None:
         _check_may_control(client)

@@ -23,7 +23,6 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import make_pose
 from ikservo.model import Model
-from ikservo.view.draw_items import TargetMarker
 from ikservo.view.messages import (
     DragCommand,
     DragTarget,
@@ -31,6 +30,7 @@ from ikservo.view.messages import (
     JointTarget,
     ToolPoseTarget,
 )
+from ikservo.view.target_marker import TargetMarker
 from ikservo.view.tool_handles import ToolPoseSolver
 
 __all__ = [

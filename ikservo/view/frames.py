@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import partial
+from functools import lru_cache, partial
 
 import numpy as np
 
@@ -20,7 +20,6 @@ from ikservo.view.auth import Permission
 from ikservo.view.calibration import calibration_view
 from ikservo.view.camera import Camera
 from ikservo.view.connection import Client, ControlLease
-from ikservo.view.draw_items import DrawItem, link_poses, to_pixels
 from ikservo.view.interaction import Interaction
 from ikservo.view.labels import (
     candidate_rows,
@@ -31,6 +30,7 @@ from ikservo.view.labels import (
     insight_rows,
 )
 from ikservo.view.limp_picture import show_calibration
+from ikservo.view.link_poses import link_poses
 from ikservo.view.messages import BadMessageError
 from ikservo.view.reachable_region import (
     ReachableRegion,
@@ -38,11 +38,16 @@ from ikservo.view.reachable_region import (
     SlicePlane,
     slice_plane,
 )
-from ikservo.view.scene import SceneRenderer, SceneState, draw_markers
+from ikservo.view.scene import SceneState
 from ikservo.view.scene_graph import SceneGraph
 from ikservo.view.server import Frame
 from ikservo.view.snapshot import ArmSnapshot, LogEntry, StopNotice
-from ikservo.view.viewpoints import ArmExtent, ViewName, available_views, make_camera
+from ikservo.view.viewpoints import (
+    ViewName,
+    arm_extent,
+    available_views,
+    make_camera,
+)
 from ikservo.view.visibility import PostureAnalyser, PostureAnalysis, VisibilityChecker
 
 __all__ = [
@@ -59,6 +64,7 @@ __all__ = [
 _MAX_STATUS_MESSAGES = 12
 
 _STATUS_PERIOD_S, _HEARTBEAT_PERIOD_S = 0.066, 0.1
+_KEPT_CAMERAS = 16  # one for each client; that of the side turns with the arm
 _AT_REST_RAD = 2e-3  # change between two status frames
 
 
@@ -116,7 +122,7 @@ def _joint_meter_fields(model: Model, state: JointState, at: float, to: float) -
         low, high = at - math.pi, at + math.pi
 
     def fraction(position: float) -> float:
-        return round(float(np.clip((position - low) / max(high - low, 1e-9), 0.0, 1.0)), 4)
+        return round(min(max((position - low) / max(high - low, 1e-9), 0.0), 1.0), 4)
 
     return {
         "name": state.name,
@@ -248,6 +254,9 @@ class FrameComposer:
         interaction: Input of the client in control.
         clock: Limits the frame rate.
         lease: Which client is in control.
+
+    Attributes:
+        extent: The extent of the arm.
     """
 
     def __init__(
@@ -260,18 +269,13 @@ class FrameComposer:
         self._lease = lease or ControlLease()
         self._arm_thread, self._interaction, self._clock = arm_thread, interaction, clock
         arm = arm_thread.arm
-        limits = {state.name: state.limit_from for state in arm_thread.snapshot.states}
-        self._renderer = SceneRenderer(arm.model, arm.chain, limits)
-        self._graph = SceneGraph(arm.model, arm.chain, self._renderer.extent)
+        self.extent = arm_extent(arm.model)
+        self._make_camera = lru_cache(_KEPT_CAMERAS)(partial(make_camera, self.extent))
+        self._graph = SceneGraph(arm.model, arm.chain, self.extent)
         self._regions = ReachableRegionCache(arm.chain)
         self._analyser = PostureAnalyser(arm.chain, VisibilityChecker(arm.model), clock)
         self._previous: Vector | None = None
         self._index = arm.joint_index
-
-    @property
-    def extent(self) -> ArmExtent:
-        """Return the extent of the arm."""
-        return self._renderer.extent
 
     def close(self) -> None:
         """Cancel the background computations."""
@@ -290,8 +294,9 @@ class FrameComposer:
         is_own = self._lease.holder == client.number
         if is_own and kept_camera is not None and kept_camera.viewport == client.viewport:
             return kept_camera
-        yaw_rad = self.extent.yaw_rad(self._chain_joints(self._arm_thread.snapshot.measured))
-        return make_camera(self.extent, client.view, client.viewport, yaw_rad)
+        q = self._chain_joints(self._arm_thread.snapshot.measured)
+        yaw_rad = self.extent.yaw_rad(q) if client.view.name == "side" else 0.0
+        return self._make_camera(client.view, client.viewport, yaw_rad)
 
     def compose(
         self, client: Client, controller: str, fallback: StopNotice | None = None
@@ -377,43 +382,25 @@ class FrameComposer:
         )
         if snapshot.calibration is not None:
             state = show_calibration(state, snapshot.calibration, self._arm_thread.arm.model)
-        frame: dict[str, object] = {
+        scene = {
             "kind": "scene",
             "webgl": client.webgl,
-            "hover": state.hover,
-            "grabbed": interaction.grabbed_link,
-            "picked": interaction.picked_object,
-            "refusal": self._refusal_fields(camera),
-        }
-        return (
-            self._webgl_frames(client, frame, state)
-            if client.webgl
-            else [frame | self._drawing_fields(client, state)]
-        )
-
-    def _drawing_fields(self, client: Client, state: SceneState) -> dict[str, object]:
-        """Return what a page paints: the items, and the backdrop if it has changed."""
-        camera, region = state.camera, state.region
-        items = self._renderer.foreground(state) + self._solver_trace_items(camera)
-        backdrop_key = (camera.fingerprint, region and region.fingerprint)
-        if client.sent.get("backdrop") == backdrop_key:
-            return {"items": items}
-        client.sent["backdrop"] = backdrop_key
-        return {"items": items, "backdrop": self._renderer.backdrop(state)}
-
-    def _webgl_frames(
-        self, client: Client, frame: dict[str, object], state: SceneState
-    ) -> list[Frame]:
-        """Return the scene for a page that draws the scene graph, which is sent first."""
-        tip_m = self._renderer.chain.forward(state.measured)[:3, 3]
-        items = draw_markers(state, tip_m) + self._solver_trace_items(state.camera)
-        scene = {
-            **frame,
+            "refusal": self._refusal_text(),
+            **self._trace_fields(),
             **self._graph.fields(state, handles=self._has_handles(client)),
-            "items": items,
         }
-        known, client.sent["graph"] = client.sent.get("graph"), self._graph
-        return [scene] if known is self._graph else [self._graph.description, scene]
+        return [*self._arm_frames(client), scene]
+
+    def _arm_frames(self, client: Client) -> list[Frame]:
+        """Return what a client has to know of the arm before its next scene, and does not yet."""
+        frames: list[Frame] = []
+        if client.sent.get("graph") is not self._graph:
+            client.sent["graph"] = self._graph
+            frames.append(self._graph.description)
+        if client.webgl and client.sent.get("shapes") is not self._graph:
+            client.sent["shapes"] = self._graph
+            frames.append(self._graph.shapes)
+        return frames
 
     def _has_handles(self, client: Client) -> bool:
         """Return whether a client can move the tool by its handles now."""
@@ -421,23 +408,16 @@ class FrameComposer:
         moves = not (snapshot.stop_notice or snapshot.calibration or snapshot.activity)
         return client.handles and moves and self._lease.holder == client.number
 
-    def _refusal_fields(self, camera: Camera) -> dict[str, object] | None:
-        """Return why the goal is refused, and the pixel (2,) of the target that it is said at."""
-        refusal, marker, goal = (
-            self._interaction.refusal,
-            self._interaction.marker,
-            self._interaction.shown_goal,
-        )
-        if refusal is None or goal is None:
-            return None
-        chain = self._arm_thread.arm.chain
-        at_m = chain.forward(goal)[:3, 3] if marker is None else marker.target_m
-        return {"at": to_pixels(camera.project(at_m)[0]), "reason": refusal.reason}
+    def _refusal_text(self) -> str | None:
+        """Return why the goal is refused."""
+        refusal, goal = self._interaction.refusal, self._interaction.goal
+        return None if refusal is None or goal is None else refusal.reason
 
-    def _solver_trace_items(self, camera: Camera) -> list[DrawItem]:
+    def _trace_fields(self) -> dict[str, object]:
+        """Return the iterations of a solver, and which one is shown now."""
         trace = self._interaction.solver_trace
         step = self._interaction.trace_step(self._clock.now_s())
-        return [] if trace is None else trace.items(step, camera)
+        return {"trace": None if trace is None else trace.page_fields, "trace_step": step}
 
     def plane_m(self, client: Client) -> Vector | None:
         """Return a point (3,) of the plane for clicks on nothing; None for the tip's plane."""
@@ -446,13 +426,14 @@ class FrameComposer:
 
     def _tip_plane(self, client: Client) -> SlicePlane | None:
         """Return the plane in which the tip is dragged: that of the goal, if there is one."""
-        q, goal = (
-            self._chain_joints(self._arm_thread.snapshot.measured),
-            self._interaction.shown_goal,
-        )
-        tip_m = self._arm_thread.arm.chain.forward(q if goal is None else goal)[:3, 3]
+        q = self._chain_joints(self._arm_thread.snapshot.measured)
         name = "side" if client.webgl else client.view.name
-        return slice_plane(self.extent, name, q, tip_m)
+        return slice_plane(self.extent, name, q, partial(self._shown_tip_m, q))
+
+    def _shown_tip_m(self, q: Vector) -> Vector:
+        """Return the tip (3,) of the goal; without one, at joints (dof,)."""
+        goal = self._interaction.shown_goal
+        return self._arm_thread.arm.chain.forward(q if goal is None else goal)[:3, 3]
 
     def _reachable_region(self, client: Client) -> ReachableRegion | None:
         plane = self._tip_plane(client)

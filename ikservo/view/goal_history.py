@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from ikservo.errors import InputError
 from ikservo.kinematics.arrays import Vector
-from ikservo.view.draw_items import TargetMarker
+from ikservo.view.target_marker import TargetMarker
 
 __all__ = ["GoalHistory", "PastGoal"]
 

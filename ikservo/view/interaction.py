@@ -18,7 +18,6 @@ from ikservo.view.bvh import link_primitives, object_primitives
 from ikservo.view.camera import Camera, Viewport
 from ikservo.view.drag import Drag
 from ikservo.view.drag_solver import AUTO, DragSolver, PosturePreference
-from ikservo.view.draw_items import TargetMarker
 from ikservo.view.goal_history import GoalHistory, PastGoal
 from ikservo.view.held_controls import GamepadControl, GripperControl, gripper_control
 from ikservo.view.labels import describe_target
@@ -26,6 +25,7 @@ from ikservo.view.messages import DragCommand, DragTarget, JointTarget, Message
 from ikservo.view.picking import PickCandidate, Picker, PointerContext
 from ikservo.view.snapshot import ArmSnapshot, GoalRefusal, LogEntry
 from ikservo.view.solver_demo import ITERATIVE, SOLVERS, SolverTrace, trace_method
+from ikservo.view.target_marker import TargetMarker
 from ikservo.view.tool_handles import ToolDrag
 from ikservo.view.typed_targets import JointRanges, ToolTargets
 from ikservo.view.viewpoints import Viewpoint, arm_extent, available_views, make_camera

@@ -6,12 +6,11 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from ikservo.calibration import format_position
 from ikservo.errors import format_point
-from ikservo.kinematics import Chain, JointType
 from ikservo.kinematics.conditioning import Conditioning
-from ikservo.view.draw_items import TargetMarker
+from ikservo.view.message_fields import StopInput
 from ikservo.view.picking import PickCandidate
+from ikservo.view.target_marker import TargetMarker
 from ikservo.view.visibility import LinkVisibility, PostureAnalysis
 
 if TYPE_CHECKING:
@@ -19,9 +18,9 @@ if TYPE_CHECKING:
     from ikservo.model.model import HealthLimits
 
 __all__ = [
+    "STOP_TEXTS",
     "candidate_rows",
     "condition_rows",
-    "describe_range",
     "describe_target",
     "describe_torque",
     "format_solve_time",
@@ -30,6 +29,14 @@ __all__ = [
     "insight_rows",
 ]
 
+
+STOP_TEXTS: dict[StopInput, str] = {
+    "button": "Stopped from the page",
+    "Space": "Stopped by the Space key on the page",
+    "Escape": "Stopped by the Escape key on the page",
+    "gamepad": "Stopped by a gamepad of the page",
+}
+"""Who stopped the arm, as the beginning of a sentence."""
 
 _LOADED_PERCENT = 80.0
 _SAME_POINT_M = 1e-4
@@ -80,16 +87,6 @@ def format_supply(volts: Sequence[float]) -> str:
     """Return ``7.4 V``, or ``11.8 – 12.1 V`` where servos measure different voltages."""
     low, high = f"{min(volts):.1f}", f"{max(volts):.1f}"
     return f"{low} V" if low == high else f"{low} – {high} V"
-
-
-def describe_range(chain: Chain, column: int, position: float, limit_from: str) -> str:
-    """Return ``elbow_flex 12.3°, -96.8° to 96.8° (arm file)``."""
-    unit = "m" if chain.kinds[column] is JointType.PRISMATIC else "rad"
-    low, high = float(chain.lower_rad[column]), float(chain.upper_rad[column])
-    at = f"{chain.names[column]} {format_position(position, unit)}"
-    if not math.isfinite(high - low):
-        return f"{at}, turns freely"
-    return f"{at}, {format_position(low, unit)} to {format_position(high, unit)} ({limit_from})"
 
 
 def health_rows(states: Sequence[JointState], limits: HealthLimits) -> list[dict[str, object]]:

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from typing import Annotated, Literal
 
 from pydantic import Field
 
 from ikservo.files.validation import StrictModel
 
-__all__ = ["Name", "PageMessage"]
+__all__ = ["Name", "PageMessage", "StopInput"]
 
 _MAX_SEQ = 2**53 - 1  # the largest whole number that JavaScript counts without gaps
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_\-]{1,64}$")]
+StopInput = Literal["button", "Space", "Escape", "gamepad"]
+"""With what a person at the page asked for a stop."""
 
 
 class PageMessage(StrictModel):

@@ -12,7 +12,7 @@ from ikservo.errors import InputError
 from ikservo.files.validation import StrictModel
 from ikservo.ik import Target
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.view.message_fields import Name, PageMessage
+from ikservo.view.message_fields import Name, PageMessage, StopInput
 from ikservo.view.program_messages import ProgramMessage
 
 __all__ = [
@@ -218,6 +218,7 @@ class Stop(PageMessage):
     """Stop and hold until acknowledged."""
 
     kind: Literal["stop"]
+    by: StopInput = "button"
 
 
 class Acknowledge(PageMessage):

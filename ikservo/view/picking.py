@@ -22,8 +22,8 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.view.bvh import build_bvh
 from ikservo.view.camera import Camera
-from ikservo.view.draw_items import link_poses
-from ikservo.view.joint_arcs import JointDial, joint_dials
+from ikservo.view.joint_dials import JointDial, joint_dials
+from ikservo.view.link_poses import link_poses
 
 __all__ = ["PICK_TOLERANCE_PX", "Hit", "HitTester", "PickCandidate", "Picker", "PointerContext"]
 

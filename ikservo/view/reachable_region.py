@@ -3,13 +3,14 @@
 Computing it takes a tenth of a second to a second (``ikservo.ik.workspace``), so it is computed
 once per ``key`` and cached::
 
-    plane = slice_plane(extent, view, q, tip_m)    # None: this view shows no region
+    plane = slice_plane(extent, view, q, find_tip_m)    # None: this view shows no region
     region = cached.get(plane.key) or compute_region(chain, plane)
     shown = region.move_to_plane(plane)            # the arm's own plane rotates with the arm
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, replace
 
@@ -19,8 +20,6 @@ from ikservo.ik.workspace import workspace
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import make_pose
-from ikservo.view.camera import Camera
-from ikservo.view.draw_items import DrawItem, polygon
 from ikservo.view.viewpoints import ArmExtent, ViewName
 
 __all__ = [
@@ -28,14 +27,15 @@ __all__ = [
     "ReachableRegionCache",
     "SlicePlane",
     "compute_region",
-    "draw_region",
     "slice_plane",
 ]
 
 
 _CELLS, _SAMPLES = 110, 2**14
 _WINDOW, _SAMPLING_STEP = range(-2, 3), 2
-_ROUNDED_M = 0.01
+_ROUNDED_M, _RING_DIGITS = 0.01, 4
+
+Ring = list[list[float]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,11 +58,12 @@ class ReachableRegion:
     """The outlines of a region in a plane.
 
     Attributes:
-        rings: Closed outlines (k, 2) [m] along u and v; holes run clockwise.
+        rings: Closed outlines (k, 2) [m] along u and v as they travel to a page, rounded to
+            0.1 mm; holes run clockwise.
         T_world_plane: Pose of the plane (4, 4).
     """
 
-    rings: tuple[Matrix, ...]
+    rings: tuple[Ring, ...]
     T_world_plane: Matrix
 
     @property
@@ -75,15 +76,24 @@ class ReachableRegion:
         return replace(self, T_world_plane=plane.T_world_plane)
 
 
-def slice_plane(extent: ArmExtent, name: ViewName, q: Vector, tip_m: Vector) -> SlicePlane | None:
-    """Return the plane of a view while the tip is at (3,); None for a view without one.
+def slice_plane(
+    extent: ArmExtent, name: ViewName, q: Vector, find_tip_m: Callable[[], Vector]
+) -> SlicePlane | None:
+    """Return the plane of a view at joints (dof,); None for a view without one.
 
     From above and from the front it is the plane of the tip, rounded to a centimetre.
+
+    Args:
+        extent: The extent of the arm.
+        name: The view.
+        q: The joints.
+        find_tip_m: Returns where the tip is (3,), for the views that need it.
     """
     if name == "orbit":
         return None
     if name == "side":
         return _make_plane(extent, (name, 0.0), extent.plane(extent.yaw_rad(q)))
+    tip_m = find_tip_m()
     if name == "front":
         T = extent.plane(extent.home_yaw_rad)
         offset_m = _round_metres(float((tip_m - extent.pivot_m) @ T[:3, 0]))
@@ -102,21 +112,15 @@ def compute_region(chain: Chain, plane: SlicePlane) -> ReachableRegion:
     return ReachableRegion(rings, plane.T_world_plane)
 
 
-def draw_region(region: ReachableRegion, camera: Camera) -> DrawItem:
-    """Return the region as a shape with holes."""
-    T = region.T_world_plane
-    rings = [ring @ T[:3, :2].T + T[:3, 3] for ring in region.rings]
-    return polygon("reach", [camera.project(ring)[0] for ring in rings])
-
-
-def _smooth_ring(ring: Matrix, cell_m: float) -> Matrix:
+def _smooth_ring(ring: Matrix, cell_m: float) -> Ring:
     """Resample a ring at one point per cell and smooth it, so that no cells are visible."""
     closed = np.vstack([ring, ring[:1]])
     length_m = np.concatenate([[0.0], np.cumsum(np.abs(np.diff(closed, axis=0)).sum(axis=1))])
     at = (np.arange(round(length_m[-1] / cell_m)) + 0.5) * cell_m  # sides run along u or v
     centres = np.column_stack([np.interp(at, length_m, closed[:, k]) for k in (0, 1)])
     mean: Matrix = np.mean([np.roll(centres, k, axis=0) for k in _WINDOW], axis=0)
-    return mean[::_SAMPLING_STEP]
+    rounded: Ring = np.round(mean[::_SAMPLING_STEP], _RING_DIGITS).tolist()
+    return rounded
 
 
 def _make_plane(extent: ArmExtent, key: tuple[str, float], T_world_plane: Matrix) -> SlicePlane:

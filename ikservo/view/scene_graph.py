@@ -1,55 +1,50 @@
-"""The 3D scene of the page: links, shapes and boxes once, then positions of the joints and marks.
+"""The arm as the page draws it: described once, then positions of the joints and marks.
 
-The page builds a scene graph from the description and moves its nodes by the joint positions, so
-that no outlines are sent::
+The page computes the drawing by itself, in 2D from the capsules, in 3D from the shapes::
 
     graph = SceneGraph(model, chain, extent)
     graph.description             # sent once
+    graph.shapes                  # sent once to a page that draws in 3D
     graph.fields(state)           # sent with every scene, where it differs from the last one
 
 Lengths are metres, angles rad, poses T_parent_child (4, 4) row by row, all in the base frame or in
-the frame of the link. Meshes travel as the corners of their triangles, little-endian float32 in
-base64; a mesh that is missing or very fine is drawn as the capsules around it.
+the frame of the link.
 """
 
 from __future__ import annotations
 
-import base64
-import contextlib
-from collections.abc import Iterator, Mapping
+import math
+from collections.abc import Mapping
+from functools import cached_property
 
 import numpy as np
 
-from ikservo.errors import FileFormatError, InputError
 from ikservo.kinematics import Chain, ChainJoint, JointType
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.arrays import Vector
 from ikservo.kinematics.capsules import Capsule
-from ikservo.kinematics.se3 import make_pose, rotation_rpy
+from ikservo.kinematics.se3 import make_pose
 from ikservo.model import Model
-from ikservo.model.collision_model import bounding_capsules
-from ikservo.model.meshes import mesh_triangles
+from ikservo.model.collision_model import capsules_of
+from ikservo.model.model import at_distance, near_distance
 from ikservo.model.tool import tool_frame
-from ikservo.model.urdf_types import Box, Cylinder, Mesh, Shape, Sphere, Surface, Triple, UrdfLink
-from ikservo.view.camera import Camera
-from ikservo.view.draw_items import other_joint_position
+from ikservo.view.camera import NEAR_PLANE_M, Camera
+from ikservo.view.joint_dials import JointDial, joint_dials
+from ikservo.view.link_poses import other_joint_position
 from ikservo.view.reachable_region import ReachableRegion
 from ikservo.view.scene import SceneState
+from ikservo.view.scene_shapes import Fields, link_shapes, row_major
+from ikservo.view.target_marker import TargetMarker
 from ikservo.view.tool_handles import ToolHandles
 from ikservo.view.viewpoints import ArmExtent
 
 __all__ = ["SceneGraph"]
 
-Fields = dict[str, object]
-
-_MAX_TRIANGLES = 15_000  # of one mesh: 0.7 MB in base64
-_DIGITS = 7  # of joint positions: at a metre's distance 0.1 µm
-_REGION_DIGITS = 4
+_DIGITS = 7  # of positions: at a metre's distance 0.1 µm
 _AXIS_DIGITS = 4
-_UNUSABLE = (FileFormatError, InputError)
 
 
 class SceneGraph:
-    """What the page needs to draw an arm in 3D.
+    """What the page needs to draw an arm.
 
     Args:
         model: The arm.
@@ -57,24 +52,27 @@ class SceneGraph:
         extent: The space it can occupy.
 
     Attributes:
-        description: Everything that does not move.
+        description: Everything that does not move, but for the shapes of 3D.
     """
 
     def __init__(self, model: Model, chain: Chain, extent: ArmExtent) -> None:
-        self._chain = chain
+        self._model, self._chain = model, chain
         self._handles = ToolHandles(chain, tool_frame(model).approach_axis)
         steps = {link: chain.joints_to(link)[-1] for link in chain.frames if link != chain.base}
-        self._moving = [step for step in steps.values() if step.joint.kind is not JointType.FIXED]
+        self._positions = _JointPositions(list(steps.values()))
+        self._camera: tuple[Camera, Fields] | None = None
+        capsules = capsules_of(model)
         self.description: Fields = {
             "kind": "graph",
             "links": [
                 {
                     "name": link,
                     **_joint_fields(steps.get(link)),
-                    "shapes": _link_shapes(model, link),
+                    "capsules": [_capsule_fields(each) for each in capsules if each.link == link],
                 }
                 for link in chain.frames
             ],
+            "dials": [_dial_fields(chain, dial) for dial in joint_dials(chain, extent.home)],
             "tip": chain.tip,
             "boxes": [
                 {"name": box.name, "low": box.low_m, "high": box.high_m} for box in model.keep_out
@@ -85,6 +83,12 @@ class SceneGraph:
             "size": float(np.linalg.norm(extent.own_m[1] - extent.own_m[0])),
         }
 
+    @cached_property
+    def shapes(self) -> Fields:
+        """Return the shapes of each link, by name."""
+        links = {link: link_shapes(self._model, link) for link in self._chain.frames}
+        return {"kind": "shapes", "links": links}
+
     def fields(self, state: SceneState, *, handles: bool = False) -> Fields:
         """Return the fields of a scene: joint positions of arm and goal, camera, marks.
 
@@ -94,118 +98,113 @@ class SceneGraph:
         """
         others = state.other_joints if state.goal_other_joints is None else state.goal_other_joints
         return {
-            "camera": _camera_fields(state.camera),
-            "measured": self._positions(state.measured, state.other_joints),
-            "goal": self._positions(state.goal, others)
+            "camera": self._camera_fields(state.camera),
+            "measured": self._positions.at(state.measured, state.other_joints),
+            "goal": self._positions.at(state.goal, others)
             if state.goal is not None and state.shows_goal
             else None,
+            "marker": None if state.marker is None else _marker_fields(state.marker),
             "handles": self._handle_axes(state) if handles else None,
+            "hover": state.hover,
+            "grabbed": state.grabbed,
             "behind": state.behind,
+            "picked": state.picked,
             "refused_pair": state.refused_pair,
             **_region_fields(state.region),
         }
+
+    def _camera_fields(self, camera: Camera) -> Fields:
+        """Return a camera's fields; a drag keeps its camera, so they are kept, too."""
+        if self._camera is None or self._camera[0] is not camera:
+            self._camera = camera, _camera_fields(camera)
+        return self._camera[1]
 
     def _handle_axes(self, state: SceneState) -> list[float]:
         axes = self._handles.axes(state.measured if state.goal is None else state.goal)
         rounded: list[float] = np.round(axes, _AXIS_DIGITS).ravel().tolist()
         return rounded
 
-    def _positions(self, q: Vector, others: Mapping[str, float]) -> list[float]:
-        """Return the position of each joint that is not fixed, rad or m, in the order of links."""
-        return [round(_position(step, q, others), _DIGITS) for step in self._moving]
+
+class _JointPositions:
+    """The positions of the joints that are not fixed, in the order of their links.
+
+    Args:
+        steps: The joint before each link.
+    """
+
+    def __init__(self, steps: list[ChainJoint]) -> None:
+        moving = [step for step in steps if step.joint.kind is not JointType.FIXED]
+        self._columns = [step.column for step in moving]
+        self._scales = np.array([step.scale for step in moving])
+        self._shifts = np.array([step.shift for step in moving])
+        self._others = [(i, step.joint) for i, step in enumerate(moving) if not step.scale]
+
+    def at(self, q: Vector, others: Mapping[str, float]) -> list[float]:
+        """Return the positions, rad or m, at joints (dof,) and those that q does not move."""
+        at: Vector = self._scales * q[self._columns] + self._shifts
+        for i, joint in self._others:
+            other = other_joint_position(joint, others)
+            at[i] = at[i] if other is None else other
+        return _rounded(at)
 
 
-def _position(step: ChainJoint, q: Vector, others: Mapping[str, float]) -> float:
-    other = None if step.scale else other_joint_position(step.joint, others)
-    return float(step.value(q)) if other is None else other
+def _rounded(numbers: Vector) -> list[float]:
+    return np.round(numbers, _DIGITS).tolist()
 
 
 def _joint_fields(step: ChainJoint | None) -> Fields:
     """Return how a link is fixed to its parent; of the base, that it has none."""
     if step is None:
-        return {"parent": None, "origin": _pose(np.eye(4)), "joint": "fixed"}
+        return {"parent": None, "origin": row_major(np.eye(4)), "joint": "fixed"}
     joint = step.joint
     return {
         "parent": joint.parent,
-        "origin": _pose(joint.origin),
+        "origin": row_major(joint.origin),
         "joint": joint.kind.value,
         "axis": joint.axis.tolist(),
     }
 
 
-def _link_shapes(model: Model, name: str) -> list[Fields]:
-    """Return the visual shapes of a link, or else its collision shapes, as far as usable."""
-    link = next((each for each in model.urdf.links if each.name == name), None)
-    if link is None:  # the tip of a tool
-        return []
-    with contextlib.suppress(*_UNUSABLE):
-        return list(_visual_fields(link)) or _collision_fields(link)
-    with contextlib.suppress(*_UNUSABLE):
-        return _collision_fields(link)
-    return []
+def _capsule_fields(capsule: Capsule) -> Fields:
+    ends = [capsule.start_m.tolist(), capsule.end_m.tolist()]
+    return {"ends": ends, "radius": capsule.radius_m}
 
 
-def _visual_fields(link: UrdfLink) -> Iterator[Fields]:
-    colours = link.colours or (None,) * len(link.visuals)
-    for shape, colour in zip(link.visuals, colours, strict=True):
-        yield from _shape_fields(link.name, shape, colour)
+def _dial_fields(chain: Chain, dial: JointDial) -> Fields:
+    """Return a joint's range, and the distances from its limits at which it is near or at them."""
+    low, high = float(chain.lower_rad[dial.column]), float(chain.upper_rad[dial.column])
+    limited = math.isfinite(high - low)
+    unit = "m" if dial.is_prismatic else "rad"
+    return {
+        "joint": dial.name,
+        "link": dial.step.joint.child,
+        "needle": dial.needle.tolist(),
+        "slides": dial.is_prismatic,
+        "range": [low, high] if limited else None,
+        "at": at_distance(low, high, unit),
+        "near": near_distance(low, high, unit),
+    }
 
 
-def _collision_fields(link: UrdfLink) -> list[Fields]:
-    return [each for shape in link.collisions for each in _shape_fields(link.name, shape, None)]
-
-
-def _shape_fields(link: str, shape: Shape, colour: Triple | None) -> list[Fields]:
-    """Return a shape as one or more primitives of the page.
-
-    Raises:
-        FileFormatError: A mesh cannot be used.
-        InputError: A mesh needs the extra ``mesh``, which is not installed.
-    """
-    T = make_pose(shape.xyz_m, rotation_rpy(*shape.rpy_rad))
-    shared: Fields = {"pose": _pose(T), "colour": colour}
-    match shape:
-        case Box():
-            return [{"shape": "box", "size": shape.size_m, **shared}]
-        case Cylinder():
-            return [{"shape": "cylinder", "size": [shape.radius_m, shape.length_m], **shared}]
-        case Sphere():
-            return [{"shape": "sphere", "size": [shape.radius_m], **shared}]
-        case Mesh() | Surface():
-            return _mesh_fields(link, shape, shared)
-
-
-def _mesh_fields(link: str, mesh: Mesh | Surface, shared: Fields) -> list[Fields]:
-    triangles = mesh.triangles_m if isinstance(mesh, Surface) else mesh_triangles(link, mesh)
-    if len(triangles) > _MAX_TRIANGLES:
-        return [_capsule_fields(each, shared) for each in bounding_capsules(link, mesh)]
-    corners = base64.b64encode(np.ascontiguousarray(triangles, dtype="<f4").tobytes())
-    return [{"shape": "mesh", "corners": corners.decode(), **shared}]
-
-
-def _capsule_fields(capsule: Capsule, shared: Fields) -> Fields:
-    """Return a capsule in link coordinates, along the y axis of its own frame."""
-    along = capsule.end_m - capsule.start_m
-    length_m = float(np.linalg.norm(along))
-    y = along / length_m if length_m else np.array([0.0, 1.0, 0.0])
-    x = np.cross(y, np.eye(3)[int(np.argmin(np.abs(y)))])
-    x = x / np.linalg.norm(x)
-    T = make_pose(0.5 * (capsule.start_m + capsule.end_m), np.column_stack([x, y, np.cross(x, y)]))
-    size = [capsule.radius_m, length_m]
-    return {**shared, "shape": "capsule", "size": size, "pose": _pose(T)}
+def _marker_fields(marker: TargetMarker) -> Fields:
+    return {
+        "target": _rounded(marker.target_m),
+        "nearest": _rounded(marker.nearest_m),
+        "reached": marker.reached,
+    }
 
 
 def _camera_fields(camera: Camera) -> Fields:
-    T_world_camera = make_pose(camera.eye_m, camera.R_world_view)
-    return {"pose": _pose(T_world_camera), "focal_px": camera.scale_px}
+    return {
+        "pose": row_major(make_pose(camera.eye_m, camera.R_world_view)),
+        "scale_px": camera.scale_px,
+        "perspective": camera.perspective,
+        "near_m": NEAR_PLANE_M,
+        "size": [camera.viewport.width_px, camera.viewport.height_px],
+    }
 
 
 def _region_fields(region: ReachableRegion | None) -> Fields:
     if region is None:
         return {"region": None, "region_pose": None}
-    rings = [np.round(ring, _REGION_DIGITS).tolist() for ring in region.rings]
-    return {"region": rings, "region_pose": _pose(region.T_world_plane)}
-
-
-def _pose(T: Matrix) -> list[float]:
-    return T.ravel().tolist()
+    return {"region": region.rings, "region_pose": row_major(region.T_world_plane)}

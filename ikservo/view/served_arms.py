@@ -282,11 +282,16 @@ class ServedArms:
         self._arms[arm.name] = arm
         return arm
 
-    def stop(self, name: str | None) -> None:
-        """Stop an arm and let it hold until acknowledged; every open one without a name."""
+    def stop(self, name: str | None, by: str) -> None:
+        """Stop an arm and let it hold until acknowledged; every open one without a name.
+
+        Args:
+            name: The arm; None for every open one.
+            by: By whom, as the beginning of a sentence.
+        """
         for arm in self.all():
             if arm.is_open and name in (None, arm.name):
-                arm.controller.stop("Stopped from the list of arms")
+                arm.controller.stop(by)
 
     def start_closing(self, name: str) -> None:
         """Close an arm in a thread of its own, its torque as it is.

@@ -274,11 +274,11 @@ class _WebSocketHandler(Generic[_MessageT]):
             if state.filter.frames_in_flight < _MAX_FRAMES_AHEAD:
                 frames += state.backend.frames(state.client_id)
             for frame in frames:
-                await asyncio.wait_for(
-                    state.socket.send_text(self._number_frame(state, frame)), _SLOW_CLIENT_S
-                )
+                async with asyncio.timeout(_SLOW_CLIENT_S):  # unlike wait_for it makes no task
+                    await state.socket.send_text(self._number_frame(state, frame))
             with contextlib.suppress(TimeoutError):
-                await asyncio.wait_for(state.ready.wait(), _SEND_TIMEOUT_S)
+                async with asyncio.timeout(_SEND_TIMEOUT_S):
+                    await state.ready.wait()
             await asyncio.sleep(due_s - loop.time())
             state.ready.clear()
 

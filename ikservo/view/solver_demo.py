@@ -4,8 +4,8 @@
 
     model = load_model("planar3")                     # or any flat arm
     trace = trace_method(model.chain, target_m, q0, "ccd")
+    trace.page_fields                                 # what the page draws, sent once
     for k in range(trace.count):
-        items = trace.items(k, camera)                # painted over SceneRenderer(model).draw(…)
         text = trace.format_step(k)                   # "ccd, iteration 12 of 40: 3.2 mm left"
 
 Every method starts at the same joints, inside the same limits, and has the same stopping
@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -23,8 +24,6 @@ from numpy.typing import ArrayLike
 from ikservo.ik import METHODS, Posture, Result, Target, solve
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.view.camera import Camera
-from ikservo.view.draw_items import DrawItem, circle, cross, polyline
 
 __all__ = ["ITERATIVE", "SOLVERS", "SolverTrace", "trace_method"]
 
@@ -35,11 +34,10 @@ ITERATIVE = ("pseudo_inverse", "transpose", "ccd")
 """Methods that iterate from the current joints: they need not end at the nearest point."""
 
 _MAX_SHOWN = 200
-_TRAIL = 10
-_JOINT_PX, _CROSS_PX = 4.0, 9.0
+_DIGITS = 5
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class SolverTrace:
     """The iterations of a method towards a target.
 
@@ -64,21 +62,14 @@ class SolverTrace:
         """Return the distance of the tip from the target at a step."""
         return math.dist(self.lines_m[step, -1], self.target_m)
 
-    def items(self, step: int, camera: Camera) -> list[DrawItem]:
-        """Return the items of a step: the arm over earlier ones, the tip's path, the target."""
-        px, _ = camera.project(self.lines_m[: step + 1])
-        at, _ = camera.project(self.target_m)
-        last = step == self.count - 1
-        style = "target" if not last or self.result.reached else "target_far"
-        return [
-            *(polyline("iteration", line) for line in px[:: max(1, len(px) // _TRAIL)]),
-            polyline("trace", px[:, -1]),
-            polyline("gap", [px[-1, -1], at]),
-            polyline("iterate", px[-1]),
-            *(circle("joint", joint, _JOINT_PX) for joint in px[-1, :-1]),
-            circle("tip", px[-1, -1], _JOINT_PX),
-            cross(style, at, _CROSS_PX),
-        ]
+    @cached_property
+    def page_fields(self) -> dict[str, object]:
+        """Return what the page draws step by step, see ``page/marks.js``."""
+        return {
+            "lines": np.round(self.lines_m, _DIGITS).tolist(),
+            "target": self.target_m.tolist(),
+            "reached": self.result.reached,
+        }
 
     def format_step(self, step: int) -> str:
         """Return the iteration number of a step, and the remaining distance, as text."""

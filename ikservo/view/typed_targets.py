@@ -15,7 +15,7 @@ from ikservo.errors import InputError, UnreachableError
 from ikservo.ik import Target
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model.tool import tool_frame
-from ikservo.view.draw_items import TargetMarker
+from ikservo.view.target_marker import TargetMarker
 
 __all__ = ["JointRanges", "ToolTargets"]
 

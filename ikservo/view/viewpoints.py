@@ -106,7 +106,8 @@ def _vertical_axes(yaw_rad: ArrayLike) -> Matrix:
     """Return the axes (…, 3, 3) of vertical planes at yaws (…): outwards, up, across."""
     c, s, zero = np.cos(yaw_rad), np.sin(yaw_rad), np.zeros_like(yaw_rad)
     rows = [[c, zero, s], [s, zero, -c], [zero, zero + 1.0, zero]]
-    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
+    axes = np.array(rows)
+    return axes if axes.ndim == 2 else np.moveaxis(axes, (0, 1), (-2, -1))
 
 
 def _first_pivot(chain: Chain, home: Vector) -> Vector:

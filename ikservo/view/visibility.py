@@ -33,7 +33,7 @@ from ikservo.model import Model
 from ikservo.model.collision_model import capsules_of
 from ikservo.view.bvh import bounding_boxes, link_primitives, object_primitives, triangle_rows
 from ikservo.view.camera import Camera, Viewport, view_rotation
-from ikservo.view.draw_items import link_poses
+from ikservo.view.link_poses import link_poses
 from ikservo.view.picking import Picker
 
 __all__ = [

@@ -30,8 +30,12 @@ def installed():
     return "" if done.returncode == 0 else f"Chromium cannot be installed: {done.stderr[-200:]}"
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def browser():
+    """Start Chromium for the tests of this folder.
+
+    Playwright leaves an event loop running: others would fail in ``asyncio.run`` if it stayed.
+    """
     reason = "" if found() else installed()
     if reason:
         pytest.skip(reason)

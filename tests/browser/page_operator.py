@@ -155,23 +155,22 @@ class Operator:
         raise AssertionError(f"never in {PATIENCE_MS} ms: {words}\n{self.status}")
 
     def wait_for(self, words):
-        """Wait for an expression over `status` and `scene`."""
-        begin = "(() => { const { status, scene } = window.ikservo;"
+        """Wait for an expression over `status`, `scene` and the drawn `items`."""
+        begin = "(() => { const { status, scene, items } = window.ikservo;"
         return self.until(f"{begin} return Boolean({words}); }})()")
 
     def wait_for_picture(self):
         """Wait until what is drawn fits the drawing's size of now."""
         self.wait_for(
-            "Math.abs(scene.items.find((i) => i.kind === 'text').at[1] + 22"
+            "Math.abs(items.find((i) => i.kind === 'text').at[1] + 22"
             " - document.getElementById('drawing').clientHeight) < 1"
         )
         self.box = self.page.locator("#drawing").bounding_box()
 
     def items(self, style, **names):
-        scene = self.page.evaluate("window.ikservo.scene")
         return [
             item
-            for item in scene["items"]
+            for item in self.page.evaluate("window.ikservo.items")
             if item["style"] == style and all(item.get(k) == v for k, v in names.items())
         ]
 

@@ -7,6 +7,7 @@ import pytest
 import tomli_w
 
 from tests.browser.page_operator import Operator, serve_view, until
+from tests.browser.tab_order import expect_read_in_order
 from tests.browser.test_browser_page import CONTRAST
 
 pytestmark = pytest.mark.browser
@@ -74,6 +75,8 @@ def test_one_of_a_hundred_poses_is_found_and_chosen_by_keys(person):
     page.keyboard.press("Enter")
     person.wait_for("Math.abs(status.goals[4] - 41) < 0.1")
     assert page.evaluate(CONTRAST) == []
+    page.fill("#pose-filter", "e_4")
+    expect_read_in_order(page, "#pose-dialog")
     page.fill("#pose-filter", "cup")
     assert "No pose is called “cup”" in page.inner_text("#pose-count")
     page.click("#pose-close")

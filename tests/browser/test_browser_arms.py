@@ -115,7 +115,8 @@ def test_space_stops_every_arm_and_a_fault_of_one_is_told_beside_its_name(page, 
     before = [registers(koch.arm, "goal_position"), two.goals()]
     page.keyboard.press("Space")
     operator.wait_for("status.mode === 'stopped'")
-    row(page, "koch").filter(has_text="stopped").wait_for()
+    row(page, "koch").filter(has_text="Stopped by the Space key on the page").wait_for()
+    assert "by the Space key on the page" in page.inner_text("#banner-message")
     for goals, held in zip(
         [registers(koch.arm, "goal_position"), two.goals()], before, strict=True
     ):

@@ -24,6 +24,7 @@ def test_a_click_brings_the_tip_there(live):
     live.click(live.tip_px() + ASIDE).until_near(live.served.tip_m, goal_m, NEAR_MM)
 
 
+@pytest.mark.campaign
 def test_in_preview_a_click_moves_nothing(operator):
     before = operator.served.goals()
     operator.click(operator.tip_px() + ASIDE).wait_for("status.tip.length > 1")
@@ -107,6 +108,7 @@ def test_a_drag_past_the_limits_ends_at_the_border(live):
         assert (q <= chain.upper_rad + 2e-3).all()
 
 
+@pytest.mark.campaign
 def test_a_shift_drag_turns_one_joint_only(live):
     before = live.served.ticks()
     live.page.keyboard.down("Shift")
@@ -153,6 +155,7 @@ def test_a_finger_does_what_a_mouse_does(visit):
     operator.until_near(operator.served.tip_m, goal_m, NEAR_MM)
 
 
+@pytest.mark.campaign
 def test_after_a_resize_on_a_sharp_screen_a_click_still_means_the_same(visit):
     operator = visit(device_scale_factor=2)
     operator.page.set_viewport_size({"width": 800, "height": 900})
@@ -219,6 +222,34 @@ WebSocket.prototype.send = function (text) {
 """
 
 
+MOVE_ON = """() => {
+  const canvas = document.getElementById("drawing");
+  const { x, y } = canvas.getBoundingClientRect();
+  const send = WebSocket.prototype.send;
+  window.confirmedBy = {};
+  let seen = 0;
+  WebSocket.prototype.send = function (text) {
+    const message = JSON.parse(text);
+    if (message.seen !== seen) confirmedBy[message.kind] = (confirmedBy[message.kind] ?? 0) + 1;
+    seen = message.seen;
+    send.call(this, text);
+  };
+  const move = (now) => {
+    canvas.dispatchEvent(new PointerEvent("pointermove", {
+      pointerId: 1, clientX: x + 400 + 50 * Math.sin(now / 300), clientY: y + 300,
+    }));
+    requestAnimationFrame(move);
+  };
+  requestAnimationFrame(move);
+}"""
+
+
+def test_while_the_pointer_moves_its_messages_say_what_was_drawn_and_no_others(operator):
+    operator.page.evaluate(MOVE_ON)
+    operator.until("(confirmedBy.pointer ?? 0) > 60")
+    assert operator.page.evaluate("confirmedBy.heartbeat ?? 0") <= 2  # before the first move
+
+
 @pytest.mark.campaign
 def test_two_fingers_come_nearer_and_move_nothing(visit):
     operator = visit(has_touch=True)
@@ -249,7 +280,7 @@ def test_a_solver_that_was_chosen_shows_its_iterations(operator, solver):
     operator.wait_for(f"status.solver.name === '{solver}'")
     operator.click(operator.tip_px() + 2 * ASIDE)
     operator.wait_for("status.solver.text.includes('iteration')")
-    operator.wait_for("scene.items.some((item) => item.style === 'iterate')")
+    operator.wait_for("items.some((item) => item.style === 'iterate')")
 
 
 @pytest.mark.campaign

@@ -75,12 +75,14 @@ def test_in_preview_all_of_it_moves_a_ghost_only(operator):
     assert operator.served.goals() == before
 
 
+@pytest.mark.campaign
 def test_a_short_click_opens_the_gripper_a_little(live):
     before = tick_of(live, "gripper")
     live.page.click("#gripper-open")
     until(lambda: abs(tick_of(live, "gripper") - before) > 30)
 
 
+@pytest.mark.campaign
 def test_typed_coordinates_bring_the_tip_there(live):
     goal_m = live.served.tip_m() + np.array([0.0, 0.0, 0.03])
     live.page.fill("#tool-z", f"{1000 * goal_m[2]:.1f}")

@@ -60,6 +60,7 @@ def test_plots_show_where_the_joints_are_and_only_what_was_chosen(operator):
     assert operator.page.evaluate("document.activeElement.id") == "plots-toggle"
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("width", "scheme"), [(390, "dark"), (1600, "light")])
 def test_plots_can_be_read_and_worked_with_a_finger_and_by_their_names(visit, width, scheme):
     operator = visit(color_scheme=scheme, reduced_motion="reduce")

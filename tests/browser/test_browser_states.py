@@ -38,6 +38,7 @@ def test_in_preview_a_target_below_the_table_is_refused_at_once_beside_the_point
     assert operator.items("ghost")
 
 
+@pytest.mark.campaign
 def test_in_live_a_refused_target_is_shown_as_refused_and_no_goal_is_sent(live):
     before = live.until_still().served.goals()
     live.click(below_the_table(live)).wait_for(REFUSED)
@@ -84,6 +85,7 @@ def test_a_limp_servo_and_a_wrong_supply_are_told_and_not_that_the_arm_holds(ope
     assert row == "4.5 V, below 5.9 V"
 
 
+@pytest.mark.campaign
 def test_messages_of_the_arm_and_of_its_guard_are_one_list_in_the_order_of_time(operator):
     operator.click(below_the_table(operator)).wait_for(REFUSED)
     operator.page.click("#stop")

@@ -19,6 +19,7 @@ TOUCHED = """(part) => {
 }"""
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("width", "scheme"),
     [

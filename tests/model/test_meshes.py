@@ -66,6 +66,7 @@ def test_capsules_contain_the_surface_and_the_inside(kind):
     assert outside_m(np.array(points), fits) <= 1e-9
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", ["bar", "plate", "ball", "slanted capsule"])
 def test_capsules_contain_the_inside(kind):
     mesh = link_like(kind)
@@ -121,6 +122,7 @@ def mesh_at(path, scale=(1.0, 1.0, 1.0)):
     return Mesh(path.name, path, scale, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("name", FORMATS)
 def test_every_format_gives_the_same_capsules(name, tmp_path):
     mesh, path = link_like("bar"), tmp_path / name

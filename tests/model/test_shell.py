@@ -51,6 +51,7 @@ def test_a_pair_that_overlaps_in_rest_counts_from_there():
     assert bare.link_distances([rest]).gap_m.min() < 0
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["so101", "open_manipulator_x", "wx250s"])
 def test_whatever_really_touches_is_found(name):
     model = load_model(name)

@@ -6,7 +6,7 @@ import pytest
 from ikservo.ik.kernel.compiled import uncompiled
 from ikservo.view import pick_region, raycast
 from ikservo.view.bvh import LEFT, build_bvh
-from ikservo.view.draw_items import link_poses
+from ikservo.view.link_poses import link_poses
 from ikservo.view.picking import Picker
 from tests.both_ways import needs_extension, run_both_ways
 from tests.view.test_view_pick import VIEWS, cloud, places, rays_at

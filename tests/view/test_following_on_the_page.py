@@ -16,6 +16,7 @@ from tests.browser.page_operator import until
 from tests.view.test_served_arms import served
 
 TURN_RAD = 0.4
+STOPPED = "Stopped from the list of arms"
 
 
 class Pair:
@@ -93,17 +94,18 @@ def silence_servo(pair):
     line.faults.add(Fault("silent", id=3, at_s=line.world.time_s))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("fault", "told", "leader_too"),
     [
         (pull_cable, "planar3-2 does not lead any more: Lost connection", True),
         (
-            lambda pair: pair.arms.stop("planar3-2"),
+            lambda pair: pair.arms.stop("planar3-2", STOPPED),
             "planar3-2 does not lead any more: The arm was stopped: Stopped",
             True,
         ),
         (silence_servo, "joint3 (id 3)", False),
-        (lambda pair: pair.arms.stop("planar3"), "Stopped from the list of arms", False),
+        (lambda pair: pair.arms.stop("planar3", STOPPED), STOPPED, False),
     ],
     ids=["leader's cable", "leader's stop", "follower's servo", "follower's stop"],
 )

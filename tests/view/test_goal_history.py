@@ -84,6 +84,7 @@ def test_a_slider_pulled_along_is_one_gesture_and_a_drag_of_the_arm_too(session)
     assert roll(session) == 10.0
 
 
+@pytest.mark.campaign
 def test_in_live_undo_brings_the_arm_back(session):
     session.enable_live()
 

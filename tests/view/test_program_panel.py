@@ -145,6 +145,7 @@ def test_a_stop_in_a_step_holds_until_acknowledged_and_then_it_goes_on_from_ther
     assert degrees(session, "wrist_roll") == pytest.approx(60.0, abs=0.5)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("kind", "words"),
     [("silent", "does not answer"), ("reset", "does not answer")],
@@ -165,6 +166,7 @@ def test_a_fault_in_the_middle_stops_the_program_in_its_step(session, kind, word
     assert session.arm_thread.snapshot.stop_notice is not None
 
 
+@pytest.mark.campaign
 def test_pause_ends_after_the_step_and_single_steps_follow_each_other(session):
     first = teach_target(session, "wrist_roll", 10.0)
     second = teach_target(session, "wrist_roll", 20.0)

@@ -76,6 +76,19 @@ def test_one_arm_is_stopped_and_the_other_stays_live_until_all_are_stopped(desk)
     assert said(listed, client)["so101"]["state"] == "live"
     tell(listed, client, "stop_arms")
     until(lambda: said(listed, client)["so101"]["state"] == "stopped")
+    assert said(listed, client)["so101"]["text"].startswith("Stopped by Stop all on the page")
+
+
+@pytest.mark.parametrize("key", ["Space", "Escape"])
+def test_every_arm_that_a_key_stopped_says_so(desk, key):
+    arms, listed = desk
+    client = listed.connect(Permission.CONTROL)
+    for arm in arms.all():
+        live(arm)
+    tell(listed, client, "stop_arms", by=key)
+    until(lambda: {row["state"] for row in said(listed, client).values()} == {"stopped"})
+    for row in said(listed, client).values():
+        assert row["text"].startswith(f"Stopped by the {key} key on the page")
 
 
 def test_a_pulled_cable_stops_its_arm_alone(desk):

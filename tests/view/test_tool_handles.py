@@ -63,6 +63,7 @@ def test_an_arm_offers_the_degrees_of_freedom_that_it_has(name, moves, turns):
     assert handles.description == {"moves": moves, "turns": turns}
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("session", ["so101", "wx250s", "px100"], indirect=True)
 def test_each_ring_turns_the_tool_about_its_axis_and_the_tip_stays(session):
     session.enable_live()
@@ -79,6 +80,7 @@ def test_each_ring_turns_the_tool_about_its_axis_and_the_tip_stays(session):
         session.enable_live()
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("session", "keeps_heading"), [("so101", False), ("wx250s", True)], indirect=["session"]
 )

@@ -11,7 +11,7 @@ from ikservo.kinematics.capsules import segment_distance
 from ikservo.kinematics.se3 import exp_so3, make_pose
 from ikservo.model.collision_model import capsules_of
 from ikservo.view.bvh import capsule_rows, link_primitives, triangle_rows
-from ikservo.view.draw_items import link_poses
+from ikservo.view.link_poses import link_poses
 from ikservo.view.picking import Picker
 from ikservo.view.raycast import raycast_brute_force
 from tests.view.view_fixtures import VIEWPORT, cameras, looked_at, model_of, picker, points, stage

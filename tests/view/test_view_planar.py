@@ -10,9 +10,8 @@ from ikservo.kinematics import distance_to_limits
 from ikservo.model.collision_model import capsules_of
 from ikservo.view.bvh import link_primitives
 from ikservo.view.camera import Viewport
-from ikservo.view.draw_items import link_poses
+from ikservo.view.link_poses import link_poses
 from ikservo.view.picking import Picker
-from ikservo.view.scene import SceneRenderer, SceneState
 from ikservo.view.solver_demo import SOLVERS, trace_method
 from ikservo.view.viewpoints import Viewpoint, arm_extent, available_views, make_camera
 from tests.view.planar_arm import planar_model
@@ -41,10 +40,8 @@ def test_it_is_seen_along_its_axes_only():
     assert available_views(arm_extent(MODEL)) == ("plane",)
 
 
-def test_it_is_drawn_and_picked_like_any_arm():
+def test_it_is_picked_like_any_arm():
     chain = MODEL.chain
-    links = {item.get("link") for item in SceneRenderer(MODEL).draw(SceneState(CAMERA, START))}
-    assert {"base", "link1", "link2", "link3"} <= links
     picker, poses = Picker(link_primitives(capsules_of(MODEL))), link_poses(chain, START, {})
     middle = chain.forward(START, "link2", (0.05, 0.0, 0.0))[:3, 3]
     assert picker.pick_at(CAMERA, poses, CAMERA.project(middle)[0]).link == "link2"
@@ -61,9 +58,9 @@ def test_every_method_starts_at_the_same_joints_and_gets_there(method):
 
 
 @pytest.mark.parametrize("method", SOLVERS)
-def test_a_target_out_of_reach_is_red_at_the_end(method):
+def test_a_target_out_of_reach_stays_as_far_as_the_arm_is_too_short(method):
     solver_trace = trace_method(MODEL.chain, np.array([0.5, 0.2, 0.0]), START, method)
-    assert solver_trace.items(solver_trace.count - 1, CAMERA)[-1]["style"] == "target_far"
+    assert not solver_trace.page_fields["reached"]
     assert solver_trace.distance_left_m(solver_trace.count - 1) == pytest.approx(
         math.hypot(0.5, 0.2) - 0.3, abs=2e-3
     )
@@ -75,20 +72,15 @@ def test_every_iteration_is_inside_the_limits(method):
     assert distance_to_limits(MODEL.chain, np.array(solver_trace.result.trace)).min() >= 0.0
 
 
-def test_every_step_is_drawn_where_the_arm_was():
+def test_the_page_is_sent_the_arm_at_every_step():
     solver_trace = trace_method(MODEL.chain, TARGET_M, START, "ccd")
+    sent = np.array(solver_trace.page_fields["lines"])
+    assert len(sent) == solver_trace.count
     step = solver_trace.count // 2
-    drawn = next(i for i in solver_trace.items(step, CAMERA) if i["style"] == "iterate")
     q = solver_trace.result.trace[solver_trace.numbers[step]]
     links = ("link1", "link2", "link3", "tool")
-    expected = CAMERA.project(np.array([MODEL.chain.forward(q, x)[:3, 3] for x in links]))[0]
-    np.testing.assert_allclose(drawn["points"], expected, atol=0.06)
-
-
-def test_a_step_draws_the_way_so_far_and_no_further():
-    solver_trace = trace_method(MODEL.chain, TARGET_M, START, "pseudo_inverse")
-    trace = next(i for i in solver_trace.items(4, CAMERA) if i["style"] == "trace")
-    assert len(trace["points"]) == 5
+    expected = [MODEL.chain.forward(q, link)[:3, 3] for link in links]
+    np.testing.assert_allclose(sent[step], expected, atol=1e-5)
 
 
 def test_a_long_way_is_thinned_and_keeps_both_ends():

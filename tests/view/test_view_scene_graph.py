@@ -1,9 +1,10 @@
-"""What a page that draws in 3D is sent: shapes once, then positions of joints, and little of it."""
+"""What a page is sent: the arm once, then positions of joints, and little of it."""
 
 import base64
 import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -13,20 +14,15 @@ from ikservo.model import load_model
 from ikservo.model.model import KeepOutBox
 from ikservo.model.urdf_types import Mesh, Surface
 from ikservo.view import messages as page_messages
-from ikservo.view import scene_graph
-from ikservo.view.draw_items import link_poses
+from ikservo.view import scene_shapes
+from ikservo.view.link_poses import link_poses
 from ikservo.view.scene import SceneState
-from ikservo.view.scene_graph import SceneGraph
-from ikservo.view.viewpoints import arm_extent
+from ikservo.view.scene_shapes import link_shapes
 from tests.oracle import ARMS
-from tests.view.view_fixtures import looked_at, model_of, stage
+from tests.view.view_fixtures import graph_of, looked_at, model_of, stage
 from tests.view.view_session import ViewSession
 
 FRAME_S = 1 / 60
-
-
-def graph_of(model):
-    return SceneGraph(model, model.chain, arm_extent(model))
 
 
 def with_visual(model, link, shape, collisions=None):
@@ -38,10 +34,6 @@ def with_visual(model, link, shape, collisions=None):
         for each in model.urdf.links
     )  # fmt: skip
     return replace(model, urdf=replace(model.urdf, links=links))
-
-
-def link_fields(graph, name):
-    return next(link for link in graph.description["links"] if link["name"] == name)
 
 
 def placed(graph, positions):
@@ -73,6 +65,13 @@ def test_the_positions_put_every_link_where_forward_kinematics_does(name):
         assert np.abs(found[link] - T).max() < 1e-6, link
 
 
+def test_every_link_has_its_shapes_with_the_graph():
+    graph = graph_of(model_of("so101"))
+    names = [link["name"] for link in graph.description["links"]]
+    assert list(graph.shapes["links"]) == names
+    assert graph.shapes["links"]["base"] == link_shapes(model_of("so101"), "base") != []
+
+
 def test_a_goal_where_the_arm_is_measured_is_no_ghost():
     graph, q = graph_of(model_of("so101")), stage("so101").home
     state = SceneState(looked_at("so101", "top"), q, goal=q + 1e-4)
@@ -81,11 +80,19 @@ def test_a_goal_where_the_arm_is_measured_is_no_ghost():
 
 
 def test_shapes_have_the_colours_of_the_urdf():
-    foot, post, servo = link_fields(graph_of(model_of("so101")), "base")["shapes"]
+    foot, post, servo = link_shapes(model_of("so101"), "base")
     assert foot["shape"] == post["shape"] == servo["shape"] == "box"
     assert foot["size"] == (0.1, 0.09, 0.026)
     assert foot["colour"] == (0.95, 0.78, 0.15)
     assert servo["colour"] == (0.12, 0.12, 0.13)
+
+
+def test_every_key_that_a_page_is_sent_of_the_arm_is_in_the_protocol(session):
+    page = Path(__file__).parents[2].joinpath("tools/pages/formats.py").read_text("utf-8")
+    graph = graph_of(model_of("so101")).description
+    scene = session.latest_frames()["scene"]
+    keys = {*scene, *scene["camera"], *graph, *graph["links"][-1], *graph["dials"][0]}
+    assert {key for key in keys if f"`{key}`" not in page} == {"kind"}
 
 
 @pytest.mark.parametrize("suffix", ["stl", "glb"])
@@ -94,9 +101,7 @@ def test_a_mesh_travels_as_its_triangles(tmp_path, suffix):
     path = tmp_path / f"ball.{suffix}"
     ball.export(path)
     mesh = Mesh(path.name, path, (0.001, 0.001, 0.001), (0.1, 0.0, 0.0), (0.0, 0.0, 0.0))
-    (shape,) = link_fields(graph_of(with_visual(model_of("so101"), "wrist", mesh)), "wrist")[
-        "shapes"
-    ]
+    (shape,) = link_shapes(with_visual(model_of("so101"), "wrist", mesh), "wrist")
     corners = np.frombuffer(base64.b64decode(shape["corners"]), "<f4").reshape(-1, 3)
     assert len(corners) == 3 * len(ball.faces)
     assert np.allclose(np.linalg.norm(corners, axis=1), 0.030, atol=1e-5)
@@ -106,21 +111,18 @@ def test_a_mesh_travels_as_its_triangles(tmp_path, suffix):
 def test_a_missing_mesh_is_drawn_as_the_collision_shapes(tmp_path):
     model = model_of("so101")
     lost = Mesh("lost.stl", tmp_path / "lost.stl", (1.0, 1.0, 1.0), (0, 0, 0), (0, 0, 0))
-    shapes = link_fields(graph_of(with_visual(model, "wrist", lost)), "wrist")["shapes"]
+    shapes = link_shapes(with_visual(model, "wrist", lost), "wrist")
     assert len(shapes) == len(model.urdf.link("wrist").collisions) > 0
     assert {shape["colour"] for shape in shapes} == {None}
-    nothing = graph_of(with_visual(model, "wrist", lost, collisions=(lost,)))
-    assert link_fields(nothing, "wrist")["shapes"] == []
+    assert link_shapes(with_visual(model, "wrist", lost, collisions=(lost,)), "wrist") == []
 
 
 def test_a_mesh_too_fine_to_travel_is_drawn_as_the_capsules_around_it(monkeypatch, tmp_path):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
-    monkeypatch.setattr(scene_graph, "_MAX_TRIANGLES", 10)
+    monkeypatch.setattr(scene_shapes, "_MAX_TRIANGLES", 10)
     bar = trimesh.creation.box((0.12, 0.02, 0.02))
     surface = Surface(np.array(bar.triangles), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    shapes = link_fields(graph_of(with_visual(model_of("so101"), "wrist", surface)), "wrist")[
-        "shapes"
-    ]
+    shapes = link_shapes(with_visual(model_of("so101"), "wrist", surface), "wrist")
     assert {shape["shape"] for shape in shapes} == {"capsule"}
     for corner in bar.vertices:
         assert min(capsule_gap_m(shape, corner) for shape in shapes) < 1e-6
@@ -164,12 +166,16 @@ def session():
         yield session
 
 
-def test_in_3d_a_page_receives_the_graph_once_and_at_rest_and_dragging_little(session):
-    look = {"w": 900, "h": 700, "dpr": 1, "view": "orbit", "webgl": True}
-    session.send_message(page_messages.SetViewport, **look)
+@pytest.mark.parametrize(
+    ("view", "webgl"), [("side", False), ("top", False), ("orbit", False), ("orbit", True)]
+)
+def test_a_page_receives_the_arm_once_and_at_rest_and_dragging_little(session, view, webgl):
+    look = {"w": 900, "h": 700, "dpr": 1, "view": view}
+    session.send_message(page_messages.SetViewport, **look, webgl=webgl)
     wire = Wire(session)
     wire.run(1.0)
     assert wire.kinds.count("graph") == 1
+    assert wire.kinds.count("shapes") == webgl
     assert wire.run(2.0) <= 20_000
     session.point("down", 450, 300)
 
@@ -178,16 +184,36 @@ def test_in_3d_a_page_receives_the_graph_once_and_at_rest_and_dragging_little(se
 
     assert wire.run(2.0, move) <= 60_000
     assert session.interaction.goal is not None
-    session.send_message(page_messages.SetViewport, **{**look, "webgl": False})
+    session.send_message(page_messages.SetViewport, **look, webgl=not webgl)
     wire.run(0.2)
     assert wire.kinds.count("graph") == 1
-    assert any(item["style"] == "measured" for item in wire.known["scene"]["items"])
+    assert wire.kinds.count("shapes") == (view == "orbit")
+
+
+def test_the_region_travels_when_it_changes_and_not_with_every_scene(session):
+    session.send_message(page_messages.SetViewport, w=900, h=700, dpr=1, view="top")
+    wire = Wire(session)
+    wire.run(0.1)
+    session.controller._composer._regions._busy[1].result(timeout=60)
+    wire.run(0.1)
+    first = wire.known["scene"]["region"]
+    wire.run(0.5)
+    assert wire.known["scene"]["region"] is first
+    assert len(json.dumps(first)) > wire.bytes
 
 
 def test_the_side_view_is_drawn_on_the_canvas_whatever_the_page_can(session):
     session.send_message(page_messages.SetViewport, w=900, h=700, dpr=1, view="side", webgl=True)
-    assert "graph" not in session.latest_frames()
-    assert not session.latest_frames()["scene"]["webgl"]
+    frames = session.latest_frames()
+    assert "shapes" not in frames
+    assert not frames["scene"]["webgl"]
+
+
+def test_the_range_of_a_joint_is_the_calibrated_one():
+    model = model_of("so101")
+    narrow = model.chain.with_limits(0.5 * model.chain.lower_rad, 0.5 * model.chain.upper_rad)
+    dial = next(d for d in graph_of(model, narrow).description["dials"] if d["link"] == "forearm")
+    assert dial["range"] == [narrow.lower_rad[2], narrow.upper_rad[2]]
 
 
 def test_a_box_of_the_surroundings_and_the_table_are_described():

@@ -13,6 +13,8 @@ from ikservo.view.auth import Permission
 from ikservo.view.connection import Client
 from ikservo.view.frames import FrameComposer
 from ikservo.view.interaction import Interaction
+from ikservo.view.joint_dials import joint_dials
+from ikservo.view.link_poses import link_poses
 from ikservo.view.messages import BadMessageError
 from ikservo.view.viewpoints import Viewpoint
 from servosim.faults import Fault
@@ -27,6 +29,7 @@ def session():
         yield session
 
 
+@pytest.mark.campaign
 def test_a_click_moves_the_simulated_servos_to_its_place(session):
     session.enable_live()
     session.click(480, 300)
@@ -139,6 +142,7 @@ STILL_RAD = 5e-4  # from one goal to the next
 CYCLE_S = 0.02  # until a cycle handles it and goals are sent
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("way", "notice_s"), [("closed", 0.0), ("silent", 0.3)])
 @pytest.mark.parametrize(
     "cuts",
@@ -300,8 +304,9 @@ ASKING = [
 
 
 def pixel_of_hub(session, joint):
-    items = session.latest_frames()["scene"]["items"]
-    return next(i["at"] for i in items if i["style"] == "hub" and i.get("joint") == joint)
+    chain, q = session.arm.chain, session.chain_joints()
+    dial = next(dial for dial in joint_dials(chain, q) if dial.name == joint)
+    return session.camera().project(dial.hub(link_poses(chain, q, {}), q))[0].tolist()
 
 
 def test_what_is_under_the_pointer_is_told_by_depth(session):
@@ -339,12 +344,14 @@ def test_over_nothing_only_the_tip_can_come(session):
     ]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("method", ["ccd", "transpose"])
 def test_a_drag_is_answered_by_the_chosen_method_and_goes_on_while_the_pointer_rests(
     session, method
 ):
     session.send_message(page_messages.SetSolver, name=method)
-    tip = next(i["at"] for i in session.latest_frames()["scene"]["items"] if i["style"] == "tip")
+    tip_m = session.arm.chain.forward(session.chain_joints())[:3, 3]
+    tip = session.camera().project(tip_m)[0].tolist()
     session.point("down", *tip)
     session.point("move", tip[0] + 30, tip[1] - 30)
     assert session.latest_frames()["status"]["solver"]["text"].startswith(f"{method}: ")
@@ -484,9 +491,8 @@ def test_what_stands_still_is_not_sent_sixty_times_a_second(session):
 
 
 def test_the_goal_of_a_wheel_is_a_degree_a_notch(session):
-    hub = next(item for item in session.latest_frames()["scene"]["items"]
-               if item["style"] == "hub" and item.get("joint") == "elbow_flex")  # fmt: skip
-    session.send_message(page_messages.Wheel, x=hub["at"][0], y=hub["at"][1], notches=3)
+    x, y = pixel_of_hub(session, "elbow_flex")
+    session.send_message(page_messages.Wheel, x=x, y=y, notches=3)
     turned = session.interaction.goal - session.arm_thread.snapshot.measured
     assert math.degrees(np.abs(turned).max()) == pytest.approx(3.0, abs=0.3)
 

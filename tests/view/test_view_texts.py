@@ -9,15 +9,13 @@ from ikservo.arm import JointState
 from ikservo.errors import format_point
 from ikservo.ik import ActiveLimit
 from ikservo.model.model import HealthLimits
-from ikservo.view.draw_items import TargetMarker
 from ikservo.view.labels import (
-    describe_range,
     describe_target,
     format_solve_time,
     format_supply,
     health_rows,
 )
-from tests.kinematics.chains import planar
+from ikservo.view.target_marker import TargetMarker
 
 TIP = np.array([0.2, 0.0, 0.15])
 
@@ -68,8 +66,3 @@ def test_health_is_said_in_units():
     state = JointState("elbow_flex", 0.0, -1.0, 1.0, "arm file", 31.0, 12.1, 4.0, torque=True)
     row = health_rows([state], HealthLimits())[0]
     assert (row["temperature"], row["voltage"], row["load"]) == ("31 °C", "12.1 V", "4 %")
-
-
-def test_a_joint_without_limits_turns_freely():
-    free = planar(0.1, limit_rad=np.inf)
-    assert describe_range(free, 0, 0.5, "arm file") == "j1 28.6°, turns freely"

@@ -9,7 +9,7 @@ import ikservo
 from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.model.model import KeepOutBox
 from ikservo.view import visibility
-from ikservo.view.draw_items import link_poses
+from ikservo.view.link_poses import link_poses
 from ikservo.view.visibility import TABLE, VisibilityChecker
 from tests.view.view_fixtures import looked_at, model_of, picker, stage
 from tests.view.view_session import ViewSession

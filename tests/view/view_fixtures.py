@@ -12,9 +12,9 @@ from ikservo.model.collision_model import capsules_of
 from ikservo.view.bvh import link_primitives
 from ikservo.view.camera import Camera, Viewport, view_rotation
 from ikservo.view.drag import Drag
-from ikservo.view.draw_items import link_poses
+from ikservo.view.link_poses import link_poses
 from ikservo.view.picking import Picker, PointerContext
-from ikservo.view.scene import SceneRenderer
+from ikservo.view.scene_graph import SceneGraph
 from ikservo.view.viewpoints import Viewpoint, arm_extent, make_camera
 
 VIEWPORT = Viewport(800.0, 600.0)
@@ -54,9 +54,9 @@ def stage(name):
     return arm_extent(model_of(name))
 
 
-@cache
-def scene_renderer(name):
-    return SceneRenderer(model_of(name))
+def graph_of(model, chain=None):
+    """Return what the page is sent of an arm, inside a chain's limits if it is given."""
+    return SceneGraph(model, model.chain if chain is None else chain, arm_extent(model))
 
 
 @cache

@@ -61,6 +61,15 @@ class ViewSession:
         """Return the controller's gestures and goal: the one place that reaches into it."""
         return self.controller._interaction
 
+    def camera(self, client=None):
+        """Return the camera of a client, by which it is picked."""
+        controller = self.controller
+        return controller._composer.camera(controller._clients[client or self.client])
+
+    def chain_joints(self):
+        """Return where the joints of the chain are measured (dof,)."""
+        return self.arm.joint_index.chain_joints(self.arm_thread.snapshot.measured)
+
     def ticks(self):
         return registers(self.arm, "present_position")
 

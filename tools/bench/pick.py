@@ -18,7 +18,7 @@ from ikservo.model import load_model
 from ikservo.model.collision_model import capsules_of
 from ikservo.view.bvh import capsule_rows, link_primitives, triangle_rows
 from ikservo.view.camera import Viewport
-from ikservo.view.draw_items import link_poses
+from ikservo.view.link_poses import link_poses
 from ikservo.view.picking import Picker
 from ikservo.view.raycast import raycast_brute_force
 from ikservo.view.viewpoints import Viewpoint, arm_extent, make_camera

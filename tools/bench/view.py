@@ -1,11 +1,12 @@
 """How quick the view is: pointer to bus, moves of a drag, frames a second with ten links; traffic.
 
-Run ``python tools/bench/view.py``; results belong in docs/benchmarks.md. The bus is simulated, in
-this process, at real speed; the browser is the system's Chromium without a window.
+Run ``python tools/bench/view.py [PART ...]``; results belong in docs/benchmarks.md. The bus is
+simulated, in this process, at real speed; the browser is the system's Chromium without a window.
 """
 
 from __future__ import annotations
 
+import argparse
 import gzip
 import math
 import os
@@ -255,7 +256,7 @@ def frames_per_second() -> tuple[float, float]:
 
 
 # The pointer is moved inside the page at each refresh: the test's own pipe is not measured.
-# A frame counts if what was drawn is not what was drawn before.
+# A frame counts if what it was drawn from is not what the frame before was drawn from.
 DRAW_ON = """() => {
   const canvas = document.getElementById("drawing");
   const began = performance.now();
@@ -268,7 +269,7 @@ DRAW_ON = """() => {
     if (scene !== window.ikservo.scene) {
       scene = window.ikservo.scene;
       const before = print;
-      print = JSON.stringify(scene.items);
+      print = JSON.stringify([scene.measured, scene.goal, scene.marker, scene.camera, scene.hover]);
       window.changed += print !== before;
     }
     canvas.dispatchEvent(new PointerEvent("pointermove", { pointerId: 1, clientX: box.x + 450 +
@@ -279,33 +280,76 @@ DRAW_ON = """() => {
 }"""
 
 
-def main() -> None:
-    """Measure and print."""
-    print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
+def print_latencies() -> None:
+    """Measure from pointer events to goals."""
     took = sorted(latencies_ms())
     p95 = took[int(0.95 * len(took))]
     print(f"pointer to goal, {EVENTS} events: median {statistics.median(took):.1f} ms, "
           f"p95 {p95:.1f} ms, most {took[-1]:.1f} ms")  # fmt: skip
+
+
+def print_arrivals() -> None:
+    """Measure from pointer events to goals that the joints have reached."""
     steep = arm_thread_module.JERK_FACTOR
     for speed in ("normal", "fast"):
         for factor in (1.0, steep):
             should, shafts = map(statistics.median, arrivals_ms(speed, factor))
             print(f"to 2 ticks of the goal, {speed}, {factor:g} times the jerk: median "
                   f"{should:.0f} ms of the joints' reference, {shafts:.0f} of shafts")  # fmt: skip
+
+
+def print_drag() -> None:
+    """Count moves that are lost."""
     heard, lag = drag()
     print(f"one drag of {MOVES} moves: {MOVES - heard} lost, at most {lag} behind")
+
+
+def print_frames() -> None:
+    """Measure how many pictures the browser draws."""
     changed, refreshes = frames_per_second()
     print(f"ten links, dragged: {changed:.1f} frames a second that differ, "
           f"of {refreshes:.1f} refreshes of the screen")  # fmt: skip
-    for view, webgl in (("side", False), ("orbit", False), ("orbit", True)):
+
+
+VIEWS = {"side": ("side", False), "orbit": ("orbit", False), "orbit, 3D": ("orbit", True)}
+
+
+def print_traffic() -> None:
+    """Count what a page receives."""
+    for name, (view, webgl) in VIEWS.items():
         idle, dragged = traffic_kb_s(view, webgl=webgl)
-        name = f"{view}, 3D" if webgl else view
         print(f"to one page ({name}): {idle:.1f} kB/s at rest, {dragged:.0f} kB/s dragging")
+
+
+def print_shares() -> None:
+    """Measure the processor time of the page's thread."""
+    for name, (view, webgl) in VIEWS.items():
         idle, dragged, moves = page_share(view, webgl=webgl)
         print(f"the page's thread ({name}): {idle:.1f} % of a core at rest, {dragged:.1f} % "
               f"dragging at {moves:.0f} moves a second")  # fmt: skip
+
+
+def print_first_picture() -> None:
+    """Measure the page's files and how long it takes to appear."""
     kilobytes, took_s = first_picture()
     print(f"the page: {kilobytes:.0f} kB gzipped, first picture after {took_s:.2f} s")
+
+
+PARTS: dict[str, Callable[[], None]] = {
+    "latency": print_latencies, "arrival": print_arrivals, "drag": print_drag,
+    "frames": print_frames, "traffic": print_traffic, "share": print_shares,
+    "page": print_first_picture,
+}  # fmt: skip
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("parts", nargs="*", metavar="PART", help=f"all, or some of {list(PARTS)}")
+    wanted = parser.parse_args().parts or list(PARTS)
+    print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
+    for part in wanted:
+        PARTS[part]()
     print(f"load {os.getloadavg()[0]:.1f}")
 
 

@@ -3,6 +3,7 @@
 import { $, setText } from "./elements.js";
 
 const CONFIRM_MS = 4000;
+const ONE_COLUMN = matchMedia("(max-width: 1020px)"); // as in the style
 
 export class Actions {
   constructor(send) {
@@ -16,6 +17,14 @@ export class Actions {
     $("help-button").onclick = () => this.toggleHelp();
     $("help-close").onclick = () => this.toggleHelp();
     addEventListener("keydown", (event) => this.onKey(event));
+    ONE_COLUMN.addEventListener("change", () => this.placeExecute());
+    this.placeExecute();
+  }
+
+  // In one column the drawing is out of sight where goals are typed: the button is in the bar then.
+  placeExecute() {
+    if (ONE_COLUMN.matches) $("live").before($("execute"));
+    else $("redo").after($("execute"));
   }
 
   // An arm that is not supported falls: that takes a second press.
@@ -65,7 +74,6 @@ export class Actions {
     $("undo").disabled = !free || !status.undo;
     $("redo").disabled = !free || !status.redo;
     $("execute").disabled = !idle || !status.target || status.refused;
-    $("execute").hidden = status.mode === "live";
     for (const id of ["relax", "release"]) $(id).disabled = !idle;
   }
 }

@@ -55,8 +55,8 @@ export class Arms {
   }
 
   // Space and Escape stop all arms where there are several.
-  stopSeveral() {
-    if (this.list.filter(({ state }) => IS_OPEN.has(state)).length > 1) this.send("stop_arms", { name: null });
+  stopSeveral(by) {
+    if (this.list.filter(({ state }) => IS_OPEN.has(state)).length > 1) this.send("stop_arms", { name: null, by });
   }
 
   openArm(arm, port) {

@@ -14,7 +14,8 @@ export class Connection {
     this.handlers = handlers;
     this.path = path;
     this.seq = 0;
-    this.seen = 0;
+    this.seen = 0; // the last scene that was drawn
+    this.confirmed = 0; // that of the last message
     this.open = false;
     const beat = () => this.sendHeartbeat();
     if (path !== "arms") this.timer = setInterval(beat, HEARTBEAT_PERIOD_MS);
@@ -33,7 +34,7 @@ export class Connection {
 
   receive(message) {
     if (message.kind === "challenge") {
-      this.seq = this.seen = 0;
+      this.seq = this.seen = this.confirmed = 0;
       this.kept = {};
       this.socket.send(JSON.stringify({ kind: "hello", proof: hmac(this.key, message.nonce) }));
       return;
@@ -48,9 +49,10 @@ export class Connection {
     return (this.kept[message.kind] = { ...this.kept[message.kind], ...message });
   }
 
+  // Any message of the same frame says it, too.
   confirmDrawn(seq) {
     this.seen = seq;
-    this.sendHeartbeat();
+    if (this.confirmed !== seq) this.sendHeartbeat();
   }
 
   sendHeartbeat() {
@@ -60,6 +62,7 @@ export class Connection {
   send(kind, fields = {}) {
     if (!this.open || this.socket.readyState !== WebSocket.OPEN) return;
     this.seq += 1;
+    this.confirmed = this.seen;
     this.socket.send(JSON.stringify({ kind, seq: this.seq, seen: this.seen, ...fields }));
   }
 

@@ -1,4 +1,4 @@
-// Paints the items of a scene on the canvas. The geometry comes from the server; only colours are here.
+// Paints items in pixels, see picture.js, on the canvas: only colours are here.
 
 // style: [fill, stroke, width, dash]; names of colours are those of style.css without --draw-.
 const STYLES = {

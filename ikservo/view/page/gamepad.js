@@ -39,6 +39,6 @@ export class Gamepads {
       this.send("gamepad", { axes: [axes[0], -axes[1], axes[2], -axes[3]], grip });
     }
     this.wasActive = active;
-    if (pad?.buttons[1]?.pressed) this.send("stop");
+    if (pad?.buttons[1]?.pressed) this.send("stop", { by: "gamepad" });
   }
 }

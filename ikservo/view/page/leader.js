@@ -3,6 +3,7 @@
 import { Connection } from "./connection.js";
 import { Drawing } from "./drawing.js";
 import { $, createElement, setText } from "./elements.js";
+import { Picture } from "./picture.js";
 
 const CONFIRM_MS = 4000;
 const CLOSED = { lost: "No connection to it.", closed: "It was closed.", none: "It is not open.", "wrong-key": "Its key is wrong." };
@@ -15,6 +16,7 @@ export class Leader {
     this.name = null;
     this.following = null; // the name of the leader while the arm follows
     this.drawing = new Drawing($("leader-drawing"), $("leader-backdrop"));
+    this.picture = new Picture();
     $("follow").onclick = () => this.send("follow_arm", { leader: this.following ? null : this.name });
     $("leader-close").onclick = () => this.close();
     $("leader-release").onclick = () => this.release();
@@ -31,6 +33,7 @@ export class Leader {
     $("follow").focus();
     this.connection = new Connection(this.key, {
       arm_info: (message) => { this.view = message.views[0]; this.sendViewport(); },
+      graph: (message) => this.picture.setGraph(message),
       scene: (message) => this.draw(message),
       status: (message) => { this.status = message; this.update(); },
       refused: ({ message, hint }) => setText($("leader-state"), `${message} ${hint}`),
@@ -53,7 +56,8 @@ export class Leader {
 
   draw(scene) {
     this.connection.confirmDrawn(scene.seq);
-    this.drawing.show(scene.backdrop, scene.items);
+    const { backdrop, items } = this.picture.compose(scene);
+    this.drawing.show(backdrop, items);
   }
 
   sendViewport() {

@@ -11,6 +11,7 @@ import { Gamepads } from "./gamepad.js";
 import { HandleInput } from "./handle_input.js";
 import { Leader } from "./leader.js";
 import { Panel } from "./panel.js";
+import { Picture } from "./picture.js";
 import { PointerInput } from "./pointing.js";
 import { Poses } from "./poses.js";
 import { Program } from "./program.js";
@@ -23,12 +24,13 @@ const VIEWS = { side: "Side", top: "Top", front: "Front", orbit: "Orbit", plane:
 
 const canvas = $("drawing");
 const drawing = new Drawing(canvas, $("backdrop"));
+const picture = new Picture();
 const options = new URLSearchParams(location.hash.slice(1)); // of the page's address
 const key = options.get("token") ?? "";
 let armInfo = null;
 let view = null;
 let scenes = []; // not drawn yet; one per animation frame, so that a late one is not skipped
-window.ikservo = { scene: null, status: null, drawn: 0 }; // for tests and benchmarks
+window.ikservo = { scene: null, items: [], status: null, drawn: 0 }; // for tests and benchmarks
 
 const connection = new Connection(key, {
   arm_info(message) {
@@ -45,7 +47,11 @@ const connection = new Connection(key, {
   program(message) { program.setProgram(message); },
   program_state(message) { program.setState(message); },
   following(message) { leader.showFollowing(message); },
-  graph(message) { rendering.setGraph(message); },
+  graph(message) {
+    picture.setGraph(message);
+    rendering.graph = message;
+  },
+  shapes(message) { rendering.setShapes(message.links); },
   scene(message) {
     scenes.push(message);
   },
@@ -131,38 +137,41 @@ function sendViewport() {
   if (!armInfo) return;
   drawing.fit();
   const { clientWidth: w, clientHeight: h } = canvas;
-  send("viewport", { w, h, dpr: devicePixelRatio, view, webgl: rendering.wantsGraph(view), handles: rendering.wantsHandles() });
+  send("viewport", { w, h, dpr: devicePixelRatio, view, webgl: rendering.wantsShapes(view), handles: rendering.wantsHandles() });
   updateChoices($("views"), armInfo.views, view, (name) => { view = name; sendViewport(); }, (name) => VIEWS[name]);
 }
 
 function onAnimationFrame(now) {
   requestAnimationFrame(onAnimationFrame);
+  const scene = scenes.shift();
+  if (scene) connection.seen = scene.seq;
   pointerInput.flush();
   handleInput.flush();
   panel.joints.flush();
   gamepads.poll(now);
-  if (scenes.length) show(scenes.shift());
+  if (scene) show(scene);
 }
 
 function show(scene) {
   connection.confirmDrawn(scene.seq); // before drawing: the server prepares the next one meanwhile
   rendering.show(scene);
-  drawing.show(scene.backdrop, scene.items);
+  const { backdrop, items, goalAt } = picture.compose(scene);
+  drawing.show(backdrop, items);
   canvas.toggleAttribute("data-hover", Boolean(scene.hover));
   canvas.toggleAttribute("data-grabbed", Boolean(scene.grabbed));
   canvas.toggleAttribute("data-picked", Boolean(scene.picked));
-  showRefusal(scene.refusal);
-  window.ikservo.scene = scene;
+  panel.goalRefusal = scene.refusal ?? "";
+  showRefusal(scene.refusal, goalAt);
+  Object.assign(window.ikservo, { scene, items });
   window.ikservo.drawn += 1;
 }
 
 // Why the goal is refused, beside its target and inside the drawing.
-function showRefusal(refusal) {
+function showRefusal(reason, [x, y]) {
   const box = $("refusal");
-  box.hidden = !refusal;
-  if (!refusal) return;
-  setText(box, refusal.reason);
-  const [x, y] = refusal.at;
+  box.hidden = !reason;
+  if (!reason) return;
+  setText(box, reason);
   const left = Math.max(8, Math.min(x + 18, canvas.clientWidth - box.offsetWidth - 8));
   const top = Math.max(8, Math.min(y + 14, canvas.clientHeight - box.offsetHeight - 8));
   box.style.transform = `translate(${left}px, ${top}px)`;
@@ -174,8 +183,9 @@ addEventListener("keydown", (event) => {
   event.preventDefault();
   event.stopPropagation();
   if (event.repeat) return;
-  stopButton.press();
-  arms.stopSeveral();
+  const by = event.key === " " ? "Space" : event.key;
+  stopButton.press(by);
+  arms.stopSeveral(by);
 }, { capture: true });
 // N selects what is behind the thing under the pointer, Shift+N what is in front of it.
 addEventListener("keydown", (event) => {

@@ -37,6 +37,7 @@ export class Program {
       if ($("add-recording").value) this.send("add_step", { what: "recording", recording: $("add-recording").value });
       $("add-recording").value = "";
     };
+    $("program").ontoggle = () => $("program").open && $("program").scrollIntoView({ block: "nearest" });
     $("record-step").onclick = () => this.send("record_step", { on: !this.state.recording });
     for (const action of ["check", "play", "step"]) $(`program-${action}`).onclick = () => this.send("run_program", { action, step: this.from });
     $("program-pause").onclick = () => this.send("run_program", { action: "pause" });

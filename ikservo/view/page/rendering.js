@@ -1,21 +1,19 @@
 // Chooses how the orbit view is drawn: in 3D by WebGL where frames are fast enough, else on the canvas.
 
 import { $, setAttribute, setText } from "./elements.js";
+import { isSame } from "./picture.js";
 
 const WARM_UP_FRAMES = 2; // shaders are compiled meanwhile
 const TIMED_FRAMES = 5;
 const CONTEXT_LOST = "The graphics driver gave up";
 const BUDGET_MS = 50; // a frame that takes longer makes a drag jerky
 
-// What has not changed is the same object in the next scene.
-const isSame = (scene, shown) => Object.keys(scene).every((name) => name === "seq" || scene[name] === shown[name]);
-
 export class Rendering {
   constructor(canvas, wanted, onChange) {
     this.canvas = canvas;
     this.wanted = wanted; // "3d" or "2d" if the user has chosen
     this.onChange = onChange;
-    this.view = this.module = this.renderer = this.graph = this.scene3d = null;
+    this.view = this.module = this.renderer = this.graph = this.shapes = this.scene3d = null;
     this.shown = {}; // the scene of the last frame
     this.reason = ""; // why the canvas draws what 3D should
     this.frameMs = null; // of the timed frames, the median
@@ -52,13 +50,13 @@ export class Rendering {
   choose(wanted) {
     this.wanted = wanted;
     this.reason = "";
-    if (this.isOn() && this.graph && !this.scene3d) this.setGraph(this.graph);
+    if (this.isOn() && this.shapes && !this.scene3d) this.setShapes(this.shapes);
     if (this.isOn() && this.renderer?.getContext().isContextLost()) this.fallBack(CONTEXT_LOST);
     else this.onChange();
   }
 
-  // Returns whether the server should send the scene graph; the first time it is loaded meanwhile.
-  wantsGraph(view) {
+  // Returns whether the server should send the shapes of 3D; the first time three.js is loaded meanwhile.
+  wantsShapes(view) {
     this.view = view;
     const wants = this.wants3D();
     if (wants && !this.module) this.load();
@@ -77,11 +75,11 @@ export class Rendering {
     }
   }
 
-  setGraph(graph) {
-    this.graph = graph;
+  setShapes(shapes) {
+    this.shapes = shapes;
     try {
       this.renderer ??= this.module.createRenderer(this.canvas);
-      this.scene3d = new this.module.Scene3D(this.renderer, graph);
+      this.scene3d = new this.module.Scene3D(this.renderer, this.graph, shapes);
     } catch {
       this.fallBack("This browser has no WebGL");
     }

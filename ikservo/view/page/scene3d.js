@@ -22,16 +22,17 @@ export function createRenderer(canvas) {
 }
 
 export class Scene3D {
-  constructor(renderer, graph) {
+  // Takes the arm and the shapes of its links, see ikservo/view/scene_graph.py.
+  constructor(renderer, graph, shapes) {
     this.renderer = renderer;
     this.camera = new THREE.PerspectiveCamera();
     this.camera.matrixAutoUpdate = false;
     this.scene = new THREE.Scene();
     this.graph = graph;
     this.size = { width: 0, height: 0, ratio: 0 };
-    this.arm = new LinkTree(graph, () => new THREE.MeshStandardMaterial({ roughness: 0.55, metalness: 0.05 }));
+    this.arm = new LinkTree(graph, shapes, () => new THREE.MeshStandardMaterial({ roughness: 0.55, metalness: 0.05 }));
     this.ghostMaterials = createGhostMaterials();
-    this.ghost = new LinkTree(graph, () => this.ghostMaterials.ghost);
+    this.ghost = new LinkTree(graph, shapes, () => this.ghostMaterials.ghost);
     this.arm.root.traverse((part) => { part.castShadow = part.receiveShadow = true; });
     this.arm.tip.add(createTriad(TRIAD_M.tool));
     this.markings = new Markings(graph);
@@ -72,9 +73,9 @@ export class Scene3D {
     this.markings.showBoxes([scene.picked, ...(scene.refused_pair ?? [])]);
   }
 
-  setCamera({ pose, focal_px }) {
+  setCamera({ pose, scale_px }) {
     const { width, height } = this.size;
-    this.camera.fov = (2 * Math.atan(height / 2 / focal_px) * 180) / Math.PI;
+    this.camera.fov = (2 * Math.atan(height / 2 / scale_px) * 180) / Math.PI;
     this.camera.aspect = width / height;
     this.camera.near = NEAR_M;
     this.camera.far = 40 * this.graph.size;
@@ -138,7 +139,7 @@ export class Scene3D {
 
 // The links of an arm: each node hangs on its parent and turns or slides by its joint.
 class LinkTree {
-  constructor({ links, tip }, createMaterial) {
+  constructor({ links, tip }, shapes, createMaterial) {
     this.nodes = new Map();
     this.parts = new Map();
     this.joints = [];
@@ -151,7 +152,7 @@ class LinkTree {
       this.nodes.get(link.parent)?.add(node);
       this.nodes.set(link.name, node);
       if (link.joint !== "fixed") this.joints.push(createJoint(node, link));
-      const parts = link.shapes.map((shape) => this.createPart(shape, createMaterial));
+      const parts = shapes[link.name].map((shape) => this.createPart(shape, createMaterial));
       parts.forEach((part) => node.add(part));
       this.parts.set(link.name, parts);
     }

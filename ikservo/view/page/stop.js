@@ -9,12 +9,13 @@ export class StopButton {
     this.send = send;
     this.showRefusal = showRefusal;
     this.sentAt = null;
-    $("stop").onclick = () => this.press();
+    $("stop").onclick = () => this.press("button");
   }
 
-  press() {
+  // by is what was pressed: "button", or the key "Space" or "Escape".
+  press(by) {
     if ($("stop").disabled) return;
-    this.send("stop");
+    this.send("stop", { by });
     const sentAt = (this.sentAt = performance.now());
     setText($("stop-word"), "Stopping …");
     setTimeout(() => this.sentAt === sentAt && this.sayUnconfirmed(), CONFIRM_MS);

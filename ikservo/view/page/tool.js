@@ -1,9 +1,9 @@
 // The tool at the goal: its coordinates, angles and direction, typed or in steps.
 
-import { $, createElement, updateChoices } from "./elements.js";
+import { $, createElement, setText, updateChoices } from "./elements.js";
 import { NumberField, createStepButton, parseNumber } from "./number_field.js";
 
-const VALUES = [["x", "mm"], ["y", "mm"], ["z", "mm"], ["pitch", "°"], ["roll", "°"]];
+const VALUES = [["x", "mm", "forward"], ["y", "mm", "to the left, seen from behind the base"], ["z", "mm", "up"], ["pitch", "°", "above the horizontal"], ["roll", "°", "about the tool's own axis"]];
 const STEPS = ["1", "5", "20"]; // millimetres or degrees
 
 export class Tool {
@@ -11,7 +11,7 @@ export class Tool {
     this.send = send;
     this.refuse = refuse;
     this.step = "5";
-    this.fields = VALUES.map(([what, unit]) => this.createField(what, unit));
+    this.fields = VALUES.map(([what, unit, meaning]) => this.createField(what, unit, meaning));
     this.direction = createElement("input", { type: "text", autocomplete: "off", id: "tool-direction", "aria-label": "Direction of the tool, three numbers" });
     this.direction.addEventListener("input", () => { this.dirty = true; });
     this.direction.addEventListener("change", () => this.sendDirection());
@@ -21,12 +21,12 @@ export class Tool {
     this.showSteps();
   }
 
-  createField(what, unit) {
+  createField(what, unit, meaning) {
     const field = new NumberField({ label: `Tool ${what}`, unit, refuse: this.refuse, submit: (value) => this.send("set_tool", { what, value }) });
     field.element.id = `tool-${what}`;
     const buttons = [-1, 1].map((sign) => createStepButton(sign, `Tool ${what}`, () => this.send("jog_tool", { what, step: sign * Number(this.step) })));
     const label = createElement("span", { "aria-hidden": "true" }, what);
-    return { what, field, buttons, element: createElement("div", { class: "tool-value" }, label, buttons[0], field.element, buttons[1]) };
+    return { what, field, buttons, element: createElement("div", { class: "tool-value", title: `${what}: ${meaning}` }, label, buttons[0], field.element, buttons[1]) };
   }
 
   showSteps() {
@@ -40,7 +40,9 @@ export class Tool {
     else this.refuse(`“${this.direction.value.slice(0, 30)}” is no direction: three numbers such as 0 0 -1. The tool stays.`);
   }
 
-  show({ tool }, movable) {
+  // reason: why the guard refuses the goal; said here, too, for the drawing may be out of sight.
+  show({ tool }, movable, reason) {
+    setText($("target-note"), reason);
     for (const { what, field, buttons } of this.fields) {
       field.show(tool[what], !movable);
       for (const button of buttons) button.disabled = !movable;

@@ -10,6 +10,7 @@ export class Wizard {
   constructor(send) {
     this.send = send;
     this.shown = "";
+    this.stage = null; // of the screen that is shown
   }
 
   show(calibration) {
@@ -33,7 +34,9 @@ export class Wizard {
       createElement("div", { class: "actions-main" }, ...this.createActions(calibration)),
     ];
     $("wizard").replaceChildren(...parts.filter(Boolean));
-    if (focused) $("wizard").querySelector(`[data-action="${CSS.escape(focused)}"]`)?.focus();
+    if (focused) $("wizard").querySelector(`[data-action="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });
+    if (calibration.stage !== this.stage) $("wizard").scrollTop = 0; // where the next task is
+    this.stage = calibration.stage;
   }
 
   createMeter(meter, stage) {

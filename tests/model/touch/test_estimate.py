@@ -48,6 +48,7 @@ def judge(name, seed):
     return before_m, after_m
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("name", "seed"), FEW)
 def test_fifteen_touches_leave_a_millimetre_and_a_half_at_most(name, seed):
     judge(name, seed)

@@ -1,0 +1,71 @@
+// What the canvas shows of a scene: items in pixels, in painting order, for drawing.js. The server sends the arm
+// once and then positions of joints, see ikservo/view/scene_graph.py. Kinds of items:
+//   { kind: "polygon",  style, rings: [[[x, y], …], …] }   filled together by the non-zero rule
+//   { kind: "polyline", style, points: [[x, y], …] }
+//   { kind: "circle" or "cross", style, at: [x, y], r }
+//   { kind: "text",     style, at, text }                  `at` is its lower left corner
+// Items of a link have `link`, those of a joint `joint`, boxes `name`.
+
+import { Dials } from "./dials.js";
+import { origin } from "./geometry.js";
+import { placeLinks } from "./kinematics.js";
+import { markItems, traceItems } from "./marks.js";
+import { outlineLinks } from "./outlines.js";
+import { Projection } from "./projection.js";
+import { backdropItems, boxItem, scaleItems } from "./surroundings.js";
+
+// Whether nothing has changed: what has not is the same object in the next scene.
+export const isSame = (scene, shown) => Object.keys(scene).every((name) => name === "seq" || scene[name] === shown[name]);
+
+export class Picture {
+  setGraph(graph) {
+    this.graph = graph;
+    this.dials = new Dials(graph);
+    this.shown = {}; // the scene of the last picture
+    this.last = null;
+  }
+
+  // Returns `items`, `backdrop` (null in 3D), and the pixel `goalAt` of the target or else of the goal's tip.
+  // What has not changed is the same object as before.
+  compose(scene) {
+    if (isSame(scene, this.shown)) return this.last;
+    const projection = new Projection(scene.camera);
+    const arm = placeLinks(this.graph, scene.measured);
+    const goal = scene.goal && placeLinks(this.graph, scene.goal);
+    const tip = (placed) => origin(placed.get(this.graph.tip).pose);
+    const marks = markItems(scene, tip(arm), projection);
+    const trace = traceItems(scene, projection);
+    const items = scene.webgl ? [...marks, ...trace] : [...this.armItems(scene, arm, goal, projection), ...marks, ...scaleItems(projection), ...trace];
+    const backdrop = scene.webgl ? null : this.composeBackdrop(scene, projection);
+    this.shown = scene;
+    this.last = { items, backdrop, goalAt: projection.project(scene.marker?.target ?? tip(goal ?? arm)) };
+    return this.last;
+  }
+
+  // The items that change with camera and region only.
+  composeBackdrop(scene, projection) {
+    const same = ["camera", "region", "region_pose"].every((name) => scene[name] === this.shown[name]);
+    return same && this.last.backdrop ? this.last.backdrop : backdropItems(this.graph, scene, projection);
+  }
+
+  armItems(scene, arm, goal, projection) {
+    const marked = [scene.picked, ...(scene.refused_pair ?? [])];
+    const ghost = goal ? outlineLinks(this.graph, goal, projection) : [];
+    const links = outlineLinks(this.graph, arm, projection);
+    const behind = links.filter(({ link }) => scene.behind && link === scene.hover);
+    return [
+      ...this.graph.boxes.filter(({ name }) => marked.includes(name)).map((box) => boxItem("picked", box, projection)),
+      ...ghost.map(({ link, rings }) => ({ kind: "polygon", style: goalStyle(link, scene), rings, link })),
+      ...links.map(({ link, rings }) => ({ kind: "polygon", style: armStyle(link, scene), rings, link })),
+      ...behind.map(({ rings }) => ({ kind: "polygon", style: "behind", rings })),
+      ...this.dials.items(arm, goal, projection),
+    ];
+  }
+}
+
+const armStyle = (link, { hover, grabbed }) => (link === grabbed ? "grabbed" : link === hover ? "hover" : "measured");
+
+function goalStyle(link, { refused_pair }) {
+  if (refused_pair === null) return "ghost";
+  return refused_pair.includes(link) ? "touching" : "refused";
+}

@@ -1,0 +1,81 @@
+// What surrounds the arm: table, reachable region, boxes to keep out of, scale bar.
+
+import { transform } from "./geometry.js";
+
+const GRID_M = 0.1;
+const GRID_LINES = 10; // on each side
+const NEAR_M = 0.02; // the table is drawn from this depth on
+const LEVEL = 0.02;
+const FROM_ABOVE = 0.98;
+const SCALES_M = [1, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005, 0.002, 0.001];
+const MARGIN_PX = 16;
+const MAX_WIDTH = 0.3; // of the scale bar, of the drawing
+const FACES = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
+
+export function backdropItems({ centre, floor, boxes }, { region, region_pose }, projection) {
+  return [
+    ...(floor === null ? [] : floorItems(centre, floor, projection)),
+    ...(region === null ? [] : [regionItem(region, region_pose, projection)]),
+    ...boxes.map((box) => boxItem("keep_out", box, projection)),
+  ];
+}
+
+// The table: its edge in a level view, else a grid.
+function floorItems(centre, floor, projection) {
+  const slope = Math.abs(projection.forward[2]);
+  if (!projection.perspective && slope < LEVEL) return [tableEdge([centre[0], centre[1], floor], projection)];
+  const [x, y] = centre.map((along) => Math.round(along / GRID_M) * GRID_M);
+  const half = GRID_M * GRID_LINES;
+  const corners = [[-half, -half], [half, -half], [half, half], [-half, half]].map(([u, v]) => [x + u, y + v, floor]);
+  const sheet = { kind: "polygon", style: "floor", rings: [projection.projectClipped(corners, NEAR_M)] };
+  const lines = gridLines(half).map((ends) => ends.map(([u, v]) => [x + u, y + v, floor]));
+  const grid = lines.map((ends) => ({ kind: "polyline", style: "grid", points: projection.projectClipped(ends, NEAR_M) }));
+  return slope > FROM_ABOVE && !projection.perspective ? grid : [sheet, ...grid];
+}
+
+// The table seen edge-on, as wide as the drawing, down to its lower end.
+function tableEdge(level, projection) {
+  const [, y] = projection.project(level);
+  const { width, height } = projection;
+  const bottom = Math.max(height, y);
+  return { kind: "polygon", style: "floor", rings: [[[0, y], [width, y], [width, bottom], [0, bottom]]] };
+}
+
+function gridLines(half) {
+  const offsets = Array.from({ length: 2 * GRID_LINES + 1 }, (_, i) => (i - GRID_LINES) * GRID_M);
+  return [...offsets.map((at) => [[-half, at], [half, at]]), ...offsets.map((at) => [[at, -half], [at, half]])];
+}
+
+function regionItem(region, pose, projection) {
+  const rings = region.map((ring) => ring.map(([u, v]) => projection.project(transform(pose, [u, v, 0]))));
+  return { kind: "polygon", style: "reach", rings };
+}
+
+// A box as its six faces filled together.
+export function boxItem(style, { name, low, high }, projection) {
+  const corners = [];
+  for (const x of [low[0], high[0]]) for (const y of [low[1], high[1]]) for (const z of [low[2], high[2]]) corners.push(projection.project([x, y, z]));
+  const rings = FACES.map((face) => orient(face.map((i) => corners[i])));
+  return { kind: "polygon", style, rings, name };
+}
+
+// Faces that are filled together must turn the same way, else they have holes.
+function orient(ring) {
+  const area = ring.reduce((sum, [x, y], i) => {
+    const [nextX, nextY] = ring[(i + 1) % ring.length];
+    return sum + x * nextY - y * nextX;
+  }, 0);
+  return area < 0 ? ring.reverse() : ring;
+}
+
+// A scale bar of a round length at the lower left; none in a perspective view.
+export function scaleItems({ perspective, scalePx, width, height }) {
+  if (perspective) return [];
+  const length = SCALES_M.find((metres) => metres * scalePx <= MAX_WIDTH * width) ?? SCALES_M.at(-1);
+  const y = height - MARGIN_PX;
+  const label = length >= 0.01 ? `${Math.round(100 * length)} cm` : `${Math.round(1000 * length)} mm`;
+  return [
+    { kind: "polyline", style: "scale", points: [[MARGIN_PX, y], [MARGIN_PX + length * scalePx, y]] },
+    { kind: "text", style: "scale", at: [MARGIN_PX, y - 6], text: label },
+  ];
+}

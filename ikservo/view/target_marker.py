@@ -1,0 +1,38 @@
+"""The target of a goal, as the page marks it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ikservo.ik import ActiveLimit
+from ikservo.kinematics.arrays import Vector
+
+__all__ = ["TargetMarker"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TargetMarker:
+    """A target, and the point that the solver reached.
+
+    Attributes:
+        target_m: The target point (3,), metres, base frame.
+        nearest_m: The point (3,) at the goal.
+        reached: Whether these are the same.
+        binding: The active limits.
+        frame: The link that was grabbed; None for the tip.
+        turn_error_rad: How far the tool is from the orientation that was wanted of it; 0 if none.
+    """
+
+    target_m: Vector
+    nearest_m: Vector
+    reached: bool
+    binding: tuple[ActiveLimit, ...] = ()
+    frame: str | None = None
+    turn_error_rad: float = 0.0
+
+    @property
+    def gap_m(self) -> float:
+        """Return how far the nearest point is from the target."""
+        return float(np.linalg.norm(self.target_m - self.nearest_m))

@@ -1,0 +1,132 @@
+"""What a person meets who has never seen the page: each control in sight when it is needed."""
+
+import math
+
+import pytest
+
+from tests.browser.page_operator import Operator, serve_view, until
+from tests.browser.tab_order import expect_read_in_order
+
+pytestmark = pytest.mark.browser
+
+PHONE = {"viewport": {"width": 390, "height": 844}, "has_touch": True, "is_mobile": True}
+IN_SIGHT = """(id) => {
+  const box = document.getElementById(id).getBoundingClientRect();
+  const at = document.elementFromPoint(box.x + box.width / 2, box.y + box.height / 2);
+  return Boolean(at?.closest(`#${id}`)) && box.top >= 0 && box.bottom <= innerHeight;
+}"""
+
+
+def open_program(page):
+    if page.get_attribute("#program", "open") is None:
+        page.click("#program > summary")
+
+
+def open_program_of_two_steps(page):
+    open_program(page)
+    for count in (1, 2):
+        page.click("#add-wait")
+        page.locator("#program-steps li").nth(count - 1).wait_for()
+
+
+SCREENS = {
+    "#program": open_program_of_two_steps,
+    "#plots": lambda page: page.click("#plots-toggle"),
+    "#help": lambda page: page.click("#help-button"),
+}
+
+
+@pytest.fixture(scope="module")
+def newcomer(browser, shared):
+    context = browser.new_context(viewport={"width": 1280, "height": 800})
+    yield Operator(context.new_page(), shared)
+    context.close()
+
+
+@pytest.fixture(params=SCREENS)
+def screen(newcomer, request):
+    """A screen of the page, open; afterwards it is closed."""
+    SCREENS[request.param](newcomer.page)
+    yield request.param
+    newcomer.page.evaluate(
+        "(root) => document.querySelector(`${root} [id$=-close]`)?.click()", request.param
+    )
+
+
+@pytest.fixture(scope="module")
+def on_a_phone(browser):
+    """A person with a phone before an arm that was never calibrated."""
+    with serve_view(calibrated=False) as view:
+        context = browser.new_context(**PHONE)
+        yield Operator(context.new_page(), view)
+        context.close()
+
+
+def test_tab_goes_through_a_screen_in_the_order_in_which_it_is_read(newcomer, screen):
+    expect_read_in_order(newcomer.page, screen)
+
+
+def test_a_program_that_is_opened_comes_into_sight(newcomer):
+    open_program(newcomer.page)
+    newcomer.page.click("#program > summary")
+    newcomer.page.evaluate("document.querySelector('.panel').scrollTop = 0")
+    newcomer.page.evaluate("document.querySelector('#program > summary').click()")
+    newcomer.until(f"({IN_SIGHT})('program-play') && ({IN_SIGHT})('add-arm')")
+
+
+def test_beside_typed_coordinates_it_is_said_why_the_arm_may_not_go_there(newcomer):
+    page = newcomer.page
+    page.fill("#tool-z", "-60")
+    page.press("#tool-z", "Enter")
+    newcomer.until(
+        "/would touch the floor/.test(document.getElementById('target-note').textContent)"
+    )
+    page.click("#undo")
+    newcomer.until("!document.getElementById('target-note').textContent")
+
+
+def test_a_stop_is_told_with_its_button_inside_the_banner(newcomer):
+    page = newcomer.page
+    page.click("#stop")
+    page.wait_for_selector("#acknowledge")
+    inner, outer = (page.locator(i).bounding_box() for i in ("#acknowledge", "#banner"))
+    assert inner["x"] + inner["width"] < outer["x"] + outer["width"] - 4
+    page.click("#acknowledge")
+    newcomer.wait_for("status.mode === 'preview'")
+
+
+def test_on_a_phone_go_there_is_in_reach_where_a_goal_is_typed(newcomer):
+    page, before = newcomer.page, newcomer.served.joints()["wrist_roll"]
+    page.set_viewport_size({"width": 390, "height": 844})
+    field = page.locator("[data-joint=wrist_roll] input[type=text]")
+    field.scroll_into_view_if_needed()
+    field.fill(f"{math.degrees(before) + 10:.1f}")
+    field.press("Enter")
+    newcomer.until("!document.getElementById('execute').disabled")
+    assert page.evaluate("scrollY") > 300
+    for part in (0, 1):
+        page.evaluate("(part) => scrollTo(0, part * document.documentElement.scrollHeight)", part)
+        assert page.evaluate(IN_SIGHT, "execute")
+        assert page.evaluate(IN_SIGHT, "stop")
+    box = page.locator("#execute").bounding_box()
+    assert box["height"] >= 40
+    page.mouse.click(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    turned = lambda: math.degrees(newcomer.served.joints()["wrist_roll"] - before)  # noqa: E731
+    until(lambda: abs(turned() - 10) < 1.0, turned)
+    page.set_viewport_size({"width": 1280, "height": 800})
+    newcomer.until("Boolean(document.querySelector('.view-tools #execute'))")
+    assert newcomer.errors == []
+
+
+def test_on_a_phone_each_screen_of_a_calibration_begins_with_its_task(on_a_phone):
+    page = on_a_phone.page
+    page.click("#calibrate")
+    page.wait_for_selector("[data-action=accept]")
+    on_a_phone.until("document.querySelector('.task').textContent.includes('still: go on')")
+    page.click("[data-action=accept]")
+    on_a_phone.wait_for("status.calibration.stage === 'sweep'")
+    page.wait_for_selector("#wizard .meters li")
+    task, wizard = (page.locator(i).bounding_box() for i in ("#wizard .task", "#wizard"))
+    assert task["y"] >= wizard["y"]
+    assert "Move shoulder_pan" in page.inner_text("#wizard .task")
+    page.click("[data-action=cancel]")
