@@ -21,11 +21,14 @@ __all__ = [
     "parse_joint_positions",
     "parse_number",
     "parse_path",
+    "parse_period_s",
     "parse_points",
     "parse_port",
 ]
 
 T = TypeVar("T")
+
+_MIN_RATE_HZ, _MAX_RATE_HZ = 5.0, 1000.0  # a lower rate exceeds the dead-man timeout
 
 
 def parse_all_positions(positions: object, names: Sequence[str]) -> dict[str, float]:
@@ -121,6 +124,21 @@ def parse_number(what: str, value: object) -> float:
         return float(value)  # pyright: ignore[reportArgumentType]
     except (TypeError, ValueError, OverflowError):
         raise BadValueError(what, repr(cast("object", value)), "a number") from None
+
+
+def parse_period_s(rate_hz: object) -> float | None:
+    """Return the time between two setpoints of a stream [s]; None for one without a rate.
+
+    Raises:
+        BadValueError: The rate is no number, or out of its range [Hz].
+    """
+    if rate_hz is None:
+        return None
+    value_hz = parse_number("The rate", rate_hz)
+    if not _MIN_RATE_HZ <= value_hz <= _MAX_RATE_HZ:
+        expected = f"{_MIN_RATE_HZ:g} to {_MAX_RATE_HZ:g} Hz, or None"
+        raise BadValueError("The rate", f"{value_hz:g} Hz", expected)
+    return 1.0 / value_hz
 
 
 def parse_port(port: object) -> str | None:

@@ -11,7 +11,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.arm.arguments import parse_joint_positions, parse_number
+from ikservo.arm.arguments import parse_joint_positions, parse_period_s
 from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.background_motion import Motion
 from ikservo.arm.following import follow_targets
@@ -126,8 +126,6 @@ class SetpointMailbox:
                 self._changed.wait(_POLL_PERIOD_S)
 
 
-_MIN_RATE_HZ, _MAX_RATE_HZ = 5.0, 1000.0  # a lower rate exceeds the dead-man timeout
-
 T = TypeVar("T")
 
 
@@ -147,7 +145,7 @@ class SetpointStream:
         arm.runner.check_open()
         self._arm, self._context, self._speed = arm, context, speed
         self._mailbox = SetpointMailbox(
-            context.servos.clock, _period_s(rate_hz), lambda: self._has_ended
+            context.servos.clock, parse_period_s(rate_hz), lambda: self._has_ended
         )
         self._motion: Motion[None] | None = None
         self._progress: MotionProgress | None = None
@@ -305,13 +303,3 @@ def open_stream(
         RefusedError: Another stream is open.
     """
     return SetpointStream(arm, speed, rate_hz)
-
-
-def _period_s(rate_hz: float | None) -> float | None:
-    if rate_hz is None:
-        return None
-    rate_hz = parse_number("The rate", rate_hz)
-    if not _MIN_RATE_HZ <= rate_hz <= _MAX_RATE_HZ:
-        expected = f"{_MIN_RATE_HZ:g} to {_MAX_RATE_HZ:g} Hz, or None"
-        raise BadValueError("The rate", f"{rate_hz:g} Hz", expected)
-    return 1.0 / rate_hz

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 
@@ -212,6 +212,10 @@ class GoalIntegrator:
         return not self.arrived and self._side * (self.goal - self.at) >= self._lead
 
 
+def _never(_measured: Vector) -> bool:
+    return False
+
+
 _MAX_DURATION_S = 3.0
 # A joint that friction lets go just before that comes to rest at its goal within this time.
 _MAX_COAST_S = 0.5
@@ -228,6 +232,8 @@ class SettlingTrajectory:
         targets: Where the joints should be, ticks; None for one that keeps its goal.
         limits: The kinematic limits of each.
         stuck: The lowest and the highest leads of goals (n,) with which friction keeps the joints.
+        is_reached: Whether the arm is where it should be with its joints as measured (n,), though
+            not each joint is: goals then stay, and it ends when all joints are at rest.
     """
 
     def __init__(
@@ -237,6 +243,7 @@ class SettlingTrajectory:
         targets: Sequence[int | None],
         limits: Sequence[KinematicLimits],
         stuck: tuple[Vector, Vector] | None = None,
+        is_reached: Callable[[Vector], bool] = _never,
     ) -> None:
         low, high = stuck or (np.zeros(len(fences)), np.zeros(len(fences)))
         rows = zip(fences, goals, targets, limits, low, high, strict=True)
@@ -250,6 +257,7 @@ class SettlingTrajectory:
             )
             for fence, goal, target, limit, lowest, highest in rows
         ]
+        self._is_reached, self._reached = is_reached, False
         self._updated_s = 0.0
         self._end_s = math.inf
 
@@ -267,7 +275,8 @@ class SettlingTrajectory:
 
     def update(self, time_s: float, measured: Vector) -> None:
         """Take the measured joints (n,); ends the trajectory when they have arrived."""
-        correcting = time_s < _MAX_DURATION_S
+        self._reached = self._is_reached(measured)
+        correcting = time_s < _MAX_DURATION_S and not self._reached
         for joint, position in zip(self._joints, measured, strict=True):
             tick = joint.fence.joint_map.tick(float(position))
             joint.update(tick, time_s, time_s - self._updated_s, correcting=correcting)
@@ -289,15 +298,18 @@ class SettlingTrajectory:
     @property
     def saturated(self) -> tuple[str, ...]:
         """Return the joints that did not arrive and whose goals go no further."""
-        missed = (j for j in self._joints if abs(j.error_ticks) >= _RESIDUAL_TICKS)
-        return tuple(j.fence.joint for j in missed if j.saturation_reason is not None)
+        return tuple(j.fence.joint for j in self._missed if j.saturation_reason is not None)
 
     @property
     def residuals(self) -> tuple[str, ...]:
         """Describe the joints that did not arrive, by how much and why."""
-        return tuple(
-            _describe_residual(j) for j in self._joints if abs(j.error_ticks) >= _RESIDUAL_TICKS
-        )
+        return tuple(_describe_residual(j) for j in self._missed)
+
+    @property
+    def _missed(self) -> list[GoalIntegrator]:
+        if self._reached:
+            return []
+        return [j for j in self._joints if abs(j.error_ticks) >= _RESIDUAL_TICKS]
 
 
 def _goal_acceleration(fence: CommandLimits, limits: KinematicLimits) -> float:
@@ -376,11 +388,11 @@ def settle(
     if below is not None:
         approach = JointMove(servos.goals(), below, limits)
         loop.run(approach, speed_rad_s=speed_rad_s, compensated=False)
-    first = last = _run_settling(loop, servos, target.ticks, limits, speed_rad_s)
+    first = last = _run_settling(loop, servos, target.ticks, limits, speed_rad_s, target.is_reached)
     _check_settled(first)
     instead = target.retarget_without(first.saturated, first.measured) if first.saturated else None
     if instead is not None:
-        last = _run_settling(loop, servos, instead, limits, speed_rad_s)
+        last = _run_settling(loop, servos, instead, limits, speed_rad_s, target.is_reached)
         _check_settled(last)
     settling_s = servos.clock.now_s() - started_s
     residuals = tuple(dict.fromkeys(first.residuals + last.residuals))
@@ -414,10 +426,11 @@ def _run_settling(
     ticks: Sequence[int | None],
     limits: Sequence[KinematicLimits],
     speed_rad_s: float,
+    is_reached: Callable[[Vector], bool] = _never,
 ) -> SettlingTrajectory:
     goals = [f.tick(float(goal)) for f, goal in zip(servos.fences, servos.goals(), strict=True)]
     stuck = servos.compensator.stuck_offsets(servos.reference())
-    trajectory = SettlingTrajectory(servos.fences, goals, ticks, limits, stuck)
+    trajectory = SettlingTrajectory(servos.fences, goals, ticks, limits, stuck, is_reached)
 
     def update(cycle: ControlCycle) -> None:
         trajectory.update(cycle.time_s, cycle.measured)

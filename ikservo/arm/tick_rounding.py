@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace
 
@@ -26,8 +27,9 @@ __all__ = [
 ROTATION_WEIGHT_M = 0.01
 """A rotation error of one radian weighs as much as this position error: 0.17 mm a degree."""
 
-# A joint does not leave the solver's result by a tick for a gain of less than this.
-_TICK_WEIGHT_M = 2e-6
+# A joint does not leave the solver's result by a tick for a gain of less than this: the motion is
+# there when it ends, and a joint that friction holds does not move by just a tick.
+_TICK_WEIGHT_M = 3e-5
 # This many combinations are evaluated in half a millisecond.
 _MAX_COMBINATIONS = 20_000
 _MAX_TICKS = 8
@@ -175,6 +177,11 @@ def compensate(chain: Chain, target_m: Vector, q: Vector, held: Collection[str])
     return found if after < 0.5 * before else None
 
 
+# A tool is where it should be if each joint is within a tick of it, sensor noise included, and the
+# tool no further off than twice the error (rms) that the joints' ticks hide.
+_REACHED_TICKS, _REACHED_ERRORS = 1.2, 2.0
+
+
 class SettlingTarget:
     """The ticks at which a motion should end.
 
@@ -203,6 +210,10 @@ class SettlingTarget:
     ) -> None:
         self._chain, self._index, self._fences = chain, index, fences
         self._target_m = plan.target_m
+        self._goal = index.chain_joints(plan.goal)
+        self._tick = np.array([fences[column].joint_map.unit_per_tick for column in index.chain])
+        steps = chain.jacobian(self._goal)[:3] * self._tick
+        self._hidden_m = float(np.linalg.norm(steps)) / math.sqrt(12.0)
         joints = zip(fences, plan.start, plan.goal, strict=True)
         self.ticks = [None if start == goal else f.tick(float(goal)) for f, start, goal in joints]
         for column in index.chain:
@@ -211,6 +222,22 @@ class SettlingTarget:
         if plan.target_m is not None:
             q = index.chain_joints(plan.goal)
             self.ticks = self._round_to_nearest(plan.target_m, q, ())
+
+    def is_reached(self, measured: Vector) -> bool:
+        """Return whether the tool is where it should be, as far as the joints' sensors tell.
+
+        Never for a motion of joints: they have targets of their own.
+
+        Args:
+            measured: All joints (n,), rad or m.
+        """
+        if self._target_m is None:
+            return False
+        q = self._index.chain_joints(measured)
+        if np.any(np.abs(q - self._goal) > _REACHED_TICKS * self._tick):
+            return False
+        error_m = float(np.linalg.norm(self._chain.forward(q)[:3, 3] - self._target_m))
+        return error_m <= _REACHED_ERRORS * self._hidden_m
 
     def retarget_without(self, held: Collection[str], measured: Vector) -> list[int | None] | None:
         """Return the ticks of all joints when some can go no further; None if that is no help.

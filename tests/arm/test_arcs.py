@@ -25,6 +25,7 @@ def tip_of_reference(arm):
     return arm.chain.forward(arm.joint_index.chain_joints(reference))[:3, 3]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ARMS)
 def test_a_circle_ends_where_it_began_and_goes_around(name):
     arm, tip_m = held(name)
@@ -104,6 +105,7 @@ def test_an_arc_into_the_table_is_refused():
         arm.plan_arc(center_m=tip_m - (0.0, 0.0, 0.04), normal=(1.0, 0.0, 0.0))
 
 
+@pytest.mark.campaign
 def test_an_arc_is_planned_again_from_where_a_limp_arm_has_sunk_to():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         plan = arm.plan_arc(center_m=arm.where().tip_m - (0.02, 0.0, 0.0))

@@ -37,6 +37,7 @@ def flanks(arm):
     return found
 
 
+@pytest.mark.campaign
 def test_without_a_word_of_its_play_a_joint_rests_on_either_flank():
     with ikservo.open_arm("so101", port=PORT) as arm:
         assert len(set(flanks(arm))) == 2
@@ -47,6 +48,7 @@ def test_a_joint_whose_play_is_known_rests_on_one_flank_from_wherever_it_comes(a
         assert set(flanks(arm)) == {False}
 
 
+@pytest.mark.campaign
 def test_it_does_not_go_below_its_limit_for_that(arm_file):
     with ikservo.open_arm(arm_file, port=PORT) as arm:
         lowest = servo_group(arm).fences[0].position_range[0]
@@ -57,6 +59,7 @@ def test_it_does_not_go_below_its_limit_for_that(arm_file):
         )
 
 
+@pytest.mark.campaign
 def test_the_report_counts_the_time_that_this_takes_as_settling(arm_file):
     with ikservo.open_arm(arm_file, port=PORT) as arm:
         arm.pose("home")

@@ -38,6 +38,7 @@ def distance_to(points, stroke):
     return np.min(found, axis=0)
 
 
+@pytest.mark.sample(1)
 def test_the_commanded_tip_is_on_the_strokes_or_lifted(arm):
     plan = arm.plan_drawing([SQUARE, DASH], lift_m=0.015, tool_speed_m_s=0.03)
     tips = commanded_tips(arm, plan)
@@ -50,6 +51,7 @@ def test_the_commanded_tip_is_on_the_strokes_or_lifted(arm):
     assert tips[:, 2].max() < CORNER[2] + 0.016
 
 
+@pytest.mark.sample(1)
 def test_a_drawing_is_executed_and_its_path_error_reported(arm):
     report = arm.draw([SQUARE, DASH], tool_speed_m_s=0.04)
     assert report.reached
@@ -57,6 +59,7 @@ def test_a_drawing_is_executed_and_its_path_error_reported(arm):
     assert 0.0 < report.path_error_rms_m < report.path_error_max_m < 0.03
 
 
+@pytest.mark.sample(1)
 def test_a_single_point_is_touched_and_left(arm):
     plan = arm.plan_drawing([[CORNER]], lift_m=0.02)
     tips = commanded_tips(arm, plan)
@@ -64,6 +67,7 @@ def test_a_single_point_is_touched_and_left(arm):
     assert tips[-1, 2] == pytest.approx(CORNER[2] + 0.02, abs=5e-4)
 
 
+@pytest.mark.sample(1)
 def test_the_first_point_out_of_reach_is_named_and_nothing_moves(arm):
     goals = registers(arm, "goal_position")
     far = CORNER + np.array([[0, 0, 0], [0.01, 0, 0], [0.9, 0, 0], [1.0, 0, 0]])
@@ -73,6 +77,7 @@ def test_the_first_point_out_of_reach_is_named_and_nothing_moves(arm):
     assert registers(arm, "goal_position") == goals
 
 
+@pytest.mark.sample(1)
 def test_a_drawing_below_the_table_is_refused(arm):
     with pytest.raises((RefusedError, UnreachableError)):
         arm.draw([SQUARE - (0, 0, 0.2)])

@@ -57,6 +57,7 @@ def joint_of(arm, servo):
     return next(j.name for j in arm.model.joints if j.servo.id == servo)
 
 
+@pytest.mark.sample(1)
 def test_a_servo_that_falls_silent_stops_the_others_within_three_cycles_and_is_named(either):
     auditor = Auditor(either)
     lost_s = inject(either, "silent", id=3)
@@ -79,6 +80,7 @@ def test_one_lost_instruction_in_ten_does_not_keep_the_arm_from_its_goal():
         assert arm.move_joints({"shoulder_pan": 0.4}).reached
 
 
+@pytest.mark.sample(1)
 def test_a_servo_that_starts_anew_is_noticed_and_never_switched_on_again_by_itself(either):
     auditor = Auditor(either)
     reset_s = inject(either, "reset", id=2)
@@ -93,6 +95,7 @@ def test_a_servo_that_starts_anew_is_noticed_and_never_switched_on_again_by_itse
     assert not auditor.torque_on_after(reset_s)
 
 
+@pytest.mark.sample(1)
 def test_after_a_brown_out_nothing_moves_until_a_person_says_so(either):
     auditor = Auditor(either)
     gone_s = inject(either, "brownout", for_s=0.3)
@@ -114,6 +117,7 @@ def test_a_pulled_cable_is_said_at_once(arm):
     assert line_of(arm).world.time_s - pulled_s < 0.1
 
 
+@pytest.mark.sample(1)
 def test_after_the_cable_is_back_the_arm_goes_on_once_a_person_has_looked(either, monkeypatch):
     transport = transport_of(either)
     again = "ikservo.hardware.remembered_port.open_transport"
@@ -158,6 +162,7 @@ def test_a_dynamixel_stopped_by_its_watchdog_moves_again_at_the_next_start():
         swing(arm)
 
 
+@pytest.mark.sample(1)
 def test_an_overloaded_joint_is_told_to_stay_where_it_is(either):
     inject(either, "alarm", id=2, bits=0x20)
     with pytest.raises(ServoAlarmError, match=rf"{joint_of(either, 2)} .*overload") as caught:
@@ -167,6 +172,7 @@ def test_an_overloaded_joint_is_told_to_stay_where_it_is(either):
     assert abs(servo.read("goal_position") - servo.read("present_position")) < 40
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("kind", "details", "words"),
     [("hot", {"celsius": 66.0}, "6[56] °C"), ("voltage", {"volts": 3.9}, "supply|alarm|voltage")],

@@ -62,6 +62,7 @@ def test_a_limp_arm_stays_in_its_rest_pose_where_bodies_touch_in_mujoco(name):
         assert {j: found[j] for j in rest} == pytest.approx(dict(rest), abs=math.radians(6.5))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ALL)
 def test_the_first_motion_from_rest_arrives(name):
     with ikservo.open_arm(name, port="sim") as arm:
@@ -70,6 +71,7 @@ def test_the_first_motion_from_rest_arrives(name):
         np.testing.assert_allclose(true_tip_m(arm), target_m, atol=2e-3)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["koch", "wx250s"])
 def test_a_plan_for_a_limp_arm_is_made_anew_where_it_has_sunk_since(name):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
@@ -88,6 +90,7 @@ def test_an_arm_that_was_moved_by_hand_starts_from_there():
         np.testing.assert_allclose(true_tip_m(arm), plan.target_m, atol=2e-3)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("name", "joint"), [("koch", "elbow_flex"), ("wx250s", "shoulder")])
 def test_a_joint_on_its_end_stop_is_led_back_inside_its_limits(name, joint):
     with ikservo.open_arm(name, port="sim", collisions=False) as arm:
@@ -98,6 +101,7 @@ def test_a_joint_on_its_end_stop_is_led_back_inside_its_limits(name, joint):
 LIFTED = {"shoulder_lift": (-95.0, 95.0), "elbow_flex": (-90.0, 90.0)}
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("start", ["rest", "home"])
 def test_a_rest_pose_outside_its_limits_keeps_no_arm_from_being_released(start):
     with ikservo.open_arm(
@@ -110,6 +114,7 @@ def test_a_rest_pose_outside_its_limits_keeps_no_arm_from_being_released(start):
         assert any(words.startswith("shoulder_lift goes to -9") for words in report.binding)
 
 
+@pytest.mark.campaign
 def test_the_rest_pose_itself_is_gone_to_as_far_as_the_limits_let_it():
     with ikservo.open_arm(narrowed("so101", **LIFTED), port=f"sim:{arm_path()}") as arm:
         arm.pose("home")

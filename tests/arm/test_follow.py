@@ -51,6 +51,7 @@ def test_it_follows_points_around_a_circle_and_says_where_it_ended(arm):
     assert np.linalg.norm(true_tip_m(arm) - centre_m) < 0.02
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     "setpoint",
     [
@@ -146,6 +147,7 @@ def exact_tip_m(arm):
 
 
 # Friction of the koch's elbow, an XL330, grows with the square of its load: 1.04 mm are left.
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("name", "most_m"), [("so101", 1e-3), ("koch", 1.2e-3)])
 def test_a_stream_under_load_ends_about_a_millimetre_from_its_last_point(name, most_m):
     with ikservo.open_arm(name, port="sim:?pose=home&backlash_deg=0.5") as arm:
@@ -199,6 +201,7 @@ def test_a_stream_without_a_setpoint_moves_nothing(arm):
     assert registers(arm, "goal_position") == before
 
 
+@pytest.mark.campaign
 def test_a_constant_setpoint_is_not_corrected_for_ever(arm):
     line_of(arm).servos[servo_id("so101", "wrist_flex")].motor.stuck = True
     auditor = Auditor(arm)
@@ -404,6 +407,7 @@ MOTIONS = {
 }
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
 def test_the_first_motion_after_torque_comes_on_is_slow(arm, motion):
     slow = math.degrees(arm.model.speed("slow").rad_s)

@@ -42,6 +42,7 @@ def put_between(arm, share):
     return at
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     "name", [n if n in TWO else pytest.param(n, marks=pytest.mark.campaign) for n in ARMS]
 )
@@ -76,6 +77,7 @@ CREEPING = [
 ]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("name", "begun", "share"), CREEPING)
 def test_jaws_that_creep_with_the_least_force_shut_and_have_grasped_nothing(name, begun, share):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
@@ -85,6 +87,7 @@ def test_jaws_that_creep_with_the_least_force_shut_and_have_grasped_nothing(name
         assert (report.reached, report.grasped) == (True, False)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     "name", ["so101", *(pytest.param(name, marks=LONG) for name in ("koch", "px100"))]
 )

@@ -154,6 +154,21 @@ def settle_with(tick_at):
     pytest.fail("settling never ended")
 
 
+def test_goals_stay_where_the_arm_is_where_it_should_be_and_settling_ends_there():
+    fence, near = creep().fence, lambda measured: fence.joint_map.tick(measured[0]) == 2001
+    limits = [KinematicLimits(2.0, 20.0, 200.0)]
+    trajectory = SettlingTrajectory([fence], [2002], [2000], limits, is_reached=near)
+    ticks = [*[2003] * 10, *[2001] * 10]
+    goals = []
+    for cycle, tick in enumerate(ticks):
+        trajectory.update(cycle * BEAT_S, [fence.joint_map.position(tick)])
+        goals.append(fence.joint_map.tick(trajectory.state(cycle * BEAT_S).position[0]))
+    assert goals[9] < goals[0]
+    assert len(set(goals[12:])) == 1
+    assert trajectory.duration_s <= (len(ticks) - 1) * BEAT_S
+    assert trajectory.residuals == ()
+
+
 def test_a_joint_that_friction_lets_go_at_the_last_moment_comes_to_rest():
     # as an elbow of an so101 was: 2 ticks off, held by friction for 2.9 s while its goal crept on
     trajectory = settle_with(lambda time_s: 2002 if time_s < 2.97 else 1998)

@@ -110,6 +110,7 @@ def test_jaws_that_would_touch_something_on_their_way_do_not_move(arm):
     assert arm.gripper("close").reached
 
 
+@pytest.mark.campaign
 def test_jaws_under_the_lamp_open_where_the_arm_has_gone_aside(arm):
     arm.move_joints({"shoulder_pan": -0.5}, speed="fast")
     assert arm.gripper("open").reached
@@ -140,6 +141,7 @@ def test_without_the_look_they_open_all_the_same():
         assert arm.gripper("open").reached
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["omx_f", "koch"])
 def test_jaws_open_and_close_where_the_limp_arm_has_sunk_out_of_its_rest_pose(name):
     with ikservo.open_arm(name, port="sim") as arm:

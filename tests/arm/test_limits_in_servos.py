@@ -23,6 +23,7 @@ def joint(arm):
     return arm.model.joints[0].name
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("speed", "deg_s"), [("slow", 25), ("normal", 60), ("fast", 120)])
 def test_a_feetech_turns_by_itself_only_little_faster_than_its_speed_class(sts, speed, deg_s):
     sts.move_joints({joint(sts): 0.05})
@@ -32,6 +33,7 @@ def test_a_feetech_turns_by_itself_only_little_faster_than_its_speed_class(sts, 
     assert set(registers(sts, "acceleration").values()) == {0}  # no ramp between two goals
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("speed", "deg_s"), [("slow", 25), ("normal", 60), ("fast", 120)])
 def test_a_dynamixel_turns_by_itself_only_little_faster_than_its_speed_class(
     x_series, speed, deg_s
@@ -100,6 +102,7 @@ BACK = {"joint2": -1.85, "joint3": -1.48, "joint4": 0.0}
 FRONT = {"shoulder": 0.87, "elbow": -0.7, "wrist_angle": 0.0}
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("name", "low", "up"), [
     ("omx_f", BACK, {"joint2": -0.87}), ("wx250s", FRONT, {"shoulder": 0.35}),
 ])  # fmt: skip

@@ -88,6 +88,7 @@ def test_a_line_through_the_table_or_the_arm_itself_is_refused(ready):
         ready.move_line((0.25, 0.0, -0.05))
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("line", [True, False])
 def test_way_points_are_passed_without_a_stop(ready, line):
     via, goal = np.array((0.22, -0.02, 0.2)), np.array((0.2, -0.08, 0.15))
@@ -114,6 +115,7 @@ def test_points_that_are_none_move_nothing(arm, points):
     assert not any(registers(arm, "torque_enable").values())
 
 
+@pytest.mark.campaign
 def test_a_plan_is_not_carried_out_from_elsewhere(ready):
     plan = ready.plan_line((0.22, -0.08, 0.18))
     ready.move_to((0.2, 0.1, 0.2))

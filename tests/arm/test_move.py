@@ -26,6 +26,7 @@ def arm():
         yield machine
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("name", ARMS)
 def test_every_arm_goes_where_it_is_told_within_2_mm(name):
     model = ikservo.load_model(name)
@@ -176,6 +177,7 @@ FEW = ("so101", "open_manipulator_x", "wx250s")  # both families, a slide, shado
 ALL = [name if name in FEW else pytest.param(name, marks=pytest.mark.campaign) for name in ARMS]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ALL)
 def test_every_pose_of_every_arm_can_be_taken(name):
     model = ikservo.load_model(name)
@@ -204,6 +206,7 @@ def test_relaxing_goes_round_what_is_in_the_way():
         assert arm.plan_rest().via_pose == "home"
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["koch", "px100"])
 def test_an_arm_that_falls_when_its_torque_comes_on_is_caught_and_goes_on_from_there(name):
     dice = seeded(1)

@@ -29,6 +29,7 @@ def deviations_mm(points, begin, end):
     return 1000.0 * np.linalg.norm(gone - np.outer(gone @ along, along), axis=1)
 
 
+@pytest.mark.sample(1)
 def test_the_true_tip_stays_on_a_line_under_gravity_and_with_play(name):
     start_m, end_m, rms_mm, most_mm = LINES[name]
     with ikservo.open_arm(name, port="sim:?pose=home&backlash_deg=0.5&seed=3") as arm:

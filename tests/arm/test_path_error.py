@@ -51,6 +51,7 @@ def test_cycles_with_a_missing_reply_are_not_counted():
         assert recorder.error(arm.context.planner).max_m < 1e-5
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["so101", "open_manipulator_x"])
 def test_the_path_error_is_that_of_the_simulated_joints(name):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
@@ -86,6 +87,7 @@ def test_a_motion_before_the_line_is_not_counted():
         assert recorder.error(arm.context.planner).max_m < 1e-4
 
 
+@pytest.mark.campaign
 def test_a_motion_of_joints_has_no_path_error():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         assert arm.move_to((0.2, 0.1, 0.15)).path_error_rms_m is None

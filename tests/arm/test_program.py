@@ -187,6 +187,7 @@ FAULTS = {
 }
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_fault_in_a_program_of_twenty_steps_stops_it_until_it_is_acknowledged(
     arm, tmp_path, monkeypatch, name

@@ -13,6 +13,7 @@ PACKETS = 3  # to a joint
 TRAVEL_TICKS = 60  # what a dead program leaves, too
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["so101", "koch"])
 @pytest.mark.parametrize("most", [4, pytest.param(None, marks=pytest.mark.campaign)])
 @pytest.mark.timeout(1800)

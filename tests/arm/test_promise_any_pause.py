@@ -14,6 +14,7 @@ PAUSED = 1e-5  # s for each line that is run: each cycle takes two or three time
 PAUSES_S = (0.002, 0.012, 0.06, 0.15, 0.4, 3.0)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["so101", "koch"])
 @pytest.mark.parametrize("most", [6, pytest.param(None, marks=pytest.mark.campaign)])
 @pytest.mark.timeout(0)
@@ -34,6 +35,7 @@ def test_a_pause_between_any_two_lines_of_a_cycle_ends_no_motion(name, most, cap
     )
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["so101", "koch"])
 @few_or_many(2, 300)
 @pytest.mark.timeout(0)

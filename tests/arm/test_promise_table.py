@@ -58,7 +58,7 @@ def campaign(name, speed, count, seed):
 
 
 def test_on_accepted_ways_near_the_table_the_true_body_stays_above_it():
-    lowest_m, _ = campaign("so101", "normal", 12, seed=5)
+    lowest_m, _ = campaign("so101", "normal", 6, seed=5)
     assert len(lowest_m) >= 3
     assert lowest_m.min() > -DEEP_M
 

@@ -42,6 +42,7 @@ def test_the_plan_is_as_long_as_both_its_parts(folded):
     np.testing.assert_allclose(plan.trajectory.state(0.0).position, plan.start)
 
 
+@pytest.mark.campaign
 def test_an_arm_that_stands_free_is_sent_nowhere_else(folded):
     folded.pose("home")
     with pytest.raises(RefusedError, match="-the floor"):

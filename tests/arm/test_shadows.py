@@ -12,6 +12,7 @@ JOINT = next(joint for joint in arm_file("vx300s")["joints"] if joint.get("shado
 SHADOW = JOINT["shadows"][0]["id"]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("fault", "words"),
     [

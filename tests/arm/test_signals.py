@@ -95,6 +95,7 @@ def go_on_whatever_happens(arm, pans, number, gone_to):
             arm.acknowledge()
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
 def test_a_program_that_carries_on_after_errors_does_not_carry_on_after_a_signal(arm, number):
     gone_to = []

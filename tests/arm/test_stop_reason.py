@@ -50,6 +50,7 @@ STOPS = {
 }
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize(("stop", "kind"), STOPS.values(), ids=STOPS)
 def test_each_way_to_stop_a_motion_has_its_kind(arm, stop, kind):
     with pytest.raises(BaseException):  # noqa: B017, PT011  # which one is another test's

@@ -32,6 +32,7 @@ def go(arm, act):
     return arm.move_joints({"shoulder_pan": 1.2}, on_progress=once(act))
 
 
+@pytest.mark.sample(1)
 def test_a_stop_that_is_acknowledged_at_once_ends_the_motion_nevertheless(arm):
     def stop():
         arm.stop()
@@ -44,6 +45,7 @@ def test_a_stop_that_is_acknowledged_at_once_ends_the_motion_nevertheless(arm):
     assert arm.move_joints({"shoulder_pan": 0.1}).reached
 
 
+@pytest.mark.sample(1)
 def test_so_does_one_from_another_thread(arm):
     def stop():
         arm.stop()
@@ -59,6 +61,7 @@ def test_so_does_one_from_another_thread(arm):
     assert arm.move_joints({"shoulder_pan": 0.1}).reached
 
 
+@pytest.mark.sample(1)
 def test_a_stop_after_the_acknowledgement_stays(arm):
     def stop():
         arm.stop("first")
@@ -71,10 +74,12 @@ def test_a_stop_after_the_acknowledgement_stays(arm):
         arm.move_joints({"shoulder_pan": 0.1})
 
 
+@pytest.mark.sample(1)
 def test_acknowledging_nothing_changes_no_motion(arm):
     assert go(arm, arm.acknowledge).reached
 
 
+@pytest.mark.sample(1)
 def test_closing_in_a_callback_ends_the_motion_and_holds(arm):
     line = line_of(arm)
     with pytest.raises(StoppedError, match="closed the arm during a motion") as caught:
@@ -83,18 +88,21 @@ def test_closing_in_a_callback_ends_the_motion_and_holds(arm):
     assert all(servo.read("torque_enable") for servo in line.servos.values())
 
 
+@pytest.mark.sample(1)
 def test_releasing_in_a_callback_ends_the_motion_with_torque_off(arm):
     with pytest.raises(StoppedError, match="switched torque off"):
         go(arm, arm.disable_torque)
     assert not any(registers(arm, "torque_enable").values())
 
 
+@pytest.mark.sample(1)
 def test_relaxing_in_a_callback_is_refused_and_nothing_is_closed(arm):
     with pytest.raises(RefusedError, match="is moving"):
         go(arm, lambda: arm.close("relax"))
     assert all(registers(arm, "torque_enable").values())
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("error", "words"),
     [

@@ -103,6 +103,7 @@ def test_a_stop_stays_until_it_is_acknowledged(arm):
     arm.move_joints({arm.model.joints[0].name: 0.3})
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("stall_s", [0.06, 0.3, 5.0])
 def test_after_a_stall_goals_go_on_from_where_they_were(stall_s):
     with ikservo.open_arm("so101", port="sim") as arm:

@@ -58,6 +58,15 @@ def test_a_joint_that_stays_keeps_the_goal_that_friction_lets_it_have(compensato
     np.testing.assert_allclose(goals[:, 4], start[4] + 0.004, atol=1e-9)
 
 
+def test_a_motion_that_begins_again_after_a_stall_leads_its_goals_by_as_much(compensator, start):
+    leads = []
+    for cycle_time_s in (0.02, None):  # a goal is held for two hundredths of a second
+        compensator.begin(start, start, cycle_time_s)
+        goals = goals_of(compensator, start, 0.3, 0.5)
+        leads.append((goals[-1] - start)[0])
+    assert leads[1] == pytest.approx(leads[0])
+
+
 def test_friction_presses_a_joint_up_already_that_sagged_when_its_torque_came_on(
     compensator, start
 ):

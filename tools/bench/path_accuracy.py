@@ -49,7 +49,8 @@ class Trace:
         duration_s: Of the planned trajectory.
         times_s: Time of the trajectory at each sample.
         tips_m: True tip at each sample, (3,) each.
-        overshoot_rad: How far a joint went past its target while it settled, at most.
+        overshoot_rad: How far a joint went past its target while it settled, at most; on lines
+            where the others make up for a joint that stays short, past where it came to rest.
         settling_s: From the end of the trajectory to rest.
         settled_m: The tip's distance from the target after settling.
         failure: Why the motion was stopped; empty where it was not.
@@ -101,31 +102,36 @@ class Observer:
         start, goal = plan.start[columns], plan.goal[columns]
         forward = self._arm.chain.forward
         trace = Trace(forward(start)[:3, 3], forward(goal)[:3, 3], plan.duration_s)
+        arrival, aim, side = list[Array](), goal, np.zeros_like(goal)
 
         def sample(progress: MotionProgress) -> None:
             at = self.joints()
             trace.times_s.append(progress.elapsed_s)
             trace.tips_m.append(forward(at)[:3, 3])
             if progress.elapsed_s >= plan.duration_s:
-                self._watch_arrival(trace, goal, np.sign(goal - at))
+                side[:] = np.sign(goal - at)
+                self._watch_arrival(trace, arrival)
 
         try:
-            trace.settling_s = self._executed(plan, sample).settling_s
+            report = self._executed(plan, sample)
+            trace.settling_s = report.settling_s
+            if plan.solution is not None and len(report.binding) > len(plan.solution.binding):
+                aim = np.where(side * (self.joints() - goal) > 0.0, self.joints(), goal)
         except NotSettledError:
             trace.settling_s = math.inf
         except IkservoError as error:
             trace.failure, trace.settling_s = error.message, math.inf
             self._arm.acknowledge()
+        trace.overshoot_rad = float(np.max(side * (np.array([goal, *arrival]) - aim), initial=0.0))
         trace.settled_m = float(np.linalg.norm(self.tip_m() - trace.end_m))
         return trace
 
-    def _watch_arrival(self, trace: Trace, goal: Array, side: Array) -> None:
-        """Record how far the joints go past their targets from now on."""
-        past = float((side * (self.joints() - goal)).max())
-        trace.overshoot_rad = max(trace.overshoot_rad, past)
+    def _watch_arrival(self, trace: Trace, arrival: list[Array]) -> None:
+        """Collect the joints (dof,) from now on until they have settled."""
+        arrival.append(self.joints())
         if math.isnan(trace.settling_s):
             again_s = self._world.time_s + SAMPLE_S
-            self._world.schedule(again_s, lambda: self._watch_arrival(trace, goal, side))
+            self._world.schedule(again_s, lambda: self._watch_arrival(trace, arrival))
 
     def _executed(self, plan: MotionPlan, sample: OnProgress) -> MoveResult:
         return cast("MoveResult", self._arm.execute(plan, sample))  # of a plan of the tip

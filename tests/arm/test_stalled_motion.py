@@ -1,0 +1,40 @@
+"""A program that is held up in mid-motion: where the joints are when it goes on."""
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.control.loop import ControlLoop
+from tests.arm.simulated import clock_of, context_of, line_of, servo_group
+
+STALL_S = 0.6
+
+
+def errors_rad(name, joint, stall_s):
+    """Return how far a joint is from its reference in each cycle after half of its motion."""
+    with ikservo.open_arm(name, port="sim:?pose=home&seed=2", collisions=False) as arm:
+        arm.enable()
+        servos, found, stalls = servo_group(arm), [], [stall_s]
+        start = servos.reference()
+        goal = {joint: start[servos.names.index(joint)] + 0.8}
+        move = context_of(arm).planner.plan_to_joints(start, goal, "normal").trajectory
+        at = line_of(arm).world.joint(joint)
+
+        def watch(cycle):
+            if cycle.time_s < 0.5 * move.duration_s:
+                return
+            if stalls:
+                clock_of(arm).sleep_until(clock_of(arm).now_s() + stalls.pop())
+            found.append(at.position - cycle.reference[servos.names.index(joint)])
+
+        speed_rad_s = arm.model.speed("normal").rad_s
+        ControlLoop(servos).run(move, watch, speed_rad_s=speed_rad_s)
+        return np.abs(found[1:])
+
+
+@pytest.mark.parametrize(("name", "joint"), [("so101", "elbow_flex"), ("koch", "shoulder_pan")])
+def test_a_joint_keeps_to_its_path_when_a_stalled_program_goes_on(name, joint):
+    usual, after = (errors_rad(name, joint, stall_s) for stall_s in (0.0, STALL_S))
+    assert usual.max() < 0.003
+    assert after.max() < 0.05  # it went on to its last goal, which led it by so much
+    assert after[-1] < 0.005
