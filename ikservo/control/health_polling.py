@@ -107,6 +107,16 @@ class HealthPoller:
                 self._check_servo(servo_id)
         self._health.check_telemetry_age(self._watched_s)
 
+    def poll_round(self) -> None:
+        """Read all telemetry of all servos once; what is lost stays as it was.
+
+        Raises:
+            ServoAlarmError: A servo reports a fault, or was reset; see ``HealthMonitor``.
+            RefusedError: The watchdog of one has tripped.
+        """
+        for servo_id, registers in self._requests:
+            self._read_registers(servo_id, registers)
+
     def with_latest_telemetry(self, states: Sequence[JointState]) -> tuple[JointState, ...]:
         """Return joints' states with the latest telemetry; reads no servo."""
         ids = {name: servo_id for servo_id, name in self._names.items()}

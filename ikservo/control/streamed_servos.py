@@ -15,7 +15,13 @@ from ikservo.control.health_polling import HealthPoller
 from ikservo.control.servo_limits import ServoRamLimits
 from ikservo.control.stopping import StopRequest, check_pause, fault_reason
 from ikservo.control.torque_state import TorqueStateMachine
-from ikservo.errors import HeldUpError, IkservoError, RegisterAccessError, StoppedError
+from ikservo.errors import (
+    HeldUpError,
+    IkservoError,
+    RefusedError,
+    RegisterAccessError,
+    StoppedError,
+)
 from ikservo.guard import CommandLimits, Gate, StopReason, TrackingMonitor, torque_lost_error
 from ikservo.hardware.bus import ServoBus
 from ikservo.kinematics.arrays import Vector
@@ -268,11 +274,29 @@ class StreamedServos:
         # Measured since the cycle before began: whether its goals arrived is not known.
         self._limits.check_watchdog_gap(self.clock.now_s() - before_s)
         self._gate.update_measured(self._feedback.latest, now_s)  # measured no earlier than that
-        self._following.update(self.goals(), measured)
+        self._check_following(measured)
         self._measured = measured
         if self._health_poller:
             self._health_poller.poll()
         return measured
+
+    def _check_following(self, measured: Vector) -> None:
+        """Check that the joints follow; a servo without torque or supply cannot.
+
+        Raises:
+            ServoAlarmError: Servos have lost their torque, or one reports a fault.
+            RefusedError: A joint does not follow its goal.
+        """
+        try:
+            self._following.update(self.goals(), measured)
+        except RefusedError as error:
+            self._bus.sync_read(self._ids, RegisterName.TORQUE_ENABLE, raw=True)
+            limp = self._limp_joints()
+            if limp:
+                raise torque_lost_error(limp) from error
+            if self._health_poller:
+                self._health_poller.poll_round()
+            raise
 
     def check_health(self) -> None:
         """Read the telemetry of one servo between two motions, its torque still on.
@@ -336,8 +360,11 @@ class StreamedServos:
         return goals == requested
 
     def _torque_error(self, error: RegisterAccessError) -> IkservoError:
-        limp = [f.joint for f in self.fences if not self._bus.is_torque_on(f.servo_id)]
+        limp = self._limp_joints()
         return torque_lost_error(limp) if limp else error
+
+    def _limp_joints(self) -> list[str]:
+        return [f.joint for f in self.fences if not self._bus.is_torque_on(f.servo_id)]
 
     def hold(self, reason: StopReason) -> None:
         """Latch a stop and hold, until ``acknowledge``; never raises.

@@ -16,6 +16,7 @@ from ikservo.guard.monitors import (
     HealthMonitor,
     ServoTelemetry,
     TrackingMonitor,
+    alarm_hint,
     torque_lost_error,
 )
 from ikservo.guard.sag import Weight, sag_of
@@ -40,6 +41,7 @@ __all__ = [
     "StopReason",
     "TrackingMonitor",
     "Weight",
+    "alarm_hint",
     "sag_of",
     "sample_line",
     "sample_path",

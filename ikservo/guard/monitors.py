@@ -12,6 +12,7 @@ from ikservo.errors import RefusedError, ServoAlarmError, ServoSilentError
 from ikservo.guard.limits import CommandLimits
 from ikservo.kinematics.arrays import Vector
 from ikservo.model.model import HealthLimits
+from ikservo.registers import Alarm
 
 __all__ = [
     "DEAD_MAN_TIMEOUT_S",
@@ -21,6 +22,7 @@ __all__ = [
     "HealthMonitor",
     "ServoTelemetry",
     "TrackingMonitor",
+    "alarm_hint",
     "torque_lost_error",
 ]
 
@@ -235,10 +237,7 @@ class HealthMonitor:
         yield from _reset_faults(telemetry)
         if telemetry.alarms:
             alarms = ", ".join(sorted(str(alarm) for alarm in telemetry.alarms))
-            yield _ThresholdFault(
-                f"reports an alarm: {alarms}",
-                "Remove the load, or let it cool down: ikservo recover",
-            )
+            yield _ThresholdFault(f"reports an alarm: {alarms}", alarm_hint(telemetry.alarms))
         yield from self._temperature_faults(telemetry.temperature_c)
         yield from self._voltage_faults(telemetry)
         yield from self._load_faults(telemetry)
@@ -278,6 +277,13 @@ def _reset_faults(telemetry: ServoTelemetry) -> Iterator[_ThresholdFault]:
     if not (telemetry.torque and telemetry.settings_intact):
         lost = "settings lost" if telemetry.torque else "torque is off"
         yield _ThresholdFault(f"was reset: {lost}", _RESET_HINT)
+
+
+def alarm_hint(alarms: Container[str]) -> str:
+    """Return what to do about a servo's alarms, given as text."""
+    if Alarm.VOLTAGE in alarms:
+        return "Check the power supply and its cable. If the alarm stays: ikservo recover"
+    return "Remove the load, or let it cool down: ikservo recover"
 
 
 _RESET_HINT = (

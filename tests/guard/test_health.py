@@ -7,6 +7,7 @@ import pytest
 
 from ikservo.errors import ExitCode, RefusedError, ServoAlarmError
 from ikservo.guard import HealthLimits, HealthMonitor, ServoTelemetry
+from ikservo.registers import Alarm
 
 WELL = ServoTelemetry("elbow", 10.0, 35.0, 7.4, 20.0, True, True, frozenset())
 
@@ -138,6 +139,17 @@ def test_a_servo_that_was_reset_holds_the_arm(torque, reset_marker, words):
 def test_alarms_are_said_in_the_words_of_the_servo():
     with pytest.raises(ServoAlarmError, match=r"elbow reports an alarm: overload, too hot\."):
         see(alarms=frozenset({"too hot", "overload"}))
+
+
+@pytest.mark.parametrize(
+    ("alarm", "remedy"),
+    [(Alarm.VOLTAGE, "Check the power supply"), (Alarm.OVERLOAD, "Remove the load"),
+     (Alarm.HEAT, "Remove the load, or let it cool down")],
+)  # fmt: skip
+def test_the_advice_fits_the_alarm(alarm, remedy):
+    with pytest.raises(ServoAlarmError) as caught:
+        see(alarms=frozenset({str(alarm)}))
+    assert caught.value.hint.startswith(remedy)
 
 
 def test_all_that_is_wrong_is_said_and_the_advice_is_for_the_first():
