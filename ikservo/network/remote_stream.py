@@ -9,7 +9,7 @@ from typing import Any, Protocol, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.arm.arguments import parse_joint_positions, parse_number
+from ikservo.arm.arguments import parse_joint_positions, parse_period_s
 from ikservo.arm.target_tracking import CartesianOrJointTarget
 from ikservo.clock import Clock, Rate
 from ikservo.errors import BadValueError, RefusedError, UnknownNameError
@@ -21,7 +21,6 @@ from ikservo.network.messages import TargetFields
 
 __all__ = ["RemoteStream", "goal_fields", "next_items"]
 
-_MIN_RATE_HZ, _MAX_RATE_HZ = 5.0, 1000.0
 _CLOSE_TIMEOUT_S, _END_PERIOD_S = 10.0, 0.1
 
 
@@ -53,7 +52,7 @@ class RemoteStream:
         self, arm: Streaming, connection: Connection, speed: str, rate_hz: float | None
     ) -> None:
         self._arm, self._connection, self._speed = arm, connection, speed
-        self._period_s = _period_s(rate_hz)
+        self._period_s = parse_period_s(rate_hz)
         self._due_s = 0.0
         self._pending: PendingCall | None = None
         self.sent = self.unreached = self.refused = 0
@@ -174,13 +173,3 @@ def next_items(
     while True:
         yield None, True
         time.sleep(period_s)
-
-
-def _period_s(rate_hz: float | None) -> float | None:
-    if rate_hz is None:
-        return None
-    rate_hz = parse_number("The rate", rate_hz)
-    if not _MIN_RATE_HZ <= rate_hz <= _MAX_RATE_HZ:
-        expected = f"{_MIN_RATE_HZ:g} to {_MAX_RATE_HZ:g} Hz, or None"
-        raise BadValueError("The rate", f"{rate_hz:g} Hz", expected)
-    return 1.0 / rate_hz

@@ -91,12 +91,16 @@ def _schema_of(kind: type) -> type[BaseModel]:
 
 
 def _with_arrays(hint: Any) -> Any:  # noqa: ANN401  # an annotation is anything
-    if get_origin(hint) is np.ndarray:
+    if _is_array(hint):
         return FloatArray
-    inside = get_args(hint)
-    if any(get_origin(each) is np.ndarray for each in inside):  # Vector | None
+    if any(map(_is_array, get_args(hint))):  # Vector | None
         return Optional[FloatArray]  # noqa: UP045  # an annotated type has no operator
     return hint
+
+
+def _is_array(hint: object) -> bool:
+    """Return whether an annotation is that of an array (of NumPy 2.5 an alias, its own origin)."""
+    return get_origin(hint) in (np.ndarray, NDArray)
 
 
 def to_fields(value: Any) -> dict[str, JsonValue]:  # noqa: ANN401

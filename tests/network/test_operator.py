@@ -187,6 +187,7 @@ def test_an_arm_on_another_machine_follows_a_leader_here(served):
     assert joint_of(served, "wrist_roll") == pytest.approx(there, abs=0.1)
 
 
+@pytest.mark.campaign
 def test_an_arm_here_follows_a_leader_on_another_machine(served):
     there = joint_of(served, "wrist_roll")
     with served.open() as leader, ikservo.open_arm("so101", port="sim:?pose=home") as arm:

@@ -103,6 +103,7 @@ def test_a_plan_of_another_arm_is_refused(served):
         arm.execute(served.arm.plan_joints({"gripper": 0.2}))
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     "move",
     [

@@ -298,6 +298,7 @@ def test_a_motion_that_leaves_its_path_is_aborted(graph, client, start):
     assert graph.arm.stop_reason is None
 
 
+@pytest.mark.campaign
 def test_a_motion_that_ends_beside_its_goal_is_aborted(client, start):
     exact = [JointTolerance(name=JOINT, position=1e-9)]
     number, _ = client.send(goal_to((0.5, start + 0.1), goal_tolerance=exact))
