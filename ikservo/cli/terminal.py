@@ -116,9 +116,13 @@ def _end_of_command(words: list[str], start: int) -> int:
 
 
 def print_json(schema: str, **fields: object) -> None:
-    """Print one JSON object on stdout; ``schema`` is its name, such as ``move``."""
+    """Print one JSON object on stdout; ``schema`` is its name, such as ``move``.
+
+    It is flushed: a program at the other end of a pipe may wait for it while the command runs.
+    """
     report = {"schema": f"ikservo/{schema}/1", **fields}
-    print(json.dumps(report, default=_to_json_value, ensure_ascii=False))  # noqa: T201
+    text = json.dumps(report, default=_to_json_value, ensure_ascii=False)
+    print(text, flush=True)  # noqa: T201
 
 
 def print_lines(lines: Iterable[str], indent: int = 0) -> None:

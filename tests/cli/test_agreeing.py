@@ -54,6 +54,7 @@ def test_with_yes_a_real_arm_moves(run_cli, arm):
     assert result.code == 0, result.err
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("words", ["joints joint1=5", "jog joint1 --duration 100ms", "pose home"])
 def test_a_simulated_arm_is_not_asked_for(run_cli, words):
     assert run_cli(f"{words} --arm {NAME} --port sim:?pose=home").code == 0

@@ -15,6 +15,7 @@ def test_an_arc_through_a_point_reports_like_a_move(run_cli):
     assert answer["path_error_rms_m"] > 0.0
 
 
+@pytest.mark.campaign
 def test_a_circle_about_a_centre_ends_where_it_began(run_cli):
     result = run_cli(f"arc --center 0.18,0,0.08 --tool-speed 40 {SIM} --json")
     assert result.code == 0

@@ -64,6 +64,7 @@ def test_with_json_the_error_is_an_object(run_cli):
     assert "Try: ikservo move" in result.json["hint"]
 
 
+@pytest.mark.campaign
 def test_the_point_that_is_offered_instead_can_be_reached(run_cli):
     hint = run_cli(f"move 0.9 0 0.1 {SIM} --json").json["hint"]
     assert run_cli(hint.split("ikservo ")[1] + f" {SIM}").code == 0
@@ -175,12 +176,14 @@ def run_for_a_reader_that_has_exited(words, unbuffered):
     return done.returncode, done.stderr
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 @pytest.mark.parametrize("as_json", ["", "--json"])
 def test_a_reader_that_has_exited_ends_a_command_without_a_message(unbuffered, as_json):
     assert run_for_a_reader_that_has_exited(f"where {SIM} {as_json}", unbuffered) == (1, "")
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 def test_an_error_keeps_its_exit_code_for_a_reader_that_has_exited(unbuffered):
     code, err = run_for_a_reader_that_has_exited(f"move 0.9 0 0.1 {SIM} --json", unbuffered)

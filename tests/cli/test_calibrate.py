@@ -112,6 +112,7 @@ def test_where_then_names_the_hand_sweep_and_the_truth(mount_arm, run_cli):
         assert joint["position_rad"] == pytest.approx(truth, abs=math.radians(0.3))
 
 
+@pytest.mark.campaign
 def test_a_calibrated_arm_moves_its_tip(mount_arm, run_cli):
     arm = mount_arm()
     calibrated(arm, run_cli)
@@ -322,6 +323,7 @@ def test_servos_that_count_otherwise_are_not_pulled(monkeypatch, run_cli, name, 
     assert run_cli(f"calibration diff {name} --port {PORT}").code == 6
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("action", ["push", "pull"])
 @pytest.mark.parametrize("other", [{"id": 7}, {"model": "STS3250"}], ids=str)
 def test_a_file_of_other_servos_is_neither_pushed_nor_pulled(

@@ -141,6 +141,7 @@ def at_one_time(folder):
     write_frames(folder, table.set_column(at, "timestamp", pa.array([0.0] * 102)))
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize(
     ("spoil", "text"),
     [
@@ -211,6 +212,7 @@ def mounted(monkeypatch, tmp_path, run_cli):
     return arm, path
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("percent", [False, True])
 def test_lerobots_values_become_positions_of_the_geometry(
     mounted, exported, run_cli, tmp_path, percent

@@ -14,10 +14,10 @@ def square(tmp_path):
 
 
 def test_a_csv_is_drawn_and_reported_like_a_move(run_cli, square):
-    result = run_cli(f"draw {square} {AT} --tool-speed 40 {SIM} --json")
+    result = run_cli(f"draw {square} {AT} --scale 0.5 --tool-speed 40 {SIM} --json")
     assert result.code == 0
     assert result.json["schema"] == "ikservo/move/1"
-    assert result.json["target_m"] == pytest.approx((0.2, -0.01, 0.09))
+    assert result.json["target_m"] == pytest.approx((0.19, -0.015, 0.09))
     assert result.json["path_error_max_m"] > 0.0
 
 

@@ -69,6 +69,7 @@ def names(text):
     return {word for word in text.split() if not re.search(r"[\d●├┤─…]", word)}
 
 
+@pytest.mark.sample(5)
 @pytest.mark.parametrize("words", REPORTS)
 def test_no_row_is_wider_than_the_terminal_and_no_word_is_broken(shown, words):
     narrow = shown(words, 80)

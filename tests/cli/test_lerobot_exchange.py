@@ -35,6 +35,7 @@ def imported(arm, run_cli, path):
     return done
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", ["so_follower", "so100_follower", "so101_follower"])
 def test_files_of_all_three_vintages_come_back_byte_for_byte(
     arm, run_cli, tmp_path, monkeypatch, kind

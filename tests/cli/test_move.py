@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("arm", ["so101", "open_manipulator_x"])
 def test_the_measured_tip_is_within_2_mm_of_the_target(run_cli, arm):
     result = run_cli(f"move 0.25 0.05 0.15 --arm {arm} --port sim:?pose=home --json")
@@ -83,6 +84,7 @@ def test_a_slide_is_told_in_metres(run_cli):
     assert goal == pytest.approx({"gripper": 0.01})
 
 
+@pytest.mark.campaign
 def test_a_pose_is_taken_by_name(run_cli):
     result = run_cli("pose home --arm so101 --port sim --json")
     assert result.json["reached"] is True

@@ -11,6 +11,7 @@ from ikservo.cli.session import motion_progress_bar
 SO101 = "--arm so101 --port sim"
 
 
+@pytest.mark.campaign
 def test_a_line_is_gone_and_reported_like_any_move(run_cli):
     result = run_cli(f"move 0.25 0.05 0.15 --line {SO101} --json")
     assert result.code == 0

@@ -84,6 +84,7 @@ def read_in_time(read, servo_id):
     return tick
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("arm", "target_m"), TARGETS_M.items())
 def test_the_tip_goes_to_the_point_and_stays_there(run_cli, port_of, arm, target_m):
     point = " ".join(map(str, target_m))

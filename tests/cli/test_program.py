@@ -31,6 +31,7 @@ def test_an_existing_file_is_kept(run_cli, file):
     assert run_cli(f"program new {file} --arm so101 --overwrite").code == 0
 
 
+@pytest.mark.campaign
 def test_a_run_says_each_step_and_how_many_were_made(run_cli, file):
     result = run_cli(f"program run {file} {SIM} --yes")
     assert result.code == 0

@@ -119,6 +119,7 @@ def test_only_the_wanted_rate_is_tried(run_cli):
     assert result.out == ""
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("echo", ["?echo=1", "?echo=1&usb_frame_ms=1"])
 @pytest.mark.parametrize("arm", ["so101", "koch"])
 def test_an_adapter_that_echoes_invents_no_servos(run_cli, arm, echo):

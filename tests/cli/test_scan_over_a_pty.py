@@ -23,6 +23,7 @@ def test_253_silent_ids_take_less_than_two_seconds(port):
     assert time.monotonic() - started_s < 2.0
 
 
+@pytest.mark.campaign
 def test_every_servo_is_found(run_cli, port):
     done = run_cli(f"scan {port}")
     assert done.code == 0, done.err

@@ -98,6 +98,7 @@ def set_up():
     return done
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("arm", ["so101", "koch"])
 def test_each_servo_becomes_what_the_arm_file_says_and_stays_so_without_power(set_up, arm):
     operator, result = set_up[arm]

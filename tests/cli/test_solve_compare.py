@@ -276,6 +276,7 @@ def test_all_solutions_are_drawn_without_curves(run_cli, tmp_path):
     assert "iteration" not in words
 
 
+@pytest.mark.campaign
 def test_the_same_question_draws_the_same_picture(run_cli, tmp_path):
     first, second = tmp_path / "a.svg", tmp_path / "b.svg"
     for file in (first, second):

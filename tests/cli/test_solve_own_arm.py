@@ -52,6 +52,7 @@ def test_which_file_is_used_is_said_on_stderr(run_cli, file):
     assert result.err == f"Limits from calibration: {file} (the newest; 1 older beside it)\n"
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("how", ["--all", "--compare", "--method closed_form", "--pitch 0"])
 def test_every_way_of_solving_keeps_to_the_sweep(run_cli, file, how):
     assert run_cli(f"solve {AT_THE_SIDE} {how}").code == 7

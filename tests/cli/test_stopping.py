@@ -105,6 +105,7 @@ def test_a_progress_bar_that_cannot_be_taken_away_does_not_hide_the_stop(monkeyp
     assert main(["move"]) == 130
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_second_one_lowers_the_arm_and_lets_go(servos, monkeypatch, capsys, number):
     press(monkeypatch, [number, number])
@@ -117,6 +118,7 @@ def test_a_second_one_lowers_the_arm_and_lets_go(servos, monkeypatch, capsys, nu
     assert abs(servos[2].read("present_position") - 922) < 40  # its rest pose
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_second_one_is_handled_while_the_arm_is_already_at_rest(servos, monkeypatch, number):
     def again(*_):

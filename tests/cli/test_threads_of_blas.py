@@ -39,6 +39,7 @@ def test_a_command_has_one_thread():
     assert report_of_solve() == ["0", "1", "None", "1"]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("own", "read"),
     [

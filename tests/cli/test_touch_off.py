@@ -204,6 +204,7 @@ def reported_errors_m(answer):
     return np.linalg.norm(tips, axis=1)
 
 
+@pytest.mark.campaign
 def test_an_accuracy_test_by_touch_finds_the_errors_of_the_calibration(
     arm, truth, tmp_path, run_cli, monkeypatch
 ):

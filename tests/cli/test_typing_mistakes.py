@@ -55,6 +55,7 @@ def test_a_urdf_without_servos_names_what_is_missing_once_its_tip_is_given(run_c
     assert "arm.toml" in result.err
 
 
+@pytest.mark.campaign
 def test_another_link_can_be_the_tip_of_a_move(run_cli):
     plain = run_cli(f"move 0.22 0.02 0.12 {SIM} --dry-run --json").json
     other = run_cli(f"move 0.22 0.02 0.12 --tip gripper {SIM} --dry-run --json").json

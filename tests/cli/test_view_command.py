@@ -70,6 +70,7 @@ def test_without_an_arm_a_real_port_asks_which(run_cli):
     assert "No arm given." in result.err
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("options", "expected"),
     [

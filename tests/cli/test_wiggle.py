@@ -80,6 +80,7 @@ def test_the_first_move_after_a_change_shows_every_joint_and_the_second_none(arm
     assert "then back" not in run_cli(MOVE).err
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     "words", ["joints joint1=2 --no-collision", "pose home", "jog joint1 --duration 0.2"]
 )
@@ -91,6 +92,7 @@ def test_every_way_of_moving_shows_the_joints_first(arm, run_cli, watcher, words
     assert directions_confirmed(load_model(NAME), PORT)
 
 
+@pytest.mark.campaign
 def test_a_replay_shows_the_joints_first(arm, run_cli, watcher, tmp_path):
     tape = tmp_path / "wave.jsonl"
     assert run_cli(f"record {tape} --duration 0.3 --arm {NAME} --port {PORT}").code == 0
