@@ -11,12 +11,16 @@ import sys
 import pytest
 from hypothesis import settings
 
+from tests.sampling import leave_others_to_campaign
+
 # A busy machine may suspend a test at any place.
 settings.register_profile("suite", deadline=None)
 settings.load_profile("suite")
 # Dozens of tests start Python: they share its compiled files.
 sys.dont_write_bytecode = False
 os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+# Shells do not set it, and with it a command that does not flush what it prints looks right.
+os.environ.pop("PYTHONUNBUFFERED", None)
 # Files are saved so that they outlast a power cut: thousands of waits for a disk, none for memory.
 if os.access("/dev/shm", os.W_OK):
     os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", "/dev/shm")
@@ -46,6 +50,11 @@ def pytest_addoption(parser):
 
 def pytest_sessionstart():
     gc.disable()  # collection makes thousands of objects, and all of them stay
+
+
+@pytest.hookimpl(tryfirst=True)  # before the markers are looked at
+def pytest_collection_modifyitems(items):
+    leave_others_to_campaign(items)
 
 
 def pytest_collection_finish():

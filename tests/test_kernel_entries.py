@@ -16,7 +16,7 @@ from ikservo.ik.prepare import TargetKind
 from ikservo.kinematics.inertia import LinkMass
 from ikservo.model import load_model
 from ikservo.view import pick_region, raycast
-from ikservo.view.draw_items import link_poses
+from ikservo.view.link_poses import link_poses
 from ikservo.view.picking import Picker
 from tests.both_ways import needs_extension
 from tests.guard.test_collision_kernel import BOXES, every_kind_of_joint

@@ -66,6 +66,7 @@ def test_the_program_goes_on_while_the_arm_moves(arm):
     assert motion.done
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     "start",
     [
@@ -115,6 +116,7 @@ def test_a_fault_in_mid_motion_is_raised_by_wait(arm):
         motion.wait()
 
 
+@pytest.mark.campaign
 def test_waiting_no_longer_than_a_time_lets_the_motion_go_on(arm):
     motion, gate = begun(arm)
     with pytest.raises(TimeoutError, match="not over"):
@@ -188,6 +190,7 @@ def test_a_blocking_motion_waits_for_the_one_in_the_background(arm):
     assert motion.done
 
 
+@pytest.mark.campaign
 def test_two_threads_move_one_arm_in_turn(arm):
     reports = []
 

@@ -82,6 +82,7 @@ def test_progress_tells_measured_joints_and_setpoints(arm):
     np.testing.assert_allclose(last.tip_m, true_tip_m(arm), atol=0.01)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     "motion",
     [

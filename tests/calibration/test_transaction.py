@@ -98,6 +98,7 @@ def start_again(arm, finish):
         load_calibration_for(bus, load_model(arm.name), uncalibrated=True)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("had_file", [False, True], ids=["first time", "again"])
 @pytest.mark.parametrize("finish", [resume, roll_back], ids=["resume", "revert"])
 @pytest.mark.parametrize("name", ["planar2", pytest.param("planar3", marks=pytest.mark.campaign)])

@@ -23,6 +23,8 @@ SERVE = "import sys, servosim; sys.exit(servosim.serve(sys.argv[1:]))"
 ABSENT = ServoSpec(99, STS3215, "nobody")
 
 ARMS = ("so101", "koch")
+# A busy machine holds the server of a pseudo-terminal up for longer than three replies are awaited.
+RETRIES = {"pty": 9}
 MODES = ("", "?echo=1", "?echo=1&usb_frame_ms=1", "?latency_ms=16&usb_frame_ms=1")
 PLACES = [
     *(
@@ -46,7 +48,9 @@ def bus(request):
     absent = ServoSpec(ABSENT.id, servos[0].table, ABSENT.name)
     with (
         _Place(request, place, path) as name,
-        ServoBus(open_port(name, 1_000_000), [*servos, absent]) as bus,
+        ServoBus(
+            open_port(name, 1_000_000), [*servos, absent], retries=RETRIES.get(place, 2)
+        ) as bus,
     ):
         yield bus
 

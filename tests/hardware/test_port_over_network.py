@@ -99,16 +99,19 @@ def bus(served):
         yield bus
 
 
+@pytest.mark.sample(1)
 def test_servos_reply(bus):
     assert [bus.ping(i).model_number for i in (1, 2)] == [777, 777]
 
 
+@pytest.mark.sample(1)
 def test_many_are_read_and_written(bus):
     ticks = {i: torque_on(bus, i) for i in (1, 2)}
     bus.sync_write(RegisterName.GOAL_POSITION, ticks, raw=True)
     assert bus.sync_read([1, 2], RegisterName.GOAL_POSITION, raw=True).require_all() == ticks
 
 
+@pytest.mark.sample(1)
 def test_sixty_cycles_of_reading_and_telling_take_less_than_two_seconds(bus):
     goals = {i: torque_on(bus, i) for i in (1, 2)}
     begin_s = time.monotonic()
@@ -118,6 +121,7 @@ def test_sixty_cycles_of_reading_and_telling_take_less_than_two_seconds(bus):
     assert time.monotonic() - begin_s < 2.0
 
 
+@pytest.mark.sample(1)
 def test_a_server_that_goes_is_a_lost_port(bus, served):
     bus.ping(1)
     served[1].close()

@@ -107,6 +107,7 @@ def test_compiled_and_uncompiled_search_give_the_same_bits(name, kind):
     assert same_both_ways(name, kind, 1, 12, traced=40) > 0.9
 
 
+@pytest.mark.sample(2)
 @needs_extension
 @pytest.mark.parametrize("uncompiled", [with_numpy, without_numpy])
 @pytest.mark.parametrize("kind", TargetKind)
@@ -115,6 +116,7 @@ def test_they_give_the_same_bits_out_of_reach(kind, uncompiled):
     assert same_both_ways("so101", kind, 2, 1, **options) == 0.0
 
 
+@pytest.mark.sample(1)
 @needs_extension
 @pytest.mark.parametrize("uncompiled", [with_numpy, without_numpy])
 @pytest.mark.parametrize("kind", [TargetKind.DIRECTION, TargetKind.POSE])
@@ -134,6 +136,7 @@ CHANGES = {
 }
 
 
+@pytest.mark.sample(2)
 @needs_extension
 @pytest.mark.parametrize("module", CHANGES)
 def test_a_last_digit_changed_in_a_kernel_is_noticed(module, tmp_path):

@@ -25,6 +25,7 @@ def drawn(chain, rng):
     return rng.uniform(chain.lower_rad, chain.upper_rad)
 
 
+@pytest.mark.sample(8)
 @pytest.mark.parametrize("method", EVERY)
 @pytest.mark.parametrize("name", ARMS)
 def test_joints_behind_the_frame_stay_where_they_were(name, method):

@@ -80,6 +80,7 @@ def test_pose_actions_move_the_tip_and_the_gripper(connected):
     assert robot.get_observation()["gripper.pos"] == pytest.approx(80.0, abs=3.0)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("arm", ["so101", "wx250s"])
 def test_steps_move_the_tip_along_the_axes_and_keep_how_the_tool_stands(connected, arm):
     robot = connected(action="ee_delta", arm=arm, step_m=0.001)
@@ -94,6 +95,7 @@ def test_steps_move_the_tip_along_the_axes_and_keep_how_the_tool_stands(connecte
     assert max(turned) < math.radians(3.0)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(("step", "change"), [(2.0, 1), (0.0, -1), (-1.0, 0)])
 def test_the_grippers_steps_open_close_and_stay(connected, step, change):
     robot = connected(action="ee_delta")

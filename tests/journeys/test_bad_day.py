@@ -1,7 +1,7 @@
 """A bad day, in a terminal: each fault ends in one clear error, and the next command works.
 
 Checked by exit codes, simulated joints and output; in real time, behind a pseudo-terminal. The
-suite has the faults without control of the simulator; the campaign has all, at both widths.
+suite has a port that is none; the campaign has all faults, at both widths.
 """
 
 import contextlib
@@ -150,6 +150,7 @@ def test_an_adapter_without_servos_is_silent(terminal):
     assert_clear(ended, 4)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("port", ["/dev/null", "/dev/nowhere", "/etc"])
 def test_a_port_that_is_no_serial_port(terminal, port):
     assert_clear(terminal.run("where", "--arm", "so101", "--port", port), 3)

@@ -30,7 +30,7 @@ def cases(arm):
 
 
 def some(arm):
-    """Return the cases of an arm that the suite runs."""
+    """Return four methods of an arm, each in one case."""
     chance, by_method = random.Random(f"methods {arm}"), {}
     for case in cases(arm):
         if case[1] in FREQUENT:
@@ -68,6 +68,7 @@ def test_each_method_can_be_called(tmp_path):
             arguments(method, machine, tmp_path)
 
 
+@pytest.mark.sample(10)
 @pytest.mark.parametrize(NAMES, on_every_arm(some))
 def test_a_method_ends_well(monkeypatch, tmp_path, arm, method, posture, kind):
     judge(monkeypatch, tmp_path, arm, method, posture, kind)

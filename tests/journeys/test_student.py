@@ -50,6 +50,7 @@ def test_reads_the_help_of_solve_on_one_screen_each_line_whole(terminal):
     assert not ended.long
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     "words",
     [

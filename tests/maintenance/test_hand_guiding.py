@@ -77,6 +77,7 @@ HANDS = [
 ]
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(("name", "joint", "way_rad", "limit_nm"), HANDS)
 def test_a_light_hand_moves_the_arm_and_it_stays_where_it_is_left(name, joint, way_rad, limit_nm):
     hand, gravity, stiffness = guided(name, joint, way_rad, limit_nm)

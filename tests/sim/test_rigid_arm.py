@@ -133,6 +133,7 @@ def test_near_a_posture_the_dynamics_are_still_pinocchios(arm: str) -> None:
         assert ours == pytest.approx(expected, abs=0.01 * np.abs(expected).max())
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize("arm", ARMS)
 def test_a_moving_limp_arm_has_pinocchios_accelerations(
     arm: str, monkeypatch: pytest.MonkeyPatch
@@ -148,6 +149,7 @@ def test_a_moving_limp_arm_has_pinocchios_accelerations(
         assert (limp.state()[1] - v) / STEP_S == pytest.approx(expected, rel=1e-5, abs=1e-5)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("arm", ARMS)
 def test_a_limp_arm_without_friction_conserves_energy_while_it_falls(arm: str) -> None:
     q, v, _ = random_states(arm, 1)[0]

@@ -121,6 +121,7 @@ def test_sweeping_hands_start_over_when_a_program_begins_to_talk(configs):
     assert abs(swept - wrist.position) > 0.1
 
 
+@pytest.mark.campaign
 def test_sweeping_hands_take_a_limp_joint_through_its_travel(configs):
     _, (low, high) = moved_by_hands(configs, "shoulder_pan", 20.0, 8.0)
     assert (low, high) == (pytest.approx(-1.92, abs=0.08), pytest.approx(1.92, abs=0.08))

@@ -1,0 +1,27 @@
+"""Of the many cases of a test the suite runs a few, the campaign the others.
+
+``@pytest.mark.sample(3)`` above a parametrised test: three cases, drawn with the test's name as the
+seed. Other tests draw others, so that together they have every arm and every kind of case.
+"""
+
+import random
+from collections import defaultdict
+
+import pytest
+
+
+def leave_others_to_campaign(items):
+    """Mark the cases that were not drawn; of a test that is asked for by its case, none."""
+    tests = defaultdict(list)
+    for item in items:
+        if item.get_closest_marker("sample") and not item.get_closest_marker("campaign"):
+            tests[item.parent.nodeid, item.originalname].append(item)
+    for (_, name), cases in tests.items():
+        for item in set(cases) - set(draw(name, cases)):
+            item.add_marker(pytest.mark.campaign)
+
+
+def draw(name, cases):
+    """Return the cases that the suite runs."""
+    (count,) = cases[0].get_closest_marker("sample").args
+    return random.Random(name).sample(cases, min(count, len(cases)))
