@@ -10,7 +10,7 @@ export PIP_DISABLE_PIP_VERSION_CHECK := 1
 demo: build  ## move the simulated SO-101 to a coordinate and print the report
 	@$(BIN)/ikservo move 0.25 0.05 0.15 --arm so101 --port sim --yes
 
-test: $(VENV)/tested build  ## the whole suite on the simulated bus, on every core
+test: $(VENV)/tested build  ## the suite on the simulated bus, on every core
 	$(BIN)/python -m pytest -n auto --dist worksteal
 
 check: $(VENV)/checked  ## what a commit must pass besides the tests
@@ -37,7 +37,7 @@ docs: $(VENV)/documented  ## the documentation site in site/, with every link ch
 sanitize: $(VENV)/tested  ## the kernels' tests with checked indices and sanitizers
 	$(BIN)/python tools/kernel/sanitize.py
 
-campaign: $(VENV)/tested build  ## long seeded campaigns
+campaign: $(VENV)/tested build  ## long seeded campaigns, and every case that the suite leaves out
 	$(BIN)/python -m pytest -m campaign
 
 mutate: $(VENV)/tested build  ## every small change of guard, kinematics and calibration must make a test fail

@@ -8,6 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from ikservo.calibration.calibration_file import load_calibration
 from ikservo.calibration.servo_config import calibration_registers
 from ikservo.errors import BusError, FileFormatError, UnknownNameError
+from ikservo.guard import alarm_hint
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.eeprom import RegisterDifference, register_differences, update_eeprom
 from ikservo.hardware.read_plan import RegisterRef
@@ -242,7 +243,7 @@ def _check_alarms(bus: ServoBus) -> Iterator[Finding]:
             yield failure(
                 "alarms",
                 f"{bus.servos[servo_id]}: {text}",
-                "Remove the load, then: ikservo recover",
+                alarm_hint(alarms),
             )
     if not any(alarms_by_id.values()):
         yield ok("alarms", "none")

@@ -53,6 +53,37 @@ Everything else is refused, and nothing changes.
 An older command, a repeated `seq` and a message with a number out of its bounds are dropped.
 `stop`, `viewport` and the `heartbeat` of a hidden page are accepted at any age.
 
+## What the page draws from
+
+No polygons travel: the page computes the drawing (`view/page/picture.js` in 2D, `scene3d.js` in
+3D) from the arm, which is sent once, and from the scenes. Lengths are metres, angles rad, poses
+(4, 4) row by row.
+
+`graph`, before the first scene and when the arm was opened again:
+
+- `links`, from base to tip: `name`, `parent`, `origin` (T_parent_link at position 0), `joint`
+  (`fixed`, `revolute` or `prismatic`), its `axis`, and `capsules` (`ends`, `radius`) in the link's
+  frame.
+- `dials` of the joints: `joint`, `link` that it moves, direction of the `needle`, `slides`, `range`
+  (null where it turns freely), and the distances from a limit at which it is `at` it or `near` it.
+- `tip`, `boxes` to keep out of (`name`, `low`, `high`), height of the `floor`, `centre` and `size`
+  of the drawing, and what the `handles` of the tool can move.
+
+`shapes`, once to a page that draws in 3D: the visual shapes of all links, by link.
+
+`scene`, whenever something has changed: only the keys that have. Keys of a scene:
+
+- `camera`: `pose`, `scale_px` (pixels for a metre, or the focal length of a `perspective`),
+  `near_m`, `size` of the drawing in CSS pixels.
+- `measured`, `goal` (null where it is where the arm is): positions of the joints that are not
+  fixed, in the order of the links.
+- `marker` of the target: `target`, `nearest`, `reached`; `refused_pair`: what would touch, null if
+  nothing is refused; `refusal`: why.
+- `hover`, `grabbed`, `picked`, `behind`: what is under the pointer, and how it is marked.
+- `region` (rings) that the tip can reach, and its `region_pose`.
+- `trace` of a solver method (`lines`, `target`, `reached`), and `trace_step`, the shown iteration.
+- `handles`: the axes of the tool in 3D; `webgl`: whether it is to be drawn in 3D; `seq`.
+
 ## Messages of the page
 """
 
