@@ -5,29 +5,35 @@ from __future__ import annotations
 import numpy as np
 
 from ikservo.kinematics import Chain
-from ikservo.kinematics.arrays import Matrix
+from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model.joint_drive import ArmParameters, JointDrive
 
-__all__ = ["limits_under_load", "static_leads"]
+__all__ = ["goal_leads", "limits_under_load"]
 
 # A goal that would be this far outside, rad or m, is as good as one at the limit.
 _TOLERANCE = 0.003
+# The friction of a servo, as a multiple of its model's: servos of one model differ that much.
+_STRONGEST_FRICTION = 1.5
 
 
-def limits_under_load(chain: Chain, parameters: ArmParameters, joints: Matrix) -> Chain | None:
-    """Return a chain whose limits leave room for the goals that hold the arm along a path.
+def limits_under_load(
+    chain: Chain, parameters: ArmParameters, joints: Matrix, *, friction: bool = True
+) -> Chain | None:
+    """Return a chain whose limits leave room for the goals that move the arm along a path.
 
     A limit moves inwards by the greatest lead that is needed where the goal would pass it.
 
     Args:
         chain: The arm, inside the limits of its goals.
         parameters: Its masses and drives.
-        joints: Along the path (k, dof), rad or m.
+        joints: Along the path (k, dof), rad or m, one by one.
+        friction: Whether to leave room for the friction of moving joints; else for the weight only.
 
     Returns:
         None where no goal would pass a limit.
     """
-    leads = static_leads(parameters, joints)
+    directions = _STRONGEST_FRICTION * _directions(joints) if friction else np.zeros_like(joints)
+    leads = goal_leads(parameters, joints, directions)
     below = joints + leads < chain.lower_rad - _TOLERANCE
     above = joints + leads > chain.upper_rad + _TOLERANCE
     if not (below.any() or above.any()):
@@ -37,15 +43,31 @@ def limits_under_load(chain: Chain, parameters: ArmParameters, joints: Matrix) -
     return chain.with_limits(lower, upper)
 
 
-def static_leads(parameters: ArmParameters, joints: Matrix) -> Matrix:
-    """Return by how much goals lead resting joints (k, dof) against gravity, rad or m."""
+def goal_leads(parameters: ArmParameters, joints: Matrix, directions: Matrix) -> Matrix:
+    """Return by how much goals lead slowly moving joints against gravity and friction, rad or m.
+
+    Args:
+        parameters: Masses and drives of the arm.
+        joints: Positions (k, dof).
+        directions: Where the joints move (k, dof), as multiples of friction: 1 and -1 for what
+            their model has, 0 for none.
+    """
     torques = parameters.dynamics.gravity_torques(joints)
-    leads = [_lead(torques[:, i], drive) for i, drive in enumerate(parameters.drives)]
+    leads = [
+        _lead(torques[:, i], directions[:, i], drive) for i, drive in enumerate(parameters.drives)
+    ]
     return np.column_stack(leads)
 
 
-def _lead(torques_nm: Matrix, drive: JointDrive | None) -> Matrix:
+def _directions(joints: Matrix) -> Matrix:
+    """Return where joints (k, dof) along a path move, at its end where they came from."""
+    return np.sign(np.gradient(joints, axis=0)) if len(joints) > 1 else np.zeros_like(joints)
+
+
+def _lead(gravity_nm: Vector, directions: Vector, drive: JointDrive | None) -> Vector:
     if drive is None:
-        return np.zeros_like(torques_nm)
-    pressed_nm = np.maximum(np.abs(torques_nm) - drive.startup_nm, 0.0)
-    return np.sign(torques_nm) * pressed_nm / drive.stiffness_nm_rad
+        return np.zeros_like(gravity_nm)
+    friction_nm = np.array([drive.friction_torque(0.0, load_nm) for load_nm in gravity_nm])
+    needed_nm = gravity_nm + directions * friction_nm
+    pressed_nm = np.maximum(np.abs(needed_nm) - drive.startup_nm, 0.0)
+    return np.sign(needed_nm) * pressed_nm / drive.stiffness_nm_rad

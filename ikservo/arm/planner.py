@@ -366,17 +366,19 @@ class Planner:
         if self._parameters is None:
             return line
         joints = sample_states(line)[0]
-        loaded = limits_under_load(self._chain, self._parameters, joints)
-        if loaded is None:
-            return line
-        try:
-            return follow(loaded)
-        except CartesianPathError as error:
-            cause = "a joint that holds the arm's weight stays short of its limit"
-            binding = [*error.binding, cause]
-            raise CartesianPathError(
-                error.along_m, error.target_m, error.nearest_m, binding, error.shape
-            ) from error
+        for friction in (True, False):  # that it stays short by friction only is no refusal
+            loaded = limits_under_load(self._chain, self._parameters, joints, friction=friction)
+            if loaded is None:
+                return line
+            try:
+                return follow(loaded)
+            except CartesianPathError as found:
+                error = found
+        cause = "a joint that holds the arm's weight stays short of its limit"
+        binding = [*error.binding, cause]
+        raise CartesianPathError(
+            error.along_m, error.target_m, error.nearest_m, binding, error.shape
+        ) from error
 
     def _tool_speed(self, plan: MotionPlan, requested_m_s: float) -> ToolSpeed:
         times_s = sample_times_s(plan.trajectory)

@@ -5,7 +5,7 @@ import pytest
 
 import ikservo
 from ikservo.arm import ToolOrientation
-from ikservo.arm.loaded_limits import limits_under_load, static_leads
+from ikservo.arm.loaded_limits import goal_leads, limits_under_load
 from ikservo.arm.planner import Planner
 from ikservo.errors import CartesianPathError
 from ikservo.kinematics import JointIndex
@@ -29,15 +29,15 @@ def leaning(arm, elbow_from_limit):
 
 
 def lead_of_elbow(arm, q):
-    """Return by how much the goal of the elbow leads it at joints (dof,), rad."""
+    """Return by how much the goal of the resting elbow leads it at joints (dof,), rad."""
     parameters = nominal_parameters(arm.model, arm.chain)
-    return static_leads(parameters, q[None])[0, arm.chain.names.index("elbow")]
+    return goal_leads(parameters, q[None], np.zeros((1, q.size)))[0, arm.chain.names.index("elbow")]
 
 
-def elbow_limit(arm, q):
-    """Return the lower limit of the elbow where joints (dof,) have to be held; None if as usual."""
+def elbow_limit(arm, *q):
+    """Return the lower limit of the elbow along joints (dof,); None if as usual."""
     parameters = nominal_parameters(arm.model, arm.chain)
-    chain = limits_under_load(arm.chain, parameters, q[None])
+    chain = limits_under_load(arm.chain, parameters, np.array(q))
     return None if chain is None else chain.lower_rad[arm.chain.names.index("elbow")]
 
 
@@ -52,14 +52,32 @@ def test_a_line_takes_a_way_on_which_no_goal_has_to_pass_a_limit(wx250s):
     np.testing.assert_allclose(plan.tip_m, end_m, atol=1e-4)
 
 
-def test_a_line_without_such_a_way_is_refused_and_says_why():
+@pytest.fixture
+def px100():
+    """A planner, and a posture with the elbow near its limit whose tool is to keep its pitch."""
     model = ikservo.load_model("px100")
     names = [joint.name for joint in model.joints]
     planner = Planner(model, model.chain, JointIndex.from_names(names, model.chain.names, None))
-    start = np.array([0.0, 1.25, -2.06, 1.05, 0.0])
-    end_m = planner.tip(np.array([0.0, 1.248, -2.109, 1.101, 0.0]))
+
+    def plan(elbow, wrist):
+        end_m = planner.tip(np.array([0.0, 1.249, elbow, wrist, 0.0]))
+        start = np.array([0.0, 1.25, -2.06, 1.05, 0.0])
+        return planner.plan_linear(start, [end_m], "slow", 0.01, ToolOrientation(keep=True))
+
+    return plan
+
+
+def test_a_line_without_such_a_way_is_refused_and_says_why(px100):
     with pytest.raises(CartesianPathError, match=WEIGHT):
-        planner.plan_linear(start, [end_m], "slow", 0.01, ToolOrientation(keep=True))
+        px100(-2.109, 1.101)
+
+
+def test_a_line_on_which_only_friction_needs_more_is_not_refused(px100):
+    plan, model = px100(-2.0943, 1.086), ikservo.load_model("px100")
+    parameters = nominal_parameters(model, model.chain)
+    joints = np.linspace(plan.start, plan.goal, 20)[:, :4]
+    assert limits_under_load(model.chain, parameters, joints, friction=False) is None
+    assert limits_under_load(model.chain, parameters, joints) is not None
 
 
 def test_limits_stay_where_goals_stay_inside_them(wx250s):
@@ -71,3 +89,12 @@ def test_a_limit_moves_by_the_lead_that_is_needed_there(wx250s):
     moved = elbow_limit(wx250s, at_limit) - at_limit[wx250s.chain.names.index("elbow")]
     assert moved == pytest.approx(-lead_of_elbow(wx250s, at_limit))
     assert moved > 0.01
+
+
+def test_a_joint_that_moves_to_its_limit_needs_room_for_friction_besides(wx250s):
+    drive = nominal_parameters(wx250s.model, wx250s.chain).drives[2]
+    least_rad = drive.friction_torque(0.0, 0.0) / drive.stiffness_nm_rad
+    near, at_limit = leaning(wx250s, 0.02), leaning(wx250s, 0.0)
+    resting = elbow_limit(wx250s, at_limit)
+    assert elbow_limit(wx250s, near, at_limit) > resting + least_rad
+    assert elbow_limit(wx250s, at_limit, near) < resting - least_rad
