@@ -156,14 +156,14 @@ def _traces(name: str, speed: str, options: argparse.Namespace) -> Iterator[Trac
         body = _changed_body(name, Path(folder), options.mass_scale, options.payload_kg)
         with ikservo.open_arm(name, port=f"sim:{body}?{query}", uncalibrated=True) as arm:
             observer, rng = Observer(arm), np.random.default_rng(options.seed)
-            _move_away(arm, rng)
+            move_away(arm, rng)
             for count in range(options.count):
-                plan = _next_line(arm, rng, speed)
+                plan = next_line(arm, rng, speed)
                 yield observer.trace(plan)
                 print(f"\r{name} {speed} {count + 1} ", end="", file=sys.stderr)
 
 
-def _next_line(arm: Arm, rng: np.random.Generator, speed: str) -> MotionPlan:
+def next_line(arm: Arm, rng: np.random.Generator, speed: str) -> MotionPlan:
     """Plan a line from where the arm is; from another place where none is free."""
     while True:
         for _ in range(ATTEMPTS):
@@ -172,10 +172,11 @@ def _next_line(arm: Arm, rng: np.random.Generator, speed: str) -> MotionPlan:
                 return arm.plan_line(arm.where().tip_m + way_m, speed=speed)
             except IkservoError:
                 continue
-        _move_away(arm, rng)
+        move_away(arm, rng)
 
 
-def _move_away(arm: Arm, rng: np.random.Generator) -> None:
+def move_away(arm: Arm, rng: np.random.Generator) -> None:
+    """Move to a random posture with the tip well above the table."""
     names = arm.chain.names
     while True:
         q = rng.uniform(arm.chain.lower_rad, arm.chain.upper_rad)
