@@ -169,9 +169,11 @@ def next_line(arm: Arm, rng: np.random.Generator, speed: str) -> MotionPlan:
         for _ in range(ATTEMPTS):
             way_m = rng.uniform(SHORTEST_M, LONGEST_M) * _direction(rng)
             try:
-                return arm.plan_line(arm.where().tip_m + way_m, speed=speed)
+                plan = arm.plan_line(arm.where().tip_m + way_m, speed=speed)
             except IkservoError:
                 continue
+            if not plan.via_pose:  # a folded arm goes elsewhere first: that is no line from here
+                return plan
         move_away(arm, rng)
 
 
