@@ -17,6 +17,15 @@ IN_SIGHT = """(id) => {
 }"""
 
 
+COVERED = """() => {
+  const box = document.querySelector(".readout").getBoundingClientRect();
+  const from = document.getElementById("drawing").getBoundingClientRect();
+  const links = window.ikservo.items.filter(({ style, link }) => style === "measured" && link);
+  const inside = ([x, y]) => x + from.x > box.left && x + from.x < box.right && y + from.y > box.top && y + from.y < box.bottom;
+  return links.filter(({ rings }) => rings.flat().some(inside)).map(({ link }) => link);
+}"""  # noqa: E501
+
+
 def open_program(page):
     if page.get_attribute("#program", "open") is None:
         page.click("#program > summary")
@@ -72,6 +81,38 @@ def test_a_program_that_is_opened_comes_into_sight(newcomer):
     newcomer.page.evaluate("document.querySelector('.panel').scrollTop = 0")
     newcomer.page.evaluate("document.querySelector('#program > summary').click()")
     newcomer.until(f"({IN_SIGHT})('program-play') && ({IN_SIGHT})('add-arm')")
+
+
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (820, 1100), (1100, 720)])
+def test_what_is_read_of_the_tool_covers_no_part_of_the_arm(newcomer, width, height):
+    page = newcomer.page
+    page.set_viewport_size({"width": width, "height": height})
+    field = page.locator("#tool-z")
+    field.fill(f"{float(field.input_value()) + 20:.1f}")
+    field.press("Enter")
+    newcomer.wait_for("status.tip.some(([name]) => name === 'target')")
+    for view in ("side", "top", "front"):
+        page.click(f"#views [value={view}]")
+        newcomer.wait_for_picture()
+        assert len(newcomer.items("measured")) > 4
+        assert page.evaluate(COVERED) == []
+    page.click("#views [value=side]")
+    page.evaluate("document.getElementById('undo').click()")
+    newcomer.wait_for("!status.target")
+    page.set_viewport_size({"width": 1280, "height": 800})
+    newcomer.wait_for_picture()
+
+
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (1100, 720)])
+def test_the_program_is_one_press_away_from_the_picture(newcomer, width, height):
+    page = newcomer.page
+    page.set_viewport_size({"width": width, "height": height})
+    page.evaluate("document.getElementById('program').open = false")
+    page.evaluate("scrollTo(0, 0); document.querySelector('.panel').scrollTop = 0")
+    assert page.evaluate(IN_SIGHT, "program-show")
+    page.click("#program-show")
+    newcomer.until(f"({IN_SIGHT})('program-play') && ({IN_SIGHT})('add-arm')")
+    page.set_viewport_size({"width": 1280, "height": 800})
 
 
 def test_beside_typed_coordinates_it_is_said_why_the_arm_may_not_go_there(newcomer):

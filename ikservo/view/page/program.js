@@ -38,6 +38,7 @@ export class Program {
       $("add-recording").value = "";
     };
     $("program").ontoggle = () => $("program").open && $("program").scrollIntoView({ block: "nearest" });
+    $("program-show").onclick = () => this.bringIntoSight();
     $("record-step").onclick = () => this.send("record_step", { on: !this.state.recording });
     for (const action of ["check", "play", "step"]) $(`program-${action}`).onclick = () => this.send("run_program", { action, step: this.from });
     $("program-pause").onclick = () => this.send("run_program", { action: "pause" });
@@ -45,6 +46,14 @@ export class Program {
     $("program-save").onclick = () => this.save();
     $("program-new").onclick = () => this.confirmLoss($("program-new"), "Lose changes?", () => this.send("program_file", { action: "new" }));
     $("program-load").onclick = () => this.confirmLoss($("program-load"), "Lose changes?", () => this.send("program_file", { action: "load", name: $("program-files").value }));
+  }
+
+  // From the picture, however far below it the program is.
+  bringIntoSight() {
+    const program = $("program");
+    program.open = true;
+    program.scrollIntoView({ block: "start" });
+    program.querySelector("summary").focus({ preventScroll: true });
   }
 
   setArm({ poses, gripper }) {
