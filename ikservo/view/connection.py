@@ -12,7 +12,9 @@ from ikservo.view.camera import Viewport
 from ikservo.view.message_fields import PageMessage
 from ikservo.view.messages import (
     BadMessageError,
+    DragTool,
     Heartbeat,
+    Pointer,
     SetViewport,
     Stop,
 )
@@ -25,6 +27,7 @@ __all__ = [
     "MessageFilter",
     "RateLimitError",
     "StaleMessageError",
+    "StalePressError",
 ]
 
 
@@ -41,6 +44,10 @@ _MAX_REMEMBERED = 256
 
 class StaleMessageError(BadMessageError):
     """A command that is too old to act on, for example from a hidden page; no attack."""
+
+
+class StalePressError(StaleMessageError):
+    """A press that is too old to act on: a person waits for what it does, and is told."""
 
 
 class RateLimitError(BadMessageError):
@@ -83,6 +90,7 @@ class MessageFilter(Generic[_MessageT]):
 
         Raises:
             BadMessageError: It is malformed or a replay; nothing changes.
+            StalePressError: It is too old, and somebody pressed something; nothing changes.
             StaleMessageError: It is too old; nothing changes.
             RateLimitError: The connection is to be closed.
         """
@@ -99,7 +107,7 @@ class MessageFilter(Generic[_MessageT]):
             not _is_always_accepted(message)
             and self._age_s(message.seen, now_s) > MAX_MESSAGE_AGE_S
         ):
-            raise StaleMessageError("The message is too old to act on.", "Nothing has changed.")
+            raise _stale_error(message)
         return message
 
     def _consume_token(self, now_s: float) -> None:
@@ -121,6 +129,16 @@ class MessageFilter(Generic[_MessageT]):
     def _age_s(self, scene: int, now_s: float) -> float:
         """Return how long ago the scene after the drawn one was sent."""
         return now_s - self._sent.get(scene + 1, now_s)
+
+
+def _stale_error(message: PageMessage) -> StaleMessageError:
+    """Return the error for a message that is too old; only presses are worth telling."""
+    if isinstance(message, Pointer | DragTool) and message.phase == "down":
+        return StalePressError(
+            f"What you saw was more than {MAX_MESSAGE_AGE_S:.0f} s old: nothing was done.",
+            "Press again. If it goes on, this computer draws too slowly: switch 3D off.",
+        )
+    return StaleMessageError("The message is too old to act on.", "Nothing has changed.")
 
 
 def _is_always_accepted(message: PageMessage) -> bool:

@@ -33,7 +33,12 @@ from ikservo.view.auth import (
     Permission,
     new_nonce,
 )
-from ikservo.view.connection import MessageFilter, RateLimitError, StaleMessageError
+from ikservo.view.connection import (
+    MessageFilter,
+    RateLimitError,
+    StaleMessageError,
+    StalePressError,
+)
 from ikservo.view.downloads import DownloadOffers
 from ikservo.view.message_fields import PageMessage
 from ikservo.view.messages import MAX_MESSAGE_BYTES, BadMessageError, read_hello
@@ -89,7 +94,7 @@ _SLOW_CLIENT_S = 2.0  # a page that receives nothing for so long is dropped
 _MAX_FRAMES_AHEAD = 2  # scenes in flight
 _KEPT_BY_PAGE = ("scene", "status")
 _MAX_CLIENTS = _MAX_UNAUTHENTICATED = 16
-_UNAUTHORISED, _NONE_OPEN, _CLOSED = 4401, 4404, 4410
+_UNAUTHORISED, _NONE_OPEN, _TOO_LATE, _CLOSED = 4401, 4404, 4408, 4410
 _RATE_EXCEEDED, _FULL = 1008, 1013
 
 Frame = Mapping[str, object]
@@ -182,7 +187,11 @@ class _WebSocketHandler(Generic[_MessageT]):
     async def handle(self, socket: WebSocket) -> None:
         with contextlib.suppress(WebSocketDisconnect, RuntimeError):
             await socket.accept()
-            permission = await self._authenticate(socket)
+            try:
+                permission = await self._authenticate(socket)
+            except TimeoutError:  # a busy browser: its page tries again
+                await socket.close(_TOO_LATE, "The page did not prove its key in time.")
+                return
             if permission is None:
                 await socket.close(_UNAUTHORISED, "This page's key is not the one of this session.")
             elif self._client_count >= _MAX_CLIENTS:
@@ -191,7 +200,11 @@ class _WebSocketHandler(Generic[_MessageT]):
                 await self._connect(socket, permission)
 
     async def _authenticate(self, socket: WebSocket) -> Permission | None:
-        """Authenticate the client (HMAC challenge) before sending anything."""
+        """Authenticate the client (HMAC challenge) before sending anything.
+
+        Raises:
+            TimeoutError: The client does not answer.
+        """
         if len(self._unauthenticated) >= _MAX_UNAUTHENTICATED:  # they must not lock others out
             await self._unauthenticated.popleft().close(_FULL, "Too many unauthenticated clients.")
         self._unauthenticated.append(socket)
@@ -199,7 +212,7 @@ class _WebSocketHandler(Generic[_MessageT]):
         try:
             await socket.send_text(json.dumps({"kind": "challenge", "nonce": nonce}))
             hello = read_hello(await asyncio.wait_for(socket.receive_text(), _HELLO_TIMEOUT_S))
-        except (TimeoutError, BadMessageError, KeyError):
+        except (BadMessageError, KeyError):
             return None
         finally:
             with contextlib.suppress(ValueError):  # it was dropped as the oldest of too many
@@ -254,11 +267,12 @@ class _WebSocketHandler(Generic[_MessageT]):
             except RateLimitError as error:
                 await state.socket.close(_RATE_EXCEEDED, error.message)
                 return
-            except StaleMessageError:
-                continue  # the page shows by itself that it receives nothing
             except BadMessageError as error:
+                if isinstance(error, StaleMessageError) and not isinstance(error, StalePressError):
+                    continue  # the page shows by itself that it receives nothing
                 refusal = {"kind": "refused", "message": error.message, "hint": error.command_hint}
-                state.outbox.append(refusal)
+                if refusal not in state.outbox:
+                    state.outbox.append(refusal)
             drawn = state.filter.seen > state.drawn
             if drawn or not state.filter.frames_in_flight:
                 state.drawn = state.filter.seen

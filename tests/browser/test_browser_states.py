@@ -5,6 +5,7 @@ import pytest
 
 from servosim.faults import Fault
 from tests.arm.simulated import servo_id
+from tests.browser.page_operator import Operator
 from tests.browser.test_browser_safety import FAR, OWN
 
 pytestmark = pytest.mark.browser
@@ -36,6 +37,45 @@ def test_in_preview_a_target_below_the_table_is_refused_at_once_beside_the_point
     operator.click(operator.tip_px() + FAR / 2).wait_for("!status.refused && !scene.refusal")
     assert operator.page.is_hidden("#refusal")
     assert operator.items("ghost")
+
+
+SLOW_FRAMES = """() => {
+  window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 1300);
+}"""  # as 3D without a graphics card, in a browser that still hears from the server
+
+
+def test_a_press_on_a_picture_too_old_to_act_on_is_answered_with_why_nothing_happens(operator):
+    page, before = operator.page, operator.served.goals()
+    page.evaluate(SLOW_FRAMES)
+    told = page.locator("#banner-message", has_text="more than 1 s old: nothing was done")
+    for _ in range(5):  # the pictures that were on their way are drawn first
+        page.wait_for_timeout(1300)
+        operator.click(operator.tip_px() + FAR / 2)
+        if told.is_visible():
+            break
+    assert "Press again" in page.inner_text("#banner-hint")
+    assert operator.served.goals() == before
+    assert page.locator("#log", has_text="nothing was done").count() == 1
+
+
+SLOW_PROOF = """(() => {
+  const send = WebSocket.prototype.send;
+  let first = true;
+  WebSocket.prototype.send = function (text) {
+    if (!first) return send.call(this, text);
+    first = false;
+    setTimeout(() => this.readyState === WebSocket.OPEN && send.call(this, text), 2500);
+  };
+})()"""
+
+
+def test_a_browser_too_busy_to_prove_its_key_in_time_tries_again(browser, view):
+    context = browser.new_context()
+    context.add_init_script(SLOW_PROOF)
+    try:
+        Operator(context.new_page(), view).wait_for("status.mode === 'preview'")
+    finally:
+        context.close()
 
 
 @pytest.mark.campaign

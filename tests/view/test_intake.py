@@ -12,6 +12,7 @@ from ikservo.view.connection import (
     MessageFilter,
     RateLimitError,
     StaleMessageError,
+    StalePressError,
 )
 from ikservo.view.messages import MAX_MESSAGE_BYTES, BadMessageError, Stop, read_message
 
@@ -41,7 +42,7 @@ def test_a_replayed_message_is_refused(intake, seq):
 def test_a_message_about_an_old_scene_is_refused(intake):
     intake.record_sent(0.0)
     intake.record_sent(0.1)
-    with pytest.raises(BadMessageError, match="too old"):
+    with pytest.raises(BadMessageError, match="1 s old"):
         intake.accept(text(1, 1, **POINTER), 0.1 + MAX_MESSAGE_AGE_S + 0.01)
 
 
@@ -50,6 +51,23 @@ def test_a_page_that_lags_is_not_taken_for_an_attack(intake):
     for seq in range(1, 100):
         with pytest.raises(StaleMessageError):
             intake.accept(text(seq, 0, **POINTER), 9.0 + seq)
+
+
+@pytest.mark.parametrize(
+    "press", [POINTER | {"phase": "down"}, {"kind": "drag_tool", "phase": "down"}]
+)
+def test_of_a_press_on_an_old_picture_its_person_is_told(intake, press):
+    intake.record_sent(0.0)
+    with pytest.raises(StalePressError, match="more than 1 s old: nothing was done"):
+        intake.accept(text(1, 0, **press), 9.0)
+
+
+@pytest.mark.parametrize("phase", ["hover", "move", "up"])
+def test_of_a_pointer_that_only_passes_over_an_old_picture_nobody_is_told(intake, phase):
+    intake.record_sent(0.0)
+    with pytest.raises(StaleMessageError) as caught:
+        intake.accept(text(1, 0, **POINTER | {"phase": phase}), 9.0)
+    assert not isinstance(caught.value, StalePressError)
 
 
 def test_a_page_that_says_too_late_that_it_is_hidden_is_heard(intake):
