@@ -72,6 +72,23 @@ def test_plots_can_be_read_and_worked_with_a_finger_and_by_their_names(visit, wi
     assert all(operator.page.evaluate(NAMES))
 
 
+def test_on_a_phone_plots_are_below_the_arm_and_their_curves_before_their_buttons(visit):
+    operator = visit()
+    page = operator.page
+    page.set_viewport_size({"width": 390, "height": 844})
+    operator.wait_for_picture()
+    height = operator.box["height"]
+    open_plots(operator).wait_for_picture()
+    places = ("#drawing", "#plots", "#plots-charts", "#plots-quantities", "#poses", "#stop")
+    drawing, plots, charts, toggles, poses, stop = (page.locator(i).bounding_box() for i in places)
+    assert drawing["height"] == pytest.approx(height, abs=2)
+    assert poses["y"] + poses["height"] <= drawing["y"] + drawing["height"]
+    assert drawing["y"] + drawing["height"] <= plots["y"] + 1
+    assert plots["y"] + plots["height"] <= stop["y"]
+    assert charts["y"] < plots["y"] + 0.4 * plots["height"] < toggles["y"]
+    assert charts["height"] > 100
+
+
 @OWN
 def test_a_servo_that_falls_silent_shows_the_ten_seconds_before_until_it_is_acknowledged(live):
     under_way(live)

@@ -23,7 +23,7 @@ export class Plots {
     this.hasStop = false;
     this.charts = [];
     this.taken = Promise.resolve(); // the messages so far, one after the other
-    $("plots-toggle").onclick = () => (this.open ? this.close() : this.show());
+    $("plots-toggle").onclick = () => (this.open ? this.close() : this.showHere());
     $("plots-close").onclick = () => { this.close(); $("plots-toggle").focus(); };
     $("plots-save").onclick = () => send("save_history", { stopped: this.span === "stop" });
     new ResizeObserver(() => this.fit()).observe($("plots-charts"));
@@ -67,6 +67,12 @@ export class Plots {
     $("plots").hidden = false;
     $("plots-toggle").setAttribute("aria-expanded", "true");
     this.request();
+  }
+
+  // On a phone they are below the picture.
+  showHere() {
+    this.show();
+    $("plots").scrollIntoView({ block: "nearest" });
   }
 
   close() {
