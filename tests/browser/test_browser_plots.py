@@ -72,6 +72,7 @@ def test_plots_can_be_read_and_worked_with_a_finger_and_by_their_names(visit, wi
     assert all(operator.page.evaluate(NAMES))
 
 
+@pytest.mark.parametrize("view", [{"port": "sim"}], indirect=True, ids=["at rest"])
 def test_on_a_phone_plots_are_below_the_arm_and_their_curves_before_their_buttons(visit):
     operator = visit()
     page = operator.page
