@@ -22,21 +22,13 @@ from ikservo.arm import motion_options as options_of
 from ikservo.arm.arguments import (
     check_callable,
     check_choice,
-    check_iterable,
     parse_all_positions,
     parse_points,
 )
-from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.background_motion import Background
 from ikservo.arm.following import FollowResult
 from ikservo.arm.jogging import JogResult, KeepGoing
-from ikservo.arm.leader_following import (
-    PublishingLeader,
-    leader_positions,
-    published_positions,
-    require_shared,
-)
-from ikservo.arm.motion_options import check_options, parse_options
+from ikservo.arm.motion_options import check_options
 from ikservo.arm.plan import PoseWithinLimits
 from ikservo.arm.recorder import RecordResult, RecordSettings, describe_arm, record
 from ikservo.arm.recording import ArmSample
@@ -50,15 +42,12 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
 from ikservo.network.connection import Connection
 from ikservo.network.motion_calls import MotionCalls, RemoteStopRequest, joint_options, tip_options
-from ikservo.network.plan_fields import (
-    RemoteTrajectory,
-)
+from ikservo.network.plan_fields import RemoteTrajectory
 from ikservo.network.remote_description import ArmDescription, RemotePoses, describe
-from ikservo.network.remote_stream import RemoteStream, goal_fields, next_items
+from ikservo.network.remote_following import RemoteFollowing
+from ikservo.network.remote_stream import RemoteStream
 
 __all__ = ["RemoteArm"]
-
-_FOLLOW_PERIOD_S = 0.01
 
 
 class RemoteArm:
@@ -86,6 +75,7 @@ class RemoteArm:
         self.model, self.chain = model, self._described.chain
         self.zeros: ZeroSource = self._described.zeros
         self.joint_index = JointIndex.from_names(self.joint_names, self.chain.names)
+        self._following = RemoteFollowing(connection, self._calls, self.joint_names)
         self.poses = RemotePoses(model, connection)
         self.clock: Clock = RealClock()
         self.background = Background(self, RemoteStopRequest(self._calls))
@@ -379,20 +369,7 @@ class RemoteArm:
         **options: Any,  # noqa: ANN401
     ) -> FollowResult:
         """Follow a stream of targets, a hundred a second, until it ends; see ``Arm.follow``."""
-        chosen = parse_options("follow", options_of.FollowOptions, options)
-        check_iterable("The stream of targets", targets, "an iterable of targets")
-        items = next_items(self.clock, targets, _FOLLOW_PERIOD_S)
-
-        def send_next() -> None:
-            goal, ended = next(items, (None, True))
-            if goal is not None:
-                self._connection.send_setpoint(**goal_fields(goal, self.joint_names))
-            elif ended:
-                self._connection.send_setpoint(wanted=False)
-
-        with self._calls.reporting(chosen.on_progress):
-            pending = self._connection.start("follow", speed=chosen.speed)
-            return cast("FollowResult", self._calls.await_result(pending, send_next, poll_s=0.0))
+        return self._following.follow(targets, **options)
 
     def follow_arm(
         self,
@@ -401,31 +378,14 @@ class RemoteArm:
         until: Callable[[], bool] | None = None,
         **options: Any,  # noqa: ANN401
     ) -> FollowResult:
-        """Follow another arm, guided by hand, on any machine; see ``Arm.follow_arm``."""
-        parse_options("follow_arm", options_of.FollowOptions, options)
-        check_callable("until", until)
-        if isinstance(leader, PublishingLeader) and leader is not self:
-            shared = self._shared_joints(leader.joint_names)
-            with leader.published_positions() as newest:
-                published = published_positions(newest, shared, _FOLLOW_PERIOD_S, until)
-                return self.follow(published, **options)
-        if leader is self or not isinstance(leader, ArmParts):
-            raise BadValueError("The leader", repr(leader), "another open arm")
-        leading = leader.context
-        leading.require_zeros()
-        shared = self._shared_joints(leading.index.names)
-        measured = leader_positions(leading, shared, _FOLLOW_PERIOD_S, until)
-        return self.follow(measured, **options)
-
-    def _shared_joints(self, leader: Sequence[str]) -> list[str]:
-        """Return the joints that this arm has in common with a leader.
+        """Follow another arm, guided by hand, on any machine; see ``Arm.follow_arm``.
 
         Raises:
-            InputError: There is none.
+            BadValueError: The leader is no other arm.
         """
-        shared = [name for name in leader if name in self.joint_names]
-        require_shared(shared, leader, self.joint_names)
-        return shared
+        if leader is self:
+            raise BadValueError("The leader", repr(leader), "another open arm")
+        return self._following.follow_arm(leader, until=until, **options)
 
     @contextmanager
     def published_positions(self) -> Generator[Callable[[], dict[str, float] | None]]:
