@@ -33,7 +33,7 @@ from ikservo.ik import Target
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector
 from ikservo.view.camera import Camera
-from ikservo.view.messages import DragCommand, DragTarget, HoldCommand, JointTarget
+from ikservo.view.drag_commands import DragCommand, DragTarget, HoldCommand, JointTarget
 from ikservo.view.picking import HitTester, PickCandidate, Picker, PointerContext
 
 __all__ = [

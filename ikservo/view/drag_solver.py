@@ -23,7 +23,7 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import make_pose
 from ikservo.model import Model
-from ikservo.view.messages import (
+from ikservo.view.drag_commands import (
     DragCommand,
     DragTarget,
     HoldCommand,

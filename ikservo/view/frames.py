@@ -42,12 +42,7 @@ from ikservo.view.scene import SceneState
 from ikservo.view.scene_graph import SceneGraph
 from ikservo.view.server import Frame
 from ikservo.view.snapshot import ArmSnapshot, LogEntry, StopNotice
-from ikservo.view.viewpoints import (
-    ViewName,
-    arm_extent,
-    available_views,
-    make_camera,
-)
+from ikservo.view.viewpoints import ViewName, arm_extent, available_views, make_camera
 from ikservo.view.visibility import PostureAnalyser, PostureAnalysis, VisibilityChecker
 
 __all__ = [

@@ -8,7 +8,8 @@ from ikservo.arm import Arm
 from ikservo.ik import Target
 from ikservo.kinematics.arrays import Vector
 from ikservo.view.camera import Camera
-from ikservo.view.messages import DragTarget, Gamepad
+from ikservo.view.drag_commands import DragTarget
+from ikservo.view.messages import Gamepad
 
 __all__ = ["GamepadControl", "GripperControl", "gripper_control"]
 

@@ -17,11 +17,12 @@ from ikservo.view import messages as msg
 from ikservo.view.bvh import link_primitives, object_primitives
 from ikservo.view.camera import Camera, Viewport
 from ikservo.view.drag import Drag
+from ikservo.view.drag_commands import DragCommand, DragTarget, JointTarget
 from ikservo.view.drag_solver import AUTO, DragSolver, PosturePreference
 from ikservo.view.goal_history import GoalHistory, PastGoal
 from ikservo.view.held_controls import GamepadControl, GripperControl, gripper_control
 from ikservo.view.labels import describe_target
-from ikservo.view.messages import DragCommand, DragTarget, JointTarget, Message
+from ikservo.view.messages import Message
 from ikservo.view.picking import PickCandidate, Picker, PointerContext
 from ikservo.view.snapshot import ArmSnapshot, GoalRefusal, LogEntry
 from ikservo.view.solver_demo import ITERATIVE, SOLVERS, SolverTrace, trace_method

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Annotated, Literal, TypeVar
 
 from pydantic import Field, TypeAdapter, ValidationError
 
 from ikservo.errors import InputError
 from ikservo.files.validation import StrictModel
-from ikservo.ik import Target
-from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.view.message_fields import Name, PageMessage, StopInput
 from ikservo.view.program_messages import ProgramMessage
 
@@ -21,8 +18,6 @@ __all__ = [
     "ArmAction",
     "BadMessageError",
     "CalibrationAnswer",
-    "DragCommand",
-    "DragTarget",
     "DragTool",
     "FitView",
     "FollowArm",
@@ -30,10 +25,8 @@ __all__ = [
     "GoToPose",
     "Heartbeat",
     "Hello",
-    "HoldCommand",
     "JogJoint",
     "JogTool",
-    "JointTarget",
     "Key",
     "Message",
     "OrbitCamera",
@@ -52,7 +45,6 @@ __all__ = [
     "ShowPlots",
     "Stop",
     "TakeControl",
-    "ToolPoseTarget",
     "Undo",
     "Wheel",
     "read_hello",
@@ -436,47 +428,3 @@ def validate_message(adapter: TypeAdapter[_MessageT], text: str) -> _MessageT:
         first = error.errors(include_input=False, include_url=False)[0]
         place = ".".join(str(part) for part in first["loc"])
         raise BadMessageError(f"The message cannot be used: {place} {first['msg']}.") from None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DragTarget:
-    """Move a point of the arm to a position.
-
-    Attributes:
-        target: The point, fixed to the tip or to the grabbed link, and its target position.
-        is_click: Whether the arm may change its IK branch: after a click, not in a drag.
-    """
-
-    target: Target
-    is_click: bool = False
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ToolPoseTarget:
-    """Move the tool to a pose, its position first.
-
-    Attributes:
-        position_m: Position (3,) of the tip, base frame.
-        orientation: Orientation (3, 3) of the tip: R_base_tip.
-        in_plane: Whether that is in the arm's own plane instead, and kept as well as possible.
-    """
-
-    position_m: Vector
-    orientation: Matrix
-    in_plane: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class JointTarget:
-    """Move one joint to a position inside its limits, rad or m; the others stay."""
-
-    joint: str
-    position: float
-
-
-@dataclass(frozen=True, slots=True)
-class HoldCommand:
-    """Hold position."""
-
-
-DragCommand = DragTarget | ToolPoseTarget | JointTarget | HoldCommand

@@ -20,7 +20,7 @@ from ikservo.ik import ActiveLimit, Options, Solver
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import exp_so3, log_so3, make_pose
-from ikservo.view.messages import ToolPoseTarget
+from ikservo.view.drag_commands import ToolPoseTarget
 from ikservo.view.target_marker import TargetMarker
 
 __all__ = ["ToolDrag", "ToolHandles", "ToolPoseSolver"]

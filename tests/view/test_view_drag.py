@@ -15,8 +15,8 @@ from ikservo.kinematics import distance_to_limits
 from ikservo.model.model import KeepOutBox
 from ikservo.view.bvh import object_primitives
 from ikservo.view.drag import Drag
+from ikservo.view.drag_commands import DragTarget, HoldCommand, JointTarget
 from ikservo.view.drag_solver import MAX_STEP_RAD, DragSolver
-from ikservo.view.messages import DragTarget, HoldCommand, JointTarget
 from ikservo.view.picking import Picker, PointerContext
 from tests.kinematics.chains import crane
 from tests.view.view_fixtures import (
