@@ -14,6 +14,8 @@ __all__ = ["goal_leads", "limits_under_load"]
 _TOLERANCE = 0.003
 # The friction of a servo, as a multiple of its model's: servos of one model differ that much.
 _STRONGEST_FRICTION = 1.5
+# A joint that travels less along a path, rad or m, is at rest: the solver's rounding is no motion.
+_REST_TRAVEL = 0.001
 
 
 def limits_under_load(
@@ -26,7 +28,7 @@ def limits_under_load(
     Args:
         chain: The arm, inside the limits of its goals.
         parameters: Its masses and drives.
-        joints: Along the path (k, dof), rad or m, one by one.
+        joints: Along the path (k, dof), rad or m, in its order.
         friction: Whether to leave room for the friction of moving joints; else for the weight only.
 
     Returns:
@@ -61,7 +63,10 @@ def goal_leads(parameters: ArmParameters, joints: Matrix, directions: Matrix) ->
 
 def _directions(joints: Matrix) -> Matrix:
     """Return where joints (k, dof) along a path move, at its end where they came from."""
-    return np.sign(np.gradient(joints, axis=0)) if len(joints) > 1 else np.zeros_like(joints)
+    if len(joints) < 2:
+        return np.zeros_like(joints)
+    moved = np.ptp(joints, axis=0) > _REST_TRAVEL
+    return np.where(moved, np.sign(np.gradient(joints, axis=0)), 0.0)
 
 
 def _lead(gravity_nm: Vector, directions: Vector, drive: JointDrive | None) -> Vector:

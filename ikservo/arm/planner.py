@@ -357,7 +357,7 @@ class Planner:
     def _follow_under_load(
         self, follow: Callable[[Chain], CartesianTrajectory]
     ) -> CartesianTrajectory:
-        """Follow a path inside limits that leave room for the goals which hold the arm there.
+        """Follow a path inside limits that leave room for the goals which move the arm along it.
 
         Raises:
             CartesianPathError: The path cannot be followed; says so where the load is the cause.

@@ -98,3 +98,10 @@ def test_a_joint_that_moves_to_its_limit_needs_room_for_friction_besides(wx250s)
     resting = elbow_limit(wx250s, at_limit)
     assert elbow_limit(wx250s, near, at_limit) > resting + least_rad
     assert elbow_limit(wx250s, at_limit, near) < resting - least_rad
+
+
+def test_a_joint_that_only_the_solvers_rounding_moves_needs_no_room_for_friction(wx250s):
+    beside, at_limit = leaning(wx250s, 1e-9), leaning(wx250s, 0.0)
+    resting = elbow_limit(wx250s, at_limit)
+    assert elbow_limit(wx250s, beside, at_limit) == pytest.approx(resting, abs=1e-6)
+    assert elbow_limit(wx250s, at_limit, beside) == pytest.approx(resting, abs=1e-6)
