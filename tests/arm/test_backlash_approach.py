@@ -48,7 +48,6 @@ def test_a_joint_whose_play_is_known_rests_on_one_flank_from_wherever_it_comes(a
         assert set(flanks(arm)) == {False}
 
 
-@pytest.mark.campaign
 def test_it_does_not_go_below_its_limit_for_that(arm_file):
     with ikservo.open_arm(arm_file, port=PORT) as arm:
         lowest = servo_group(arm).fences[0].position_range[0]

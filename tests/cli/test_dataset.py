@@ -141,7 +141,6 @@ def at_one_time(folder):
     write_frames(folder, table.set_column(at, "timestamp", pa.array([0.0] * 102)))
 
 
-@pytest.mark.sample(4)
 @pytest.mark.parametrize(
     ("spoil", "text"),
     [

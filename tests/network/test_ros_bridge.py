@@ -227,7 +227,6 @@ def test_an_unforeseen_error_ends_a_motion_and_not_the_bridge(graph, monkeypatch
     wait_until(lambda: true_joints(graph.arm)["wrist_roll"] > start + 0.05)
 
 
-@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("message", "how", "found"),
     [
