@@ -39,6 +39,20 @@ COMPOSE = """async ([graph, scene]) => {
   picture.setGraph(graph);
   return picture.compose(scene);
 }"""
+COMPOSE_ALL = """async ([graph, scenes]) => {
+  const { Picture } = await import("/page/picture.js");
+  const picture = new Picture();
+  picture.setGraph(graph);
+  const found = [];
+  let kept = {};
+  for (const changes of scenes) {
+    kept = { ...kept, ...changes };
+    const before = picture.last;
+    const { items, backdrop } = picture.compose(kept);
+    found.push({ items, backdrop, as_before: [items === before?.items, backdrop === before?.backdrop] });
+  }
+  return found;
+}"""  # noqa: E501
 PLACE = """async ([graph, positions]) => {
   const { placeLinks } = await import("/page/kinematics.js");
   return positions.map((each) => Object.fromEntries([...placeLinks(graph, each)].map(([name, { pose }]) => [name, pose])));
@@ -81,6 +95,12 @@ class Canvas:
         return painted(
             self.compose(graph_of(model_of(name)), SceneState(looked_at(name, view), **state))
         )
+
+
+def compose_in_turn(canvas, graph, state, *changes):
+    """Return the pictures of a scene and of the ones after it, which are sent as changes."""
+    first = scene_of(graph, state, seq=1)
+    return canvas.evaluate(COMPOSE_ALL, graph.description, [first, *changes])
 
 
 def scene_of(graph, state, **more):
@@ -557,3 +577,27 @@ def test_in_3d_only_marks_are_drawn_on_the_canvas(canvas):
     picture = canvas.compose(graph_of(model_of("so101")), state, webgl=True)
     assert [item["style"] for item in picture["items"]] == ["tip", "target"]
     assert picture["backdrop"] is None
+
+
+def test_only_what_has_changed_is_computed_again(canvas):
+    graph, home = graph_of(model_of("so101")), stage("so101").home
+    state = SceneState(looked_at("so101", "side"), home)
+    top = scene_of(graph, replace(state, camera=looked_at("so101", "top")))
+    changes = [{"seq": 2}, {"hover": "base"}, {"camera": top["camera"]}]
+    first, *later = compose_in_turn(canvas, graph, state, *changes)
+    assert [each["as_before"] for each in later] == [[True, True], [False, True], [False, False]]
+    assert later[0]["items"] == first["items"]
+    assert of_style(later[1]["items"], "hover")
+    assert (
+        later[2]["backdrop"]
+        == canvas.compose(graph, replace(state, camera=looked_at("so101", "top")))["backdrop"]
+    )
+
+
+def test_the_table_is_drawn_again_when_the_page_returns_from_3d(canvas):
+    graph = graph_of(model_of("so101"))
+    state = SceneState(looked_at("so101", "orbit"), stage("so101").home)
+    first, in_3d, again = compose_in_turn(canvas, graph, state, {"webgl": True}, {"webgl": False})
+    assert in_3d["backdrop"] is None
+    assert again["backdrop"] == first["backdrop"]
+    assert again["items"] == first["items"]
