@@ -222,7 +222,9 @@ def _tip_rows(arm_thread: ArmThread, interaction: Interaction) -> list[tuple[str
     rows = [("tip", format_point(_measured_tip_m(arm_thread)), "")]
     if marker is not None:
         good = marker.reached and interaction.refusal is None
-        rows.append(("target", format_point(marker.target_m), "good" if good else "bad"))
+        of_link = "" if marker.frame is None else f" of {marker.frame}"  # where it was taken
+        what, at = f"target{of_link}", format_point(marker.target_m)
+        rows.append((what, at, "good" if good else "bad"))
         if not marker.reached:
             rows.append(
                 ("nearest", f"{format_point(marker.nearest_m)}, {marker.gap_m * 1000:.0f} mm", "")

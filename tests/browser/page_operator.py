@@ -190,6 +190,13 @@ class Operator:
 
     # --- what the person does ---
 
+    def start_calibration(self):
+        """Press Calibrate; a second time where the arm holds and is to go limp."""
+        self.page.click("#calibrate")
+        if "sure" in self.page.inner_text("#calibrate"):
+            self.page.click("#calibrate")
+        return self
+
     def enable_live(self):
         self.page.click("#speeds button[value=fast]")
         self.wait_for("status.speed === 'fast'")

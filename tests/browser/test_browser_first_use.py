@@ -126,6 +126,26 @@ def test_beside_typed_coordinates_it_is_said_why_the_arm_may_not_go_there(newcom
     newcomer.until("!document.getElementById('target-note').textContent")
 
 
+def test_what_is_typed_into_a_number_takes_the_place_of_the_old_one(newcomer):
+    page = newcomer.page
+    old = page.input_value("#tool-z")
+    page.click("#tool-z")
+    newcomer.until(f"String(getSelection()) === '{old}'")
+    page.keyboard.type("123")
+    assert page.input_value("#tool-z") == "123"
+    page.fill("#tool-z", old)  # as it was: nothing is sent
+
+
+def test_an_arm_that_holds_is_calibrated_by_a_second_press_only(newcomer):
+    page = newcomer.page
+    newcomer.wait_for("status.health.joints.every(({torque}) => torque === 'on')")
+    page.click("#calibrate")
+    assert page.inner_text("#calibrate") == "It goes limp: sure?"
+    newcomer.until("document.getElementById('calibrate').textContent === 'Calibrate …'")
+    assert newcomer.status["calibration"] is None
+    assert {joint["torque"] for joint in newcomer.status["health"]["joints"]} == {"on"}
+
+
 def test_a_stop_is_told_with_its_button_inside_the_banner(newcomer):
     page = newcomer.page
     page.click("#stop")
@@ -160,8 +180,7 @@ def test_on_a_phone_go_there_is_in_reach_where_a_goal_is_typed(newcomer):
 
 
 def test_on_a_phone_each_screen_of_a_calibration_begins_with_its_task(on_a_phone):
-    page = on_a_phone.page
-    page.click("#calibrate")
+    page = on_a_phone.start_calibration().page
     page.wait_for_selector("[data-action=accept]")
     on_a_phone.until("document.querySelector('.task').textContent.includes('still: go on')")
     page.click("[data-action=accept]")

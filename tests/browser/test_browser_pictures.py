@@ -69,8 +69,7 @@ def test_a_phone(visit, album):
 
 @pytest.mark.parametrize("view", [{}], indirect=True, ids=["own"])
 def test_a_calibration(visit, album):
-    operator = visit(color_scheme="light")
-    operator.page.click("#calibrate")
+    operator = visit(color_scheme="light").start_calibration()
     operator.page.wait_for_selector("#wizard:not([hidden])")
     for _ in range(20):  # the arm has to lie still first
         operator.page.wait_for_timeout(500)

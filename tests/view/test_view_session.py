@@ -38,6 +38,13 @@ def test_a_click_moves_the_simulated_servos_to_its_place(session):
     assert math.dist(true_tip_m(session.arm), wanted) < 0.002
 
 
+def test_the_target_of_a_grabbed_link_is_called_so(session):
+    session.click(480, 300)
+    assert [name for name, *_ in session.latest_frames()["status"]["tip"]][:2] == ["tip", "target"]
+    session.interaction.marker = replace(session.interaction.marker, frame="gripper")
+    assert "target of gripper" in [name for name, *_ in session.latest_frames()["status"]["tip"]]
+
+
 def test_live_without_a_target_moves_nothing(session):
     session.enable_live().click(480, 300)
     session.run()  # goals lead the joints from here on

@@ -1,8 +1,8 @@
 // What is done with the target and the arm as a whole: go there, undo, redo, relax, release; fit the view; help.
 
-import { $, setText } from "./elements.js";
+import { ask } from "./confirm.js";
+import { $ } from "./elements.js";
 
-const CONFIRM_MS = 4000;
 const ONE_COLUMN = matchMedia("(max-width: 1020px)"); // as in the style
 
 export class Actions {
@@ -12,7 +12,8 @@ export class Actions {
     $("undo").onclick = () => send("undo", { redo: false });
     $("redo").onclick = () => send("undo", { redo: true });
     $("relax").onclick = () => send("arm_action", { action: "relax" });
-    $("release").onclick = () => this.release();
+    // An arm that is not supported falls.
+    $("release").onclick = () => ask($("release"), "It falls: sure?", () => this.send("arm_action", { action: "release" }));
     $("fit").onclick = () => send("fit_view");
     $("help-button").onclick = () => this.toggleHelp();
     $("help-close").onclick = () => this.toggleHelp();
@@ -25,23 +26,6 @@ export class Actions {
   placeExecute() {
     if (ONE_COLUMN.matches) $("live").before($("execute"));
     else $("redo").after($("execute"));
-  }
-
-  // An arm that is not supported falls: that takes a second press.
-  release() {
-    if (!this.asked) {
-      setText($("release"), "It falls: sure?");
-      this.asked = setTimeout(() => this.forget(), CONFIRM_MS);
-      return;
-    }
-    this.forget();
-    this.send("arm_action", { action: "release" });
-  }
-
-  forget() {
-    clearTimeout(this.asked);
-    this.asked = null;
-    setText($("release"), "Release");
   }
 
   toggleHelp() {

@@ -1,11 +1,11 @@
 // A second arm beside the one of this page: its picture, and how far this one is behind while it follows.
 
+import { ask } from "./confirm.js";
 import { Connection } from "./connection.js";
 import { Drawing } from "./drawing.js";
 import { $, createElement, setText } from "./elements.js";
 import { Picture } from "./picture.js";
 
-const CONFIRM_MS = 4000;
 const CLOSED = { lost: "No connection to it.", closed: "It was closed.", none: "It is not open.", "wrong-key": "Its key is wrong." };
 
 export class Leader {
@@ -19,7 +19,8 @@ export class Leader {
     this.picture = new Picture();
     $("follow").onclick = () => this.send("follow_arm", { leader: this.following ? null : this.name });
     $("leader-close").onclick = () => this.close();
-    $("leader-release").onclick = () => this.release();
+    // An arm that is not supported falls.
+    $("leader-release").onclick = () => ask($("leader-release"), "It falls: sure?", () => this.connection.send("arm_action", { action: "release" }));
     $("leader-acknowledge").onclick = () => this.connection.send("acknowledge");
     new ResizeObserver(() => this.sendViewport()).observe($("leader-drawing"));
   }
@@ -65,23 +66,6 @@ export class Leader {
     this.drawing.fit();
     const { clientWidth: w, clientHeight: h } = $("leader-drawing");
     this.connection.send("viewport", { w, h, dpr: devicePixelRatio, view: this.view, webgl: false, handles: false });
-  }
-
-  // An arm that is not supported falls: that takes a second press.
-  release() {
-    if (this.asked) {
-      this.forget();
-      this.connection.send("arm_action", { action: "release" });
-      return;
-    }
-    setText($("leader-release"), "It falls: sure?");
-    this.asked = setTimeout(() => this.forget(), CONFIRM_MS);
-  }
-
-  forget() {
-    clearTimeout(this.asked);
-    this.asked = null;
-    setText($("leader-release"), "Release leader");
   }
 
   showFollowing({ leader, lag = [] }) {

@@ -11,6 +11,7 @@ export class NumberField {
     this.element = createElement("input", { type: "text", inputmode: "decimal", autocomplete: "off", "aria-label": `${label}, ${unit === "°" ? "degrees" : unit}` });
     this.element.addEventListener("input", () => { this.dirty = true; });
     this.element.addEventListener("change", () => this.onChange());
+    this.element.addEventListener("focus", () => setTimeout(() => this.element.select())); // after the press has placed its caret
     this.element.addEventListener("blur", () => { this.dirty = false; });
   }
 

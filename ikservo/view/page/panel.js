@@ -1,5 +1,6 @@
 // The texts and meters beside the drawing; everything shown comes from the server's status.
 
+import { ask } from "./confirm.js";
 import { $, createElement, setAttribute, setText, updateChoices, updateRows } from "./elements.js";
 import { Joints } from "./joints.js";
 import { Preference } from "./preference.js";
@@ -47,7 +48,14 @@ export class Panel {
     $("dismiss").onclick = () => send("set_live", { on: false });
     $("take").onclick = () => send("take_control", { on: true });
     $("live").onclick = () => send("set_live", { on: $("live").getAttribute("aria-checked") !== "true" });
-    $("calibrate").onclick = () => send("calibration", { action: "start" });
+    $("calibrate").onclick = () => this.calibrate();
+  }
+
+  // The arm goes limp for it: one that holds takes a second press.
+  calibrate() {
+    const start = () => this.send("calibration", { action: "start" });
+    if (this.holds) ask($("calibrate"), "It goes limp: sure?", start);
+    else start();
   }
 
   setArm(armInfo) {
@@ -81,6 +89,7 @@ export class Panel {
     this.tool.show(status, movable, this.goalRefusal);
     this.showSolver(status.solver);
     this.preference.show(status.preference, inControl);
+    this.holds = status.health.joints.some((joint) => joint.torque === "on");
     this.showHealth(status.health);
     this.showPairs($("tip"), status.tip);
     for (const list of document.querySelectorAll(".posture")) this.showPairs(list, status.posture);

@@ -1,12 +1,12 @@
 // The program of steps: captured from the arm or its target, ordered, kept, checked and played.
 // The server has the program; steps are named by numbers that they keep.
 
+import { ask } from "./confirm.js";
 import { $, createElement, setAttribute, setText, updateChoices } from "./elements.js";
 import { parseNumber } from "./number_field.js";
 
 const SPEEDS = ["slow", "normal", "fast"];
 const MOTIONS = new Set(["pose", "tip_m", "joints", "recording"]);
-const ASK_MS = 4000;
 const NAME = /^[A-Za-z0-9_-]{1,64}$/;
 const formatTitle = (name) => name[0].toUpperCase() + name.slice(1);
 
@@ -245,22 +245,4 @@ export class Program {
       default: return this.steps.length ? "" : "No steps yet. Bring the arm or its target to a place, then add it.";
     }
   }
-}
-
-// What loses something takes a second press.
-function ask(button, question, act) {
-  if (button.dataset.asked) {
-    clearTimeout(Number(button.dataset.asked));
-    restore(button);
-    act();
-    return;
-  }
-  button.dataset.label = button.textContent;
-  setText(button, question);
-  button.dataset.asked = setTimeout(() => restore(button), ASK_MS);
-}
-
-function restore(button) {
-  delete button.dataset.asked;
-  setText(button, button.dataset.label);
 }
