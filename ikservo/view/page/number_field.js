@@ -11,8 +11,13 @@ export class NumberField {
     this.element = createElement("input", { type: "text", inputmode: "decimal", autocomplete: "off", "aria-label": `${label}, ${unit === "°" ? "degrees" : unit}` });
     this.element.addEventListener("input", () => { this.dirty = true; });
     this.element.addEventListener("change", () => this.onChange());
-    this.element.addEventListener("focus", () => setTimeout(() => this.element.select())); // after the press has placed its caret
+    this.element.addEventListener("focus", () => setTimeout(() => this.select())); // after the press has placed its caret
     this.element.addEventListener("blur", () => { this.dirty = false; });
+  }
+
+  // Not where focus has gone on meanwhile: selecting would take it back.
+  select() {
+    if (document.activeElement === this.element) this.element.select();
   }
 
   onChange() {
