@@ -3,7 +3,7 @@
 A position servo is a spring to its goal: it gives torque only while its joint lags. What a motion
 needs is known before, from masses and motors, so the goal leads the reference by the lag::
 
-    L = tau(q, qd, qdd)                        gravity and inertia of the links, payload included
+    L = tau(q, qd, qdd) + d                    gravity and inertia of the links, unmodelled load d
     M = L + J qdd + f                          motor torque, with rotor inertia J and friction f
     u = M + b qd                               duty as torque: b is back-EMF and viscous friction
     offset = sign(u) max(|u| - u0, 0) / k      u0: start-up force of the firmware, k: stiffness
@@ -58,26 +58,39 @@ class FeedForward:
         drives = tuple(drive and drive.with_gain(share) for drive, share in pairs)
         return FeedForward(replace(self.parameters, drives=drives), self.columns)
 
-    def offsets(self, point: TrajectoryPoint, direction: Vector, held_s: float = 0.0) -> Vector:
+    def offsets(
+        self,
+        point: TrajectoryPoint,
+        direction: Vector,
+        held_s: float = 0.0,
+        unmodelled: Vector | None = None,
+    ) -> Vector:
         """Return by how much goals lead the positions of a reference (n,), rad or m.
 
         Args:
             point: The reference: positions, velocities and accelerations (n,) of all joints.
             direction: Of the friction (n,), -1 to 1: which way each joint moves, 0 at rest.
             held_s: How long a goal is held until the next one: in the mean it is half as old.
+            unmodelled: Load of the joints (..., n) besides the links', as the lag, rad or m, that
+                it would cause without friction; none if None.
+
+        Returns:
+            The offsets (..., n), like the unmodelled load.
         """
+        offsets = np.zeros_like(point.position) if unmodelled is None else unmodelled.copy()
         q, qd, qdd = (
             each[self._columns] for each in (point.position, point.velocity, point.acceleration)
         )
         links = self.parameters.dynamics.inverse_dynamics(q, qd, qdd)
+        links = links + self._stiffness * offsets[..., self._columns]
         driven = links + self._armature * qdd
         friction = self._friction.torque(direction[self._columns], qd, driven + links)
         duty = driven + friction + self._damping * qd
         pressed = np.sign(duty) * np.maximum(np.abs(duty) - self._startup, 0.0)
         delay_s = self._delay_s + 0.5 * held_s
         ahead = delay_s * (qd + 0.5 * delay_s * qdd)
-        offsets = np.zeros(len(point.position))
-        offsets[self._columns] = np.where(self._known, pressed / self._stiffness + ahead, 0.0)
+        leads = pressed / self._stiffness + ahead
+        offsets[..., self._columns] = np.where(self._known, leads, offsets[..., self._columns])
         return offsets
 
 

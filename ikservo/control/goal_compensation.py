@@ -29,6 +29,9 @@ _DIRECTION_RAD, _DIRECTION_S = 0.0005, 0.05
 # Where the reference of a horn rests, errors within so many ticks are left, for stiction would make
 # the joint jump over its target again and again; up to the first number fewer of them.
 _AT_REST_RAD_S, _REST_TICKS = 0.003, 4.5
+# Step of the load by which the slope of the feed-forward is taken, and what its slope may be: the
+# firmware's start-up force makes it flat around zero.
+_LOAD_STEP_RAD, _SLOPE_RANGE = 0.001, (0.3, 3.0)
 # How fast the speed of a motion seems to change where its time is slowed down.
 _RATE_FILTER_S = 0.03
 
@@ -38,8 +41,9 @@ class GoalCompensator:
 
     The goal of a joint is its reference plus an offset: the feed-forward, the feedback of how far
     the joint is off its reference, and at the beginning of a motion the difference to the offset
-    that was in force, which fades. Other joints than those of the chain have no offset: a gripper
-    may press on something.
+    that was in force, which fades. The load that feedback has taken up is a part of the
+    feed-forward, for friction grows with it. Other joints than those of the chain have no offset:
+    a gripper may press on something.
 
     Args:
         fences: The limits of each joint's commands.
@@ -65,7 +69,7 @@ class GoalCompensator:
         self._feedback = TrackingFeedback(self._per_horn_rad)
         self._fading = self._direction = np.zeros(n)
         self._faded_s, self._rate, self._held_s = np.zeros(n), 1.0, 0.0
-        self._clamped = np.zeros(n, dtype=bool)
+        self._clamped, self._slope = np.zeros(n, dtype=bool), np.ones(n)
         self._last = TrajectoryPoint.at_rest(np.zeros(n))
 
     @property
@@ -106,7 +110,7 @@ class GoalCompensator:
         )
         self._last = TrajectoryPoint.at_rest(reference)
         self._feedback.begin()
-        offset = np.where(self._chain, goals - reference, 0.0) - self._feedback.integral
+        offset = np.where(self._chain, goals - reference, 0.0)
         self._direction = self._resting_direction(offset + self._sag(reference, measured))
         self._fading = offset - self._modelled(self._last, self._direction)
         self._faded_s, self._rate = np.zeros_like(reference), 1.0
@@ -119,9 +123,7 @@ class GoalCompensator:
             positions: Where they are (n,), rad or m.
         """
         at_rest = TrajectoryPoint.at_rest(positions)
-        low, high = (
-            self._modelled(at_rest, side) + self._feedback.integral for side in (-1.0, 1.0)
-        )
+        low, high = (self._modelled(at_rest, side) for side in (-1.0, 1.0))
         return low, high
 
     def goals(
@@ -149,8 +151,7 @@ class GoalCompensator:
         begun = (self._faded_s > 0.0) | (np.abs(self._last.velocity) > _TINY)
         self._faded_s = np.minimum(self._faded_s + begun * ease * elapsed_s, _FADE_S)
         offset = (
-            self._modelled(self._last, self._direction)
-            + self._feedback.integral
+            self._modelled_with_slope()
             + self._feedback.fast * (1.0 - self._fade_share)
             + self._fading * self._fade_share
         )
@@ -180,18 +181,29 @@ class GoalCompensator:
         moving = np.abs(last.velocity) / (_AT_REST_RAD_S * self._per_horn_rad)
         left = _REST_TICKS * self._tick * np.maximum(1.0 - moving, 0.0)
         growing = np.where(self._clamped, 0.0, grow)
-        self._feedback.update(error, left, elapsed_s, fresh=fresh, grow=growing)
+        self._feedback.update(error, left, elapsed_s, fresh=fresh, grow=growing, slope=self._slope)
 
     @property
     def _fade_share(self) -> Vector:
         share = self._faded_s / _FADE_S
         return 1.0 - share * share * (3.0 - 2.0 * share)
 
-    def _modelled(self, point: TrajectoryPoint, direction: Vector | float) -> Vector:
+    def _modelled_with_slope(self) -> Vector:
+        """Return the feed-forward of the last reference (n,); keep its slope over the load."""
+        loads = self._feedback.integral + np.array([[0.0], [_LOAD_STEP_RAD]])
+        offset, more = self._modelled(self._last, self._direction, loads)
+        self._slope = np.clip((more - offset) / _LOAD_STEP_RAD, *_SLOPE_RANGE)
+        return offset
+
+    def _modelled(
+        self, point: TrajectoryPoint, direction: Vector | float, loads: Vector | None = None
+    ) -> Vector:
+        """Return the feed-forward with the loads (..., n) that feedback has taken up."""
+        loads = self._feedback.integral if loads is None else loads
         if self.feed_forward is None:
-            return np.zeros_like(point.position)
+            return loads
         directions = np.broadcast_to(direction, point.position.shape)
-        return self.feed_forward.offsets(point, directions, self._held_s)
+        return self.feed_forward.offsets(point, directions, self._held_s, loads)
 
     def _resting_direction(self, offset: Vector) -> Vector:
         """Return the share of its friction (n,), signed, that each resting joint presses against.

