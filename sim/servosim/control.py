@@ -293,22 +293,37 @@ class Controller:
         )  # fmt: skip
         if order != self._order:
             self._accept_command(order, drive, position_rad, velocity_rad_s)
-        if mode in PROFILED:
-            duty = self._position_duty(dt_s, drive, position_rad, velocity_rad_s)
-        elif mode is VELOCITY:
-            duty = self._velocity_duty(dt_s, drive, velocity_rad_s)
-        else:
-            return drive.goal_pwm if mode is PWM else math.copysign(1.0, drive.goal_current_a)
         reference = self.reference
+        if mode in PROFILED:
+            error_rad = reference.position_rad - position_rad
+            if reference.running:
+                reference.advance(dt_s)
+            moved_rad = reference.position_rad - position_rad - error_rad
+            return self._position_duty(
+                dt_s, drive, error_rad, moved_rad / dt_s, position_rad, velocity_rad_s
+            )
+        if mode is not VELOCITY:
+            return drive.goal_pwm if mode is PWM else math.copysign(1.0, drive.goal_current_a)
+        duty = self._velocity_duty(dt_s, drive, velocity_rad_s)
         if reference.running:
             reference.advance(dt_s)
         return duty
 
     def _position_duty(
-        self, dt_s: float, drive: DriveCommand, position_rad: float, velocity_rad_s: float
+        self,
+        dt_s: float,
+        drive: DriveCommand,
+        error_rad: float,
+        reference_rad_s: float,
+        position_rad: float,
+        velocity_rad_s: float,
     ) -> float:
+        """Return the duty of the position gains.
+
+        The D gain acts on the change of the error, so what it adds sums up to nothing over a step
+        of the goal: the reference's velocity is its mean over the step of the loop.
+        """
         reference, dead_rad = self.reference, drive.dead_zone_rad
-        error_rad = reference.position_rad - position_rad
         if drive.tick_rad:
             error_rad = drive.tick_rad * round(error_rad / drive.tick_rad)
         if -dead_rad <= error_rad <= dead_rad:
@@ -320,9 +335,9 @@ class Controller:
             duty = self._started_duty(duty, drive, error_rad, drive.goal_rad - position_rad)
         self.derivative = drive.kd
         if drive.kd:
-            duty += drive.kd * (reference.velocity_rad_s - velocity_rad_s)
+            duty += drive.kd * (reference_rad_s - velocity_rad_s)
         if reference.running:
-            duty += drive.velocity_feed_forward * reference.velocity_rad_s
+            duty += drive.velocity_feed_forward * reference_rad_s
             duty += drive.acceleration_feed_forward * reference.acceleration_rad_s2
         return duty
 

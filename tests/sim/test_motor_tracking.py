@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 
-from servosim.control import ControlMode, DriveCommand
+from servosim.control import Controller, ControlMode, DriveCommand
 from servosim.motor import Motor
 from servosim.parameters import PARAMETERS, MotorParameters
 
@@ -146,6 +146,18 @@ def test_the_stiffest_gains_stay_stable_at_steps_of_a_millisecond(model: str) ->
     run(motor, drive, 3.0, supply_v)
     assert motor.position_rad == pytest.approx(0.5, abs=0.01)
     assert motor.velocity_rad_s == 0.0
+
+
+@pytest.mark.parametrize("way_rad", [0.0011, 0.0028, 0.0049])
+def test_what_the_d_gain_adds_on_the_way_to_a_goal_sums_up_to_nothing(way_rad: float) -> None:
+    # a D gain acts on the change of the error, however the way falls into steps of the loop
+    controller = Controller(0.0)
+    drive = DriveCommand(True, velocity_limit_rad_s=1.25, kp=0.0, kd=0.18)
+    controller.duty(DT_S, drive, 0.0, 0.0)
+    drive.goal_rad = way_rad
+    duties = [controller.duty(DT_S, drive, 0.0, 0.0) for _ in range(8)]
+    assert max(duties) == pytest.approx(drive.kd * 1.25, rel=0.2)
+    assert sum(duties) * DT_S == pytest.approx(drive.kd * way_rad)
 
 
 @pytest.mark.parametrize("load_nm", [0.3, -0.8])
