@@ -392,6 +392,20 @@ class StreamedServos:
             self._limits, self._health_poller, self.clock, self._horn_rad_s
         )
 
+    def limit_profile_speed(self, horn_rad_s: float) -> None:
+        """Let the servos turn to their goals more slowly than the running motion allows.
+
+        Args:
+            horn_rad_s: The top speed of what follows of this motion, at the horns.
+
+        Raises:
+            BusError: A servo does not answer.
+            ServoAlarmError: A servo reports a fault.
+        """
+        self._limits.set_speed(horn_rad_s)
+        if self._health_poller:  # it knows a reset by the limits
+            self._health_poller.poll_all()
+
     def _disarm_watchdog(self) -> None:
         """Disarm the watchdogs after the last cycle.
 

@@ -34,9 +34,11 @@ _CLEAR_SHARE = 0.1  # of the voltages: less does not say in which direction the 
 _VOLTS, _SUPPLY_VOLTS, _MIN_WINDOWS = 0.01, 0.03, 10
 _NOMINAL_SHARE = 0.1  # by which a servo's winding and magnets may differ from its model's
 # By which the duty of a rad may differ from the firmware's, and where its gain was not read.
-_KNOWN_GAIN_SHARE, _GAIN_SHARE = 0.04, 0.3
+_KNOWN_GAIN_SHARE, _GAIN_SHARE = 0.02, 0.3
 _DELAY_S, _DELAY_DEVIATION_S = 0.0, 0.03
-_LOOP_NOISE = 0.004  # of a window's mean duty
+_LOOP_NOISE = 0.004  # of a window's mean duty, at least
+_NOISY_DUTY = 0.015  # of a window's mean: by more, duties say less than leads do
+_NOISE_ROUNDS = 3  # in which the noise is found
 # A joint whose gravity torque is below this share of that of the whole duty has its gears free.
 _FREE_SHARE = 0.02
 _REVERSAL_RAD = 0.06  # of the joint, in which its gears have crossed their backlash
@@ -101,6 +103,8 @@ class LoopFit:
         share_before: Its standard deviation before, as a share of it.
         startup_duty: Duty that is added in the direction of the error.
         delay_s: By which the duty seems to be that of an earlier position: d.
+        noise: By how much the duty of a window differs from that, rms: what the D gain does with
+            the steps of the goals and of the position.
     """
 
     duty_per_rad: float
@@ -108,6 +112,7 @@ class LoopFit:
     share_before: float
     startup_duty: float
     delay_s: float = 0.0
+    noise: float = 0.0
 
 
 def fit_motors(windows: SteadyWindows, prior: JointPrior) -> MotorConstants | None:
@@ -163,20 +168,27 @@ def _winding(
 
 def fit_loop(windows: SteadyWindows, prior: JointPrior) -> LoopFit:
     """Return the position loop of a joint from its windows."""
-    servo, duty = prior.servo, windows.joint_duty
+    servo, lead, speed = prior.servo, windows.lead, windows.speed
     share = _KNOWN_GAIN_SHARE if prior.gain else _GAIN_SHARE
     k = (prior.gain or 1.0) * servo.stiffness_nm_rad / servo.full_duty_nm / prior.per_horn_rad
     before = np.array([k, k * _DELAY_S, servo.startup_duty])
     deviations = np.array([
         share * k, k * _DELAY_DEVIATION_S, 0.3 * servo.startup_duty + 1e-4
     ])  # fmt: skip
-    noise = _LOOP_NOISE * np.sqrt(max(len(duty) / _MIN_WINDOWS, 1.0))
-    columns = np.column_stack([windows.lead, -windows.speed, np.sign(windows.lead)])
-    A = np.vstack([columns / noise, np.diag(1.0 / deviations)])
-    found, *_ = np.linalg.lstsq(A, np.concatenate([duty / noise, before / deviations]), rcond=None)
-    error = np.sqrt(np.linalg.inv(A.T @ A)[0, 0])
+    alike = np.sqrt(max(len(lead) / _MIN_WINDOWS, 1.0))
+    columns = np.column_stack([lead, -speed, np.sign(lead)])
+    found, residual = before, 0.0
+    information = np.diag(deviations**-2.0)
+    for _ in range(_NOISE_ROUNDS):
+        noise = alike * max(residual, _LOOP_NOISE)
+        A = np.vstack([columns / noise, np.diag(1.0 / deviations)])
+        data = np.append(windows.joint_duty / noise, before / deviations)
+        found, *_ = np.linalg.lstsq(A, data, rcond=None)
+        residual = float(np.sqrt(np.mean((windows.joint_duty - columns @ found) ** 2)))
+        information = A.T @ A
+    error = np.sqrt(np.linalg.inv(information)[0, 0])
     k, from_delay, startup = found.tolist()
-    return LoopFit(k, float(error), share, startup, from_delay / k)
+    return LoopFit(k, float(error), share, startup, from_delay / k, residual)
 
 
 def mean_duties(windows: SteadyWindows, loops: Sequence[LoopFit]) -> SteadyWindows:
@@ -184,16 +196,22 @@ def mean_duties(windows: SteadyWindows, loops: Sequence[LoopFit]) -> SteadyWindo
 
     Servos are read at some times between two goals. There the D gain brakes the joint; with each
     goal it drives it on by as much, in a moment that is hardly ever read. And the error falls from
-    goal to goal.
+    goal to goal. Where that makes the duties noisy, those that follow from the leads are taken.
 
     Args:
         windows: As read.
         loops: Of each joint.
     """
-    gains = np.array([loop.duty_per_rad for loop in loops])[windows.joint]
-    delays_s = np.array([loop.delay_s for loop in loops])[windows.joint]
-    added = gains * (delays_s + windows.goal_age_s) * windows.speed
-    return replace(windows, duty=windows.duty + added[:, None])
+    duty = windows.duty.copy()
+    for joint, loop in enumerate(loops):
+        mine, k = windows.of_joint(joint), loop.duty_per_rad
+        if loop.noise > _NOISY_DUTY:
+            lead = mine.lead + mine.goal_age_s * mine.speed
+            added = k * lead + loop.startup_duty * np.sign(lead) - mine.joint_duty
+        else:
+            added = k * (loop.delay_s + mine.goal_age_s) * mine.speed
+        duty[windows.joint == joint] += added[:, None]
+    return replace(windows, duty=duty)
 
 
 def fit_backlash(

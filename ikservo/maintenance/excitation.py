@@ -12,6 +12,7 @@ import numpy as np
 from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.control.loop import ControlCycle
+from ikservo.control.servo_limits import PROFILE_SPEED_MARGIN
 from ikservo.errors import RefusedError
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.dynamics import Dynamics
@@ -28,8 +29,9 @@ _CANDIDATES, _MAX_DRAWS = 12, 400
 _SEED = 1
 _CLEARANCE_M = 0.02
 _LIMIT_MARGIN = 0.05  # of the range of a joint, at both ends
-# The motions are slow, but goals may lead loaded joints by as much as in a usual motion.
-_SPEED_CLASS = "normal"
+# The motions are slow, but goals may lead loaded joints by as much as in a usual motion. The servos
+# go to each goal slowly: pushed on in bursts, their gears have more friction in the mean.
+_SPEED_CLASS, _PROFILE_CLASS = "normal", "slow"
 _LEAD_SHARE = 0.75  # of the lead of a goal that the guard allows
 _HALVINGS = 30
 _HEAVIER = 1.4  # links that are heavier than in the arm file, or hold something
@@ -278,6 +280,8 @@ def record_excitation(
     drives: list[Matrix] = []
 
     def record(cycle: ControlCycle) -> None:
+        if not goals_s:
+            context.servos.limit_profile_speed(context.model.speed(_PROFILE_CLASS).rad_s)
         now_s = context.now_s()
         goals_s.append(now_s)
         if not times or now_s - times[-1][0] >= period_s:
@@ -296,19 +300,34 @@ def record_excitation(
     recording = _make_recording(
         context, excitation, np.array(times), np.array(goals), np.array(drives)
     )
-    ages_s = _reply_ages(np.array(replies), drives[0]) - context.servos.goals_wire_s - _SERVO_LOOP_S
-    return replace(recording, goal_age_s=ages_s - _mean_age_s(np.array(goals_s)))
+    ages_s = (
+        _sample_ages(np.array(replies), drives[0]) - context.servos.goals_wire_s - _SERVO_LOOP_S
+    )
+    # A servo's profile goes to each goal at its speed limit: it is there after a share of a cycle.
+    profile_share = np.minimum(np.abs(recording.speed) / _profile_speeds(context), 1.0)
+    mean_s = _mean_age_s(np.array(goals_s)) * (1.0 + profile_share)
+    return replace(recording, goal_age_s=ages_s - mean_s)
 
 
-def _reply_ages(replies: Matrix, drive: Matrix) -> Matrix:
-    """Return the time from the goals to the reply of each joint's servos (m, joints), seconds.
+def _profile_speeds(context: ArmContext) -> Vector:
+    """Return the speed limit of the servos' profile for each joint of the chain, rad/s or m/s."""
+    horn_rad_s = PROFILE_SPEED_MARGIN * context.model.speed(_PROFILE_CLASS).rad_s
+    fences = [context.servos.fences[column] for column in context.index.chain]
+    return np.array([horn_rad_s * fence.joint_map.unit_per_horn_rad for fence in fences])
+
+
+def _sample_ages(replies: Matrix, drive: Matrix) -> Matrix:
+    """Return the time from the goals to the sample of each joint's servos (m, joints), seconds.
+
+    No manual says whether a servo takes it when the instruction comes or when its turn to reply
+    has: the middle is assumed, which is off by at most half of the time between the two.
 
     Args:
         replies: When each reading began and ended, after the goals (m, 2).
         drive: One reading (joints, most, 4): servos reply one after the other.
     """
     counts = np.isfinite(drive[..., 0]).sum(axis=1)
-    share = (np.cumsum(counts) - 0.5 * counts) / counts.sum()
+    share = 0.5 * (np.cumsum(counts) - 0.5 * counts) / counts.sum()
     return replies[:, :1] + (replies[:, 1:] - replies[:, :1]) * share
 
 

@@ -67,7 +67,7 @@ def test_the_tour_starts_at_the_reference_and_not_at_the_goals_that_lead_it():
 
         with pytest.raises(StoppedError):
             record_excitation(arm.context, arm.runner, run.excitation, stop_at_once)
-    assert np.abs(goals - reference).max() > math.radians(0.3)
+    assert np.abs(goals - reference).max() > math.radians(0.2)
     np.testing.assert_allclose(cycles[0].reference, reference, atol=math.radians(0.02))
 
 

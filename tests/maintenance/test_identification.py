@@ -8,7 +8,7 @@ import pytest
 import ikservo
 from ikservo.errors import CalibrationError
 from ikservo.kinematics.dynamics import Dynamics
-from ikservo.maintenance.drive_fit import fit_loop, fit_motors
+from ikservo.maintenance.drive_fit import fit_loop, fit_motors, mean_duties
 from ikservo.maintenance.drive_recording import smooth_samples, steady_windows
 from ikservo.maintenance.identification import gravity_columns, identify, identify_payload
 from ikservo.model.identified_drives import with_mass_scales
@@ -148,6 +148,16 @@ def test_the_gain_in_force_is_what_the_loop_is_expected_to_have():
     windows = steady_windows(recorded(Drive(gain=2.3))).of_joint(0)
     halved = fit_loop(windows, replace(prior_of(), gain=0.5))
     assert halved.duty_per_rad == pytest.approx(2.3, rel=0.02)
+
+
+def test_noisy_duties_do_not_move_the_gain_of_the_firmware_and_leads_count_instead():
+    clean = recorded(Drive(gain=4.6))
+    noise = np.random.default_rng(2).normal(scale=0.2, size=clean.duty.shape)
+    windows, noisy = (steady_windows(replace(clean, duty=clean.duty + n)) for n in (0.0, noise))
+    loops = [fit_loop(noisy.of_joint(j), prior_of()) for j in range(DOF)]
+    assert max(abs(loop.duty_per_rad / 4.6 - 1.0) for loop in loops) < 0.03
+    own, true = mean_duties(noisy, loops).joint_duty, windows.joint_duty
+    assert np.std(own - true) < 0.15 * np.std(noisy.joint_duty - true)
 
 
 def test_smoothing_keeps_the_mean():
