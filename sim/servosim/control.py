@@ -295,13 +295,13 @@ class Controller:
             self._accept_command(order, drive, position_rad, velocity_rad_s)
         reference = self.reference
         if mode in PROFILED:
-            error_rad = reference.position_rad - position_rad
+            error_rad, acceleration_rad_s2 = reference.position_rad - position_rad, 0.0
             if reference.running:
+                acceleration_rad_s2 = reference.acceleration_rad_s2
                 reference.advance(dt_s)
             moved_rad = reference.position_rad - position_rad - error_rad
-            return self._position_duty(
-                dt_s, drive, error_rad, moved_rad / dt_s, position_rad, velocity_rad_s
-            )
+            ahead = moved_rad / dt_s, acceleration_rad_s2
+            return self._position_duty(dt_s, drive, error_rad, ahead, position_rad, velocity_rad_s)
         if mode is not VELOCITY:
             return drive.goal_pwm if mode is PWM else math.copysign(1.0, drive.goal_current_a)
         duty = self._velocity_duty(dt_s, drive, velocity_rad_s)
@@ -314,16 +314,24 @@ class Controller:
         dt_s: float,
         drive: DriveCommand,
         error_rad: float,
-        reference_rad_s: float,
+        ahead: tuple[float, float],
         position_rad: float,
         velocity_rad_s: float,
     ) -> float:
         """Return the duty of the position gains.
 
-        The D gain acts on the change of the error, so what it adds sums up to nothing over a step
-        of the goal: the reference's velocity is its mean over the step of the loop.
+        On the way along a profile the D gain acts on the change of the error, so what it adds sums
+        up to nothing: the profile's velocity is its mean over the step of the loop.
+
+        Args:
+            dt_s: The step.
+            drive: The commands.
+            error_rad: At the beginning of the step.
+            ahead: Velocity and acceleration of the profile in the step.
+            position_rad: The sensor's position.
+            velocity_rad_s: Its derivative.
         """
-        reference, dead_rad = self.reference, drive.dead_zone_rad
+        (reference_rad_s, acceleration_rad_s2), dead_rad = ahead, drive.dead_zone_rad
         if drive.tick_rad:
             error_rad = drive.tick_rad * round(error_rad / drive.tick_rad)
         if -dead_rad <= error_rad <= dead_rad:
@@ -336,9 +344,9 @@ class Controller:
         self.derivative = drive.kd
         if drive.kd:
             duty += drive.kd * (reference_rad_s - velocity_rad_s)
-        if reference.running:
+        if reference_rad_s:
             duty += drive.velocity_feed_forward * reference_rad_s
-            duty += drive.acceleration_feed_forward * reference.acceleration_rad_s2
+            duty += drive.acceleration_feed_forward * acceleration_rad_s2
         return duty
 
     def _started_duty(

@@ -160,6 +160,29 @@ def test_what_the_d_gain_adds_on_the_way_to_a_goal_sums_up_to_nothing(way_rad: f
     assert sum(duties) * DT_S == pytest.approx(drive.kd * way_rad)
 
 
+@pytest.mark.parametrize("way_rad", [0.0011, 0.0028, 0.0049])
+def test_feed_forward_of_the_velocity_sums_up_to_the_way_to_a_goal(way_rad: float) -> None:
+    controller = Controller(0.0)
+    drive = DriveCommand(True, velocity_limit_rad_s=1.25, kp=0.0, velocity_feed_forward=0.2)
+    controller.duty(DT_S, drive, 0.0, 0.0)
+    drive.goal_rad = way_rad
+    duties = [controller.duty(DT_S, drive, 0.0, 0.0) for _ in range(8)]
+    assert sum(duties) * DT_S == pytest.approx(0.2 * way_rad)
+
+
+def test_feed_forward_of_the_acceleration_brakes_as_much_as_it_drives() -> None:
+    controller = Controller(0.0)
+    drive = DriveCommand(
+        True, velocity_limit_rad_s=1.0, acceleration_rad_s2=10.0, kp=0.0,
+        acceleration_feed_forward=0.01,
+    )  # fmt: skip
+    controller.duty(DT_S, drive, 0.0, 0.0)
+    drive.goal_rad = 0.5
+    duties = [controller.duty(DT_S, drive, 0.0, 0.0) for _ in range(800)]
+    assert max(duties) == pytest.approx(0.1)
+    assert sum(duties) == pytest.approx(0.0, abs=0.11)
+
+
 @pytest.mark.parametrize("load_nm", [0.3, -0.8])
 def test_the_sag_under_a_load_is_torque_over_stiffness(load_nm: float) -> None:
     dry = ("friction_nm", "stribeck_nm", "load_friction", "load_stribeck", "load_square_per_nm")
