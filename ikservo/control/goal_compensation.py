@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from ikservo.control.feed_forward import FeedForward
 from ikservo.control.tracking_feedback import TrackingFeedback
 from ikservo.guard import CommandLimits
-from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion import TrajectoryPoint
 
 __all__ = ["GoalCompensator"]
@@ -29,9 +29,11 @@ _DIRECTION_RAD, _DIRECTION_S = 0.0005, 0.05
 # Where the reference of a horn rests, errors within so many ticks are left, for stiction would make
 # the joint jump over its target again and again; up to the first number fewer of them.
 _AT_REST_RAD_S, _REST_TICKS = 0.003, 4.5
-# Step of the load by which the slope of the feed-forward is taken, and what its slope may be: the
-# firmware's start-up force makes it flat around zero.
-_LOAD_STEP_RAD, _SLOPE_RANGE = 0.001, (0.3, 3.0)
+# By how much a load that feedback has taken up moves goals, friction included, at the horn.
+_MAX_LOAD_OFFSET_RAD = 0.08
+# Step of the load by which the slope of the feed-forward is taken, at the horn, and what its slope
+# may be: the firmware's start-up force makes it flat around zero.
+_LOAD_STEP_RAD, _SLOPE_RANGE = 0.001, (0.7, 3.0)
 # How fast the speed of a motion seems to change where its time is slowed down.
 _RATE_FILTER_S = 0.03
 
@@ -65,11 +67,14 @@ class GoalCompensator:
         )
         self._per_horn_rad = np.array([f.joint_map.unit_per_horn_rad for f in fences])
         self._tick = np.array([f.joint_map.unit_per_tick for f in fences])
+        self._load_step = _LOAD_STEP_RAD * self._per_horn_rad
+        self._max_load_offset = _MAX_LOAD_OFFSET_RAD * self._per_horn_rad
         self._reference_range = self._goal_range = (self._low, self._high)
         self._feedback = TrackingFeedback(self._per_horn_rad)
         self._fading = self._direction = np.zeros(n)
         self._faded_s, self._rate, self._held_s = np.zeros(n), 1.0, 0.0
-        self._clamped, self._slope = np.zeros(n, dtype=bool), np.ones(n)
+        self._clamped = np.zeros(n, dtype=bool)
+        self._slope, self._is_load_bounded = np.ones(n), np.zeros(n, dtype=bool)
         self._last = TrajectoryPoint.at_rest(np.zeros(n))
 
     @property
@@ -150,8 +155,10 @@ class GoalCompensator:
         # A joint that stays where it is keeps the offset that friction lets it have there.
         begun = (self._faded_s > 0.0) | (np.abs(self._last.velocity) > _TINY)
         self._faded_s = np.minimum(self._faded_s + begun * ease * elapsed_s, _FADE_S)
+        rows = self._feed_forwards(self._last, self._direction)
+        self._keep_slope(rows)
         offset = (
-            self._modelled_with_slope()
+            self._within_load_bound(rows)
             + self._feedback.fast * (1.0 - self._fade_share)
             + self._fading * self._fade_share
         )
@@ -180,7 +187,7 @@ class GoalCompensator:
         error = np.where(self._chain, last.position + since_s * last.velocity - measured, 0.0)
         moving = np.abs(last.velocity) / (_AT_REST_RAD_S * self._per_horn_rad)
         left = _REST_TICKS * self._tick * np.maximum(1.0 - moving, 0.0)
-        growing = np.where(self._clamped, 0.0, grow)
+        growing = np.where(self._clamped | self._is_load_bounded, 0.0, grow)
         self._feedback.update(error, left, elapsed_s, fresh=fresh, grow=growing, slope=self._slope)
 
     @property
@@ -188,18 +195,24 @@ class GoalCompensator:
         share = self._faded_s / _FADE_S
         return 1.0 - share * share * (3.0 - 2.0 * share)
 
-    def _modelled_with_slope(self) -> Vector:
-        """Return the feed-forward of the last reference (n,); keep its slope over the load."""
-        loads = self._feedback.integral + np.array([[0.0], [_LOAD_STEP_RAD]])
-        offset, more = self._modelled(self._last, self._direction, loads)
-        self._slope = np.clip((more - offset) / _LOAD_STEP_RAD, *_SLOPE_RANGE)
-        return offset
+    def _modelled(self, point: TrajectoryPoint, direction: Vector | float) -> Vector:
+        """Return the feed-forward (n,) with the load that feedback has taken up."""
+        return self._within_load_bound(self._feed_forwards(point, direction))
 
-    def _modelled(
-        self, point: TrajectoryPoint, direction: Vector | float, loads: Vector | None = None
-    ) -> Vector:
-        """Return the feed-forward with the loads (..., n) that feedback has taken up."""
-        loads = self._feedback.integral if loads is None else loads
+    def _within_load_bound(self, rows: Matrix) -> Vector:
+        nominal, loaded, _ = rows
+        return nominal + np.clip(loaded - nominal, -self._max_load_offset, self._max_load_offset)
+
+    def _keep_slope(self, rows: Matrix) -> None:
+        """Keep how goals depend on the load, and where it moves them by no more."""
+        nominal, loaded, more = rows
+        self._slope = np.clip((more - loaded) / self._load_step, *_SLOPE_RANGE)
+        self._is_load_bounded = np.abs(loaded - nominal) >= self._max_load_offset
+
+    def _feed_forwards(self, point: TrajectoryPoint, direction: Vector | float) -> Matrix:
+        """Return the feed-forward (3, n) without the load, with it and with a little more."""
+        load = self._feedback.integral
+        loads = np.stack([np.zeros_like(load), load, load + self._load_step])
         if self.feed_forward is None:
             return loads
         directions = np.broadcast_to(direction, point.position.shape)

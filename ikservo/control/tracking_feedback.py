@@ -91,9 +91,10 @@ class TrackingFeedback:
         inward = np.clip(fast, np.minimum(self.fast, 0.0), np.maximum(self.fast, 0.0))
         self.fast = inward + grow * (fast - inward)
         change = _INTEGRAL_PER_S * step_s * beyond / slope
-        change = np.where(change * self.integral < 0.0, change, grow * change)
-        most = self._max_integral / np.maximum(slope, 1.0)
-        self.integral = np.clip(self.integral + change, -most, most)
+        load = self.integral
+        back = np.clip(load + change, np.minimum(load, 0.0), np.maximum(load, 0.0))
+        on = load + change - back  # what is left of the change once the load is gone
+        self.integral = np.clip(back + grow * on, -self._max_integral, self._max_integral)
         self._age_s = np.where(fresh, 0.0, self._age_s)
 
     def _next_fast(self, error: Vector, beyond: Vector, fresh: NDArray[np.bool_] | bool) -> Vector:

@@ -124,6 +124,27 @@ def test_a_load_taken_up_while_a_joint_sinks_counts_with_friction_when_it_is_lif
     assert lifted > 0.02 > lowered > 0.0
 
 
+def test_a_load_moves_goals_by_no_more_than_its_bound_in_either_direction(arm):
+    compensator = arm._context.servos.compensator
+    low, high = arm._context.limits()
+    leaning = np.where(np.arange(6) == 1, 0.5, 0.5 * (low + high))
+    unloaded = compensator.stuck_offsets(leaning)
+    for load in (0.08, -0.08):
+        compensator._feedback.integral = load * np.eye(6)[1]
+        loaded = compensator.stuck_offsets(leaning)
+        moved = [np.abs(loaded[i] - unloaded[i])[1] for i in (0, 1)]
+        assert max(moved) == pytest.approx(0.08, abs=0.001)
+
+
+def test_a_load_that_turns_over_counts_as_growing_where_goals_are_cut(compensator, start):
+    compensator.begin(start, start)
+    compensator.goals(gliding(start, 0.1, 0.0), CYCLE_S)
+    compensator._feedback.integral = -0.001 * np.eye(6)[0]
+    for _ in range(100):
+        compensator.observe(start - 0.1 * np.eye(6)[0], 0.0, CYCLE_S, grow=False)
+    assert compensator._feedback.integral[0] == 0.0
+
+
 def test_it_does_not_wind_up_while_goals_are_cut(compensator, start):
     compensator.begin(start, start)
     point = gliding(start, 0.1, 0.0)
