@@ -272,6 +272,7 @@ class MotionRunner:
         on_cycle: OnCycle | None,
         speed: str,
         *,
+        profile_rad_s: float | None = None,
         compensated: bool = True,
     ) -> Vector:
         """Run one trajectory as a motion.
@@ -280,7 +281,8 @@ class MotionRunner:
             make: Makes the trajectory from where the joints are, torque being on.
             on_cycle: Called in every control cycle.
             speed: slow, normal or fast.
-            compensated: See ``ControlLoop.run``; else it is made from the servos' goals.
+            profile_rad_s: See ``ControlLoop.run``.
+            compensated: Likewise; else it is made from the servos' goals.
 
         Returns:
             The measured joints (n,) of the last control cycle, rad or m.
@@ -289,7 +291,11 @@ class MotionRunner:
         with self.motion():
             start = self._servos.reference() if compensated else self._servos.goals()
             return self.loop.run(
-                make(start), on_cycle, speed_rad_s=horn_rad_s, compensated=compensated
+                make(start),
+                on_cycle,
+                speed_rad_s=horn_rad_s,
+                profile_rad_s=profile_rad_s,
+                compensated=compensated,
             )
 
     def return_within_limits(self) -> None:

@@ -256,6 +256,7 @@ class ControlLoop:
         on_cycle: OnCycle | None = None,
         *,
         speed_rad_s: float | None = None,
+        profile_rad_s: float | None = None,
         compensated: bool = True,
     ) -> Vector:
         """Execute a trajectory to its end.
@@ -265,6 +266,8 @@ class ControlLoop:
             on_cycle: Called in each control cycle.
             speed_rad_s: The top speed of the motion at the horns, to which the servos are limited;
                 the arm's maximum if None.
+            profile_rad_s: With which speed the servos turn to each goal; that of the motion if
+                None.
             compensated: Whether the trajectory is where the joints should be; else it is the goals
                 of their servos, and starts at these.
 
@@ -278,7 +281,8 @@ class ControlLoop:
             RefusedError: The guard stopped it, or a joint does not follow; the arm holds.
             PortLostError: The port is gone.
         """
-        with self._servos.streaming(speed_rad_s), steady_timing(self._servos.clock):
+        streaming = self._servos.streaming(speed_rad_s, profile_rad_s)
+        with streaming, steady_timing(self._servos.clock):
             return self._run_loop(trajectory, on_cycle, compensated)
 
     def _run_loop(

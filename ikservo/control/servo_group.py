@@ -230,6 +230,17 @@ class ServoGroup(StreamedServos):
         """Return the round trip and the losses of the line; reads no servo."""
         return LinkStatistics.of(self._bus.statistics.values())
 
+    def profile_speeds(self, horn_rad_s: float) -> Vector:
+        """Return with which speeds the joints (n,) go to each goal, rad/s or m/s.
+
+        Args:
+            horn_rad_s: Top speed of the motion, or of the profile that was asked for, at the horns.
+        """
+        return np.array([
+            self._limits.profile_speed_rad_s(f.servo_id, horn_rad_s) * f.joint_map.unit_per_horn_rad
+            for f in self.fences
+        ])  # fmt: skip
+
     def drive_reader(self, names: Sequence[str]) -> DriveReader:
         """Return what reads the duty, the current and the supply of the servos of some joints."""
         fences = {fence.joint: fence for fence in self.fences}

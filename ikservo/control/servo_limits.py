@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Mapping, Sequence
 from functools import partial
 
@@ -11,7 +12,7 @@ from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Family, OperatingMode, Register, RegisterName
 
-__all__ = ["PROFILE_SPEED_MARGIN", "ServoRamLimits", "limit_torque", "torque_limit_registers"]
+__all__ = ["ServoRamLimits", "limit_torque", "torque_limit_registers"]
 
 
 def limit_torque(bus: ServoBus, servo_id: int, fraction: float) -> None:
@@ -59,8 +60,7 @@ _FINE_SPEED_BIT = 0b100
 # No ramps of the servo's own: with them it would brake for each goal of a stream, and lag it by
 # v² / 2a; what it runs on after the last goal would be longer by that.
 _NO_RAMP = 0
-PROFILE_SPEED_MARGIN = 1.2
-"""Speed limit of a servo's profile by that of the motion: a joint that lags may catch up."""
+_SPEED_MARGIN = 1.2  # a joint that lags may catch up
 
 _WATCHDOG_COUNTS = 5  # of 20 ms
 _WATCHDOG_S = 0.020 * _WATCHDOG_COUNTS
@@ -127,10 +127,17 @@ class ServoRamLimits:
         """
         if speed_rad_s == self._speed_rad_s:
             return
-        limit_rad_s = PROFILE_SPEED_MARGIN * speed_rad_s
+        limit_rad_s = _SPEED_MARGIN * speed_rad_s
         for servo_id in self._ids:
             with_retries(self._bus.clock, partial(self._limit_speed, servo_id, limit_rad_s))
         self._speed_rad_s = speed_rad_s
+
+    def profile_speed_rad_s(self, servo_id: int, speed_rad_s: float) -> float:
+        """Return the speed of a servo on its way to a goal in a motion of some top speed, rad/s.
+
+        Infinite where its profile is a time: it has none then.
+        """
+        return math.inf if self._time_based[servo_id] else _SPEED_MARGIN * speed_rad_s
 
     def arm_watchdog(self) -> None:
         """Arm the servos' watchdogs: they stop after a tenth second without packets.

@@ -212,11 +212,15 @@ class StreamedServos:
             self.acknowledge()
 
     @contextlib.contextmanager
-    def streaming(self, speed_rad_s: float | None) -> Generator[None]:
+    def streaming(
+        self, speed_rad_s: float | None, profile_rad_s: float | None = None
+    ) -> Generator[None]:
         """Prepare the servos for goals in every cycle; an error in the block stops the arm.
 
         Args:
             speed_rad_s: The top speed of the motion at the horns; the fences' if None.
+            profile_rad_s: With which speed the servos turn to each goal; that of the motion if
+                None.
 
         Raises:
             BusError: A servo does not answer.
@@ -228,7 +232,7 @@ class StreamedServos:
         self.torque.check_idle()
         try:
             self.stop_request.raise_if_set()  # requested between two loops of one motion
-            self._prepare_streaming(speed_rad_s)
+            self._prepare_streaming(speed_rad_s, profile_rad_s)
             self.torque.loop_started()
             yield
             self._disarm_watchdog()
@@ -379,7 +383,7 @@ class StreamedServos:
             with contextlib.suppress(Exception):  # each is tried, even if another fails
                 step()
 
-    def _prepare_streaming(self, speed_rad_s: float | None) -> None:
+    def _prepare_streaming(self, speed_rad_s: float | None, profile_rad_s: float | None) -> None:
         horns = {f.joint: f.joint_map.unit_per_horn_rad for f in self.fences}
         speeds = {f.joint: f.speed for f in self.fences}
         if speed_rad_s is not None:
@@ -387,24 +391,11 @@ class StreamedServos:
         self._gate.set_speeds(speeds)
         self._following = TrackingMonitor.for_limits(self.fences, speeds)
         self._feedback.reset_losses()
-        self._horn_rad_s, self.restarts = max(speeds[name] / horns[name] for name in speeds), 0
+        fastest_rad_s = max(speeds[name] / horns[name] for name in speeds)
+        self._horn_rad_s, self.restarts = profile_rad_s or fastest_rad_s, 0
         self._cycle_at_s = prepare_servos(
             self._limits, self._health_poller, self.clock, self._horn_rad_s
         )
-
-    def limit_profile_speed(self, horn_rad_s: float) -> None:
-        """Let the servos turn to their goals more slowly than the running motion allows.
-
-        Args:
-            horn_rad_s: The top speed of what follows of this motion, at the horns.
-
-        Raises:
-            BusError: A servo does not answer.
-            ServoAlarmError: A servo reports a fault.
-        """
-        self._limits.set_speed(horn_rad_s)
-        if self._health_poller:  # it knows a reset by the limits
-            self._health_poller.poll_all()
 
     def _disarm_watchdog(self) -> None:
         """Disarm the watchdogs after the last cycle.

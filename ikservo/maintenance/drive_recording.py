@@ -37,7 +37,7 @@ class DriveRecording:
             direction; NaN where it measures none.
         voltage_v: At the servo, likewise.
         goal_age_s: For how much longer than in the mean a joint's goal had been in force when its
-            servos were read (m, dof), seconds.
+            servos were read (m, dof), seconds; less what its profile takes to be there.
     """
 
     time_s: Vector

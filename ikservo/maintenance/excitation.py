@@ -12,7 +12,6 @@ import numpy as np
 from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.control.loop import ControlCycle
-from ikservo.control.servo_limits import PROFILE_SPEED_MARGIN
 from ikservo.errors import RefusedError
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.dynamics import Dynamics
@@ -280,8 +279,6 @@ def record_excitation(
     drives: list[Matrix] = []
 
     def record(cycle: ControlCycle) -> None:
-        if not goals_s:
-            context.servos.limit_profile_speed(context.model.speed(_PROFILE_CLASS).rad_s)
         now_s = context.now_s()
         goals_s.append(now_s)
         if not times or now_s - times[-1][0] >= period_s:
@@ -296,7 +293,8 @@ def record_excitation(
         if on_cycle:
             on_cycle(cycle)
 
-    runner.run(lambda _: excitation, record, _SPEED_CLASS)
+    profile_rad_s = context.model.speed(_PROFILE_CLASS).rad_s
+    runner.run(lambda _: excitation, record, _SPEED_CLASS, profile_rad_s=profile_rad_s)
     recording = _make_recording(
         context, excitation, np.array(times), np.array(goals), np.array(drives)
     )
@@ -304,16 +302,10 @@ def record_excitation(
         _sample_ages(np.array(replies), drives[0]) - context.servos.goals_wire_s - _SERVO_LOOP_S
     )
     # A servo's profile goes to each goal at its speed limit: it is there after a share of a cycle.
-    profile_share = np.minimum(np.abs(recording.speed) / _profile_speeds(context), 1.0)
+    profile_speeds = context.servos.profile_speeds(profile_rad_s)[list(context.index.chain)]
+    profile_share = np.minimum(np.abs(recording.speed) / profile_speeds, 1.0)
     mean_s = _mean_age_s(np.array(goals_s)) * (1.0 + profile_share)
     return replace(recording, goal_age_s=ages_s - mean_s)
-
-
-def _profile_speeds(context: ArmContext) -> Vector:
-    """Return the speed limit of the servos' profile for each joint of the chain, rad/s or m/s."""
-    horn_rad_s = PROFILE_SPEED_MARGIN * context.model.speed(_PROFILE_CLASS).rad_s
-    fences = [context.servos.fences[column] for column in context.index.chain]
-    return np.array([horn_rad_s * fence.joint_map.unit_per_horn_rad for fence in fences])
 
 
 def _sample_ages(replies: Matrix, drive: Matrix) -> Matrix:

@@ -11,6 +11,7 @@ from ikservo.maintenance.arm_identification import IdentificationRun
 from ikservo.maintenance.excitation import TourOptions, record_excitation
 from tests.arm.identified_truth import friction_error, gravity_errors, stiffness_error
 from tests.arm.seeds import log, part_of, spread
+from tests.arm.simulated import registers
 
 CAMPAIGN_ARMS = ("so101", "koch", "open_manipulator_x", "px100", "wx250s")
 PAYLOADS_KG = {"koch": 0.03, "px100": 0.03, "wx250s": 0.15}  # what they lift in every posture
@@ -69,6 +70,25 @@ def test_the_tour_starts_at_the_reference_and_not_at_the_goals_that_lead_it():
             record_excitation(arm.context, arm.runner, run.excitation, stop_at_once)
     assert np.abs(goals - reference).max() > math.radians(0.2)
     np.testing.assert_allclose(cycles[0].reference, reference, atol=math.radians(0.02))
+
+
+def test_servos_turn_slowly_to_the_goals_of_the_tour_and_to_no_others():
+    with ikservo.open_arm("koch", port="sim:") as arm:
+        run = IdentificationRun.plan(arm, SHORT)
+        run.go_to_start()
+        touring = []
+
+        def stop_at_once(_):
+            touring.append(max(registers(arm, "profile_velocity").values()))
+            arm.stop("seen")
+
+        with pytest.raises(StoppedError):
+            record_excitation(arm.context, arm.runner, run.excitation, stop_at_once)
+        arm.acknowledge()
+        arm.move_joints({"shoulder_pan": 0.1}, speed="normal")
+        slow, normal = (arm.model.speed(speed).rad_s for speed in ("slow", "normal"))
+        usual = max(registers(arm, "profile_velocity").values())
+    assert touring[0] == pytest.approx(usual * slow / normal, abs=1)
 
 
 @pytest.mark.campaign
