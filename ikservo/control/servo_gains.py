@@ -9,7 +9,7 @@ from ikservo.control.feedback import read_registers
 from ikservo.guard import CommandLimits
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.servo import ServoSpec
-from ikservo.model.servo_torque import find_servo_torque
+from ikservo.model.servo_torque import GRIPPER_P_GAINS, find_servo_torque
 from ikservo.registers import Register
 
 __all__ = ["raise_gains", "read_gain_shares"]
@@ -25,9 +25,8 @@ _ARM_GAINS: Mapping[str, Mapping[str, int]] = MappingProxyType(
     {"XL330-M288": _XL330_GAINS, "XL330-M077": _XL330_GAINS, "XL430-W250": _XL430_GAINS}
 )
 # A gripper is a little softer.
-_XL330_GRIPPER: Mapping[str, int] = MappingProxyType({"position_p_gain": 800})
 _GRIPPER_GAINS: Mapping[str, Mapping[str, int]] = MappingProxyType(
-    {"XL330-M288": _XL330_GRIPPER, "XL330-M077": _XL330_GRIPPER}
+    {name: {"position_p_gain": gain} for name, gain in GRIPPER_P_GAINS.items()}
 )
 _NO_GAINS: Mapping[str, int] = MappingProxyType({})
 

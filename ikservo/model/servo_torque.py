@@ -7,7 +7,14 @@ from dataclasses import dataclass
 from math import sqrt
 from types import MappingProxyType
 
-__all__ = ["SERVO_TORQUES", "GearFriction", "ServoTorque", "find_servo_torque", "nominal_supply_v"]
+__all__ = [
+    "GRIPPER_P_GAINS",
+    "SERVO_TORQUES",
+    "GearFriction",
+    "ServoTorque",
+    "find_servo_torque",
+    "nominal_supply_v",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,6 +139,12 @@ SERVO_TORQUES: Mapping[tuple[str, float | None], ServoTorque] = MappingProxyType
     }
 )
 # fmt: on
+
+
+GRIPPER_P_GAINS: Mapping[str, int] = MappingProxyType(
+    {"XL330-M288": 800, "XL330-M077": 800, "XL430-W250": 640}
+)
+"""P gains of servos that are softer in a gripper than in the arm; the XL430's is as delivered."""
 
 
 def find_servo_torque(model: str, supply_v: float | None) -> ServoTorque | None:

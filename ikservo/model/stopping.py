@@ -20,7 +20,8 @@ import numpy as np
 from ikservo.kinematics import Chain
 from ikservo.model.joint_drive import JointDrive, joint_drive, nominal_parameters
 from ikservo.model.lifting import spread_postures
-from ikservo.model.model import Model
+from ikservo.model.model import Model, ModelJoint
+from ikservo.model.servo_torque import GRIPPER_P_GAINS, find_servo_torque
 
 __all__ = ["stopping_times_s"]
 
@@ -40,12 +41,21 @@ def stopping_times_s(model: Model, chain: Chain) -> dict[str, float]:
         Seconds by joint; without joints whose servos' motors are not known.
     """
     inertia = _greatest_inertia(model, chain)
-    drives = {joint.name: joint_drive(joint, model.supply_v) for joint in model.joints}
+    drives = {joint.name: _drive_in_use(joint, model.supply_v) for joint in model.joints}
     return {
         name: _MARGIN * _stopping_time_s(drive, drive.armature_kg_m2 + inertia.get(name, 0.0))
         for name, drive in drives.items()
         if drive is not None
     }
+
+
+def _drive_in_use(joint: ModelJoint, supply_v: float | None) -> JointDrive | None:
+    """Return the drive of a joint at the P gain that it has in an arm, or in its gripper."""
+    drive, model = joint_drive(joint, supply_v), joint.servo.model
+    torque = find_servo_torque(model, supply_v)
+    if drive is None or torque is None or joint.role != "gripper":
+        return drive
+    return drive.with_gain(GRIPPER_P_GAINS.get(model, torque.p_gain) / torque.p_gain)
 
 
 def _greatest_inertia(model: Model, chain: Chain) -> dict[str, float]:

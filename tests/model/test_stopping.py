@@ -34,6 +34,15 @@ def test_a_joint_travels_its_lag_and_its_swing(name, joint):
     assert found_s == pytest.approx(1.15 * (expected_s + drive.delay_s), rel=0.005)
 
 
+@pytest.mark.parametrize("name", ["koch", "px100"])
+def test_a_gripper_is_softer_than_the_same_servo_in_the_arm_and_goes_on_for_longer(name):
+    model = load_model(name)
+    joint = model.joint(model.gripper.joint)
+    arm_drive = joint_drive(joint, model.supply_v)
+    lag_s = arm_drive.delay_s + arm_drive.damping_nm_s / arm_drive.stiffness_nm_rad
+    assert stopping_times_s(model, model.chain)[joint.name] > 1.15 * 1.5 * lag_s
+
+
 def test_a_gripper_moves_its_own_gears_only():
     model = load_model("so101")
     times_s = stopping_times_s(model, model.chain)
