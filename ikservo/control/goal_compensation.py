@@ -33,7 +33,7 @@ _AT_REST_RAD_S, _REST_TICKS = 0.003, 4.5
 _MAX_LOAD_OFFSET_RAD = 0.08
 # Step of the load by which the slope of the feed-forward is taken, at the horn, and what its slope
 # may be: the firmware's start-up force makes it flat around zero.
-_LOAD_STEP_RAD, _SLOPE_RANGE = 0.001, (0.7, 3.0)
+_LOAD_STEP_RAD, _SLOPE_RANGE = 0.001, (0.3, 3.0)
 # How fast the speed of a motion seems to change where its time is slowed down.
 _RATE_FILTER_S = 0.03
 

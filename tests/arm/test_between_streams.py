@@ -64,11 +64,11 @@ def test_a_stop_between_two_streams_of_a_motion_is_a_stop_and_no_refusal(arm, mo
     streaming, begun = servo_group(arm).streaming, []
 
     @contextlib.contextmanager
-    def stopped_before_the_second(speed_rad_s):
+    def stopped_before_the_second(speed_rad_s, profile_rad_s=None):
         begun.append(speed_rad_s)
         if len(begun) == 2:
             arm.stop("Stopped by another terminal.")
-        with streaming(speed_rad_s):
+        with streaming(speed_rad_s, profile_rad_s):
             yield
 
     monkeypatch.setattr(servo_group(arm), "streaming", stopped_before_the_second)

@@ -65,9 +65,9 @@ def test_a_signal_before_the_first_goal_keeps_its_kind(arm, monkeypatch):
     streaming = servo_group(arm).streaming
 
     @contextlib.contextmanager
-    def interrupted(speed_rad_s):
+    def interrupted(*speeds):
         signal.raise_signal(signal.SIGTERM)
-        with streaming(speed_rad_s):
+        with streaming(*speeds):
             yield
 
     monkeypatch.setattr(servo_group(arm), "streaming", interrupted)
