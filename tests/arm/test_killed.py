@@ -18,7 +18,7 @@ class DeadError(BaseException):
     """The program is gone."""
 
 
-@few_or_many(4, 400)
+@few_or_many(4, 100)
 def test_no_joint_travels_further_than_60_ticks_after_its_program_has_died(seeds, capsys):
     worst = dict.fromkeys(ARMS, 0)
     for seed in seeds:

@@ -37,7 +37,7 @@ def test_a_pause_between_any_two_lines_of_a_cycle_ends_no_motion(name, most, cap
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["so101", "koch"])
-@few_or_many(2, 300)
+@few_or_many(2, 20)
 @pytest.mark.timeout(0)
 def test_pauses_now_and_then_as_on_a_busy_machine_end_no_motion(name, seeds, capsys):
     pauses = 0

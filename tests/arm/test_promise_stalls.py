@@ -12,7 +12,7 @@ OFTEN = 0.01  # of what is sent
 MOST_RESTARTS = 10  # of Dynamixels that stopped themselves, in one motion
 
 
-@few_or_many(2, 1500)
+@few_or_many(2, 40)
 def test_a_program_that_stalls_for_up_to_five_seconds_never_makes_a_goal_leap(seeds, capsys):
     stalls = longest = 0
     for seed in seeds:

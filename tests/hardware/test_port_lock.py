@@ -87,7 +87,7 @@ def start(pty_name):
     )
 
 
-LONG = pytest.param(500, marks=[pytest.mark.campaign, pytest.mark.timeout(3600)])
+LONG = pytest.param(100, marks=[pytest.mark.campaign, pytest.mark.timeout(3600)])
 
 
 @pytest.mark.parametrize("races", [1, LONG])
