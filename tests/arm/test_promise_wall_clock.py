@@ -43,7 +43,7 @@ def _is_it(node):
     return node.attr in ("time", "time_ns") and getattr(node.value, "id", "") == "time"
 
 
-@few_or_many(2, 20)
+@few_or_many(2, 10)
 def test_a_motion_is_the_same_to_the_last_packet_however_the_wall_clock_is_stepped(
     seeds, capsys, monkeypatch
 ):
