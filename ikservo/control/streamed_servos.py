@@ -13,6 +13,7 @@ from ikservo.control.feedback import Feedback
 from ikservo.control.goal_compensation import GoalCompensator
 from ikservo.control.health_polling import HealthPoller
 from ikservo.control.servo_limits import ServoRamLimits
+from ikservo.control.servo_preparation import prepare_servos
 from ikservo.control.stopping import StopRequest, check_pause, fault_reason
 from ikservo.control.torque_state import TorqueStateMachine
 from ikservo.errors import (
@@ -28,7 +29,7 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.motion import TrajectoryPoint
 from ikservo.registers import RegisterName
 
-__all__ = ["STALL_S", "StreamedServos", "prepare_servos"]
+__all__ = ["STALL_S", "StreamedServos"]
 
 
 # A joint that lags its goal by more than its load explains presses against something.
@@ -436,48 +437,3 @@ class StreamedServos:
 
     def _to_positions(self, ticks: Mapping[str, int]) -> Vector:
         return np.array([f.joint_map.position(ticks[f.joint]) for f in self.fences])
-
-
-# Watchdogs are armed in less than this, or armed again this many times.
-_WATCHDOG_DELAY_S, _ATTEMPTS = 0.08, 10
-
-
-def prepare_servos(
-    limits: ServoRamLimits, health_poller: HealthPoller | None, clock: Clock, horn_rad_s: float
-) -> float:
-    """Set limits, arm watchdogs and read all telemetry; again where that took too long.
-
-    A watchdog that trips meanwhile resets the limits.
-
-    Args:
-        limits: Of the servos.
-        health_poller: Reads their telemetry; None before torque was ever switched on.
-        clock: The bus's clock.
-        horn_rad_s: The top speed of the motion.
-
-    Returns:
-        The start time of the first cycle, which includes any pause since then.
-
-    Raises:
-        BusError: A servo does not answer.
-        ServoAlarmError: A servo reports a fault.
-        HeldUpError: The program was delayed in every attempt.
-    """
-
-    def arm() -> float:
-        limits.set_speed(horn_rad_s)
-        since_s = clock.now_s()
-        limits.arm_watchdog()
-        if health_poller:
-            health_poller.poll_all()
-        return since_s
-
-    for _ in range(_ATTEMPTS):
-        with contextlib.suppress(HeldUpError):  # one has tripped already
-            since_s = arm()
-            if clock.now_s() - since_s < _WATCHDOG_DELAY_S or not limits.watchdog_ids:
-                return since_s
-        limits.disarm_watchdog()
-        limits.invalidate()
-    arm()
-    return clock.now_s()  # the bus is too slow for that

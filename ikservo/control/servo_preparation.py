@@ -1,0 +1,56 @@
+"""Prepares servos for a motion: limits set, watchdogs armed, telemetry read."""
+
+from __future__ import annotations
+
+import contextlib
+
+from ikservo.clock import Clock
+from ikservo.control.health_polling import HealthPoller
+from ikservo.control.servo_limits import ServoRamLimits
+from ikservo.errors import HeldUpError
+
+__all__ = ["prepare_servos"]
+
+# Watchdogs are armed in less than this, or armed again this many times.
+_WATCHDOG_DELAY_S, _ATTEMPTS = 0.08, 10
+
+
+def prepare_servos(
+    limits: ServoRamLimits, health_poller: HealthPoller | None, clock: Clock, horn_rad_s: float
+) -> float:
+    """Set limits, arm watchdogs and read all telemetry; again where that took too long.
+
+    A watchdog that trips meanwhile resets the limits.
+
+    Args:
+        limits: Of the servos.
+        health_poller: Reads their telemetry; None before torque was ever switched on.
+        clock: The bus's clock.
+        horn_rad_s: The top speed of the motion.
+
+    Returns:
+        The start time of the first cycle, which includes any pause since then.
+
+    Raises:
+        BusError: A servo does not answer.
+        ServoAlarmError: A servo reports a fault.
+        HeldUpError: The program was delayed in every attempt.
+    """
+
+    def arm() -> float:
+        limits.set_speed(horn_rad_s)
+        since_s = clock.now_s()
+        limits.arm_watchdog()
+        if health_poller:
+            health_poller.poll_all()
+        return since_s
+
+    for _ in range(_ATTEMPTS):
+        with contextlib.suppress(HeldUpError):  # one has tripped already
+            since_s = arm()
+            if clock.now_s() - since_s < _WATCHDOG_DELAY_S or not limits.watchdog_ids:
+                return since_s
+        limits.disarm_watchdog()
+        limits.invalidate()
+    arm()
+    return clock.now_s()  # the bus is too slow for that
