@@ -177,9 +177,10 @@ def compensate(chain: Chain, target_m: Vector, q: Vector, held: Collection[str])
     return found if after < 0.5 * before else None
 
 
-# A tool is where it should be if each joint is within a tick of it, sensor noise included, and the
-# tool no further off than twice the error (rms) that the joints' ticks hide.
-_REACHED_TICKS, _REACHED_ERRORS = 1.2, 2.0
+# A tool is where it should be if each joint is within two ticks of it, sensor noise included, and
+# the tool no further off than twice the error (rms) that the joints' ticks hide. With one tick, a
+# joint that hardly moves the tool made others move, which then were a tick beside their targets.
+_REACHED_TICKS, _REACHED_ERRORS = 2.2, 2.0
 
 
 class SettlingTarget:

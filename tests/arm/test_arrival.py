@@ -97,14 +97,15 @@ def test_a_large_arm_settles_within_what_the_ticks_of_its_joints_hide():
     assert np.median(left_m) < 0.7e-3
 
 
-def test_joints_are_left_that_are_within_a_tick_of_where_they_should_be(arm):
+def test_joints_are_left_that_are_within_two_ticks_of_where_they_should_be(arm):
     plan = arm.plan_to((0.25, 0.05, 0.15))
     index, fences = arm.context.index, servo_group(arm).fences
     target = SettlingTarget(arm.chain, index, fences, plan, plan.start)
     tick = fences[0].joint_map.unit_per_tick
     near, far = plan.goal.copy(), plan.goal.copy()
     near[0] += 0.5 * tick
-    far[0] += 1.5 * tick
+    near[4] += 2.0 * tick  # the wrist's roll hardly moves the tool
+    far[0] += 2.5 * tick
     assert target.is_reached(plan.goal)
     assert target.is_reached(near)
     assert not target.is_reached(far)
