@@ -43,7 +43,7 @@ def descriptors():
 
 
 @pytest.mark.parametrize("name", ["so101", "koch"])
-def test_beats_leave_no_objects_behind(name):
+def test_cycles_leave_no_objects_behind(name):
     counts = []
     streamed(name, 900, lambda k: counts.append(len(gc.get_objects())) if k % 300 == 0 else None)
     assert counts[-1] - counts[0] < 300  # not one a cycle
