@@ -145,8 +145,7 @@ def open_arm(
             bus.load_return_delays()
             own = load_calibration_for(bus, model, uncalibrated=uncalibrated)
             _back_up_eeproms(bus, model, own)
-        lags = lifting_lags(model, model.chain)
-        fences = [_make_limits(own, model, j, lags.get(j.name, 0.0)) for j in model.joints]
+        fences = _make_limits(own, model)
         shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
         gripper = model.gripper.joint if model.gripper else None
         servos = ServoGroup(bus, fences, shadows, bus.port.clock, model.health, gripper)
@@ -187,8 +186,21 @@ def _back_up_eeproms(bus: ServoBus, model: Model, own: CalibratedArm) -> None:
             back_up_once(bus, f"{model.name}-{serial_number_of(bus.port.name)}")
 
 
-def _make_limits(
-    own: CalibratedArm, model: Model, joint: ModelJoint, lifting_lag_rad: float
+def _make_limits(own: CalibratedArm, model: Model) -> list[CommandLimits]:
+    empty = lifting_lags(model, model.chain)
+    loaded = lifting_lags(model, model.chain, model.payload_kg)
+    return [
+        _make_joint_limits(own, model, j, empty.get(j.name, 0.0), loaded.get(j.name, 0.0))
+        for j in model.joints
+    ]
+
+
+def _make_joint_limits(
+    own: CalibratedArm,
+    model: Model,
+    joint: ModelJoint,
+    lifting_lag_rad: float,
+    payload_lag_rad: float,
 ) -> CommandLimits:
     joint_map = own.joint_map(joint)
     horn_rad_s = max(speed.rad_s for speed in model.speeds.values())
@@ -199,6 +211,7 @@ def _make_limits(
         speed * _SPEED_MARGIN,
         stall_error(joint, model.supply_v),
         lifting_lag_rad,
+        payload_lag_rad,
     )
 
 

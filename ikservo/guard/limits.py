@@ -19,7 +19,7 @@ MAX_TRAVEL_RAD = 60 * math.tau / 4096
 # P-controlled servo under load, or the lead that compensates it. That is at least the lag at rest;
 # the most is where no servo of the catalogue gives more torque.
 _LEAD_TIME_S = 0.1
-_AT_REST_LEAD_RAD, _MAX_AT_REST_LEAD_RAD = 0.12, 0.2
+_AT_REST_LEAD_RAD, _MAX_AT_REST_LEAD_RAD = 0.12, 0.23
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +32,7 @@ class CommandLimits:
         speed: The maximum speed of goals, rad/s or m/s.
         stall_error: How far short of a goal friction may keep the joint, rad or m.
         lifting_lag_rad: How far behind its goal the horn is when it lifts the arm, rad.
+        payload_lag_rad: The same with the heaviest payload that it is to lift.
     """
 
     joint_map: JointMap
@@ -39,6 +40,7 @@ class CommandLimits:
     speed: float
     stall_error: float = 0.0
     lifting_lag_rad: float = 0.0
+    payload_lag_rad: float = 0.0
 
     @property
     def joint(self) -> str:
@@ -102,14 +104,15 @@ class CommandLimits:
 
         That is the distance in 0.1 s at this speed [rad/s or m/s], but no more than 60 ticks of
         4096 on the horn; plus the steady-state error of a servo under load: 0.12 rad on the horn,
-        or more where the joint needs it to lift the arm.
+        or more where the joint needs it to lift the arm and its payload.
         """
         horn = self.joint_map.horn_rad_per_tick
         moving = min(
             min(speed, self.speed) * _LEAD_TIME_S / self.joint_map.unit_per_tick,
             MAX_TRAVEL_RAD / horn,
         )
-        at_rest = min(max(self.lifting_lag_rad, _AT_REST_LEAD_RAD), _MAX_AT_REST_LEAD_RAD)
+        lifting = max(self.lifting_lag_rad, self.payload_lag_rad, _AT_REST_LEAD_RAD)
+        at_rest = min(lifting, _MAX_AT_REST_LEAD_RAD)
         return math.floor(moving + 1e-6) + math.floor(at_rest / horn)
 
     def describe_violation(self, tick: int) -> str:

@@ -45,6 +45,7 @@ Register = Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]{0,63}$")]
 RegisterValue = Annotated[int, Field(ge=-(2**31), le=2**32 - 1)]
 Positive = Annotated[float, Field(gt=0)]
 Play = Annotated[float, Field(ge=0, le=10)]
+Payload = Annotated[float, Field(ge=0, le=5)]
 
 
 class ArmBus(StrictModel):
@@ -195,6 +196,9 @@ class ArmFile(StrictModel):
     tip: Text = Field(description="the URDF link whose frame is the tool")
     source: Text = Field(description=_TEXT)
     base_frame: Text | None = Field(default=None, description=_TEXT)
+    payload_kg: Payload = Field(
+        default=0.0, description="the heaviest payload that the servos are to lift, 0 to 5 kg"
+    )
     bus: ArmBus = Field(description="a table [bus]")
     speeds: ArmSpeeds = Field(description="tables [speeds.slow], [speeds.normal], [speeds.fast]")
     joints: tuple[ArmJoint, ...] = Field(strict=False, description="tables [[joints]]")

@@ -19,7 +19,7 @@ _POSTURES = 64
 _MARGIN = 1.35
 
 
-def lifting_lags(model: Model, chain: Chain) -> dict[str, float]:
+def lifting_lags(model: Model, chain: Chain, payload_kg: float = 0.0) -> dict[str, float]:
     """Return for each joint of a chain the lag at which it lifts the arm in any posture.
 
     That is the torque which sets the joint in motion against gravity and the friction of its loaded
@@ -28,6 +28,7 @@ def lifting_lags(model: Model, chain: Chain) -> dict[str, float]:
     Args:
         model: The masses and servos.
         chain: The joints, base to tip.
+        payload_kg: The heaviest mass at the tip; each joint lifts the arm with and without it.
 
     Returns:
         Lags of the horn, rad, by joint; without joints whose servos are not known, and empty for an
@@ -36,8 +37,9 @@ def lifting_lags(model: Model, chain: Chain) -> dict[str, float]:
     parameters = nominal_parameters(model, chain)
     if parameters is None:
         return {}
-    loads = [np.abs(parameters.dynamics.gravity_torques(q)) for q in spread_postures(chain)]
-    heaviest = np.max(loads, axis=0)
+    bodies = (parameters.dynamics, parameters.dynamics.with_payload(payload_kg))
+    postures = spread_postures(chain)
+    heaviest = np.max([np.abs(body.gravity_torques(postures)).max(axis=0) for body in bodies], 0)
     per_horn_rad = {joint.name: joint.travel_per_turn / tau for joint in model.joints}
     return {
         name: _MARGIN * _lifting_torque(drive, float(load)) / drive.stiffness_nm_rad

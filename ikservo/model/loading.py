@@ -164,6 +164,7 @@ def _load_arm_model(path: Path, tip: str | None) -> Model:
         auto_unsafe="" if arm.calibration.auto else arm.calibration.reason or "no reason given",
         gripper=_make_gripper(arm.gripper, joints),
         base_frame=arm.base_frame or "",
+        payload_kg=arm.payload_kg,
     )
 
 

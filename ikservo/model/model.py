@@ -195,6 +195,7 @@ class Model:
         base_frame: How the base frame differs from the convention of the catalogue, and why; empty
             where it does not: x forward, y left, z up, origin on the first axis at the mounting
             surface.
+        payload_kg: The heaviest payload at the tool that its servos are to lift.
     """
 
     name: str
@@ -214,6 +215,7 @@ class Model:
     auto_unsafe: str = ""
     gripper: Gripper | None = None
     base_frame: str = ""
+    payload_kg: float = 0.0
 
     @classmethod
     def from_geometry(cls, name: str, title: str, chain: Chain, urdf: Urdf, path: Path) -> Model:

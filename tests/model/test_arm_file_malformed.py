@@ -23,6 +23,7 @@ def refused(path: Path, content: str) -> FileFormatError:
 
 NAMES = "1 to 64 of the characters A-Z a-z 0-9 _ -"
 IDS = "a whole number from 0 to 252"
+PAYLOAD = "the heaviest payload that the servos are to lift, 0 to 5 kg"
 BACKLASH = "degrees the horn turns in vain, 0 to 10"
 TICKS = "a finite number, such as 2048"
 EEPROM = "register = raw value, such as { drive_mode = 1 }"
@@ -41,7 +42,7 @@ SLIPS = {
     "key misspelled":      ("baud = ", "bauds = ", "bus.bauds", "is not a known key (and 1 more to correct)", "baud (known here: family, baud, supply_v)"),
     "key unheard of":      ("baud = ", "x = 1\nbaud = ", "bus.x", "is not a known key", "one of family, baud, supply_v"),
     "key at the top":      ("format = 1", "format = 1\nspeed = 2", "speed", "is not a known key",
-                            "speeds (known here: format, name, title, urdf, tip, source, base_frame, bus, speeds, joints, poses, surroundings, health, calibration, gripper)"),
+                            "speeds (known here: format, name, title, urdf, tip, source, base_frame, payload_kg, bus, speeds, joints, poses, surroundings, health, calibration, gripper)"),
     "key of a servo":      ("zero_tick = 1024", "zero_tick = 1024, zero = 0", "joints[1].servo.zero", "is not a known key",
                             "zero_tick (known here: id, model, sign, zero_tick, eeprom, m_per_turn, crank, gear)"),
     "key of a pose":       ("[poses.home]\ndeg", "[poses.home]\nrad = {}\ndeg", "poses.home.rad", "is not a known key", "one of deg, m"),
@@ -54,6 +55,8 @@ SLIPS = {
     "no slow":             ("slow =", "slowly =", "speeds.slowly", "is not a known key (and 1 more to correct)", "slow (known here: slow, normal, fast)"),
     "speed of zero":       ("deg_s = 30.0", "deg_s = 0.0", "speeds.slow.deg_s", "is 0.0", "a speed above 0 deg/s"),
     "speed not a number":  ("deg_s = 30.0", "deg_s = nan", "speeds.slow.deg_s", "is nan", "a speed above 0 deg/s"),
+    "negative payload":    ('name = "small"', 'name = "small"\npayload_kg = -0.1', "payload_kg", "is -0.1", PAYLOAD),
+    "payload in grams":    ('name = "small"', 'name = "small"\npayload_kg = 250', "payload_kg", "is 250", PAYLOAD),
     "unknown role":        ('role = "gripper"', 'role = "hand"', "joints[2].role", 'is "hand"', "arm or gripper"),
     "id above 252":        ("id = 3", "id = 253", "joints[1].servo.id", "is 253", IDS),
     "negative id":         ("id = 3", "id = -1", "joints[1].servo.id", "is -1", IDS),
