@@ -41,7 +41,7 @@ from ikservo.model import Model, ModelJoint, ModelServo, load_model
 from ikservo.model.collision_model import collision_body, collision_body_with_gripper
 from ikservo.model.identified_drives import identified_parameters
 from ikservo.model.joint_drive import ArmParameters, nominal_parameters
-from ikservo.model.lifting import lifting_lags
+from ikservo.model.lifting import LoadLag, load_lags
 from ikservo.model.sag import joint_compliances, link_masses, stall_error
 from ikservo.registers import control_table
 
@@ -187,20 +187,12 @@ def _back_up_eeproms(bus: ServoBus, model: Model, own: CalibratedArm) -> None:
 
 
 def _make_limits(own: CalibratedArm, model: Model) -> list[CommandLimits]:
-    empty = lifting_lags(model, model.chain)
-    loaded = lifting_lags(model, model.chain, model.payload_kg)
-    return [
-        _make_joint_limits(own, model, j, empty.get(j.name, 0.0), loaded.get(j.name, 0.0))
-        for j in model.joints
-    ]
+    lags = load_lags(model, model.chain, model.payload_kg)
+    return [_make_joint_limits(own, model, j, lags.get(j.name, LoadLag())) for j in model.joints]
 
 
 def _make_joint_limits(
-    own: CalibratedArm,
-    model: Model,
-    joint: ModelJoint,
-    lifting_lag_rad: float,
-    payload_lag_rad: float,
+    own: CalibratedArm, model: Model, joint: ModelJoint, lag: LoadLag
 ) -> CommandLimits:
     joint_map = own.joint_map(joint)
     horn_rad_s = max(speed.rad_s for speed in model.speeds.values())
@@ -210,8 +202,8 @@ def _make_joint_limits(
         own.limits(joint, joint_map),
         speed * _SPEED_MARGIN,
         stall_error(joint, model.supply_v),
-        lifting_lag_rad,
-        payload_lag_rad,
+        lag.lifting_rad,
+        lag.sag_rad,
     )
 
 

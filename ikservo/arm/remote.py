@@ -25,6 +25,7 @@ from ikservo.guard import CommandLimits
 from ikservo.hardware.remembered_port import is_simulated, serial_number_of
 from ikservo.kinematics.arrays import as_floats
 from ikservo.model import Model
+from ikservo.model.lifting import LoadLag, load_lags
 
 __all__ = [
     "StopAllResult",
@@ -209,6 +210,19 @@ def halt_line(model: Model, port: str | None) -> StopOutcome:
     Raises:
         PortError: The port cannot be opened.
     """
-    fences = [CommandLimits(joint.joint_map, joint.limits, 1.0) for joint in model.joints]
     with open_bus(model, port) as bus:
-        return hold_servos(bus, fences, bus.port.clock)
+        return hold_servos(bus, _nominal_limits(model), bus.port.clock)
+
+
+def _nominal_limits(model: Model) -> list[CommandLimits]:
+    """Return the limits of an arm's servos by its arm file alone, at a speed of 1 rad/s or m/s."""
+    lags = load_lags(model, model.chain, model.payload_kg)
+    return [
+        CommandLimits(
+            joint.joint_map,
+            joint.limits,
+            speed=1.0,
+            lifting_lag_rad=lags.get(joint.name, LoadLag()).lifting_rad,
+        )
+        for joint in model.joints
+    ]

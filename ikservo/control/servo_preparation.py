@@ -37,7 +37,7 @@ def prepare_servos(
         HeldUpError: The program was delayed in every attempt.
     """
 
-    def arm() -> float:
+    def arm_watchdogs() -> float:
         limits.set_speed(horn_rad_s)
         since_s = clock.now_s()
         limits.arm_watchdog()
@@ -47,10 +47,10 @@ def prepare_servos(
 
     for _ in range(_ATTEMPTS):
         with contextlib.suppress(HeldUpError):  # one has tripped already
-            since_s = arm()
+            since_s = arm_watchdogs()
             if clock.now_s() - since_s < _WATCHDOG_DELAY_S or not limits.watchdog_ids:
                 return since_s
         limits.disarm_watchdog()
         limits.invalidate()
-    arm()
+    arm_watchdogs()
     return clock.now_s()  # the bus is too slow for that

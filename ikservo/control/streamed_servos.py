@@ -417,7 +417,8 @@ class StreamedServos:
     def _hold_tick(self, joint: str) -> int:
         fence, goal = self.fences[self.names.index(joint)], self._gate.goals[joint]
         measured = self._gate.measured_ticks.get(joint, goal)
-        presses = abs(goal - measured) * fence.joint_map.horn_rad_per_tick > _PRESSING_LAG_RAD
+        explained_rad = max(fence.at_rest_lead_rad, _PRESSING_LAG_RAD)
+        presses = abs(goal - measured) * fence.joint_map.horn_rad_per_tick > explained_rad
         return measured if presses or self._bus.alarms.get(fence.servo_id) else goal
 
     def _reason_of(self, error: BaseException) -> StopReason:

@@ -16,10 +16,10 @@ MAX_TRAVEL_RAD = 60 * math.tau / 4096
 """How far a horn may travel after its program has died: 60 ticks of 4096."""
 
 # A goal leads a moving joint by no more than that; in addition, the steady-state error of a
-# P-controlled servo under load, or the lead that compensates it. That is at least the lag at rest;
-# the most is where no servo of the catalogue gives more torque.
+# P-controlled servo under load, or the lead that compensates it. The first number is what any joint
+# may need; no joint of an arm file gets more than the second.
 _LEAD_TIME_S = 0.1
-_AT_REST_LEAD_RAD, _MAX_AT_REST_LEAD_RAD = 0.12, 0.23
+_AT_REST_LEAD_RAD, _MAX_AT_REST_LEAD_RAD = 0.12, 0.2
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,8 +31,8 @@ class CommandLimits:
         limits: The calibrated range, each end with its source.
         speed: The maximum speed of goals, rad/s or m/s.
         stall_error: How far short of a goal friction may keep the joint, rad or m.
-        lifting_lag_rad: How far behind its goal the horn is when it lifts the arm, rad.
-        payload_lag_rad: The same with the heaviest payload that it is to lift.
+        lifting_lag_rad: How far behind its goal the horn is while it lifts arm and payload, rad.
+        sag_rad: How far behind its goal the weight of arm and payload keeps the horn, rad.
     """
 
     joint_map: JointMap
@@ -40,7 +40,7 @@ class CommandLimits:
     speed: float
     stall_error: float = 0.0
     lifting_lag_rad: float = 0.0
-    payload_lag_rad: float = 0.0
+    sag_rad: float = 0.0
 
     @property
     def joint(self) -> str:
@@ -77,10 +77,14 @@ class CommandLimits:
     def sinks_far(self) -> bool:
         """Return whether a servo that takes its position for its goal sinks far under the arm.
 
-        That is by more than two thirds of ``MAX_TRAVEL_RAD``: not quite half of the lag with which
-        it lifts the arm is weight, the rest is friction.
+        That is by more than ``MAX_TRAVEL_RAD``, with its payload in the heaviest posture.
         """
-        return self.lifting_lag_rad > 1.5 * MAX_TRAVEL_RAD
+        return self.sag_rad > MAX_TRAVEL_RAD
+
+    @property
+    def at_rest_lead_rad(self) -> float:
+        """Return how far a goal may be ahead of the measured horn when nothing moves."""
+        return min(max(self.lifting_lag_rad, _AT_REST_LEAD_RAD), _MAX_AT_REST_LEAD_RAD)
 
     def tick(self, position: float) -> int:
         """Return the tick nearest to a position, inside the limits if the position is.
@@ -111,9 +115,7 @@ class CommandLimits:
             min(speed, self.speed) * _LEAD_TIME_S / self.joint_map.unit_per_tick,
             MAX_TRAVEL_RAD / horn,
         )
-        lifting = max(self.lifting_lag_rad, self.payload_lag_rad, _AT_REST_LEAD_RAD)
-        at_rest = min(lifting, _MAX_AT_REST_LEAD_RAD)
-        return math.floor(moving + 1e-6) + math.floor(at_rest / horn)
+        return math.floor(moving + 1e-6) + math.floor(self.at_rest_lead_rad / horn)
 
     def describe_violation(self, tick: int) -> str:
         """Describe how a tick leaves the range, with the active limit and its source."""

@@ -42,7 +42,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.maintenance.calibration_session import TorqueOffArm
 from ikservo.model import Model, ModelJoint
 from ikservo.model.collision_model import collision_body
-from ikservo.model.lifting import lifting_lags
+from ikservo.model.lifting import LoadLag, load_lags
 from ikservo.registers import RegisterName
 
 __all__ = [
@@ -148,9 +148,9 @@ def limited_context(
     model, bus = loose.model, loose.bus
     own = CalibratedArm(bus, model, ZeroSource.CALIBRATED, known.calibration)
     subjects = {subject.name: subject for subject in wizard.subjects}
-    lags = lifting_lags(model, model.chain)
+    lags = load_lags(model, model.chain)
     fences = [
-        _search_limits(own, j, subjects[j.name], wizard, loose, lags.get(j.name, 0.0))
+        _search_limits(own, j, subjects[j.name], wizard, loose, lags.get(j.name, LoadLag()))
         for j in model.joints
     ]
     shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
@@ -165,12 +165,16 @@ def _search_limits(
     subject: JointUnderCalibration,
     wizard: CalibrationState,
     loose: TorqueOffArm,
-    lifting_lag_rad: float,
+    lag: LoadLag,
 ) -> CommandLimits:
     limits = _widen_range(subject, wizard).expected
     speed = loose.model.speed("slow").rad_s * joint.travel_per_turn / math.tau
     return CommandLimits(
-        own.joint_map(joint), limits, speed * _SPEED_MARGIN, lifting_lag_rad=lifting_lag_rad
+        own.joint_map(joint),
+        limits,
+        speed * _SPEED_MARGIN,
+        lifting_lag_rad=lag.lifting_rad,
+        sag_rad=lag.sag_rad,
     )
 
 

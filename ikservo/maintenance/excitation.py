@@ -19,6 +19,7 @@ from ikservo.maintenance.drive_recording import DriveRecording, smooth_samples
 from ikservo.maintenance.identification import gravity_columns
 from ikservo.model import ModelJoint
 from ikservo.model.joint_drive import joint_drive
+from ikservo.model.lifting import sustained_lag
 from ikservo.motion import JointMove, KinematicLimits
 from ikservo.motion.trajectory import TrajectoryPoint
 
@@ -227,7 +228,8 @@ def _max_gravity(context: ArmContext, column: int) -> float:
     """Return the nominal gravity torque up to which a joint is moved; no limit if not known.
 
     It is that of links heavier by `_HEAVIER` that the servo still lifts, against the friction of
-    its loaded gears, while its goal leads the joint by no more than the guard allows.
+    its loaded gears, while its goal leads the joint by no more than the guard allows and by no more
+    than its motor can press for long.
     """
     fence, model = context.servos.fences[column], context.model
     drive = joint_drive(model.joint(fence.joint), model.supply_v)
@@ -236,7 +238,7 @@ def _max_gravity(context: ArmContext, column: int) -> float:
     speed = context.planner.motion_limits("slow")[column].speed_rad_s
     usual = context.planner.motion_limits(_SPEED_CLASS)[column].speed_rad_s
     lead = _LEAD_SHARE * fence.max_lead_ticks(usual) * fence.joint_map.unit_per_tick
-    pressed = drive.stiffness_nm_rad * lead - drive.damping_nm_s * speed
+    pressed = drive.stiffness_nm_rad * min(lead, sustained_lag(drive)) - drive.damping_nm_s * speed
     low, high = 0.0, max(pressed, 0.0)
     for _ in range(_HALVINGS):
         held = (low + high) / 2.0

@@ -1,7 +1,8 @@
-"""How far behind its goal a servo must be to lift the arm in its heaviest posture."""
+"""How far behind its goal a servo is while it lifts or holds the arm in its heaviest posture."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from math import tau
 
 import numpy as np
@@ -11,19 +12,35 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model.joint_drive import JointDrive, nominal_parameters
 from ikservo.model.model import Model
 
-__all__ = ["lifting_lags", "spread_postures"]
+__all__ = ["LoadLag", "load_lags", "spread_postures", "sustained_lag"]
 
 _POSTURES = 64
 # The heaviest posture may be between those that are tried, servos differ by a tenth, their supply
 # sags under load, and a joint is to be set in motion in a fraction of a second.
 _MARGIN = 1.35
+# Servos switch their torque off when they press with almost all of it for some seconds: Dynamixel X
+# in the simulator at nine tenths for two, Feetech STS as their registers say.
+_SUSTAINED_SHARE = 0.85
 
 
-def lifting_lags(model: Model, chain: Chain, payload_kg: float = 0.0) -> dict[str, float]:
-    """Return for each joint of a chain the lag at which it lifts the arm in any posture.
+@dataclass(frozen=True, slots=True)
+class LoadLag:
+    """How far a servo's horn is behind its goal under the load of the arm.
 
-    That is the torque which sets the joint in motion against gravity and the friction of its loaded
-    gears, divided by the stiffness of its servos.
+    Attributes:
+        lifting_rad: While it lifts the arm; with a margin, at most what it can press for long.
+        sag_rad: While it holds the arm, by the weight alone, without friction.
+    """
+
+    lifting_rad: float = 0.0
+    sag_rad: float = 0.0
+
+
+def load_lags(model: Model, chain: Chain, payload_kg: float = 0.0) -> dict[str, LoadLag]:
+    """Return for each joint of a chain how its servos lag in the arm's heaviest posture.
+
+    A joint lifts where its motor torque sets it in motion against gravity and the friction of its
+    loaded gears.
 
     Args:
         model: The masses and servos.
@@ -31,8 +48,7 @@ def lifting_lags(model: Model, chain: Chain, payload_kg: float = 0.0) -> dict[st
         payload_kg: The heaviest mass at the tip; each joint lifts the arm with and without it.
 
     Returns:
-        Lags of the horn, rad, by joint; without joints whose servos are not known, and empty for an
-        arm without masses.
+        By joint; without joints whose servos are not known, and empty for an arm without masses.
     """
     parameters = nominal_parameters(model, chain)
     if parameters is None:
@@ -42,11 +58,21 @@ def lifting_lags(model: Model, chain: Chain, payload_kg: float = 0.0) -> dict[st
     heaviest = np.max([np.abs(body.gravity_torques(postures)).max(axis=0) for body in bodies], 0)
     per_horn_rad = {joint.name: joint.travel_per_turn / tau for joint in model.joints}
     return {
-        name: _MARGIN * _lifting_torque(drive, float(load)) / drive.stiffness_nm_rad
-        / per_horn_rad[name]
-        for name, drive, load in zip(chain.names, parameters.drives, heaviest, strict=True)
+        name: _load_lag(drive, float(load_nm), per_horn_rad[name])
+        for name, drive, load_nm in zip(chain.names, parameters.drives, heaviest, strict=True)
         if drive is not None
-    }  # fmt: skip
+    }
+
+
+def sustained_lag(drive: JointDrive) -> float:
+    """Return the greatest lag of a joint, rad or m, at which its servos may press for long."""
+    return _SUSTAINED_SHARE * drive.full_nm / drive.stiffness_nm_rad
+
+
+def _load_lag(drive: JointDrive, load_nm: float, per_horn_rad: float) -> LoadLag:
+    lifting = _MARGIN * _lifting_torque(drive, load_nm) / drive.stiffness_nm_rad
+    sag = load_nm / drive.stiffness_nm_rad
+    return LoadLag(min(lifting, sustained_lag(drive)) / per_horn_rad, sag / per_horn_rad)
 
 
 def _lifting_torque(drive: JointDrive, load_nm: float) -> float:

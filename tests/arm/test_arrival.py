@@ -1,5 +1,6 @@
 """Arrival under gravity and play, judged by the simulated joints' true positions."""
 
+import contextlib
 import math
 from dataclasses import replace
 
@@ -9,7 +10,7 @@ import pytest
 import ikservo
 from ikservo.arm.plan import rebase_trajectory
 from ikservo.arm.tick_rounding import SettlingTarget
-from ikservo.errors import IkservoError
+from ikservo.errors import IkservoError, RefusedError
 from ikservo.motion import JointMove
 from tests.arm.simulated import (
     clock_of,
@@ -163,6 +164,29 @@ def test_a_joint_that_is_held_fast_is_led_no_further_than_at_rest_and_named(arm)
     assert abs(lead) <= servo_group(arm).fences[held - 1].max_lead_ticks(0.0) + 1
     assert not report.reached
     assert report.binding == ("wrist_flex is 3.0° short: load too high (correction limit reached)",)
+
+
+@pytest.mark.parametrize(
+    ("name", "joint", "by_rad"),
+    [("koch", "elbow_flex", -0.6), ("omx_f", "joint2", 0.5), ("open_manipulator_x", "joint2", 0.4)],
+)
+@pytest.mark.parametrize("short_rad", [0.08, 0.12])
+def test_no_servo_presses_until_it_switches_off_where_a_joint_is_blocked(
+    name, joint, by_rad, short_rad
+):
+    with ikservo.open_arm(name, port=f"{PORT}&pose=home&seed=1", collisions=False) as machine:
+        machine.enable()
+        servo, goal = servo_id(name, joint), machine.where().positions[joint] + by_rad
+        motor = line_of(machine).servos[servo].motor
+
+        def block(progress):
+            motor.stuck |= abs(goal - progress.positions[joint]) <= short_rad
+
+        with contextlib.suppress(RefusedError):  # where the guard names it
+            assert not machine.move_joints({joint: goal}, speed="slow", on_progress=block).reached
+        assert motor.stuck
+        clock_of(machine).sleep_until(clock_of(machine).now_s() + 4.0)
+        assert registers(machine, "torque_enable")[servo] == 1
 
 
 def ending_at(arm, plan, positions):

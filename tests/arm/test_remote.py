@@ -13,6 +13,7 @@ import ikservo
 from ikservo.arm import remote
 from ikservo.arm.control_server import CommandHandler, serve
 from ikservo.arm.recorder import RecordSettings, read_recording
+from ikservo.control.stopping import hold_servos
 from ikservo.errors import IkservoError, PortBusyError, RefusedError, StoppedError
 from ikservo.guard import StopKind, StopReason
 from servosim.clock import VirtualClock
@@ -228,6 +229,21 @@ def test_a_servo_that_does_not_answer_is_named_and_the_others_are_stopped(arm):
     halted = servo_group(arm).hold_measured(TESTED)
     assert halted.silent == ("elbow_flex",)
     assert len(halted.held) == 5
+
+
+def test_a_resting_arm_that_holds_a_payload_does_not_sink_when_it_is_stopped():
+    # its goals lead it by more than 0.12 rad: without its masses known it counted as moving
+    leaning = {"shoulder": 1.0, "elbow": -0.6}
+    with ikservo.open_arm(
+        "vx300s", port="sim:?pose=home&payload_g=750", collisions=False
+    ) as loaded:
+        loaded.enable()
+        loaded.move_joints(leaning, speed="slow")
+        servos, before = servo_group(loaded), registers(loaded, "goal_position")
+        present = registers(loaded, "present_position")
+        assert max(abs(before[i] - present[i]) for i in before) > 78
+        hold_servos(servos._bus, remote._nominal_limits(loaded.model), servos.clock)
+        assert registers(loaded, "goal_position") == before
 
 
 def test_a_program_that_has_just_opened_the_port_is_waited_for(arm, device, monkeypatch):

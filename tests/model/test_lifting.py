@@ -8,8 +8,9 @@ import pytest
 
 from ikservo.kinematics import Dynamics
 from ikservo.model import load_model
-from ikservo.model.lifting import lifting_lags
+from ikservo.model.lifting import load_lags
 from ikservo.model.sag import link_masses
+from ikservo.model.servo_torque import find_servo_torque
 from servosim.motor import Motor
 from servosim.parameters import PARAMETERS
 from tests.oracle import ARMS
@@ -35,30 +36,46 @@ def test_the_lag_is_enough_for_the_heaviest_posture(name, joint, servo, count, s
     column = model.chain.names.index(joint)
     load_nm = max(abs(dynamics.gravity_torques(q)[column]) for q in postures)
     needed_rad = count * breakaway_nm(servo, load_nm / count) / stiffness_nm_rad
-    assert needed_rad <= lifting_lags(model, model.chain)[joint] <= 1.45 * needed_rad
+    assert needed_rad <= load_lags(model, model.chain)[joint].lifting_rad <= 1.45 * needed_rad
 
 
 @pytest.mark.parametrize("name", ARMS)
 def test_every_joint_with_a_known_servo_has_a_lag(name):
     model = load_model(name)
-    lags = lifting_lags(model, model.chain)
+    lags = load_lags(model, model.chain)
     assert list(lags) == list(model.chain.names)
-    assert all(0.0 < lag < 0.22 for lag in lags.values())
+    assert all(0.0 < lag.lifting_rad < 0.2 for lag in lags.values())
 
 
 @pytest.mark.parametrize("name", sorted(set(ARMS) - {"planar2", "planar3"}))  # gravity is across
 def test_a_payload_needs_more_of_the_joints_that_lift_it(name):
     model = load_model(name)
-    empty = lifting_lags(model, model.chain)
-    loaded = lifting_lags(model, model.chain, 0.1)
-    assert all(loaded[joint] >= lag for joint, lag in empty.items())
-    assert max(loaded[joint] - lag for joint, lag in empty.items()) > 0.005
+    empty = load_lags(model, model.chain)
+    loaded = load_lags(model, model.chain, 0.1)
+    more = {joint: loaded[joint].lifting_rad - lag.lifting_rad for joint, lag in empty.items()}
+    assert min(more.values()) >= 0.0
+    assert max(more.values()) > 0.005
+
+
+@pytest.mark.parametrize("name", ARMS)
+def test_no_lag_needs_more_than_nine_tenths_of_a_servo_however_heavy_the_payload(name):
+    model = load_model(name)
+    for joint, lag in load_lags(model, model.chain, 5.0).items():
+        torque = find_servo_torque(model.joint(joint).servo.model, model.supply_v)
+        assert lag.lifting_rad * torque.stiffness_nm_rad < 0.9 * torque.full_duty_nm
+
+
+def test_the_sag_is_that_of_the_weight_and_the_payload():
+    model = load_model("open_manipulator_x")
+    empty, loaded = (load_lags(model, model.chain, kg)["joint2"].sag_rad for kg in (0.0, 0.5))
+    assert math.degrees(empty) == pytest.approx(2.5, abs=0.3)
+    assert math.degrees(loaded) == pytest.approx(7.6, abs=0.5)
 
 
 def test_an_unknown_servo_or_an_arm_without_masses_has_none():
     model = load_model("so101")
     first, *others = model.joints
     unknown = replace(first, servo=replace(first.servo, model="XC999"))
-    assert first.name not in lifting_lags(replace(model, joints=(unknown, *others)), model.chain)
+    assert first.name not in load_lags(replace(model, joints=(unknown, *others)), model.chain)
     weightless = replace(model.urdf, links=tuple(replace(k, mass_kg=0.0) for k in model.urdf.links))
-    assert lifting_lags(replace(model, urdf=weightless), model.chain) == {}
+    assert load_lags(replace(model, urdf=weightless), model.chain) == {}
