@@ -9,6 +9,8 @@ from tests.oracle import arm_file, pinocchio_model
 MAX_INTERVAL_S = 0.05  # no goal makes up for a longer pause
 READ_S = 0.002  # from the reading of six servos to the first goal: 1 ms (so101), 2 ms (koch)
 LOAD_LEAD_TICKS = 79  # how far a goal may lead a joint that carries a load
+# Of joints that need more for the payload of their arm: 0.15 and 0.2 rad.
+PAYLOAD_LEAD_TICKS = {("so101", "shoulder_lift"): 98, ("koch", "elbow_flex"): 131}
 TRAVEL_TICKS = 60  # how much further in motion
 
 
@@ -115,7 +117,7 @@ class Auditor:
     def _judge(self, goal):
         before_s = self._goal_s.get(goal.servo_id, goal.time_s - MAX_INTERVAL_S)
         self._goal_s[goal.servo_id] = goal.time_s
-        low, high, ticks_s = self.limits[goal.servo_id]
+        low, high, ticks_s, at_rest = self.limits[goal.servo_id]
         elapsed_s = min(goal.time_s - before_s, MAX_INTERVAL_S) if self.punctual else MAX_INTERVAL_S
         elapsed_s += 0.002  # the world's own steps
         back = abs(goal.tick - goal.present) <= abs(goal.last - goal.present)  # nearer to the joint
@@ -127,13 +129,13 @@ class Auditor:
         self._written[goal.servo_id] = goal.tick
         if abs(goal.tick - before) > ticks_s * elapsed_s + 2 and not back:
             yield f"{goal} is a jump after {elapsed_s:.3f} s"
-        lead = LOAD_LEAD_TICKS + min(0.1 * ticks_s, TRAVEL_TICKS)
+        lead = at_rest + min(0.1 * ticks_s, TRAVEL_TICKS)
         if abs(goal.tick - goal.present) > lead + 0.02 * ticks_s and not (back or goal.limp):
             yield f"{goal} leads too far"
 
 
 def _limits(name):
-    """Return each servo's range in ticks and its top speed in ticks a second, from the files."""
+    """Return each servo's range, top speed a second and lead at rest, ticks, from the files."""
     arm, model = arm_file(name), pinocchio_model(name)
     ranges = {}
     for joint in arm["joints"]:
@@ -145,5 +147,6 @@ def _limits(name):
             for value in (model.lowerPositionLimit[place], model.upperPositionLimit[place])
         ]
         ticks_s = 1.2 * arm["speeds"]["fast"]["deg_s"] * 4096 / 360
-        ranges[servo["id"]] = (min(ends) - 1, max(ends) + 1, ticks_s)
+        at_rest = PAYLOAD_LEAD_TICKS.get((name, joint["name"]), LOAD_LEAD_TICKS)
+        ranges[servo["id"]] = (min(ends) - 1, max(ends) + 1, ticks_s, at_rest)
     return ranges
