@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from math import exp, tau
+from math import exp, inf, tau
 
 from ikservo.kinematics import Chain
 from ikservo.kinematics.dynamics import Dynamics
@@ -33,7 +33,7 @@ class JointDrive:
         friction: Dry friction of the gears.
         startup_nm: Torque that the firmware adds in the direction of an error.
         delay_s: Time from a goal's packet until the servo's loop acts on it, in the mean.
-        full_nm: Torque of the blocked motors at their whole duty; 0 where it is not known.
+        sustained_nm: Torque that blocked motors may give for long; infinite where it is not known.
     """
 
     stiffness_nm_rad: float
@@ -42,7 +42,7 @@ class JointDrive:
     friction: GearFriction
     startup_nm: float = 0.0
     delay_s: float = 0.0
-    full_nm: float = 0.0
+    sustained_nm: float = inf
 
     def with_gain(self, share: float) -> JointDrive:
         """Return the drive at another P gain, as a share of the one that its stiffness is for."""
@@ -121,5 +121,5 @@ def _sum_at_joint(servos: Sequence[ServoTorque], per_horn_rad: float) -> JointDr
         ),
         startup_nm=force * servos[0].startup_duty * servos[0].full_duty_nm,
         delay_s=_DELAY_S,
-        full_nm=force * servos[0].full_duty_nm,
+        sustained_nm=force * servos[0].sustained_nm,
     )

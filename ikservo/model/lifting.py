@@ -18,9 +18,8 @@ _POSTURES = 64
 # The heaviest posture may be between those that are tried, servos differ by a tenth, their supply
 # sags under load, and a joint is to be set in motion in a fraction of a second.
 _MARGIN = 1.35
-# Servos switch their torque off when they press with almost all of it for some seconds: Dynamixel X
-# in the simulator at nine tenths for two, Feetech STS as their registers say.
-_SUSTAINED_SHARE = 0.85
+# The heaviest posture may be between those that are tried, and joints go on before they sink.
+_SAG_MARGIN = 1.15
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,7 +28,7 @@ class LoadLag:
 
     Attributes:
         lifting_rad: While it lifts the arm; with a margin, at most what it can press for long.
-        sag_rad: While it holds the arm, by the weight alone, without friction.
+        sag_rad: While it holds the arm, by the weight alone, without friction; with a margin.
     """
 
     lifting_rad: float = 0.0
@@ -66,12 +65,12 @@ def load_lags(model: Model, chain: Chain, payload_kg: float = 0.0) -> dict[str, 
 
 def sustained_lag(drive: JointDrive) -> float:
     """Return the greatest lag of a joint, rad or m, at which its servos may press for long."""
-    return _SUSTAINED_SHARE * drive.full_nm / drive.stiffness_nm_rad
+    return drive.sustained_nm / drive.stiffness_nm_rad
 
 
 def _load_lag(drive: JointDrive, load_nm: float, per_horn_rad: float) -> LoadLag:
     lifting = _MARGIN * _lifting_torque(drive, load_nm) / drive.stiffness_nm_rad
-    sag = load_nm / drive.stiffness_nm_rad
+    sag = _SAG_MARGIN * load_nm / drive.stiffness_nm_rad
     return LoadLag(min(lifting, sustained_lag(drive)) / per_horn_rad, sag / per_horn_rad)
 
 

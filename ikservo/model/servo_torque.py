@@ -76,6 +76,9 @@ class ServoTorque:
         armature_kg_m2: Inertia of rotor and gears.
         friction: Of the gears.
         startup_duty: Duty that the firmware adds in the direction of an error.
+        sustained_duty: Duty with which a blocked servo may press for long, with some distance from
+            where it switches itself off: Feetech's registers say 80 %, that of Dynamixel is
+            not published, 90 % in the simulator.
     """
 
     stiffness_nm_rad: float
@@ -85,6 +88,12 @@ class ServoTorque:
     armature_kg_m2: float
     friction: GearFriction
     startup_duty: float = 0.0
+    sustained_duty: float = 0.85
+
+    @property
+    def sustained_nm(self) -> float:
+        """Torque for an error with which a blocked servo may press for long."""
+        return (self.sustained_duty - self.startup_duty) * self.full_duty_nm
 
     @property
     def static_friction_nm(self) -> float:
@@ -124,11 +133,11 @@ _MX_28 = GearFriction(0.0256, 0.00996, 1.25, 0.0, 0.234)
 # fmt: off
 SERVO_TORQUES: Mapping[tuple[str, float | None], ServoTorque] = MappingProxyType(
     {   #                            N m/rad     P   N m    N m s    kg m²
-        ("STS3215", None): ServoTorque(17.5, 32, 3.35, 0.578, 0.0216, _STS3215, 0.014),
-        ("STS3215", 12.0): ServoTorque(38.3, 32, 7.35, 1.41, 0.0215, _STS3215_12_V, 0.014),
-        ("STS3250", None): ServoTorque(54.0, 32, 10.4, 1.31, 0.0087, _STS3250, 0.004),
-        ("SCS0009", None): ServoTorque(1.76, 32, 0.338, 0.0316, 0.0007, _SCS0009, 0.014),
-        ("SCS15", None): ServoTorque(11.5, 32, 2.20, 0.328, 0.0020, _SCS15, 0.014),
+        ("STS3215", None): ServoTorque(17.5, 32, 3.35, 0.578, 0.0216, _STS3215, 0.014, 0.75),
+        ("STS3215", 12.0): ServoTorque(38.3, 32, 7.35, 1.41, 0.0215, _STS3215_12_V, 0.014, 0.75),
+        ("STS3250", None): ServoTorque(54.0, 32, 10.4, 1.31, 0.0087, _STS3250, 0.004, 0.75),
+        ("SCS0009", None): ServoTorque(1.76, 32, 0.338, 0.0316, 0.0007, _SCS0009, 0.014, 0.75),
+        ("SCS15", None): ServoTorque(11.5, 32, 2.20, 0.328, 0.0020, _SCS15, 0.014, 0.75),
         ("XL330-M288", None): ServoTorque(2.80, 1500, 0.648, 0.0540, 0.00156, _XL330_M288),
         ("XL330-M077", None): ServoTorque(1.16, 1500, 0.268, 0.00662, 0.00018, _XL330_M077),
         ("XL430-W250", None): ServoTorque(9.09, 1000, 1.58, 0.245, 0.0053, _XL430),

@@ -168,9 +168,15 @@ def test_a_joint_that_is_held_fast_is_led_no_further_than_at_rest_and_named(arm)
 
 @pytest.mark.parametrize(
     ("name", "joint", "by_rad"),
-    [("koch", "elbow_flex", -0.6), ("omx_f", "joint2", 0.5), ("open_manipulator_x", "joint2", 0.4)],
+    [
+        ("koch", "elbow_flex", -0.6),
+        ("omx_f", "joint2", 0.5),
+        ("so100", "shoulder_lift", 0.6),
+        ("open_manipulator_x", "joint2", 0.4),
+        ("so101", "shoulder_lift", 0.6),
+    ],
 )
-@pytest.mark.parametrize("short_rad", [0.08, 0.12])
+@pytest.mark.parametrize("short_rad", [0.05, 0.12])
 def test_no_servo_presses_until_it_switches_off_where_a_joint_is_blocked(
     name, joint, by_rad, short_rad
 ):
@@ -187,6 +193,7 @@ def test_no_servo_presses_until_it_switches_off_where_a_joint_is_blocked(
         assert motor.stuck
         clock_of(machine).sleep_until(clock_of(machine).now_s() + 4.0)
         assert registers(machine, "torque_enable")[servo] == 1
+        assert line_of(machine).servos[servo].alarm == 0
 
 
 def ending_at(arm, plan, positions):

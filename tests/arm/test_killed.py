@@ -11,14 +11,14 @@ from tests.arm.seeds import few_or_many, log
 from tests.arm.simulated import motion_limits, registers, servo_group
 
 MOST_TICKS = 60  # 5.3 degrees
-ARMS = ("so101", "koch", "wx250s", "vx300s", "open_manipulator_x", "omx_f")
+ARMS = ("so101", "koch", "wx250s", "vx300s", "open_manipulator_x", "omx_f", "px100")
 
 
 class DeadError(BaseException):
     """The program is gone."""
 
 
-@few_or_many(12, 120)
+@few_or_many(14, 140)
 def test_no_joint_travels_further_than_60_ticks_after_its_program_has_died(seeds, capsys):
     worst = dict.fromkeys(ARMS, 0)
     for seed in seeds:
