@@ -18,8 +18,6 @@ _POSTURES = 64
 # The heaviest posture may be between those that are tried, servos differ by a tenth, their supply
 # sags under load, and a joint is to be set in motion in a fraction of a second.
 _MARGIN = 1.35
-# The heaviest posture may be between those that are tried, and joints go on before they sink.
-_SAG_MARGIN = 1.15
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +26,7 @@ class LoadLag:
 
     Attributes:
         lifting_rad: While it lifts the arm; with a margin, at most what it can press for long.
-        sag_rad: While it holds the arm, by the weight alone, without friction; with a margin.
+        sag_rad: While it holds the arm, by the weight alone, without friction.
     """
 
     lifting_rad: float = 0.0
@@ -70,7 +68,7 @@ def sustained_lag(drive: JointDrive) -> float:
 
 def _load_lag(drive: JointDrive, load_nm: float, per_horn_rad: float) -> LoadLag:
     lifting = _MARGIN * _lifting_torque(drive, load_nm) / drive.stiffness_nm_rad
-    sag = _SAG_MARGIN * load_nm / drive.stiffness_nm_rad
+    sag = load_nm / drive.stiffness_nm_rad
     return LoadLag(min(lifting, sustained_lag(drive)) / per_horn_rad, sag / per_horn_rad)
 
 
