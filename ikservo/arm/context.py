@@ -13,8 +13,8 @@ from ikservo.arm.planner import Planner
 from ikservo.arm.reports import MotionProgress, OnProgress
 from ikservo.control.loop import ControlCycle, OnCycle
 from ikservo.control.servo_group import ServoGroup
-from ikservo.errors import RefusedError
-from ikservo.guard import CollisionChecker, sample_line, sample_path
+from ikservo.errors import CollisionError, RefusedError
+from ikservo.guard import CollisionChecker, nearest_free_posture, sample_line, sample_path
 from ikservo.hardware.port import Port
 from ikservo.hardware.remembered_port import serial_number_of
 from ikservo.ik import Solver
@@ -25,8 +25,8 @@ from ikservo.motion import RuckigMotion, Trajectory
 
 __all__ = ["ArmContext"]
 
-# Nearer than this a part counts as lying on something, and a limp one may sink on by the margin.
-_CONTACT_M, _SINK_MARGIN_M = 0.005, 0.010
+# Nearer than this a part counts as lying on something.
+_CONTACT_M = 0.005
 _JAW_TOUCH_M = 0.004  # omx_f's jaws need 2.9 mm where its arm has sunk out of its rest pose
 
 
@@ -143,8 +143,32 @@ class ArmContext:
         return float(checker.distances([self.index.body_joints(joints)]).min())
 
     def is_in_contact(self, joints: Vector) -> bool:
-        """Return whether the body touches itself, the table or a box at joints (n,), or nearly."""
-        return self.clearance_m(joints) < _CONTACT_M
+        """Return whether the body touches itself, the table or a box at joints (n,), or nearly.
+
+        An arm that would touch if it sagged counts, too.
+        """
+        if self.checked_collision is None:
+            return False
+        body = self.index.body_joints(joints)[None]
+        return float(self.checked_collision.distances_with_sag(body).min()) < _CONTACT_M
+
+    def nearest_free_joints(self, joints: Vector) -> Vector | None:
+        """Return joints (n,) near ``joints`` (n,) where the body touches nothing.
+
+        The gripper, which may hold something, keeps its position.
+
+        Returns:
+            None where no step frees the arm, or where paths are not checked.
+        """
+        checker = self.checked_collision
+        if checker is None:
+            return None
+        lower, upper = (
+            self.index.body_joints(self.index.with_chain(joints, self.index.chain_joints(limit)))
+            for limit in self.limits()
+        )
+        q = nearest_free_posture(checker, self.index.body_joints(joints), lower, upper)
+        return None if q is None else self.index.with_chain(joints, q[: self.chain.dof])
 
     def check_streamed_path(self, trajectory: Trajectory, speed: str) -> None:
         """Check the path of a trajectory as it will be streamed.
@@ -200,11 +224,11 @@ class ArmContext:
         units = np.array([joint.travel_per_turn / math.tau for joint in joints])
         return sample_line(start, goal, units)
 
-    def check_recorded_path(self, path: Matrix) -> None:
-        """Check a recorded path (k, n) of the joints.
+    def check_recorded_path(self, start: Vector, recorded: Matrix) -> None:
+        """Check the path of the joints to a recorded path (k, n), and along it.
 
-        A limp arm lies on itself or on the table and sinks further. What it touched at one of the
-        ends of the path it may touch again, a little deeper: it was brought there by hand.
+        What the arm touches at ``start`` (n,) it may touch on the way, as in every motion; but not
+        a box that the recording begins in, which may have been added later.
 
         Raises:
             RefusedError: Something would be touched.
@@ -212,12 +236,12 @@ class ArmContext:
         checker = self.checked_collision
         if checker is None:
             return
-        samples = list(self.index.body_joints(path))
-        distance_m = checker.distances(samples)
-        ends_m = np.minimum(distance_m[0], distance_m[-1])
-        min_m = np.where(ends_m < _CONTACT_M, np.minimum(ends_m, 0.0) - _SINK_MARGIN_M, 0.0)
-        if (distance_m < min_m).any():
-            checker.check_path(samples)
+        boxes = {box.name for box in self.model.keep_out}
+        first_m = checker.distances([self.index.body_joints(recorded[0])])[0]
+        for pair, gap_m in zip(checker.pairs, first_m.tolist(), strict=True):
+            if pair[1] in boxes and gap_m < 0.0:
+                raise CollisionError(pair, -gap_m, 0.0)
+        self._check_path(np.vstack([self.interpolate_joints(start, recorded[0]), recorded[1:]]))
 
     def _check_path(self, path: Matrix, load_factor: float = 1.0) -> None:
         if self.checked_collision is not None:

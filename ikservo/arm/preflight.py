@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from typing import Protocol
@@ -136,7 +136,7 @@ class PreflightPlanner:
     def plan_cartesian(self, planning: PlanFrom, speed: str) -> MotionPlan:
         """Plan a motion of the tip from the start position and check its path.
 
-        A folded arm touches itself on nearly every path: it goes by a retract pose.
+        A folded arm touches itself on nearly every path: it leaves that contact first.
 
         Raises:
             RefusedError: The arm would touch itself, the table or a box.
@@ -257,7 +257,7 @@ class PreflightPlanner:
         }
 
     def _plan_clear_or_via(self, planning: PlanFrom, start: Vector, speed: str) -> MotionPlan:
-        """Return a plan whose path is free: direct, or for a folded arm by a retract pose.
+        """Return a plan whose path is free: direct, or one that leaves a contact first.
 
         Raises:
             RefusedError: The arm would touch itself, the table or a box.
@@ -276,17 +276,39 @@ class PreflightPlanner:
     def _plan_via_pose(
         self, planning: PlanFrom, start: Vector, allowed: str, requested: str
     ) -> MotionPlan | None:
-        """Return a plan by a pose in which the arm is free; None where there is no free path."""
-        for pose in RETRACT_POSES:
-            positions = self._model.pose(pose)
-            named = {name: positions[name] for name in self._context.chain.names}
-            inside = clamp_positions(named, self._servos.fences, start, max_rad=math.inf)
-            first = self._planner.plan_to_joints(start, inside.positions, allowed)
+        """Return a plan that leaves a contact first; None where there is no free path."""
+        for pose, first in self._ways_out(start, allowed):
             with suppress(RefusedError):
                 then = planning(first.goal, allowed)
-                change_rad = self._planner.rotation_between(start, then.goal)
-                return self._check_clear(via_pose_plan(first, then, pose, change_rad), requested)
+                return self._check_clear(self._join(first, then, pose), requested)
         return None
+
+    def _ways_out(self, start: Vector, allowed: str) -> Iterator[tuple[str, MotionPlan]]:
+        """Yield motions out of a contact, and the retract poses where they end ("" for none).
+
+        The first moves just as far as the arm needs to touch nothing.
+        """
+        free = self._context.nearest_free_joints(start)
+        out = free is not None and self._planner.plan_to_joints(
+            start, self._context.index.by_name(free), allowed
+        )
+        if out:
+            yield "", out
+        for pose in RETRACT_POSES:
+            yield pose, self._plan_to_pose(pose, start, allowed)
+            if out:
+                then = self._plan_to_pose(pose, out.goal, allowed)
+                yield pose, self._join(out, then, "")
+
+    def _plan_to_pose(self, pose: str, start: Vector, allowed: str) -> MotionPlan:
+        positions = self._model.pose(pose)
+        named = {name: positions[name] for name in self._context.chain.names}
+        inside = clamp_positions(named, self._servos.fences, start, max_rad=math.inf)
+        return self._planner.plan_to_joints(start, inside.positions, allowed)
+
+    def _join(self, first: MotionPlan, then: MotionPlan, pose: str) -> MotionPlan:
+        change_rad = self._planner.rotation_between(first.start, then.goal)
+        return via_pose_plan(first, then, pose, change_rad)
 
     def _check_clear(self, plan: MotionPlan, requested: str) -> MotionPlan:
         """Return the plan if its path is free, with whether it is slower than requested."""

@@ -220,7 +220,8 @@ def load_replay(
     Raises:
         FileFormatError, RefusedError, CalibrationError: As ``replay``.
     """
-    return _load(arm.context, _check_replay(arm.context, path, speed), speed)
+    file = _check_replay(arm.context, path, speed)
+    return _load(arm.context, file, speed, arm.runner.start_position())
 
 
 def plan_replay(arm: ArmParts, path: Path | str, speed: str, start: Vector) -> Vector:
@@ -229,13 +230,8 @@ def plan_replay(arm: ArmParts, path: Path | str, speed: str, start: Vector) -> V
     Raises:
         IkservoError: As ``replay_recording``.
     """
-    _, trajectory = load_replay(arm, path, speed=speed)
-    _check_approach(arm.context, trajectory, start)
+    _, trajectory = _load(arm.context, _check_replay(arm.context, path, speed), speed, start)
     return trajectory.state(trajectory.duration_s).position
-
-
-def _check_approach(context: ArmContext, trajectory: RecordedTrajectory, start: Vector) -> None:
-    context.check_recorded_path(context.interpolate_joints(start, trajectory.start))
 
 
 def _check_replay(context: ArmContext, path: Path | str, speed: str) -> Path:
@@ -244,25 +240,27 @@ def _check_replay(context: ArmContext, path: Path | str, speed: str) -> Path:
     return parse_path(path)
 
 
-def _load(context: ArmContext, path: Path, speed: str) -> tuple[Recording, RecordedTrajectory]:
+def _load(
+    context: ArmContext, path: Path, speed: str, start: Vector
+) -> tuple[Recording, RecordedTrajectory]:
     recording = _of_this_arm(context, read_recording(path), path)
     _check_limits(context, recording, path)
     lower, upper = context.limits()
     limits = context.planner.motion_limits(speed)
     trajectory = RecordedTrajectory(recording.times_s, recording.joints, limits, lower, upper)
-    context.check_recorded_path(trajectory.sample_path())
+    context.check_recorded_path(start, trajectory.sample_path())
     return recording, trajectory
 
 
 def _run_replay(arm: ArmParts, path: Path, chosen: MotionSettings) -> ReplayResult:
     context, runner, speed = arm.context, arm.runner, chosen.speed
-    recording, trajectory = _load(context, path, speed)
+    recording, trajectory = _load(context, path, speed, runner.start_position())
     approach_speed = runner.allowed_speed(speed)
     limits = context.planner.motion_limits(approach_speed)
     started_s = context.now_s()
 
     def approach(start: Vector) -> JointMove:
-        _check_approach(context, trajectory, start)
+        context.check_recorded_path(start, trajectory.sample_path())
         return JointMove(start, trajectory.start, limits)
 
     reporter = context.progress_reporter(chosen.on_progress)

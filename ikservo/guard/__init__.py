@@ -7,6 +7,7 @@ from ikservo.guard.collision import (
     sample_path,
     thin_path,
 )
+from ikservo.guard.contact_release import nearest_free_posture
 from ikservo.guard.gate import Gate, StopKind, StopLatch, StopReason
 from ikservo.guard.limits import MAX_TRAVEL_RAD, CommandLimits, LeadLimiter
 from ikservo.guard.monitors import (
@@ -42,6 +43,7 @@ __all__ = [
     "TrackingMonitor",
     "Weight",
     "alarm_hint",
+    "nearest_free_posture",
     "sag_of",
     "sample_line",
     "sample_path",

@@ -30,9 +30,9 @@ _TOUCH_M = 1e-9
 # Between two samples a distance may change unseen by this much; deeper contact is found.
 _MAX_UNCHECKED_M = 0.001
 _MAX_HALVINGS = 12
-# A contact at the start may not get deeper, except for the difference between capsules and real
-# bodies: an arm that moves a joint while it touches the table, or sags a little there.
-_SAME_M = 5e-4
+# While the path lasts, a contact of its start may get this much deeper: an arm that turns a joint
+# while it touches the table. At the end it may not, or many short motions would add up.
+_DEEPER_M = 5e-4
 
 
 def sample_path(
@@ -111,7 +111,12 @@ class CollisionChecker:
         # The base link always touches the table.
         self._watched = np.array([link != packed.base for link, _ in self.pairs])
         self._watched[: len(packed.pairs)] = True
-        self._reach_m = np.vstack([packed.pair_reach_m, *[packed.reach_m] * len(things)])
+        self._pairs_with_sag = self.pairs
+        reach_m = [packed.pair_reach_m, *[packed.reach_m] * len(things)]
+        if sag is not None:
+            self._pairs_with_sag = (*self.pairs, *around)
+            reach_m += reach_m[1:]
+        self._reach_m = np.vstack(reach_m)
 
     @property
     def dof(self) -> int:
@@ -121,10 +126,10 @@ class CollisionChecker:
     def check_path(self, path: Sequence[Vector], load: float = 1.0) -> None:
         """Check joint vectors (dof,) along a path, the first being the present posture.
 
-        An arm that touches the table, or itself, may move out: a pair in contact at the start is
-        checked only after it is free. It must not end deeper than it began. A stream checks a path
-        of two: the present posture, and where it would stop. Between the vectors, joints move
-        straight; the path is sampled more finely where something could be touched.
+        An arm that touches the table, or itself, may move out: a pair in contact at the start may
+        stay as deep as it began until it is free, and must not touch again afterwards. A stream
+        checks a path of two: the present posture, and where it would stop. Between the vectors,
+        joints move straight; the path is sampled more finely where something could be touched.
 
         Args:
             path: The joint vectors.
@@ -137,11 +142,14 @@ class CollisionChecker:
         fractions, gap_m = self._sample_path(
             finite_vectors(np.array(path), self._body.dof, "q"), load
         )
-        samples, pairs = np.nonzero(_touching_pairs(gap_m))
+        slack_m = gap_m - _allowed_gaps(gap_m)
+        slack_m[-1] = gap_m[-1] - np.minimum(gap_m[0], 0.0)
+        samples, columns = np.nonzero(~(slack_m >= -_TOUCH_M))
         if len(samples):
-            at = int(samples[0])
-            pair = int(pairs[0])
-            raise CollisionError(self.pairs[pair], -float(gap_m[at, pair]), float(fractions[at]))
+            at, column = int(samples[0]), int(columns[0])
+            raise CollisionError(
+                self._pairs_with_sag[column], -float(gap_m[at, column]), float(fractions[at])
+            )
 
     def collision_free(self, postures: Matrix) -> NDArray[np.bool_]:
         """Return for each posture (n, dof) whether it is free of collisions (n,)."""
@@ -174,8 +182,11 @@ class CollisionChecker:
         return distances
 
     def _sample_path(self, path: Matrix, load: float) -> tuple[Vector, Matrix]:
-        """Return the sampled fractions of a path (n,) and the distances there (n, pairs) [m]."""
-        fractions, gap_m = np.linspace(0.0, 1.0, len(path)), self._distances_with_sag(path, load)
+        """Return the sampled fractions of a path (n,) and the distances there [m].
+
+        The distances are those of ``distances_with_sag``.
+        """
+        fractions, gap_m = np.linspace(0.0, 1.0, len(path)), self.distances_with_sag(path, load)
         for _ in range(_MAX_HALVINGS):
             unresolved = self._unresolved_intervals(path, gap_m)
             if not len(unresolved):
@@ -184,32 +195,35 @@ class CollisionChecker:
             middle = 0.5 * (fractions[unresolved] + fractions[unresolved + 1])
             path = np.insert(path, unresolved + 1, between, axis=0)
             fractions = np.insert(fractions, unresolved + 1, middle)
-            gap_m = np.insert(
-                gap_m, unresolved + 1, self._distances_with_sag(between, load), axis=0
-            )
+            gap_m = np.insert(gap_m, unresolved + 1, self.distances_with_sag(between, load), axis=0)
         return fractions, gap_m
 
     def _unresolved_intervals(self, path: Matrix, gap_m: Matrix) -> NDArray[np.intp]:
         """Return the samples between which and the next a collision is possible."""
         nearer_m = np.abs(np.diff(path, axis=0)) @ self._reach_m.T
-        free = np.minimum(gap_m[:-1], gap_m[1:]) >= -_TOUCH_M
-        may_touch = gap_m[:-1] + gap_m[1:] < nearer_m
+        slack_m = gap_m - _allowed_gaps(gap_m)
+        free = np.minimum(slack_m[:-1], slack_m[1:]) >= -_TOUCH_M
+        may_touch = slack_m[:-1] + slack_m[1:] < nearer_m
         return np.flatnonzero((free & may_touch & (nearer_m > 2 * _MAX_UNCHECKED_M)).any(axis=1))
 
-    def _distances_with_sag(self, path: Matrix, load: float) -> Matrix:
-        """Return distances (n, pairs) [m] at goals (n, dof), to surroundings also with sag."""
+    def distances_with_sag(self, path: Matrix, load: float = 1.0) -> Matrix:
+        """Return the distances (n, pairs + sagging) [m] in postures (n, dof).
+
+        First those of every pair, then those to the surroundings where gravity moves the joints:
+        an arm that lies on the table sags in this computation only, so that a contact of the one
+        is no contact of the other.
+        """
         gap_m = self.distances(path)
         if self._sag is None:
             return gap_m
-        things = slice(len(self._body.pairs), None)
         sagged_m = self.distances(path + load * self._sag(path))
-        gap_m[:, things] = np.minimum(gap_m[:, things], sagged_m[:, things])
-        return gap_m
+        return np.hstack([gap_m, sagged_m[:, len(self._body.pairs) :]])
 
 
-def _touching_pairs(gap_m: Matrix) -> NDArray[np.bool_]:
-    """Return (samples, pairs) that touch after they were free."""
+def _allowed_gaps(gap_m: Matrix) -> Matrix:
+    """Return the smallest allowed distance of each pair at each sample (n, pairs) [m].
+
+    A contact of the start ends where its pair is free for the first time.
+    """
     been_free = np.logical_or.accumulate(gap_m >= -_TOUCH_M, axis=0)
-    touching = ~(gap_m >= -_TOUCH_M) & been_free
-    touching[-1] |= ~(gap_m[-1] >= np.minimum(gap_m[0], 0.0) - _SAME_M)
-    return touching
+    return np.where(been_free, 0.0, np.minimum(gap_m[0], 0.0) - _DEEPER_M)

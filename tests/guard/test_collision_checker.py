@@ -184,10 +184,18 @@ def test_a_way_of_two_may_not_end_in_something():
 
 
 @pytest.mark.parametrize(
-    ("height_m", "refused"), [(0.05, False), (0.06, False), (0.0496, False), (0.0494, True)]
+    ("heights_m", "refused"),
+    [
+        ((0.05,), False),
+        ((0.06,), False),
+        ((0.0496, 0.05), False),
+        ((0.0494, 0.05), True),
+        ((0.0499,), True),  # many motions of a tenth of a millimetre would add up
+        ((0.02, 0.06), True),
+    ],
 )
-def test_who_lies_on_the_floor_may_stay_or_rise_but_not_sink(height_m, refused):
-    way = [np.array([0.05, 1.0]), np.array([height_m, 1.0])]
+def test_an_arm_on_the_floor_may_stay_or_rise_but_not_sink(heights_m, refused):
+    way = [np.array([height_m, 1.0]) for height_m in (0.05, *heights_m)]
     if refused:
         with pytest.raises(RefusedError, match="the floor"):
             space_of_balls().check_path(way)

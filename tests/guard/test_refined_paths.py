@@ -63,9 +63,15 @@ def test_a_path_beside_a_plate_is_free_in_both_directions():
 
 
 def test_a_body_that_leaves_a_plate_is_not_stopped_on_its_way_out():
-    check([1.45, 2.5], plate(1.5))
+    check([1.55, 2.5], plate(1.5))
     with pytest.raises(RefusedError, match="the far plate"):
-        check([1.45, 4.5], plate(1.5), plate(3.5, name="the far plate"))
+        check([1.55, 4.5], plate(1.5), plate(3.5, name="the far plate"))
+
+
+@pytest.mark.parametrize("path_m", [[1.45, 2.5], [1.45, 1.5, 2.5], [1.45, 1.5, 1.45]])
+def test_a_body_that_touches_a_plate_must_not_leave_through_it(path_m):
+    with pytest.raises(RefusedError, match="ball-the plate"):
+        check(path_m, plate(1.5))
 
 
 def test_a_plate_is_found_however_far_apart_the_samples_are():

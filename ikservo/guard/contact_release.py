@@ -1,0 +1,74 @@
+"""The nearby posture in which an arm that touches something is free again."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ikservo.guard.collision import CollisionChecker
+from ikservo.kinematics.arrays import Vector
+
+__all__ = ["nearest_free_posture"]
+
+_STEP, _DIFFERENCE = 0.03, 1e-4  # of each joint in one iteration and in one difference, rad or m
+_MAX_STEPS = 60
+_NEAR_M = 0.06  # pairs that are nearer than this may not come into contact in the next step
+_LEAST_GAIN_M = 2e-5  # a step that frees the arm by less leads nowhere
+# An arm is free at the first distance; the further ones, where they can be reached, keep its motion
+# from there from meeting the same thing again.
+_DISTANCES_M = (0.003, 0.02, 0.05)
+
+
+def nearest_free_posture(
+    checker: CollisionChecker, q: Vector, lower: Vector, upper: Vector
+) -> Vector | None:
+    """Return joints (dof,) near ``q`` (dof,) in which nothing is touched, rad or m.
+
+    A joint outside its limits (dof,) may come back.
+
+    Returns:
+        The posture; None where no small step frees the arm.
+    """
+    lower, upper = np.minimum(lower, q), np.maximum(upper, q)
+    free = None
+    for distance_m in _DISTANCES_M:
+        further = _move_apart(checker, q if free is None else free, lower, upper, distance_m)
+        if further is None:
+            break
+        free = further
+    return free
+
+
+def _move_apart(
+    checker: CollisionChecker, q: Vector, lower: Vector, upper: Vector, distance_m: float
+) -> Vector | None:
+    """Return joints (dof,) near ``q`` in which all pairs are a distance apart; None without any.
+
+    Each step is the one, of a linear program in the joints, by which the distances of all pairs
+    that are too near grow most while no other comes too near (the non-penetration constraints of
+    Faverjon and Tournassoud 1987).
+    """
+    from scipy.optimize import linprog  # noqa: PLC0415
+
+    for _ in range(_MAX_STEPS):
+        gap_m = checker.distances_with_sag(q[None])[0]
+        if gap_m.min() >= distance_m:
+            return q
+        near = np.flatnonzero(gap_m < _NEAR_M)
+        steps = _DIFFERENCE * np.eye(len(q))
+        ahead, behind = np.split(
+            checker.distances_with_sag(np.vstack([q + steps, q - steps]))[:, near], 2
+        )
+        slope = (ahead - behind).T / (2.0 * _DIFFERENCE)
+        too_near = gap_m[near] < distance_m
+        # Unknowns: the step of each joint, and the gain that all pairs too near have in common.
+        bounds = zip(np.maximum(lower - q, -_STEP), np.minimum(upper - q, _STEP), strict=True)
+        step = linprog(
+            np.append(np.zeros(len(q)), -1.0),
+            A_ub=np.column_stack([-slope, too_near]),
+            b_ub=np.where(too_near, 0.0, gap_m[near] - distance_m),
+            bounds=[*bounds, (0.0, _NEAR_M)],
+        ).x
+        if step is None or step[-1] < _LEAST_GAIN_M:
+            return None
+        q = q + step[:-1]
+    return None
