@@ -8,6 +8,7 @@ import logging
 import threading
 import weakref
 from collections.abc import Callable, Generator
+from contextlib import AbstractContextManager
 from typing import Generic, Protocol, TypeVar, cast
 
 from ikservo.arm.arguments import parse_number
@@ -202,7 +203,8 @@ class Background:
 
     Args:
         arm: The arm.
-        stop_request: Requests that the running motion ends, for signals.
+        stop_request: Ends the running motion, for signals; knows which motions were requested
+            before a stop.
     """
 
     def __init__(self, arm: Stoppable, stop_request: StopRequest) -> None:
@@ -226,8 +228,22 @@ class Background:
         self._check_no_stream()
         if not wait:
             return self._start_thread(work)
-        with self._queue:
+        count = self._stop_request.count_at_request
+        with self._queue, self._stop_request.requested(count):
             return work()
+
+    @property
+    def stop_count(self) -> int:
+        """How often the arm was stopped since it was opened."""
+        return self._stop_request.count
+
+    def requested(self, stop_count: int | None = None) -> AbstractContextManager[None]:
+        """Mark the motions of this thread in the block as one request: a stop ends them all.
+
+        Args:
+            stop_count: The ``stop_count`` when they were requested; the present one if None.
+        """
+        return self._stop_request.requested(stop_count)
 
     def start_stream(self, work: Callable[[], T]) -> Motion[T]:
         """Start a stream of setpoints; other motions are refused until it has ended.
@@ -249,7 +265,13 @@ class Background:
             motion.join()
 
     def _start_thread(self, work: Callable[[], T]) -> Motion[T]:
-        motion = Motion(work, self._arm, self._queue)
+        count = self._stop_request.count_at_request
+
+        def requested_work() -> T:
+            with self._stop_request.requested(count):
+                return work()
+
+        motion = Motion(requested_work, self._arm, self._queue)
         self._motions.add(motion)  # pyright: ignore[reportArgumentType]  # of whatever result
         _running_motions.add(motion)  # pyright: ignore[reportArgumentType]
         stop_on_signals(self._stop_request, lambda: not motion.done)

@@ -21,6 +21,7 @@ from ikservo.control.loop import ControlCycle, OnCycle
 from ikservo.errors import BadValueError, IkservoError, PortError, RefusedError, StoppedError
 from ikservo.ik import Result
 from ikservo.kinematics.arrays import Vector
+from ikservo.motion import Trajectory
 
 __all__ = [
     "ExecutedMotion",
@@ -101,6 +102,8 @@ def run_plan(
     _check_plan(plan)
     check_callable("on_progress", on_progress)
     runner.check_speed(plan.speed)
+    if not context.servos.torque.is_on and plan.again is None:  # refused before torque comes on
+        _checked_trajectory(context, plan, runner.start_position())
     with runner.motion():
         plan = _replan_if_moved(context, plan)
         return _run_motion(context, runner, plan, on_progress)
@@ -123,8 +126,7 @@ def _run_motion(
 ) -> ExecutedMotion:
     servos, limits = context.servos, context.planner.motion_limits(plan.speed)
     horn_rad_s = context.model.speed(plan.speed).rad_s
-    trajectory = rebase_trajectory(plan, servos.reference(), limits, servos.names)
-    context.check_streamed_path(trajectory, plan.speed)
+    trajectory = _checked_trajectory(context, plan, servos.reference())
     measured = servos.measure_positions()
     target = SettlingTarget(context.chain, context.index, servos.fences, plan, measured)
     started_s = context.now_s()
@@ -135,6 +137,18 @@ def _run_motion(
     below = _backlash_goals(context, plan)
     settled = settle(runner.loop, servos, target, limits, horn_rad_s, motion_s, below)
     return ExecutedMotion(plan, settled, recorder.error(context.planner))
+
+
+def _checked_trajectory(context: ArmContext, plan: MotionPlan, start: Vector) -> Trajectory:
+    """Return a plan's trajectory from where the arm is (n,).
+
+    Raises:
+        RefusedError: The arm has moved since it was planned, or something is in the way.
+    """
+    limits = context.planner.motion_limits(plan.speed)
+    trajectory = rebase_trajectory(plan, start, limits, context.servos.names)
+    context.check_streamed_path(trajectory, plan.speed)
+    return trajectory
 
 
 def _with_recorder(recorder: PathRecorder, reporter: OnCycle | None) -> OnCycle:
@@ -217,7 +231,7 @@ def relax(
 ) -> JointMoveResult:
     """Lower the arm to its rest pose, then switch torque off; see ``Arm.relax``."""
     context.require_zeros()
-    with runner.lock:
+    with runner.requested(), runner.lock:
         context.servos.torque.check_idle()
         context.servos.check_stop()
         context.servos.torque.invalidated()  # enabled again with limits that let it come down

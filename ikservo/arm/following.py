@@ -71,11 +71,12 @@ def follow_goals(
     """
     context, runner = arm.context, arm.runner
     context.require_zeros()
-    context.warm_up()
-    runner.return_within_limits()
-    allowed = runner.allowed_speed(speed)
-    controller = _OnlineController(context, source, speed, allowed, jerk_factor)
-    runner.run(controller.start_trajectory, controller.on_cycle, speed)
+    with runner.requested():
+        context.warm_up()
+        runner.return_within_limits()
+        allowed = runner.allowed_speed(speed)
+        controller = _OnlineController(context, source, speed, allowed, jerk_factor)
+        runner.run(controller.start_trajectory, controller.on_cycle, speed)
     if controller.error:
         raise controller.error
     return controller.settled_goal

@@ -176,15 +176,16 @@ def jog(arm: ArmParts, what: str, speed: float | None = None, *, wanted: KeepGoi
     braking_s = max(limit.stopping_time_s for limit in limits)
     controller = _JogController(context, target, wanted, braking_s)
     started_s = context.now_s()
-    context.warm_up()
-    runner.return_within_limits()
-    measured = runner.run(
-        lambda start: controller.start_trajectory(
-            OnlineTrajectory(start, limits, lower=lower, upper=upper)
-        ),
-        controller.on_cycle,
-        speed_class,
-    )
+    with runner.requested():
+        context.warm_up()
+        runner.return_within_limits()
+        measured = runner.run(
+            lambda start: controller.start_trajectory(
+                OnlineTrajectory(start, limits, lower=lower, upper=upper)
+            ),
+            controller.on_cycle,
+            speed_class,
+        )
     return JogResult(
         ended=controller.ended,
         measured_rad=context.index.by_name(measured),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
 from threading import RLock, current_thread, main_thread
 
@@ -155,6 +155,7 @@ class MotionRunner:
         """
         with self._lock:
             self._servos.torque.check_idle()
+            self._servos.stop_request.check_request()
             self._servos.enable(self._context.model.speed("slow").rad_s)
             self.loop.measure_cycle_time_s()  # after torque-on: a limp arm would sink
 
@@ -183,6 +184,13 @@ class MotionRunner:
                 self._servos.enable_joint(joint, self._context.model.speed("slow").rad_s)
             else:
                 self._servos.disable_joint(joint)
+
+    def requested(self) -> AbstractContextManager[None]:
+        """Mark what this thread does in the block as one request: a stop ends all of it.
+
+        That is so whether or not the stop is acknowledged before the block has ended.
+        """
+        return self._servos.stop_request.requested()
 
     def request_stop(self, reason: StopReason) -> None:
         """Brake the running motion and hold; safe from signals and other threads."""
@@ -250,10 +258,12 @@ class MotionRunner:
 
         Raises:
             RefusedError: Another motion is running, or a stop was not acknowledged.
+            StoppedError: The arm was stopped after the motion was requested.
         """
-        with self._lock:
+        with self.requested(), self._lock:
             torque = self._servos.torque
             torque.check_idle()
+            self._servos.stop_request.check_request()
             stopped = self.stop_reason is not None  # which `enable` refuses
             if stopped or not torque.is_on:
                 self.enable()
@@ -368,10 +378,16 @@ class MotionRunner:
     @contextmanager
     def _stop_on_error(self) -> Generator[None]:
         request, torque = self._servos.stop_request, self._servos.torque
+        begun = False
         try:
             with request.motion(), handle_signals(request, lambda: torque.is_moving):
+                request.check_request()  # from here on a stop is acknowledged at the motion's end
+                begun = True
                 yield
         except (KeyboardInterrupt, StoppedError) as error:
+            if not begun and isinstance(error, StoppedError):
+                self._servos.acknowledge_ended()
+                raise
             torque.faulted()
             self._servos.hold(request.reason or _reason_of(error))
             if isinstance(error, StoppedError) and not request.signal:
@@ -393,10 +409,11 @@ class MotionRunner:
             return
         try:
             servos.acknowledge()
-            with servos.tolerate_heat():
+            with servos.tolerate_heat(), servos.stop_request.requested(anew=True):
                 self.enable()
             servos.torque.lowering_started()
-            self.on_overheat()
+            with servos.stop_request.requested(anew=True):
+                self.on_overheat()
             self.disable_torque()
         except IkservoError as error:
             servos.warn(f"The arm could not be lowered: {error.message}")

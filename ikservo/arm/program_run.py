@@ -142,11 +142,13 @@ class ProgramRun:
             BadValueError: There is no such step.
             IkservoError: A step failed; the arm holds where it is. See ``Arm``.
         """
-        begin = self._index_of(first)
+        begin, stop_count = self._index_of(first), self._arm.background.stop_count
         for repetition in range(1, self._program.repeat + 1):
             for index in range(begin, len(self._program.steps)):
                 step = self._program.steps[index]
-                yield StepResult(index + 1, repetition, step, self._make(step, on_progress))
+                with self._arm.background.requested(stop_count):
+                    result = self._make(step, on_progress)
+                yield StepResult(index + 1, repetition, step, result)
             begin = 0
 
     def _index_of(self, number: int) -> int:
@@ -221,6 +223,7 @@ class ProgramRun:
         end_s = context.now_s() + seconds
         while (left_s := end_s - context.now_s()) > 0.0:
             context.servos.check_stop()
+            context.servos.stop_request.check_request()
             if self._has_moved:
                 context.servos.check_health()
             if self._on_wait is not None:

@@ -195,7 +195,7 @@ class ServoGroup(StreamedServos):
         """Open the port again once its adapter is back, and stay stopped; see ``Arm.reconnect``."""
         self.torque.reconnected()
         self._bus.reconnect(serial_number, within_s)
-        self._gate.latch_stop(StopReason(StopKind.UNPLUGGED, "device unplugged"))
+        self.latch_stop(StopReason(StopKind.UNPLUGGED, "device unplugged"))
         self._feedback.measure_ticks()
 
     def hold_measured(self, reason: StopReason) -> StopOutcome:
@@ -203,7 +203,7 @@ class ServoGroup(StreamedServos):
 
         Servos that another program has set in motion stop; torque is not switched.
         """
-        self._gate.latch_stop(reason)
+        self.latch_stop(reason)
         return hold_servos(self._bus, self.fences, self.clock)
 
     def limit_force(self, joint: str, fraction: float) -> None:

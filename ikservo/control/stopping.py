@@ -34,6 +34,10 @@ __all__ = [
 
 CTRL_C = StopReason(StopKind.CTRL_C, "Stopped; torque stays on.")
 STOPPED_BY_PROGRAM = StopReason(StopKind.PROGRAM, "Stopped; torque stays on.")
+STOPPED_AFTER_REQUEST = StopReason(
+    StopKind.PROGRAM, "The arm was stopped after this motion was requested."
+)
+_REQUEST_HINT = "Nothing was sent. Request it again once the arm may move."
 RELAX_HINT = "Switch torque off with: ikservo relax"
 
 
@@ -41,17 +45,20 @@ class StopRequest:
     """A request to stop the arm: its reason, and how often it was made.
 
     Setting it is a few assignments, safe from signals and other threads. The control loop checks
-    it in every cycle.
+    it in every cycle. A stop also ends what was requested before it and has not begun to move:
+    ``requested`` marks the code that belongs to a request, ``check_request`` ends it.
 
     Attributes:
-        times: How often a stop was requested.
+        times: How often a stop was requested since the last one was acknowledged.
+        count: How often the arm was stopped since it was opened, cancelled motions aside.
         acknowledged: Whether the stop was acknowledged before its motion has ended.
         signal: The signal that requested first; 0 where none did.
     """
 
     def __init__(self) -> None:
         self._reason: StopReason | None = None
-        self.times = self.signal = 0
+        self.times = self.signal = self.count = 0
+        self._requests = threading.local()
         self.acknowledged = self._motion_running = False
         self._without_braking, self._hint = False, RELAX_HINT
 
@@ -75,6 +82,46 @@ class StopRequest:
         self._reason = self._reason or reason
         self.acknowledged = False
         self.times += 1
+        self.count_stop(reason)
+
+    def count_stop(self, reason: StopReason) -> None:
+        """Count a stop that ends what was requested before it; a cancelled motion ends alone."""
+        if reason.kind is not StopKind.CANCELLED:
+            self.count += 1
+
+    @contextmanager
+    def requested(self, count: int | None = None, *, anew: bool = False) -> Generator[None]:
+        """Mark what this thread does in the block as one request.
+
+        Args:
+            count: The ``count`` of stops when it was requested; the present one if None.
+            anew: Whether it is no part of the request that this thread may be at already.
+        """
+        outer: int | None = getattr(self._requests, "count", None)
+        if outer is not None and not anew:
+            yield
+            return
+        self._requests.count = self.count if count is None else count
+        try:
+            yield
+        finally:
+            del self._requests.count
+            if outer is not None:
+                self._requests.count = outer
+
+    @property
+    def count_at_request(self) -> int:
+        """The ``count`` when what this thread does was requested; the present one by default."""
+        return getattr(self._requests, "count", self.count)
+
+    def check_request(self) -> None:
+        """Raise where the arm was stopped after this thread's request was made.
+
+        Raises:
+            StoppedError: It was, whether or not the stop has been acknowledged since.
+        """
+        if self.count_at_request != self.count:
+            raise StoppedError((self._reason or STOPPED_AFTER_REQUEST).text, _REQUEST_HINT)
 
     def set_without_braking(self, reason: StopReason, hint: str) -> None:
         """Request that the motion ends at once, without sending anything more."""

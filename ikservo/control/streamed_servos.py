@@ -193,6 +193,7 @@ class StreamedServos:
 
     def latch_stop(self, reason: StopReason) -> None:
         """Refuse motions until ``acknowledge``; sends the servos nothing."""
+        self.stop_request.count_stop(reason)
         self._gate.latch_stop(reason)
 
     def acknowledge(self) -> None:
@@ -377,7 +378,7 @@ class StreamedServos:
         Every joint keeps its goal, a little ahead of it; the goal of one that has an alarm or
         cannot follow is set to its position, so that it does not press on.
         """
-        self._gate.latch_stop(reason)
+        self.latch_stop(reason)
         self._reference = self._measured
         # These packets have no reply: the first is sent twice, for one may be lost.
         for step in (self._hold_goals, self._hold_goals, self._limits.broadcast_watchdog_off):

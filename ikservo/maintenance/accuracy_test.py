@@ -239,17 +239,18 @@ class AccuracyTest:
             StoppedError, KeyboardInterrupt: It was stopped; what was measured is kept.
             IkservoError: The arm cannot go on; see ``Arm``. Likewise.
         """
-        self._arm.pose("home")
-        self._move_to(self.cube.center_m)
         steps = {
             "poses": self._measure_poses,
             "directions": self._measure_directions,
             "paths": self._measure_paths,
             "drift": self._measure_drift,
         }
-        for part in PARTS:
-            if part in self._settings.parts:
-                steps[part]()
+        with self._arm.background.requested():
+            self._arm.pose("home")
+            self._move_to(self.cube.center_m)
+            for part in PARTS:
+                if part in self._settings.parts:
+                    steps[part]()
 
     def _measure_poses(self) -> None:
         """Take P5 to P1 in each cycle; a first one, without results, lets the arm find its way."""

@@ -340,13 +340,14 @@ class AutoCalibration:
             StoppedError: The user stopped it; the arm holds.
             RefusedError: The guard stopped it; the arm holds.
         """
-        for subject in reversed(self.wizard.subjects):
-            if can_probe(subject, self.wizard):
-                self._sweep_joint(subject)
-            elif subject.known is not None:
-                self._learn(subject)
-            elif subject.name not in self.wizard.free | self.wizard.skipped:
-                self.wizard = self.wizard.skip(subject.name, nearly_a_turn(subject))
+        with self.arm.runner.requested():
+            for subject in reversed(self.wizard.subjects):
+                if can_probe(subject, self.wizard):
+                    self._sweep_joint(subject)
+                elif subject.known is not None:
+                    self._learn(subject)
+                elif subject.name not in self.wizard.free | self.wizard.skipped:
+                    self.wizard = self.wizard.skip(subject.name, nearly_a_turn(subject))
 
     def finish(self) -> CalibrationState:
         """Lower the arm to its rest pose, switch torque off, and return the state for review.
@@ -355,9 +356,10 @@ class AutoCalibration:
             CalibrationError: The servos of one joint have moved differently.
         """
         path = self._postures.find_path(self._chain_joints(), self.arm.model.chain_pose("rest"))
-        for posture in path or []:
-            self._move_to_posture(posture)
-        self.arm.pose("rest", speed="slow")
+        with self.arm.runner.requested():
+            for posture in path or []:
+                self._move_to_posture(posture)
+            self.arm.pose("rest", speed="slow")
         self._update_wizard(self._context.servos.measure_positions())
         self.arm.disable_torque()
         reading = self._loose.read_ticks()

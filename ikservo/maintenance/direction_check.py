@@ -155,10 +155,11 @@ def run_direction_check(arm: Arm, motion: DirectionCheck) -> None:
         RefusedError: Something is in the way.
         StoppedError: The user stopped it; the arm holds.
     """
-    before = _measured_positions(arm)
-    _move_joint(arm, motion.joint, before[motion.joint] + motion.travel)
-    moved = _measured_positions(arm)
-    _move_joint(arm, motion.joint, before[motion.joint])
+    with arm.runner.requested():
+        before = _measured_positions(arm)
+        _move_joint(arm, motion.joint, before[motion.joint] + motion.travel)
+        moved = _measured_positions(arm)
+        _move_joint(arm, motion.joint, before[motion.joint])
     _check_direction(arm, motion, {name: moved[name] - before[name] for name in before})
 
 

@@ -108,8 +108,9 @@ def guide_by_hand(arm: Arm, until: Callable[[], bool]) -> dict[str, float]:
         if until():
             guiding[-1].duration_s = cycle.time_s
 
-    runner.return_within_limits()
-    measured = runner.run(make, look, _SPEED_CLASS, compensated=False)
+    with runner.requested():
+        runner.return_within_limits()
+        measured = runner.run(make, look, _SPEED_CLASS, compensated=False)
     context.servos.set_reference(measured)
     return context.index.by_name(measured)
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Protocol
@@ -53,6 +54,7 @@ class GoalWatch(Protocol):
 class _Task:
     goal: MotionGoal
     watch: GoalWatch | None
+    stop_count: int
     reported: bool = False
 
     def observe(self, now_s: float, positions: Mapping[str, float]) -> bool:
@@ -96,7 +98,8 @@ class GoalDriver:
 
     def put(self, goal: MotionGoal | None, watch: GoalWatch | None = None) -> None:
         """Replace the goal; None brakes and holds."""
-        self._replace(None if goal is None else _Task(goal, watch))
+        stop_count = self._arm.background.stop_count
+        self._replace(None if goal is None else _Task(goal, watch, stop_count))
 
     def cancel(self, watch: GoalWatch) -> None:
         """Brake and hold, where the goal with this watch is the newest."""
@@ -136,7 +139,7 @@ class GoalDriver:
         while self._await_goal():
             end, why = GoalEnd.FAILED, ""
             try:
-                with self._arm.stream(speed=self._speed) as stream:
+                with self._requested(), self._arm.stream(speed=self._speed) as stream:
                     end = self._follow(stream)
                 why = _reason_of(stream)
             except Exception as error:  # this thread must not end: nobody would drive the arm
@@ -145,6 +148,10 @@ class GoalDriver:
             if why:
                 self._warn(why)
             self._rest(end, why)
+
+    def _requested(self) -> AbstractContextManager[None]:
+        """Mark a motion as requested when its goal was put, which may be before a stop."""
+        return self._arm.background.requested(self._running and self._running.stop_count)
 
     def _rest(self, end: GoalEnd, why: str) -> None:
         """Report the goal that was followed last; the arm is at rest."""
