@@ -12,7 +12,7 @@ import numpy as np
 
 from ikservo.errors import FileFormatError, IkservoError, InputError, UnknownNameError
 from ikservo.files.reading import parse_json, read_text
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 
 __all__ = ["COLUMNS", "Dataset", "Episode", "read_dataset", "require_pyarrow"]
 
@@ -36,6 +36,9 @@ class Episode:
     number: int
     times_s: Vector
     values: Matrix
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
 
 @dataclass(frozen=True, slots=True)

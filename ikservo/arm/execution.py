@@ -36,6 +36,7 @@ __all__ = [
 # Servos of this class come to rest within one or two ticks of 0.09° of their goals.
 _POSITION_TOLERANCE_M = 0.002
 _JOINT_TOLERANCE_RAD = radians(0.5)
+_SAME_GOAL = 1e-6  # rad or m
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -143,8 +144,15 @@ def _checked_trajectory(context: ArmContext, plan: MotionPlan, start: Vector) ->
     """Return a plan's trajectory from where the arm is (n,).
 
     Raises:
-        RefusedError: The arm has moved since it was planned, or something is in the way.
+        RefusedError: The arm has moved since it was planned, something is in the way, or the plan's
+            goal, where the arm settles, is not the end of its trajectory.
     """
+    end = plan.trajectory.state(plan.trajectory.duration_s).position
+    if np.abs(end - plan.goal).max() > _SAME_GOAL:
+        raise RefusedError(
+            "The plan's goal is not where its trajectory ends.",
+            "Nothing was sent. Plan the motion to the other goal.",
+        )
     limits = context.planner.motion_limits(plan.speed)
     trajectory = rebase_trajectory(plan, start, limits, context.servos.names)
     context.check_streamed_path(trajectory, plan.speed)

@@ -22,7 +22,7 @@ from ikservo.control.streamed_servos import STALL_S
 from ikservo.deprecation import current_name
 from ikservo.errors import RefusedError
 from ikservo.guard import DEAD_MAN_TIMEOUT_S, DeadManSwitch
-from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.motion import KinematicLimits, OnlineTrajectory
 
 __all__ = [
@@ -191,6 +191,9 @@ class FollowResult:
     measured_rad: dict[str, float]
     measured_tip_m: Vector
     duration_s: float
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
     if not TYPE_CHECKING:  # a type checker knows today's names only
 

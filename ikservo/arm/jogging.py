@@ -16,7 +16,7 @@ from ikservo.arm.target_tracking import TargetTracker
 from ikservo.control.loop import ControlCycle
 from ikservo.errors import BadValueError, RefusedError, UnknownNameError
 from ikservo.guard import DeadManSwitch
-from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.motion import KinematicLimits, OnlineTrajectory
 
 __all__ = ["JOG_DIRECTIONS", "NO_LONGER_REQUESTED", "JogResult", "KeepGoing", "jog"]
@@ -57,6 +57,9 @@ class JogResult:
     measured_rad: dict[str, float]
     measured_tip_m: Vector
     duration_s: float
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
 
 class _JogTarget(Protocol):

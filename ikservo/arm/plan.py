@@ -18,7 +18,7 @@ from ikservo.errors import RefusedError
 from ikservo.guard import CommandLimits
 from ikservo.ik import Result
 from ikservo.kinematics import Chain
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.model.model import near_distance
 from ikservo.motion import ConcatenatedTrajectory, JointMove, KinematicLimits, Trajectory
 
@@ -126,6 +126,9 @@ class MotionPlan:
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     again: Callable[[object], MotionPlan | None] | None = None
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
     if not TYPE_CHECKING:  # a type checker knows today's names only
 

@@ -29,7 +29,7 @@ from ikservo.deprecation import current_name
 from ikservo.errors import FileFormatError, InputError
 from ikservo.files.reading import parse_json
 from ikservo.files.writing import FileWriteError
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 
 __all__ = [
     "MAX_SAMPLES",
@@ -83,6 +83,9 @@ class Recording:
     joints: Matrix
     first_line: int | None = 2
 
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
     def place(self, index: int | None) -> str:
         """Return where in the file a sample is, or the header for None."""
         if self.first_line is None:
@@ -132,6 +135,9 @@ class ArmSample:
     goals: Vector | None = None
     states: tuple[JointState, ...] = ()
     stopped_for: str = ""
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
     @classmethod
     def of_states(cls, states: tuple[JointState, ...], stopped_for: str = "") -> ArmSample:

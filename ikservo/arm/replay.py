@@ -21,7 +21,7 @@ from ikservo.arm.settling import settle_at
 from ikservo.deprecation import current_name
 from ikservo.errors import FileFormatError, RefusedError
 from ikservo.guard import thin_path
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.motion import JointMove, KinematicLimits, TrajectoryPoint
 
 if TYPE_CHECKING:
@@ -170,6 +170,9 @@ class ReplayResult:
     error_rad: float
     measured_rad: dict[str, float]
     measured_tip_m: Vector
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
     if not TYPE_CHECKING:  # a type checker knows today's names only
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from ikservo.control.feedback import JointState
 from ikservo.errors import BadValueError, IkservoError, UnknownNameError
 from ikservo.files.writing import write_atomic
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.motion import Trajectory
 
 __all__ = [
@@ -50,6 +50,9 @@ class ArmState:
     tip_m: Vector
     joints: tuple[JointState, ...]
     orientation: Matrix = field(default_factory=_unknown_pose)
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
     def __getitem__(self, joint: str) -> JointState:
         """Return the state of one joint.
@@ -141,6 +144,9 @@ class MotionProgress:
     setpoints_rad: Vector = field(default_factory=lambda: np.zeros(0))
     names: tuple[str, ...] = ()
 
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
     @property
     def positions(self) -> dict[str, float]:
         """Return the measured joints by name, rad or m."""
@@ -189,6 +195,9 @@ class MoveResult:
     path_error_rms_m: float | None = None
     path_error_max_m: float | None = None
 
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointMoveResult:
@@ -211,6 +220,9 @@ class JointMoveResult:
     duration_s: float
     reached: bool
     binding: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
 
 @dataclass(frozen=True, slots=True)
@@ -278,6 +290,9 @@ class SampledTrajectory:
     times_s: Vector
     positions: Matrix
     velocities: Matrix
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
     def __len__(self) -> int:
         """Return the number of instants."""

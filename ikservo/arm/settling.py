@@ -17,7 +17,7 @@ from ikservo.control.loop import ControlCycle, ControlLoop
 from ikservo.control.servo_group import ServoGroup
 from ikservo.errors import NotSettledError
 from ikservo.guard import CommandLimits
-from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.motion import JointMove, KinematicLimits, TrajectoryPoint
 
 __all__ = [
@@ -351,6 +351,9 @@ class SettlingResult:
     residuals: tuple[str, ...]
     motion_s: float
     settling_s: float
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
     @property
     def duration_s(self) -> float:

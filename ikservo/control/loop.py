@@ -11,7 +11,7 @@ from ikservo.control.servo_group import ServoGroup
 from ikservo.control.streamed_servos import STALL_S
 from ikservo.errors import RefusedError
 from ikservo.guard import StopReason
-from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.motion import Rate, Trajectory, TrajectoryPoint
 
 __all__ = [
@@ -150,6 +150,9 @@ class ControlCycle:
     reference: Vector
     measured: Vector
     lost: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
 
 # Servos that their watchdogs stopped lag the trajectory: they return to it in this time.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.collision import CollisionBody
 from ikservo.kinematics.inertia import GRAVITY_M_S2, LinkMass
 
@@ -36,6 +36,9 @@ class Weight:
     yields: Vector
     lower: Vector
     upper: Vector
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
 
 def sag_of(body: CollisionBody, weight: Weight) -> Sag:

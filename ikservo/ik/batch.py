@@ -32,7 +32,7 @@ from ikservo.ik.prepare import (
 )
 from ikservo.ik.problem import Options, check_position, normalise
 from ikservo.kinematics import Chain, finite_array
-from ikservo.kinematics.arrays import Matrix, Vector, as_floats
+from ikservo.kinematics.arrays import Matrix, Vector, as_floats, freeze_arrays
 
 __all__ = ["BatchResult", "solve_batch"]
 
@@ -57,6 +57,9 @@ class BatchResult:
     position_error_m: Vector
     orientation_error_rad: Vector
     iterations: NDArray[np.int64]
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
 
 def solve_batch(

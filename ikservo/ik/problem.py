@@ -18,6 +18,7 @@ from ikservo.kinematics.arrays import (
     Vector,
     array_of_shape,
     bounded_vector,
+    freeze_arrays,
     read_only,
 )
 from ikservo.kinematics.se3 import log_so3
@@ -92,6 +93,7 @@ class Target:
             _TOOL_AXIS_ARRAY if tool_axis is _TOOL_AXIS else normalise(tool_axis, "The tool axis")
         )
         fields["packed"] = _pack_target(position_m, direction, orientation)
+        freeze_arrays(self)
 
     @property
     def position(self) -> Vector:

@@ -18,7 +18,7 @@ from ikservo.kinematics import (
     conditioning,
     nearest_singularity,
 )
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.arrays import Matrix, Vector, read_only
 
 __all__ = [
     "NOT_LIMITED",
@@ -133,15 +133,15 @@ class Result:
         question: SolvedProblem | None = None,
     ) -> None:
         fields = self.__dict__
-        fields["q"] = q
+        fields["q"] = read_only(q)
         fields["reached"] = reached
         fields["position_error_m"] = position_error_m
         fields["orientation_error_rad"] = orientation_error_rad
         fields["binding"] = binding
         fields["iterations"] = iterations
-        fields["nearest_m"] = nearest_m
+        fields["nearest_m"] = read_only(nearest_m)
         fields["method"] = method
-        fields["trace"] = trace
+        fields["trace"] = tuple(read_only(q) for q in trace)
         fields["question"] = question
 
     def attach_question(self, question: SolvedProblem) -> Result:

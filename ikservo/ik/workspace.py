@@ -14,7 +14,7 @@ from ikservo.ik.prepare import quasi_random_points
 from ikservo.ik.problem import Options
 from ikservo.ik.workspace_grid import Cells, VoxelGrid, boundary_polygons, grid_around, slice_around
 from ikservo.kinematics import Chain, finite_vector
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 
 __all__ = ["Clear", "Workspace", "quasi_random_joints", "tip_positions", "workspace"]
 
@@ -35,6 +35,9 @@ class Workspace:
     grid: VoxelGrid
     reachable: NDArray[np.bool_]
     is_slice: bool
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
     @property
     def count(self) -> int:

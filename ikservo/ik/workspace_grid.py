@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ikservo.errors import BadValueError
 from ikservo.kinematics import Chain, JointType
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.se3 import make_pose
 
 __all__ = [
@@ -47,6 +47,9 @@ class VoxelGrid:
     first_m: Vector
     shape: tuple[int, int, int]
     cell_m: float
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
     def to_grid(self, points_m: ArrayLike) -> Matrix:
         """Return points (n, 3) of the base frame in the grid's own frame."""

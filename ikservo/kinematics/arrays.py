@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import math
+from dataclasses import fields
+from functools import cache
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +23,7 @@ __all__ = [
     "finite_array",
     "finite_vector",
     "finite_vectors",
+    "freeze_arrays",
     "read_only",
 ]
 
@@ -105,6 +109,24 @@ def read_only(values: ArrayLike) -> Vector:
     array = np.array(values, dtype=np.float64)
     array.flags.writeable = False
     return array
+
+
+def freeze_arrays(value: object) -> None:
+    """Make the arrays of a frozen dataclass read-only; its ``__post_init__`` calls this.
+
+    An array that may be written to is copied, so that nobody else can change it either.
+    """
+    for name in _field_names(type(value)):
+        array: object = getattr(value, name)
+        if isinstance(array, np.ndarray) and array.flags.writeable:
+            frozen = cast("NDArray[np.generic]", array).copy()
+            frozen.flags.writeable = False
+            object.__setattr__(value, name, frozen)
+
+
+@cache
+def _field_names(kind: type) -> tuple[str, ...]:
+    return tuple(field.name for field in fields(kind))
 
 
 def _require_finite(array: Vector, what: str) -> Vector:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 
 __all__ = ["Capsule", "segment_box_distance", "segment_distance"]
 
@@ -29,6 +29,9 @@ class Capsule:
     start_m: Vector
     end_m: Vector
     radius_m: float
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
     def ends(self, T_world_link: Matrix) -> tuple[Vector, Vector]:
         """Return both ends (…, 3) in world coordinates, metres, for poses (…, 4, 4)."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.capsules import Capsule, segment_box_distance, segment_distance
 from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.joints import ChainJoint, JointType
@@ -79,6 +79,9 @@ class PairDistances:
 
     pairs: tuple[tuple[str, str], ...]
     gap_m: Matrix
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
 
 class CollisionBody:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.kinematics.arrays import Matrix, Vector, finite_vector
+from ikservo.kinematics.arrays import Matrix, Vector, finite_vector, freeze_arrays
 from ikservo.kinematics.chain import Chain
 
 __all__ = [
@@ -84,6 +84,9 @@ class Conditioning:
     moves_m_rad: Vector
     turns_rad_rad: Vector
 
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
     @property
     def slowest_m_rad(self) -> float:
         """Return the motion of the point in its worst direction [m/rad]; 0 where singular."""
@@ -108,6 +111,9 @@ class Singularity:
     q: Vector
     distance_rad: float
     joint: str
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
 
 def conditioning(

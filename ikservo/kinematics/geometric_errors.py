@@ -13,7 +13,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.joints import JointType
 from ikservo.kinematics.se3 import exp_so3, make_pose, skew
@@ -44,6 +44,9 @@ class GeometricErrors:
     base_m: Vector = field(default_factory=_no_correction)
     base_rad: Vector = field(default_factory=_no_correction)
     origins_m: Mapping[str, Vector] = field(default_factory=dict[str, Vector])
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
     @property
     def T_world_base(self) -> Matrix:  # noqa: N802  # the name is the mathematics

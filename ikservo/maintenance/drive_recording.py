@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 
 __all__ = ["Cube", "DriveRecording", "SteadyWindows", "smooth_samples", "steady_windows"]
 
@@ -49,6 +49,9 @@ class DriveRecording:
     current_a: Cube
     voltage_v: Cube
     goal_age_s: Matrix
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,7 @@ from ikservo.arm import Arm
 from ikservo.arm.tool_orientation import KEEP_BEST_EFFORT, solve_with_orientation
 from ikservo.errors import RefusedError
 from ikservo.ik import Solver, Target
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.model.tool import tool_frame
 
 __all__ = ["EDGES_M", "IsoCube", "place_cube"]
@@ -50,6 +50,9 @@ class IsoCube:
     center_m: Vector
     edge_m: float
     is_planar: bool = False
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
     @property
     def along_m(self) -> Matrix:

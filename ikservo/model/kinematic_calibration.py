@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from ikservo.errors import CalibrationError
 from ikservo.kinematics import Chain, JointType
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.geometric_errors import (
     GeometricErrors,
     calibration_jacobian,
@@ -54,6 +54,9 @@ class TouchPoint:
     q: Vector
     point: str
     position_m: Vector | None = None
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
 
 def joint_matrix(touches: Sequence[TouchPoint]) -> Matrix:
@@ -273,6 +276,9 @@ class CalibrationFit:
     scaled: Vector
     kept: Mask
     residuals_m: Vector
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
     def tips(self, q: Matrix) -> Matrix:
         """Return the tip positions (n, 3), metres, for measured joints (n, dof)."""

@@ -6,6 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Literal, TypeVar
 
 import numpy as np
@@ -216,6 +217,11 @@ class Model:
     gripper: Gripper | None = None
     base_frame: str = ""
     payload_kg: float = 0.0
+
+    def __post_init__(self) -> None:
+        poses = {name: MappingProxyType(dict(pose)) for name, pose in self.poses.items()}
+        object.__setattr__(self, "poses", MappingProxyType(poses))
+        object.__setattr__(self, "speeds", MappingProxyType(dict(self.speeds)))
 
     @classmethod
     def from_geometry(cls, name: str, title: str, chain: Chain, urdf: Urdf, path: Path) -> Model:

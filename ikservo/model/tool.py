@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ikservo.kinematics import Chain
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.model.model import Model, ModelJoint
 
 __all__ = ["ToolFrame", "describe_direction", "tool_frame", "view_axes"]
@@ -30,6 +30,9 @@ class ToolFrame:
 
     approach_axis: Vector
     left: Vector
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
     def pitch_rad(self, R_world_tool: Matrix) -> float:
         """Return the angle of the tool axis above the horizontal: -π/2 is straight down."""

@@ -18,7 +18,7 @@ from ikservo.calibration.range_tracker import StillnessDetector
 from ikservo.calibration.script import AnswerScript, read_entries
 from ikservo.errors import BadValueError, CalibrationError
 from ikservo.kinematics import Chain
-from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.model.kinematic_calibration import TouchPoint
 from ikservo.model.model import Model
 from ikservo.model.parameter_selection import MIN_TOUCHES, CalibrationEstimate, select_and_fit
@@ -63,6 +63,9 @@ class TouchTarget:
 
     name: str
     position_m: Vector | None = None
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
 
 def grid_points() -> Iterator[tuple[str, float, float]]:

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.errors import BadValueError
-from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.arrays import Vector, freeze_arrays
 
 __all__ = [
     "ConcatenatedTrajectory",
@@ -28,6 +28,9 @@ class TrajectoryPoint:
     position: Vector
     velocity: Vector
     acceleration: Vector
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
     @classmethod
     def at_rest(cls, position: ArrayLike) -> TrajectoryPoint:
