@@ -30,7 +30,12 @@ from ikservo.files.writing import FileWriteError
 from ikservo.guard import CollisionChecker, CommandLimits, Weight, sag_of
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.diagnostics import detecting_duplicate_ids, explaining_silence
-from ikservo.hardware.discovery import choose_port, remember_port, simulated_port_url
+from ikservo.hardware.discovery import (
+    choose_port,
+    is_simulator,
+    remember_port,
+    simulated_port_url,
+)
 from ikservo.hardware.eeprom import back_up_once
 from ikservo.hardware.port import open_port
 from ikservo.hardware.remembered_port import serial_number_of
@@ -43,35 +48,45 @@ from ikservo.model.identified_drives import identified_parameters
 from ikservo.model.joint_drive import ArmParameters, nominal_parameters
 from ikservo.model.lifting import LoadLag, load_lags
 from ikservo.model.sag import joint_compliances, link_masses, stall_error
+from ikservo.model.simulated_description import description_for_simulator
 from ikservo.registers import control_table
 
 __all__ = ["make_collision_filter", "open_arm", "open_bus", "resolve_port", "servo_specs"]
 
 
-def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> ServoBus:
+def open_bus(
+    model: Model, port: str | None = None, *, retries: int = 2, contacts: bool = True
+) -> ServoBus:
     """Open the port of an arm's servos; nothing is sent yet.
 
     Args:
         model: The arm.
         port: See ``choose_port``.
         retries: How often a request is repeated whose reply is lost.
+        contacts: Whether a simulated arm has contact where its links are meshes.
 
     Raises:
         InputError: The model names no servos.
         PortError: No such port, none to choose, or it cannot be opened.
     """
     specs = servo_specs(model)
-    return ServoBus(open_port(resolve_port(model, port), model.baud_rate), specs, retries=retries)
+    url = resolve_port(model, port, contacts=contacts)
+    return ServoBus(open_port(url, model.baud_rate), specs, retries=retries)
 
 
-def resolve_port(model: Model, port: str | None) -> str:
-    """Return the port's name for the transport.
+def resolve_port(model: Model, port: str | None, *, contacts: bool = True) -> str:
+    """Return the port's name for the transport; a simulated arm is built from the same description.
 
     Raises:
         NoPortError: There is none to choose.
         BadValueError: It is no name of a port.
+        FileFormatError: The arm is to be simulated, and a mesh of it cannot be used.
     """
-    return simulated_port_url(choose_port(parse_port(port), model.name), model.path)
+    name = choose_port(parse_port(port), model.name)
+    if not is_simulator(name):
+        return name
+    own = description_for_simulator(model, contacts=contacts)
+    return simulated_port_url(name, model.path.resolve(), own)
 
 
 def servo_specs(model: Model) -> list[ServoSpec]:
@@ -135,7 +150,7 @@ def open_arm(
     elsewhere = find_network(port)
     if elsewhere is not None:
         return _open_remote(model, elsewhere, on_exit, collisions, uncalibrated)
-    bus = open_bus(model, port)
+    bus = open_bus(model, port, contacts=collisions)
     opened_port = bus.port
     try:
         with detecting_duplicate_ids(bus):

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -40,7 +39,7 @@ def command(
 
     ikservo scan --port sim --arm so101
     """
-    port_url = simulated_port_url(choose_port(name or port, arm or ""), _find_arm_file(arm))
+    port_url = _port_url(name or port, arm)
     baud_rates = list(dict.fromkeys(rates or candidate_baud_rates()))
     with _scan_progress() as draw:
         found = scan_port(port_url, baud_rates, all_rates=all_rates or bool(rates), on_step=draw)
@@ -64,12 +63,13 @@ def _silence_message(rates: Sequence[int]) -> str:
     return f"(all ids, {tried})"
 
 
-def _find_arm_file(arm: str | None) -> Path | None:
+def _port_url(port: str | None, arm: str | None) -> str:
     if not arm:
-        return None
-    from ikservo.model import find_arm  # noqa: PLC0415  # needed for the simulator only
+        return simulated_port_url(choose_port(port), None)
+    from ikservo.arm.opening import resolve_port  # noqa: PLC0415  # needed for the simulator only
+    from ikservo.model import load_model  # noqa: PLC0415  # likewise
 
-    return find_arm(arm)
+    return resolve_port(load_model(arm), port)
 
 
 def _print_servos(port: str, found: Sequence[FoundServo], *, json: bool) -> None:

@@ -12,7 +12,8 @@ import typer
 from ikservo.calibration.paths import identified_of
 from ikservo.cli.terminal import print_status
 from ikservo.errors import IkservoError, InputError
-from ikservo.model import find_arm
+from ikservo.model import load_model
+from ikservo.model.simulated_description import description_for_simulator
 
 __all__ = ["CONTEXT_SETTINGS", "command"]
 
@@ -34,11 +35,14 @@ def command(arguments: SimArguments = None) -> None:
     """
     args = [arg.replace("\N{MINUS SIGN}", "-") for arg in arguments or ["--help"]]
     if not args[0].startswith("-"):
-        args = [str(find_arm(args[0]).resolve()), *_with_identified(args[0], args[1:])]
+        model = load_model(args[0])
+        own = description_for_simulator(model)
+        described = [] if own is None else ["--urdf", str(own)]
+        args = [str(model.path.resolve()), *described, *_with_identified(model.name, args[1:])]
     raise typer.Exit(_load_server()(args))
 
 
-def _with_identified(arm: str, args: list[str]) -> list[str]:
+def _with_identified(name: str, args: list[str]) -> list[str]:
     """Return arguments in which the file of the identified arm replaces ``--as-identified``.
 
     Raises:
@@ -48,9 +52,7 @@ def _with_identified(arm: str, args: list[str]) -> list[str]:
     if _AS_IDENTIFIED not in args:
         return args
     from ikservo.calibration.identified_file import read_identified  # noqa: PLC0415  # seldom
-    from ikservo.model import load_model  # noqa: PLC0415  # likewise
 
-    name = load_model(arm).name
     files = sorted(identified_of(name), key=lambda path: path.stat().st_mtime)
     if not files:
         raise InputError(

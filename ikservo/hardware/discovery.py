@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from urllib.parse import urlencode
 
 from ikservo.errors import InputError, NoPortError
 from ikservo.hardware.port import open_port
@@ -26,6 +27,7 @@ __all__ = [
     "SerialAdapter",
     "candidate_baud_rates",
     "choose_port",
+    "is_simulator",
     "list_adapters",
     "list_ports",
     "remember_port",
@@ -74,23 +76,35 @@ def remember_port(arm: str, port: str) -> None:
         remember_serial_number(arm, adapter.serial_number)
 
 
-def simulated_port_url(name: str, arm_file: Path | None) -> str:
+def is_simulator(name: str) -> bool:
+    """Return whether a port's name is that of a simulated arm."""
+    return name.partition(":")[0] == _SIMULATED
+
+
+def simulated_port_url(name: str, arm_file: Path | None, description: Path | None = None) -> str:
     """Return the simulator's URL with the arm on it; ``sim:?seed=3`` passes options on.
+
+    Args:
+        name: The port.
+        arm_file: The arm on it.
+        description: The URDF to simulate in place of the arm's own, if the name has none.
 
     Raises:
         InputError: A bus is to be simulated, but no arm is named, or the options are invalid.
     """
-    scheme, _, options = name.partition(":")
-    if scheme != _SIMULATED or options.startswith("/"):
+    place, _, options = name.partition(":")[2].partition("?")
+    if not is_simulator(name) or (place.startswith("/") and place != str(arm_file)):
         return name
     if arm_file is None:
         raise InputError("No arm given for the simulator.", "Give --arm, as in --arm so101.")
-    if options and not options.startswith("?"):
+    if place and not place.startswith("/"):
         raise InputError(
             f"{name!r} is not a port.",
             "Use --port sim, or sim:?seed=3, and name the arm with --arm.",
         )
-    return f"{_SIMULATED}:{arm_file.resolve()}{options}"
+    if description is not None and "urdf=" not in options:
+        options = "&".join(filter(None, (options, urlencode({"urdf": str(description)}))))
+    return f"{_SIMULATED}:{arm_file.resolve()}{'?' if options else ''}{options}"
 
 
 def scan_port(

@@ -66,6 +66,8 @@ def _chain_joint(joint: UrdfJoint) -> Joint:
 
 
 _HEAD_BYTES = 64 * 1024
+MAX_LINKS, MAX_MOVING_JOINTS = 1_000, 100
+"""Of a description: matrices grow with the square of its joints, those of masses with the cube."""
 
 
 def read_description(path: Path, folder: Path | None = None) -> Urdf:
@@ -79,7 +81,15 @@ def read_description(path: Path, folder: Path | None = None) -> Urdf:
         FileFormatError: It cannot be used; names the place and the cause.
         InputError: The reader of its format is not installed.
     """
-    return read_mjcf(path, folder) if _is_mjcf(path) else read_urdf(path, folder)
+    urdf = read_mjcf(path, folder) if _is_mjcf(path) else read_urdf(path, folder)
+    moving = sum(joint.kind.is_movable for joint in urdf.joints)
+    for count, most, what in (
+        (len(urdf.links), MAX_LINKS, "links"),
+        (moving, MAX_MOVING_JOINTS, "joints that move"),
+    ):
+        if count > most:
+            raise FileFormatError(path, "", f"has {count:,} {what}", f"at most {most}")
+    return urdf
 
 
 def description_text(model: Model) -> str:
@@ -162,7 +172,7 @@ def _load_arm_model(path: Path, tip: str | None) -> Model:
         ),
         health=_make_health_limits(arm.health),
         auto_unsafe="" if arm.calibration.auto else arm.calibration.reason or "no reason given",
-        gripper=_make_gripper(arm.gripper, joints),
+        gripper=_make_gripper(path, arm.gripper, joints),
         base_frame=arm.base_frame or "",
         payload_kg=arm.payload_kg,
     )
@@ -230,6 +240,9 @@ def _find_moving_joint(path: Path, where: str, entry: ArmJoint, urdf: Urdf) -> U
         known = ", ".join(moving)
         raise FileFormatError(path, f"{where}.name", f'is "{entry.name}"', f"a joint of: {known}")
     joint = moving[entry.name]
+    if joint.mimic is not None:
+        found = f'"{entry.name}" follows "{joint.mimic.joint}" in the URDF (<mimic>)'
+        raise FileFormatError(path, f"{where}.name", found, "a joint that a servo drives")
     if (joint.kind.value == "prismatic") != entry.is_prismatic:
         expected = "m_per_turn" if joint.kind.value == "prismatic" else "no m_per_turn"
         found = f'"{entry.name}" is {joint.kind.value} in the URDF'
@@ -263,12 +276,16 @@ def _make_health_limits(health: ArmHealth) -> HealthLimits:
     return HealthLimits(**values)
 
 
-def _make_gripper(gripper: ArmGripper, joints: Sequence[ModelJoint]) -> Gripper | None:
+def _make_gripper(path: Path, gripper: ArmGripper, joints: Sequence[ModelJoint]) -> Gripper | None:
     """Return the jaws; they close towards the end of the range that is nearer to zero."""
     jaws = next((joint for joint in joints if joint.role == "gripper"), None)
     if jaws is None:
         return None
     ends = jaws.limits.lower.value, jaws.limits.upper.value
+    if not all(map(math.isfinite, ends)):
+        found = f'"{jaws.name}" is continuous in the description, so its jaws have no ends'
+        expected = 'type="revolute" there, and <limit lower="…" upper="…"/> in radians'
+        raise FileFormatError(path, f"joints[{joints.index(jaws)}]", found, expected)
     closed = min(ends, key=abs) if gripper.closes_to is None else ends[gripper.closes_to == "upper"]
     by_angle = tuple((math.radians(deg), width) for deg, width in gripper.width_m_by_deg)
     away = ends[1] if closed == ends[0] else ends[0]

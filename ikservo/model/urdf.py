@@ -5,14 +5,13 @@ from __future__ import annotations
 import contextlib
 import difflib
 import math
-import posixpath
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
-from urllib.parse import unquote, urlsplit
 
 from ikservo.errors import FileFormatError
-from ikservo.files.reading import path_inside, quote, read_text
+from ikservo.files.reading import quote, read_text
+from ikservo.model.mesh_paths import resolve_mesh_path
 from ikservo.model.urdf_types import (
     Box,
     Cylinder,
@@ -26,10 +25,15 @@ from ikservo.model.urdf_types import (
     UrdfLink,
     UrdfMimic,
 )
-from ikservo.model.urdf_xml import XmlElement, expand_xacro, parse_origin, parse_xml
+from ikservo.model.urdf_xml import (
+    MAX_URDF_BYTES,
+    XmlElement,
+    expand_command,
+    parse_origin,
+    parse_xml,
+)
 
-__all__ = ["find_root", "lint_urdf", "parse_joint", "parse_link", "read_urdf", "read_urdf_text",
-           "resolve_mesh_path"]  # fmt: skip
+__all__ = ["find_root", "lint_urdf", "parse_joint", "parse_link", "read_urdf", "read_urdf_text"]
 
 
 _MIN_AXIS_LENGTH = 1e-6
@@ -77,7 +81,7 @@ def _read_axis(element: XmlElement, kind: UrdfJointType) -> Triple:
     axis = element.optional("axis")
     if axis is None:
         return (1.0, 0.0, 0.0)
-    x, y, z = axis.vector("xyz", default=None)
+    x, y, z = axis.vector("xyz", most=math.inf)  # only its direction counts
     if not kind.is_movable:  # exporters write 0 0 0 here, and it means nothing
         return (1.0, 0.0, 0.0)
     largest = max(abs(x), abs(y), abs(z))
@@ -118,7 +122,7 @@ def _check_range(limit: XmlElement, name: str, lower: float, upper: float) -> No
 def _parse_strength(limit: XmlElement, attribute: str) -> float:
     if attribute not in limit.attributes:
         return math.inf
-    value = limit.number(attribute)
+    value = limit.number(attribute, most=math.inf)  # some files write 1e10 where there is no limit
     if value < 0:
         raise limit.error(f"<limit> has {attribute} {value:g}", "no negative number")
     return value
@@ -133,58 +137,6 @@ def _read_mimic(element: XmlElement) -> UrdfMimic | None:
         multiplier=mimic.number("multiplier", 1.0),
         offset=mimic.number("offset", 0.0),
     )
-
-
-_PACKAGE, _FILE = "package://", "file://"
-
-
-def resolve_mesh_path(filename: str, urdf: Path, folder: Path) -> Path | None:
-    """Return the file of a mesh's name if it is under the model's folder, else None.
-
-    A relative name is resolved from the URDF; ``package://NAME/REST`` is REST, or NAME/REST, in the
-    model's folder or in the URDF's; ``file://`` is an absolute path. The spelling is checked first:
-    nothing outside is read.
-
-    Args:
-        filename: As in the URDF.
-        urdf: The URDF file.
-        folder: The model's folder, which contains the URDF.
-    """
-    if filename.startswith(_PACKAGE):
-        return _resolve_package_path(filename.removeprefix(_PACKAGE), (folder, urdf.parent))
-    if filename.startswith(_FILE):
-        return _resolve_file_url(filename, folder)
-    return path_inside(urdf.parent, filename) or _resolve_relative_path(filename, urdf, folder)
-
-
-def _resolve_package_path(name: str, folders: tuple[Path, ...]) -> Path | None:
-    package, _, rest = name.partition("/")
-    if package in ("", ".", ".."):
-        return None
-    found = [path_inside(folder, each) for folder in folders for each in (name, rest)]
-    inside = [path for path in found if path is not None]
-    return next((path for path in inside if path.is_file()), inside[1] if inside[1:] else None)
-
-
-def _resolve_file_url(url: str, folder: Path) -> Path | None:
-    """Return the file of a file:// name: only as a path from the model's folder."""
-    parts = urlsplit(url)
-    path, home = posixpath.normpath(unquote(parts.path)), folder.resolve()
-    if parts.netloc not in ("", "localhost"):
-        return None
-    for base in (home, folder.absolute()):
-        if path.startswith(f"{base.as_posix()}/"):
-            return path_inside(home, posixpath.relpath(path, base.as_posix()))
-    return None
-
-
-def _resolve_relative_path(filename: str, urdf: Path, folder: Path) -> Path | None:
-    """Return the file of a name outside the URDF's folder but inside the model's."""
-    home, place = folder.resolve(), urdf.parent.resolve()
-    if not filename.startswith("../") or not place.is_relative_to(home):
-        return None
-    name = posixpath.normpath(posixpath.join(place.relative_to(home).as_posix(), filename))
-    return path_inside(home, name)
 
 
 _SHAPES = ("box", "cylinder", "sphere", "mesh")
@@ -249,6 +201,9 @@ def _read_inertia(inertial: XmlElement) -> tuple[float, float, float, float, flo
         return _NO_INERTIA
     ixx, ixy, ixz = (inertia.number(key, 0.0) for key in ("ixx", "ixy", "ixz"))
     iyy, iyz, izz = (inertia.number(key, 0.0) for key in ("iyy", "iyz", "izz"))
+    if min(ixx, iyy, izz) < 0:
+        found = f"an inertia of {min(ixx, iyy, izz):g} kg m²"
+        raise inertia.error(found, "ixx, iyy and izz of zero or more")
     return ixx, ixy, ixz, iyy, iyz, izz
 
 
@@ -430,10 +385,7 @@ def _find_outside_meshes(links: Sequence[UrdfLink]) -> Iterator[str]:
         yield f"meshes outside the model's folder cannot be used: {len(outside)}, first {first}"
 
 
-LARGEST_BYTES = 4 * 1024 * 1024
-
 _XACRO = "xacro}"  # how its namespace ends; files spell the rest in several ways
-_EXPAND = "plain URDF; run: xacro arm.urdf.xacro > arm.urdf"
 
 
 def read_urdf(path: Path | str, folder: Path | None = None) -> Urdf:
@@ -442,7 +394,7 @@ def read_urdf(path: Path | str, folder: Path | None = None) -> Urdf:
     Nothing but the file itself is opened: no meshes, no includes, no document types.
 
     Args:
-        path: The file; macros of one that ends in .xacro are expanded, where xacro is installed.
+        path: The file.
         folder: The folder of its meshes; its own if None.
 
     Source: the URDF XML specification, http://wiki.ros.org/urdf/XML
@@ -463,13 +415,16 @@ def read_urdf(path: Path | str, folder: Path | None = None) -> Urdf:
 
 
 def read_urdf_text(path: Path) -> str:
-    """Return the text of a URDF, its macros expanded.
+    """Return the text of a URDF.
 
     Raises:
-        FileFormatError: The file cannot be read.
+        FileFormatError: The file cannot be read, or is a xacro: its expressions are never run here.
     """
-    text = read_text(path, LARGEST_BYTES)
-    return expand_xacro(path) if path.suffix == ".xacro" else text
+    if path.suffix == ".xacro":
+        found = "has macros, and expanding them runs what is written in the file"
+        expected = f"a plain URDF; if you trust the file: {expand_command(path)}"
+        raise FileFormatError(path, "", found, expected)
+    return read_text(path, MAX_URDF_BYTES)
 
 
 def _check_root_element(root: XmlElement) -> None:
@@ -477,4 +432,6 @@ def _check_root_element(root: XmlElement) -> None:
         raise root.error(f"the outermost element is <{root.tag}>", "<robot>, as in a URDF")
     macros = [child for child in root.children if _XACRO in child.tag]
     if macros:
-        raise macros[0].error("the macros are not expanded", _EXPAND)
+        raise macros[0].error(
+            "the macros are not expanded", f"a plain URDF; run: {expand_command(root.path)}"
+        )

@@ -1,17 +1,16 @@
-"""The XML of a URDF or xacro, read safely: elements with line numbers, origins."""
+"""The XML of a URDF, read safely: elements with line numbers, origins."""
 
 from __future__ import annotations
 
-import importlib.util
 import math
 import re
-import shutil
 import subprocess
 import sys
+import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 from xml.parsers.expat import ErrorString
 
 from defusedxml.common import DefusedXmlException
@@ -21,11 +20,13 @@ from ikservo.errors import FileFormatError
 from ikservo.files.reading import quote
 from ikservo.model.urdf_types import Triple
 
-__all__ = ["XmlElement", "expand_xacro", "parse_origin", "parse_xml"]
+__all__ = ["XmlElement", "expand_command", "expand_xacro", "parse_origin", "parse_xml"]
 
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _MAX_NAME_CHARS = 128
+LARGEST_NUMBER = 1e6
+"""In metres, radians, kilograms: larger ones are mistakes, and their products overflow."""
 
 
 @dataclass(slots=True)
@@ -74,27 +75,37 @@ class XmlElement:
             raise self.error(f"<{self.tag}> has {attribute}={quote(name)}", expected)
         return name
 
-    def number(self, attribute: str, default: float | None = None) -> float:
-        """Return one finite number."""
+    def number(
+        self, attribute: str, default: float | None = None, most: float = LARGEST_NUMBER
+    ) -> float:
+        """Return one finite number whose size is at most ``most``."""
         if default is not None and attribute not in self.attributes:
             return default
-        return self._parse_numbers(attribute, 1, "one finite number")[0]
+        return self._parse_numbers(attribute, 1, "one finite number", most)[0]
 
-    def vector(self, attribute: str, default: float | None = None) -> tuple[float, float, float]:
+    def vector(
+        self, attribute: str, default: float | None = None, most: float = LARGEST_NUMBER
+    ) -> tuple[float, float, float]:
         """Return three finite numbers; ``default`` is used for all three."""
         if default is not None and attribute not in self.attributes:
             return (default, default, default)
-        x, y, z = self._parse_numbers(attribute, 3, "three finite numbers")
+        x, y, z = self._parse_numbers(attribute, 3, "three finite numbers", most)
         return x, y, z
 
-    def _parse_numbers(self, attribute: str, count: int, expected: str) -> list[float]:
+    def _parse_numbers(
+        self, attribute: str, count: int, expected: str, most: float = LARGEST_NUMBER
+    ) -> list[float]:
         text = self.text(attribute)
         parts = text.split(maxsplit=count)
         if "${" in text:
-            expected = "plain numbers; expand the macros first: xacro arm.urdf.xacro > arm.urdf"
+            expected = f"plain numbers; expand the macros first: {expand_command(self.path)}"
         numbers = [float(part) for part in parts if _NUMBER.fullmatch(part)]
         if len(parts) != count or len(numbers) != count or not all(map(math.isfinite, numbers)):
             raise self.error(f"<{self.tag}> has {attribute}={quote(text)}", expected)
+        if max(map(abs, numbers)) > most:
+            raise self.error(
+                f"<{self.tag}> has {attribute}={quote(text)}", f"numbers between ±{most:g}"
+            )
         return numbers
 
 
@@ -175,39 +186,68 @@ def parse_origin(element: XmlElement) -> tuple[Triple, Triple]:
     return origin.vector("xyz", default=0.0), origin.vector("rpy", default=0.0)
 
 
+MAX_URDF_BYTES = 4 * 1024 * 1024
+_SHOWN_CHARS = 200
+_MODULE, _MISSING = "xacro", 97  # exit code of the child where xacro is not installed
 _TIMEOUT_S = 30.0
-_RUN = "import sys, xacro; sys.argv = ['xacro', sys.argv[1]]; xacro.main()"
+_MEMORY_BYTES = 1024 * 1024 * 1024
+# Limits of the child are set by itself, so that none of them ever holds for this process.
+_RUN = f"""
+import sys
+try:
+    import resource
+except ImportError:  # Windows has only the limit of time
+    pass
+else:
+    resource.setrlimit(resource.RLIMIT_AS, ({_MEMORY_BYTES}, {_MEMORY_BYTES}))
+    resource.setrlimit(resource.RLIMIT_FSIZE, ({MAX_URDF_BYTES}, {MAX_URDF_BYTES}))
+import importlib
+try:
+    xacro = importlib.import_module(sys.argv.pop(1))
+except ImportError:
+    sys.exit({_MISSING})
+xacro.main()
+"""
+
+
+def expand_command(path: Path) -> str:
+    """Return the command that writes the plain URDF of a file with macros."""
+    return f"ikservo arms expand {path}"
 
 
 def expand_xacro(path: Path) -> str:
-    """Return the URDF that a xacro file expands to.
+    """Return the URDF that a xacro file expands to; runs the Python expressions in the file.
 
-    xacro evaluates expressions of the file: pass trusted files only.
+    xacro runs in an isolated Python: it is imported from the installed packages, never from the
+    current folder or ``PYTHONPATH``.
 
     Raises:
-        FileFormatError: xacro is not installed, or does not accept the file; names the cause.
+        FileFormatError: xacro is not installed, does not accept the file, or needs more time,
+            memory or output than a description does; names the cause.
     """
-    command = _xacro_command(path)
-    try:
-        done = subprocess.run(  # noqa: S603  # noqa: S603  # a program of the user's own, one file name
-            command, capture_output=True, text=True, timeout=_TIMEOUT_S, check=False
-        )
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise FileFormatError(path, "", f"xacro failed ({error})", "a xacro file") from error
-    if done.returncode != 0:
-        why = " ".join(done.stderr.split())[:200] or f"exit code {done.returncode}"
-        raise FileFormatError(path, "", f"xacro refuses it: {why}", "a xacro file without errors")
-    return done.stdout
+    command = [sys.executable, "-I", "-c", _RUN, _MODULE, str(path.absolute())]
+    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
+        try:
+            code = subprocess.run(  # noqa: S603  # this Python, one file name
+                command, stdin=subprocess.DEVNULL, stdout=out, stderr=err,
+                timeout=_TIMEOUT_S, check=False,
+            ).returncode  # fmt: skip
+        except (OSError, subprocess.TimeoutExpired) as error:
+            raise FileFormatError(path, "", f"xacro failed ({error})", "a xacro file") from error
+        if code == _MISSING:
+            raise FileFormatError(
+                path, "", "its macros need xacro, which is not installed",
+                "xacro (pip install xacro), or plain URDF",
+            )  # fmt: skip
+        text, complaint = (_read_start(file) for file in (out, err))
+    if code != 0 or len(text) >= MAX_URDF_BYTES:
+        last = complaint.strip().splitlines()[-1:]
+        why = " ".join(complaint.split()) if len(complaint) <= _SHOWN_CHARS else "".join(last)
+        found = f"xacro refuses it: {why[:_SHOWN_CHARS] or f'exit code {code}'}"
+        raise FileFormatError(path, "", found, "a xacro file without errors")
+    return text
 
 
-def _xacro_command(path: Path) -> list[str]:
-    """Return the command to run: the package of this Python first, else the program."""
-    program = shutil.which("xacro")
-    if importlib.util.find_spec("xacro") is not None:
-        return [sys.executable, "-c", _RUN, str(path.absolute())]
-    if program is not None:
-        return [program, str(path.absolute())]
-    raise FileFormatError(
-        path, "", "its macros need xacro, which is not installed",
-        "xacro (pip install xacro), or plain URDF",
-    )  # fmt: skip
+def _read_start(file: BinaryIO) -> str:
+    file.seek(0)
+    return file.read(MAX_URDF_BYTES).decode("utf-8", "replace")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -73,8 +73,12 @@ class SimulatedArmFile:
     supply_v: float | None = None
 
 
-def read_arm_file(path: Path) -> SimulatedArmFile:
+def read_arm_file(path: Path, urdf: Path | str = "") -> SimulatedArmFile:
     """Return the contents of an ``arm.toml``.
+
+    Args:
+        path: The file.
+        urdf: Replaces the geometry that it names; empty for that.
 
     Raises:
         ArmFileError: The file is missing, no TOML, or lacks a key.
@@ -84,11 +88,12 @@ def read_arm_file(path: Path) -> SimulatedArmFile:
     except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise ArmFileError(path, "", str(error)) from error
     try:
-        return _parse_arm(path, document)
+        arm = _parse_arm(path, document)
     except KeyError as error:
         raise ArmFileError(path, "", f"key {error} is missing") from error
     except (TypeError, ValueError, AttributeError) as error:
         raise ArmFileError(path, "", f"a value has the wrong kind: {error}") from error
+    return replace(arm, urdf=Path(urdf)) if urdf else arm
 
 
 def _parse_arm(path: Path, document: dict[str, Any]) -> SimulatedArmFile:

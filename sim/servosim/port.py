@@ -23,7 +23,8 @@ POLL_S = 10e-6  # virtual time that a poll of the buffer costs, so that no polli
 def open_port(url: str) -> SimulatedPort:
     """Return a port to a fresh simulated arm: ``sim:/path/to/arm.toml?seed=3&pose=home``.
 
-    The query may hold ``pose``, ``seed``, ``faults`` (a file), ``hand=sweep``, and ``physics``,
+    The query may hold ``urdf`` (a file that replaces the arm file's), ``pose``, ``seed``,
+    ``faults`` (a file), ``hand=sweep``, and ``physics``,
     ``backlash_deg``, ``goal_keeps_torque``, ``echo``, ``noise``, ``wire_time``, ``usb_frame_ms``,
     ``latency_ms`` as numbers; ``paced=1`` limits virtual time to real time. ``mass_scale`` and
     ``payload_g`` change the masses, ``parameters`` is a file with those of one arm.
@@ -38,7 +39,7 @@ def open_port(url: str) -> SimulatedPort:
         raise SimulatorError(f"{url!r} is no address of a simulated bus; try sim:/path/arm.toml")
     query = _Query(parts.query)
     seed = int(query.number("seed", 0))
-    arm = read_arm_file(Path(unquote(parts.path)))
+    arm = read_arm_file(Path(unquote(parts.path)), query.text("urdf", ""))
     world = make_arm_world(
         arm,
         query.text("pose", "rest"),

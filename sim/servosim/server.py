@@ -45,6 +45,7 @@ class ServerOptions(argparse.Namespace):
     servos: list[BenchServo]
     protocol: int | None
     baud: int | None
+    urdf: Path | None
     pose: str | None
     seed: int
     link: Path | None
@@ -83,7 +84,7 @@ def parse_options(argv: Sequence[str]) -> ServerOptions:
     return options
 
 
-_OF_AN_ARM = ("pose", "physics", "backlash_deg", "mass_scale", "payload_g", "parameters")
+_OF_AN_ARM = ("urdf", "pose", "physics", "backlash_deg", "mass_scale", "payload_g", "parameters")
 
 
 def _make_parser() -> argparse.ArgumentParser:
@@ -109,6 +110,7 @@ def _make_parser() -> argparse.ArgumentParser:
     add(
         "--baud", type=_parse_rate, help="rate the servos are set to (--servo: as from the factory)"
     )
+    add("--urdf", type=Path, metavar="FILE", help="geometry of the arm (that of its file)")
     add("--pose", help="pose of the arm to start at (rest)")
     add("--seed", type=int, default=0, help="of all chance (0)")
     add("--link", type=Path, help="symbolic link to the port, removed at exit")
@@ -295,7 +297,7 @@ def build_line(options: ServerOptions) -> Line:
         ),
     )
     if options.arm is not None:
-        arm = read_arm_file(options.arm)
+        arm = read_arm_file(options.arm, options.urdf or "")
         arm = replace(arm, baud=options.baud or arm.baud)
         world = make_arm_world(
             arm,

@@ -70,7 +70,7 @@ class BoxShape:
 
 
 def link_shapes(link: Element, body: int, T: Matrix) -> list[BoxShape]:
-    """Return the boxes, cylinders and spheres of a link; meshes are left out.
+    """Return the boxes, cylinders and spheres of a link.
 
     Args:
         link: The element.
@@ -180,9 +180,13 @@ def read_shapes(path: Path) -> list[BoxShape]:
     """Read the collision shapes and behind which moving joint each is, as `read_joints` counts.
 
     Raises:
-        ArmFileError: The file is no URDF that can be used.
+        ArmFileError: The file is no URDF that can be used, or a link of it collides as a mesh.
     """
-    return list(_walk_tree(path).shapes)
+    walk = _walk_tree(path)
+    if walk.meshes:
+        why = "has a mesh to collide with; give boxes, cylinders or spheres"
+        raise ArmFileError(path, f"link {walk.meshes[0]!r}", why)
+    return list(walk.shapes)
 
 
 def read_link_frame(path: Path, link: str) -> tuple[int, Matrix]:
@@ -197,9 +201,18 @@ def read_link_frame(path: Path, link: str) -> tuple[int, Matrix]:
     return frames[link]
 
 
+MAX_BYTES = 4 * 1024 * 1024
+
+
 def _walk_tree(path: Path) -> _TreeWalk:
     try:
-        return _walk_document(path.read_bytes())
+        with path.open("rb") as file:
+            text = file.read(MAX_BYTES + 1)
+        if len(text) > MAX_BYTES:
+            raise ArmFileError(path, "", f"larger than {MAX_BYTES} bytes")
+        return _walk_document(text)
+    except RecursionError as error:
+        raise ArmFileError(path, "", "too many links in a row") from error
     except (OSError, ParseError, DefusedXmlException, KeyError, ValueError) as error:
         raise ArmFileError(path, "", f"not a usable URDF ({error})") from error
 
@@ -216,6 +229,7 @@ class _TreeWalk:
     def __init__(self, robot: Element) -> None:
         self.joints: list[MovingJoint] = []
         self.shapes: list[BoxShape] = []
+        self.meshes: list[str] = []
         self.link_frames: dict[str, tuple[int, Matrix]] = {}
         self._links = {link.attrib["name"]: link for link in robot.iter("link")}
         self._children: dict[str, list[Element]] = {name: [] for name in self._links}
@@ -231,6 +245,8 @@ class _TreeWalk:
     def _visit_link(self, link: str, parent: int, T: Matrix) -> None:
         """`T` is the link's frame in the frame of the moving joint `parent`."""
         self.shapes += link_shapes(self._links[link], parent, T)
+        if self._links[link].find("collision/geometry/mesh") is not None:
+            self.meshes.append(link)
         self.link_frames[link] = (parent, T)
         if parent >= 0:
             body, T_link_body = _read_mass(self._links[link])

@@ -1,9 +1,12 @@
 """What ``[gripper]`` of an arm file may say, and what is made of it."""
 
+import shutil
+
 import pytest
 
 from ikservo.errors import FileFormatError
 from ikservo.model import load_model
+from tests.oracle import CONFIGS
 
 
 def with_gripper(arm_path, arm_text, table):
@@ -58,3 +61,21 @@ def test_a_slip_is_named_with_its_place(arm_path, arm_text, table, where):
     with pytest.raises(FileFormatError) as caught:
         load_model(with_gripper(arm_path, arm_text, table))
     assert caught.value.where.startswith(where)
+
+
+def test_jaws_of_a_continuous_joint_are_refused_with_the_remedy(tmp_path):
+    shutil.copytree(CONFIGS / "so101", tmp_path / "arm")
+    urdf = tmp_path / "arm" / "arm.urdf"
+    text = urdf.read_text().replace('"gripper" type="revolute"', '"gripper" type="continuous"')
+    urdf.write_text(text)
+    with pytest.raises(FileFormatError, match="its jaws have no ends") as caught:
+        load_model(tmp_path / "arm")
+    assert 'type="revolute"' in caught.value.hint
+
+
+def test_a_servo_cannot_drive_a_joint_that_follows_another(arm_path, arm_text):
+    arm_path.write_text(
+        arm_text.replace('"gripper"', '"other_finger"').replace("gripper =", "other_finger =")
+    )
+    with pytest.raises(FileFormatError, match=r'"other_finger" follows "gripper"'):
+        load_model(arm_path)

@@ -9,6 +9,7 @@ from pathlib import Path
 import pytest
 
 from ikservo.errors import FileFormatError
+from ikservo.model.loading import read_description
 from ikservo.model.urdf import read_urdf
 
 
@@ -103,6 +104,12 @@ SLIPS = {
                               "line 33", 'joint "other_finger" mimics "tool", which cannot be mimicked', "a joint that moves and mimics no other"),
     "inertial without mass": ('<mass value="0.5"/>', "",
                               "line 41", "<inertial> has no <mass>", "<mass …/> inside it"),
+    "negative inertia":      ('ixx="1e-3"', 'ixx="-1"',
+                              "line 44", "an inertia of -1 kg m²", "ixx, iyy and izz of zero or more"),
+    "huge inertia":          ('ixx="1e-3"', 'ixx="1e300"',
+                              "line 44", '<inertia> has ixx="1e300"', "numbers between ±1e+06"),
+    "huge limits":           ('upper="2.5"', 'upper="1e300"',
+                              "line 15", '<limit> has upper="1e300"', "numbers between ±1e+06"),
     "negative mass":         ('value="0.5"', 'value="-0.5"',
                               "line 43", "a mass of -0.5 kg", "zero or more"),
     "flat box":              ('size="0.1 0.2 0.3"', 'size="0.1 0 0.3"',
@@ -126,7 +133,7 @@ SLIPS = {
     "attribute twice":       ('name="small"', 'name="small" name="big"',
                               "line 2", "XML syntax error: duplicate attribute", "well-formed XML"),
     "macro in a number":     ('xyz="0.2 0 0"', 'xyz="${length} 0 0"',
-                              "line 13", '<origin> has xyz="${length} 0 0"', "plain numbers; expand the macros first: xacro arm.urdf.xacro > arm.urdf"),
+                              "line 13", '<origin> has xyz="${length} 0 0"', "plain numbers; expand the macros first: ikservo arms expand PATH"),
     "unexpanded macro":      ("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="/etc/passwd"/></robot><robot ',
                               "line 2", "XML syntax error: junk after document element", "well-formed XML"),
 }
@@ -139,6 +146,7 @@ def test_a_slip_is_named_with_its_line(
 ) -> None:
     assert old in urdf_text
     error = refused(urdf_path, urdf_text.replace(old, new, 1).encode())
+    expected = expected.replace("PATH", str(urdf_path))
     assert (error.where, error.found, error.expected) == (where, found, expected)
 
 
@@ -205,3 +213,25 @@ def test_the_message_names_file_line_and_what_was_expected(urdf_path: Path) -> N
     assert str(error) == (
         f"{urdf_path}, line 2: {DOCTYPE}.\nExpected plain XML without <!DOCTYPE> and <!ENTITY>."
     )
+
+
+def test_a_description_has_at_most_a_thousand_links(urdf_path: Path) -> None:
+    links = "".join(f'<link name="l{i}"/>' for i in range(1001))
+    joints = "".join(
+        f'<joint name="j{i}" type="fixed"><parent link="l{i}"/><child link="l{i + 1}"/></joint>'
+        for i in range(1000)
+    )
+    urdf_path.write_text(f"<robot>{links}{joints}</robot>")
+    with pytest.raises(FileFormatError, match=r"has 1,001 links"):
+        read_description(urdf_path)
+
+
+def test_at_most_a_hundred_joints_of_a_description_move(urdf_path: Path) -> None:
+    links = "".join(f'<link name="l{i}"/>' for i in range(102))
+    joints = "".join(
+        f'<joint name="j{i}" type="continuous"><parent link="l{i}"/><child link="l{i + 1}"/></joint>'
+        for i in range(101)
+    )
+    urdf_path.write_text(f"<robot>{links}{joints}</robot>")
+    with pytest.raises(FileFormatError, match=r"has 101 joints that move"):
+        read_description(urdf_path)
