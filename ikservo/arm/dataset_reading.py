@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import importlib
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib.util import find_spec
 from pathlib import Path
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
@@ -20,6 +21,8 @@ COLUMNS: Mapping[str, str] = {"state": "observation.state", "action": "action"}
 """What of an episode is read: what was measured, or what was commanded."""
 
 _MAX_BYTES = 16 * 1024 * 1024
+MAX_FRAMES = 1_000_000
+"""In a file; LeRobot begins a new one at 100 MB."""
 _SUFFIX = ".pos"  # of a joint's value
 
 
@@ -154,21 +157,41 @@ def _read_frames(folder: Path, column: str, width: int) -> tuple[Vector, Vector,
 
 def _read_file(path: Path, column: str, width: int) -> tuple[Vector, Vector, Matrix]:
     import pyarrow as pa  # noqa: PLC0415  # the extra `dataset`
-    import pyarrow.parquet as pq  # noqa: PLC0415
 
+    pq: Any = importlib.import_module("pyarrow.parquet")  # its types are partial
+    names = ["episode_index", "timestamp", column]
     try:
-        table = pq.read_table(path, columns=["episode_index", "timestamp", column])
-        rows = np.array(table.column(column).to_pylist(), dtype=np.float64)
+        _check_size(path, pq.ParquetFile(path), names, width)
+        table: Any = pq.read_table(path, columns=names)
+        flat: Any = table.column(column).combine_chunks().flatten().to_numpy(zero_copy_only=False)
+        rows = flat.astype(np.float64).reshape(len(table), -1)
         numbers, times_s = (
-            np.array(table.column(name).to_pylist(), dtype=np.float64)
+            table.column(name).to_numpy().astype(np.float64)
             for name in ("episode_index", "timestamp")
         )
-    except (OSError, KeyError, ValueError, TypeError, pa.ArrowException) as error:
+    except FileFormatError:
+        raise
+    except (OSError, KeyError, ValueError, TypeError, AttributeError, pa.ArrowException) as error:
         text = str(error).partition("\n")[0]
         raise FileFormatError(path, "", f"cannot be read: {text}", "LeRobot's frames") from error
     if rows.shape != (len(times_s), width):
         raise FileFormatError(path, column, f"has shape {rows.shape}", f"{width} values a frame")
     return numbers, times_s, rows
+
+
+def _check_size(path: Path, file: Any, names: Sequence[str], width: int) -> None:  # noqa: ANN401  # no types
+    """Refuse too many frames, or values, before any of them is read: a few bytes can hold many."""
+    metadata = file.metadata
+    rows, values, size = metadata.num_rows, 0, 0
+    for group in range(metadata.num_row_groups):
+        for index in range(metadata.num_columns):
+            part = metadata.row_group(group).column(index)
+            if part.path_in_schema.startswith(tuple(names)):
+                values, size = values + part.num_values, size + part.total_uncompressed_size
+    if rows > MAX_FRAMES or values > (width + 2) * rows or size > 16 * (values + 1) + _MAX_BYTES:
+        found = f"has {rows:,} frames of {values:,} values in {size:,} bytes"
+        expected = f"at most {MAX_FRAMES:,} frames in a file, {width} values in each"
+        raise FileFormatError(path, "", found, expected)
 
 
 def _check_episode(folder: Path, episode: Episode) -> None:

@@ -32,6 +32,7 @@ from ikservo.arm.recording_mcap import (
 from ikservo.calibration.calibration_file import dump_calibration, load_calibration
 from ikservo.clock import Clock, Rate
 from ikservo.errors import BadValueError
+from ikservo.files.reading import require_file
 from ikservo.kinematics import Chain
 from ikservo.model import Model
 
@@ -232,6 +233,7 @@ def read_recording(path: Path | str) -> Recording:
         FileFormatError: It cannot be read, or a part of it is malformed; says which.
     """
     path = parse_path(path)
+    require_file(path)
     return read_mcap(path) if _is_mcap_file(path) else read_json_lines(path)
 
 

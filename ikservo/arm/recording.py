@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import json
 import math
+from array import array
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -27,11 +28,12 @@ from ikservo.arm.reports import SampledTrajectory
 from ikservo.control.feedback import JointState
 from ikservo.deprecation import current_name
 from ikservo.errors import FileFormatError, InputError
-from ikservo.files.reading import parse_json
+from ikservo.files.reading import parse_json, require_file
 from ikservo.files.writing import FileWriteError
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 
 __all__ = [
+    "MAX_JOINTS",
     "MAX_SAMPLES",
     "MAX_SECONDS",
     "SCHEMA",
@@ -235,6 +237,7 @@ def os_error_text(error: OSError | ValueError) -> str:
 _MAX_LINE_CHARS = 16_384
 MAX_SECONDS = 20_000.0
 MAX_SAMPLES = 2_000_000  # at 100 Hz
+MAX_JOINTS = 100
 _KEYS = {"schema", "arm", "joints", "units", "period_s"}
 
 
@@ -246,8 +249,7 @@ def read_json_lines(path: Path) -> Recording:
     """
     lines = _read_lines(path)
     header = _parse_header(path, next(lines, ""))
-    times_s: list[float] = []
-    joints: list[list[float]] = []
+    times_s, joints = array("d"), array("d")  # lists of numbers need three times the memory
     for number, line in enumerate(lines, start=2):
         time_s, q = _parse_sample(path, number, line, len(header.joints))
         if times_s and time_s <= times_s[-1]:
@@ -259,13 +261,14 @@ def read_json_lines(path: Path) -> Recording:
                 path, number, "is one sample too many", f"at most {MAX_SAMPLES} samples"
             )
         times_s.append(time_s)
-        joints.append(q)
+        joints.extend(q)
     if not times_s:
         raise FileFormatError(path, "", "has no sample", "at least one line behind the header")
-    return Recording(header, np.array(times_s), np.array(joints))
+    return Recording(header, np.array(times_s), np.array(joints).reshape(len(times_s), -1))
 
 
 def _read_lines(path: Path) -> Iterator[str]:
+    require_file(path)
     try:
         with path.open("rb") as file:
             number = 0
@@ -312,6 +315,8 @@ def check_header(path: Path, where: str, row: Mapping[str, object]) -> Recording
         FileFormatError: One of them is missing, or cannot be used.
     """
     arm, joints, units = row.get("arm"), _text_tuple(row.get("joints")), row.get("units")
+    if len(joints) > MAX_JOINTS:
+        raise FileFormatError(path, where, f"has {len(joints)} joints", f"at most {MAX_JOINTS}")
     if not (isinstance(arm, str) and joints and len(set(joints)) == len(joints)):
         raise FileFormatError(
             path, where, "has no arm or joints", "the arm's name and each joint once"

@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 import platform
 import time
-import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -21,7 +20,9 @@ from typing import IO, TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from ikservo.arm.mcap_records import MAGIC, import_mcap, read_records
 from ikservo.arm.recording import (
+    MAX_JOINTS,
     MAX_SAMPLES,
     MAX_SECONDS,
     SCHEMA,
@@ -47,8 +48,6 @@ if TYPE_CHECKING:
 __all__ = ["CALIBRATION_FILE", "MAGIC", "McapFile", "MessageSink", "RecordedArm",
            "RosRecordingWriter", "read_attachment", "read_mcap"]  # fmt: skip
 
-MAGIC = b"\x89MCAP0\r\n"
-"""The first bytes of an MCAP file."""
 
 CALIBRATION_FILE = "calibration.toml"
 """The attachment with the arm's calibration."""
@@ -56,7 +55,6 @@ CALIBRATION_FILE = "calibration.toml"
 _METADATA = "ikservo"
 _FLUSH_PERIOD_S = 1.0
 _MAX_FILE_BYTES = 1024 * 1024
-_MAX_RECORD_BYTES = 64 * 1024 * 1024
 _NS = 1_000_000_000
 
 
@@ -133,16 +131,6 @@ class RecordedArm:
         }
 
 
-def _import_mcap() -> Any:  # noqa: ANN401  # a module
-    try:
-        import mcap.writer  # noqa: PLC0415  # an extra
-    except ImportError:
-        raise IkservoError(
-            "MCAP files need the library mcap.", 'Install it: pip install "ikservo[record]"'
-        ) from None
-    return mcap.writer
-
-
 class McapFile:
     """Writes messages into an MCAP file.
 
@@ -161,9 +149,9 @@ class McapFile:
     def __init__(
         self, path: Path, arm: RecordedArm, files: Mapping[str, str], *, overwrite: bool
     ) -> None:
-        module = _import_mcap()
+        module = import_mcap()
         metadata = arm.metadata()
-        self._path, self._channels = path, dict[Topic, int]()
+        self._path, self.channels = path, dict[Topic, int]()
         self._file: IO[bytes] = open_new_file(path, text=False, overwrite=overwrite)
         self._writer: Writer = module.Writer(self._file)
         with self._naming_the_file():
@@ -199,13 +187,13 @@ class McapFile:
         self._writer.add_attachment(now_ns, now_ns, name, media, text.encode())
 
     def _channel(self, topic: Topic) -> int:
-        if topic not in self._channels:
+        if topic not in self.channels:
             text = definition(topic.kind).encode()
             schema = self._writer.register_schema(topic.kind, "ros2msg", text)
-            self._channels[topic] = self._writer.register_channel(
+            self.channels[topic] = self._writer.register_channel(
                 topic.name, "cdr", schema, {"offered_qos_profiles": ""}
             )
-        return self._channels[topic]
+        return self.channels[topic]
 
     def _naming_the_file(self) -> _NamingTheFile:
         return _NamingTheFile(self._path)
@@ -287,39 +275,6 @@ class RosRecordingWriter:
 # reading
 
 
-def _read_records(path: Path) -> Iterator[Any]:
-    """Yield the records of an MCAP file; one that was cut short ends with its last whole one.
-
-    So does a damaged file, with a warning that names the position.
-
-    Raises:
-        FileFormatError: It cannot be read.
-    """
-    _import_mcap()
-    from mcap.stream_reader import StreamReader  # noqa: PLC0415
-
-    try:
-        with path.open("rb") as file:
-            if file.read(len(MAGIC)) != MAGIC:
-                raise FileFormatError(path, "", "is no MCAP file", "what ikservo record wrote")
-            file.seek(0)
-            reader = StreamReader(file, validate_crcs=True, record_size_limit=_MAX_RECORD_BYTES)
-            try:
-                yield from reader.records
-            except (FileFormatError, OSError):
-                raise
-            except Exception as error:  # the reader has no error of its own for what is cut short
-                if file.read(1):
-                    _warn_damaged(path, file.tell() - 1, error)
-    except OSError as error:
-        raise FileFormatError(path, "", f"cannot be read ({error.strerror})") from error
-
-
-def _warn_damaged(path: Path, byte: int, error: Exception) -> None:
-    text = f"{path} is damaged near byte {byte} ({error}); only what is before that is read."
-    warnings.warn(text, RuntimeWarning, stacklevel=2)
-
-
 def read_attachment(path: Path, name: str) -> str | None:
     """Return the text of an attachment of an MCAP file; None where it has none.
 
@@ -328,7 +283,7 @@ def read_attachment(path: Path, name: str) -> str | None:
     """
     from mcap.records import Attachment  # noqa: PLC0415
 
-    for record in _read_records(path):
+    for record in read_records(path):
         if isinstance(record, Attachment) and record.name == name:
             try:
                 return record.data.decode()
@@ -344,7 +299,7 @@ def read_mcap(path: Path) -> Recording:
         FileFormatError: It cannot be read, or has no joint states.
     """
     reader = _JointStateReader(path)
-    for record in _read_records(path):
+    for record in read_records(path, reader.channels):
         reader.take(record)
     return reader.recording()
 
@@ -360,7 +315,7 @@ class _JointStateReader:
         self._path = path
         self._header: RecordingHeader | None = None
         self._schemas: dict[int, str] = {}
-        self._channels: set[int] = set()
+        self.channels: set[int] = set()
         self._rows: dict[int, dict[str, float]] = {}  # by stamp, nanoseconds
 
     def take(self, record: object) -> None:
@@ -372,8 +327,8 @@ class _JointStateReader:
             case Schema():
                 self._schemas[record.id] = record.name
             case Channel() if self._has_joints(record):
-                self._channels.add(record.id)
-            case Message() if record.channel_id in self._channels:
+                self.channels.add(record.id)
+            case Message() if record.channel_id in self.channels:
                 self._add(record.log_time, record.data)
             case _:
                 pass
@@ -427,6 +382,9 @@ class _JointStateReader:
             message = decode(JOINT_STATES.kind, data)
         except IkservoError as error:
             raise FileFormatError(self._path, where, f"is malformed ({error.message})") from None
+        if len(message.name) > MAX_JOINTS:
+            found = f"has {len(message.name):,} joints"
+            raise FileFormatError(self._path, where, found, f"at most {MAX_JOINTS}")
         if len(message.name) != len(message.position) or not np.isfinite(message.position).all():
             raise FileFormatError(self._path, where, "has other positions", "a number for a joint")
         stamp = message.header.stamp

@@ -26,6 +26,12 @@ Matrix = NDArray[np.float64]
 
 _MAX_BYTES = 4 * 1024 * 1024
 _MAX_POINTS = 20_000
+# A command and two numbers give a point at least, so that more make too many points; they are
+# counted before an SVG is read, as often as it uses them.
+_MAX_NUMBERS, _MAX_ELEMENTS, _MAX_DEPTH = 3 * _MAX_POINTS + 100, 10_000, 64
+_MAX_CSS_CHARS = 40_000_000  # style sheets, read anew for each element
+_NUMBERS = ("d", "points", "transform", "gradientTransform", "viewBox")
+_DIGITS = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[A-Za-z]")
 _UNITS_M = {"m": 1.0, "mm": 0.001}
 _HEADER = re.compile(r"[xyz](_(?P<unit>mm|m))?", re.IGNORECASE)
 # An SVG's pixel is 1/96 inch (CSS), which is also what millimetres in a file are converted by.
@@ -118,8 +124,12 @@ def read_drawing(path: Path | str, unit: str | None = None) -> Drawing:
     else:
         drawing = Drawing(tuple(_read_csv(file, text, unit)))
     if sum(len(stroke) for stroke in drawing.strokes_m) > _MAX_POINTS:
-        raise FileFormatError(file, "", f"has more than {_MAX_POINTS} points")
+        raise _too_many_points(file)
     return drawing
+
+
+def _too_many_points(path: Path) -> FileFormatError:
+    return FileFormatError(path, "", f"has more than {_MAX_POINTS} points")
 
 
 def _read_csv(path: Path, text: str, unit: str | None) -> Iterator[Matrix]:
@@ -134,10 +144,13 @@ def _read_csv(path: Path, text: str, unit: str | None) -> Iterator[Matrix]:
         )
     factor = _UNITS_M[unit or named or "m"]
     stroke: list[list[float]] = []
-    columns = 0
+    columns = count = 0
     for number, line in enumerate([*lines, ""], start=1):
+        if count > _MAX_POINTS:
+            raise _too_many_points(path)
         if line and not line.startswith("#"):
             stroke.append(_parse_row(path, number, line, columns))
+            count += 1
             columns = len(stroke[-1])
         elif stroke and not line:
             yield factor * _with_height(np.array(stroke))
@@ -188,12 +201,16 @@ def _read_svg(path: Path, text: str) -> Drawing:
             "Reading SVG files needs svgelements, which is not installed.",
             "Install it: pip install 'ikservo[draw]'. A CSV file needs nothing.",
         ) from None
-    _check_xml(path, text)
+    _check_svg(path, text)
     try:
         elements = list(svgelements.SVG.parse(io.StringIO(text), ppi=_PIXELS_PER_INCH).elements())
         shapes = [svgelements.Path(e) for e in elements if isinstance(e, svgelements.Shape)]
+        if sum(_count_points(segment) for shape in shapes for segment in shape) > _MAX_POINTS:
+            raise _too_many_points(path)
         subpaths = [svgelements.Path(part) for shape in shapes for part in shape.as_subpaths()]
         found = [_sample_segments(list(part)) for part in subpaths]
+    except FileFormatError:
+        raise
     except (ValueError, TypeError, ArithmeticError, LookupError, AttributeError) as error:
         raise FileFormatError(path, "", f"cannot be read as SVG ({error})", "SVG 1.1") from error
     strokes = [stroke for stroke in found if len(stroke) > 1]
@@ -209,8 +226,8 @@ def _read_svg(path: Path, text: str) -> Drawing:
     return Drawing(tuple(_with_height(stroke) for stroke in placed), ignored)
 
 
-def _check_xml(path: Path, text: str) -> None:
-    """Refuse what is not well-formed, or has entities, which can be made to take all memory."""
+def _check_svg(path: Path, text: str) -> None:
+    """Refuse what is not well-formed, has entities, or would become too large when it is read."""
     from defusedxml.common import DefusedXmlException  # noqa: PLC0415
     from defusedxml.ElementTree import fromstring  # noqa: PLC0415
 
@@ -220,16 +237,64 @@ def _check_xml(path: Path, text: str) -> None:
         raise FileFormatError(path, "", f"is not XML ({error})", "an SVG file") from error
     if root.tag.rpartition("}")[2] != "svg":
         raise FileFormatError(path, "", f"is XML, but {quote(root.tag)}, not svg", "an SVG file")
+    elements, numbers = _SvgCost(path, root).of(root)
+    sheets = sum(len(each.text or "") for each in root.iter() if each.tag.endswith("style"))
+    for count, most, what in (
+        (elements, _MAX_ELEMENTS, "elements, each as often as it is used"),
+        (numbers, _MAX_NUMBERS, "numbers and commands in its paths"),
+        (sheets * elements, _MAX_CSS_CHARS, "characters of style sheets to apply"),
+    ):
+        if count > most:
+            found = f"has {count:,} {what}"
+            raise FileFormatError(path, "", found, f"at most {most:,}; simplify the drawing")
+
+
+class _SvgCost:
+    """Counts the elements and numbers of an SVG, those behind a <use> as often as they are used."""
+
+    def __init__(self, path: Path, root: ET.Element) -> None:
+        self._path = path
+        self._by_id = {name: each for each in root.iter() if (name := each.get("id"))}
+        self._costs: dict[ET.Element, tuple[int, int]] = {}
+        self._depth = 0
+
+    def of(self, element: ET.Element) -> tuple[int, int]:
+        """Return how many elements and numbers an element becomes.
+
+        Raises:
+            FileFormatError: A <use> contains itself, or elements are nested too deeply.
+        """
+        if element in self._costs:
+            return self._costs[element]
+        self._depth += 1
+        if self._depth > _MAX_DEPTH:
+            found = "nests elements too deeply, or a <use> contains itself"
+            raise FileFormatError(self._path, "", found, f"at most {_MAX_DEPTH} levels")
+        inside = [self.of(each) for each in (*element, *self._used_by(element))]
+        own = sum(len(_DIGITS.findall(element.get(name, ""))) for name in _NUMBERS)
+        self._depth -= 1
+        cost = 1 + sum(each[0] for each in inside), own + sum(each[1] for each in inside)
+        self._costs[element] = cost
+        return cost
+
+    def _used_by(self, element: ET.Element) -> list[ET.Element]:
+        if element.tag.rpartition("}")[2] != "use":
+            return []
+        names = [value for key, value in element.items() if key.rpartition("}")[2] == "href"]
+        return [self._by_id[n[1:]] for n in names if n[:1] == "#" and n[1:] in self._by_id]
+
+
+def _count_points(segment: PathSegment) -> int:
+    from svgelements import Close, Line, Move  # noqa: PLC0415
+
+    return 1 if isinstance(segment, Move | Line | Close) else _POINTS_PER_CURVE
 
 
 def _sample_segments(segments: Sequence[PathSegment]) -> Matrix:
     """Return the points (k, 2) [px] along a part of a path, drawn without lifting the pen."""
-    from svgelements import Close, Line, Move  # noqa: PLC0415
-
     points: list[tuple[float, float]] = []
     for segment in segments:
-        straight = isinstance(segment, Move | Line | Close)
-        count = 1 if straight else _POINTS_PER_CURVE
+        count = _count_points(segment)
         at = [segment.point(i / count) for i in range(1, count + 1)] if segment.end else []
         points += [(point.x, point.y) for point in at]
     return np.array(points, dtype=np.float64).reshape(-1, 2)

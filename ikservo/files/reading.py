@@ -13,7 +13,15 @@ from typing import Any, NoReturn
 
 from ikservo.errors import FileFormatError
 
-__all__ = ["parse_json", "parse_toml", "path_inside", "quote", "read_text", "read_toml"]
+__all__ = [
+    "parse_json",
+    "parse_toml",
+    "path_inside",
+    "quote",
+    "read_text",
+    "read_toml",
+    "require_file",
+]
 
 
 _OUTWARD = ("\\", ":", "\0")  # other separators, drives and schemes such as package:// or http://
@@ -26,17 +34,26 @@ def read_text(path: Path, limit_bytes: int) -> str:
     Raises:
         FileFormatError: It is missing, not a file, unreadable, too large, empty or not UTF-8.
     """
-    mode = _file_mode(path)
-    if stat.S_ISDIR(mode):
-        raise FileFormatError(path, "", "is a folder", "a file")
-    if not stat.S_ISREG(mode):  # reading a pipe or a terminal would wait forever
-        raise FileFormatError(path, "", "is not a regular file", "a file")
+    require_file(path)
     data = _read_at_most(path, limit_bytes)
     if len(data) > limit_bytes:
         raise FileFormatError(path, "", "is too large", f"at most {limit_bytes // 1024} KiB")
     if not data.strip():
         raise FileFormatError(path, "", "is empty")
     return _decode_utf8(path, data)
+
+
+def require_file(path: Path) -> None:
+    """Refuse what is no regular file: reading a pipe or a terminal would wait forever.
+
+    Raises:
+        FileFormatError: It is missing, not a file, or not to be found.
+    """
+    mode = _file_mode(path)
+    if stat.S_ISDIR(mode):
+        raise FileFormatError(path, "", "is a folder", "a file")
+    if not stat.S_ISREG(mode):
+        raise FileFormatError(path, "", "is not a regular file", "a file")
 
 
 def parse_json(text: str | bytes, parse_int: Callable[[str], int] | None = None) -> Any:  # noqa: ANN401

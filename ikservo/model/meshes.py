@@ -152,7 +152,8 @@ def _smallest_capsule(points: Matrix) -> FittedCapsule:
 
 def _main_axes(points: Matrix) -> Matrix:
     """Return the principal axes (3, 3) of points, one a row, the longest first."""
-    return np.linalg.svd(points - points.mean(axis=0), full_matrices=True)[2]
+    every_axis = len(points) < 3  # else its first matrix would be as large as the points' square
+    return np.linalg.svd(points - points.mean(axis=0), full_matrices=every_axis)[2]
 
 
 def _main_axis(points: Matrix) -> Vector:
@@ -187,8 +188,10 @@ def _enclosing_circle_centre(flat: Matrix) -> Vector:
 
 
 _FORMATS = (".stl", ".obj", ".ply", ".glb", ".gltf", ".dae")
-_MAX_BYTES = 64 * 1024 * 1024
-_MAX_TRIANGLES = 1_000_000
+_MAX_BYTES = 32 * 1024 * 1024
+MAX_TRIANGLES = 300_000
+"""Of a mesh; half a minute of fitting at worst, once."""
+_STL_HEAD_BYTES, _STL_TRIANGLE_BYTES, _GLB_HEAD_BYTES = 84, 50, 20
 
 
 def read_triangles(path: Path, data: bytes, link: str) -> Triangles:
@@ -210,14 +213,44 @@ def read_triangles(path: Path, data: bytes, link: str) -> Triangles:
         expected = f"one of {', '.join(_FORMATS)}"
         raise FileFormatError(path, place, f"its format is {suffix or 'unnamed'}", expected)
     if len(data) > _MAX_BYTES:
-        raise FileFormatError(path, place, "it is larger than 64 MiB", "a simpler collision mesh")
+        raise FileFormatError(path, place, "it is larger than 32 MiB", "a simpler collision mesh")
+    _check_count(path, place, _stated_triangles(suffix, data))
     triangles = _load_mesh(path, data, place)
-    if len(triangles) > _MAX_TRIANGLES:
-        found = f"it has {len(triangles):,} triangles"
-        raise FileFormatError(path, place, found, "a simpler collision mesh")
+    _check_count(path, place, len(triangles))
     if not len(triangles) or not np.isfinite(triangles).all():
         raise FileFormatError(path, place, "it has no triangles", "a surface of triangles")
     return triangles
+
+
+def _check_count(path: Path, place: str, triangles: float) -> None:
+    if triangles > MAX_TRIANGLES:
+        found, expected = f"it has {triangles:,.0f} triangles", f"at most {MAX_TRIANGLES:,}"
+        raise FileFormatError(path, place, found, f"{expected}; a simpler collision mesh")
+
+
+def _stated_triangles(suffix: str, data: bytes) -> float:
+    """Return how many triangles a file says it has, before room is made for them; 0 if unknown."""
+    if suffix == ".stl" and len(data) > _STL_HEAD_BYTES and not data.startswith(b"solid"):
+        return (len(data) - _STL_HEAD_BYTES) // _STL_TRIANGLE_BYTES
+    if suffix == ".obj":
+        return data.count(b"\nf ")
+    if suffix in (".gltf", ".glb"):
+        start = _GLB_HEAD_BYTES if suffix == ".glb" else 0
+        length = int.from_bytes(data[12:16], "little") if suffix == ".glb" else len(data)
+        with contextlib.suppress(ValueError, TypeError, AttributeError, KeyError, RecursionError):
+            return _gltf_triangles(json.loads(data[start : start + length]))
+    return 0
+
+
+def _gltf_triangles(tree: Any) -> float:  # noqa: ANN401  # JSON of any shape
+    """Return the corners in all primitives of all nodes, a third of them, as glTF counts them."""
+    counts: list[float] = [accessor.get("count", 0) for accessor in tree.get("accessors", ())]
+    meshes: list[float] = [
+        sum(counts[p.get("indices", p["attributes"]["POSITION"])] for p in mesh["primitives"])
+        for mesh in tree.get("meshes", ())
+    ]
+    nodes = (node["mesh"] for node in tree.get("nodes", ()) if "mesh" in node)
+    return max(sum(meshes[mesh] for mesh in nodes), *counts, 0) / 3
 
 
 def _load_mesh(path: Path, data: bytes, place: str) -> Triangles:

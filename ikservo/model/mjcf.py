@@ -69,6 +69,7 @@ def _included_files(root: XmlElement, path: Path, folder: Path) -> list[Path]:
         bases += [element.attributes[key] for key in _FOLDERS if key in element.attributes]
     included: list[Path] = []
     for element in elements:
+        _check_multiplied(element)
         for key, name in element.attributes.items():
             if not key.startswith("file"):
                 continue
@@ -77,6 +78,22 @@ def _included_files(root: XmlElement, path: Path, folder: Path) -> list[Path]:
             if element.tag == "include":
                 included.append(_resolve_inside(element, path.parent, folder, name))
     return included
+
+
+_MULTIPLIES = ("replicate", "composite", "flexcomp", "attach", "plugin", "skin")
+_MOST = {"width": 2048, "height": 2048, "nrow": 2048, "ncol": 2048}
+
+
+def _check_multiplied(element: XmlElement) -> None:
+    """Refuse what makes a few bytes a large model; an arm needs none of it."""
+    attributes = element.attributes
+    if element.tag in _MULTIPLIES or (element.tag == "mesh" and "builtin" in attributes):
+        raise element.error(f"<{element.tag}> is not for arms", "bodies one by one")
+    if element.tag in ("texture", "hfield", "size"):
+        for key in attributes:
+            most = 1000 if key.startswith("nuser") else _MOST.get(key, math.inf)
+            if most < math.inf:
+                element.number(key, most=most)
 
 
 def _resolve_inside(element: XmlElement, place: Path, folder: Path, name: str) -> Path:

@@ -74,8 +74,7 @@ def test_jaws_of_a_continuous_joint_are_refused_with_the_remedy(tmp_path):
 
 
 def test_a_servo_cannot_drive_a_joint_that_follows_another(arm_path, arm_text):
-    arm_path.write_text(
-        arm_text.replace('"gripper"', '"other_finger"').replace("gripper =", "other_finger =")
-    )
+    text = arm_text.replace('name = "gripper"', 'name = "other_finger"')
+    arm_path.write_text(text.replace("{ gripper =", "{ other_finger ="))
     with pytest.raises(FileFormatError, match=r'"other_finger" follows "gripper"'):
         load_model(arm_path)

@@ -1,0 +1,156 @@
+"""The records of an MCAP file, inflated to no more than what they state."""
+
+from __future__ import annotations
+
+import importlib
+import struct
+import warnings
+import zlib
+from collections.abc import Callable, Container, Iterator, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import IO, Any, BinaryIO, cast
+
+from ikservo.errors import FileFormatError, IkservoError
+from ikservo.files.reading import require_file
+
+__all__ = ["MAGIC", "MAX_CHUNK_BYTES", "import_mcap", "read_records"]
+
+MAGIC = b"\x89MCAP0\r\n"
+"""The first bytes of an MCAP file."""
+
+MAX_CHUNK_BYTES = 32 * 1024 * 1024
+"""Of a chunk when it is inflated; writers make chunks of about one to ten MiB."""
+
+# In all: of a small file; of a large one, several times its size.
+_MAX_INFLATED_BYTES, _MAX_RATIO = 256 * 1024 * 1024, 10
+_RECORD_HEAD, _MESSAGE, _DEFINITIONS = struct.Struct("<BQ"), 5, (3, 4)
+_MAX_DEFINITIONS = 10_000
+_MAX_RECORD_BYTES = 64 * 1024 * 1024
+
+
+def import_mcap() -> Any:  # noqa: ANN401  # a module
+    try:
+        import mcap.writer  # noqa: PLC0415  # an extra
+    except ImportError:
+        raise IkservoError(
+            "MCAP files need the library mcap.", 'Install it: pip install "ikservo[record]"'
+        ) from None
+    return mcap.writer
+
+
+def read_records(path: Path, wanted: Container[int] = ()) -> Iterator[Any]:
+    """Yield the records of an MCAP file; one that was cut short ends with its last whole one.
+
+    Of the messages in chunks, those of the wanted channels only: there may be a million.
+
+    So does a damaged file, with a warning that names the position.
+
+    Raises:
+        FileFormatError: It cannot be read.
+    """
+    require_file(path)
+    import_mcap()
+    from mcap.stream_reader import StreamReader  # noqa: PLC0415
+
+    try:
+        with path.open("rb") as file:
+            if file.read(len(MAGIC)) != MAGIC:
+                raise FileFormatError(path, "", "is no MCAP file", "what ikservo record wrote")
+            file.seek(0)
+            reader = StreamReader(
+                cast("IO[bytes]", _BoundedReads(file)), validate_crcs=True, emit_chunks=True,
+                record_size_limit=_MAX_RECORD_BYTES,
+            )  # fmt: skip
+            try:
+                most = max(_MAX_INFLATED_BYTES, _MAX_RATIO * path.stat().st_size)
+                for record in reader.records:
+                    most -= getattr(record, "uncompressed_size", 0)
+                    if most < 0:
+                        raise FileFormatError(path, "", "inflates to too much", "a shorter one")
+                    yield from _records_of_chunk(path, record, wanted)
+            except (FileFormatError, OSError):
+                raise
+            except Exception as error:  # the reader has no error of its own for what is cut short
+                if file.read(1):
+                    _warn_damaged(path, file.tell() - 1, error)
+    except OSError as error:
+        raise FileFormatError(path, "", f"cannot be read ({error.strerror})") from error
+
+
+class _BoundedReads:
+    """A file of which no more than a record is read at once, whatever a length in it says."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+
+    def read(self, size: int) -> bytes:
+        """Return the next bytes.
+
+        Raises:
+            ValueError: Too many are wanted.
+        """
+        if size > _MAX_RECORD_BYTES:
+            raise ValueError(f"a length of {size} bytes")
+        return self._file.read(size)
+
+
+def _records_of_chunk(path: Path, record: Any, wanted: Container[int]) -> Iterator[Any]:  # noqa: ANN401  # mcap's
+    """Return the records in a chunk, inflated to the size that it states at most; others as is.
+
+    Raises:
+        FileFormatError: It would inflate to too much.
+    """
+    from mcap.records import Chunk  # noqa: PLC0415
+    from mcap.stream_reader import breakup_chunk  # noqa: PLC0415
+
+    if not isinstance(record, Chunk):
+        yield record
+        return
+    if record.uncompressed_size > MAX_CHUNK_BYTES:
+        found = f"a chunk of it inflates to {record.uncompressed_size:,} bytes"
+        raise FileFormatError(path, "", found, f"chunks of at most {MAX_CHUNK_BYTES:,} bytes")
+    if record.compression in _INFLATE:
+        data = _INFLATE[record.compression](record.data, record.uncompressed_size + 1)
+        if len(data) != record.uncompressed_size:
+            found = "a chunk of it inflates to another size than it states"
+            raise FileFormatError(path, "", found, "an MCAP file that is whole")
+        record = replace(record, data=data, compression="")
+    if record.uncompressed_crc not in (0, zlib.crc32(record.data)):
+        raise ValueError("the checksum of a chunk is wrong")
+    at, others, data = 0, 0, record.data
+    while at + _RECORD_HEAD.size <= len(data):
+        kind, length = _RECORD_HEAD.unpack_from(data, at)
+        end = at + _RECORD_HEAD.size + length
+        channel = int.from_bytes(data[at + 9 : at + 11], "little")
+        others += kind in _DEFINITIONS
+        if others > _MAX_DEFINITIONS:
+            found = "a chunk of it has too many channels and schemas"
+            raise FileFormatError(path, "", found, f"at most {_MAX_DEFINITIONS:,}")
+        if kind in _DEFINITIONS or (kind == _MESSAGE and channel in wanted):
+            one = replace(record, data=data[at:end], compression="", uncompressed_crc=0)
+            yield from breakup_chunk(one)
+        at = end
+
+
+def _inflate_zstd(data: bytes, most: int) -> bytes:
+    import zstandard  # noqa: PLC0415
+
+    with zstandard.ZstdDecompressor().stream_reader(data) as stream:
+        return stream.read(most)
+
+
+def _inflate_lz4(data: bytes, most: int) -> bytes:
+    frame: Any = importlib.import_module("lz4.frame")
+    return frame.LZ4FrameDecompressor().decompress(data, max_length=most)
+
+
+_INFLATE: Mapping[str, Callable[[bytes, int], bytes]] = {
+    "zstd": _inflate_zstd,
+    "lz4": _inflate_lz4,
+}
+
+
+def _warn_damaged(path: Path, byte: int, error: Exception) -> None:
+    text = f"{path} is damaged near byte {byte} ({error}); only what is before that is read."
+    warnings.warn(text, RuntimeWarning, stacklevel=2)
