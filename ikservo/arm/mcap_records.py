@@ -30,6 +30,7 @@ _MAX_RECORD_BYTES = 64 * 1024 * 1024
 
 
 def import_mcap() -> Any:  # noqa: ANN401  # a module
+    """Return the module that writes MCAP, or say what to install."""
     try:
         import mcap.writer  # noqa: PLC0415  # an extra
     except ImportError:

@@ -14,19 +14,22 @@ from ikservo.calibration.paths import calibration_path
 from ikservo.calibration.procedure import MIN_RANGE_TICKS
 from ikservo.calibration.records import CalibratedJoint, CalibratedServo, Calibration
 from ikservo.calibration.servo_config import calibration_registers
-from ikservo.errors import FileFormatError
+from ikservo.errors import FileFormatError, InputError
 from ikservo.files.reading import MAX_BYTES, parse_toml, quote, read_text
 from ikservo.files.validation import Location, ValidationIssue, first_issue, validation_issues
-from ikservo.files.writing import strip_checksum, with_checksum, write_atomic
+from ikservo.files.writing import BACKUP_SUFFIX, strip_checksum, with_checksum, write_atomic
 from ikservo.registers import MODELS, Family
 
 __all__ = [
     "dump_calibration",
     "inconsistencies",
     "load_calibration",
+    "load_calibration_file",
     "parse_calibration",
     "read_calibration",
+    "restore_calibration",
     "save_calibration",
+    "ways_out",
 ]
 
 
@@ -198,10 +201,59 @@ def load_calibration(arm: str, usb_serial_number: str) -> Calibration | None:
     """Return the calibration of an arm on an adapter, or None if there is none.
 
     Raises:
-        FileFormatError: It is damaged.
+        FileFormatError: It is damaged; names the ways out.
     """
-    path = calibration_path(arm, usb_serial_number)
-    return read_calibration(path) if path.exists() else None
+    return load_calibration_file(calibration_path(arm, usb_serial_number), arm)
+
+
+def load_calibration_file(path: Path, arm: str) -> Calibration | None:
+    """Return the calibration in a file of an arm, or None if there is none.
+
+    Raises:
+        FileFormatError: It is damaged; names the ways out.
+    """
+    if not path.exists():
+        return None
+    try:
+        return read_calibration(path)
+    except FileFormatError as error:
+        expected = f"{error.expected or 'a calibration'}. {ways_out(path, arm)}"
+        raise FileFormatError(path, error.where, error.found, expected) from error
+
+
+def ways_out(path: Path, arm: str) -> str:
+    """Return what can be done about a calibration that cannot be used."""
+    restore = f"Restore the previous one: ikservo calibration restore {arm}. Or c"
+    again = f"alibrate again: ikservo calibrate {arm}. To switch torque off: ikservo relax"
+    return f"{restore if backup_path(path).is_file() else 'C'}{again} --arm {arm}"
+
+
+def backup_path(path: Path) -> Path:
+    """Return where the previous content of a calibration is kept."""
+    return path.with_name(path.name + BACKUP_SUFFIX)
+
+
+def restore_calibration(path: Path) -> Calibration:
+    """Put the previous calibration in place of a damaged one, which is kept beside it as .damaged.
+
+    Raises:
+        FileFormatError: There is no previous one, or it cannot be used either.
+        InputError: The present one is not damaged.
+        FileWriteError: It cannot be written.
+    """
+    backup = backup_path(path)
+    text = read_text(backup, MAX_BYTES)
+    calibration = parse_calibration(backup, text)
+    if path.exists():
+        try:
+            read_calibration(path)
+        except FileFormatError:
+            damaged = path.read_bytes()[:MAX_BYTES].decode("utf-8", "replace")
+            write_atomic(path.with_name(f"{path.name}.damaged"), damaged)
+        else:
+            raise InputError(f"{path} is not damaged; nothing was restored.", "")
+    write_atomic(path, text)
+    return calibration
 
 
 def save_calibration(calibration: Calibration) -> Path:

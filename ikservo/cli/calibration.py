@@ -8,13 +8,23 @@ from typing import Annotated
 
 import typer
 
-from ikservo.calibration.records import Calibration
+from ikservo.arm.opening import resolve_port
+from ikservo.calibration import format_position
+from ikservo.calibration.calibration_file import (
+    load_calibration_file,
+    restore_calibration,
+    ways_out,
+)
+from ikservo.calibration.paths import calibration_path, calibrations_of
+from ikservo.calibration.records import CalibratedJoint, Calibration
 from ikservo.calibration.transaction import resume, roll_back
 from ikservo.cli.calibrate_screen import confirm_start, disable_torque
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ArmArgument, JsonOption, PortOption, YesOption, complete_actions
 from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
-from ikservo.errors import ExitCode, IkservoError, InputError, UnknownNameError
+from ikservo.errors import CalibrationError, ExitCode, IkservoError, InputError, UnknownNameError
+from ikservo.files.writing import BACKUP_SUFFIX
+from ikservo.hardware.remembered_port import serial_number_of
 from ikservo.maintenance.calibration_session import (
     TorqueOffArm,
     adopt_calibration,
@@ -29,14 +39,14 @@ from ikservo.model import Model
 
 __all__ = ["command", "import_recorded"]
 
-ACTIONS = ("diff", "push", "pull", "adopt", "resume", "revert")
+ACTIONS = ("show", "diff", "push", "pull", "adopt", "restore", "resume", "revert")
 Action = Annotated[
     str,
     typer.Argument(
-        metavar="diff|push|pull|adopt|resume|revert",
+        metavar="show|diff|push|pull|adopt|restore|resume|revert",
         autocompletion=complete_actions,
-        help="Compare; file into servos; servos into file; adopt the one of another adapter; "
-        "complete or revert an interrupted write.",
+        help="Print it; compare; file into servos; servos into file; adopt the one of another "
+        "adapter; put the previous one in place of a damaged one; complete or revert an interrupted write.",
     ),
 ]
 Source = Annotated[
@@ -55,6 +65,8 @@ def command(
 ) -> None:
     """Compare an arm's calibration with its servos, or carry one over to the other.
 
+    ikservo calibration show so101          zeros, signs, ranges
+
     ikservo calibration diff so101          exit 6 where they differ
 
     ikservo calibration push so101          write the file into the servos
@@ -62,11 +74,16 @@ def command(
     ikservo calibration pull so101          write the servos into the file
 
     ikservo calibration adopt so101         the arm is on another adapter than before
+
+    ikservo calibration restore so101       the file is damaged: take the one before
     """
     if action not in ACTIONS:
         raise UnknownNameError("action", action, ACTIONS)
     if source and action != "adopt":
         raise InputError(f"--from cannot be used with {action}.", "It belongs to: adopt")
+    if action in ("show", "restore"):
+        _show_or_restore(model_from_option(arm), port, action, json=json)
+        return
     interrupted = action in ("resume", "revert")
     with open_torque_off(model_from_option(arm), port, settled=not interrupted) as limp_arm:
         if action == "diff":
@@ -77,6 +94,55 @@ def command(
             _adopt_calibration(limp_arm, source, yes=yes)
         else:
             _transfer_calibration(limp_arm, action, yes=yes)
+
+
+def _show_or_restore(model: Model, port: str | None, action: str, *, json: bool) -> None:
+    """Print or restore a calibration; the servos are not asked, and need not be connected."""
+    path = _find_file(model, port)
+    calibration = (
+        restore_calibration(path)
+        if action == "restore"
+        else load_calibration_file(path, model.name)
+    )
+    if calibration is None:
+        raise CalibrationError(f"There is no {path}.", ways_out(path, model.name))
+    if json:
+        print_json(
+            f"calibration-{action}", path=path, calibration=calibration.model_dump(mode="json")
+        )
+        return
+    if action == "restore":
+        print_lines([f"Restored {path}, of {calibration.written:%Y-%m-%d}."])
+        print_status(f"Compare it with the servos: ikservo calibration diff {model.name}")
+        return
+    adapter = calibration.usb_serial_number or "without a number"
+    print_lines(
+        [f"{path}", f"calibrated on {calibration.written:%Y-%m-%d %H:%M}, adapter {adapter}"]
+    )
+    print_table(["joint", "servo", "zero", "sign", "range", "measured"], [
+        _describe(joint) for joint in calibration.joints])  # fmt: skip
+
+
+def _describe(joint: CalibratedJoint) -> list[str]:
+    slides, ends = joint.lower_m is not None, joint.recorded_range()
+    shown = [format_position(end, "m" if slides else "rad") for end in ends or ()]
+    ids = " and ".join(f"{servo.model} (id {servo.id})" for servo in joint.servos)
+    sign = "as the joint" if joint.sign == 1 else "against it"
+    return [joint.name, ids, f"tick {joint.zero_tick:g}", sign, " to ".join(shown) or "not measured",
+            joint.swept]  # fmt: skip
+
+
+def _find_file(model: Model, port: str | None) -> Path:
+    """Return the calibration of the arm at a port, or else the only one there is of it."""
+    if port is not None:
+        return calibration_path(model.name, serial_number_of(resolve_port(model, port)))
+    folder = calibration_path(model.name, "").parent
+    backups = (path.with_suffix("") for path in folder.glob(f"{model.name}*.toml{BACKUP_SUFFIX}"))
+    paths = sorted({*calibrations_of(model.name), *backups})
+    if len(paths) > 1:
+        listed = ", ".join(path.name for path in paths)
+        raise InputError(f"{model.name} has several calibrations: {listed}.", "Choose with --port.")
+    return paths[0] if paths else calibration_path(model.name, "")
 
 
 def _print_differences(limp_arm: TorqueOffArm, *, json: bool) -> None:

@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import sys
+from collections.abc import Callable
+from contextlib import ExitStack
+from functools import partial
 
-from ikservo.arm import Arm
+from ikservo.arm.opening import open_bus
 from ikservo.arm.remote import request_relax
 from ikservo.cli.joints import print_report
 from ikservo.cli.model_options import model_from_option
@@ -18,7 +21,9 @@ from ikservo.cli.options import (
 )
 from ikservo.cli.session import announce_lowering, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import confirm, print_status
-from ikservo.errors import IkservoError
+from ikservo.errors import CalibrationError, FileFormatError, IkservoError
+from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.torque import torque_off
 
 __all__ = ["command"]
 
@@ -34,6 +39,8 @@ def command(
 ) -> None:
     """Lower the arm to its rest pose, slowly, then switch torque off.
 
+    An arm whose calibration cannot be used is not lowered: its torque goes off after a question.
+
     Where another program of yours has the port, that one stops what it does and relaxes the arm.
     """
     model = model_from_option(arm)
@@ -41,9 +48,19 @@ def command(
     if remote_result is not None:
         print_report(remote_result, model, json=json)
         return
-    with open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
+    with ExitStack() as stack:
+        try:
+            machine = stack.enter_context(
+                open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated)
+            )
+        except (CalibrationError, FileFormatError) as error:
+            print_status(str(error))
+            with open_bus(model, port, contacts=False) as bus:
+                _release_torque(partial(_disable_torque, bus), yes=yes)
+            return
         if not machine.zeros.are_known:
-            _release_torque(machine, yes=yes)
+            print_status("Not calibrated, so the arm cannot be lowered.")
+            _release_torque(machine.disable_torque, yes=yes)
             return
         announce_lowering(machine, yes=yes)
         with motion_progress_bar() as on_progress:
@@ -51,11 +68,20 @@ def command(
     print_report(report, machine.model, json=json)
 
 
-def _release_torque(machine: Arm, *, yes: bool) -> None:
+def _release_torque(disable_torque: Callable[[], None], *, yes: bool) -> None:
     """Switch off the torque of an arm with unknown zeros, which cannot be lowered."""
-    print_status("Not calibrated, so the arm cannot be lowered.")
     print_status("Torque will be switched off; support the arm.")
     if not yes and not (sys.stdin.isatty() and confirm("Switch torque off?")):
         raise IkservoError("Cancelled; torque stays on.", "Without asking: --yes")
-    machine.disable_torque()
+    disable_torque()
     print_status("Torque is off.")
+
+
+def _disable_torque(bus: ServoBus) -> None:
+    """Switch off every servo, whatever the others say; raise the first error then.
+
+    Raises:
+        BusError: A servo does not reply; the others are off.
+    """
+    for error in torque_off(bus, bus.servos).values():
+        raise error

@@ -17,6 +17,7 @@ from pathlib import Path
 from ikservo.errors import FileFormatError, IkservoError
 
 __all__ = [
+    "BACKUP_SUFFIX",
     "FileWriteError",
     "check_writable",
     "remove_durably",
@@ -156,7 +157,9 @@ def strip_checksum(path: Path, text: str) -> str:
         expected = "a file that ikservo has written"
         raise FileFormatError(path, "line 1", "is not a checksum", expected)
     if first != _first_line(body):
-        expected = "the file as ikservo wrote it; the previous one may be beside it as .bak"
+        expected = "the file as ikservo wrote it"
+        if path.with_name(path.name + BACKUP_SUFFIX).is_file():
+            expected = f"{expected}; the previous one is beside it as {BACKUP_SUFFIX}"
         raise FileFormatError(path, "", "was cut short or changed after it was written", expected)
     return body
 

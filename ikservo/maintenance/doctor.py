@@ -5,7 +5,10 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from ikservo.arm.opening import resolve_port, servo_specs
-from ikservo.errors import BusError, PortError
+from ikservo.calibration.calibration_file import read_calibration, ways_out
+from ikservo.calibration.paths import calibrations_of
+from ikservo.errors import BusError, FileFormatError, PortError
+from ikservo.files.folders import config_dir
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.diagnostics import DUPLICATE_ID_HINT, find_duplicate_ids
 from ikservo.hardware.discovery import choose_port, simulated_port_url
@@ -64,6 +67,27 @@ def diagnose(
         yield from _check_adapter(name)
         yield from _check_port(name, model, on_progress)
     yield from _check_udev_rules(name)
+    yield from _check_calibrations(name, model)
+
+
+def _check_calibrations(name: str, model: Model | None) -> Iterator[Finding]:
+    """Read every calibration of this user, or those of the given arm."""
+    if is_simulated(name):
+        return
+    arm = model.name if model else ""
+    paths = calibrations_of(arm) if arm else sorted((config_dir() / "arms").glob("*.toml"))
+    for path in paths:
+        try:
+            found = read_calibration(path)
+        except FileFormatError as error:
+            text = f"the calibration {error.message}"
+            yield failure("zeros", text, ways_out(path, arm or path.stem.partition("-")[0]))
+        else:
+            adapter = found.usb_serial_number or "without a number"
+            text = f"{found.arm} was calibrated on {found.written:%Y-%m-%d}, adapter {adapter}"
+            yield ok("zeros", text)
+    if model and not paths and any(joint.zero_from == "nominal" for joint in model.joints):
+        yield warning("zeros", f"{arm} is not calibrated", f"Calibrate it: ikservo calibrate {arm}")
 
 
 def _check_port(name: str, model: Model | None, on_progress: Progress | None) -> Iterator[Finding]:

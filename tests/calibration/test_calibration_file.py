@@ -102,8 +102,10 @@ def test_a_file_that_was_cut_short_is_refused_at_every_length(path):
         )  # fmt: skip
 
 
-def test_a_changed_limit_is_refused_and_the_backup_named(path):
+def test_a_changed_limit_is_refused_and_the_backup_named_if_there_is_one(path):
     text = path.read_text()
+    assert ".bak" not in refusal(path, text[:-9]).expected
+    path.with_name(f"{path.name}.bak").write_text(text)
     old = next(line for line in text.splitlines() if line.startswith("lower_deg"))
     error = refusal(path, text.replace(old, "lower_deg = -170.0"))
     assert "changed after it was written" in error.found

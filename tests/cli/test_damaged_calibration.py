@@ -1,0 +1,72 @@
+"""A damaged calibration is found, and each command names the ways out of it."""
+
+import pytest
+
+from ikservo.calibration.calibration_file import read_calibration, save_calibration
+from ikservo.calibration.paths import calibration_path
+from tests.cli.fixtures_mounted_arm import PORT, SERIAL, connect_arm, write_calibration
+
+NAME = "planar2"
+AT = f"--arm {NAME} --port {PORT}"
+
+
+@pytest.fixture
+def arm(monkeypatch, tmp_path):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
+    return connect_arm(monkeypatch, NAME, spoiled=False)
+
+
+@pytest.fixture
+def path(arm):
+    """Return the damaged calibration of the arm; the one before is beside it."""
+    write_calibration(arm)
+    path = calibration_path(NAME, SERIAL)
+    save_calibration(read_calibration(path))
+    path.write_text(path.read_text().replace("zero_tick = ", "zero_tick = 1"))
+    return path
+
+
+@pytest.mark.parametrize(
+    "words", [f"where {AT}", f"joints {AT}", f"calibration diff {NAME} --port {PORT}"]
+)
+def test_commands_name_the_ways_out(words, path, run_cli):
+    done = run_cli(words)
+    assert done.code != 0
+    for way in ("calibration restore planar2", "ikservo calibrate planar2", "ikservo relax"):
+        assert way in " ".join(done.err.split())
+
+
+def test_restore_takes_the_one_before_and_keeps_the_damaged_one(path, run_cli):
+    assert run_cli(f"calibration restore {NAME}").code == 0
+    assert read_calibration(path).arm == NAME
+    assert path.with_name(f"{path.name}.damaged").exists()
+    assert run_cli(f"where {AT}").code == 0
+
+
+def test_restore_leaves_a_sound_one_alone(path, run_cli):
+    run_cli(f"calibration restore {NAME}")
+    assert run_cli(f"calibration restore {NAME} --port {PORT}").code == 2
+
+
+def test_show_prints_zeros_signs_ranges_date_and_adapter(path, run_cli):
+    run_cli(f"calibration restore {NAME}")
+    out = run_cli(f"calibration show {NAME}").out
+    for word in (SERIAL, "2026-11-02", "joint1", "tick ", "STS3215 (id 1)", "the joint"):
+        assert word in out
+
+
+def test_doctor_reports_it(path, run_cli):
+    done = run_cli(f"doctor {AT}")
+    assert "✗ zeros" in done.out
+    assert "calibration restore" in done.out
+
+
+def test_relax_switches_torque_off_after_a_question(arm, path, run_cli):
+    servos = arm.line.servos.values()
+    for servo in servos:
+        servo.write("torque_enable", 1)
+    asked = run_cli(f"relax {AT}")
+    assert asked.code == 1
+    assert all(servo.read("torque_enable") for servo in servos)
+    assert run_cli(f"relax {AT} --yes").code == 0
+    assert not any(servo.read("torque_enable") for servo in servos)
