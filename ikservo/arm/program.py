@@ -30,15 +30,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated, Literal, Self
 
 import tomli_w
 from pydantic import Field, ValidationError, model_validator
 
+from ikservo.errors import FileFormatError
 from ikservo.files.reading import read_toml
-from ikservo.files.validation import StrictModel, first_issue, validation_issues
+from ikservo.files.validation import Location, StrictModel, format_key_path, validation_issues
 from ikservo.files.writing import write_atomic
 from ikservo.model.arm_schema import Name
 
@@ -146,13 +147,45 @@ def read_program(path: Path | str) -> Program:
     """Read a program.
 
     Raises:
-        FileFormatError: It is malformed; names the step and the key, counting steps from 0.
+        FileFormatError: It is malformed; names each step and key, counting steps from 1.
     """
     path = Path(path)
     try:
         return Program.model_validate(read_toml(path))
     except ValidationError as error:
-        raise first_issue(validation_issues(error, Program), path) from None
+        raise _format_error(path, error) from None
+
+
+_SHOWN_ISSUES = 10
+
+
+def _format_error(path: Path, error: ValidationError) -> FileFormatError:
+    """Return all mistakes of a program as one error, one a line and each once."""
+    lines: list[str] = []
+    issues = validation_issues(error, Program)
+    places = [issue.location for issue in issues]
+    for issue in issues:
+        if any(p[: len(issue.location)] == issue.location != p for p in places):
+            continue  # a table that is wrong only because of a value in it
+        where = "".join(_format_place(issue.location))
+        expected = f"; expected {issue.expected}" if issue.expected else ""
+        lines.append(f"{where}: {issue.found}{expected}")
+    lines = list(dict.fromkeys(lines))
+    more = len(lines) - _SHOWN_ISSUES
+    shown = lines[:_SHOWN_ISSUES] + ([f"and {more} more"] if more > 0 else [])
+    where, _, first = shown[0].partition(": ")
+    found = "\n".join([first, *shown[1:]])
+    return FileFormatError(path, where, found, "")
+
+
+def _format_place(location: Location) -> Iterator[str]:
+    """Yield ``step 2``, then its keys: steps are counted from 1, as a run prints them."""
+    if location[:1] == ("steps",) and len(location) > 1:
+        yield f"step {int(location[1]) + 1}"
+        location = location[2:]
+        if location:
+            yield ", "
+    yield format_key_path(location)
 
 
 def write_program(path: Path, program: Program) -> None:

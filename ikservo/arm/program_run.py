@@ -109,7 +109,8 @@ class ProgramRun:
         """Plan each step from where the one before it ends; nothing moves.
 
         The first one starts where the arm is. With ``repeat`` the first step is checked from the
-        end of the last one as well. Ends after the first step that cannot be made.
+        end of the last one as well. After a step that cannot be made it goes on from where the arm
+        would be without it.
 
         Args:
             first: The step to begin with, from 1.
@@ -128,8 +129,6 @@ class ProgramRun:
             step = self._program.steps[index]
             error = self._find_error(step, start)
             yield StepCheck(index + 1, step, error)
-            if error is not None:
-                return
 
     def run(self, first: int = 1, on_progress: OnProgress | None = None) -> Iterator[StepResult]:
         """Make the steps, one with each value that is taken from the iterator.

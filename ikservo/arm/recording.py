@@ -13,10 +13,11 @@ incomplete or malformed line is refused with its number.
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
 from array import array
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
@@ -39,10 +40,10 @@ __all__ = [
     "SCHEMA",
     "ArmSample",
     "Recording",
+    "RecordingFile",
     "RecordingHeader",
     "RecordingWriter",
     "check_header",
-    "open_new_file",
     "os_error_text",
     "read_json_lines",
 ]
@@ -170,9 +171,11 @@ class RecordingWriter:
         self, path: Path | str, header: RecordingHeader, *, overwrite: bool = False
     ) -> None:
         self.path, self.samples = Path(path), 0
-        self._file = cast("IO[str]", open_new_file(self.path, text=True, overwrite=overwrite))
-        self._write_row({"schema": SCHEMA, "arm": header.arm, "joints": header.joints,
-                   "units": header.units, "period_s": header.period_s})  # fmt: skip
+        self._target = RecordingFile(self.path, overwrite=overwrite)
+        self._whole_bytes = 0
+        with self._target.closing_on_error():
+            self._write_row({"schema": SCHEMA, "arm": header.arm, "joints": header.joints,
+                       "units": header.units, "period_s": header.period_s})  # fmt: skip
 
     def write(self, time_s: float, joints: Vector) -> None:
         """Write one sample: seconds since the first, and the joints (n,), rad or m.
@@ -189,8 +192,12 @@ class RecordingWriter:
         self.write(time_s, sample.positions)
 
     def close(self) -> None:
-        """Close the file."""
-        self._file.close()
+        """Close the file, and let it replace an existing one.
+
+        Raises:
+            FileWriteError: The disk is not writable.
+        """
+        self._target.finish()
 
     def __enter__(self) -> RecordingWriter:
         return self
@@ -204,29 +211,74 @@ class RecordingWriter:
         self.close()
 
     def _write_row(self, row: dict[str, object]) -> None:
+        left = memoryview(json.dumps(row, allow_nan=False).encode() + b"\n")
+        size = len(left)
         try:
-            self._file.write(json.dumps(row, allow_nan=False) + "\n")
-            self._file.flush()
+            while left:
+                left = left[self._target.file.write(left) :]
         except OSError as error:
-            raise FileWriteError(self.path, os_error_text(error)) from error
+            with contextlib.suppress(OSError):  # replay refuses an incomplete line
+                self._target.file.truncate(self._whole_bytes)
+            raise self._target.failed(error) from error
+        self._whole_bytes += size
 
 
-def open_new_file(path: Path, *, text: bool, overwrite: bool) -> IO[Any]:
-    """Open a file for a recording.
+class RecordingFile:
+    """A file for a recording; one that replaces another is written beside it and renamed last.
+
+    Args:
+        path: The file.
+        overwrite: Whether an existing file may be replaced.
+
+    Attributes:
+        file: Where to write; unbuffered.
 
     Raises:
-        InputError: It exists and ``overwrite`` is false.
+        InputError: The file exists and ``overwrite`` is false.
         FileWriteError: It cannot be written.
     """
-    mode = "w" if overwrite else "x"
-    try:
-        if text:
-            return path.open(mode, encoding="utf-8", newline="\n")
-        return path.open(f"{mode}b")
-    except FileExistsError:
-        raise InputError(f"File {path} exists; use --overwrite.") from None
-    except (OSError, ValueError) as error:
-        raise FileWriteError(path, os_error_text(error)) from error
+
+    def __init__(self, path: Path, *, overwrite: bool) -> None:
+        self._path, self._has_failed = path, False
+        self._replaces = overwrite and path.is_file()
+        self._written = path.with_name(f"{path.name}.part") if self._replaces else path
+        try:
+            self.file: IO[Any] = self._written.open("wb" if overwrite else "xb", buffering=0)
+        except FileExistsError:
+            raise InputError(f"File {path} exists; use --overwrite.") from None
+        except (OSError, ValueError) as error:
+            raise FileWriteError(path, os_error_text(error)) from error
+
+    def failed(self, error: OSError) -> FileWriteError:
+        """Return the error that says what there is of the recording; the old file stays."""
+        self._has_failed = True
+        kept = f"What was recorded until then is in {self._written}"
+        if self._replaces:
+            kept = f"The existing file is unchanged. {kept}"
+        return FileWriteError(self._path, os_error_text(error), kept=kept)
+
+    def finish(self) -> None:
+        """Close the file; it replaces the existing one where all of it was written.
+
+        Raises:
+            FileWriteError: That failed.
+        """
+        try:
+            self.file.close()
+            if self._replaces and not self._has_failed:
+                self._written.replace(self._path)
+        except OSError as error:
+            raise self.failed(error) from error
+
+    @contextlib.contextmanager
+    def closing_on_error(self) -> Generator[None]:
+        """Close the file where its first bytes cannot be written."""
+        try:
+            yield
+        except BaseException:
+            with contextlib.suppress(OSError):
+                self.file.close()
+            raise
 
 
 def os_error_text(error: OSError | ValueError) -> str:

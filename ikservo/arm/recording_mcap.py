@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
-from typing import IO, TYPE_CHECKING, Any, Protocol
+from typing import IO, TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 
@@ -28,14 +28,12 @@ from ikservo.arm.recording import (
     SCHEMA,
     ArmSample,
     Recording,
+    RecordingFile,
     RecordingHeader,
     check_header,
-    open_new_file,
-    os_error_text,
 )
 from ikservo.errors import FileFormatError, IkservoError
 from ikservo.files.reading import parse_json, read_text
-from ikservo.files.writing import FileWriteError
 from ikservo.kinematics import Chain
 from ikservo.model import Model
 from ikservo.model.loading import description_text
@@ -151,10 +149,10 @@ class McapFile:
     ) -> None:
         module = import_mcap()
         metadata = arm.metadata()
-        self._path, self.channels = path, dict[Topic, int]()
-        self._file: IO[bytes] = open_new_file(path, text=False, overwrite=overwrite)
-        self._writer: Writer = module.Writer(self._file)
-        with self._naming_the_file():
+        self.channels = dict[Topic, int]()
+        self._target = RecordingFile(path, overwrite=overwrite)
+        self._writer: Writer = module.Writer(cast("IO[bytes]", _WholeWrites(self._target.file)))
+        with self._target.closing_on_error(), self._naming_the_file():
             self._writer.start("ros2", f"ikservo {version('ikservo')}")
             self._writer.add_metadata(_METADATA, metadata)
             for name, text in files.items():
@@ -176,10 +174,16 @@ class McapFile:
             self._writer.flush()
 
     def close(self) -> None:
-        """Write the index and close the file."""
-        with self._naming_the_file():
-            self._writer.finish()
-            self._file.close()
+        """Write the index and close the file, and let it replace an existing one.
+
+        Raises:
+            FileWriteError: The disk is full or not writable.
+        """
+        try:
+            with self._naming_the_file():
+                self._writer.finish()
+        finally:
+            self._target.finish()
 
     def _attach(self, name: str, text: str) -> None:
         media = "application/toml" if name.endswith(".toml") else "application/xml"
@@ -196,14 +200,14 @@ class McapFile:
         return self.channels[topic]
 
     def _naming_the_file(self) -> _NamingTheFile:
-        return _NamingTheFile(self._path)
+        return _NamingTheFile(self._target)
 
 
 class _NamingTheFile:
     """Turns an error of the system into one that names the file."""
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+    def __init__(self, target: RecordingFile) -> None:
+        self._target = target
 
     def __enter__(self) -> None:
         pass
@@ -212,7 +216,25 @@ class _NamingTheFile:
         self, _: type[BaseException] | None, error: BaseException | None, __: TracebackType | None
     ) -> None:
         if isinstance(error, OSError) and not isinstance(error, IkservoError):
-            raise FileWriteError(self._path, os_error_text(error)) from error
+            raise self._target.failed(error) from error
+
+
+class _WholeWrites:
+    """An unbuffered file that writes all it is given: a short write is not the end."""
+
+    def __init__(self, file: IO[bytes]) -> None:
+        self._file, self.tell, self.flush = file, file.tell, file.flush
+
+    def write(self, data: bytes) -> int:
+        """Write all bytes.
+
+        Raises:
+            OSError: The disk is full or not writable.
+        """
+        left = memoryview(data)
+        while left:
+            left = left[self._file.write(left) :]
+        return len(data)
 
 
 class RosRecordingWriter:

@@ -46,7 +46,7 @@ Action = Annotated[
         metavar="show|diff|push|pull|adopt|restore|resume|revert",
         autocompletion=complete_actions,
         help="Print it; compare; file into servos; servos into file; adopt the one of another "
-        "adapter; put the previous one in place of a damaged one; complete or revert an interrupted write.",
+        "adapter; the previous one for a damaged one; complete or revert an interrupted write.",
     ),
 ]
 Source = Annotated[
@@ -106,14 +106,16 @@ def _show_or_restore(model: Model, port: str | None, action: str, *, json: bool)
     )
     if calibration is None:
         raise CalibrationError(f"There is no {path}.", ways_out(path, model.name))
-    if json:
-        print_json(
-            f"calibration-{action}", path=path, calibration=calibration.model_dump(mode="json")
-        )
-        return
     if action == "restore":
+        if json:
+            print_json("calibration-restore", path=path, written=str(calibration.written))
+            return
         print_lines([f"Restored {path}, of {calibration.written:%Y-%m-%d}."])
         print_status(f"Compare it with the servos: ikservo calibration diff {model.name}")
+        return
+    if json:
+        tables = calibration.model_dump(mode="json")
+        print_json("calibration-show", path=path, calibration=tables)
         return
     adapter = calibration.usb_serial_number or "without a number"
     print_lines(
@@ -128,8 +130,8 @@ def _describe(joint: CalibratedJoint) -> list[str]:
     shown = [format_position(end, "m" if slides else "rad") for end in ends or ()]
     ids = " and ".join(f"{servo.model} (id {servo.id})" for servo in joint.servos)
     sign = "as the joint" if joint.sign == 1 else "against it"
-    return [joint.name, ids, f"tick {joint.zero_tick:g}", sign, " to ".join(shown) or "not measured",
-            joint.swept]  # fmt: skip
+    zero, found = f"tick {joint.zero_tick:g}", " to ".join(shown) or "not measured"
+    return [joint.name, ids, zero, sign, found, joint.swept]
 
 
 def _find_file(model: Model, port: str | None) -> Path:

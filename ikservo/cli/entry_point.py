@@ -198,9 +198,9 @@ def _report_failure(error: BaseException, args: Sequence[str]) -> int:
         message = str(error) if isinstance(error, KeyboardInterrupt) else ""
         return _report_error(message or "Stopped.", "", ExitCode.STOPPED, as_json=as_json)
     _abandon_stdout()  # stdout is on a full disk, or its reader has exited
-    outcome = _exit_code_of(error)
-    if outcome is not None:
-        return outcome
+    reason = _reason_before(error)
+    if reason is not None:  # such as a full disk that cannot take the rest of a file either
+        return _report_failure(reason, args)
     if isinstance(error, BrokenPipeError):  # such as `| head`: the reader has what it wanted
         return ExitCode.FAILED
     return _report_error(f"The output could not be written: {error}.", "", ExitCode.FAILED)
@@ -275,14 +275,10 @@ def _abandon_stdout() -> None:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
-def _exit_code_of(error: BaseException) -> ExitCode | None:
-    """Return the exit code of the error before this one; None without one."""
-    for reason in _error_chain(error.__context__):
-        if isinstance(reason, IkservoError):
-            return reason.exit_code
-        if isinstance(reason, KeyboardInterrupt):
-            return ExitCode.STOPPED
-    return None
+def _reason_before(error: BaseException) -> BaseException | None:
+    """Return the error before this one, which has not been reported; None without one."""
+    chain = _error_chain(error.__context__)
+    return next((e for e in chain if isinstance(e, IkservoError | KeyboardInterrupt)), None)
 
 
 def _error_chain(error: BaseException | None) -> Iterator[BaseException]:

@@ -79,7 +79,7 @@ def command(
         arm or program.arm, port, collisions=collision, uncalibrated=uncalibrated
     ) as machine:
         run = ProgramRun(machine, program, file.parent, machine.poses)
-        checks = _check(run, program, first, quiet=json)
+        checks = _check(run, program, file, first, quiet=json)
         if action == "check":
             if json:
                 print_json("program-check", steps=[_check_fields(each) for each in checks])
@@ -94,19 +94,35 @@ def command(
         print_lines([f"steps     {len(results)} made"])
 
 
-def _check(run: ProgramRun, program: Program, first: int, *, quiet: bool) -> list[StepCheck]:
+def _check(
+    run: ProgramRun, program: Program, file: Path, first: int, *, quiet: bool
+) -> list[StepCheck]:
     """Return the check of each step.
 
     Raises:
-        IkservoError: The error of the step that cannot be made, which is named.
+        IkservoError: Steps cannot be made; all of them have been named.
     """
-    checks = list(run.check(first))
-    for each in checks:
-        mark = "cannot be made" if each.error else "ok"
-        if each.error or not quiet:
-            _print_step(each.number, program, f"{each.step.description}: {mark}")
-        if each.error:
-            raise each.error
+    checks: list[StepCheck] = []
+    failed: dict[int, IkservoError] = {}  # by step, which repetitions check again
+    for each in run.check(first):
+        checks.append(each)
+        if each.error is not None and each.number not in failed:
+            failed[each.number] = each.error
+            _print_step(each.number, program, f"{each.step.description}: cannot be made")
+            for line in (each.error.message, each.error.hint.partition("Try: ")[0].strip()):
+                if line:
+                    print_status(f"         {line}")
+        elif each.error is None and not quiet:
+            _print_step(each.number, program, f"{each.step.description}: ok")
+    if failed:
+        listed = ", ".join(map(str, failed))
+        of = f"Step {listed}" if len(failed) == 1 else f"Steps {listed}"
+        error = IkservoError(
+            f"{of} of {len(program.steps)} cannot be made; nothing moved.",
+            f"Correct the file, then: ikservo program check {file}",
+        )
+        error.exit_code = next(iter(failed.values())).exit_code
+        raise error
     return checks
 
 

@@ -50,11 +50,32 @@ def validation_issues(error: ValidationError, model: type[BaseModel]) -> list[Va
     """Return pydantic's errors, unknown keys first: a misspelled key is missing as well."""
     details = error.errors(include_url=False, include_context=False)
     details.sort(key=lambda detail: detail["type"] != "extra_forbidden")
-    return [_make_issue(detail, model) for detail in details]
+    issues = [_make_issue(detail, model) for detail in details]
+    return list(dict.fromkeys(issues))  # a value of several kinds fails once for each of them
+
+
+def _key_location(location: Location, model: type[BaseModel]) -> Location:
+    """Return a location without pydantic's names for the kinds of a union, such as ``float``."""
+    return tuple(
+        step
+        for i, step in enumerate(location)
+        if isinstance(step, int)
+        or step == "[key]"
+        or i == 0
+        or not _UNION_BRANCH.match(step)
+        or step in _resolve_location(location[:i], model)[0].model_fields
+    )
+
+
+# What pydantic adds to the place of a value that may be of several kinds.
+_UNION_BRANCH = re.compile(
+    r"(literal\[|constrained-|function-|lax-or-strict|json-or-python|tuple\[|list\[|dict\[|"
+    r"(float|int|str|bool|none|is-instance)$)"
+)
 
 
 def _make_issue(detail: ErrorDetails, model: type[BaseModel]) -> ValidationIssue:
-    location, kind = detail["loc"], detail["type"]
+    location, kind = _key_location(detail["loc"], model), detail["type"]
     if kind == "extra_forbidden":
         return _unknown_key_issue(location, model)
     message = detail["msg"].removeprefix("Value error, ")

@@ -33,17 +33,18 @@ _UNCHANGED = "The existing file is unchanged"
 
 
 class FileWriteError(IkservoError, OSError):
-    """A file could not be written; the old content is unchanged, unless ``changed``.
+    """A file could not be written; the old content is unchanged, unless ``changed`` or ``kept``.
 
     Attributes:
         path: The file.
         why: The system's error text.
         changed: Whether the file is written, but its folder could not be synced.
+        kept: What there is of it instead of the old content; empty where that is unchanged.
     """
 
-    def __init__(self, path: Path, why: str, *, changed: bool = False) -> None:
-        self.path, self.why, self.changed = path, why, changed
-        state = "It was written, but may be lost in a power cut" if changed else _UNCHANGED
+    def __init__(self, path: Path, why: str, *, changed: bool = False, kept: str = "") -> None:
+        self.path, self.why, self.changed, self.kept = path, why, changed, kept
+        state = "It was written, but may be lost in a power cut" if changed else kept or _UNCHANGED
         IkservoError.__init__(
             self,
             f"{path} cannot be written: {why}.",

@@ -69,3 +69,42 @@ def test_bad_input_is_one_error(run_cli, file, line, code):
     result = run_cli(f"{line.format(file=file)} {SIM}")
     assert result.code == code
     assert result.out == ""
+
+
+MISTAKES = {
+    'gripper = "opne"': 'step 2, gripper: is "opne"; expected open, close, or a width in metres',
+    'pos = "home"': "step 2, pos: is not a known key; expected pose",
+    "tip_m = [0.2, 0.0]": "step 2, tip_m[2]: is missing; expected [x, y, z] in metres",
+    'pose = "home"\nwait_s = 1': "step 2: does pose and wait_s",
+    'speed = "quick"\nwait_s = 1': 'step 2, speed: is "quick"; expected slow, normal or fast',
+}
+
+
+def write_steps(path, *steps):
+    text = "\n".join(f"[[steps]]\n{step}" for step in ('pose = "home"', *steps))
+    path.write_text(f'format = 1\narm = "so101"\n{text}\n')
+    return path
+
+
+@pytest.mark.parametrize("step", MISTAKES)
+def test_one_mistake_is_one_message_with_its_step_counted_from_one(step, run_cli, tmp_path):
+    path = write_steps(tmp_path / "a.toml", step)
+    lines = run_cli(f"program check {path} --port sim").err.split(f"{path}, ")
+    assert " ".join(lines[1].split()).startswith(MISTAKES[step])
+    assert lines[1].count("step ") == 1
+
+
+def test_all_mistakes_are_named_without_words_of_the_validator(run_cli, tmp_path):
+    path = write_steps(tmp_path / "a.toml", *MISTAKES)
+    err = run_cli(f"program check {path} --port sim").err
+    assert all(f"step {number}" in err for number in range(2, 7))
+    assert not any(word in err for word in ("literal", "float", "more to correct", "steps["))
+
+
+def test_all_steps_that_cannot_be_made_are_named_at_once(run_cli, tmp_path):
+    steps = ("tip_m = [2.0, 0.0, 0.1]", 'pose = "nowhere"', 'recording = "none.jsonl"')
+    path = write_steps(tmp_path / "a.toml", *steps, 'pose = "home"')
+    result = run_cli(f"program check {path} --port sim")
+    assert result.err.count("cannot be made") == 4
+    assert "Steps 2, 3, 4 of 5 cannot be made" in result.err
+    assert "ikservo move" not in result.err
