@@ -245,11 +245,13 @@ def _stated_triangles(suffix: str, data: bytes) -> float:
 def _gltf_triangles(tree: Any) -> float:  # noqa: ANN401  # JSON of any shape
     """Return the corners in all primitives of all nodes, a third of them, as glTF counts them."""
     counts: list[float] = [accessor.get("count", 0) for accessor in tree.get("accessors", ())]
-    meshes: list[float] = [
-        sum(counts[p.get("indices", p["attributes"]["POSITION"])] for p in mesh["primitives"])
-        for mesh in tree.get("meshes", ())
-    ]
-    nodes = (node["mesh"] for node in tree.get("nodes", ()) if "mesh" in node)
+    meshes: list[float] = []
+    for mesh in tree.get("meshes", ()):
+        used: list[int] = [
+            p.get("indices", p["attributes"]["POSITION"]) for p in mesh["primitives"]
+        ]
+        meshes.append(sum(counts[accessor] for accessor in used))
+    nodes: list[int] = [node["mesh"] for node in tree.get("nodes", ()) if "mesh" in node]
     return max(sum(meshes[mesh] for mesh in nodes), *counts, 0) / 3
 
 

@@ -61,13 +61,13 @@ def test_every_kind_of_step_survives_being_written_and_read(tmp_path):
     [
         ("", "is empty"),
         ('format = 1\narm = "so101"\nsteps = []', "steps"),
-        ("[[steps]]\nwait_s = 0.0", r"step 1.wait_s"),
+        ("[[steps]]\nwait_s = 0.0", r"step 1, wait_s"),
         ("[[steps]]\nname = 'x'", r"step 1.*does nothing"),
         ("[[steps]]\nwait_s = 1.0\npose = 'home'", "does pose and wait_s"),
         ("[[steps]]\nwait_s = 1.0\npath = 'line'", "does wait_s"),
         ("[[steps]]\ntip_m = [0.1, 0.2, 0.3]\npath = 'arc'", "via_m"),
         ("[[steps]]\ntip_m = [0.1, 0.2, 0.3]\ntool_speed_m_s = 0.1", "without a line"),
-        ("[[steps]]\ntip_m = [0.1, nan, 0.3]", r"step 1.tip_m"),
+        ("[[steps]]\ntip_m = [0.1, nan, 0.3]", r"step 1, tip_m"),
         ("[[steps]]\npose = 'home'\nspeeed = 'slow'", "speed"),
     ],
 )
