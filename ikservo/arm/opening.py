@@ -40,6 +40,7 @@ from ikservo.hardware.eeprom import back_up_once
 from ikservo.hardware.port import open_port
 from ikservo.hardware.remembered_port import serial_number_of
 from ikservo.hardware.servo import ServoSpec
+from ikservo.hardware.torque import torque_off
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix
 from ikservo.model import Model, ModelJoint, ModelServo, load_model
@@ -51,7 +52,14 @@ from ikservo.model.sag import joint_compliances, link_masses, stall_error
 from ikservo.model.simulated_description import description_for_simulator
 from ikservo.registers import control_table
 
-__all__ = ["make_collision_filter", "open_arm", "open_bus", "resolve_port", "servo_specs"]
+__all__ = [
+    "disable_torque_unchecked",
+    "make_collision_filter",
+    "open_arm",
+    "open_bus",
+    "resolve_port",
+    "servo_specs",
+]
 
 
 def open_bus(
@@ -72,6 +80,18 @@ def open_bus(
     specs = servo_specs(model)
     url = resolve_port(model, port, contacts=contacts)
     return ServoBus(open_port(url, model.baud_rate), specs, retries=retries)
+
+
+def disable_torque_unchecked(model: Model, port: str | None) -> None:
+    """Switch off every servo of an arm that cannot be opened; neither models nor zeros are checked.
+
+    Raises:
+        PortError: The port cannot be opened.
+        BusError: A servo does not reply; the others are off.
+    """
+    with open_bus(model, port, contacts=False) as bus:
+        for error in torque_off(bus, bus.servos).values():
+            raise error
 
 
 def resolve_port(model: Model, port: str | None, *, contacts: bool = True) -> str:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
 
-from ikservo.arm.opening import open_bus
+from ikservo.arm.opening import disable_torque_unchecked
 from ikservo.arm.remote import request_relax
 from ikservo.cli.joints import print_report
 from ikservo.cli.model_options import model_from_option
@@ -22,8 +22,6 @@ from ikservo.cli.options import (
 from ikservo.cli.session import announce_lowering, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import confirm, print_status
 from ikservo.errors import CalibrationError, FileFormatError, IkservoError
-from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.torque import torque_off
 
 __all__ = ["command"]
 
@@ -55,8 +53,7 @@ def command(
             )
         except (CalibrationError, FileFormatError) as error:
             print_status(str(error))
-            with open_bus(model, port, contacts=False) as bus:
-                _release_torque(partial(_disable_torque, bus), yes=yes)
+            _release_torque(partial(disable_torque_unchecked, model, port), yes=yes)
             return
         if not machine.zeros.are_known:
             print_status("Not calibrated, so the arm cannot be lowered.")
@@ -75,13 +72,3 @@ def _release_torque(disable_torque: Callable[[], None], *, yes: bool) -> None:
         raise IkservoError("Cancelled; torque stays on.", "Without asking: --yes")
     disable_torque()
     print_status("Torque is off.")
-
-
-def _disable_torque(bus: ServoBus) -> None:
-    """Switch off every servo, whatever the others say; raise the first error then.
-
-    Raises:
-        BusError: A servo does not reply; the others are off.
-    """
-    for error in torque_off(bus, bus.servos).values():
-        raise error
