@@ -27,7 +27,7 @@ def path(arm):
 
 
 @pytest.mark.parametrize(
-    "words", [f"where {AT}", f"joints {AT}", f"calibration diff {NAME} --port {PORT}"]
+    "words", [f"where {AT}", f"pose home {AT}", f"calibration diff {NAME} --port {PORT}"]
 )
 def test_commands_name_the_ways_out(words, path, run_cli):
     done = run_cli(words)

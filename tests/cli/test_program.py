@@ -72,7 +72,7 @@ def test_bad_input_is_one_error(run_cli, file, line, code):
 
 
 MISTAKES = {
-    'gripper = "opened"': 'step 2, gripper: is "opened"; expected open, close, or a width in metres',
+    'gripper = "shut"': 'step 2, gripper: is "shut"; expected open, close, or a width in metres',
     'pos = "home"': "step 2, pos: is not a known key; expected pose",
     "tip_m = [0.2, 0.0]": "step 2, tip_m[2]: is missing; expected [x, y, z] in metres",
     'pose = "home"\nwait_s = 1': "step 2: does pose and wait_s",
