@@ -15,9 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 
-from dynamixel_sdk.protocol1_packet_handler import Protocol1PacketHandler
-from dynamixel_sdk.robotis_def import COMM_TX_ERROR
-
 from ikservo.hardware.driver import BroadcastPingResult, broadcast_ping
 from ikservo.hardware.packets import (
     BROADCAST_ID,
@@ -38,6 +35,11 @@ from ikservo.hardware.protocol2 import (
     split_fast_sync,
 )
 from ikservo.hardware.transceiver import PacketCache, Transceiver
+from ikservo.hardware.vendor_modules import importing_from
+
+with importing_from("dynamixel-sdk", "dynamixel_sdk"):
+    from dynamixel_sdk.protocol1_packet_handler import Protocol1PacketHandler
+    from dynamixel_sdk.robotis_def import COMM_TX_ERROR
 
 __all__ = ["Dynamixel1Driver", "DynamixelDriver"]
 

@@ -9,9 +9,7 @@ are packed by the registers, so the SDK's global byte order (F9) is never used.
 from __future__ import annotations
 
 from collections.abc import Sequence
-
-from scservo_sdk.protocol_packet_handler import protocol_packet_handler
-from scservo_sdk.scservo_def import COMM_TX_ERROR
+from inspect import signature
 
 from ikservo.hardware.packets import (
     BROADCAST_ID,
@@ -23,11 +21,27 @@ from ikservo.hardware.packets import (
     StatusPacket,
 )
 from ikservo.hardware.port import Port
-from ikservo.hardware.protocol1 import Protocol1Codec, Protocol1Driver
+from ikservo.hardware.protocol1 import Protocol1Codec, Protocol1Driver, SendPacket
+from ikservo.hardware.vendor_modules import importing_from
+
+with importing_from("feetech-servo-sdk", "scservo_sdk"):
+    from scservo_sdk.protocol_packet_handler import protocol_packet_handler
+    from scservo_sdk.scservo_def import COMM_TX_ERROR
 
 __all__ = ["FeetechDriver"]
 
 _SYNC_READ = 0x82
+
+
+def _packet_sender() -> SendPacket:
+    """Return the SDK's ``txPacket`` as a function of port and packet.
+
+    Two packages bring the module: in feetech-servo-sdk ``txPacket`` is given the port, in
+    ftservo-python-sdk the handler that it belongs to.
+    """
+    if "port" in signature(protocol_packet_handler.txPacket).parameters:
+        return protocol_packet_handler().txPacket
+    return lambda port, packet: protocol_packet_handler(port, 0).txPacket(packet)
 
 
 class _FeetechCodec(Protocol1Codec):
@@ -45,7 +59,7 @@ class FeetechDriver(Protocol1Driver):
     """STS, SMS and HLS servos; SCS servos with ``can_sync_read=False`` (F16)."""
 
     def __init__(self, port: Port, *, can_sync_read: bool = True) -> None:
-        super().__init__(port, protocol_packet_handler().txPacket, _FeetechCodec(COMM_TX_ERROR))
+        super().__init__(port, _packet_sender(), _FeetechCodec(COMM_TX_ERROR))
         self.can_sync_read = can_sync_read
 
     def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:

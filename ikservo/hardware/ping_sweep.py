@@ -10,7 +10,7 @@ that a slow adapter holds back arrives later and is assigned correctly.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Protocol
 
@@ -57,7 +57,7 @@ class Framing:
         return frozenset(rate for table in tables for rate in table.baud_rates.values())
 
     def make_scanner(self) -> _PacketScanner:
-        """Return its encoder and decoder; the vendor's SDK is imported only now."""
+        """Return its encoder and decoder."""
         return _Protocol2Framing() if Family.DYNAMIXEL_2 in self.families else _Protocol1Framing()
 
 
@@ -78,34 +78,14 @@ def framing_of(family: Family) -> Framing:
     return next(framing for framing in FRAMINGS if family in framing.families)
 
 
-class _PacketRecorder:
-    """Records a packet where the vendors' handlers would send it.
-
-    Sending through them would discard replies of earlier servos (they clear the input first), and
-    pings are sent while replies to others are still on the line.
-    """
-
-    is_using = False
-    packet = b""
-
-    def clearPort(self) -> None:  # noqa: N802 (the SDKs call it)
-        pass
-
-    def writePort(self, packet: Sequence[int]) -> int:  # noqa: N802 (the SDKs call it)
-        self.packet = bytes(packet)
-        return len(packet)
+# The vendors' handlers do not send these pings: they clear the input before they send, and with it
+# the replies of other servos that are still on the line.
 
 
 class _Protocol1Framing:
-    def __init__(self) -> None:
-        from scservo_sdk.protocol_packet_handler import protocol_packet_handler  # noqa: PLC0415
-
-        self._handler = protocol_packet_handler()
-
     def ping(self, servo_id: int) -> bytes:
-        recorder = _PacketRecorder()
-        self._handler.txPacket(recorder, [0, 0, servo_id, 2, _PING, 0])
-        return recorder.packet
+        body = bytes((servo_id, 2, _PING))
+        return bytes((0xFF, 0xFF, *body, protocol_1.checksum(body)))
 
     def scan(self, data: bytes, *, final: bool) -> ScanResult:
         return protocol_1.scan_packets(data, (0,), final=final)
@@ -113,18 +93,14 @@ class _Protocol1Framing:
 
 class _Protocol2Framing:
     def __init__(self) -> None:
-        from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler  # noqa: PLC0415
-        from dynamixel_sdk.robotis_def import COMM_TX_ERROR  # noqa: PLC0415
+        from ikservo.hardware import protocol2  # noqa: PLC0415
 
-        from ikservo.hardware.protocol2 import Protocol2Codec  # noqa: PLC0415
-
-        self._handler = Protocol2PacketHandler()
-        self._codec = Protocol2Codec(COMM_TX_ERROR)
+        self._protocol = protocol2
+        self._codec = protocol2.Protocol2Codec(too_long=0)  # it sends nothing
 
     def ping(self, servo_id: int) -> bytes:
-        recorder = _PacketRecorder()
-        self._handler.txPacket(recorder, [0, 0, 0, 0, servo_id, 3, 0, _PING, 0, 0])
-        return recorder.packet
+        body = bytes((0xFF, 0xFF, 0xFD, 0, servo_id, 3, 0, _PING))
+        return body + self._protocol.crc(0, body, len(body)).to_bytes(2, "little")
 
     def scan(self, data: bytes, *, final: bool) -> ScanResult:
         return self._codec.scan(data, (3,), final=final)

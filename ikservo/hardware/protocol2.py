@@ -12,9 +12,11 @@ from functools import cache
 from struct import unpack
 from typing import cast
 
-from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
-
 from ikservo.hardware.packets import FaultKind, Reply, ReplyFault, ScanResult, Status, StatusPacket
+from ikservo.hardware.vendor_modules import importing_from
+
+with importing_from("dynamixel-sdk", "dynamixel_sdk"):
+    from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 
 __all__ = [
     "FastSyncCodec",

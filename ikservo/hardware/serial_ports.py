@@ -14,10 +14,12 @@ from pathlib import Path
 from typing import Literal
 from urllib.parse import urlsplit
 
-from serial.tools import list_ports
-
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import NoPortError, PortBusyError, PortError
+from ikservo.hardware.vendor_modules import importing_from
+
+with importing_from("pyserial", "serial"):
+    from serial.tools import list_ports
 
 __all__ = [
     "RULES_FILE",
@@ -129,8 +131,6 @@ class AdapterEvent:
 
 def list_adapters() -> list[SerialAdapter]:
     """Return the adapters that are plugged in, by device name."""
-    from serial.tools import list_ports  # noqa: PLC0415  # slow on some systems
-
     links = _list_by_id_links()
     found = [
         SerialAdapter(

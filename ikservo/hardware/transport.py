@@ -23,11 +23,13 @@ from types import TracebackType
 from typing import Any, NoReturn, Protocol, cast
 from weakref import WeakSet
 
-import serial
-from serial import rfc2217
-
 from ikservo.errors import NoPortError, PortBusyError, PortError
 from ikservo.hardware.serial_ports import list_devices, open_error
+from ikservo.hardware.vendor_modules import importing_from
+
+with importing_from("pyserial", "serial"):
+    import serial
+    from serial import rfc2217
 
 __all__ = [
     "ENTRY_POINT_GROUP",

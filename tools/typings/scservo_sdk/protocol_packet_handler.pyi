@@ -1,4 +1,4 @@
-from typing import Protocol
+from typing import Protocol, overload
 
 class _Port(Protocol):
     is_using: bool
@@ -6,4 +6,11 @@ class _Port(Protocol):
     def writePort(self, packet: list[int], /) -> int: ...
 
 class protocol_packet_handler:
+    @overload
+    def __init__(self) -> None: ...
+    @overload
+    def __init__(self, portHandler: _Port, protocol_end: int) -> None: ...
+    @overload
     def txPacket(self, port: _Port, txpacket: list[int]) -> int: ...
+    @overload
+    def txPacket(self, txpacket: list[int]) -> int: ...

@@ -1,0 +1,39 @@
+"""Import of modules that several packages on PyPI bring under the same name.
+
+Whichever of them was installed last has overwritten the files of the others, and uninstalling it
+leaves a part of the module. What then fails is somewhere inside that module.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator
+from contextlib import contextmanager
+from importlib.metadata import packages_distributions
+
+from ikservo.errors import IkservoError
+
+__all__ = ["importing_from"]
+
+
+@contextmanager
+def importing_from(distribution: str, module: str) -> Generator[None]:
+    """Report a module that cannot be imported as a damaged installation.
+
+    Args:
+        distribution: The package on PyPI that brings the module for ikservo.
+        module: The module.
+
+    Raises:
+        IkservoError: An import in the block has failed.
+    """
+    try:
+        yield
+    except (ImportError, AttributeError) as error:  # AttributeError: a module of the same name
+        found = {name.lower() for name in packages_distributions().get(module, [])}
+        others = sorted(found - {distribution})
+        remove = f"pip uninstall --yes {' '.join(others)} && " if others else ""
+        raise IkservoError(
+            f"The Python module {module} of {distribution} is damaged or replaced"
+            + (f" by {' and '.join(others)}." if others else f": {error}."),
+            f"Repair it: {remove}pip install --force-reinstall {distribution}",
+        ) from error
