@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 __all__ = ["TRIGGER", "decode", "definition", "encode", "make", "type_hash"]
 
 
+_HEADER_BYTES = 4
+
+
 @cache
 def _store() -> Typestore:
     try:
@@ -47,13 +50,22 @@ def encode(kind: str, message: object) -> bytes:
 def decode(kind: str, data: bytes) -> Any:  # noqa: ANN401
     """Return the message in CDR.
 
+    Bytes after its last field are ignored: ``serialize_message`` of ROS 2 leaves some there, up to
+    16 for each point of a trajectory.
+
     Raises:
         InputError: It is no message of that type.
     """
+    store = _store()
+    layout = store.get_msgdef(kind)
+    decoders = {b"\x00\x00": layout.deserialize_cdr_be, b"\x00\x01": layout.deserialize_cdr_le}
     try:
-        return _store().deserialize_cdr(data, kind)
+        message, size = decoders[data[:2]](data[_HEADER_BYTES:], 0, layout.cls, store)
+        if size + _HEADER_BYTES > len(data):
+            raise ValueError("it is shorter than its fields")
     except Exception as error:  # any error of the generated code
         raise InputError(f"Not a message of type {kind}: {error}.", "Nothing was done.") from None
+    return message
 
 
 @cache
