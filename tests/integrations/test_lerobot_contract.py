@@ -64,7 +64,7 @@ def test_features_of_every_arm_are_known_before_it_is_connected(plugin, arm, act
     )
     model = load_model(arm)
     joints = {f"{joint.name}.pos" for joint in model.joints}
-    assert set(robot.observation_features) == joints | POSE
+    assert set(robot.observation_features) == joints
     gripper = model.gripper is not None
     expected = {
         "joint": joints,
@@ -73,6 +73,22 @@ def test_features_of_every_arm_are_known_before_it_is_connected(plugin, arm, act
     }
     assert set(robot.action_features) == expected[action]
     assert not robot.is_connected
+
+
+def test_the_pose_of_the_tip_is_observed_on_request(plugin):
+    config = plugin.IkservoRobotConfig(id="a", port="sim", observe_tip=True)
+    joints = plugin.IkservoRobot(plugin.IkservoRobotConfig(id="a", port="sim"))
+    features = plugin.IkservoRobot(config).observation_features
+    assert set(features) == set(joints.observation_features) | POSE
+
+
+@pytest.mark.parametrize("arm", ["so101", "wx250s", "planar2"])
+def test_the_motors_of_the_bus_are_the_joints_in_the_order_of_the_observation(plugin, arm):
+    robot = plugin.IkservoRobot(plugin.IkservoRobotConfig(id="a", arm=arm, port="sim"))
+    assert [f"{name}.pos" for name in robot.bus.motors] == list(robot.observation_features)
+    assert [motor.id for motor in robot.bus.motors.values()] == [
+        joint.servo.id for joint in load_model(arm).joints
+    ]
 
 
 def test_an_unknown_kind_of_action_names_those_that_exist(plugin):

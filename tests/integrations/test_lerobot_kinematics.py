@@ -92,3 +92,25 @@ def test_an_order_without_a_joint_of_the_chain_is_refused():
     with pytest.raises(ValueError, match="wrist_roll"):
         IkservoKinematics("so101", joint_names=["shoulder_pan", "shoulder_lift", "elbow_flex",
                                                 "wrist_flex"])  # fmt: skip
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("arm", ["so101", "koch", "px100", "wx250s"])
+def test_a_goal_out_of_reach_costs_a_small_part_of_a_frame(arm):
+    from lerobot_robot_ikservo.kinematics import TipSolver
+
+    chain = ikservo.load_model(arm).chain
+    solver, q = TipSolver(chain), ikservo.load_model(arm).chain_pose("home")
+    T = chain.forward(q).copy()
+    T[:3, 3] *= 4.0
+    solver.solve(T, q)
+    assert solver._pose.result.iterations < 6_000  # at about 1.3 µs; a frame has 33 ms
+
+
+def test_a_jump_within_reach_is_found_from_anywhere():
+    from lerobot_robot_ikservo.kinematics import TipSolver
+
+    chain = ikservo.load_model("so101").chain
+    solver, rng = TipSolver(chain), np.random.default_rng(5)
+    joints = rng.uniform(chain.lower_rad, chain.upper_rad, (200, 2, chain.dof))
+    assert max(solver.solve(chain.forward(there), here)[1] for here, there in joints) < 1e-3

@@ -61,7 +61,7 @@ def test_joint_actions_are_degrees_of_the_geometry_and_percent_of_the_gripper(co
 
 
 def test_an_observation_sent_back_as_an_action_moves_nothing(connected):
-    robot = connected(action="ee")
+    robot = connected(action="ee", observe_tip=True)
     seen = robot.get_observation()
     before = true_tip_m(arm_of(robot))
     action = {k: seen[k] for k in robot.action_features if k in seen}
@@ -70,7 +70,7 @@ def test_an_observation_sent_back_as_an_action_moves_nothing(connected):
 
 
 def test_pose_actions_move_the_tip_and_the_gripper(connected):
-    robot = connected(action="ee")
+    robot = connected(action="ee", observe_tip=True)
     seen = robot.get_observation()
     action = {k: seen[k] for k in robot.action_features if k in seen}
     action |= {"ee.y": 0.03, "ee.z": seen["ee.z"] + 0.02, "ee.gripper_pos": 80.0}
@@ -83,7 +83,7 @@ def test_pose_actions_move_the_tip_and_the_gripper(connected):
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("arm", ["so101", "wx250s"])
 def test_steps_move_the_tip_along_the_axes_and_keep_how_the_tool_stands(connected, arm):
-    robot = connected(action="ee_delta", arm=arm, step_m=0.001)
+    robot = connected(action="ee_delta", arm=arm, step_m=0.001, observe_tip=True)
     send(robot, STAY, 60)  # the first motion is slow
     before = robot.get_observation()
     start = true_tip_m(arm_of(robot)).copy()
@@ -162,6 +162,24 @@ def test_an_action_that_is_no_number_moves_nothing(connected, caplog, value):
     send(robot, {"shoulder_pan.pos": value}, 3)
     assert "no numbers" in caplog.text
     assert true_joints(arm_of(robot))["shoulder_pan"] == pytest.approx(before["shoulder_pan"])
+
+
+@pytest.mark.parametrize("action", ["ee", "ee_delta"])
+def test_joint_positions_return_to_the_start_in_each_mode(connected, action):
+    robot = connected(action=action)
+    start = robot.get_observation()
+    send(robot, {**start, "shoulder_pan.pos": 40.0}, 120)
+    away = robot.get_observation()["shoulder_pan.pos"]
+    send(robot, start, 120)
+    back = robot.get_observation()["shoulder_pan.pos"]
+    assert (away, back) == (pytest.approx(40.0, abs=0.5), pytest.approx(0.0, abs=0.5))
+
+
+def test_a_pose_beside_joint_positions_is_what_counts_in_ee(connected):
+    robot = connected(action="ee", observe_tip=True)
+    seen = robot.get_observation()
+    send(robot, {**seen, "shoulder_pan.pos": 40.0, "ee.gripper_pos": seen["gripper.pos"]}, 60)
+    assert robot.get_observation()["shoulder_pan.pos"] == pytest.approx(0.0, abs=0.5)
 
 
 def test_actions_of_another_kind_name_the_option(connected):

@@ -14,7 +14,7 @@ from ikservo.model.lerobot_values import JointValues
 from lerobot_robot_ikservo.config import IkservoRobotConfig
 from lerobot_robot_ikservo.kinematics import TipSolver
 
-__all__ = ["POSE_KEYS", "ActionKind", "action_kind", "pose_values"]
+__all__ = ["POSE_KEYS", "ActionKind", "JointActions", "StepActions", "action_kind", "pose_values"]
 
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]

@@ -30,6 +30,7 @@ class IkservoRobotConfig(RobotConfig):
         lerobot_calibration: LeRobot's id of the arm, or its file: what ``calibrate`` imports;
             empty for a calibration by hand.
         assume_yes: Answer yes to the questions of ``calibrate``.
+        observe_tip: Observe the pose of the tip, ``ee.x`` to ``ee.wz``, beside the joints.
         cameras: LeRobot's cameras by name.
     """
 
@@ -42,6 +43,7 @@ class IkservoRobotConfig(RobotConfig):
     on_exit: str = "hold"
     lerobot_calibration: str = ""
     assume_yes: bool = False
+    observe_tip: bool = False
     cameras: dict[str, CameraConfig] = field(default_factory=dict[str, CameraConfig])
 
     def __post_init__(self) -> None:

@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ikservo import Arm, Chain, Solver, load_model
 from ikservo.arm.calibrated_arm import calibrated_model
+from ikservo.ik import Options
 from ikservo.kinematics.joints import JointType
 
 __all__ = ["IkservoKinematics", "TipSolver"]
@@ -19,6 +20,8 @@ Matrix = NDArray[np.float64]
 
 _TOLERANCE_M = 1e-4
 _PATH_M = 0.1  # a target further from the tip than this begins another path
+_STARTS = Options(restarts=32)
+"""Starts of a search: what 32 do not find, 400 do not find either, but a frame later."""
 
 
 class TipSolver:
@@ -32,7 +35,9 @@ class TipSolver:
 
     def __init__(self, chain: Chain) -> None:
         self.chain = chain
-        self._pose, self._position = Solver(chain, "pose"), Solver(chain, "position")
+        self._pose, self._position = (
+            Solver(chain, kind, options=_STARTS) for kind in ("pose", "position")
+        )
 
     def solve(self, T_base_tip: Matrix, q: Vector, *, turn: bool = True) -> tuple[Vector, float]:
         """Return joints (dof,) from ``q`` (dof,), rad or m, and the error of the position [m].

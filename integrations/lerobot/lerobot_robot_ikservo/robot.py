@@ -7,13 +7,21 @@ from typing import Any
 
 import numpy as np
 from lerobot.cameras.utils import make_cameras_from_configs
+from lerobot.motors import Motor, MotorNormMode
 from lerobot.robots import Robot
 from lerobot.utils.errors import DeviceNotConnectedError
 from numpy.typing import NDArray
 
 import ikservo
 from ikservo.arm import check_followed_goal
-from lerobot_robot_ikservo.actions import POSE_KEYS, action_kind, pose_values
+from lerobot_robot_ikservo.actions import (
+    POSE_KEYS,
+    ActionKind,
+    JointActions,
+    StepActions,
+    action_kind,
+    pose_values,
+)
 from lerobot_robot_ikservo.arm_connection import ArmConnection
 from lerobot_robot_ikservo.arm_motion import ArmMotion
 from lerobot_robot_ikservo.config import IkservoRobotConfig
@@ -26,11 +34,34 @@ _LOG = logging.getLogger(__name__)
 _MAX_LEAD_M = 0.05  # goals of steps wait for an arm that is further behind
 
 
+class JointBus:
+    """What LeRobot's programs ask of ``robot.bus``: names, ids and models of the servos.
+
+    Attributes:
+        motors: LeRobot's description of each joint's drive, in the order of the observation.
+    """
+
+    def __init__(self, model: ikservo.Model) -> None:
+        gripper = None if model.gripper is None else model.gripper.joint
+        self.motors = {
+            joint.name: Motor(joint.servo.id, joint.servo.model, _norm_mode(joint.name == gripper))
+            for joint in model.joints
+        }
+
+
+def _norm_mode(is_gripper: bool) -> MotorNormMode:
+    return MotorNormMode.RANGE_0_100 if is_gripper else MotorNormMode.DEGREES
+
+
 class IkservoRobot(Robot):
     """An arm of ikservo; every action passes its guard, and it holds when LeRobot ends.
 
     Args:
         config: See ``IkservoRobotConfig``.
+
+    Attributes:
+        bus: The servos by joint.
+        cameras: LeRobot's cameras by name.
 
     Raises:
         UnknownNameError: No such arm.
@@ -46,15 +77,18 @@ class IkservoRobot(Robot):
         on_exit = "relax" if config.on_exit == "relax" else "hold"
         self._connection = ArmConnection(config, str(self), on_exit)
         self._values = self._connection.values
+        self._joint_actions = JointActions(self._values)
         self._actions = action_kind(config, self._connection.model, self._values)
+        self.bus = JointBus(self._connection.model)
         self._motion: ArmMotion | None = None
         self._goal: Vector | None = None
 
     @property
     def observation_features(self) -> dict[str, Any]:
-        """Return joints, pose of the tip, pictures."""
+        """Return joints, pose of the tip where it is asked for, pictures."""
         pictures = {name: (camera.height, camera.width, 3) for name, camera in self.cameras.items()}
-        return {**self._values.features, **dict.fromkeys(POSE_KEYS, float), **pictures}
+        pose = dict.fromkeys(POSE_KEYS, float) if self.config.observe_tip else {}
+        return {**self._values.features, **pose, **pictures}
 
     @property
     def action_features(self) -> dict[str, type]:
@@ -98,38 +132,47 @@ class IkservoRobot(Robot):
         """Do nothing: ikservo configures the servos when it calibrates them."""
 
     def get_observation(self) -> dict[str, Any]:
-        """Return the measured joints, the pose of the tip there, and the cameras' pictures."""
-        arm, motion = self._connection.arm, self._require_motion()
-        joints = motion.measure()
-        T = arm.chain.forward(arm.joint_index.chain_joints(joints))
+        """Return the values of ``observation_features``, measured."""
+        joints = self._require_motion().measure()
+        pose = self._tip_values(joints) if self.config.observe_tip else {}
         pictures = {name: camera.async_read() for name, camera in self.cameras.items()}
-        return {**self._values.from_positions(joints), **pose_values(T), **pictures}
+        return {**self._values.from_positions(joints), **pose, **pictures}
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
         """Send a goal; what is refused or out of reach is logged, and the arm holds.
+
+        Positions of joints are taken in each mode: LeRobot's programs return to the start by them.
 
         Returns:
             The action; joint positions inside the arm's limits.
 
         Raises:
-            ValueError: The action has other keys than ``action_features``.
+            ValueError: The action has other keys than ``action_features``, and no joint's.
         """
         arm, motion = self._connection.arm, self._require_motion()
         last = motion.setpoint() if self._goal is None else self._goal
+        kind = self._kind_of(action)
         try:
-            goal, missing = self._actions.goal(action, last, arm)
+            goal, missing = kind.goal(action, last, arm)
         except KeyError as error:
             raise ValueError(self._wrong_action_text(error.args[0])) from error
         if not np.isfinite(goal).all():
             motion.report("An action has values that are no numbers; the arm holds.")
             return action
         inside = np.clip(goal, *arm.limits())
-        refusal = self._step_refusal(last, inside)
+        is_step = isinstance(kind, StepActions) and not np.array_equal(last, inside)
+        refusal = self._step_refusal(inside) if is_step else ""
         motion.report(refusal or missing or self._outside_text(arm, goal, inside))
-        if refusal or self._leads_too_far(last, inside):
+        if refusal or (is_step and self._leads_too_far(last, inside)):
             inside = last
         self._goal = inside if motion.send(inside) else None
-        return self._values.from_positions(inside) if self.config.action == "joint" else action
+        return self._values.from_positions(inside) if isinstance(kind, JointActions) else action
+
+    def _kind_of(self, action: dict[str, Any]) -> ActionKind:
+        """Return the kind that was chosen, or that of joints for an action that has only these."""
+        has_own = not self._actions.features.keys().isdisjoint(action)
+        has_joints = not self._values.features.keys().isdisjoint(action)
+        return self._joint_actions if has_joints and not has_own else self._actions
 
     def disconnect(self) -> None:
         """Brake, hold, and close the arm: torque stays on, unless ``on_exit`` is ``relax``."""
@@ -147,10 +190,10 @@ class IkservoRobot(Robot):
         self._require_motion().close()
         self._motion = None
 
-    def _step_refusal(self, last: Vector, goal: Vector) -> str:
+    def _step_refusal(self, goal: Vector) -> str:
         """Return why the guard refuses a step: the next one shall begin at this one's start."""
         arm = self._connection.arm
-        if self.config.action != "ee_delta" or arm.is_remote or np.array_equal(last, goal):
+        if arm.is_remote:
             return ""
         start = self._require_motion().setpoint()
         try:
@@ -161,8 +204,6 @@ class IkservoRobot(Robot):
 
     def _leads_too_far(self, last: Vector, goal: Vector) -> bool:
         """Return whether a step takes the goal too far ahead of an arm that cannot follow."""
-        if self.config.action != "ee_delta" or np.array_equal(last, goal):
-            return False
         arm, setpoint = self._connection.arm, self._require_motion().setpoint()
         now, before, after = (
             arm.chain.forward(arm.joint_index.chain_joints(q))[:3, 3]
@@ -170,6 +211,10 @@ class IkservoRobot(Robot):
         )
         lead_m = float(np.linalg.norm(after - now))
         return lead_m > max(_MAX_LEAD_M, float(np.linalg.norm(before - now)))
+
+    def _tip_values(self, joints: Vector) -> dict[str, float]:
+        arm = self._connection.arm
+        return pose_values(arm.chain.forward(arm.joint_index.chain_joints(joints)))
 
     def _outside_text(self, arm: ikservo.Arm, goal: Vector, inside: Vector) -> str:
         beyond = np.flatnonzero(np.abs(goal - inside) > np.radians(0.5))

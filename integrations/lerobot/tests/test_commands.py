@@ -14,6 +14,7 @@ import pytest
 from served import Watch, await_until, distance_m, run, served, start
 
 import ikservo
+from lerobot_robot_ikservo import IkservoKinematics
 
 DEVICES = Path(__file__).parent / "devices"
 REPORTS_NO_KEYS = lerobot.__version__.startswith("0.4.")
@@ -133,11 +134,12 @@ def tips_of(folder, episode):
     import pyarrow.parquet as pq
 
     info = json.loads((folder / "meta" / "info.json").read_text())
-    names = info["features"]["observation.state"]["names"]
-    columns = [names.index(f"ee.{axis}") for axis in "xyz"]
+    keys = info["features"]["observation.state"]["names"]
+    kinematics = IkservoKinematics("so101", [key.removesuffix(".pos") for key in keys])
     table = pq.read_table(folder / "data" / "chunk-000" / "file-000.parquet")
     rows = np.array(table.column("observation.state").to_pylist())
-    return rows[np.array(table.column("episode_index").to_pylist()) == episode][:, columns]
+    rows = rows[np.array(table.column("episode_index").to_pylist()) == episode]
+    return np.array([kinematics.forward_kinematics(row)[:3, 3] for row in rows])
 
 
 def test_three_episodes_are_recorded_and_replayed_within_two_millimetres(

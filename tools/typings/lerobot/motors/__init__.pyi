@@ -1,0 +1,12 @@
+from dataclasses import dataclass
+from enum import Enum
+
+class MotorNormMode(str, Enum):
+    RANGE_0_100 = "range_0_100"
+    DEGREES = "degrees"
+
+@dataclass
+class Motor:
+    id: int
+    model: str
+    norm_mode: MotorNormMode
