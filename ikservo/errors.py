@@ -198,7 +198,10 @@ class PortBusyError(PortError):
     def __init__(self, name: str, holder: str = "") -> None:
         self.name, self.holder = name, holder
         by = f" by {holder}" if holder else ""
-        super().__init__(f"Port {name} is in use{by}.", "End that program and try again.")
+        super().__init__(
+            f"Port {name} is in use{by}.",
+            "End that program and try again. Two arms on one adapter are opened by one program.",
+        )
 
 
 class PortLostError(PortError):

@@ -205,7 +205,9 @@ class Arm:
     def listen(self) -> None:
         """Accept stop, state and relax commands of this user's other processes."""
         if self._server is None and not is_simulated(self.port_name):
-            self._server = serve(self.port_name, CommandHandler(self._runner, self.relax))
+            self._server = serve(
+                self.port_name, CommandHandler(self._runner, self.relax), self._context.model.name
+            )
             self._runner.caches_states = self._server is not None
 
     def enable(self) -> None:

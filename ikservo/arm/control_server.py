@@ -146,14 +146,19 @@ _MAX_CLIENTS = 16
 _REQUEST_TIMEOUT_S = 1.0  # a client that takes longer for its one line is disconnected
 
 
-def serve(device: str, handler: RequestHandler) -> ControlServer | None:
+def serve(device: str, handler: RequestHandler, arm: str = "") -> ControlServer | None:
     """Listen for the clients of a device that this process has opened.
+
+    Args:
+        device: The port.
+        handler: Executes requests.
+        arm: The arm's name; it listens there where another arm of the device listens already.
 
     Returns:
         The server, or None where no safe socket can be made: an arm works without.
     """
     try:
-        listening = open_socket(socket_path(device))
+        listening = open_socket(socket_path(device)) or open_socket(socket_path(device, arm))
     except (OSError, IkservoError):
         return None
     return ControlServer(listening, handler) if listening else None
@@ -248,13 +253,16 @@ def _error_fields(error: IkservoError) -> Mapping[str, object]:
     return {"error": error.message, "hint": error.command_hint, "exit_code": int(error.exit_code)}
 
 
-def send_command(device: str, command: Command, timeout_s: float = 10.0) -> dict[str, Any] | None:
+def send_command(
+    device: str, command: Command, timeout_s: float = 10.0, arm: str = ""
+) -> dict[str, Any] | None:
     """Send a command to the process that has a device open.
 
     Args:
         device: The port, by any of its names.
         command: The command.
         timeout_s: How long the reply may take; relaxing is slow.
+        arm: The arm's name, which counts where the process has two arms at the device.
 
     Returns:
         The fields of the reply, or None where no process listens.
@@ -262,7 +270,8 @@ def send_command(device: str, command: Command, timeout_s: float = 10.0) -> dict
     Raises:
         IkservoError: The command failed there; carries its message and its exit code.
     """
-    return _request_at(socket_path(device), device, command, timeout_s)
+    own = _request_at(socket_path(device, arm), device, command, timeout_s) if arm else None
+    return own or _request_at(socket_path(device), device, command, timeout_s)
 
 
 def broadcast_command(

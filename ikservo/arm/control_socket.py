@@ -36,9 +36,15 @@ __all__ = [
 _MAX_PATH_CHARS = 100
 
 
-def socket_path(device: str) -> Path:
-    """Return the socket path of a device; all names of one device have the same."""
+def socket_path(device: str, arm: str = "") -> Path:
+    """Return the socket path of a device; all names of one device have the same.
+
+    Args:
+        device: The port.
+        arm: The arm's name, where another arm at this device listens at the path without one.
+    """
     real = device if "://" in device else str(Path(device).resolve())
+    real += f"#{arm}" if arm else ""
     name = hashlib.sha256(real.encode()).hexdigest()[:16]
     path = _socket_folder() / f"{name}.sock"
     return path if len(os.fsencode(path)) <= _MAX_PATH_CHARS else _shorten_path(path)

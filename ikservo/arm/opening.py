@@ -78,8 +78,8 @@ def open_bus(
         PortError: No such port, none to choose, or it cannot be opened.
     """
     specs = servo_specs(model)
-    url = resolve_port(model, port, contacts=contacts)
-    return ServoBus(open_port(url, model.baud_rate), specs, retries=retries)
+    url, ids = resolve_port(model, port, contacts=contacts), [spec.id for spec in specs]
+    return ServoBus(open_port(url, model.baud_rate, model.name, ids), specs, retries=retries)
 
 
 def disable_torque_unchecked(model: Model, port: str | None) -> None:

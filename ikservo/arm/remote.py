@@ -70,7 +70,7 @@ def stop_arm(model: Model, port: str | None, clock: Clock | None = None) -> Stop
     clock = clock or RealClock()
     until_s = clock.now_s() + _START_TIMEOUT_S
     while True:
-        reply = _request(device, Command.STOP, BRAKE_TIMEOUT_S + 2.0)
+        reply = _request(model, device, Command.STOP, BRAKE_TIMEOUT_S + 2.0)
         if reply is not None:
             return _validate_reply(_STOPPED_FIELDS, reply)
         try:
@@ -130,7 +130,7 @@ def query_state(model: Model, port: str | None) -> ArmState | None:
     """
     if find_network(port) is not None:
         return None
-    reply = _request(resolve_port(model, port), Command.WHERE, 10.0)
+    reply = _request(model, resolve_port(model, port), Command.WHERE, 10.0)
     if reply is None:
         return None
     joints = _validate_reply(TypeAdapter(tuple[JointState, ...]), reply.get("joints"))
@@ -145,7 +145,7 @@ def request_relax(model: Model, port: str | None) -> JointMoveResult | None:
     """
     if find_network(port) is not None:
         return None
-    reply = _request(resolve_port(model, port), Command.RELAX, _RELAX_TIMEOUT_S)
+    reply = _request(model, resolve_port(model, port), Command.RELAX, _RELAX_TIMEOUT_S)
     if reply is None:
         return None
     tip_m = as_floats(reply.pop("measured_tip_m", ()), "The tip", "three numbers")
@@ -184,8 +184,10 @@ def record_remote(
     return record(measure, RealClock(), arm, settings)
 
 
-def _request(device: str, command: Command, timeout_s: float) -> dict[str, Any] | None:
-    return None if is_simulated(device) else send_command(device, command, timeout_s)
+def _request(
+    model: Model, device: str, command: Command, timeout_s: float
+) -> dict[str, Any] | None:
+    return None if is_simulated(device) else send_command(device, command, timeout_s, model.name)
 
 
 def _validate_reply(adapter: TypeAdapter[T], value: object) -> T:

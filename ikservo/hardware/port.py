@@ -5,16 +5,19 @@ from __future__ import annotations
 import contextlib
 import errno
 import threading
-from collections.abc import Generator, Iterable
+from collections.abc import Collection, Generator, Iterable
 from math import ceil
+from pathlib import Path
 from types import TracebackType
+from typing import NoReturn
+from weakref import WeakSet
 
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import PortError, PortLostError
 from ikservo.hardware.pending import AdaptiveTimeout, ByteRateCheck, LineHealth, PendingReplies
 from ikservo.hardware.transport import Transport, open_transport
 
-__all__ = ["Port", "SdkPort", "open_port"]
+__all__ = ["Port", "SdkPort", "SharedPort", "open_port"]
 
 
 # The camelCase names are the vendors': their packet handlers call them.
@@ -123,6 +126,10 @@ class SdkPort:
 
     def closePort(self) -> None:
         """Close the port; a port that is already lost is no error."""
+        self.disconnect()
+
+    def disconnect(self) -> None:
+        """Close the transport; ``connect`` takes another one."""
         if self.is_open:
             self.is_open = False
             with contextlib.suppress(*_LINE_FAILS):
@@ -230,15 +237,6 @@ def _describe_loss(error: Exception) -> str:
     return str(error)
 
 
-def open_port(name: str, baud_rate: int) -> Port:
-    """Open a port by its name, see ``open_transport``.
-
-    Raises:
-        PortError: It does not exist, is busy or may not be opened.
-    """
-    return Port(open_transport(name, baud_rate), name, baud_rate)
-
-
 class Port(SdkPort):
     """One serial line, used by one thread at a time.
 
@@ -324,3 +322,96 @@ class Port(SdkPort):
         at: TracebackType | None,
     ) -> None:
         self.closePort()
+
+
+class SharedPort(Port):
+    """One opening of a line that other arms of this process may use, too.
+
+    All openings have the same attributes, those of the line: its lock, its transport, the replies
+    that may still come. Each is closed by itself, and the transport with the last.
+
+    Args:
+        line: The line, or another opening of it.
+        arm: The name of the arm for which it is opened.
+        servo_ids: The servos for which it is opened.
+        openings: All openings of this device.
+    """
+
+    __slots__ = ("_openings", "arm", "servo_ids")
+
+    def __init__(
+        self, line: Port, arm: str, servo_ids: Iterable[int], openings: WeakSet[SharedPort]
+    ) -> None:
+        self.__dict__ = line.__dict__
+        self.arm, self.servo_ids, self._openings = arm, frozenset(servo_ids), openings
+
+    @property
+    def is_usable(self) -> bool:
+        """Return whether it is open, and by this process."""
+        return self.is_open and not getattr(self.transport, "abandoned", False)
+
+    def closePort(self) -> None:
+        """Close this opening; a port that is already lost is no error."""
+        with _opening:
+            self._openings.discard(self)
+            if any(other.transport is self.transport for other in self._openings):
+                self.__dict__ = {**self.__dict__, "is_open": False, "transport": _ClosedTransport()}
+            else:
+                self.disconnect()
+
+
+class _ClosedTransport:
+    """What an opening has in place of a transport that others still use."""
+
+    abandoned = False
+
+    def __getattr__(self, name: str) -> NoReturn:
+        raise OSError(errno.EBADF, "closed")
+
+
+_openings: dict[str, WeakSet[SharedPort]] = {}  # by device
+_opening = threading.Lock()
+
+
+def open_port(name: str, baud_rate: int, arm: str = "", servo_ids: Collection[int] = ()) -> Port:
+    """Open a port by its name, see ``open_transport``.
+
+    A device that this process has open for other servos, at the same rate, is shared: each request
+    and its reply have the line for themselves.
+
+    Args:
+        name: The port.
+        baud_rate: Bits a second.
+        arm: The name of the arm for which it is opened.
+        servo_ids: The servos of this arm; without them the port is not shared.
+
+    Raises:
+        PortError: It does not exist, is busy or may not be opened.
+    """
+    if not name or ":" in name or not servo_ids:  # nothing, a simulated bus or a network; any id
+        return Port(open_transport(name, baud_rate), name, baud_rate)
+    with _opening:
+        openings = _openings.setdefault(str(Path(name).resolve()), WeakSet())
+        used = [port for port in openings if port.is_usable]
+        if used and all(port.servo_ids.isdisjoint(servo_ids) for port in used):
+            _check_sharing(used[0], baud_rate, any(port.arm == arm for port in used), arm)
+            line: Port = used[0]
+        else:
+            line = Port(open_transport(name, baud_rate), name, baud_rate)
+        port = SharedPort(line, arm, servo_ids, openings)
+        openings.add(port)
+        return port
+
+
+def _check_sharing(port: Port, baud_rate: int, same_name: bool, arm: str) -> None:
+    """Refuse an arm that cannot be on an adapter beside those that are open there."""
+    if port.baudrate != baud_rate:
+        raise PortError(
+            f"{port.name} is open at {port.baudrate} baud; the servos of {arm} need {baud_rate}.",
+            "Servos on one adapter need one rate: ikservo setup sets it.",
+        )
+    if same_name:
+        raise PortError(
+            f"An arm named {arm} is open at {port.name}, with other servos.",
+            "Give each arm on an adapter a name of its own in its arm.toml.",
+        )

@@ -113,7 +113,7 @@ def reconnect(port: Port, serial_number: str, within_s: float, clock: Clock | No
     """
     clock = clock or RealClock()
     give_up_s = clock.now_s() + within_s
-    port.close()
+    port.disconnect()
     while not _try_reopen(port, serial_number):
         if clock.now_s() >= give_up_s:
             raise PortLostError(port.name, f"not reconnected within {within_s:.0f} s")
