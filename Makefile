@@ -51,7 +51,7 @@ pictures: $(VENV)/tested build  ## the pictures of README and docs; those of the
 	$(BIN)/python tools/lecture_pictures.py
 	$(BIN)/python tools/wiring_drawings.py
 
-LEROBOT ?= lerobot[core_scripts,dataset,gamepad,viz]
+LEROBOT ?= lerobot[core-scripts,dataset,gamepad,viz]
 lerobot: .venv-lerobot/installed  ## LeRobot's own commands on simulated arms; installs LeRobot for this Python, some GB
 	.venv-lerobot/bin/python -m pytest -c integrations/lerobot/pyproject.toml integrations/lerobot/tests
 

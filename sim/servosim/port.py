@@ -11,9 +11,9 @@ from servosim.assembly import make_arm_world
 from servosim.clock import PacedClock, VirtualClock
 from servosim.errors import PortClosedError, SimulatorError
 from servosim.faults import read_faults
+from servosim.hands import add_hands
 from servosim.line import Line, LineOptions
 from servosim.specimen import Specimen, read_specimen
-from servosim.world import RangeSweep
 
 __all__ = ["SimulatedPort", "open_port"]
 
@@ -24,9 +24,8 @@ def open_port(url: str) -> SimulatedPort:
     """Return a port to a fresh simulated arm: ``sim:/path/to/arm.toml?seed=3&pose=home``.
 
     The query may hold ``urdf`` (a file that replaces the arm file's), ``pose``, ``seed``,
-    ``faults`` (a file), ``hand=sweep``, and ``physics``,
-    ``backlash_deg``, ``goal_keeps_torque``, ``echo``, ``noise``, ``wire_time``, ``usb_frame_ms``,
-    ``latency_ms`` as numbers; ``paced=1`` limits virtual time to real time. ``mass_scale`` and
+    ``faults`` (a file), ``hand`` (sweep or calibrate), and ``physics``, ``backlash_deg``,
+    ``goal_keeps_torque``, ``echo``, ``noise``, ``wire_time``, ``usb_frame_ms``, ``latency_ms`` as numbers; ``paced=1`` limits virtual time to real time. ``mass_scale`` and
     ``payload_g`` change the masses, ``parameters`` is a file with those of one arm.
 
     Raises:
@@ -54,8 +53,8 @@ def open_port(url: str) -> SimulatedPort:
     if query.text("faults", ""):
         for fault in read_faults(Path(query.text("faults", ""))):
             line.faults.add(fault)
-    if query.text("hand", "") == "sweep":
-        line.witnesses.append(RangeSweep(world))
+    if query.text("hand", ""):
+        add_hands(line, query.text("hand", ""))
     paced = bool(query.number("paced", 0))
     query.check()
     return SimulatedPort(line, url, paced=paced)

@@ -19,13 +19,13 @@ from servosim.arm_file import read_arm_file
 from servosim.assembly import BenchServo, make_arm_world, make_bench_world
 from servosim.errors import SimulatorError
 from servosim.faults import read_faults
+from servosim.hands import HANDS, add_hands
 from servosim.line import Line, LineOptions
 from servosim.pty import PtyBus
 from servosim.remote import RemoteControl, servo_state
 from servosim.servo_models import TABLES
 from servosim.specimen import Specimen, read_specimen
 from servosim.traffic import Audit, TrafficLog
-from servosim.world import RangeSweep
 
 __all__ = ["ServerOptions", "StatusScreen", "parse_options", "serve"]
 
@@ -123,8 +123,8 @@ def _make_parser() -> argparse.ArgumentParser:
     add("--parameters", type=Path, metavar="FILE", help="masses and motors of one arm, TOML")
     add(
         "--hand",
-        choices=("sweep",),
-        help="calibrate by hand: hold the pose, then sweep",
+        choices=HANDS,
+        help="move limp joints by hand: sweep at once, or calibrate: hold the pose, then sweep",
     )
     add(
         "--goal-keeps-torque",
@@ -317,8 +317,8 @@ def build_line(options: ServerOptions) -> Line:
         world.keep_torque_with_goals()
     for fault in read_faults(options.faults) if options.faults else []:
         line.faults.add(fault)
-    if options.hand == "sweep":
-        line.witnesses.append(RangeSweep(world))
+    if options.hand:
+        add_hands(line, options.hand)
     return line
 
 

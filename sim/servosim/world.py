@@ -1,10 +1,4 @@
-"""The simulated world: servos, power supply, body and the scripted hand, stepped together.
-
-The hands move the arm, torque off, into its start pose and hold it there, move each joint in turn
-a little in the direction with the larger range, twice, and then sweep all joints. They start over
-when the torque of a joint is switched off, and when a host transmits after a silence: a program
-that calibrates finds the arm at rest in its pose.
-"""
+"""The simulated world: servos, power supply, body and the scripted hand, stepped together."""
 
 from __future__ import annotations
 
@@ -21,12 +15,11 @@ from servosim.contact import Contacts
 from servosim.coupling import CoupledJoints
 from servosim.dynamics import Dynamics, FreeBody, Tip
 from servosim.errors import SimulatorError
-from servosim.frames import Frame, FrameReader
-from servosim.joint import HAND_SPEED, STEP_S, Hand, Path, SimulatedJoint, glide, hold, sweep
+from servosim.joint import HAND_SPEED, STEP_S, Hand, SimulatedJoint, glide, hold
 from servosim.motor import Motor
 from servosim.servo import Servo
 
-__all__ = ["ExternalDynamics", "RangeSweep", "World"]
+__all__ = ["ExternalDynamics", "World"]
 
 
 @dataclass(slots=True)
@@ -348,131 +341,3 @@ def _advanced(positions: list[float], velocities: list[float], steps: int) -> li
 
 def _hand_force(hand: Hand, joint: SimulatedJoint, inertia: float) -> float:
     return hand.hand_force(STEP_S, joint.position, joint.velocity, inertia)
-
-
-POLL_PERIOD_S = 0.05  # between two polls of which joints are without torque
-SILENCE_S = 2.0  # of the host, after which the script starts over with its next packet
-RETURN_S = 2.0  # into the pose
-HOLD_S = 6.0  # in the pose
-SHOW_S = 0.5  # of a joint's motion in its shown direction, and of the one back
-SHOWN_S = 4 * SHOW_S  # twice, as an opposite sign must be confirmed
-SWEEP_S = 24.0
-ONE_WAY_S = 4.0  # from one end of the travel to the other
-SHOWN_RAD = math.radians(25.0)
-SHOWN_FRACTION = 0.45  # of the travel, at most
-OPEN_TRAVEL_RAD = math.radians(300.0)  # of a joint without limits
-MAX_OVERSHOOT = 0.02  # fraction of the travel by which the hand pushes beyond the stops
-
-
-class RangeSweep:
-    """Grasps joints whose torque is switched off and releases those whose torque is on.
-
-    It may listen to the line, to detect when a host starts to transmit.
-    """
-
-    def __init__(self, world: World) -> None:
-        self._world = world
-        self._pose = {joint.name: joint.position for joint in world.joints}
-        self._torque_off = {joint.name for joint in world.joints if joint.is_free}
-        self._run = 0
-        self._received_s = 0.0
-        self._schedule_run()
-        self._poll_host()
-
-    def on_frame(self, at_s: float, frame: Frame, framing: type[FrameReader]) -> None:
-        """Start over if the host has been silent for a while."""
-        silence_s, self._received_s = at_s - self._received_s, at_s
-        if silence_s > SILENCE_S:
-            self._schedule_run()
-
-    def on_reply(self, at_s: float, servo: Servo | None, data: bytes) -> None:
-        """Ignore replies of the servos."""
-
-    def _poll_host(self) -> None:
-        world = self._world
-        torque_off = {joint.name for joint in world.joints if joint.is_free}
-        for name in world.hands.keys() - torque_off:
-            world.release(name)
-        if torque_off - self._torque_off:
-            self._schedule_run()
-        self._torque_off = torque_off
-        world.schedule(world.time_s + POLL_PERIOD_S, self._poll_host)
-
-    def _schedule_run(self) -> None:
-        """Schedule one run of the script and, after it, the next; a present run ends."""
-        self._run += 1
-        names = list(self._pose)
-        shown_s = RETURN_S + HOLD_S
-        swept_s = shown_s + SHOWN_S * len(names)
-        for name in names:
-            self._grasp_joint(name, self._path_to_pose(name))
-        for place, name in enumerate(names):
-            self._schedule_grasp(shown_s + SHOWN_S * place, name, self._direction_path(name))
-        for name in names:
-            self._schedule_grasp(swept_s, name, self._sweep_path(name))
-        run = self._run
-        self._world.schedule(self._world.time_s + swept_s + SWEEP_S, lambda: self._restart_run(run))
-
-    def _restart_run(self, run: int) -> None:
-        if run == self._run:
-            self._schedule_run()
-
-    def _schedule_grasp(self, delay_s: float, name: str, path: Path) -> None:
-        run = self._run
-
-        def act() -> None:
-            if run == self._run:
-                self._grasp_joint(name, path)
-
-        self._world.schedule(self._world.time_s + delay_s, act)
-
-    def _grasp_joint(self, name: str, path: Path) -> None:
-        if self._world.joint(name).is_free:
-            self._world.grasp(name, Hand(path, limit=10.0))
-
-    def _path_to_pose(self, name: str) -> Path:
-        here, pose = self._world.joint(name).position, self._pose[name]
-        distance = abs(pose - here)
-        return glide(here, pose, distance / RETURN_S) if distance else hold(pose)
-
-    def _direction_path(self, name: str) -> Path:
-        """Move in the direction with the larger range from the pose and back, twice."""
-        pose, (lower, upper) = self._pose[name], self._joint_travel(name)
-        distance = SHOWN_FRACTION * (upper - lower)
-        if not self._world.joint(name).is_prismatic:
-            distance = min(distance, SHOWN_RAD)
-        shown = pose + distance if upper - pose >= pose - lower else pose - distance
-        speed = distance / SHOW_S
-        out, back = glide(pose, shown, speed), glide(shown, pose, speed)
-
-        def path(time_s: float) -> tuple[float, float]:
-            part_s = time_s % (2 * SHOW_S) if time_s < SHOWN_S else 2 * SHOW_S
-            return out(part_s) if part_s < SHOW_S else back(part_s - SHOW_S)
-
-        return path
-
-    def _sweep_path(self, name: str) -> Path:
-        """Push at the nearer end first: both are reached after one and a half travels."""
-        lower, upper = self._joint_travel(name)
-        more, ends = MAX_OVERSHOOT * (upper - lower), lower + upper
-        start = max(lower, min(upper, self._pose[name]))
-        speed = (upper - lower) / ONE_WAY_S
-        if start - lower >= upper - start:
-            return sweep(start, lower - more, upper + more, speed)
-        return _reflect_path(sweep(ends - start, lower - more, upper + more, speed), ends)
-
-    def _joint_travel(self, name: str) -> tuple[float, float]:
-        lower, upper = self._world.limits[name]
-        if math.isfinite(upper - lower):
-            return lower, upper
-        return -OPEN_TRAVEL_RAD / 2, OPEN_TRAVEL_RAD / 2
-
-
-def _reflect_path(path: Path, ends: float) -> Path:
-    """Return a path with its two ends, whose sum is given, exchanged."""
-
-    def reflected(time_s: float) -> tuple[float, float]:
-        position, velocity = path(time_s)
-        return ends - position, -velocity
-
-    return reflected

@@ -21,7 +21,7 @@ def _home(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("arm", EVERY_ARM)
 def test_an_arm_is_calibrated_by_the_scripted_hands(run_cli, arm):
-    done = run_cli(f"calibrate {arm} --port sim:?hand=sweep --yes --json")
+    done = run_cli(f"calibrate {arm} --port sim:?hand=calibrate --yes --json")
     assert done.code == 0, done.err
     model = load_model(arm)
     for joint in done.json["joints"]:
@@ -47,7 +47,7 @@ def test_an_arm_with_every_servo_mounted_the_other_way_is_calibrated_as_well(
         text = (CONFIGS / "planar2" / "arm.toml").read_text().replace("sign = 1", "sign = -1")
         (tmp_path / "arm.toml").write_text(text)
         (tmp_path / "arm.urdf").write_text((CONFIGS / "planar2" / "arm.urdf").read_text())
-        return opened(f"sim:{tmp_path / 'arm.toml'}?hand=sweep")
+        return opened(f"sim:{tmp_path / 'arm.toml'}?hand=calibrate")
 
     monkeypatch.setattr("servosim.open_port", open_port)
     done = run_cli("calibrate planar2 --port sim --yes --json")

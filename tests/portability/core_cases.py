@@ -15,7 +15,7 @@ COMMANDS = (
     "ports --json",
     "solve 0.25 0 0.15 --arm so101 --json",
     "move 0.25 0.05 0.15 --arm so101 --port sim --yes --json",
-    "calibrate planar2 --port sim:?hand=sweep --yes --json",
+    "calibrate planar2 --port sim:?hand=calibrate --yes --json",
     "doctor --arm so101 --port sim --json",
     "relax --arm so101 --port sim --yes --json",
 )

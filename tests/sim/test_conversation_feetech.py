@@ -99,6 +99,21 @@ def test_torque_128_makes_the_present_position_2048(make_port):
     assert (servo.read("present_position"), servo.read("homing_offset")) == (2048, 326)
 
 
+@pytest.mark.parametrize("goal", [1500, 2500])
+def test_torque_128_on_the_way_to_a_goal_makes_the_present_position_the_goal(make_port, goal):
+    port = make_port("STS3215")
+    servo, clock = port.line.servos[1], port.clock
+    servo.write("torque_enable", 1)
+    servo.write("goal_position", goal)
+    clock.sleep_until(clock.now_s() + 0.15)
+    assert abs(servo.read("present_position") - 2048) > 200
+    servo.write("torque_enable", 128)
+    assert servo.read("goal_position") == 2048
+    clock.sleep_until(clock.now_s() + 1.0)
+    assert (servo.read("torque_enable"), servo.read("present_position")) == (
+        1, pytest.approx(2048, abs=10))  # fmt: skip
+
+
 def test_torque_128_turns_no_torque_on(make_port):
     port = make_port("STS3215")
     ask(port, 1, 0x03, b"\x28\x80")

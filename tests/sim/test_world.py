@@ -9,8 +9,8 @@ import pytest
 
 import servosim
 from servosim.errors import SimulatorError
+from servosim.hands import CalibrationHands, RangeSweep
 from servosim.joint import Hand, hold
-from servosim.world import RangeSweep
 
 
 def run(port, seconds):
@@ -87,9 +87,44 @@ def test_an_unknown_joint_is_named_with_those_there_are(make_port):
         make_port("STS3215").line.world.grasp("knee", Hand(hold(0.0)))
 
 
+def test_hands_that_sweep_take_every_limp_joint_through_its_travel_at_once(configs):
+    port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home&hand=sweep")
+    world = port.line.world
+    seen = []
+    for _ in range(70):
+        run(port, 0.1)
+        seen.append([joint.position for joint in world.joints])
+    for joint, low, high in zip(world.joints, *map_ends(seen), strict=True):
+        lower, upper = world.limits[joint.name]
+        assert (low, high) == (pytest.approx(lower, abs=0.1), pytest.approx(upper, abs=0.1))
+
+
+def map_ends(rows):
+    return [min(column) for column in zip(*rows, strict=True)], [
+        max(column) for column in zip(*rows, strict=True)
+    ]
+
+
+def test_hands_that_sweep_take_up_a_joint_as_soon_as_it_is_limp(make_port):
+    port = make_port("STS3215")
+    servo, world = port.line.servos[1], port.line.world
+    servo.write("torque_enable", 1)
+    RangeSweep(world)
+    run(port, 0.5)
+    assert not world.hands
+    servo.write("torque_enable", 0)
+    run(port, 1.0)
+    assert abs(world.joint("servo_1").position) > 0.3
+
+
+def test_an_unknown_kind_of_hand_is_refused(configs):
+    with pytest.raises(SimulatorError, match="sweep, calibrate"):
+        servosim.open_port(f"sim:{configs}/so101/arm.toml?hand=wave")
+
+
 def moved_by_hands(configs, joint, *spans_s):
     """Return the lowest and highest position of a joint in each span of time, one after another."""
-    port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home&hand=sweep")
+    port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home&hand=calibrate")
     ranges = []
     for span_s in spans_s:
         seen = []
@@ -111,7 +146,7 @@ def test_sweeping_hands_hold_the_pose_and_show_a_direction_before_they_sweep(con
 
 
 def test_sweeping_hands_start_over_when_a_program_begins_to_talk(configs):
-    port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home&hand=sweep")
+    port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home&hand=calibrate")
     run(port, 26.0)
     wrist = port.line.world.joint("wrist_flex")
     swept = wrist.position
@@ -138,7 +173,7 @@ def test_sweeping_hands_know_the_limits_of_mujocos_joints(configs):
 
 def test_sweeping_hands_let_go_of_a_joint_that_holds(configs):
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home")
-    RangeSweep(port.line.world)
+    CalibrationHands(port.line.world)
     port.line.servos[1].write("torque_enable", 1)
     run(port, 0.2)
     assert "shoulder_pan" not in port.line.world.hands

@@ -45,7 +45,7 @@ def leading(arm):
 
 
 def test_calibrate_runs_ours_and_writes_lerobots_file(tmp_path):
-    with served(tmp_path, "limp", "--hand", "sweep", "--pose", "rest") as arm:
+    with served(tmp_path, "limp", "--hand", "calibrate", "--pose", "rest") as arm:
         run(tmp_path, "lerobot-calibrate", *robot(arm, "--robot.assume_yes=true"), timeout_s=400)
     assert list((tmp_path / "home" / "arms").glob("so101*.toml"))
     written = tmp_path / "calibration" / "robots" / "ikservo" / "black.json"
