@@ -25,8 +25,9 @@ def open_port(url: str) -> SimulatedPort:
 
     The query may hold ``urdf`` (a file that replaces the arm file's), ``pose``, ``seed``,
     ``faults`` (a file), ``hand`` (sweep or calibrate), and ``physics``, ``backlash_deg``,
-    ``goal_keeps_torque``, ``echo``, ``noise``, ``wire_time``, ``usb_frame_ms``, ``latency_ms`` as numbers; ``paced=1`` limits virtual time to real time. ``mass_scale`` and
-    ``payload_g`` change the masses, ``parameters`` is a file with those of one arm.
+    ``goal_keeps_torque``, ``echo``, ``noise``, ``wire_time``, ``usb_frame_ms``, ``latency_ms`` as
+    numbers; ``paced=1`` limits virtual time to real time. ``mass_scale`` and ``payload_g`` change
+    the masses, ``parameters`` is a file with those of one arm.
 
     Raises:
         ArmFileError: The arm file cannot be used.
