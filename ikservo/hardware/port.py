@@ -6,18 +6,19 @@ import contextlib
 import errno
 import threading
 from collections.abc import Collection, Generator, Iterable
+from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
 from types import TracebackType
 from typing import NoReturn
-from weakref import WeakSet
+from weakref import WeakKeyDictionary
 
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import PortError, PortLostError
 from ikservo.hardware.pending import AdaptiveTimeout, ByteRateCheck, LineHealth, PendingReplies
 from ikservo.hardware.transport import Transport, open_transport
 
-__all__ = ["Port", "SdkPort", "SharedPort", "open_port"]
+__all__ = ["Port", "SdkPort", "open_port"]
 
 
 # The camelCase names are the vendors': their packet handlers call them.
@@ -308,6 +309,21 @@ class Port(SdkPort):
         """Return how many of the received bytes may be our own."""
         return 0 if self.echoes is False else len(self.sent)
 
+    def reopen(self) -> Port:
+        """Return another opening of the line, with the same attributes; it is closed by itself."""
+        opening = object.__new__(Port)
+        opening.__dict__ = self.__dict__
+        return opening
+
+    def closePort(self) -> None:
+        """Close this opening, and with the last one the transport; a lost port is no error."""
+        with _opening:
+            _openings.pop(self, None)
+            if any(other.transport is self.transport for other in _openings):
+                self.__dict__ = {**self.__dict__, "is_open": False, "transport": _ClosedTransport()}
+            else:
+                self.disconnect()
+
     def close(self) -> None:
         """Close the port; a port that is already lost is no error."""
         self.closePort()
@@ -324,42 +340,6 @@ class Port(SdkPort):
         self.closePort()
 
 
-class SharedPort(Port):
-    """One opening of a line that other arms of this process may use, too.
-
-    All openings have the same attributes, those of the line: its lock, its transport, the replies
-    that may still come. Each is closed by itself, and the transport with the last.
-
-    Args:
-        line: The line, or another opening of it.
-        arm: The name of the arm for which it is opened.
-        servo_ids: The servos for which it is opened.
-        openings: All openings of this device.
-    """
-
-    __slots__ = ("_openings", "arm", "servo_ids")
-
-    def __init__(
-        self, line: Port, arm: str, servo_ids: Iterable[int], openings: WeakSet[SharedPort]
-    ) -> None:
-        self.__dict__ = line.__dict__
-        self.arm, self.servo_ids, self._openings = arm, frozenset(servo_ids), openings
-
-    @property
-    def is_usable(self) -> bool:
-        """Return whether it is open, and by this process."""
-        return self.is_open and not getattr(self.transport, "abandoned", False)
-
-    def closePort(self) -> None:
-        """Close this opening; a port that is already lost is no error."""
-        with _opening:
-            self._openings.discard(self)
-            if any(other.transport is self.transport for other in self._openings):
-                self.__dict__ = {**self.__dict__, "is_open": False, "transport": _ClosedTransport()}
-            else:
-                self.disconnect()
-
-
 class _ClosedTransport:
     """What an opening has in place of a transport that others still use."""
 
@@ -369,7 +349,16 @@ class _ClosedTransport:
         raise OSError(errno.EBADF, "closed")
 
 
-_openings: dict[str, WeakSet[SharedPort]] = {}  # by device
+@dataclass(frozen=True, slots=True)
+class _Opening:
+    """For what a device was opened."""
+
+    device: str
+    arm: str
+    servo_ids: frozenset[int]
+
+
+_openings: WeakKeyDictionary[Port, _Opening] = WeakKeyDictionary()
 _opening = threading.Lock()
 
 
@@ -390,28 +379,36 @@ def open_port(name: str, baud_rate: int, arm: str = "", servo_ids: Collection[in
     """
     if not name or ":" in name or not servo_ids:  # nothing, a simulated bus or a network; any id
         return Port(open_transport(name, baud_rate), name, baud_rate)
+    own = _Opening(str(Path(name).resolve()), arm, frozenset(servo_ids))
     with _opening:
-        openings = _openings.setdefault(str(Path(name).resolve()), WeakSet())
-        used = [port for port in openings if port.is_usable]
-        if used and all(port.servo_ids.isdisjoint(servo_ids) for port in used):
-            _check_sharing(used[0], baud_rate, any(port.arm == arm for port in used), arm)
-            line: Port = used[0]
+        others = {
+            port: other for port, other in _openings.items() if _is_same_line(port, other, own)
+        }
+        if others and all(other.servo_ids.isdisjoint(servo_ids) for other in others.values()):
+            shared = next(iter(others))
+            _check_sharing(shared, baud_rate, own, others.values())
+            port = shared.reopen()
         else:
-            line = Port(open_transport(name, baud_rate), name, baud_rate)
-        port = SharedPort(line, arm, servo_ids, openings)
-        openings.add(port)
+            port = Port(open_transport(name, baud_rate), name, baud_rate)
+        _openings[port] = own
         return port
 
 
-def _check_sharing(port: Port, baud_rate: int, same_name: bool, arm: str) -> None:
+def _is_same_line(port: Port, other: _Opening, own: _Opening) -> bool:
+    """Return whether a port is open, of the same device and not of the parent before a fork."""
+    is_own = not getattr(port.transport, "abandoned", False)
+    return port.is_open and is_own and other.device == own.device
+
+
+def _check_sharing(port: Port, baud_rate: int, own: _Opening, others: Iterable[_Opening]) -> None:
     """Refuse an arm that cannot be on an adapter beside those that are open there."""
     if port.baudrate != baud_rate:
         raise PortError(
-            f"{port.name} is open at {port.baudrate} baud; the servos of {arm} need {baud_rate}.",
+            f"{port.name} is open at {port.baudrate} baud; {own.arm} needs {baud_rate}.",
             "Servos on one adapter need one rate: ikservo setup sets it.",
         )
-    if same_name:
+    if any(other.arm == own.arm for other in others):
         raise PortError(
-            f"An arm named {arm} is open at {port.name}, with other servos.",
+            f"An arm named {own.arm} is open at {port.name}, with other servos.",
             "Give each arm on an adapter a name of its own in its arm.toml.",
         )

@@ -117,7 +117,7 @@ def test_a_command_without_servos_of_its_own_is_refused_while_an_arm_is_open(arm
 
 
 def test_another_rate_on_the_same_line_is_refused(arms):
-    with pytest.raises(ikservo.PortError, match="1000000 baud; the servos of third need 57600"):
+    with pytest.raises(ikservo.PortError, match="is open at 1000000 baud; third needs 57600"):
         ports.open_port(arms[0].port_name, 57_600, "third", {21})
 
 
