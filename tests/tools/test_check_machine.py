@@ -1,0 +1,31 @@
+"""What an installation lacks is said before it begins."""
+
+import pytest
+
+from tools.check_machine import missing_text
+
+ADVICE = "sudo apt install g++ python3-dev"
+
+
+@pytest.fixture
+def headers(tmp_path):
+    (tmp_path / "Python.h").touch()
+    return tmp_path
+
+
+@pytest.mark.parametrize("machine", ["Linux aarch64", "Linux armv7l"])
+def test_a_raspberry_pi_without_a_compiler_is_told_what_to_install(machine, headers):
+    assert missing_text(machine, None, headers).endswith(ADVICE)
+
+
+def test_a_raspberry_pi_without_pythons_headers_is_told_what_to_install(tmp_path):
+    assert missing_text("Linux aarch64", "/usr/bin/c++", tmp_path).endswith(ADVICE)
+
+
+def test_a_raspberry_pi_with_both_lacks_nothing(headers):
+    assert missing_text("Linux aarch64", "/usr/bin/c++", headers) == ""
+
+
+@pytest.mark.parametrize("machine", ["Linux x86_64", "Darwin arm64", "Windows ARM64"])
+def test_a_machine_for_which_there_is_a_wheel_needs_no_compiler(machine, tmp_path):
+    assert missing_text(machine, None, tmp_path) == ""
