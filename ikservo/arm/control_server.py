@@ -337,6 +337,7 @@ def _check_reply(reply: bytes) -> dict[str, Any]:
 
 
 _STOPPED = StopReason(StopKind.CLIENT, "Stopped from another terminal; torque stays on.")
+_STOPPED_AT_REST = StopReason(StopKind.CLIENT, "Stopped from another terminal.")
 _RELAXED = StopReason(StopKind.RELEASED, "Torque switched off from another terminal.")
 BRAKE_TIMEOUT_S = 3.0
 
@@ -428,7 +429,7 @@ class CommandHandler:
             self._wait_for_lock(BRAKE_TIMEOUT_S)
         try:
             ended = StopOutcome(target.joint_names, (), ())  # a motion that ended holds
-            outcome = ended if moving else target.stop_servos(_STOPPED)
+            outcome = ended if moving else target.stop_servos(_STOPPED_AT_REST)
         finally:
             target.lock.release()
         return {

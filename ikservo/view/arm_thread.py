@@ -7,7 +7,6 @@ import threading
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
-from typing import Protocol
 
 import numpy as np
 
@@ -35,7 +34,9 @@ from ikservo.view.arm_job import ArmJob
 from ikservo.view.calibration import CalibrationDriver
 from ikservo.view.goal_check import refusal_of
 from ikservo.view.history import History
+from ikservo.view.labels import describe_stop
 from ikservo.view.limp_picture import LimpPicture
+from ikservo.view.live_session import LiveSession
 from ikservo.view.snapshot import (
     ArmCommand,
     ArmSnapshot,
@@ -44,78 +45,7 @@ from ikservo.view.snapshot import (
     StopNotice,
 )
 
-__all__ = ["JERK_FACTOR", "ArmThread", "CycleObserver", "LiveSession"]
-
-
-class CycleObserver(Protocol):
-    """Receives every control cycle and provides the current command."""
-
-    @property
-    def command(self) -> ArmCommand:
-        """Return the current command."""
-        ...
-
-    def on_cycle(self, cycle: ControlCycle) -> None:
-        """Receive a control cycle."""
-        ...
-
-    def on_refused(self, goal: Vector, error: RefusedError) -> None:
-        """Receive a goal (n,) that the guard refused."""
-        ...
-
-
-class LiveSession:
-    """Provides the arm's goal from Live on to Live off (``ikservo.arm.following.GoalSource``).
-
-    Args:
-        observer: Provides commands and receives every control cycle.
-        clock: The time of heartbeats.
-        dead_man_s: How long a command is valid without a heartbeat.
-
-    Attributes:
-        session_id: Identifies the session.
-        silent: Whether it ended because no heartbeat arrived.
-    """
-
-    def __init__(self, observer: CycleObserver, clock: Clock, dead_man_s: float) -> None:
-        self._observer, self._clock, self._dead_man_s = observer, clock, dead_man_s
-        self.session_id, self.speed = observer.command.session_id, observer.command.speed
-        self._start: Vector | None = None
-        self._last_goal: Vector | None = None
-        self._had_goal = self.silent = False
-
-    def next_goal(self, cycle: ControlCycle) -> Vector | None:
-        """Return the goal of all joints (n,); None once the session has ended."""
-        self._observer.on_cycle(cycle)
-        command = self._observer.command
-        if self._start is None:
-            self._start = cycle.reference.copy()
-        self.silent = self._clock.now_s() - command.heartbeat_s > self._dead_man_s
-        if (
-            self.silent
-            or self.is_over
-            or command.speed != self.speed
-            or self._is_goal_withdrawn(command)
-        ):
-            return None
-        self._last_goal = self._start if command.goal is None else command.goal
-        return self._last_goal
-
-    def _is_goal_withdrawn(self, command: ArmCommand) -> bool:
-        """Return whether the goal was withdrawn: the arm brakes and holds there."""
-        self._had_goal = self._had_goal or command.goal is not None
-        return self._had_goal and command.goal is None
-
-    @property
-    def is_over(self) -> bool:
-        """Return whether Live was switched off since the start, even if it is on again."""
-        command = self._observer.command
-        return not command.live or command.session_id != self.session_id
-
-    def on_rejected(self, error: RefusedError) -> None:
-        """Tell why the guard rejected a goal; the arm keeps the one before."""
-        if self._last_goal is not None:
-            self._observer.on_refused(self._last_goal, error)
+__all__ = ["JERK_FACTOR", "ArmThread"]
 
 
 JERK_FACTOR = 8.0
@@ -125,11 +55,11 @@ _POLL_PERIOD_S = 0.033  # while no session runs
 _STATE_PERIOD_S = 1.0
 _TELEMETRY_PERIOD_S = 0.1  # of what the control loop has read anyway
 _MAX_MESSAGES = 40
-_CLOSED = StopReason(StopKind.CLOSED, "The view was closed; torque stays on.")
+_CLOSED = StopReason(StopKind.CLOSED, "The view was closed.")
 _SILENCE_TEXT = (
     "The page does not answer; stopped, torque stays on. Switch Live on again to continue."
 )
-_JOB_SILENCE_TEXT = "The page does not answer; stopped, torque stays on."
+_JOB_SILENCE_TEXT = "Stopped: the page does not answer."
 _TORQUE_LOST_TEXT = (
     "{} lost torque without being told to: reset, supply broken down, or another program. "
     "The button beside the joint switches it on again."
@@ -245,11 +175,7 @@ class ArmThread:
             self._run_step()
         except IkservoError as error:
             self._lost = self._lost or isinstance(error, PortLostError)
-            hint = _REOPEN_TEXT if isinstance(error, PortLostError) else error.command_hint
-            stopped = isinstance(error, (LatchedStopError, StoppedError))
-            requested = self._stop_reason if stopped else None
-            notice = requested and StopNotice(requested.text, _CHECK_FIRST_TEXT)
-            self._end_session(notice or StopNotice(error.message, hint))
+            self._end_session(self._notice_of_error(error))
 
     def on_cycle(self, cycle: ControlCycle) -> None:
         """Store a cycle's positions; poll telemetry once a second (``CycleObserver``)."""
@@ -269,6 +195,10 @@ class ArmThread:
             self._telemetry_s = now_s
             states = self.arm.context.servos.with_latest_telemetry(self.snapshot.states)
             self.snapshot = replace(self.snapshot, states=states)
+        self._update_states(now_s)
+
+    def _update_states(self, now_s: float) -> None:
+        """Read the servos' states once a second."""
         if now_s - self._states_s > _STATE_PERIOD_S:
             self._states_s = now_s
             with contextlib.suppress(BusError):  # the control cycle itself detects a lost port
@@ -279,6 +209,7 @@ class ArmThread:
         now_s = self._clock.now_s()
         measured, reference = progress.joints_rad.copy(), progress.setpoints_rad.copy()
         self.snapshot = replace(self.snapshot, measured=measured, read_s=now_s, reference=reference)
+        self._update_telemetry()
         self._record_history()
         self._require_heartbeat(now_s)
 
@@ -302,7 +233,7 @@ class ArmThread:
         self.arm.context.servos.check_stop()
         now_s = self._clock.now_s()
         self.snapshot = replace(self.snapshot, measured=measured, read_s=now_s, reference=None)
-        self._update_telemetry()
+        self._update_states(now_s)  # the control loop does not run: what it has read is old
         self._record_history()
 
     def on_torque_off(self) -> None:
@@ -345,8 +276,9 @@ class ArmThread:
     def _run_step(self) -> None:
         if self._acknowledged:
             self._restart()
-        elif self._stop_reason is not None and not self.snapshot.stop_notice:
-            self._end_session(StopNotice(self._stop_reason.text, _CHECK_FIRST_TEXT))
+        reason = self._stop_reason or self.arm.stop_reason  # by the page, or by another program
+        if reason is not None and not self.snapshot.stop_notice:
+            self._end_session(self._notice_of_stop(reason))
         if self.snapshot.stop_notice:
             self._torque_requests.clear()
             self._waiting_job = None
@@ -419,6 +351,20 @@ class ArmThread:
             self._reopen_arm()
         self.arm.acknowledge()
         self.snapshot = replace(self.snapshot, stop_notice=None)
+
+    def _notice_of_stop(self, reason: StopReason) -> StopNotice:
+        """Return the notice of a stop, with what the servos say now of their torque."""
+        with contextlib.suppress(IkservoError):
+            self.snapshot = self._update_positions()
+        return StopNotice(describe_stop(reason.text, self.snapshot.states), _CHECK_FIRST_TEXT)
+
+    def _notice_of_error(self, error: IkservoError) -> StopNotice:
+        if isinstance(error, (LatchedStopError, StoppedError)):
+            if self._stop_reason is not None:
+                return self._notice_of_stop(self._stop_reason)
+            return StopNotice(error.message, _CHECK_FIRST_TEXT)
+        hint = _REOPEN_TEXT if isinstance(error, PortLostError) else error.command_hint
+        return StopNotice(error.message, hint)
 
     def _end_session(self, stop_notice: StopNotice) -> None:
         """End the session: the stop must be acknowledged and Live switched on again."""

@@ -26,7 +26,7 @@ from ikservo.view.frames import FrameComposer
 from ikservo.view.goal_check import PreviewGuard
 from ikservo.view.history import csv_lines
 from ikservo.view.interaction import Interaction
-from ikservo.view.labels import STOP_TEXTS, describe_torque
+from ikservo.view.labels import STOP_TEXTS
 from ikservo.view.messages import BadMessageError, Message
 from ikservo.view.plots import PlotFeed
 from ikservo.view.program_messages import ProgramMessage
@@ -38,7 +38,7 @@ from ikservo.view.viewpoints import Viewpoint, available_views
 __all__ = ["SessionController"]
 
 _ORBIT_RAD_PX = 0.008
-_AWAY_TEXT = "The page that controls was hidden, closed or replaced; stopped, torque stays on."
+_AWAY_TEXT = "Stopped: the page that controls was hidden, closed or replaced."
 _GO_LIVE_TEXT = "The arm does not follow. What was wanted is forgotten."
 
 Handler = Callable[[Any, Client], None]
@@ -155,8 +155,7 @@ class SessionController:
         """
         self._forget_targets()
         self._arm_thread.post(replace(self._arm_thread.command, live=False, goal=None))
-        text = f"{by}; {describe_torque(self._arm_thread.snapshot.states)}."
-        self._arm_thread.request_stop(StopReason(StopKind.CLIENT, text))
+        self._arm_thread.request_stop(StopReason(StopKind.CLIENT, f"{by}."))
 
     # --- messages of any client ---
 

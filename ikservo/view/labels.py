@@ -21,6 +21,7 @@ __all__ = [
     "STOP_TEXTS",
     "candidate_rows",
     "condition_rows",
+    "describe_stop",
     "describe_target",
     "describe_torque",
     "format_solve_time",
@@ -66,6 +67,11 @@ def describe_target(marker: TargetMarker, method: str | None = None) -> str:
         f"{format_point(marker.target_m)} cannot be reached{limits_text}. Nearest reachable point: "
         f"{format_point(marker.nearest_m)}, {marker.gap_m * 1000:.1f} mm away."
     )
+
+
+def describe_stop(text: str, states: Sequence[JointState]) -> str:
+    """Return why the arm was stopped, and whether it holds."""
+    return f"{text.removesuffix('.')}; {describe_torque(states)}."
 
 
 def describe_torque(states: Sequence[JointState]) -> str:

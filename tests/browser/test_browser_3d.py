@@ -230,8 +230,9 @@ def test_a_lost_graphics_context_falls_back_and_3d_returns_with_it(onlooker):
 
 def test_without_webgl_the_canvas_draws_the_orbit_view(browser, shared):
     context = browser.new_context(viewport={"width": 900, "height": 640})
+    context.add_init_script(f"({NO_WEBGL})()")
     operator = Operator(context.new_page(), shared)
-    operator.page.evaluate(NO_WEBGL)
+    assert operator.page.get_attribute("#views button[value=side]", "aria-checked") == "true"
     operator.page.click("#views button[value=orbit]")
     operator.until("document.getElementById('render-note').textContent")
     assert operator.page.inner_text("#render-note") == "This browser has no WebGL: drawn in 2D."
@@ -240,4 +241,53 @@ def test_without_webgl_the_canvas_draws_the_orbit_view(browser, shared):
     operator.page.click("#render-3d")
     operator.until("document.getElementById('render-note').textContent")
     operator.wait_for("!scene.webgl && items.some((item) => item.style === 'measured')")
+    context.close()
+
+
+A_CARD = """() => {
+  const open = HTMLCanvasElement.prototype.getContext;
+  HTMLCanvasElement.prototype.getContext = function (kind, options) {
+    return open.call(this, kind, options && { ...options, failIfMajorPerformanceCaveat: false });
+  };
+}"""
+
+
+def chosen_view(page):
+    return page.get_attribute("#views [aria-checked=true]", "value")
+
+
+def test_where_a_graphics_card_draws_webgl_the_page_begins_in_3d(webgl_browser, shared):
+    context = webgl_browser.new_context(viewport=SMALL)
+    context.add_init_script(f"({A_CARD})()")
+    operator = Operator(context.new_page(), shared, options="&draw=3d")
+    operator.wait_for(DRAWN_IN_3D)
+    assert chosen_view(operator.page) == "orbit"
+    context.close()
+
+
+def test_where_webgl_is_drawn_in_software_the_page_begins_flat_and_loads_no_3d(
+    webgl_browser, shared
+):
+    context = webgl_browser.new_context(viewport=SMALL)
+    operator = Operator(context.new_page(), shared)
+    assert chosen_view(operator.page) == "side"
+    operator.page.click("#views button[value=orbit]")
+    operator.until("document.getElementById('render-note').textContent")
+    note = operator.page.inner_text("#render-note")
+    assert note == "No graphics card draws WebGL here: drawn in 2D."
+    assert operator.page.evaluate("window.ikservo.rendering.module") is None
+    context.close()
+
+
+def test_in_live_3d_is_not_tried_until_live_is_off(webgl_browser, shared):
+    context = webgl_browser.new_context(viewport=SMALL)
+    operator = Operator(context.new_page(), shared.brought_home(), options="&draw=2d")
+    operator.enable_live().page.click("#views button[value=orbit]")
+    operator.page.click("#render-3d")
+    operator.until("document.getElementById('render-note').textContent")
+    assert operator.page.inner_text("#render-note") == "3D begins once Live is off: drawn in 2D."
+    assert operator.page.evaluate("window.ikservo.rendering.module") is None
+    operator.page.click("#live")
+    operator.wait_for(DRAWN_IN_3D)
+    assert operator.page.is_disabled("#live")
     context.close()

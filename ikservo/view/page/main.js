@@ -29,6 +29,7 @@ const options = new URLSearchParams(location.hash.slice(1)); // of the page's ad
 const key = options.get("token") ?? "";
 let armInfo = null;
 let view = null;
+let viewIsChosen = false; // by the user
 let scenes = []; // not drawn yet; one per animation frame, so that a late one is not skipped
 window.ikservo = { scene: null, items: [], status: null, drawn: 0 }; // for tests and benchmarks
 
@@ -37,7 +38,7 @@ const connection = new Connection(key, {
     connection.path = `live/${message.arm}`; // this one again after the connection was lost
     arms.setShown(message.arm);
     armInfo = message;
-    view = armInfo.views.includes(view) ? view : armInfo.views[0];
+    if (!armInfo.views.includes(view)) view = rendering.firstView(armInfo.views);
     panel.setArm(message);
     program.setArm(message);
     plots.setArm(message);
@@ -79,10 +80,14 @@ const poses = new Poses(send);
 const actions = new Actions(send);
 const leader = new Leader(key, send, () => sendViewport());
 const arms = new Arms(key, options, (name) => leader.choose(name));
-const rendering = new Rendering($("webgl"), options.get("draw"), () => sendViewport());
+const rendering = new Rendering($("webgl"), options.get("draw"), () => {
+  if (armInfo && !viewIsChosen && viewBefore === null && !rendering.wanted) view = rendering.firstView(armInfo.views);
+  sendViewport();
+});
 const stopButton = new StopButton(send, (refusal) => panel.showRefusal(refusal));
 const freshness = new Freshness(() => showOffline("silent"), () => window.ikservo.status && showStatus(window.ikservo.status));
 window.ikservo.rendering = rendering;
+panel.isDrawingTried = () => rendering.isTrying();
 const wizard = new Wizard(send);
 const overLink = () => Boolean(window.ikservo.scene?.hover) && window.ikservo.status?.controller === "you";
 const pointerInput = new PointerInput(canvas, send, overLink);
@@ -94,6 +99,7 @@ gamepads.bindButton($("gripper-close"), 1);
 function showStatus(status) {
   setOnline(true);
   freshness.setReadAge(status.age_s);
+  rendering.setLive(status.live && status.controller === "you");
   panel.show(status);
   program.show(status);
   actions.show(status);
@@ -138,7 +144,7 @@ function sendViewport() {
   drawing.fit();
   const { clientWidth: w, clientHeight: h } = canvas;
   send("viewport", { w, h, dpr: devicePixelRatio, view, webgl: rendering.wantsShapes(view), handles: rendering.wantsHandles() });
-  updateChoices($("views"), armInfo.views, view, (name) => { view = name; sendViewport(); }, (name) => VIEWS[name]);
+  updateChoices($("views"), armInfo.views, view, (name) => { view = name; viewIsChosen = true; sendViewport(); }, (name) => VIEWS[name]);
 }
 
 function onAnimationFrame(now) {
@@ -154,6 +160,7 @@ function onAnimationFrame(now) {
 
 function show(scene) {
   connection.confirmDrawn(scene.seq); // before drawing: the server prepares the next one meanwhile
+  scene = { ...scene, bare: document.body.dataset.camera === "behind" && !$("camera").hidden };
   rendering.show(scene);
   const { backdrop, items, goalAt } = picture.compose(scene);
   drawing.show(backdrop, items);

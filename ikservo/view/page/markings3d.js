@@ -25,7 +25,12 @@ export class Markings {
     this.region.matrixAutoUpdate = false;
     this.boxes = new Map(graph.boxes.map((box) => [box.name, createBox(box, this.lines.box)]));
     this.root.add(this.dots, this.region, ...this.boxes.values());
-    if (graph.floor !== null) this.root.add(...this.createTable(graph));
+    this.table = graph.floor === null ? [] : this.createTable(graph);
+    this.root.add(...this.table);
+  }
+
+  showTable(shown) {
+    for (const part of this.table) part.visible = shown;
   }
 
   createTable({ centre, floor }) {

@@ -39,6 +39,7 @@ export class Panel {
     const refuse = (message) => this.showRefusal({ message, hint: "" });
     this.joints = new Joints(send, refuse);
     this.tool = new Tool(send, refuse);
+    this.isDrawingTried = () => false;
     this.goalRefusal = ""; // why the guard refuses the goal
     this.offline = null; // what there is to say while the server does not answer
     this.refusals = []; // for the list of messages
@@ -111,7 +112,9 @@ export class Panel {
     updateChoices($("solvers"), this.armInfo.solvers, status.solver.name, (name) => this.send("set_solver", { name }), (name) => SOLVERS[name] ?? name);
     const live = $("live");
     setAttribute(live, "aria-checked", status.live);
-    live.disabled = !inControl || this.armInfo.zeros === "unknown" || (status.mode !== "preview" && status.mode !== "live");
+    const trying = this.isDrawingTried(); // which would delay heartbeats
+    setAttribute(live, "title", trying ? "3D is tried first" : "");
+    live.disabled = !inControl || trying || this.armInfo.zeros === "unknown" || (status.mode !== "preview" && status.mode !== "live");
     const mayControl = this.armInfo.permission === "control";
     $("take").hidden = inControl || !mayControl;
     for (const button of document.querySelectorAll(":is(#poses, #gripper, #pose-list) button:not(#all-poses)")) button.disabled = !inControl || ["stopped", "busy"].includes(status.mode);

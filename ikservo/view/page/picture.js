@@ -44,7 +44,7 @@ export class Picture {
 
   // The items that change with camera and region only.
   composeBackdrop(scene, projection) {
-    const same = ["camera", "region", "region_pose"].every((name) => scene[name] === this.shown[name]);
+    const same = ["camera", "region", "region_pose", "bare"].every((name) => scene[name] === this.shown[name]);
     return same && this.last.backdrop ? this.last.backdrop : backdropItems(this.graph, scene, projection);
   }
 

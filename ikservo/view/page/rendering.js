@@ -1,4 +1,5 @@
-// Chooses how the orbit view is drawn: in 3D by WebGL where frames are fast enough, else on the canvas.
+// Chooses how the arm is drawn: in 3D by WebGL where a graphics card does that and frames are fast
+// enough, else on the canvas. In Live nothing is tried: compiling shaders delays heartbeats.
 
 import { $, setAttribute, setText } from "./elements.js";
 import { isSame } from "./picture.js";
@@ -6,6 +7,10 @@ import { isSame } from "./picture.js";
 const WARM_UP_FRAMES = 2; // shaders are compiled meanwhile
 const TIMED_FRAMES = 5;
 const CONTEXT_LOST = "The graphics driver gave up";
+const NO_WEBGL = "This browser has no WebGL";
+const NO_CARD = "No graphics card draws WebGL here";
+const AFTER_LIVE = "3D begins once Live is off";
+const HOPELESS_MS = 1000; // no need to time more of such frames
 const BUDGET_MS = 50; // a frame that takes longer makes a drag jerky
 
 export class Rendering {
@@ -15,7 +20,9 @@ export class Rendering {
     this.onChange = onChange;
     this.view = this.module = this.renderer = this.graph = this.shapes = this.scene3d = null;
     this.shown = {}; // the scene of the last frame
-    this.reason = ""; // why the canvas draws what 3D should
+    this.reason = wanted === "3d" ? "" : findObstacle(); // why the canvas draws what 3D should
+    this.live = false; // whether the arm follows this page
+    this.tried = false; // whether 3D was tried, and its frames timed
     this.frameMs = null; // of the timed frames, the median
     this.handles = false; // whether the tool has handles
     $("handles").onclick = () => {
@@ -31,7 +38,23 @@ export class Rendering {
   }
 
   isOn() {
-    return this.wanted !== "2d" && !this.reason;
+    return this.wanted === "3d" || (this.wanted !== "2d" && !this.reason);
+  }
+
+  // The view of a page whose user has chosen none: all around where 3D draws it.
+  firstView(views) {
+    return this.isOn() && views.includes("orbit") ? "orbit" : views[0];
+  }
+
+  // Whether 3D is being tried: Live has to wait for the end of that.
+  isTrying() {
+    return this.wants3D() && !this.live && !this.tried;
+  }
+
+  setLive(live) {
+    if (this.live === live) return;
+    this.live = live;
+    if (!live && this.wants3D() && !this.tried) this.onChange();
   }
 
   wants3D() {
@@ -58,7 +81,7 @@ export class Rendering {
   // Returns whether the server should send the shapes of 3D; the first time three.js is loaded meanwhile.
   wantsShapes(view) {
     this.view = view;
-    const wants = this.wants3D();
+    const wants = this.wants3D() && (this.tried || !this.live);
     if (wants && !this.module) this.load();
     this.showControls();
     return wants && Boolean(this.module?.Scene3D);
@@ -81,15 +104,17 @@ export class Rendering {
       this.renderer ??= this.module.createRenderer(this.canvas);
       this.scene3d = new this.module.Scene3D(this.renderer, this.graph, shapes);
     } catch {
-      this.fallBack("This browser has no WebGL");
+      this.fallBack(NO_WEBGL);
     }
     this.frameMs = null;
+    this.tried = false;
   }
 
   fallBack(reason) {
     if (this.reason) return;
     this.reason = reason;
     this.wanted = null;
+    this.tried = false;
     this.onChange();
   }
 
@@ -110,11 +135,15 @@ export class Rendering {
   async timeFrames(scene3d) {
     this.frameMs = 0;
     const times = [];
+    scene3d.compile();
     for (let i = 0; i < WARM_UP_FRAMES + TIMED_FRAMES && this.scene3d === scene3d && !this.reason; i++) {
       times.push(await scene3d.timeFrame());
+      if (times.at(-1) > HOPELESS_MS && i >= WARM_UP_FRAMES) break;
     }
     if (this.scene3d !== scene3d || this.reason) return;
-    this.frameMs = times.slice(WARM_UP_FRAMES).sort((a, b) => a - b)[Math.floor(TIMED_FRAMES / 2)];
+    this.tried = true;
+    const timed = times.slice(WARM_UP_FRAMES).sort((a, b) => a - b);
+    this.frameMs = timed[Math.floor(timed.length / 2)];
     if (this.frameMs > BUDGET_MS && this.wanted !== "3d") this.fallBack(`3D takes ${Math.round(this.frameMs)} ms a frame here`);
   }
 
@@ -123,6 +152,15 @@ export class Rendering {
     $("handles").hidden = !this.wants3D();
     setAttribute($("handles"), "aria-checked", this.handles);
     setAttribute($("render-3d"), "aria-checked", this.isOn());
-    setText($("render-note"), this.reason ? `${this.reason}: drawn in 2D.` : "");
+    const reason = this.wants3D() && this.live && !this.tried ? AFTER_LIVE : this.reason;
+    setText($("render-note"), reason ? `${reason}: drawn in 2D.` : "");
   }
+}
+
+// Returns why 3D is not drawn by itself: a browser says whether a graphics card does it.
+function findObstacle() {
+  const open = (options) => document.createElement("canvas").getContext("webgl2", options);
+  const context = open({ failIfMajorPerformanceCaveat: true });
+  context?.getExtension("WEBGL_lose_context")?.loseContext();
+  return context ? "" : window.WebGL2RenderingContext && open() ? NO_CARD : NO_WEBGL;
 }

@@ -6,6 +6,7 @@ import { Handles } from "./handles3d.js";
 import { Markings } from "./markings3d.js";
 
 const NEAR_M = 0.01;
+const LONGEST_FRAME_MS = 3000; // that is waited for
 const SHADOW_PX = 1024;
 const MAX_PIXEL_RATIO = 2;
 const TRIAD_M = { base: 0.06, tool: 0.035 };
@@ -69,7 +70,8 @@ export class Scene3D {
     this.showGoal(scene);
     this.handles.show((scene.goal === null ? this.arm : this.ghost).tipPosition(), scene.handles);
     this.highlight(scene);
-    this.markings.showRegion(scene.region, scene.region_pose);
+    this.markings.showRegion(scene.bare ? null : scene.region, scene.region_pose);
+    this.markings.showTable(!scene.bare);
     this.markings.showBoxes([scene.picked, ...(scene.refused_pair ?? [])]);
   }
 
@@ -118,6 +120,18 @@ export class Scene3D {
     this.renderer.render(this.scene, this.camera);
   }
 
+  // Compiles the shaders of everything that may be shown later, and draws none of it.
+  compile() {
+    const hidden = [];
+    this.scene.traverse((part) => part.visible || hidden.push(part));
+    for (const part of hidden) part.visible = true;
+    this.renderer.setScissor(0, 0, 1, 1);
+    this.renderer.setScissorTest(true);
+    this.render();
+    this.renderer.setScissorTest(false);
+    for (const part of hidden) part.visible = false;
+  }
+
   // Resolves with the time that a frame takes, from its commands until the GPU has carried them out.
   async timeFrame() {
     const gl = this.renderer.getContext();
@@ -125,7 +139,8 @@ export class Scene3D {
     this.render();
     const fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
-    while (!gl.isContextLost() && gl.getSyncParameter(fence, gl.SYNC_STATUS) !== gl.SIGNALED) await nextTask();
+    const isDrawn = () => gl.isContextLost() || gl.getSyncParameter(fence, gl.SYNC_STATUS) === gl.SIGNALED;
+    while (!isDrawn() && performance.now() - start < LONGEST_FRAME_MS) await nextTask();
     gl.deleteSync(fence);
     return performance.now() - start;
   }

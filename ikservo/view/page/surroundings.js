@@ -12,10 +12,11 @@ const MARGIN_PX = 16;
 const MAX_WIDTH = 0.3; // of the scale bar, of the drawing
 const FACES = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
 
-export function backdropItems({ centre, floor, boxes }, { region, region_pose }, projection) {
+// A bare scene is drawn over a camera's picture: a table would hide it, and what is in a plane of the arm is not there.
+export function backdropItems({ centre, floor, boxes }, { region, region_pose, bare }, projection) {
   return [
-    ...(floor === null ? [] : floorItems(centre, floor, projection)),
-    ...(region === null ? [] : [regionItem(region, region_pose, projection)]),
+    ...(floor === null || bare ? [] : floorItems(centre, floor, projection)),
+    ...(region === null || bare ? [] : [regionItem(region, region_pose, projection)]),
     ...boxes.map((box) => boxItem("keep_out", box, projection)),
   ];
 }

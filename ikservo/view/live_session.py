@@ -1,0 +1,84 @@
+"""The goals of the arm from Live on to Live off, and when the page counts as silent."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from ikservo.clock import Clock
+from ikservo.control.loop import ControlCycle
+from ikservo.errors import RefusedError
+from ikservo.kinematics.arrays import Vector
+from ikservo.view.snapshot import ArmCommand
+
+__all__ = ["CycleObserver", "LiveSession"]
+
+
+class CycleObserver(Protocol):
+    """Receives every control cycle and provides the current command."""
+
+    @property
+    def command(self) -> ArmCommand:
+        """Return the current command."""
+        ...
+
+    def on_cycle(self, cycle: ControlCycle) -> None:
+        """Receive a control cycle."""
+        ...
+
+    def on_refused(self, goal: Vector, error: RefusedError) -> None:
+        """Receive a goal (n,) that the guard refused."""
+        ...
+
+
+class LiveSession:
+    """Provides the arm's goal from Live on to Live off (``ikservo.arm.following.GoalSource``).
+
+    Args:
+        observer: Provides commands and receives every control cycle.
+        clock: The time of heartbeats.
+        dead_man_s: How long a command is valid without a heartbeat.
+
+    Attributes:
+        session_id: Identifies the session.
+        silent: Whether it ended because no heartbeat arrived.
+    """
+
+    def __init__(self, observer: CycleObserver, clock: Clock, dead_man_s: float) -> None:
+        self._observer, self._clock, self._dead_man_s = observer, clock, dead_man_s
+        self.session_id, self.speed = observer.command.session_id, observer.command.speed
+        self._start: Vector | None = None
+        self._last_goal: Vector | None = None
+        self._had_goal = self.silent = False
+
+    def next_goal(self, cycle: ControlCycle) -> Vector | None:
+        """Return the goal of all joints (n,); None once the session has ended."""
+        self._observer.on_cycle(cycle)
+        command = self._observer.command
+        if self._start is None:
+            self._start = cycle.reference.copy()
+        self.silent = self._clock.now_s() - command.heartbeat_s > self._dead_man_s
+        if (
+            self.silent
+            or self.is_over
+            or command.speed != self.speed
+            or self._is_goal_withdrawn(command)
+        ):
+            return None
+        self._last_goal = self._start if command.goal is None else command.goal
+        return self._last_goal
+
+    def _is_goal_withdrawn(self, command: ArmCommand) -> bool:
+        """Return whether the goal was withdrawn: the arm brakes and holds there."""
+        self._had_goal = self._had_goal or command.goal is not None
+        return self._had_goal and command.goal is None
+
+    @property
+    def is_over(self) -> bool:
+        """Return whether Live was switched off since the start, even if it is on again."""
+        command = self._observer.command
+        return not command.live or command.session_id != self.session_id
+
+    def on_rejected(self, error: RefusedError) -> None:
+        """Tell why the guard rejected a goal; the arm keeps the one before."""
+        if self._last_goal is not None:
+            self._observer.on_refused(self._last_goal, error)
