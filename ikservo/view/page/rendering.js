@@ -9,6 +9,7 @@ const TIMED_FRAMES = 5;
 const CONTEXT_LOST = "The graphics driver gave up";
 const NO_WEBGL = "This browser has no WebGL";
 const NO_CARD = "No graphics card draws WebGL here";
+const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i; // renderers
 const AFTER_LIVE = "3D begins once Live is off";
 const HOPELESS_MS = 1000; // no need to time more of such frames
 const BUDGET_MS = 50; // a frame that takes longer makes a drag jerky
@@ -157,10 +158,12 @@ export class Rendering {
   }
 }
 
-// Returns why 3D is not drawn by itself: a browser says whether a graphics card does it.
+// Returns why 3D is not drawn by itself: WebGL says what draws it.
 function findObstacle() {
-  const open = (options) => document.createElement("canvas").getContext("webgl2", options);
-  const context = open({ failIfMajorPerformanceCaveat: true });
-  context?.getExtension("WEBGL_lose_context")?.loseContext();
-  return context ? "" : window.WebGL2RenderingContext && open() ? NO_CARD : NO_WEBGL;
+  const context = document.createElement("canvas").getContext("webgl2");
+  if (!context) return NO_WEBGL;
+  const info = context.getExtension("WEBGL_debug_renderer_info");
+  const renderer = context.getParameter(info ? info.UNMASKED_RENDERER_WEBGL : context.RENDERER);
+  context.getExtension("WEBGL_lose_context")?.loseContext();
+  return SOFTWARE.test(renderer) ? NO_CARD : "";
 }
