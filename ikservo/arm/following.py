@@ -51,7 +51,12 @@ class GoalSource(Protocol):
 
 
 def follow_goals(
-    arm: ArmParts, source: GoalSource, *, speed: str = "normal", jerk_factor: float = 1.0
+    arm: ArmParts,
+    source: GoalSource,
+    *,
+    speed: str = "normal",
+    jerk_factor: float = 1.0,
+    settle_after_s: float = math.inf,
 ) -> Vector | None:
     """Follow joint goals that ``source`` gives in every control cycle, until it ends.
 
@@ -61,6 +66,8 @@ def follow_goals(
         speed: The speed class.
         jerk_factor: Of the jerk of the speed class; above 1 short ways take less time, at the
             same largest speed and acceleration.
+        settle_after_s: How long the arm has to stand at its goal until the joints are corrected
+            by what they measure, as at the end of a motion; another goal ends that.
 
     Returns:
         Where the joints should be (n,): the last goal that was accepted, or as far short of it as
@@ -75,8 +82,13 @@ def follow_goals(
         context.warm_up()
         runner.return_within_limits()
         allowed = runner.allowed_speed(speed)
-        controller = _OnlineController(context, source, speed, allowed, jerk_factor)
+        controller = _OnlineController(context, source, speed, allowed, jerk_factor, settle_after_s)
         runner.run(controller.start_trajectory, controller.on_cycle, speed)
+        while controller.stands and controller.settled_goal is not None:
+            settle_at(context, runner, controller.settled_goal, speed, controller.is_settling_over)
+            if controller.has_ended:
+                break
+            runner.run(controller.start_trajectory, controller.on_cycle, speed)
     if controller.error:
         raise controller.error
     return controller.settled_goal
@@ -95,7 +107,14 @@ def check_followed_goal(context: ArmContext, start: Vector, goal: Vector, speed:
 
 
 class _OnlineController:
-    """Retargets an online trajectory to new goals."""
+    """Retargets an online trajectory to new goals.
+
+    Attributes:
+        error: The error of the source, raised once the arm has been braked.
+        settled_goal: See ``follow_goals``.
+        stands: Whether the arm has stood at its goal for so long that the joints are corrected.
+        has_ended: Whether the source ended meanwhile.
+    """
 
     def __init__(
         self,
@@ -104,9 +123,11 @@ class _OnlineController:
         speed: str,
         allowed: str,
         jerk_factor: float,
+        settle_after_s: float,
     ) -> None:
         self._context, self._source, self._speed, self._first = context, source, speed, allowed
-        self._jerk_factor = jerk_factor
+        self._jerk_factor, self._settle_after_s = jerk_factor, settle_after_s
+        self.stands = self.has_ended = False
         self._limited = allowed != speed
         self._trajectory: OnlineTrajectory | None = None
         self._requested: Vector = np.zeros(0)
@@ -116,9 +137,10 @@ class _OnlineController:
 
     def start_trajectory(self, start: Vector) -> OnlineTrajectory:
         lower, upper = self._context.limits()
-        limits = self._motion_limits(self._first)
+        limits = self._motion_limits(self._first if self._limited else self._speed)
         self._trajectory = OnlineTrajectory(start, limits, lower=lower, upper=upper)
-        self._requested = start
+        if not self.stands:
+            self._requested = start
         return self._trajectory
 
     def on_cycle(self, cycle: ControlCycle) -> None:
@@ -128,10 +150,23 @@ class _OnlineController:
         goal = self._next_goal(cycle)
         if goal is None:
             self._stop_trajectory(trajectory, cycle.time_s)
+            self.stands = False
         elif not np.array_equal(goal, self._requested):
             self._retarget(trajectory, goal, cycle)
+            self.stands = False
+        elif len(self._accepted) and not self.stands:
+            self.stands = cycle.time_s - trajectory.settles_at_s >= self._settle_after_s
+            if self.stands:
+                self._stop_trajectory(trajectory, cycle.time_s)
         if self._limited and len(self._accepted):
             self._apply_speed(trajectory, cycle.time_s)
+
+    def is_settling_over(self, cycle: ControlCycle) -> bool:
+        """Return whether settling is to end: there is another goal, or none any more."""
+        goal = self._next_goal(replace(cycle, reference=self._accepted))
+        if goal is None:
+            self.has_ended = True
+        return goal is None or not np.array_equal(goal, self._requested)
 
     def _next_goal(self, cycle: ControlCycle) -> Vector | None:
         try:

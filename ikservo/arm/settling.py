@@ -273,10 +273,16 @@ class SettlingTrajectory:
             np.array([j.fence.joint_map.position(j.goal_at(after_s)) for j in self._joints])
         )
 
-    def update(self, time_s: float, measured: Vector) -> None:
-        """Take the measured joints (n,); ends the trajectory when they have arrived."""
+    def update(self, time_s: float, measured: Vector, *, end: bool = False) -> None:
+        """Take the measured joints (n,); ends the trajectory when they have arrived.
+
+        Args:
+            time_s: The time.
+            measured: The joints.
+            end: Correct no further, and end as soon as the joints are at rest.
+        """
         self._reached = self._is_reached(measured)
-        correcting = time_s < _MAX_DURATION_S and not self._reached
+        correcting = time_s < _MAX_DURATION_S and not (self._reached or end)
         for joint, position in zip(self._joints, measured, strict=True):
             tick = joint.fence.joint_map.tick(float(position))
             joint.update(tick, time_s, time_s - self._updated_s, correcting=correcting)
@@ -402,7 +408,13 @@ def settle(
     return SettlingResult(last.measured, residuals, motion_s, settling_s)
 
 
-def settle_at(context: ArmContext, runner: MotionRunner, goal: Vector, speed: str) -> Vector:
+def settle_at(
+    context: ArmContext,
+    runner: MotionRunner,
+    goal: Vector,
+    speed: str,
+    is_over: Callable[[ControlCycle], bool] | None = None,
+) -> Vector:
     """Correct the arm's goals until its joints are at ``goal`` (n,), as near as they can.
 
     A gripper keeps its goal: it may hold something.
@@ -412,6 +424,7 @@ def settle_at(context: ArmContext, runner: MotionRunner, goal: Vector, speed: st
         runner: Runs the correction as a motion; the goals are near there.
         goal: The positions of the joints, rad or m.
         speed: slow, normal or fast.
+        is_over: Called in each control cycle; returns whether to end as soon as the joints rest.
 
     Returns:
         The measured joints (n,) of the last control cycle.
@@ -420,7 +433,9 @@ def settle_at(context: ArmContext, runner: MotionRunner, goal: Vector, speed: st
     ticks = [f.tick(at) if f.joint in context.chain.names else None for f, at in joints]
     limits, horn_rad_s = context.planner.motion_limits(speed), context.model.speed(speed).rad_s
     with runner.motion():
-        return _run_settling(runner.loop, context.servos, ticks, limits, horn_rad_s).measured
+        return _run_settling(
+            runner.loop, context.servos, ticks, limits, horn_rad_s, is_over=is_over
+        ).measured
 
 
 def _run_settling(
@@ -430,13 +445,15 @@ def _run_settling(
     limits: Sequence[KinematicLimits],
     speed_rad_s: float,
     is_reached: Callable[[Vector], bool] = _never,
+    is_over: Callable[[ControlCycle], bool] | None = None,
 ) -> SettlingTrajectory:
     goals = [f.tick(float(goal)) for f, goal in zip(servos.fences, servos.goals(), strict=True)]
     stuck = servos.compensator.stuck_offsets(servos.reference())
     trajectory = SettlingTrajectory(servos.fences, goals, ticks, limits, stuck, is_reached)
 
     def update(cycle: ControlCycle) -> None:
-        trajectory.update(cycle.time_s, cycle.measured)
+        over = is_over is not None and is_over(cycle)
+        trajectory.update(cycle.time_s, cycle.measured, end=over)
 
     loop.run(trajectory, update, speed_rad_s=speed_rad_s, compensated=False)
     servos.set_reference(trajectory.measured)

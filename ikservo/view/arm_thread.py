@@ -51,6 +51,7 @@ __all__ = ["JERK_FACTOR", "ArmThread"]
 JERK_FACTOR = 8.0
 """Of the jerk of a speed class while a pointer is followed: its short ways are all jerk."""
 
+_SETTLE_AFTER_S = 0.4  # so short a pause of a drag is no end of it
 _POLL_PERIOD_S = 0.033  # while no session runs
 _STATE_PERIOD_S = 1.0
 _TELEMETRY_PERIOD_S = 0.1  # of what the control loop has read anyway
@@ -297,7 +298,12 @@ class ArmThread:
     def _run_session(self) -> None:
         """Follow commands until Live ends, the speed changes, or heartbeats stop."""
         session = LiveSession(self, self._clock, self.dead_man_s)
-        self.arm.follow_goals(session, speed=session.speed, jerk_factor=JERK_FACTOR)
+        self.arm.follow_goals(
+            session,
+            speed=session.speed,
+            jerk_factor=JERK_FACTOR,
+            settle_after_s=_SETTLE_AFTER_S,
+        )
         if session.silent:
             self.log_message(_SILENCE_TEXT)
         if session.silent or session.is_over:  # Live may be on again since the arm braked

@@ -219,7 +219,8 @@ def status_frame(
 
 def _tip_rows(arm_thread: ArmThread, interaction: Interaction) -> list[tuple[str, str, str]]:
     marker = interaction.marker
-    rows = [("tip", format_point(_measured_tip_m(arm_thread)), "")]
+    tip_m = _measured_tip_m(arm_thread)
+    rows = [("tip", format_point(tip_m), "")]
     if marker is not None:
         good = marker.reached and interaction.refusal is None
         of_link = "" if marker.frame is None else f" of {marker.frame}"  # where it was taken
@@ -229,6 +230,10 @@ def _tip_rows(arm_thread: ArmThread, interaction: Interaction) -> list[tuple[str
             rows.append(
                 ("nearest", f"{format_point(marker.nearest_m)}, {marker.gap_m * 1000:.0f} mm", "")
             )
+    goal = interaction.shown_goal
+    if arm_thread.command.live and goal is not None:
+        off_m = float(np.linalg.norm(arm_thread.arm.chain.forward(goal)[:3, 3] - tip_m))
+        rows.append(("off", f"{off_m * 1000:.1f} mm", ""))
     model = arm_thread.arm.model
     return rows + condition_rows(arm_thread.snapshot.states, model.supply_v, model.health)
 

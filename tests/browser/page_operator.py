@@ -162,8 +162,7 @@ class Operator:
     def wait_for_picture(self):
         """Wait until what is drawn fits the drawing's size of now."""
         self.wait_for(
-            "Math.abs(scene.camera.size[1]"
-            " - document.getElementById('drawing').clientHeight) < 1"
+            "Math.abs(scene.camera.size[1] - document.getElementById('drawing').clientHeight) < 1"
         )
         self.box = self.page.locator("#drawing").bounding_box()
 

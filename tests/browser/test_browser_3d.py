@@ -245,9 +245,10 @@ def test_without_webgl_the_canvas_draws_the_orbit_view(browser, shared):
 
 
 A_CARD = """() => {
+  // 37446 is UNMASKED_RENDERER_WEBGL
   const { getParameter } = WebGL2RenderingContext.prototype;
   WebGL2RenderingContext.prototype.getParameter = function (name) {
-    return name === 37446 ? "A graphics card" : getParameter.call(this, name); // UNMASKED_RENDERER_WEBGL
+    return name === 37446 ? "A graphics card" : getParameter.call(this, name);
   };
 }"""
 
