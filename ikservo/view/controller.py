@@ -344,17 +344,22 @@ class SessionController:
         Raises:
             BadMessageError: It was stopped, is being calibrated, or moves by itself.
         """
-        snapshot = self._arm_thread.snapshot
-        if snapshot.stop_notice or snapshot.calibration:
+        snapshot, job = self._arm_thread.snapshot, self._arm_thread.job
+        if snapshot.calibration:
+            raise BadMessageError("The arm is being calibrated.", "Finish that, or leave it.")
+        if snapshot.stop_notice:
             raise BadMessageError("The arm was stopped.", "Check it, then acknowledge.")
-        if self._arm_thread.job is not None:
-            raise BadMessageError("The arm moves by itself.", "Wait for its end, or stop it.")
+        if job is not None:
+            raise BadMessageError(f"The arm is busy: {job.title}.", "Wait for its end, or stop it.")
 
     def _handle_input(self, message: Any, client: Client) -> None:  # noqa: ANN401
-        """Handle pointer, wheel, key and gamepad messages."""
+        """Handle pointer, wheel, key and gamepad messages; a press that does nothing is told."""
         snapshot = self._arm_thread.snapshot
-        busy = snapshot.stop_notice is not None or self._arm_thread.job is not None
-        if client.viewport is None or busy:
+        if client.viewport is None:
+            return
+        if isinstance(message, msg.Wheel | msg.Key) or getattr(message, "phase", "") == "down":
+            self._require_ready()
+        elif snapshot.stop_notice is not None or self._arm_thread.job is not None:
             return
         camera, plane_m = self._composer.camera(client), self._composer.plane_m(client)
         context = self._interaction.pointer_context(camera, snapshot, plane_m)

@@ -97,6 +97,12 @@ _MAX_CLIENTS = _MAX_UNAUTHENTICATED = 16
 _UNAUTHORISED, _NONE_OPEN, _TOO_LATE, _CLOSED = 4401, 4404, 4408, 4410
 _RATE_EXCEEDED, _FULL = 1008, 1013
 
+# Of each key: whoever watches locks out nobody who controls.
+_FULL_TEXTS = {
+    Permission.WATCH: f"{_MAX_CLIENTS} pages watch this arm already.",
+    Permission.CONTROL: f"{_MAX_CLIENTS} pages with the controlling address are open already.",
+}
+
 Frame = Mapping[str, object]
 
 
@@ -181,7 +187,7 @@ class _WebSocketHandler(Generic[_MessageT]):
 
     def __init__(self, channel: PageChannel[_MessageT], keys: AccessTokens, clock: Clock) -> None:
         self._channel, self._keys, self._clock = channel, keys, clock
-        self._client_count = 0
+        self._client_counts = dict.fromkeys(Permission, 0)
         self._unauthenticated: deque[WebSocket] = deque()
 
     async def handle(self, socket: WebSocket) -> None:
@@ -194,8 +200,8 @@ class _WebSocketHandler(Generic[_MessageT]):
                 return
             if permission is None:
                 await socket.close(_UNAUTHORISED, "This page's key is not the one of this session.")
-            elif self._client_count >= _MAX_CLIENTS:
-                await socket.close(_FULL, "Too many clients.")
+            elif self._client_counts[permission] >= _MAX_CLIENTS:
+                await socket.close(_FULL, _FULL_TEXTS[permission])
             else:
                 await self._connect(socket, permission)
 
@@ -206,7 +212,7 @@ class _WebSocketHandler(Generic[_MessageT]):
             TimeoutError: The client does not answer.
         """
         if len(self._unauthenticated) >= _MAX_UNAUTHENTICATED:  # they must not lock others out
-            await self._unauthenticated.popleft().close(_FULL, "Too many unauthenticated clients.")
+            await self._unauthenticated.popleft().close(_FULL, "Too many pages are opening.")
         self._unauthenticated.append(socket)
         nonce = new_nonce()
         try:
@@ -233,14 +239,14 @@ class _WebSocketHandler(Generic[_MessageT]):
     async def _accept_client(
         self, socket: WebSocket, permission: Permission, backend: SessionBackend[_MessageT]
     ) -> None:
-        self._client_count += 1
+        self._client_counts[permission] += 1
         client_id = backend.connect(permission)
         try:
             messages = MessageFilter(self._clock.now_s(), self._channel.read)
             await self._run_session(_ClientState(socket, client_id, backend, messages))
         finally:
             backend.disconnect(client_id)
-            self._client_count -= 1
+            self._client_counts[permission] -= 1
 
     async def _run_session(self, state: _ClientState[_MessageT]) -> None:
         writing = asyncio.create_task(self._write_frames(state))

@@ -73,7 +73,8 @@ def try_everything(session):
     ]:
         with pytest.raises(BadMessageError, match=r"stopped|disconnect|Lost"):
             session.send_message(kind, **fields)
-    session.click(450, 300)
+    with pytest.raises(BadMessageError, match="stopped"):
+        session.click(450, 300)
 
 
 @pytest.mark.sample(1)

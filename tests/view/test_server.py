@@ -233,10 +233,12 @@ def test_who_leaves_is_forgotten(visit, controller, keys, url):
     assert len(controller.present) == 1
 
 
-def test_no_more_than_sixteen_visitors_are_let_in(visit, keys):
+@pytest.mark.parametrize(("full", "free"), [("watch", "control"), ("control", "watch")])
+def test_sixteen_visitors_of_one_key_lock_out_none_of_the_other(visit, keys, full, free):
     for _ in range(16):
-        visit().prove(keys.watch).receive_kind("scene")
-    assert visit().prove(keys.control).closing_code() == 1013
+        visit().prove(getattr(keys, full)).receive_kind("scene")
+    assert visit().prove(getattr(keys, full)).closing_code() == 1013
+    assert visit().prove(getattr(keys, free)).receive_kind("scene")
 
 
 def test_a_crowd_of_strangers_keeps_nobody_out(visit, keys):

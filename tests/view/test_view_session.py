@@ -525,3 +525,24 @@ def test_a_gesture_before_the_size_is_told_is_no_gesture(session):
     session.send_message(page_messages.TakeControl, client, on=True)
     session.point("down", 400, 300, client)
     assert session.arm_thread.command.goal is None
+
+
+PRESSES = {
+    "a click": lambda session: session.click(480, 300),
+    "a wheel": lambda session: session.send_message(page_messages.Wheel, x=480, y=300, notches=1),
+    "a key": lambda session: session.send_message(page_messages.Key, key="ArrowUp"),
+    "a handle": lambda session: session.send_message(
+        page_messages.DragTool, phase="down", shift=(0, 0, 0), turn=(0, 0, 0)
+    ),
+}
+
+
+@pytest.mark.parametrize("press", PRESSES.values(), ids=PRESSES)
+def test_a_press_while_the_arm_goes_to_the_preview_is_refused_with_the_reason(session, press):
+    session.click(480, 300)
+    goal = session.interaction.goal
+    session.send_message(page_messages.ArmAction, action="execute")
+    with pytest.raises(BadMessageError, match="busy: Goes to the preview"):
+        press(session)
+    session.point("move", 500, 320)  # no press: nothing to tell
+    assert session.interaction.goal is goal

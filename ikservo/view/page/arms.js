@@ -23,7 +23,10 @@ export class Arms {
       arms: (message) => this.receive(message),
       camera_url: ({ url }) => this.camera.setAddress(url),
       refused: ({ message, hint }) => this.note(`${message} ${hint}`),
-      closed: () => { this.note("No connection to `ikservo view`."); this.camera.drop(); },
+      closed: (why, reason) => {
+        this.note(why === "full" ? reason : "No connection to `ikservo view`.");
+        this.camera.drop();
+      },
     }, "arms");
     this.camera = new CameraPicture((kind, fields) => this.send(kind, fields));
     $("arms-toggle").onclick = () => ($("arms").hidden ? this.show() : this.close());

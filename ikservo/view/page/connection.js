@@ -4,6 +4,7 @@ import { hmac } from "./sha256.js";
 
 const HEARTBEAT_PERIOD_MS = 100; // the server holds the arm after 300 ms of silence
 const RECONNECT_DELAY_MS = 1000;
+const FULL = 1013; // it has no room for one more page
 const FINAL = { 4401: "wrong-key", 4404: "none", 4410: "closed" }; // the server's close codes
 const KEPT = new Set(["scene", "status"]);
 
@@ -77,7 +78,7 @@ export class Connection {
     this.open = false;
     if (this.ended) return;
     const final = FINAL[event.code];
-    this.handlers.closed?.(final ?? "lost", event.reason);
+    this.handlers.closed?.(final ?? (event.code === FULL ? "full" : "lost"), event.reason);
     if (!final) setTimeout(() => this.ended || this.connect(), RECONNECT_DELAY_MS);
   }
 }

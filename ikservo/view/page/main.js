@@ -64,11 +64,11 @@ const connection = new Connection(key, {
   download,
   refused(message) { panel.showRefusal(message); },
   heard() { freshness.heard(); },
-  closed(why) {
+  closed(why, reason) {
     scenes = [];
     freshness.disconnect();
     stopButton.disconnect();
-    showOffline(why);
+    showOffline(why, reason);
     if (why === "none" || why === "closed") arms.show();
   },
 }, options.has("arm") ? `live/${options.get("arm")}` : "live");
@@ -124,14 +124,17 @@ const OFFLINE = {
   "wrong-key": { message: "This page's key is not the one of this session.", hint: "Open the address that `ikservo view` printed." },
   none: { message: "No such arm is open.", hint: "Choose one in the list of arms." },
   closed: { message: "This arm was closed; its torque is as it was.", hint: "Choose one in the list of arms." },
+  full: { hint: "Close one of them: this one then appears by itself." },
   lost: { message: "No connection to `ikservo view`: Stop cannot reach the arm from here.", hint: "" },
   silent: { message: "`ikservo view` does not answer: Stop may not reach the arm.", hint: "" },
 };
 
-function showOffline(why) {
+// The reason is what the server said when it closed the connection.
+function showOffline(why, reason) {
   setOnline(false);
-  document.body.dataset.mode = why === "wrong-key" ? "lost" : why;
-  panel.showOffline(OFFLINE[why]);
+  document.body.dataset.mode = ["wrong-key", "full"].includes(why) ? "lost" : why;
+  const { message = reason, hint } = OFFLINE[why];
+  panel.showOffline({ message, hint });
 }
 
 // What needs the server does nothing without it; messages can still be read.

@@ -147,7 +147,8 @@ export class Panel {
 
   showRefusal(refusal) {
     this.refusal = refusal;
-    this.refusals = [...this.refusals, { ...refusal, level: "bad", at: Date.now() }].slice(-MAX_REFUSALS);
+    const others = this.refusals.filter(({ message }) => message !== refusal.message); // a repetition renews it
+    this.refusals = [...others, { ...refusal, level: "bad", at: Date.now() }].slice(-MAX_REFUSALS);
     this.showMessages(this.status?.messages ?? []);
     this.showBanner();
     setTimeout(() => {
