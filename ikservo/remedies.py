@@ -1,14 +1,15 @@
-"""Remedies for both interfaces: the command line has commands, a program methods and arguments.
+"""Remedies for each interface: the command line has commands, a program methods, a page buttons.
 
-Hints are written once, as a user at a terminal would type them; the text for programs is derived
-from that. Commands that no method replaces (``ikservo calibrate``, ``ikservo setup``) stay.
+Hints are written once, as a user at a terminal would type them; the texts for programs and pages
+are derived from that. Commands that nothing replaces there (``ikservo setup``) stay.
 """
 
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 
-__all__ = ["in_python"]
+__all__ = ["in_page", "in_python"]
 
 _NUMBER = r"(-?[\d.]+\d)"
 
@@ -35,11 +36,28 @@ _REPLACEMENTS = [
     (r"with --arm\b", "by the first argument of open_arm"),
     (r" \(--tip\)", ""),
 ]  # fmt: skip
+_BUTTONS = [
+    (r"ikservo relax\b(?! [A-Z<])", "acknowledge, then press Relax"),
+    (r"See: ikservo where\b", "See Health on this page"),
+    (r"ikservo where\b(?! [A-Z<])", "see Health on this page"),
+    (r"ikservo calibrate\b(?! --)( \w+)?", "press Calibrate"),
+    (r": (ikservo (?:recover|doctor|setup|scan))\b", r", in a terminal: \1"),
+]
+_PAGE_REMEDIES = [(re.compile(pattern), replacement) for pattern, replacement in _BUTTONS]
 _REMEDIES = [(re.compile(pattern), replacement) for pattern, replacement in _REPLACEMENTS]
+
+
+def in_page(hint: str) -> str:
+    """Return a hint with the buttons of the page in place of commands."""
+    return _replace(hint, _PAGE_REMEDIES)
 
 
 def in_python(hint: str) -> str:
     """Return a hint with methods and arguments in place of commands and their options."""
-    for pattern, replacement in _REMEDIES:
+    return _replace(hint, _REMEDIES)
+
+
+def _replace(hint: str, remedies: Sequence[tuple[re.Pattern[str], str]]) -> str:
+    for pattern, replacement in remedies:
         hint = pattern.sub(replacement, hint)
     return hint

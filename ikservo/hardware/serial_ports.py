@@ -297,5 +297,6 @@ def _permission_hint(name: str) -> str:
 
 
 def list_devices() -> list[str]:
-    """Return the serial ports that the system knows of."""
-    return sorted(port.device for port in list_ports.comports())
+    """Return the serial ports to which an arm may be connected: not those of the mainboard."""
+    devices = sorted(port.device for port in list_ports.comports())
+    return [device for device in devices if not device.startswith("/dev/ttyS")]

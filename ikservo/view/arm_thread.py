@@ -25,11 +25,13 @@ from ikservo.errors import (
     IkservoError,
     InputError,
     LatchedStopError,
+    PortError,
     PortLostError,
     RefusedError,
     StoppedError,
 )
 from ikservo.kinematics.arrays import Vector
+from ikservo.remedies import in_page
 from ikservo.view.arm_job import ArmJob
 from ikservo.view.calibration import CalibrationDriver
 from ikservo.view.goal_check import refusal_of
@@ -341,9 +343,14 @@ class ArmThread:
     def _log_lost_torque(self, before: tuple[JointState, ...]) -> None:
         """Log which servos are limp that held at the reading before: nobody asked for that."""
         pairs = zip(before, self.snapshot.states, strict=True)
-        lost = [now.name for then, now in pairs if then.torque and not now.torque]
-        if lost:
-            self.log_message(_TORQUE_LOST_TEXT.format(", ".join(lost)))
+        lost = [now for then, now in pairs if then.torque and not now.torque]
+        for state in lost:
+            if state.alarms:
+                alarms = ", ".join(state.alarms)
+                self.log_message(f"{state.name} switched its torque off by its alarm: {alarms}.")
+        unexplained = [state.name for state in lost if not state.alarms]
+        if unexplained:
+            self.log_message(_TORQUE_LOST_TEXT.format(", ".join(unexplained)))
 
     def _restart(self) -> None:
         """Continue after a stop; a lost port is opened again.
@@ -369,8 +376,14 @@ class ArmThread:
             if self._stop_reason is not None:
                 return self._notice_of_stop(self._stop_reason)
             return StopNotice(error.message, _CHECK_FIRST_TEXT)
-        hint = _REOPEN_TEXT if isinstance(error, PortLostError) else error.command_hint
-        return StopNotice(error.message, hint)
+        if self._lost and isinstance(error, PortError):
+            return StopNotice(error.message, _REOPEN_TEXT)
+        message = error.message
+        if self.arm.context.servos.overheated:  # its own program has lowered it, or tried to
+            with contextlib.suppress(IkservoError):
+                self.snapshot = self._update_positions()
+            message = describe_stop(message, self.snapshot.states)
+        return StopNotice(message, in_page(error.command_hint))
 
     def _end_session(self, stop_notice: StopNotice) -> None:
         """End the session: the stop must be acknowledged and Live switched on again."""

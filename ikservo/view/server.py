@@ -26,6 +26,7 @@ from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from ikservo.clock import Clock
 from ikservo.errors import IkservoError, PortError
+from ikservo.remedies import in_page
 from ikservo.view.auth import (
     AccessTokens,
     ConnectionLimiter,
@@ -276,7 +277,8 @@ class _WebSocketHandler(Generic[_MessageT]):
             except BadMessageError as error:
                 if isinstance(error, StaleMessageError) and not isinstance(error, StalePressError):
                     continue  # the page shows by itself that it receives nothing
-                refusal = {"kind": "refused", "message": error.message, "hint": error.command_hint}
+                hint = in_page(error.command_hint)
+                refusal = {"kind": "refused", "message": error.message, "hint": hint}
                 if refusal not in state.outbox:
                     state.outbox.append(refusal)
             drawn = state.filter.seen > state.drawn

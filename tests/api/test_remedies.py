@@ -8,7 +8,7 @@ import pytest
 
 import ikservo
 from ikservo.cli import main
-from ikservo.remedies import in_python
+from ikservo.remedies import in_page, in_python
 
 SOURCES = Path(ikservo.__file__).parent
 # What only commands do, and what is said on a terminal or a page only.
@@ -37,6 +37,21 @@ REPLACED = re.compile(r"ikservo (relax|where|stop|joints|pose|move)\b")
 )
 def test_a_hint_for_the_terminal_becomes_one_for_a_program(at_a_terminal, in_a_program):
     assert in_python(at_a_terminal) == in_a_program
+
+
+@pytest.mark.parametrize(
+    ("at_a_terminal", "on_a_page"),
+    [
+        ("Let it cool down: ikservo relax", "Let it cool down: acknowledge, then press Relax"),
+        ("The arm holds. See: ikservo where", "The arm holds. See Health on this page"),
+        ("Check its alarms: ikservo where", "Check its alarms: see Health on this page"),
+        ("Calibrate it: ikservo calibrate so101. Then", "Calibrate it: press Calibrate. Then"),
+        ("If it stays: ikservo recover", "If it stays, in a terminal: ikservo recover"),
+        ("", ""),
+    ],
+)
+def test_a_hint_for_the_terminal_becomes_one_for_a_page(at_a_terminal, on_a_page):
+    assert in_page(at_a_terminal) == on_a_page
 
 
 def texts():

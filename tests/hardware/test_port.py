@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 import socket
 import sys
+from types import SimpleNamespace
 
 import pytest
 import serial
@@ -222,3 +223,9 @@ class TestTimeout:
             for overhead_s in [0.001] * 16 + [0.008]:
                 port.reply_timeout.on_reply(overhead_s)
             assert port.reply_timeout.timeout_s == 0.012
+
+
+def test_the_ports_of_the_mainboard_are_not_offered(monkeypatch):
+    ports = [SimpleNamespace(device=f"/dev/{name}") for name in ("ttyS0", "ttyUSB0", "ttyAMA0")]
+    monkeypatch.setattr("serial.tools.list_ports.comports", lambda: ports)
+    assert serial_ports.list_devices() == ["/dev/ttyAMA0", "/dev/ttyUSB0"]

@@ -3,9 +3,10 @@
 import pytest
 
 from ikservo.arm import open_arm
+from ikservo.errors import NoPortError
 from ikservo.view import messages as page_messages
 from servosim.faults import Fault
-from tests.arm.simulated import line_of
+from tests.arm.simulated import line_of, servo_id
 from tests.view.view_session import ViewSession
 
 UNDER_WAY = 24  # cycles
@@ -13,6 +14,10 @@ UNDER_WAY = 24  # cycles
 
 def told_of(arm, kind, **fields):
     """Return the notice of a page whose arm has a fault on its way."""
+    return snapshot_after(arm, kind, **fields).stop_notice
+
+
+def snapshot_after(arm, kind, **fields):
     with ViewSession(open_arm(arm, "sim:?pose=home")) as session:
         line = line_of(session.arm)
 
@@ -24,7 +29,8 @@ def told_of(arm, kind, **fields):
         joint = session.arm.chain.names[0]
         session.send_message(page_messages.SetJoint, joint=joint, value=25.0)
         session.run(200, on_cycle)
-        return session.arm_thread.snapshot.stop_notice
+        session.arm_thread.step()
+        return session.arm_thread.snapshot
 
 
 @pytest.mark.parametrize("arm", ["koch", "wx250s"])
@@ -60,3 +66,36 @@ def test_a_stop_on_its_way_is_told_with_what_to_do_on_the_page():
         notice = session.arm_thread.snapshot.stop_notice
     assert notice.message == "Stopped by the Space key on the page; torque stays on."
     assert "ikservo" not in notice.hint
+
+
+@pytest.mark.parametrize(
+    ("arm", "celsius"), [("so101", 68), ("so101", 90), ("koch", 72), ("koch", 90)]
+)
+def test_a_hot_servo_is_told_as_one_with_what_to_do_on_the_page(arm, celsius):
+    joint = servo_id(arm, "shoulder_lift")
+    snapshot = snapshot_after(arm, "hot", id=joint, celsius=celsius)
+    told = [entry.message for entry in snapshot.messages]
+    assert not [message for message in told if "without being told to" in message]
+    assert told[0].startswith("shoulder_lift ")
+    assert "ikservo relax" not in snapshot.stop_notice.hint
+
+
+def test_a_hot_arm_that_was_lowered_by_itself_is_said_to_be_limp():
+    notice = told_of("koch", "hot", id=servo_id("koch", "shoulder_lift"), celsius=72)
+    assert notice.message.endswith("torque is off, the arm is limp.")
+
+
+def test_a_pulled_cable_is_told_as_one_until_the_port_is_back(monkeypatch):
+    with ViewSession() as session:
+        line_of(session.arm).plugged = False
+        session.arm_thread.step()
+
+        def fail():
+            raise NoPortError("/dev/ttyACM0", ["/dev/ttyUSB7"])
+
+        monkeypatch.setattr(session.arm_thread, "_open", fail)
+        session.send_message(page_messages.Acknowledge)
+        session.arm_thread.step()
+        notice = session.arm_thread.snapshot.stop_notice
+    assert notice.message.startswith("Cannot open port /dev/ttyACM0")
+    assert notice.hint.startswith("Check cable and power of the adapter")
