@@ -29,7 +29,7 @@ from ikservo.cli.terminal import print_lines, print_status
 from ikservo.errors import InputError
 
 if TYPE_CHECKING:
-    from ikservo.view.app import ViewApp
+    from ikservo.view.app import ViewApp, ViewUrls
     from ikservo.view.served_arms import ArmAtPort
 
 __all__ = ["command"]
@@ -103,10 +103,11 @@ def command(
     app = ViewApp(places, listen, http_port, insecure=insecure, collisions=collision,
                   uncalibrated=uncalibrated, camera=camera)  # fmt: skip
     with app as urls:
+        print_status(f"To watch only:\n{urls.watch}\nTo control the arm:")
+        sys.stderr.flush()  # the label of what follows
         print_lines([urls.control])
-        print_status(f"To watch only: {urls.watch}")
         if urls.fingerprint:
-            _print_certificate(urls.control, urls.fingerprint)
+            _print_certificate(urls)
         for warning in urls.warnings:
             print_status(warning)
         _print_arms(app)
@@ -167,14 +168,16 @@ def _check_installed(needs: Sequence[str], extra: str = "view") -> None:
         )
 
 
-def _print_certificate(url: str, fingerprint: str) -> None:
-    """Print what proves the page to another machine, and its address for a phone's camera."""
+def _print_certificate(urls: ViewUrls) -> None:
+    """Print what proves the page to another machine, and its addresses for a phone's camera."""
     import segno  # noqa: PLC0415  # only beyond this machine
 
-    picture = io.StringIO()
-    segno.make(url, error="l", micro=False).terminal(picture, compact=True)
-    print_status(f"SHA-256 fingerprint of its certificate:\n{fingerprint}")
-    sys.stderr.write(picture.getvalue())
+    print_status(f"SHA-256 fingerprint of its certificate:\n{urls.fingerprint}")
+    for label, url in (("to watch only", urls.watch), ("to control the arm", urls.control)):
+        picture = io.StringIO()
+        segno.make(url, error="l", micro=False).terminal(picture, compact=True)
+        print_status(f"QR code {label}:")
+        sys.stderr.write(picture.getvalue())
 
 
 @contextmanager

@@ -118,6 +118,24 @@ def test_no_other_command_loads_the_server():
                           capture_output=True).returncode == 0  # fmt: skip
 
 
+QR_CODES = ("to watch only", "to control the arm")
+
+
+def test_each_address_has_its_label_and_the_one_to_watch_comes_first():
+    serving = served()
+    try:
+        url = serving.stdout.readline().strip()
+        serving.send_signal(signal.SIGINT)
+        _, told = serving.communicate(timeout=30)
+    finally:
+        serving.kill()
+        serving.communicate()
+    first, watch, last = told.splitlines()[:3]
+    assert (first, last) == ("To watch only:", "To control the arm:")
+    assert watch.partition("#token=")[0] == url.partition("#token=")[0]
+    assert watch != url
+
+
 def test_beyond_this_machine_the_terminal_shows_fingerprint_and_qr_code(own_address):
     serving = served("--listen", own_address)
     try:
@@ -132,7 +150,10 @@ def test_beyond_this_machine_the_terminal_shows_fingerprint_and_qr_code(own_addr
     assert url.startswith(f"https://{own_address}:")
     lines = told.splitlines()
     assert hashlib.sha256(der).digest().hex(":").upper() in lines
-    assert sum("█" in line or "▄" in line for line in lines) > 15
+    watch, control = (lines.index(f"QR code {who}:") for who in QR_CODES)
+    assert watch < control
+    for label in (watch, control):
+        assert sum("█" in line or "▄" in line for line in lines[label + 1 : label + 16]) == 15
 
 
 def test_a_damaged_certificate_is_told_before_the_arm_is_opened(
