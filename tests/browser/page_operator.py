@@ -196,6 +196,11 @@ class Operator:
             self.page.click("#calibrate")
         return self
 
+    def open_solver(self):
+        if self.page.get_attribute("#solver", "open") is None:
+            self.page.click("#solver > summary")
+        return self
+
     def enable_live(self):
         self.page.click("#speeds button[value=fast]")
         self.wait_for("status.speed === 'fast'")

@@ -34,7 +34,7 @@ def test_in_preview_a_click_moves_nothing(operator):
 
 
 def test_a_chosen_method_answers_a_drag_and_a_preferred_posture_is_weighed(operator):
-    operator.page.click("#solvers button[value=ccd]")
+    operator.open_solver().page.click("#solvers button[value=ccd]")
     operator.wait_for("status.solver.name === 'ccd'")
     operator.drag(operator.tip_px(), ASIDE / 2).wait_for(
         "status.solver.text.startsWith('ccd: 0.0 mm')"
@@ -276,7 +276,7 @@ def test_two_fingers_come_nearer_and_move_nothing(visit):
 @pytest.mark.parametrize("view", [{"arm": "planar3", "port": "sim"}], indirect=True)
 @pytest.mark.parametrize("solver", ["ccd", "pseudo_inverse"])
 def test_a_solver_that_was_chosen_shows_its_iterations(operator, solver):
-    operator.page.click(f"#solvers button[value={solver}]")
+    operator.open_solver().page.click(f"#solvers button[value={solver}]")
     operator.wait_for(f"status.solver.name === '{solver}'")
     operator.click(operator.tip_px() + 2 * ASIDE)
     operator.wait_for("status.solver.text.includes('iteration')")

@@ -50,7 +50,7 @@ def test_from_all_around_in_3d(webgl_browser, view, album):
 @pytest.mark.parametrize("view", [{"arm": "planar3", "port": "sim"}], indirect=True)
 def test_the_lecture_in_a_plane(visit, album):
     operator = visit(color_scheme="light")
-    operator.page.click("#solvers button[value=ccd]")
+    operator.open_solver().page.click("#solvers button[value=ccd]")
     operator.wait_for("status.solver.name === 'ccd'")
     operator.click(operator.tip_px() + np.array([-260.0, -170.0]))
     assert taken(operator, album / "view_planar.png") > 20_000

@@ -1,7 +1,7 @@
 // What is done with the target and the arm as a whole: go there, undo, redo, relax, release; fit the view; help.
 
 import { ask } from "./confirm.js";
-import { $ } from "./elements.js";
+import { $, place } from "./elements.js";
 
 const ONE_COLUMN = matchMedia("(max-width: 1020px)"); // as in the style
 
@@ -26,6 +26,18 @@ export class Actions {
   placeExecute() {
     if (ONE_COLUMN.matches) $("live").before($("execute"));
     else $("redo").after($("execute"));
+    this.follow(null);
+  }
+
+  // Beside the arm's target, a pixel of the drawing, while it can be carried out.
+  follow(at) {
+    const button = $("execute");
+    const shown = at !== null && !button.disabled && !ONE_COLUMN.matches;
+    button.classList.toggle("at-target", shown);
+    if (!shown) return button.style.removeProperty("transform");
+    const box = $("drawing").getBoundingClientRect();
+    const [x, y] = place(at, button, box);
+    button.style.transform = `translate(${box.left + x}px, ${box.top + y}px)`;
   }
 
   toggleHelp() {

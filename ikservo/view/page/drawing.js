@@ -82,6 +82,10 @@ export class Drawing {
     const { colours } = this;
     const [fill, stroke, width, dash] = STYLES[item.style] ?? FALLBACK;
     if (item.kind === "text") {
+      context.setLineDash([]);
+      context.strokeStyle = colours.stage; // a rim: it has to be read over any picture
+      context.lineWidth = 4;
+      context.strokeText(item.text, item.at[0], item.at[1]);
       context.fillStyle = colours[fill ?? stroke];
       context.fillText(item.text, item.at[0], item.at[1]);
       return;

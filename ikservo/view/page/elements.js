@@ -34,6 +34,12 @@ export function updateChoices(group, names, chosen, choose, label = (name) => na
   }
 }
 
+// Returns where an element is beside a pixel of a box, and inside of it.
+export function place([x, y], element, { width, height }) {
+  const inside = (at, size, length) => Math.max(8, Math.min(at, size - length - 8));
+  return [inside(x + 18, width, element.offsetWidth), inside(y + 14, height, element.offsetHeight)];
+}
+
 export function setText(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }

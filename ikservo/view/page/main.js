@@ -5,7 +5,7 @@ import { Actions } from "./actions.js";
 import { Arms } from "./arms.js";
 import { Connection } from "./connection.js";
 import { Drawing } from "./drawing.js";
-import { $, setText, updateChoices } from "./elements.js";
+import { $, place, setText, updateChoices } from "./elements.js";
 import { Freshness } from "./freshness.js";
 import { Gamepads } from "./gamepad.js";
 import { HandleInput } from "./handle_input.js";
@@ -172,18 +172,32 @@ function show(scene) {
   canvas.toggleAttribute("data-picked", Boolean(scene.picked));
   panel.goalRefusal = scene.refusal ?? "";
   showRefusal(scene.refusal, goalAt);
+  showMission(scene, goalAt);
+  actions.follow(scene.goal && !scene.grabbed ? goalAt : null);
   Object.assign(window.ikservo, { scene, items });
   window.ikservo.drawn += 1;
 }
 
 // Why the goal is refused, beside its target and inside the drawing.
-function showRefusal(reason, [x, y]) {
+function showRefusal(reason, at) {
   const box = $("refusal");
   box.hidden = !reason;
   if (!reason) return;
   setText(box, reason);
-  const left = Math.max(8, Math.min(x + 18, canvas.clientWidth - box.offsetWidth - 8));
-  const top = Math.max(8, Math.min(y + 14, canvas.clientHeight - box.offsetHeight - 8));
+  const [left, top] = place(at, box, canvas.getBoundingClientRect());
+  box.style.transform = `translate(${left}px, ${top}px)`;
+}
+
+// What to do at first, beside the tip until it is done.
+let missionDone = false;
+function showMission(scene, at) {
+  const status = window.ikservo.status;
+  missionDone ||= Boolean(scene.grabbed || scene.goal);
+  const box = $("mission");
+  box.hidden = missionDone || status?.controller !== "you" || !["preview", "live"].includes(status.mode);
+  if (box.hidden) return;
+  setText(box, matchMedia("(pointer: coarse)").matches ? "Touch the arm and pull" : "Grab the arm and pull");
+  const [left, top] = place(at, box, canvas.getBoundingClientRect());
   box.style.transform = `translate(${left}px, ${top}px)`;
 }
 

@@ -50,6 +50,9 @@ export class Panel {
     $("take").onclick = () => send("take_control", { on: true });
     $("live").onclick = () => send("set_live", { on: $("live").getAttribute("aria-checked") !== "true" });
     $("calibrate").onclick = () => this.calibrate();
+    // What lies over the drawing is shown below the banner.
+    const setAbove = () => document.body.style.setProperty("--above", `${$("banner").offsetHeight}px`);
+    new ResizeObserver(setAbove).observe($("banner"));
   }
 
   // The arm goes limp for it: one that holds takes a second press.
@@ -93,7 +96,7 @@ export class Panel {
     this.holds = status.health.joints.some((joint) => joint.torque === "on");
     this.showHealth(status.health);
     this.showPairs($("tip"), status.tip);
-    for (const list of document.querySelectorAll(".posture")) this.showPairs(list, status.posture);
+    this.showPairs($("posture"), status.posture);
     this.showCandidates(status.under);
     this.showMessages(status.messages);
   }
