@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from ikservo.arm import Arm
 from ikservo.arm.program import ProgramStep
-from ikservo.errors import InputError, format_point
+from ikservo.errors import InputError
 from ikservo.kinematics.arrays import Vector
 from ikservo.view import program_messages as msg
 from ikservo.view.arm_thread import ArmThread
@@ -103,21 +103,27 @@ class ProgramPanel:
         step = each.step
         return {
             "number": each.number,
-            "text": self._describe(step),
+            "text": self._describe_shortly(step),
+            "title": step.description,
             "action": step.action,
             "speed": step.speed,
             "wait_s": step.wait_s,
         }
 
-    def _describe(self, step: ProgramStep) -> str:
-        """Return what a step does; of the whole arm's joints only where its tip then is."""
+    def _describe_shortly(self, step: ProgramStep) -> str:
+        """Return a step's name, or what it does; of the whole arm's joints where its tip is."""
         chain = self._arm_thread.arm.chain
-        if step.name is not None or not set(chain.names) <= {*step.deg, *step.m}:
+        if step.name is not None:
+            return step.name
+        if step.tip_m is not None:
+            path = "" if step.path in (None, "joints") else f"{step.path} "
+            return f"{path}to {_format_mm(step.tip_m)}"
+        if not set(chain.names) <= {*step.deg, *step.m}:
             return step.description
         radians = {name: math.radians(value) for name, value in step.deg.items()}
         positions = radians | dict(step.m)
         tip_m = chain.forward(np.array([positions[name] for name in chain.names]))[:3, 3]
-        return f"joints, tip at {format_point(tip_m.tolist())}"
+        return f"to {_format_mm(tip_m.tolist())}"
 
     @property
     def _is_busy(self) -> bool:
@@ -234,3 +240,7 @@ def _round_inside(position: float, ends: tuple[float, float], *, in_degrees: boo
     unit = 10.0**-places
     lowest, highest = math.ceil(low / unit) * unit, math.floor(high / unit) * unit
     return round(min(max(value, lowest), highest), places) + 0.0  # not -0.0
+
+
+def _format_mm(point_m: Sequence[float]) -> str:
+    return f"{', '.join(f'{1000.0 * each:z.0f}' for each in point_m)} mm"

@@ -556,6 +556,33 @@ def test_the_region_is_drawn_in_its_plane(canvas):
     np.testing.assert_allclose(drawn["rings"][0], expected, atol=0.01)
 
 
+@pytest.mark.parametrize("view", VIEWS)
+def test_over_the_picture_of_a_camera_neither_table_nor_region_is_drawn(canvas, view):
+    plane = slice_plane(stage("so101"), "side", stage("so101").home, lambda: TIP)
+    region = ReachableRegion(([[0.1, 0.0], [0.3, 0.0], [0.3, 0.2]],), plane.T_world_plane)
+    state = SceneState(looked_at("so101", view), stage("so101").home, region=region)
+    graph = graph_of(model_of("so101"))
+    assert canvas.compose(graph, state)["backdrop"]
+    assert canvas.compose(graph, state, bare=True)["backdrop"] == []
+
+
+def test_the_planned_and_the_measured_way_of_the_tip_are_drawn(canvas):
+    start, goal = at_joints(), at_joints(shoulder_lift=-1.2)
+    graph, camera = graph_of(model_of("so101")), looked_at("so101", "side")
+    state = SceneState(camera, start, goal=goal)
+    on_the_way = [
+        graph.fields(replace(state, measured=start + part * (goal - start))) for part in (0.3, 0.6)
+    ]
+    changes = [{"seq": 2 + i, "measured": each["measured"]} for i, each in enumerate(on_the_way)]
+    *_, last = compose_in_turn(canvas, graph, state, *changes)
+    (planned,), (travelled,) = (of_style(last["items"], each) for each in ("planned", "travelled"))
+    tip_px = lambda q: camera.project(model_of("so101").chain.forward(q)[:3, 3])[0]  # noqa: E731
+    for point, q in zip((planned["points"][0], planned["points"][-1]), (start, goal), strict=True):
+        np.testing.assert_allclose(point, tip_px(q), atol=0.01)
+    expected = [tip_px(start + part * (goal - start)) for part in (0.0, 0.3, 0.6)]
+    np.testing.assert_allclose(travelled["points"], expected, atol=0.01)
+
+
 # --- the whole ---
 
 

@@ -24,6 +24,8 @@ const STYLES = {
   iteration: [null, "step-faint", 1.25],
   iterate: [null, "step", 2.25],
   tip: ["joint", "tip", 2.25],
+  planned: [null, "ghost-edge", 1.5, [1, 5]],
+  travelled: [null, "tip", 1.5],
   gap: [null, "bad", 1.5, [3, 4]],
   nearest: [null, "bad", 2],
   target: [null, "good", 2.25],

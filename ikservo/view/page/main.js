@@ -120,6 +120,18 @@ function showAllAround(calibrating) {
   sendViewport();
 }
 
+// The pose in which a calibration begins is seen large, and all again after the calibration.
+const POSE_ZOOM = 1.9;
+let isEnlarged = false;
+function enlargePose({ camera }, at) {
+  const stage = window.ikservo.status?.calibration?.stage;
+  if (isEnlarged && !stage) send("fit_view");
+  const fits = Math.abs(camera.size[0] - canvas.clientWidth) < 1; // the wizard beside it is there
+  const enlarges = stage === "anchor" && !isEnlarged && fits && view === "orbit" && camera.perspective;
+  if (enlarges) send("orbit_camera", { dx: 0, dy: 0, zoom: POSE_ZOOM, at });
+  isEnlarged = Boolean(stage) && (isEnlarged || enlarges);
+}
+
 const OFFLINE = {
   "wrong-key": { message: "This page's key is not the one of this session.", hint: "Open the address that `ikservo view` printed." },
   none: { message: "No such arm is open.", hint: "Choose one in the list of arms." },
@@ -173,6 +185,7 @@ function show(scene) {
   panel.goalRefusal = scene.refusal ?? "";
   showRefusal(scene.refusal, goalAt);
   showMission(scene, goalAt);
+  enlargePose(scene, goalAt);
   actions.follow(scene.goal && !scene.grabbed ? goalAt : null);
   Object.assign(window.ikservo, { scene, items });
   window.ikservo.drawn += 1;

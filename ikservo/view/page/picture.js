@@ -13,6 +13,7 @@ import { markItems, traceItems } from "./marks.js";
 import { outlineLinks } from "./outlines.js";
 import { Projection } from "./projection.js";
 import { backdropItems, boxItem, scaleItems } from "./surroundings.js";
+import { TipPaths } from "./tip_paths.js";
 
 // Whether nothing has changed: what has not is the same object in the next scene.
 export const isSame = (scene, shown) => Object.keys(scene).every((name) => name === "seq" || scene[name] === shown[name]);
@@ -21,6 +22,7 @@ export class Picture {
   setGraph(graph) {
     this.graph = graph;
     this.dials = new Dials(graph);
+    this.paths = new TipPaths((positions) => origin(placeLinks(graph, positions).get(graph.tip).pose));
     this.shown = {}; // the scene of the last picture
     this.last = null;
   }
@@ -33,7 +35,8 @@ export class Picture {
     const arm = placeLinks(this.graph, scene.measured);
     const goal = scene.goal && placeLinks(this.graph, scene.goal);
     const tip = (placed) => origin(placed.get(this.graph.tip).pose);
-    const marks = markItems(scene, tip(arm), projection);
+    this.paths.update(scene, performance.now());
+    const marks = [...this.paths.items(projection, scene.webgl), ...markItems(scene, tip(arm), projection)];
     const trace = traceItems(scene, projection);
     const items = scene.webgl ? [...marks, ...trace] : [...this.armItems(scene, arm, goal, projection), ...marks, ...scaleItems(projection), ...trace];
     const backdrop = scene.webgl ? null : this.composeBackdrop(scene, projection);

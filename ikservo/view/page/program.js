@@ -125,14 +125,14 @@ export class Program {
     if (focused) $("program-steps").querySelector(`li[data-step="${focused.step}"] [data-part="${focused.part}"]`)?.focus();
   }
 
-  createRow({ number, text, action, speed, wait_s }, i) {
+  createRow({ number, text, title, action, speed, wait_s }, i) {
     const place = i + 1;
     const part = (name, attributes, content) => createElement("button", { type: "button", "data-part": name, ...attributes }, content);
     const grip = part("grip", { class: "grip", "aria-label": `Move step ${place}: arrow up, arrow down`, title: "Drag, or arrow keys" }, "⠿");
     grip.onpointerdown = (event) => this.startDrag(event, number);
     grip.onkeydown = (event) => this.onGripKey(event, number, i);
     const begin = part("begin", { class: "begin", onclick: () => this.beginWith(number) }, String(place));
-    const words = createElement("span", { class: "what", title: text }, text);
+    const words = createElement("span", { class: "what", title }, text);
     const remove = part("delete", { class: "step", "aria-label": `Delete step ${place}`, onclick: () => this.send("delete_step", { step: number }) }, "×");
     const reason = createElement("span", { class: "reason", hidden: true });
     const option = action === "wait_s" ? this.createWait(number, place, speed, wait_s) : MOTIONS.has(action) ? this.createSpeed(number, place, speed) : createElement("span");

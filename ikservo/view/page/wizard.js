@@ -1,6 +1,6 @@
 // The screens of a calibration: reference pose, range of motion, review. The server has the state.
 
-import { $, createElement } from "./elements.js";
+import { $, createElement, setAttribute } from "./elements.js";
 import { Meter } from "./meter.js";
 
 const STAGES = [["anchor", "Pose"], ["sweep", "Sweep"], ["review", "Review"], ["saved", "Saved"]];
@@ -15,7 +15,9 @@ export class Wizard {
 
   show(calibration) {
     $("wizard").hidden = !calibration;
-    $("wizard").parentElement.toggleAttribute("data-wizard", Boolean(calibration)); // beside it the arm is drawn
+    const stage = $("wizard").parentElement; // beside the wizard the arm is drawn, at first large
+    if (calibration) setAttribute(stage, "data-wizard", calibration.stage);
+    else stage.removeAttribute("data-wizard");
     const fingerprint = JSON.stringify(calibration ?? null);
     if (fingerprint === this.shown) return;
     this.shown = fingerprint;

@@ -1,0 +1,42 @@
+// The way of the tip: planned from where the arm is to its goal, and measured since it began to move.
+
+import { length, subtract } from "./geometry.js";
+
+const STEPS = 24; // of the planned way
+const APART_M = 0.0005; // between two points of the measured one
+const REST_MS = 1000; // after so long at rest another motion begins
+const MAX_POINTS = 1000;
+
+export class TipPaths {
+  constructor(findTip) {
+    this.findTip = findTip; // the tip at positions of the joints
+    this.measured = [];
+    this.planned = [];
+    this.goal = null;
+    this.movedAt = -Infinity;
+  }
+
+  update({ measured, goal }, now) {
+    const tip = this.findTip(measured);
+    const resting = now - this.movedAt > REST_MS;
+    if (resting && goal !== this.goal) this.measured = [];
+    const moved = !this.measured.length || length(subtract(tip, this.measured.at(-1))) > APART_M;
+    if (moved) {
+      this.measured = resting ? [tip] : [...this.measured, tip].slice(-MAX_POINTS);
+      this.movedAt = now;
+    }
+    if (goal !== this.goal || (resting && moved)) this.planned = goal === null ? [] : this.plan(measured, goal);
+    this.goal = goal;
+  }
+
+  // Joints that start at rest move together, straight from where they are to the goal.
+  plan(measured, goal) {
+    return Array.from({ length: STEPS + 1 }, (_, i) => this.findTip(measured.map((from, k) => from + (i / STEPS) * (goal[k] - from))));
+  }
+
+  items(projection, inThreeD) {
+    const line = (style, points) => ({ kind: "polyline", style, points: points.map((point) => projection.project(point)) });
+    const planned = inThreeD ? [] : this.planned; // 3D has dots of its own for that
+    return [["planned", planned], ["travelled", this.measured]].filter(([, points]) => points.length > 1).map(([style, points]) => line(style, points));
+  }
+}

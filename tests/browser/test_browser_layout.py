@@ -1,0 +1,80 @@
+"""Where things stand on the page: what asks for attention covers nothing that is looked at."""
+
+import pytest
+
+from tests.browser.page_operator import Operator
+
+pytestmark = pytest.mark.browser
+
+SIZES = {"desktop": (1280, 800), "laptop": (1100, 720), "phone": (390, 844)}
+
+
+@pytest.fixture(params=SIZES)
+def reader(browser, shared, request):
+    width, height = SIZES[request.param]
+    options = {"viewport": {"width": width, "height": height}, "has_touch": width < 500}
+    context = browser.new_context(**options)
+    yield Operator(context.new_page(), shared.brought_home())
+    context.close()
+
+
+def boxes(operator, *selectors):
+    return [operator.page.locator(each).bounding_box() for each in selectors]
+
+
+def overlap(one, other):
+    """Return whether two boxes share more than a pixel in both directions."""
+    return all(
+        min(one[at] + one[size], other[at] + other[size]) - max(one[at], other[at]) > 1
+        for at, size in (("x", "width"), ("y", "height"))
+    )
+
+
+def test_the_banner_of_a_stop_and_its_plots_cover_neither_the_arm_nor_the_panel(reader):
+    reader.page.click("#stop")
+    reader.wait_for("status.mode === 'stopped'")
+    reader.page.wait_for_selector("#plots-charts canvas")
+    reader.wait_for_picture()
+    banner, plots, drawing, panel, mode, tip = boxes(
+        reader, "#banner", "#plots", "#drawing", ".panel", ".mode", ".readout"
+    )
+    assert not any(overlap(banner, each) for each in (plots, panel, mode, tip))
+    assert not any(overlap(plots, each) for each in (drawing, panel))
+    assert drawing["height"] > 0.5 * (drawing["height"] + plots["height"])
+    assert reader.items("measured")
+
+
+def test_what_to_do_first_stands_beside_the_tip_until_it_was_done(reader):
+    mission = reader.page.locator("#mission")
+    reader.until("!document.getElementById('mission').hidden")
+    (box,) = boxes(reader, "#mission")
+    x, y = reader.over(reader.tip_px())
+    assert abs(box["y"] - y) < 60
+    assert box["x"] - 40 < x < box["x"] + box["width"] + 40
+    reader.drag(reader.tip_px(), (30.0, -30.0)).release()
+    mission.wait_for(state="hidden")
+    reader.page.click("#undo")
+    reader.wait_for("!status.target")
+    assert mission.is_hidden()
+
+
+def test_go_there_stands_beside_the_target_or_in_the_bar_of_a_narrow_page(reader):
+    reader.drag(reader.tip_px(), (40.0, -60.0)).release()
+    reader.wait_for("status.target && !status.refused")
+    reader.until("!document.getElementById('execute').disabled")
+    if reader.page.viewport_size["width"] < 1020:
+        assert reader.page.locator(".bar-end #execute").is_visible()
+        return
+    reader.until("document.getElementById('execute').classList.contains('at-target')")
+    (box,) = boxes(reader, "#execute")
+    (target,) = reader.items("target")
+    x, y = reader.over(target["at"])
+    assert 0 < box["x"] - x < 40
+    assert 0 < box["y"] - y < 40
+
+
+def test_the_first_readout_is_the_tip_alone_and_the_posture_is_with_the_solver(reader):
+    assert [each.inner_text() for each in reader.page.locator(".readout dt").all()] == ["tip"]
+    assert reader.page.locator("#posture").is_hidden()
+    reader.open_solver()
+    assert "manipulability" in reader.page.inner_text("#posture")
