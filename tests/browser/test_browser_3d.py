@@ -283,9 +283,10 @@ def test_where_webgl_is_drawn_in_software_the_page_begins_flat_and_loads_no_3d(
     context.close()
 
 
-def test_in_live_3d_is_not_tried_until_live_is_off(webgl_browser, shared):
+@pytest.mark.parametrize("view", [{}], indirect=True)  # another page controls the shared one
+def test_in_live_3d_is_not_tried_until_live_is_off(webgl_browser, view):
     context = webgl_browser.new_context(viewport=SMALL)
-    operator = Operator(context.new_page(), shared.brought_home(), options="&draw=2d")
+    operator = Operator(context.new_page(), view, options="&draw=2d")
     operator.enable_live().page.click("#views button[value=orbit]")
     operator.page.click("#render-3d")
     operator.until("document.getElementById('render-note').textContent")

@@ -78,3 +78,16 @@ def test_the_first_readout_is_the_tip_alone_and_the_posture_is_with_the_solver(r
     assert reader.page.locator("#posture").is_hidden()
     reader.open_solver()
     assert "manipulability" in reader.page.inner_text("#posture")
+
+
+def test_a_page_for_which_there_is_no_room_says_so_and_appears_once_there_is(
+    browser, shared, monkeypatch
+):
+    monkeypatch.setattr("ikservo.view.server._MAX_CLIENTS", 0)
+    context = browser.new_context()
+    page = context.new_page()
+    page.goto(shared.urls.watch)
+    page.wait_for_selector("#banner-message:has-text('16 pages watch this arm already')")
+    monkeypatch.undo()
+    page.wait_for_selector("#banner", state="hidden")
+    context.close()

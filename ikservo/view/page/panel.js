@@ -35,6 +35,7 @@ export class Panel {
   constructor(send) {
     this.send = send;
     this.status = null;
+    this.wasWell = true; // whether no servo had anything to report
     this.preference = new Preference(send);
     const refuse = (message) => this.showRefusal({ message, hint: "" });
     this.joints = new Joints(send, refuse);
@@ -167,7 +168,11 @@ export class Panel {
   }
 
   showHealth(health) {
-    setText($("supply"), health.supply);
+    const hottest = Math.max(...health.joints.map(({ temperature }) => parseFloat(temperature)));
+    setText($("supply"), `${health.supply}, up to ${hottest} °C`);
+    const isWell = health.joints.every(({ level, alarms }) => level === "good" && !alarms);
+    if (!isWell && this.wasWell) $("health-card").open = true; // until somebody folds it
+    this.wasWell = isWell;
     updateRows($("health"), health.joints, createHealthRow, ({ element, cells, alarms }, joint) => {
       const torque = joint.torque === "on" ? "holds" : "limp";
       setAttribute(element, "title", `${joint.name}: ${torque}${joint.alarms ? `, ${joint.alarms}` : ""}`);
