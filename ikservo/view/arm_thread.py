@@ -188,17 +188,17 @@ class ArmThread:
             read_s=self._clock.now_s(),
             reference=cycle.reference.copy(),
         )
-        self._update_telemetry()
+        now_s = self._clock.now_s()
+        self._take_telemetry(now_s)
+        self._update_states(now_s)
         self._record_history()
 
-    def _update_telemetry(self) -> None:
-        """Take what the control loop has read; once a second read what it does not."""
-        now_s = self._clock.now_s()
+    def _take_telemetry(self, now_s: float) -> None:
+        """Take what the control loop has read of temperature, load and torque."""
         if now_s - self._telemetry_s > _TELEMETRY_PERIOD_S:
             self._telemetry_s = now_s
             states = self.arm.context.servos.with_latest_telemetry(self.snapshot.states)
             self.snapshot = replace(self.snapshot, states=states)
-        self._update_states(now_s)
 
     def _update_states(self, now_s: float) -> None:
         """Read the servos' states once a second."""
@@ -212,7 +212,7 @@ class ArmThread:
         now_s = self._clock.now_s()
         measured, reference = progress.joints_rad.copy(), progress.setpoints_rad.copy()
         self.snapshot = replace(self.snapshot, measured=measured, read_s=now_s, reference=reference)
-        self._update_telemetry()
+        self._take_telemetry(now_s)
         self._record_history()
         self._require_heartbeat(now_s)
 

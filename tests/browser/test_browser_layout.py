@@ -73,6 +73,17 @@ def test_go_there_stands_beside_the_target_or_in_the_bar_of_a_narrow_page(reader
     assert 0 < box["y"] - y < 40
 
 
+def test_go_there_covers_nothing_that_is_read_in_the_corner(browser, shared):
+    context = browser.new_context(viewport={"width": 1100, "height": 720})
+    reader = Operator(context.new_page(), shared.brought_home())
+    reader.click((170.0, 140.0))
+    reader.wait_for("status.target && !status.refused")
+    reader.until("document.getElementById('execute').classList.contains('at-target')")
+    execute, corner = boxes(reader, "#execute", ".corner")
+    assert not overlap(execute, corner)
+    context.close()
+
+
 def test_the_first_readout_is_the_tip_alone_and_the_posture_is_with_the_solver(reader):
     assert [each.inner_text() for each in reader.page.locator(".readout dt").all()] == ["tip"]
     assert reader.page.locator("#posture").is_hidden()

@@ -34,10 +34,13 @@ export function updateChoices(group, names, chosen, choose, label = (name) => na
   }
 }
 
-// Returns where an element is beside a pixel of a box, and inside of it.
-export function place([x, y], element, { width, height }) {
+// Returns where an element is beside a pixel of the drawing: inside of it, and below what is read in its corner.
+export function place([x, y], element, { left, top, width, height }) {
   const inside = (at, size, length) => Math.max(8, Math.min(at, size - length - 8));
-  return [inside(x + 18, width, element.offsetWidth), inside(y + 14, height, element.offsetHeight)];
+  const [right, down] = [inside(x + 18, width, element.offsetWidth), inside(y + 14, height, element.offsetHeight)];
+  const corner = document.querySelector(".corner").getBoundingClientRect();
+  const covers = right + left < corner.right && down + top < corner.bottom;
+  return [right, covers ? corner.bottom - top + 8 : down];
 }
 
 export function setText(element, text) {
