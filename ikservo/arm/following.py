@@ -57,6 +57,7 @@ def follow_goals(
     speed: str = "normal",
     jerk_factor: float = 1.0,
     settle_after_s: float = math.inf,
+    by_tip: Callable[[], bool] = lambda: False,
 ) -> Vector | None:
     """Follow joint goals that ``source`` gives in every control cycle, until it ends.
 
@@ -68,6 +69,7 @@ def follow_goals(
             same largest speed and acceleration.
         settle_after_s: How long the arm has to stand at its goal until the joints are corrected
             by what they measure, as at the end of a motion; another goal ends that.
+        by_tip: Returns whether the goal is one of the tip; see ``settle_at``.
 
     Returns:
         Where the joints should be (n,): the last goal that was accepted, or as far short of it as
@@ -85,7 +87,8 @@ def follow_goals(
         controller = _OnlineController(context, source, speed, allowed, jerk_factor, settle_after_s)
         runner.run(controller.start_trajectory, controller.on_cycle, speed)
         while controller.stands and controller.settled_goal is not None:
-            settle_at(context, runner, controller.settled_goal, speed, controller.is_settling_over)
+            goal, is_over = controller.settled_goal, controller.is_settling_over
+            settle_at(context, runner, goal, speed, is_over, by_tip=by_tip())
             if controller.has_ended:
                 break
             runner.run(controller.start_trajectory, controller.on_cycle, speed)

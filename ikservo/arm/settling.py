@@ -11,7 +11,7 @@ import numpy as np
 
 from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_runner import MotionRunner
-from ikservo.arm.tick_rounding import SettlingTarget
+from ikservo.arm.tick_rounding import SettlingTarget, chain_ticks
 from ikservo.calibration import format_source
 from ikservo.control.loop import ControlCycle, ControlLoop
 from ikservo.control.servo_group import ServoGroup
@@ -414,6 +414,8 @@ def settle_at(
     goal: Vector,
     speed: str,
     is_over: Callable[[ControlCycle], bool] | None = None,
+    *,
+    by_tip: bool = False,
 ) -> Vector:
     """Correct the arm's goals until its joints are at ``goal`` (n,), as near as they can.
 
@@ -425,12 +427,13 @@ def settle_at(
         goal: The positions of the joints, rad or m.
         speed: slow, normal or fast.
         is_over: Called in each control cycle; returns whether to end as soon as the joints rest.
+        by_tip: Whether the ticks nearest to the tip at ``goal`` are wanted, as after a motion to a
+            point; else those nearest to each joint's position.
 
     Returns:
         The measured joints (n,) of the last control cycle.
     """
-    joints = zip(context.servos.fences, goal.tolist(), strict=True)
-    ticks = [f.tick(at) if f.joint in context.chain.names else None for f, at in joints]
+    ticks = chain_ticks(context.chain, context.index, context.servos.fences, goal, by_tip=by_tip)
     limits, horn_rad_s = context.planner.motion_limits(speed), context.model.speed(speed).rad_s
     with runner.motion():
         return _run_settling(

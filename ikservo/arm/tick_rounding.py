@@ -19,6 +19,7 @@ __all__ = [
     "ROTATION_WEIGHT_M",
     "SettlingTarget",
     "backlash_approach",
+    "chain_ticks",
     "compensate",
     "round_to_ticks",
 ]
@@ -69,6 +70,27 @@ def round_to_ticks(
         + _TICK_WEIGHT_M**2 * _squared_norms(steps)
     )
     return tuple(int(tick) for tick in start + steps[int(np.argmin(costs))])
+
+
+def chain_ticks(
+    chain: Chain, index: JointIndex, fences: Sequence[CommandLimits], goal: Vector, *, by_tip: bool
+) -> list[int | None]:
+    """Return the ticks of a goal of all joints (n,); None for those besides the chain.
+
+    Args:
+        chain: Base to tool.
+        index: The columns of the chain's joints.
+        fences: The limits of each joint's commands.
+        goal: The positions, rad or m.
+        by_tip: Whether the tip shall be nearest to where it is at the goal, see ``round_to_ticks``;
+            else each joint.
+    """
+    q, own = index.chain_joints(goal), [fences[column] for column in index.chain]
+    found = [fence.tick(at) for fence, at in zip(own, q.tolist(), strict=True)]
+    if by_tip:
+        found = round_to_ticks(chain, chain.forward(q)[:3, 3], q, own)
+    ticks = dict(zip(index.chain, found, strict=True))
+    return [ticks.get(column) for column in range(len(fences))]
 
 
 def _best_steps(

@@ -305,6 +305,7 @@ class ArmThread:
             speed=session.speed,
             jerk_factor=JERK_FACTOR,
             settle_after_s=_SETTLE_AFTER_S,
+            by_tip=lambda: self.command.by_tip,
         )
         if session.silent:
             self.log_message(_SILENCE_TEXT)

@@ -446,7 +446,9 @@ class SessionController:
         command = self._arm_thread.command
         goal = self._interaction.goal
         if command.live and goal is not command.goal:
-            self._arm_thread.post(replace(command, goal=goal))
+            marker = self._interaction.marker
+            by_tip = marker is not None and marker.frame is None
+            self._arm_thread.post(replace(command, goal=goal, by_tip=by_tip))
 
     def _require_control(self, client: Client) -> None:
         _check_may_control(client)

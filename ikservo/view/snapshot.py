@@ -29,6 +29,7 @@ class ArmCommand:
         live: Whether the arm follows the goal.
         session_id: Counts how often Live was switched on; an ended session is not started again.
         goal: Goal of all joints (n,), rad or m; None to hold position.
+        by_tip: Whether the goal was found for a target of the tip.
         speed: slow, normal or fast.
         heartbeat_s: Time of the page's last heartbeat.
     """
@@ -36,6 +37,7 @@ class ArmCommand:
     live: bool = False
     session_id: int = 0
     goal: Vector | None = None
+    by_tip: bool = False
     speed: str = "slow"
     heartbeat_s: float = 0.0
 

@@ -21,9 +21,9 @@ class LiveArm(ViewSession):
         self.settled = 0
         original = following.settle_at
 
-        def settle_at(*arguments):
+        def settle_at(*arguments, **options):
             self.settling += 1
-            measured = original(*arguments)
+            measured = original(*arguments, **options)
             self.settled += 1
             return measured
 
