@@ -30,9 +30,9 @@ _TOUCH_M = 1e-9
 # Between two samples a distance may change unseen by this much; deeper contact is found.
 _MAX_UNCHECKED_M = 0.001
 _MAX_HALVINGS = 12
-# While the path lasts, a contact of its start may get this much deeper: an arm that turns a joint
-# while it touches the table. At the end it may not, or many short motions would add up.
-_DEEPER_M = 5e-4
+# A contact of the start may get this much deeper on the way: an arm that turns a joint while it
+# touches the table. At the end the bodies themselves may not, or many short motions would add up.
+_DEEPER_M, _DEEPER_AT_END_M = 5e-4, 1e-6
 
 
 def sample_path(
@@ -142,9 +142,10 @@ class CollisionChecker:
         fractions, gap_m = self._sample_path(
             finite_vectors(np.array(path), self._body.dof, "q"), load
         )
-        slack_m = gap_m - _allowed_gaps(gap_m)
-        slack_m[-1] = gap_m[-1] - np.minimum(gap_m[0], 0.0)
-        samples, columns = np.nonzero(~(slack_m >= -_TOUCH_M))
+        allowed_m, bodies = _allowed_gaps(gap_m), slice(len(self.pairs))
+        start_m = np.minimum(gap_m[0, bodies], 0.0)
+        allowed_m[-1, bodies] = np.maximum(allowed_m[-1, bodies], start_m - _DEEPER_AT_END_M)
+        samples, columns = np.nonzero(~(gap_m - allowed_m >= -_TOUCH_M))
         if len(samples):
             at, column = int(samples[0]), int(columns[0])
             raise CollisionError(

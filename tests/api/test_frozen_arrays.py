@@ -41,9 +41,7 @@ VALUES = {
     "a model": lambda arm: arm.model,
     "a chain": lambda arm: arm.chain,
     "a solution": lambda arm: ikservo.solve(arm.chain, ikservo.Target((0.25, 0.05, 0.15))),
-    "solutions": lambda arm: ikservo.solve_batch(
-        arm.chain, [ikservo.Target((0.25, 0.05, 0.15))] * 2
-    ),
+    "solutions": lambda arm: ikservo.solve_batch(arm.chain, [(0.25, 0.05, 0.15)] * 2),
     "a plan": lambda arm: arm.plan_to((0.25, 0.05, 0.15)),
     "a plan of joints": lambda arm: arm.plan_joints({"shoulder_pan": 0.1}),
     "a line": lambda arm: arm.plan_line((0.25, 0.02, 0.15)),
