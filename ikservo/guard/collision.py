@@ -142,7 +142,7 @@ class CollisionChecker:
         fractions, gap_m = self._sample_path(
             finite_vectors(np.array(path), self._body.dof, "q"), load
         )
-        allowed_m, bodies = _allowed_gaps(gap_m), slice(len(self.pairs))
+        allowed_m, bodies = self._allowed_gaps(gap_m), slice(len(self.pairs))
         start_m = np.minimum(gap_m[0, bodies], 0.0)
         allowed_m[-1, bodies] = np.maximum(allowed_m[-1, bodies], start_m - _DEEPER_AT_END_M)
         samples, columns = np.nonzero(~(gap_m - allowed_m >= -_TOUCH_M))
@@ -202,7 +202,7 @@ class CollisionChecker:
     def _unresolved_intervals(self, path: Matrix, gap_m: Matrix) -> NDArray[np.intp]:
         """Return the samples between which and the next a collision is possible."""
         nearer_m = np.abs(np.diff(path, axis=0)) @ self._reach_m.T
-        slack_m = gap_m - _allowed_gaps(gap_m)
+        slack_m = gap_m - self._allowed_gaps(gap_m)
         free = np.minimum(slack_m[:-1], slack_m[1:]) >= -_TOUCH_M
         may_touch = slack_m[:-1] + slack_m[1:] < nearer_m
         return np.flatnonzero((free & may_touch & (nearer_m > 2 * _MAX_UNCHECKED_M)).any(axis=1))
@@ -220,11 +220,16 @@ class CollisionChecker:
         sagged_m = self.distances(path + load * self._sag(path))
         return np.hstack([gap_m, sagged_m[:, len(self._body.pairs) :]])
 
+    def _allowed_gaps(self, gap_m: Matrix) -> Matrix:
+        """Return the smallest allowed distance at each sample, of ``distances_with_sag`` [m].
 
-def _allowed_gaps(gap_m: Matrix) -> Matrix:
-    """Return the smallest allowed distance of each pair at each sample (n, pairs) [m].
-
-    A contact of the start ends where its pair is free for the first time.
-    """
-    been_free = np.logical_or.accumulate(gap_m >= -_TOUCH_M, axis=0)
-    return np.where(been_free, 0.0, np.minimum(gap_m[0], 0.0) - _DEEPER_M)
+        A contact of the start ends where its pair is free for the first time. Where only the sagged
+        arm touches, it may use up half of the distance that the arm itself has at the start.
+        """
+        been_free = np.logical_or.accumulate(gap_m >= -_TOUCH_M, axis=0)
+        deeper_m = np.full(gap_m.shape[1], _DEEPER_M)
+        if self._sag is not None:
+            surroundings = slice(len(self._body.pairs), len(self.pairs))
+            sagged = slice(len(self.pairs), None)
+            deeper_m[sagged] = np.maximum(_DEEPER_M, 0.5 * gap_m[0, surroundings])
+        return np.where(been_free, 0.0, np.minimum(gap_m[0], 0.0) - deeper_m)

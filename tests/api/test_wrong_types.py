@@ -104,7 +104,7 @@ def test_points_may_come_from_a_generator(limp):
 
 
 def test_numbers_of_numpy_are_numbers(limp):
-    plan = limp.plan_joints({"elbow_flex": np.float32(1.4), "shoulder_pan": np.array(0.1)})
+    plan = limp.plan_joints({"shoulder_lift": np.float32(-1.5), "shoulder_pan": np.array(0.1)})
     assert plan.goal[0] == pytest.approx(0.1, abs=1e-3)
 
 
