@@ -377,7 +377,10 @@ def wait_until_still(
 
 
 def _held_tick(fence: CommandLimits, torque: bool, present: int, goal: int) -> int:
-    return goal if torque and abs(goal - present) <= fence.max_lead_ticks(0.0) else present
+    if not torque or abs(goal - present) > fence.max_lead_ticks(0.0):
+        return present
+    low, high = fence.tick_range  # a goal of another program may be outside, and further out
+    return min(max(goal, min(low, present)), max(high, present))
 
 
 def verify_goals(bus: ServoBus, expected: Mapping[int, int]) -> None:
