@@ -74,7 +74,8 @@ def test_no_text_of_the_api_names_an_option_or_a_command_that_a_method_replaces(
         for place, text in texts()
         if OPTION.search(in_python(text)) or REPLACED.search(f"{in_python(text)} ")
     ]
-    assert [each for each in left if not each[1].endswith("ikservo move ")] == []
+    ours = [each for each in left if not re.search(r"pip (un)?install", each[1])]
+    assert [each for each in ours if not each[1].endswith("ikservo move ")] == []
 
 
 def message_of(do):

@@ -53,7 +53,7 @@ _OWN = {  # where one name means something else
     ("teach", "name"): ["cup"],
     ("jog", "what"): ["{joint}", "z"],
     ("gripper", "to"): ["open", "close"],
-    ("calibration", "action"): ["diff", "push", "pull"],
+    ("calibration", "action"): ["diff", "push", "pull", "show"],
     ("program", "action"): ["check", "run"],
     ("program", "file"): ["{folder}/program.toml"],
     ("sim", "arguments"): ["{arm}"],
@@ -66,6 +66,7 @@ _NEEDED = {  # options that a command cannot do without
     "draw": ("--origin", "{x},{y},{z}", "--lift", "0"),  # planar arms stay in their plane
 }
 _WHOLE = {  # arguments that depend on each other: their names and the command line
+    "arms": (("action", "file"), ["list"]),
     "export": (
         ("kind", "recordings"),
         ["lerobot", "csv {folder}/wave.jsonl", "dataset {folder}/wave.jsonl --to {folder}/set"],
