@@ -5,7 +5,6 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from enum import Enum, auto
 from typing import Protocol
@@ -55,16 +54,10 @@ class _Task:
     goal: MotionGoal
     watch: GoalWatch | None
     stop_count: int
-    reported: bool = False
+    end: GoalEnd = GoalEnd.ENDED
 
     def observe(self, now_s: float, positions: Mapping[str, float]) -> bool:
         return self.watch is None or self.watch.observe(now_s, positions)
-
-    def ended(self, end: GoalEnd, why: str = "") -> None:
-        """Report the end, once."""
-        if self.watch is not None and not self.reported:
-            self.reported = True
-            self.watch.ended(end, why)
 
 
 class GoalDriver:
@@ -80,7 +73,7 @@ class GoalDriver:
         self._arm, self._speed, self._warn = arm, speed, warn
         self._changed = threading.Condition()
         self._task: _Task | None = None  # the newest
-        self._running: _Task | None = None  # the last that was followed
+        self._ending: list[_Task] = []  # reported once the arm is at rest
         self._busy = self._closing = False
         self._thread = threading.Thread(target=self._run, name="ikservo-ros-goals", daemon=True)
         self._thread.start()
@@ -124,94 +117,95 @@ class GoalDriver:
             self._replace(None)
         self._thread.join(10.0)
 
-    def _replace(self, task: _Task | None, end: GoalEnd = GoalEnd.ENDED, why: str = "") -> None:
-        """Replace the newest goal; one that is being followed ends once the arm is at rest."""
+    def _replace(self, task: _Task | None) -> None:
+        """Replace the newest goal; where none follows, it ends once the arm is at rest."""
         with self._changed:
             before, self._task = self._task, task
-            followed = before is self._running and self._busy
             self._changed.notify_all()
-        if before is not None and task is not None:
-            before.ended(GoalEnd.REPLACED)
-        elif before is not None and not followed:
-            before.ended(end, why)
+            if before is None:
+                return
+            if task is None and self._busy:
+                self._ending.append(before)
+                return
+        self._report(before, GoalEnd.ENDED if task is None else GoalEnd.REPLACED)
 
     def _run(self) -> None:
-        while self._await_goal():
-            end, why = GoalEnd.FAILED, ""
+        while (task := self._await_goal()) is not None:
+            failed, why = False, ""
             try:
-                with self._requested(), self._arm.stream(speed=self._speed) as stream:
-                    end = self._follow(stream)
+                # Its motion was requested when it was put, which may be before a stop.
+                requested = self._arm.background.requested(task.stop_count)
+                with requested, self._arm.stream(speed=self._speed) as stream:
+                    self._follow(stream)
                 why = _reason_of(stream)
             except Exception as error:  # this thread must not end: nobody would drive the arm
-                end, why = GoalEnd.FAILED, _text_of(error)
-                self._replace(None, end, why)
+                failed, why = True, _text_of(error)
+                self._replace(None)
             if why:
                 self._warn(why)
-            self._rest(end, why)
+            self._rest(why, failed=failed)
 
-    def _requested(self) -> AbstractContextManager[None]:
-        """Mark a motion as requested when its goal was put, which may be before a stop."""
-        return self._arm.background.requested(self._running and self._running.stop_count)
+    def _rest(self, why: str, *, failed: bool) -> None:
+        """Report the goals that have ended; the arm is at rest."""
+        with self._changed:
+            ending, self._ending, self._busy = self._ending, [], False
+            self._changed.notify_all()
+        for task in ending:
+            self._report(task, GoalEnd.FAILED if failed else task.end, why)
 
-    def _rest(self, end: GoalEnd, why: str) -> None:
-        """Report the goal that was followed last; the arm is at rest."""
+    def _report(self, task: _Task, end: GoalEnd, why: str = "") -> None:
         try:
-            if self._running is not None:
-                self._running.ended(end, why)
-        except Exception as error:  # likewise
+            if task.watch is not None:
+                task.watch.ended(end, why)
+        except Exception as error:  # likewise: this thread must not end
             self._warn(_text_of(error))
-        finally:
-            with self._changed:
-                self._busy, self._running = False, None
-                self._changed.notify_all()
 
-    def _await_goal(self) -> bool:
-        """Wait for a goal; return False once closed."""
+    def _await_goal(self) -> _Task | None:
+        """Wait for a goal; return None once closed."""
         with self._changed:
             self._changed.wait_for(lambda: self._closing or self._task is not None)
-            self._running, self._busy = self._task, self._task is not None
-            return not self._closing
+            if self._closing:
+                return None
+            self._busy = True
+            return self._task
 
-    def _follow(self, stream: SetpointStream) -> GoalEnd:
+    def _follow(self, stream: SetpointStream) -> None:
         """Send setpoints until the newest goal has ended and the arm is still, or none is left."""
-        still, end = _Stillness(), GoalEnd.ENDED
+        followed, still = None, _Stillness()
         due_s = began_s = time.monotonic()
-        while True:
-            before, task = self._take()
-            if task is None:
-                return end
-            if before is not None and before is not task:  # one that has ended, or was replaced
-                before.ended(end)
-                end = GoalEnd.ENDED
+        while (task := self._take()) is not None:
             goal, now_s, state = task.goal, time.monotonic(), self._arm.where()
             if not _is_running(stream, now_s - began_s):
                 goal.delay(now_s)
             if not task.observe(now_s, state.positions):
-                self._finish(task)
+                self._finish(task, GoalEnd.ENDED)
                 continue
             ended = goal.has_ended(now_s)
             stream.send(goal.setpoint(now_s, state.tip_m))
-            if not ended:
+            if not ended or task is not followed:
                 still = _Stillness()
             elif not goal.arrives or still.reached(now_s, state.positions_rad):
-                end = self._finish(task)
+                self._finish(task, GoalEnd.ARRIVED)
+            followed = task
             due_s = max(due_s + _PERIOD_S, now_s)
             time.sleep(max(0.0, due_s - time.monotonic()))
 
-    def _take(self) -> tuple[_Task | None, _Task | None]:
-        """Return the goal that was followed, and the newest, which is followed from now on."""
+    def _take(self) -> _Task | None:
+        """Return the newest goal; with one, the arm does not rest after those before it."""
         with self._changed:
-            before = self._running
-            self._running = self._task or self._running
-            return before, self._task
+            task, before = self._task, []
+            if task is not None:
+                before, self._ending = self._ending, []
+        for each in before:
+            self._report(each, GoalEnd.REPLACED if each.end is GoalEnd.ENDED else each.end)
+        return task
 
-    def _finish(self, task: _Task) -> GoalEnd:
-        """End a goal that has arrived; return what becomes of it."""
+    def _finish(self, task: _Task, end: GoalEnd) -> None:
+        """End a goal, unless a newer one came meanwhile."""
         with self._changed:
-            if self._task is not task:  # a newer one came meanwhile
-                return GoalEnd.ENDED
-            self._task = None
-            return GoalEnd.ARRIVED
+            if self._task is task:
+                task.end = end
+                self._replace(None)
 
 
 def _reason_of(stream: SetpointStream) -> str:

@@ -202,7 +202,10 @@ class _Watch:
     def ended(self, end: GoalEnd, why: str) -> None:
         """End the goal; the arm is at rest, or another goal has replaced this one."""
         if end is GoalEnd.ARRIVED:
-            self._violation = self._check_end(self._arm.where().positions)
+            try:
+                self._violation = self._check_end(self._arm.where().positions)
+            except IkservoError as error:  # a servo does not answer: where it is, is not known
+                end, why = GoalEnd.FAILED, error.message
         if self._violation is not None:
             code, text = self._violation
             self._abort(code, f"{text} {why}".strip())
