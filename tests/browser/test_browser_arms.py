@@ -140,7 +140,7 @@ def test_a_camera_is_shown_beside_the_arm_or_behind_it_and_says_when_it_is_unplu
     with desk(("planar2", "sim"), camera="0") as served:
         operator = Operator(page, served)
         operator.until("document.getElementById('camera-picture').naturalWidth === 32")
-        assert page.inner_text("#camera-note") == "camera 0"
+        page.wait_for_selector("#camera-note:text-is('camera 0')")
         assert page.evaluate(CONTRAST) == []
         page.click("#camera-places [value=behind]")
         stage, picture = (page.locator(each).bounding_box() for each in ("#drawing", "#camera"))

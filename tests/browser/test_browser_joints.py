@@ -70,8 +70,9 @@ def test_in_preview_all_of_it_moves_a_ghost_only(operator):
     operator.wait_for("Math.abs(status.tool.z - 120) < 0.2")
     grip = operator.status["goals"][-1]
     operator.page.click("#gripper-open")
-    operator.wait_for(f"status.goals.at(-1) > {grip + 2}")
-    assert operator.items("ghost")
+    operator.wait_for(
+        f"status.goals.at(-1) > {grip + 2} && items.some(({{ style }}) => style === 'ghost')"
+    )
     assert operator.served.goals() == before
 
 

@@ -97,7 +97,7 @@ def test_a_servo_that_falls_silent_shows_the_ten_seconds_before_until_it_is_ackn
     live.served.line.faults.add(Fault("silent", id=joint, at_s=live.served.line.world.time_s))
     live.wait_for("status.mode === 'stopped'")
     live.page.wait_for_selector("[data-quantity=error] canvas")
-    assert "wrist_flex (id 4)" in live.page.inner_text("#plots-reason")
+    live.page.wait_for_selector("#plots-reason:has-text('wrist_flex (id 4)')")
     assert live.page.get_attribute("#plots-spans [value=stop]", "aria-checked") == "true"
     live.page.wait_for_function(f"(line) => ({DRAWN})(line) > 10", arg=["error", 1])
     with live.page.expect_download() as fetched:

@@ -106,7 +106,7 @@ def test_a_stop_ends_the_program_in_its_step_and_nothing_moves_before_it_is_ackn
     until(lambda: abs(roll_deg(empty) - start) > 5)
     page.keyboard.press("Escape")
     empty.wait_for("status.mode === 'stopped'").until_still()
-    assert page.inner_text("#program-state").startswith("Stopped in step")
+    page.wait_for_selector("#program-state:has-text('Stopped in step')")
     assert page.is_disabled("#program-play")
     before = empty.served.goals()
     page.wait_for_timeout(300)

@@ -2,6 +2,7 @@
 
 import contextlib
 import socket
+import time
 
 import pytest
 
@@ -29,6 +30,13 @@ def find_free_port():
 
 PATIENCE_S = 60.0
 """Long beside any delay of a busy machine: only tests of the timeout wait for it."""
+
+
+def until(condition, timeout_s=PATIENCE_S):
+    end_s = time.monotonic() + timeout_s
+    while not condition():
+        assert time.monotonic() < end_s, "it does not happen"
+        time.sleep(0.01)
 
 
 class Served:
@@ -80,7 +88,7 @@ def served(served_once, monkeypatch):
     served_once.arm.acknowledge()
     served_once.server.lease.timeout_s = PATIENCE_S
     yield served_once
-    assert served_once.server.lease.holder is None
+    until(lambda: served_once.server.lease.holder is None)  # a client waits 1 s for that
 
 
 @pytest.fixture(scope="module")

@@ -16,6 +16,7 @@ import ikservo
 from ikservo.network.address import Endpoint
 from ikservo.network.ros.bridge import RosBridge
 from ikservo.network.session import open_router_client
+from tests.network.conftest import until
 
 HOST = "127.0.0.1"
 
@@ -77,18 +78,11 @@ class Graph:
                 found.append((message, sample))
 
         with self._session.declare_subscriber(self.key(name, kind), take):
-            wait_until(lambda: found, within_s)
+            until(lambda: found, within_s)
         return found[0]
 
     def wait_until_still(self):
-        wait_until(lambda: not self.bridge._driver.is_moving)
-
-
-def wait_until(met, within_s=60.0):
-    end_s = time.monotonic() + within_s
-    while not met():
-        assert time.monotonic() < end_s
-        time.sleep(0.02)
+        until(lambda: not self.bridge._driver.is_moving)
 
 
 def trajectory(joint, *points):

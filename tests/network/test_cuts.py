@@ -10,8 +10,8 @@ import ikservo
 from ikservo.errors import IkservoError, PortLostError, RefusedError
 from ikservo.guard import DEAD_MAN_TIMEOUT_S
 from tests.arm.simulated import registers
+from tests.network.conftest import until
 from tests.network.cutting_proxy import CUTS, CuttingProxy
-from tests.network.test_operator import until
 
 SEED = 21
 

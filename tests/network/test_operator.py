@@ -1,7 +1,6 @@
 """Who controls a served arm: streams, the loss of the operator, malformed and old messages."""
 
 import json
-import time
 
 import pytest
 
@@ -20,16 +19,9 @@ from ikservo.network.session import ask
 from ikservo.network.setpoint_inbox import SetpointInbox
 from servosim.faults import Fault
 from tests.arm.simulated import line_of, registers, true_joints
-from tests.network.conftest import PATIENCE_S
+from tests.network.conftest import PATIENCE_S, until
 
 HOLD_S = 0.3
-
-
-def until(condition, timeout_s=10.0):
-    end_s = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < end_s, "it does not happen"
-        time.sleep(0.002)
 
 
 def joint_of(served, name):

@@ -16,7 +16,7 @@ from statistics import median
 import pytest
 
 from tests.arm.seeds import few_or_many, log
-from tests.network.conftest import find_free_port
+from tests.network.conftest import find_free_port, until
 from tests.network.cutting_proxy import CUTS, FRAME_FAULTS, CuttingProxy
 from tests.network.processes import (
     JOINT,
@@ -71,13 +71,6 @@ class Lab:
         until(self._answer.exists)
         until(lambda: self._answer.read_text() != "")
         return json.loads(self._answer.read_text())
-
-
-def until(condition, timeout_s=60.0):
-    end_s = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < end_s, "it does not happen"
-        time.sleep(0.01)
 
 
 @contextmanager

@@ -25,7 +25,8 @@ from ikservo.network.ros.trajectory_action import ACTION, ErrorCode
 from ikservo.ros.messages import type_hash
 from ikservo.ros.service_types import CANCEL_GOAL, FOLLOW
 from tests.arm.simulated import true_joints
-from tests.network.ros_graph import trajectory, wait_until
+from tests.network.conftest import until
+from tests.network.ros_graph import trajectory
 
 JOINT = "wrist_roll"
 
@@ -246,7 +247,7 @@ def test_a_goal_is_carried_out_with_feedback_and_states(graph, client, start):
         last.feedback.error.positions,
         np.subtract(last.feedback.desired.positions, last.feedback.actual.positions),
     )
-    wait_until(lambda: client.states[number] == GoalStatus.SUCCEEDED)
+    until(lambda: client.states[number] == GoalStatus.SUCCEEDED)
 
 
 @pytest.mark.parametrize(
@@ -314,7 +315,7 @@ def test_a_motion_that_is_late_is_aborted(client, start):
 
 def test_a_canceled_goal_ends_and_the_arm_holds(graph, client, start):
     number, _ = client.send(goal_to((20.0, start + 1.0)))
-    wait_until(lambda: true_joints(graph.arm)[JOINT] > start + 0.05)
+    until(lambda: true_joints(graph.arm)[JOINT] > start + 0.05)
     answer = client.cancel(number)
     assert answer.return_code == 0
     assert [bytes(each.goal_id.uuid) for each in answer.goals_canceling] == [number]
@@ -329,7 +330,7 @@ def test_a_canceled_goal_ends_and_the_arm_holds(graph, client, start):
 
 def test_a_newer_goal_replaces_the_one_before(graph, client, start):
     first, _ = client.send(goal_to((20.0, start + 1.0)))
-    wait_until(lambda: true_joints(graph.arm)[JOINT] > start + 0.05)
+    until(lambda: true_joints(graph.arm)[JOINT] > start + 0.05)
     second, _ = client.send(goal_to((0.5, start)))
     status, code, text = client.result(first)
     assert (status, code) == (GoalStatus.ABORTED, ErrorCode.INVALID_GOAL)
@@ -340,7 +341,7 @@ def test_a_newer_goal_replaces_the_one_before(graph, client, start):
 
 def test_a_stop_aborts_the_goal_and_rejects_the_next(graph, client, start):
     number, _ = client.send(goal_to((20.0, start + 1.0)))
-    wait_until(lambda: true_joints(graph.arm)[JOINT] > start + 0.05)
+    until(lambda: true_joints(graph.arm)[JOINT] > start + 0.05)
     ends = []
     waiting = threading.Thread(target=lambda: ends.append(client.result(number)))
     waiting.start()

@@ -30,8 +30,8 @@ from ikservo.network.ros.bridge import RosBridge
 from ikservo.network.ros.trajectory_action import ACTION
 from ikservo.network.session import open_router_client
 from tests.arm.simulated import true_joints, true_tip_m
-from tests.network.conftest import PATIENCE_S, find_free_port, serve
-from tests.network.ros_graph import HOST, bridged, router, trajectory, wait_until
+from tests.network.conftest import PATIENCE_S, find_free_port, serve, until
+from tests.network.ros_graph import HOST, bridged, router, trajectory
 
 CONSOLE = "import sys; from ikservo.cli.entry_point import console; console()"
 DEFINITIONS = {  # which the SDK would fetch from GitHub
@@ -85,7 +85,7 @@ def test_another_implementation_lists_reads_and_calls(graph, sdk):
         response_definition="bool success\nstring message", type_hash=Trigger.hash_rihs01(), **sdk,
     )  # fmt: skip
     assert client.call().success
-    wait_until(lambda: seen)
+    until(lambda: seen)
     subscriber.close()
     client.close()
     assert tuple(seen[-1].name) == graph.arm.joint_names
@@ -109,7 +109,7 @@ def test_a_trajectory_moves_the_servos_along_its_points(graph):
         seen.append(true_joints(graph.arm)["wrist_roll"])
         return max(seen) > start + 0.15
 
-    wait_until(passed)
+    until(passed)
     graph.wait_until_still()
     assert true_joints(graph.arm)["wrist_roll"] == pytest.approx(start, abs=0.02)
     assert graph.warnings == []
@@ -119,7 +119,7 @@ def test_a_trajectory_moves_the_servos_along_its_points(graph):
 def test_an_empty_trajectory_ends_the_one_before(graph):
     start = true_joints(graph.arm)["wrist_roll"]
     graph.publish("/joint_trajectory", trajectory("wrist_roll", (20.0, start + 1.0)))
-    wait_until(lambda: true_joints(graph.arm)["wrist_roll"] > start + 0.05)
+    until(lambda: true_joints(graph.arm)["wrist_roll"] > start + 0.05)
     graph.publish("/joint_trajectory", JointTrajectory())
     graph.wait_until_still()
     assert true_joints(graph.arm)["wrist_roll"] < start + 0.6
@@ -132,7 +132,7 @@ def test_a_pose_is_reached(graph):
     pose.pose.position.x, pose.pose.position.y, pose.pose.position.z = 0.22, 0.03, 0.12
     pose.pose.orientation.w = 0.0
     graph.publish("/target_pose", pose)
-    wait_until(lambda: graph.bridge._driver.is_moving)
+    until(lambda: np.allclose(true_tip_m(graph.arm), [0.22, 0.03, 0.12], atol=0.004))
     graph.wait_until_still()
     np.testing.assert_allclose(true_tip_m(graph.arm), [0.22, 0.03, 0.12], atol=0.004)
 
@@ -145,7 +145,7 @@ def test_a_twist_moves_the_tip_until_it_is_silent(graph):
         graph.publish("/servo_twist", twist)
         return true_tip_m(graph.arm)[2] > start_m[2] + 0.03
 
-    wait_until(has_moved)
+    until(has_moved)
     graph.wait_until_still()
     moved_m = true_tip_m(graph.arm) - start_m
     assert 0.03 < moved_m[2] < 0.15
@@ -155,7 +155,7 @@ def test_a_twist_moves_the_tip_until_it_is_silent(graph):
 def test_a_stop_is_latched_until_it_is_acknowledged(graph):
     start = true_joints(graph.arm)["wrist_roll"]
     graph.publish("/joint_trajectory", trajectory("wrist_roll", (20.0, start + 1.0)))
-    wait_until(lambda: true_joints(graph.arm)["wrist_roll"] > start + 0.05)
+    until(lambda: true_joints(graph.arm)["wrist_roll"] > start + 0.05)
     response, sequence = graph.call("/stop")
     assert (response.success, sequence) == (True, graph._sent)
     graph.wait_until_still()
@@ -163,12 +163,12 @@ def test_a_stop_is_latched_until_it_is_acknowledged(graph):
     assert held < start + 0.8
     graph.next("/diagnostics", DiagnosticArray, lambda found: "ROS 2" in found.status[0].message)
     graph.publish("/joint_trajectory", trajectory("wrist_roll", (0.5, start)))
-    wait_until(lambda: graph.warnings and "acknowledge" in graph.warnings[-1])
+    until(lambda: graph.warnings and "acknowledge" in graph.warnings[-1])
     assert true_joints(graph.arm)["wrist_roll"] == pytest.approx(held, abs=0.01)
     assert not graph.call("/hold")[0].success
     assert graph.call("/acknowledge")[0].success
     graph.publish("/joint_trajectory", trajectory("wrist_roll", (0.5, start)))
-    wait_until(lambda: true_joints(graph.arm)["wrist_roll"] < held - 0.02)
+    until(lambda: true_joints(graph.arm)["wrist_roll"] < held - 0.02)
 
 
 def test_a_stop_without_attachment_is_obeyed_however_busy_the_other_services_are(graph):
@@ -186,7 +186,7 @@ def test_a_stop_without_attachment_is_obeyed_however_busy_the_other_services_are
             graph._session.get(key, payload=request, attachment=graph.attachment())
             for _ in range(30)
         ]
-        wait_until(lambda: len(busy) == 4)
+        until(lambda: len(busy) == 4)
         (reply,) = graph._session.get(graph.key("/stop", Trigger), payload=request)
         goes_on.set()
         for replies in held:  # one that is late would end the goal of the next test
@@ -199,10 +199,10 @@ def test_a_goal_that_comes_again_is_dropped(graph):
     start = true_joints(graph.arm)["wrist_roll"]
     message, sent = trajectory("wrist_roll", (0.5, start + 0.1)), graph.attachment()
     graph.publish("/joint_trajectory", message, attachment=sent)
-    wait_until(lambda: graph.bridge._driver.is_moving)
+    until(lambda: true_joints(graph.arm)["wrist_roll"] > start + 0.05)
     graph.wait_until_still()
     graph.publish("/joint_trajectory", message, attachment=sent)
-    wait_until(lambda: graph.warnings and "repeated" in graph.warnings[-1])
+    until(lambda: graph.warnings and "repeated" in graph.warnings[-1])
     assert not graph.bridge._driver.is_moving
 
 
@@ -221,10 +221,10 @@ def test_an_unforeseen_error_ends_a_motion_and_not_the_bridge(graph, monkeypatch
     with monkeypatch.context() as patch:
         patch.setattr(graph.arm, "stream", lambda **_: 1 / 0)
         graph.publish("/joint_trajectory", goal)
-        wait_until(lambda: graph.warnings and "ZeroDivisionError" in graph.warnings[-1])
+        until(lambda: graph.warnings and "ZeroDivisionError" in graph.warnings[-1])
         graph.wait_until_still()
     graph.publish("/joint_trajectory", goal)
-    wait_until(lambda: true_joints(graph.arm)["wrist_roll"] > start + 0.05)
+    until(lambda: true_joints(graph.arm)["wrist_roll"] > start + 0.05)
 
 
 @pytest.mark.parametrize(
@@ -241,7 +241,7 @@ def test_what_cannot_be_used_is_said_and_moves_nothing(graph, message, how, foun
     how = {"attachment": graph.attachment(), **how}
     key = graph.key("/joint_trajectory", JointTrajectory)
     graph._session.put(key, message.serialize(), **how)
-    wait_until(lambda: graph.warnings and found in graph.warnings[-1])
+    until(lambda: graph.warnings and found in graph.warnings[-1])
     assert not graph.bridge._driver.is_moving
     assert true_joints(graph.arm) == pytest.approx(before, abs=0.03)
 
@@ -252,7 +252,7 @@ def test_the_description_reaches_those_who_come_later(graph):
         graph._session, graph.key("/robot_description", String), found.append,
         history=zenoh.ext.HistoryConfig(detect_late_publishers=True),
     ):  # fmt: skip
-        wait_until(lambda: found)
+        until(lambda: found)
     text = String.deserialize(found[0].payload.to_bytes()).data
     assert text == graph.arm.model.path.with_suffix(".urdf").read_text()
 
@@ -264,9 +264,9 @@ def test_a_motion_ends_where_the_router_is_lost():
         graph = stack.enter_context(bridged(port))
         start = true_joints(graph.arm)["wrist_roll"]
         graph.publish("/joint_trajectory", trajectory("wrist_roll", (20.0, start + 1.0)))
-        wait_until(lambda: true_joints(graph.arm)["wrist_roll"] > start + 0.05)
+        until(lambda: true_joints(graph.arm)["wrist_roll"] > start + 0.05)
         lost.close()
-        wait_until(lambda: graph.arm.stop_reason is not None)
+        until(lambda: graph.arm.stop_reason is not None)
         graph.wait_until_still()
         assert true_joints(graph.arm)["wrist_roll"] < start + 0.8
         assert "router was lost" in graph.arm.stop_reason.text
@@ -284,10 +284,10 @@ def test_an_arm_of_another_machine_is_bridged(graph):
         start = true_joints(served.arm)["wrist_roll"]
         message = trajectory("wrist_roll", (1.0, start + 0.3))
         graph.publish("/far/joint_trajectory", message)
-        wait_until(lambda: true_joints(served.arm)["wrist_roll"] > start + 0.2)
+        until(lambda: true_joints(served.arm)["wrist_roll"] > start + 0.2)
         assert graph.call("/far/stop")[0].success
-        wait_until(lambda: served.arm.stop_reason is not None)
-        wait_until(lambda: not bridge._driver.is_moving)
+        until(lambda: served.arm.stop_reason is not None)
+        until(lambda: not bridge._driver.is_moving)
 
 
 @pytest.mark.parametrize(

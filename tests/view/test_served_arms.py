@@ -112,7 +112,7 @@ def test_an_arm_is_opened_and_closed_without_power_and_its_pages_are_told(desk):
     until(lambda: said(listed, client)["planar3"]["state"] == "preview")
     planar = arms.find("planar3")
     assert set(registers(planar.arm_thread.arm, "torque_enable").values()) == {0}
-    assert "limp" in said(listed, client)["planar3"]["text"]
+    until(lambda: "limp" in said(listed, client)["planar3"]["text"])
     page = planar.connect(Permission.CONTROL)
     assert planar.frames(page)[0]["arm"] == "planar3"
     tell(listed, client, "close_arm", name="planar3")
