@@ -62,6 +62,10 @@ def pytest_collection_finish():
     gc.enable()
 
 
+def pytest_unconfigure():
+    gc.unfreeze()  # what is not collected at the end, ruckig tells as leaked, after the last line
+
+
 @pytest.fixture(autouse=True, scope="session")
 def _isolate_user_files(tmp_path_factory):
     os.environ["IKSERVO_HOME"] = str(tmp_path_factory.mktemp("home"))

@@ -1,0 +1,25 @@
+"""What a run of the suite says at its end."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+FROZEN = """
+import gc
+from ruckig import Trajectory
+
+def test_leaves_what_only_collection_frees():
+    ring = [Trajectory(3)]
+    ring.append(ring)
+    gc.freeze()
+"""
+
+
+def test_the_last_line_of_a_run_is_that_of_pytest(tmp_path):
+    (tmp_path / "test_frozen.py").write_text(FROZEN)
+    command = [sys.executable, "-m", "pytest", "-q", "-n0", "-p", "tests.conftest", str(tmp_path)]
+    run = subprocess.run(
+        command, cwd=Path(__file__).parents[1], stdout=subprocess.PIPE, stderr=subprocess.STDOUT,
+        text=True, check=False,
+    )  # fmt: skip
+    assert run.stdout.splitlines()[-1].startswith("1 passed"), run.stdout
