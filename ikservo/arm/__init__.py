@@ -1,25 +1,34 @@
-"""An arm on its servos: open it, move it, read its state, switch its torque off."""
+"""An arm on its servos: open it, move it, read its state, switch its torque off.
 
-from ikservo.arm.arm import Arm, OnExit
-from ikservo.arm.background_motion import Motion
-from ikservo.arm.calibrated_arm import ZeroSource
-from ikservo.arm.following import check_followed_goal
-from ikservo.arm.opening import open_arm
-from ikservo.arm.plan import MotionPlan
-from ikservo.arm.recorder import read_recording
-from ikservo.arm.recording import Recording
-from ikservo.arm.reports import (
-    ArmState,
-    JointMoveResult,
-    MotionProgress,
-    MoveResult,
-    SampledTrajectory,
-)
-from ikservo.arm.setpoint_stream import SetpointStream
-from ikservo.arm.tool_orientation import ToolOrientation
-from ikservo.control.feedback import JointState
+Names are imported when they are first used: ``ikservo stop`` imports a module of this package, and
+NumPy may not delay it.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING
+
 from ikservo.deprecation import current_name
-from ikservo.guard import DEAD_MAN_TIMEOUT_S, StopKind, StopReason
+
+if TYPE_CHECKING:
+    from ikservo.arm.arm import Arm, OnExit
+    from ikservo.arm.background_motion import Motion
+    from ikservo.arm.calibrated_arm import ZeroSource
+    from ikservo.arm.following import check_followed_goal
+    from ikservo.arm.opening import open_arm
+    from ikservo.arm.plan import MotionPlan
+    from ikservo.arm.recorder import read_recording
+    from ikservo.arm.recording import Recording
+    from ikservo.arm.reports import (
+        ArmState,
+        JointMoveResult,
+        MotionProgress,
+        MoveResult,
+        SampledTrajectory,
+    )
+    from ikservo.arm.setpoint_stream import SetpointStream
+    from ikservo.arm.tool_orientation import ToolOrientation
+    from ikservo.control.feedback import JointState
+    from ikservo.guard import DEAD_MAN_TIMEOUT_S, StopKind, StopReason
 
 __all__ = [
     "DEAD_MAN_TIMEOUT_S",
@@ -44,6 +53,29 @@ __all__ = [
     "read_recording",
 ]
 
+_HOMES = {
+    "Arm": "arm.arm",
+    "ArmState": "arm.reports",
+    "DEAD_MAN_TIMEOUT_S": "guard",
+    "JointMoveResult": "arm.reports",
+    "JointState": "control.feedback",
+    "Motion": "arm.background_motion",
+    "MotionPlan": "arm.plan",
+    "MotionProgress": "arm.reports",
+    "MoveResult": "arm.reports",
+    "OnExit": "arm.arm",
+    "Recording": "arm.recording",
+    "SampledTrajectory": "arm.reports",
+    "SetpointStream": "arm.setpoint_stream",
+    "StopKind": "guard",
+    "StopReason": "guard",
+    "ToolOrientation": "arm.tool_orientation",
+    "ZeroSource": "arm.calibrated_arm",
+    "check_followed_goal": "arm.following",
+    "open_arm": "arm.opening",
+    "read_recording": "arm.recorder",
+}
+
 # Names of version 0.1, kept for one version more.
 _RENAMED = {
     "JointReport": "JointMoveResult",
@@ -57,4 +89,11 @@ _RENAMED = {
 
 
 def __getattr__(name: str) -> object:
-    return globals()[current_name("ikservo.arm", _RENAMED, name)]
+    if name not in _HOMES:
+        return __getattr__(current_name("ikservo.arm", _RENAMED, name))
+    value = globals()[name] = getattr(import_module(f"ikservo.{_HOMES[name]}"), name)
+    return value  # from now on found without this function
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

@@ -13,7 +13,7 @@ from ikservo.model import Model
 
 if TYPE_CHECKING:
     from ikservo.arm.arm import Arm, OnExit
-    from ikservo.arm.reports import StopAllResult, StopResult
+    from ikservo.arm.control_client import StopAllResult, StopResult
 
 __all__ = ["ArmNetwork", "find_network", "installed_networks"]
 

@@ -4,18 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from functools import partial
 from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
 from ikservo.arm.calibrated_arm import ZeroSource
-from ikservo.arm.control_server import BRAKE_TIMEOUT_S, Command, broadcast_command, send_command
+from ikservo.arm.control_client import (
+    Command,
+    StopAllResult,
+    StopResult,
+    other_version_error,
+    request_stop,
+    send_command,
+)
 from ikservo.arm.networks import find_network, installed_networks
 from ikservo.arm.opening import open_bus, resolve_port
 from ikservo.arm.recorder import RecordResult, RecordSettings, describe_arm, record
 from ikservo.arm.recording import ArmSample
-from ikservo.arm.reports import ArmState, JointMoveResult, StopAllResult, StopResult
+from ikservo.arm.reports import ArmState, JointMoveResult
 from ikservo.calibration.paths import calibration_path
 from ikservo.clock import Clock, RealClock
 from ikservo.control.feedback import JointState
@@ -28,13 +34,11 @@ from ikservo.model import Model
 from ikservo.model.lifting import LoadLag, load_lags
 
 __all__ = [
-    "StopAllResult",
-    "StopResult",
     "query_state",
     "record_remote",
     "request_relax",
-    "stop_all_arms",
     "stop_arm",
+    "stop_remote_arms",
 ]
 
 _RELAX_TIMEOUT_S = 120.0
@@ -44,7 +48,6 @@ _START_TIMEOUT_S, _RETRY_PERIOD_S = 3.0, 0.02
 T = TypeVar("T")
 
 
-_STOPPED_FIELDS = TypeAdapter(StopResult)
 # Checks the types of the values; the names of the fields are checked by the class.
 _JOINT_REPORT = TypeAdapter[dict[str, Any]](
     dict[str, bool | float | dict[str, float] | tuple[str, ...]]
@@ -70,9 +73,9 @@ def stop_arm(model: Model, port: str | None, clock: Clock | None = None) -> Stop
     clock = clock or RealClock()
     until_s = clock.now_s() + _START_TIMEOUT_S
     while True:
-        reply = _request(model, device, Command.STOP, BRAKE_TIMEOUT_S + 2.0)
-        if reply is not None:
-            return _validate_reply(_STOPPED_FIELDS, reply)
+        stopped = None if is_simulated(device) else request_stop(device, model.name)
+        if stopped is not None:
+            return stopped
         try:
             outcome = halt_line(model, port)
         except PortBusyError:  # a program that has just opened it, and does not listen yet
@@ -84,13 +87,10 @@ def stop_arm(model: Model, port: str | None, clock: Clock | None = None) -> Stop
             return StopResult(model.name, device, False, held, limp, silent, latched=False)
 
 
-def stop_all_arms() -> StopAllResult:
-    """Stop every arm whose port a program of this user has open, and those on other machines.
-
-    Those are the arm at the address in ``IKSERVO_PORT`` and the arms of listed machines.
-    """
+def stop_remote_arms() -> StopAllResult:
+    """Stop the arm at the address in ``IKSERVO_PORT`` and the arms of listed machines."""
     with ThreadPoolExecutor() as pool:  # one without a reply must not delay the others
-        return StopAllResult.joined(pool.map(_attempt, [_stop_own_programs, *_remote_stops()]))
+        return StopAllResult.joined(pool.map(_attempt, _remote_stops()))
 
 
 def _attempt(stop: Callable[[], StopAllResult]) -> StopAllResult:
@@ -98,17 +98,6 @@ def _attempt(stop: Callable[[], StopAllResult]) -> StopAllResult:
         return stop()
     except IkservoError as error:
         return StopAllResult(errors=(error,))
-
-
-def _stop_own_programs() -> StopAllResult:
-    replies = broadcast_command(Command.STOP, BRAKE_TIMEOUT_S + 2.0)
-    return StopAllResult.joined(_attempt(partial(_read_stopped, reply)) for reply in replies)
-
-
-def _read_stopped(reply: dict[str, Any] | IkservoError) -> StopAllResult:
-    if isinstance(reply, IkservoError):
-        raise reply
-    return StopAllResult((_validate_reply(_STOPPED_FIELDS, reply),))
 
 
 def _remote_stops() -> Iterator[Callable[[], StopAllResult]]:
@@ -153,7 +142,7 @@ def request_relax(model: Model, port: str | None) -> JointMoveResult | None:
     try:
         return JointMoveResult(**fields, measured_tip_m=tip_m)
     except TypeError:
-        raise _version_error() from None
+        raise other_version_error() from None
 
 
 def record_remote(
@@ -194,14 +183,7 @@ def _validate_reply(adapter: TypeAdapter[T], value: object) -> T:
     try:
         return adapter.validate_python(value)
     except ValidationError:
-        raise _version_error() from None
-
-
-def _version_error() -> IkservoError:
-    return IkservoError(
-        "The program that has the port open sent an unexpected reply.",
-        "It may be another version of ikservo. End it and try again.",
-    )
+        raise other_version_error() from None
 
 
 def halt_line(model: Model, port: str | None) -> StopOutcome:

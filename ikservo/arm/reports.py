@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.control.feedback import JointState
-from ikservo.errors import BadValueError, IkservoError, UnknownNameError
+from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.files.writing import write_atomic
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.motion import Trajectory
@@ -24,8 +24,6 @@ __all__ = [
     "MoveResult",
     "OnProgress",
     "SampledTrajectory",
-    "StopAllResult",
-    "StopResult",
     "sample_trajectory",
 ]
 
@@ -223,51 +221,6 @@ class JointMoveResult:
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
-
-
-@dataclass(frozen=True, slots=True)
-class StopResult:
-    """The outcome of stopping an arm.
-
-    Attributes:
-        arm: Its name.
-        port: Its port.
-        moving: Whether another program was moving it.
-        held: The joints that hold.
-        limp: Those without torque; nothing was changed there.
-        silent: Those that did not reply.
-        latched: Whether a program has the arm, which moves it only once the stop is acknowledged.
-    """
-
-    arm: str
-    port: str
-    moving: bool
-    held: tuple[str, ...]
-    limp: tuple[str, ...]
-    silent: tuple[str, ...]
-    latched: bool = True
-
-
-@dataclass(frozen=True, slots=True)
-class StopAllResult:
-    """The outcome of stopping several arms.
-
-    Attributes:
-        stopped: Those that have confirmed it.
-        errors: Why one could not be stopped, or was not heard to have stopped.
-    """
-
-    stopped: tuple[StopResult, ...] = ()
-    errors: tuple[IkservoError, ...] = ()
-
-    @classmethod
-    def joined(cls, results: Iterable[StopAllResult]) -> StopAllResult:
-        """Return several outcomes as one."""
-        found = tuple(results)
-        return cls(
-            tuple(stopped for each in found for stopped in each.stopped),
-            tuple(error for each in found for error in each.errors),
-        )
 
 
 _MAX_SAMPLES = 1_000_000

@@ -237,6 +237,12 @@ def _prepare_streams() -> None:
 
 
 def _run_command(args: list[str]) -> int:
+    if args[:1] == ["stop"] and _COMPLETES not in os.environ:
+        from ikservo.cli.quick_stop import quick_stop  # noqa: PLC0415
+
+        code = quick_stop(args[1:])
+        if code is not None:
+            return code
     import typer  # noqa: PLC0415
 
     from ikservo.cli.app import app  # noqa: PLC0415

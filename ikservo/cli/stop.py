@@ -6,12 +6,12 @@ from typing import Annotated
 
 import typer
 
+from ikservo.arm.control_client import StopAllResult, StopResult
 from ikservo.arm.networks import find_network
-from ikservo.arm.remote import StopAllResult, StopResult, stop_all_arms, stop_arm
+from ikservo.arm.remote import stop_arm
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ArmOption, JsonOption, PortOption
-from ikservo.cli.terminal import format_port, print_json, print_lines, print_status
-from ikservo.errors import ExitCode, IkservoError, InputError
+from ikservo.cli.quick_stop import report_stop, stop_every_arm
 
 __all__ = ["command"]
 
@@ -38,44 +38,8 @@ def command(
     ikservo stop
     """
     one = not every and bool(arm or port)
-    found = StopAllResult((_stop_one(arm, port),)) if one else stop_all_arms()
-    if not (found.stopped or found.errors):
-        raise InputError(
-            "No program of yours has an arm open, and none is served on this machine.",
-            "To stop the servos of one directly: ikservo stop --arm NAME",
-        )
-    if json:
-        print_json("stop", arms=found.stopped, errors=[_error_fields(e) for e in found.errors])
-    else:
-        _print_outcome(found)
-    _exit_by(found)
-
-
-def _print_outcome(found: StopAllResult) -> None:
-    print_lines((line for one in found.stopped for line in _stop_lines(one)), indent=12)
-    for error in found.errors:
-        print_status(f"Not confirmed to be stopped: {error.command_message}")
-        print_status(error.command_hint)
-
-
-def _error_fields(error: IkservoError) -> dict[str, object]:
-    return {
-        "error": error.command_message,
-        "hint": error.command_hint,
-        "exit_code": int(error.exit_code),
-    }
-
-
-def _exit_by(found: StopAllResult) -> None:
-    """End the command with the code of what was not stopped.
-
-    Raises:
-        Exit: Something was not.
-    """
-    for error in found.errors:
-        raise typer.Exit(error.exit_code)
-    if any(one.silent for one in found.stopped):
-        raise typer.Exit(ExitCode.SILENT)
+    found = StopAllResult((_stop_one(arm, port),)) if one else stop_every_arm()
+    raise typer.Exit(report_stop(found, as_json=json))
 
 
 def _stop_one(arm: str | None, port: str | None) -> StopResult:
@@ -84,13 +48,3 @@ def _stop_one(arm: str | None, port: str | None) -> StopResult:
     if elsewhere is not None:
         return elsewhere[0].stop_arm(elsewhere[1])
     return stop_arm(model_from_option(arm), port)
-
-
-def _stop_lines(one: StopResult) -> list[str]:
-    was = "was moving; stopped" if one.moving else "was not moving"
-    was += "; moves again once that is acknowledged" if one.latched else ""
-    rows = {"torque on": one.held, "torque off": one.limp, "no answer": one.silent}
-    return [
-        f"{one.arm} on {format_port(one.port)} {was}",
-        *(f"{label:10}  {', '.join(names)}" for label, names in rows.items() if names),
-    ]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ipaddress
 import re
+import socket
 from dataclasses import dataclass
 from typing import Literal
 
@@ -16,6 +17,7 @@ __all__ = [
     "Endpoint",
     "check_arm_name",
     "check_host",
+    "listens",
     "parse_address",
     "parse_host",
     "parse_listen",
@@ -30,6 +32,8 @@ _EXPECTED_NAME = "1 to 64 of the characters A-Z a-z 0-9 _ -"
 _EXPECTED = "zenoh:NAME@HOST or zenoh:NAME@HOST:PORT, as in zenoh:desk@lab-pi"
 _EXPECTED_ENDPOINT = "tcp/127.0.0.1:7448, or tls/0.0.0.0:7448 with certificates"
 _HOST = re.compile(r"[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?")
+
+_PROBE_TIMEOUT_S = 0.3
 
 Protocol = Literal["tcp", "tls"]
 
@@ -78,6 +82,15 @@ class ArmAddress:
         if protocol == self.endpoint.protocol:
             place = place.partition("/")[2]
         return f"{SCHEME}:{self.name}@{place.removesuffix(f':{DEFAULT_PORT}')}"
+
+
+def listens(endpoint: Endpoint) -> bool:
+    """Return whether anything listens there; a session of Zenoh waits for seconds to know."""
+    try:
+        socket.create_connection((endpoint.host, endpoint.port), _PROBE_TIMEOUT_S).close()
+    except OSError:
+        return False
+    return True
 
 
 def check_arm_name(name: str) -> str:

@@ -11,9 +11,9 @@ from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, cast
 
 from ikservo.arm import Arm, ArmState, MotionProgress, StopKind, StopReason
-from ikservo.arm.control_server import Command, CommandHandler
-from ikservo.arm.control_server import Request as StopRequest
-from ikservo.arm.reports import StopResult
+from ikservo.arm.control_client import Command, StopResult
+from ikservo.arm.control_client import Request as StopRequest
+from ikservo.arm.control_server import CommandHandler
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import IkservoError, InputError
 from ikservo.network import key_expressions as keys

@@ -6,14 +6,14 @@ import os
 from typing import TYPE_CHECKING, cast
 
 from ikservo.arm import OnExit
-from ikservo.arm.reports import StopAllResult, StopResult
+from ikservo.arm.control_client import StopAllResult, StopResult
 from ikservo.errors import IkservoError
 from ikservo.model import Model
-from ikservo.network.address import ArmAddress, Endpoint, parse_address, parse_host
+from ikservo.network.address import ArmAddress, Endpoint, listens, parse_address, parse_host
 from ikservo.network.certificates import client_certificate
 from ikservo.network.connection import Connection
 from ikservo.network.remote_arm import RemoteArm
-from ikservo.network.remote_stop import listens, stop_machine, stop_machines
+from ikservo.network.remote_stop import stop_machine, stop_machines
 
 if TYPE_CHECKING:
     from ikservo.arm import Arm

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import socket
 import time
 from typing import TYPE_CHECKING, cast
 
-from ikservo.arm.reports import StopAllResult, StopResult
+from ikservo.arm.control_client import StopAllResult, StopResult
 from ikservo.errors import IkservoError, PortError
 from ikservo.network import key_expressions as keys
 from ikservo.network.address import Endpoint
@@ -21,11 +20,10 @@ if TYPE_CHECKING:
 
     import zenoh
 
-__all__ = ["listens", "stop_machine", "stop_machines"]
+__all__ = ["stop_machine", "stop_machines"]
 
 _ATTEMPTS, _PAUSE_S = 3, 0.1
 _ANSWER_TIMEOUT_S = 2.0
-_PROBE_TIMEOUT_S = 0.3
 
 
 def stop_machines(hosts: Sequence[Endpoint]) -> StopAllResult:
@@ -57,15 +55,6 @@ def stop_machine(host: Endpoint, name: str = "*") -> StopAllResult:
             break
         time.sleep(_PAUSE_S)
     return stop.result()
-
-
-def listens(endpoint: Endpoint) -> bool:
-    """Return whether anything listens there; a session of Zenoh waits for seconds to know."""
-    try:
-        socket.create_connection((endpoint.host, endpoint.port), _PROBE_TIMEOUT_S).close()
-    except OSError:
-        return False
-    return True
 
 
 class _MachineStop:

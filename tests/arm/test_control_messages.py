@@ -5,7 +5,7 @@ import random
 
 import pytest
 
-from ikservo.arm.control_server import (
+from ikservo.arm.control_client import (
     MAX_REQUEST_BYTES,
     Command,
     Request,

@@ -12,7 +12,8 @@ from pathlib import Path
 import pytest
 
 from ikservo.arm import control_socket
-from ikservo.arm.control_server import Command, send_command, serve
+from ikservo.arm.control_client import Command, send_command
+from ikservo.arm.control_server import serve
 from ikservo.arm.control_socket import socket_path
 from ikservo.errors import ExitCode, IkservoError, RefusedError
 

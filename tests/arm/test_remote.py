@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 import ikservo
-from ikservo.arm import remote
+from ikservo.arm import control_client, remote
 from ikservo.arm.control_server import CommandHandler, serve
 from ikservo.arm.recorder import RecordSettings, read_recording
 from ikservo.control.stopping import hold_servos
@@ -129,9 +129,9 @@ def test_a_stop_that_meets_a_reader_of_the_servos_holds_them_and_reports_no_moti
 def test_a_program_that_does_not_answer_keeps_no_other_from_stopping(arm, tmp_path, monkeypatch):
     goes_on = threading.Event()
     silent = serve(str(tmp_path / "ttyACM1"), lambda _: {"waited": goes_on.wait(60)})
-    monkeypatch.setattr(remote, "BRAKE_TIMEOUT_S", -1.0)
+    monkeypatch.setattr(control_client, "BRAKE_TIMEOUT_S", -1.0)
     try:
-        found = remote.stop_all_arms()
+        found = control_client.stop_own_programs()
     finally:
         goes_on.set()
         silent.close()
@@ -163,7 +163,7 @@ def test_relaxing_lowers_the_arm_and_lets_go_for_good(arm):
 
 
 def test_every_arm_is_stopped_where_none_is_named(arm):
-    (stopped,) = remote.stop_all_arms().stopped
+    (stopped,) = control_client.stop_own_programs().stopped
     assert stopped.arm == "so101"
 
 
@@ -171,7 +171,7 @@ def test_without_a_process_on_the_port_no_request_is_sent(device):
     model = ikservo.load_model("so101")
     assert remote.query_state(model, None) is None
     assert remote.request_relax(model, None) is None
-    assert remote.stop_all_arms() == remote.StopAllResult()
+    assert control_client.stop_own_programs() == control_client.StopAllResult()
 
 
 @pytest.mark.parametrize("answer", [{}, {"tip_m": [0, 0, 0], "joints": [{"name": "a"}]},
@@ -249,7 +249,7 @@ def test_a_resting_arm_that_holds_a_payload_does_not_sink_when_it_is_stopped():
 def test_a_program_that_has_just_opened_the_port_is_waited_for(arm, device, monkeypatch):
     answers = iter([None, None, {"arm": "so101", "port": device, "moving": True,
                                  "held": ["gripper"], "limp": [], "silent": []}])  # fmt: skip
-    monkeypatch.setattr(remote, "send_command", lambda *_: next(answers))
+    monkeypatch.setattr(control_client, "send_command", lambda *_: next(answers))
 
     def busy(*_):
         raise PortBusyError(device)
@@ -259,7 +259,7 @@ def test_a_program_that_has_just_opened_the_port_is_waited_for(arm, device, monk
 
 
 def test_a_program_that_never_listens_is_waited_for_three_seconds(arm, device, monkeypatch):
-    monkeypatch.setattr(remote, "send_command", lambda *_: None)
+    monkeypatch.setattr(control_client, "send_command", lambda *_: None)
 
     def busy(*_):
         raise PortBusyError(device)

@@ -10,7 +10,7 @@ import pytest
 
 import ikservo
 from ikservo.arm import JointState
-from ikservo.arm.remote import StopResult
+from ikservo.arm.control_client import StopResult
 from ikservo.calibration.servo_config import RegisterMismatch
 from ikservo.maintenance.findings import Finding
 from ikservo.network.fleet import FleetArm

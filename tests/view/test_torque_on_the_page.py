@@ -3,7 +3,8 @@
 import pytest
 
 from ikservo.arm import open_arm
-from ikservo.arm.control_server import Command, CommandHandler, Request
+from ikservo.arm.control_client import Command, Request
+from ikservo.arm.control_server import CommandHandler
 from ikservo.view import messages as page_messages
 from tests.arm.simulated import line_of, servo_id
 from tests.view.view_session import ViewSession

@@ -1,0 +1,129 @@
+"""``ikservo stop`` without the modules of the other commands, which take longer than a brake.
+
+Nothing here imports typer, NumPy, pydantic or pyserial where a program of the user answers.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+
+from ikservo.arm.control_client import StopAllResult, StopResult, request_stop, stop_own_programs
+from ikservo.cli.terminal import format_port, print_json, print_lines, print_status
+from ikservo.errors import ExitCode, IkservoError, InputError
+from ikservo.network.address import listens, parse_host
+
+__all__ = ["quick_stop", "report_stop", "stop_every_arm"]
+
+_VALUES, _FLAGS = ("--arm", "--port"), ("--all", "--json")
+_ARM_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
+
+
+def quick_stop(args: Sequence[str]) -> int | None:
+    """Stop what a program of this user has open.
+
+    Args:
+        args: The command line after ``ikservo stop``.
+
+    Returns:
+        The exit code; None where only the whole command can do it or say why not: no program has
+        the port of the arm open, or an argument is unknown.
+
+    Raises:
+        IkservoError: That program cannot stop, or none has an arm open.
+    """
+    options = _read_options(args)
+    if options is None:
+        return None
+    arm = options.get("--arm") or os.environ.get("IKSERVO_ARM", "")
+    port = options.get("--port") or os.environ.get("IKSERVO_PORT", "")
+    if "--all" in options or not (arm or port):
+        return report_stop(stop_every_arm(), as_json="--json" in options)
+    is_local = port and ":" not in port and port != "sim"
+    stopped = request_stop(port, arm) if is_local and _ARM_NAME.fullmatch(arm) else None
+    if stopped is None:
+        return None
+    return report_stop(StopAllResult((stopped,)), as_json="--json" in options)
+
+
+def stop_every_arm() -> StopAllResult:
+    """Stop every arm whose port a program of this user has open, and those on other machines.
+
+    Those are the arm at the address in ``IKSERVO_PORT`` and the arms of listed machines.
+
+    Raises:
+        InputError: There is none.
+    """
+    with ThreadPoolExecutor(1) as pool:  # one without a reply must not delay the others
+        own = pool.submit(stop_own_programs)
+        found = [_stop_others()] if _others_may_be_open() else []
+        found.insert(0, own.result())
+    if not found[0].stopped and len(found) == 1:
+        found.append(_stop_others())
+    joined = StopAllResult.joined(found)
+    if not (joined.stopped or joined.errors):
+        raise InputError(
+            "No program of yours has an arm open, and none is served on this machine.",
+            "To stop the servos of one directly: ikservo stop --arm NAME",
+        )
+    return joined
+
+
+def report_stop(found: StopAllResult, *, as_json: bool) -> int:
+    """Print which arms were stopped and which were not, and return the exit code."""
+    if as_json:
+        print_json("stop", arms=found.stopped, errors=[_error_fields(e) for e in found.errors])
+    else:
+        print_lines((line for one in found.stopped for line in _stop_lines(one)), indent=12)
+        for error in found.errors:
+            print_status(f"Not confirmed to be stopped: {error.command_message}")
+            print_status(error.command_hint)
+    for error in found.errors:
+        return error.exit_code
+    return ExitCode.SILENT if any(one.silent for one in found.stopped) else ExitCode.DONE
+
+
+def _read_options(args: Sequence[str]) -> Mapping[str, str] | None:
+    """Return the options of a command line; None where the whole command has to read it."""
+    options, rest = dict[str, str](), list(args)
+    while rest:
+        name, equals, value = rest.pop(0).partition("=")
+        if name in _FLAGS and not equals:
+            options[name] = ""
+        elif name in _VALUES and (equals or rest):
+            options[name] = value if equals else rest.pop(0)
+        else:
+            return None
+    return options
+
+
+def _others_may_be_open() -> bool:
+    """Return whether a machine is listed, or an arm served here, perhaps by another user."""
+    listed = os.environ.get("IKSERVO_FLEET") or ":" in os.environ.get("IKSERVO_PORT", "")
+    return bool(listed) or listens(parse_host("127.0.0.1"))
+
+
+def _stop_others() -> StopAllResult:
+    from ikservo.arm.remote import stop_remote_arms  # noqa: PLC0415  # NumPy, pydantic, Zenoh
+
+    return stop_remote_arms()
+
+
+def _error_fields(error: IkservoError) -> dict[str, object]:
+    return {
+        "error": error.command_message,
+        "hint": error.command_hint,
+        "exit_code": int(error.exit_code),
+    }
+
+
+def _stop_lines(one: StopResult) -> Iterator[str]:
+    was = "was moving; stopped" if one.moving else "was not moving"
+    was += "; moves again once that is acknowledged" if one.latched else ""
+    yield f"{one.arm} on {format_port(one.port)} {was}"
+    rows = {"torque on": one.held, "torque off": one.limp, "no answer": one.silent}
+    for label, names in rows.items():
+        if names:
+            yield f"{label:10}  {', '.join(names)}"
