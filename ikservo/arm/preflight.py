@@ -204,7 +204,10 @@ class PreflightPlanner:
         Raises:
             CalibrationError: The arm is not calibrated.
             RefusedError: No part of it is free.
+            ServoAlarmError: A servo reports what would end the motion at once.
         """
+        with self._servos.tolerate_heat():
+            self._servos.check_health()
         try:
             return self.plan_rest()
         except RefusedError:

@@ -134,14 +134,14 @@ def announce_lowering(machine: Arm, *, yes: bool) -> None:
     except IkservoError as error:
         if machine.stop_reason is not None:
             raise
-        print_status(f"It cannot be lowered: {error.message}")
-        print_status("Torque is switched off where it stands. Support the arm.")
-        confirm_motion(machine, yes=yes)
+        print_status(f"The arm cannot be lowered: {error.command_message}")
+        print_status("Torque will be switched off where it stands: support it.")
+        confirm_motion(machine, yes=yes, question="Switch torque off?")
         return
     announce(plan, machine, yes=yes)
 
 
-def confirm_motion(machine: Arm, *, yes: bool) -> None:
+def confirm_motion(machine: Arm, *, yes: bool, question: str = "Move?") -> None:
     """Ask the user to confirm an announced motion; a simulated arm needs no confirmation.
 
     Raises:
@@ -154,7 +154,7 @@ def confirm_motion(machine: Arm, *, yes: bool) -> None:
         raise InputError(
             "Cannot ask: input is not a terminal.", "To move without being asked, add --yes."
         )
-    if not confirm("Move?"):
+    if not confirm(question):
         raise IkservoError("Cancelled; nothing moved.")
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
@@ -20,6 +21,7 @@ __all__ = [
     "Feedback",
     "JointState",
     "load_percent",
+    "read_alarm_names",
     "read_joint_states",
     "read_register",
     "read_registers",
@@ -248,11 +250,20 @@ def read_joint_states(
                 _state_value(bus, fence, rows, RegisterName.PRESENT_LOAD),
             ),
             torque=rows[fence.servo_id][RegisterName.TORQUE_ENABLE] != 0,
-            alarms=tuple(sorted(str(alarm) for alarm in bus.alarms.get(fence.servo_id, ()))),
+            alarms=read_alarm_names(bus, fence.servo_id),
             current_a=_current_a(bus.servos[fence.servo_id], rows[fence.servo_id]),
         )
         for fence in fences
     )
+
+
+def read_alarm_names(bus: ServoBus, servo_id: int) -> tuple[str, ...]:
+    """Return a servo's alarms; they are read where its replies only flag that it has some."""
+    if not bus.alarms.get(servo_id):
+        return ()
+    with contextlib.suppress(BusError):
+        bus.read_alarms(servo_id)
+    return tuple(sorted(str(alarm) for alarm in bus.alarms[servo_id]))
 
 
 def _available_registers(bus: ServoBus, servo_id: int) -> list[Register | RegisterName]:

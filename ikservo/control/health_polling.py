@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -10,11 +9,11 @@ from dataclasses import replace
 from ikservo.control.feedback import (
     JointState,
     load_percent,
+    read_alarm_names,
     read_register,
     read_registers,
 )
 from ikservo.control.servo_limits import ServoRamLimits
-from ikservo.errors import BusError
 from ikservo.guard import HealthMonitor, ServoTelemetry
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.read_plan import contiguous_runs
@@ -167,16 +166,8 @@ class HealthPoller:
             ),
             torque=known[servo.table.torque_enable] == 1,
             settings_intact=all(known.get(register) == raw for register, raw in expected.items()),
-            alarms=self._read_alarms(servo_id),
+            alarms=frozenset(read_alarm_names(self._bus, servo_id)),
         )
-
-    def _read_alarms(self, servo_id: int) -> frozenset[str]:
-        """Return a servo's alarms; they are read where its replies only flag that it has some."""
-        if not self._bus.alarms.get(servo_id):
-            return frozenset()
-        with contextlib.suppress(BusError):
-            self._bus.read_alarms(servo_id)
-        return frozenset(str(alarm) for alarm in self._bus.alarms[servo_id])
 
     def _telemetry_registers(self, servo_id: int) -> list[Register]:
         table = self._bus.servos[servo_id].table

@@ -25,7 +25,14 @@ from ikservo.control.servo_gains import raise_gains, read_gain_shares
 from ikservo.control.servo_limits import limit_torque
 from ikservo.control.stopping import StopOutcome, hold_servos
 from ikservo.control.streamed_servos import StreamedServos
-from ikservo.guard import CommandLimits, HealthLimits, HealthMonitor, StopKind, StopReason
+from ikservo.guard import (
+    CommandLimits,
+    HealthLimits,
+    HealthMonitor,
+    ServoTelemetry,
+    StopKind,
+    StopReason,
+)
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.servo import LinkStatistics
 from ikservo.hardware.torque import (
@@ -249,6 +256,28 @@ class ServoGroup(StreamedServos):
     def read_states(self) -> tuple[JointState, ...]:
         """Read every joint's position, limits, temperature, voltage, load and torque."""
         return read_joint_states(self._bus, self.fences, self._feedback.measure_ticks())
+
+    def check_health(self) -> None:
+        """Raise where a motion that starts now would end at once by what the servos report.
+
+        Raises:
+            ServoAlarmError: A servo reports an alarm, is too hot, or its supply is out of range.
+        """
+        names, now_s = {fence.servo_id: fence.joint for fence in self.fences}, self.clock.now_s()
+        monitor = HealthMonitor(self._health, read_supply_ranges(self._bus, names))
+        for state in self.read_states():
+            monitor.update(
+                ServoTelemetry(
+                    state.name,
+                    now_s,
+                    state.temperature_c,
+                    state.voltage_v,
+                    state.load_percent,
+                    torque=True,  # it will be on
+                    settings_intact=True,
+                    alarms=frozenset(state.alarms),
+                )
+            )
 
     def _catch_falling_joints(self, start: dict[str, int]) -> None:
         """Wait until all joints are near their goals; where one fell past, it holds there."""

@@ -3,6 +3,7 @@
 import pytest
 
 from tests.cli.fixtures_mounted_arm import PORT, connect_arm, write_calibration
+from tests.cli.test_recover import overload
 
 NAME = "planar2"
 REAL = f"--arm {NAME} --port {PORT}"
@@ -82,3 +83,16 @@ def test_a_stiff_arm_is_relaxed_first_where_the_person_says_so(run_cli, arm, mon
     monkeypatch.setattr("ikservo.arm.Arm.relax", lambda machine: relaxed.append(machine.model))
     assert run_cli(f"record wave.jsonl --duration 100ms {REAL}").code == 0
     assert len(relaxed) == 1
+
+
+@pytest.mark.parametrize("name", ["so101", "koch"])
+def test_relax_says_before_it_asks_that_an_overload_prevents_lowering(run_cli, monkeypatch, name):
+    arm = connect_arm(monkeypatch, name, spoiled=False)
+    write_calibration(arm)
+    overload(arm.line.servos[2])
+    result = run_cli(f"relax --arm {name} --port {PORT}")
+    assert result.code == 2
+    first, second, question = result.err.splitlines()[-4:-1]
+    assert first.startswith("The arm cannot be lowered: shoulder_lift reports an alarm: overload")
+    assert second == "Torque will be switched off where it stands: support it."
+    assert "input is not a terminal" in question

@@ -12,12 +12,12 @@ def overloaded(*numbers, torque=1):
         for servo in line.world.servos:
             servo.write("torque_enable", torque)
         for number in numbers:
-            _overload(line.servos[number])
+            overload(line.servos[number])
 
     return change
 
 
-def _overload(servo):
+def overload(servo):
     """Latch an overload as the firmware does: a Feetech limits, a Dynamixel lets go."""
     if servo.table.by_name.get("hardware_error_status"):
         servo.inject_alarm(OVERLOAD)
