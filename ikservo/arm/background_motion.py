@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import atexit
 import logging
+import os
 import threading
 import weakref
 from collections.abc import Callable, Generator
@@ -13,10 +14,10 @@ from typing import Generic, Protocol, TypeVar, cast
 
 from ikservo.arm.arguments import parse_number
 from ikservo.control.stopping import StopRequest, stop_on_signals
-from ikservo.errors import IkservoError, NotSettledError, RefusedError, StoppedError
+from ikservo.errors import BadValueError, IkservoError, NotSettledError, RefusedError, StoppedError
 from ikservo.guard import StopKind, StopReason
 
-__all__ = ["CANCELLED", "Background", "Motion", "Stoppable"]
+__all__ = ["CANCELLED", "Background", "Motion", "Stoppable", "check_not_forked"]
 
 
 CANCELLED = StopReason(StopKind.CANCELLED, "Cancelled by the program; torque stays on.")
@@ -214,6 +215,7 @@ class Background:
         # logged when the handle is dropped, not when the arm is.
         self._motions: weakref.WeakSet[Motion[object]] = weakref.WeakSet()
         self._stream: Motion[object] | None = None
+        self._process_id = os.getpid()
 
     def run(self, work: Callable[[], T], *, wait: bool) -> T | Motion[T]:
         """Run a motion after the ones before it.
@@ -223,8 +225,12 @@ class Background:
             wait: Whether it runs in this thread; else in the background.
 
         Raises:
-            RefusedError: A stream of setpoints is open.
+            BadValueError: ``wait`` is no truth value.
+            RefusedError: A stream of setpoints is open, or this process is a fork of the one that
+                opened the arm.
         """
+        if not isinstance(cast("object", wait), bool):
+            raise BadValueError("wait", repr(wait), "True or False")
         self._check_no_stream()
         if not wait:
             return self._start_thread(work)
@@ -258,6 +264,8 @@ class Background:
 
     def close(self) -> None:
         """Cancel what still runs or waits, and return once it is over."""
+        if os.getpid() != self._process_id:  # the threads run in the parent only
+            return
         motions = list(self._motions)
         for motion in motions:
             motion.cancel()
@@ -279,10 +287,28 @@ class Background:
         return motion
 
     def _check_no_stream(self) -> None:
+        check_not_forked(self._process_id)
         if self._stream is not None and not self._stream.done:
             raise RefusedError(
                 "A stream of setpoints is open.", "Leave its block first, or send goals through it."
             )
+
+
+def check_not_forked(process_id: int) -> None:
+    """Raise in a forked child: the locks that its parent's threads held are never released there.
+
+    Args:
+        process_id: The process that opened the arm.
+
+    Raises:
+        RefusedError: This is another one.
+    """
+    if os.getpid() != process_id:
+        raise RefusedError(
+            f"The arm was opened by process {process_id}; a fork of it cannot use the arm.",
+            "Open the arm in the process that moves it, or start processes with "
+            'multiprocessing.get_context("spawn").',
+        )
 
 
 def _cancel_all() -> None:
@@ -295,3 +321,5 @@ def _cancel_all() -> None:
 
 
 atexit.register(_cancel_all)
+if hasattr(os, "register_at_fork"):  # not on Windows, which has no fork
+    os.register_at_fork(after_in_child=_running_motions.clear)

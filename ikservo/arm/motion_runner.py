@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import replace
@@ -11,6 +12,7 @@ from threading import RLock, current_thread, main_thread
 import numpy as np
 
 from ikservo.arm.arguments import parse_number
+from ikservo.arm.background_motion import check_not_forked
 from ikservo.arm.context import ArmContext
 from ikservo.arm.reports import ArmState
 from ikservo.control.feedback import JointState
@@ -74,6 +76,7 @@ class MotionRunner:
         self._context = context
         self._servos = context.servos
         self._lock = RLock()
+        self._process_id = os.getpid()
         self._closed = False
         self._states: tuple[JointState, ...] = ()
         self.loop = ControlLoop(context.servos)
@@ -82,7 +85,8 @@ class MotionRunner:
 
     @property
     def lock(self) -> RLock:
-        """The lock that a motion holds."""
+        """The lock that a motion holds; RefusedError in a fork of the process that has the arm."""
+        check_not_forked(self._process_id)
         return self._lock
 
     @property
@@ -125,14 +129,14 @@ class MotionRunner:
 
         While another thread moves the arm, they are those of its last control cycle.
         """
-        while not self._lock.acquire(timeout=_POLL_PERIOD_S):
+        while not self.lock.acquire(timeout=_POLL_PERIOD_S):
             moving = self._servos.torque.is_moving
             if moving and self._states and self.loop.last_cycle is not None:
                 return self.last_state()
         try:
             return self._make_arm_state(self._servos.read_states())
         finally:
-            self._lock.release()
+            self.lock.release()
 
     def last_state(self) -> ArmState:
         """Return the state of the last control cycle; reads no servo and is safe in any thread.
@@ -153,7 +157,7 @@ class MotionRunner:
         Raises:
             RefusedError: A motion is running.
         """
-        with self._lock:
+        with self.lock:
             self._servos.torque.check_idle()
             self._servos.stop_request.check_request()
             self._servos.enable(self._context.model.speed("slow").rad_s)
@@ -177,7 +181,7 @@ class MotionRunner:
             RefusedError: A motion is running, or a stop was not acknowledged.
             UnknownNameError: No such joint.
         """
-        with self._lock:
+        with self.lock:
             self._servos.torque.check_idle()
             self._context.index.column(joint)
             if on:
@@ -194,6 +198,7 @@ class MotionRunner:
 
     def request_stop(self, reason: StopReason) -> None:
         """Brake the running motion and hold; safe from signals and other threads."""
+        check_not_forked(self._process_id)
         self.loop.request_stop(reason)
 
     def acknowledge(self) -> None:
@@ -214,7 +219,7 @@ class MotionRunner:
         if not 0.0 <= within_s < math.inf:
             raise BadValueError("The wait", within_s, "seconds")
         self.check_open()
-        with self._lock:
+        with self.lock:
             self._servos.torque.check_idle()
             adapter = "" if is_simulated(self.port_name) else self._context.serial_number
             self._servos.reconnect(adapter, within_s)
@@ -231,6 +236,8 @@ class MotionRunner:
     def close(self, relax: Callable[[], object] | None, close_server: Callable[[], None]) -> None:
         """Close the port; another thread's motion ends with ``StoppedError`` first.
 
+        A fork of the process that opened it has no port to close, and relaxes nothing.
+
         Args:
             relax: Lowers the arm before that; None leaves torque as it is.
             close_server: Ends what serves other processes.
@@ -238,8 +245,11 @@ class MotionRunner:
         Raises:
             RefusedError: The arm shall be relaxed, and a callback of its motion closes it.
         """
+        if os.getpid() != self._process_id:
+            self._closed = True
+            return
         if relax:
-            with self._lock:
+            with self.lock:
                 self._servos.torque.check_idle()
         try:
             if relax:
@@ -249,7 +259,7 @@ class MotionRunner:
             with self._after_motion(*_CLOSED):
                 pass
             close_server()
-            with self._lock:  # not while another process relaxes the arm
+            with self.lock:  # not while another process relaxes the arm
                 self._context.port.close()
 
     @contextmanager
@@ -260,7 +270,7 @@ class MotionRunner:
             RefusedError: Another motion is running, or a stop was not acknowledged.
             StoppedError: The arm was stopped after the motion was requested.
         """
-        with self.requested(), self._lock:
+        with self.requested(), self.lock:
             torque = self._servos.torque
             torque.check_idle()
             self._servos.stop_request.check_request()
@@ -366,7 +376,7 @@ class MotionRunner:
         servos = self._servos
         if servos.torque.is_moving:
             servos.stop_request.set_without_braking(reason, hint)
-        locked = self._lock.acquire(timeout=_STOP_TIMEOUT_S)
+        locked = self.lock.acquire(timeout=_STOP_TIMEOUT_S)
         try:
             if servos.torque.is_moving:
                 servos.hold(reason)

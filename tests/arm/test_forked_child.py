@@ -1,0 +1,59 @@
+"""A fork of the process that opened an arm cannot use it: it is told so at once."""
+
+import os
+import threading
+
+import pytest
+
+import ikservo
+from ikservo.errors import BadValueError
+from tests.arm.simulated import motion_runner
+from tests.hardware.test_forked_children import in_fork
+
+
+@pytest.fixture
+def arm():
+    with ikservo.open_arm("so101", port="sim") as arm:
+        yield arm
+
+
+USES = {
+    "move": lambda arm: arm.move_joints({"gripper": 0.3}),
+    "queue": lambda arm: arm.move_joints({"gripper": 0.3}, wait=False),
+    "jog": lambda arm: arm.jog("gripper", wanted=lambda: True),
+    "measure": lambda arm: arm.where(),
+    "stop": lambda arm: arm.stop(),
+    "release": lambda arm: arm.disable_torque(),
+    "relax": lambda arm: arm.relax(),
+}
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
+@pytest.mark.parametrize("use", USES)
+def test_a_forked_child_is_refused_while_a_thread_of_its_parent_moves_the_arm(arm, use):
+    held, done = threading.Event(), threading.Event()
+
+    def hold_lock():
+        with motion_runner(arm).lock:
+            held.set()
+            done.wait(60)
+
+    def use_arm():
+        try:
+            return USES[use](arm)
+        except Exception as error:
+            return str(error)
+
+    threading.Thread(target=hold_lock).start()
+    assert held.wait(60)
+    try:
+        answer = in_fork(use_arm)
+    finally:
+        done.set()
+    assert f"opened by process {os.getpid()}; a fork of it cannot use the arm" in answer
+
+
+@pytest.mark.parametrize("wait", [None, 0, 1, "no", 2.0])
+def test_wait_is_a_truth_value_and_nothing_else(arm, wait):
+    with pytest.raises(BadValueError, match="wait"):
+        arm.move_joints({"gripper": 0.3}, wait=wait)
