@@ -110,7 +110,7 @@ class IkservoError(Exception):
 
     Attributes:
         command_message: What happened, in terms of the command line, one line.
-        command_hint: What to do now, likewise, or empty.
+        command_hint: What to do now, in terms of the command line; may be empty.
         exit_code: The exit code of the command line.
     """
 
@@ -410,13 +410,14 @@ class CollisionError(RefusedError):
 
     Attributes:
         pair: A link, and another link or the name of a thing.
+        contact: What would touch what, without the place on the path.
     """
 
     def __init__(self, pair: tuple[str, str], depth_m: float, fraction: float) -> None:
         self.pair = pair
+        self.contact = f"{pair[0]} would touch {pair[1]}"
         super().__init__(
-            f"Collision {pair[0]}-{pair[1]}, {depth_m * 1e3:.1f} mm, "
-            f"at {fraction * 100:.0f} % of the path.",
+            f"{self.contact}: {depth_m * 1e3:.1f} mm deep, at {fraction * 100:.0f} % of the path.",
             "Use --via, correct the obstacles in the arm file, or --no-collision if you can see "
             "that the path is clear.",
         )

@@ -87,7 +87,7 @@ class Logs:
         supply_v: Median voltage of each log.
         position_rad: Measured, shape (logs, rows); 0 hangs down.
         goal_rad: As the servo received it, shape (logs, rows * SUBSTEPS).
-        torque_on: Likewise, 1 or 0.
+        torque_on: Whether torque was on, 1 or 0, shape (logs, rows * SUBSTEPS).
     """
 
     name: NDArray[np.str_]

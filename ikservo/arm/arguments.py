@@ -44,10 +44,10 @@ def parse_all_positions(positions: object, names: Sequence[str]) -> dict[str, fl
 
 
 def check_callable(what: str, value: object) -> None:
-    """Refuse what cannot be called, before anything moves; None is no callback.
+    """Refuse what is neither None nor callable, before anything moves.
 
     Raises:
-        BadValueError: It cannot be called.
+        BadValueError: It is not callable.
     """
     if value is not None and not callable(value):
         raise BadValueError(what, repr(value), "a function, or None")

@@ -83,7 +83,8 @@ class Arm:
         poses: The poses of its arm file, and the taught ones.
         joint_index: Which column of vectors of all joints (n,) is which.
         preflight: Plans its motions, and checks them; for functions of this package.
-        background: Runs those that the program does not wait for, likewise.
+        background: Runs the motions that the program does not wait for; for functions of this
+            package.
 
     Raises:
         CalibrationError: By every motion where the arm is not calibrated, small steps of single
@@ -137,12 +138,12 @@ class Arm:
 
     @property
     def context(self) -> ArmContext:
-        """Return what the arm is made of, for functions of this package."""
+        """The parts of the arm; for functions of this package."""
         return self._context
 
     @property
     def runner(self) -> MotionRunner:
-        """Return what runs its motions, likewise."""
+        """The motion runner; for functions of this package."""
         return self._runner
 
     @property

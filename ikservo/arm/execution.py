@@ -294,7 +294,7 @@ def _make_released_report(
         error_rad=_max_error(measured, rest),
         duration_s=0.0,
         reached=False,
-        binding=(f"not lowered, torque is off: {error.message}",),
+        binding=(f"The arm was not lowered: {error.message} Torque is off.",),
     )
 
 

@@ -46,7 +46,7 @@ class GripperMotion:
         goal: Its goal, rad or m.
 
     Attributes:
-        speed: Likewise.
+        speed: slow, normal or fast.
         blocked: Whether something keeps the joint from going on.
     """
 

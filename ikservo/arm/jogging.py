@@ -14,7 +14,7 @@ from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.context import ArmContext
 from ikservo.arm.target_tracking import TargetTracker
 from ikservo.control.loop import ControlCycle
-from ikservo.errors import BadValueError, RefusedError, UnknownNameError
+from ikservo.errors import BadValueError, CollisionError, RefusedError, UnknownNameError
 from ikservo.guard import DeadManSwitch
 from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.motion import KinematicLimits, OnlineTrajectory
@@ -29,7 +29,7 @@ JOG_DIRECTIONS = {
 """Directions in which the tip can be jogged, base frame."""
 
 KeepGoing = Callable[[], bool | None]
-"""Polled in every cycle: True continues, False ends the jog, None is no news."""
+"""Polled in every cycle: True continues, False ends the jog, None decides nothing."""
 
 NO_LONGER_REQUESTED = "no longer requested"
 """Why a jog ended that its caller ended."""
@@ -48,6 +48,7 @@ class JogResult:
 
     Attributes:
         ended: Why: no longer requested, a limit, or the message of the guard.
+        blocked: Whether it cannot go on in this direction: a limit or the guard ended it.
         measured_rad: The joints in the end, rad or m by name.
         measured_tip_m: The tip there (3,), metres.
         duration_s: How long it took.
@@ -57,6 +58,7 @@ class JogResult:
     measured_rad: dict[str, float]
     measured_tip_m: Vector
     duration_s: float
+    blocked: bool = False
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -115,12 +117,16 @@ class _JogController:
         self._dead_man = DeadManSwitch()
         self._trajectory: OnlineTrajectory | None = None
         self.ended = ""
+        self.blocked = False
 
     def on_cycle(self, cycle: ControlCycle) -> None:
         trajectory = self._trajectory
         if trajectory is None or math.isfinite(trajectory.duration_s):
             return
-        self.ended = self._end_reason(cycle.time_s) or self._retarget(trajectory, cycle.time_s)
+        self.ended = self._end_reason(cycle.time_s)
+        if not self.ended:
+            self.ended = self._retarget(trajectory, cycle.time_s)
+            self.blocked = bool(self.ended)
         if self.ended:
             trajectory.stop(cycle.time_s)
 
@@ -147,6 +153,8 @@ class _JogController:
             times_s = (time_s, time_s + self._braking_s)
             start, end = (trajectory.state(at_s).position for at_s in times_s)
             self._context.check_straight_path(start, end)
+        except CollisionError as error:  # its place on the braking distance tells nothing
+            return f"{error.contact}."
         except RefusedError as error:
             return error.message
         return ""
@@ -160,8 +168,8 @@ def jog(arm: ArmParts, what: str, speed: float | None = None, *, wanted: KeepGoi
         what: A joint, or x, y, z, -x, -y, -z, up, down in the arm's base frame.
         speed: rad/s of a joint (m/s of a slide) or m/s of the tip; negative the other way. The
             arm file's slow speed, or 0.05 m/s, if None.
-        wanted: Called in every control cycle: True goes on, False brakes and holds, None is no
-            news; after 0.3 s without news the arm brakes and holds, too.
+        wanted: Called in every control cycle: True goes on, False brakes and holds, None
+            decides nothing; after 0.3 s of None the arm brakes and holds, too.
 
     Returns:
         Where it ended, and why: no longer requested, a limit, or the guard.
@@ -194,6 +202,7 @@ def jog(arm: ArmParts, what: str, speed: float | None = None, *, wanted: KeepGoi
         measured_rad=context.index.by_name(measured),
         measured_tip_m=context.planner.tip(measured),
         duration_s=context.now_s() - started_s,
+        blocked=controller.blocked,
     )
 
 

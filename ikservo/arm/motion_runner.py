@@ -302,7 +302,7 @@ class MotionRunner:
             on_cycle: Called in every control cycle.
             speed: slow, normal or fast.
             profile_rad_s: See ``ControlLoop.run``.
-            compensated: Likewise; else it is made from the servos' goals.
+            compensated: See ``ControlLoop.run``; if not, it is made from the servos' goals.
 
         Returns:
             The measured joints (n,) of the last control cycle, rad or m.

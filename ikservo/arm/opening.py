@@ -258,7 +258,7 @@ def _make_compensator(
     fences: Sequence[CommandLimits],
     serial_number: str,
 ) -> GoalCompensator:
-    """Return what corrects goals: by masses only where the posture is known, identified ones first.
+    """Return the compensator of goals: by masses only where the posture is known, identified first.
 
     Raises:
         FileFormatError: The arm's identification is malformed.

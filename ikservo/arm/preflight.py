@@ -322,7 +322,7 @@ class PreflightPlanner:
 def _arc_from(
     via_m: ArrayLike | None, end_m: ArrayLike | None, tip: MotionSettings
 ) -> Callable[[Vector], ArcPath]:
-    """Return what makes the requested arc from where the tip is (3,) [m].
+    """Return a function that makes the requested arc from the present tip (3,) [m].
 
     Raises:
         BadValueError: Neither a via point with an end nor a centre is given, or both.

@@ -60,7 +60,7 @@ class RecordingHeader:
     Attributes:
         arm: The arm's name; empty where another program made the recording.
         joints: A name a column.
-        units: ``rad`` or ``m``, likewise; ``rad_or_m`` where another program made it.
+        units: ``rad`` or ``m``, a unit a column; ``rad_or_m`` where another program made it.
         period_s: The nominal time between two samples.
     """
 

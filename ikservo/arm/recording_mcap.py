@@ -356,7 +356,7 @@ class _JointStateReader:
                 pass
 
     def recording(self) -> Recording:
-        """Return what was collected.
+        """Return the collected recording.
 
         Raises:
             FileFormatError: There is nothing.

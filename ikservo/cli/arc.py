@@ -39,7 +39,7 @@ from ikservo.errors import ExitCode
 __all__ = ["command"]
 
 OptionalLength = Annotated[
-    float | None, typer.Argument(parser=parse_length_m, help="Where it ends: metres, or 120mm.")
+    float | None, typer.Argument(parser=parse_length_m, help="End point: metres, or 120mm.")
 ]
 Via = Annotated[
     str | None, typer.Option("--via", metavar="X,Y,Z", help="A point that the arc passes.")
@@ -50,7 +50,7 @@ FullCircle = Annotated[
 ]
 Center = Annotated[
     str | None,
-    typer.Option("--center", metavar="X,Y,Z", help="Go about this point, without X Y Z."),
+    typer.Option("--center", metavar="X,Y,Z", help="Centre of the arc, instead of X Y Z."),
 ]
 Normal = Annotated[
     str,
@@ -66,7 +66,7 @@ Angle = Annotated[
         "--angle",
         parser=parse_angle_rad,
         metavar="DEG",
-        help="With --center: how far, by default all around; negative for clockwise.",
+        help="With --center: angle of the arc, default 360; negative is clockwise.",
     ),
 ]
 

@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import ArmOption, JsonOption, PortOption
+from ikservo.cli.options import ArmOption, JsonOption, ServoPortOption
 from ikservo.cli.terminal import print_json, print_status, print_table, progress_bar
 from ikservo.maintenance.bus_benchmark import CYCLES, BusTiming, benchmark_bus
 from ikservo.model import Model
@@ -30,7 +30,7 @@ def command(
     what: What,
     *,
     arm: ArmOption = None,
-    port: PortOption = None,
+    port: ServoPortOption = None,
     count: Count = CYCLES,
     json: JsonOption = False,
 ) -> None:

@@ -17,7 +17,7 @@ from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import (
     ArmArgument,
     JsonOption,
-    PortOption,
+    ServoPortOption,
     UncalibratedOption,
     YesOption,
     parse_length_m,
@@ -119,7 +119,7 @@ Wiggle = Annotated[
 def command(
     arm: ArmArgument = None,
     *,
-    port: PortOption = None,
+    port: ServoPortOption = None,
     pose: Pose = "rest",
     margin: Margin = 2.0,
     continuous: Continuous = None,

@@ -20,7 +20,13 @@ from ikservo.calibration.records import CalibratedJoint, Calibration
 from ikservo.calibration.transaction import resume, roll_back
 from ikservo.cli.calibrate_screen import confirm_start, disable_torque
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import ArmArgument, JsonOption, PortOption, YesOption, complete_actions
+from ikservo.cli.options import (
+    ArmArgument,
+    JsonOption,
+    ServoPortOption,
+    YesOption,
+    complete_actions,
+)
 from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
 from ikservo.errors import CalibrationError, ExitCode, IkservoError, InputError, UnknownNameError
 from ikservo.files.writing import BACKUP_SUFFIX
@@ -45,8 +51,9 @@ Action = Annotated[
     typer.Argument(
         metavar="show|diff|push|pull|adopt|restore|resume|revert",
         autocompletion=complete_actions,
-        help="Print it; compare; file into servos; servos into file; adopt the one of another "
-        "adapter; the previous one for a damaged one; complete or revert an interrupted write.",
+        help="show: print it. diff: compare. push: file into servos. pull: servos into file. "
+        "adopt: take that of another adapter. restore: take the previous file for a damaged one. "
+        "resume, revert: complete or undo an interrupted write.",
     ),
 ]
 Source = Annotated[
@@ -58,7 +65,7 @@ def command(
     action: Action,
     arm: ArmArgument = None,
     *,
-    port: PortOption = None,
+    port: ServoPortOption = None,
     source: Source = None,
     yes: YesOption = False,
     json: JsonOption = False,

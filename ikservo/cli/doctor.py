@@ -10,7 +10,7 @@ import typer
 
 from ikservo.arm.opening import open_bus
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import ArmOption, JsonOption, PortOption
+from ikservo.cli.options import ArmOption, JsonOption, ServoPortOption
 from ikservo.cli.terminal import print_json, print_lines, print_status, progress_bar
 from ikservo.errors import ExitCode
 from ikservo.maintenance.doctor import diagnose, udev_rules
@@ -29,7 +29,7 @@ WriteEeprom = Annotated[
 def command(
     *,
     arm: ArmOption = None,
-    port: PortOption = None,
+    port: ServoPortOption = None,
     rules: Rules = False,
     eeprom: WriteEeprom = False,
     json: JsonOption = False,

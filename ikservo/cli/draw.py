@@ -47,12 +47,12 @@ Origin = Annotated[
     typer.Option(
         "--origin",
         metavar="X,Y,Z",
-        help="Where the lower left corner of an SVG, or 0,0 of a CSV, comes; by default where the "
-        "tip is.",
+        help="Position of the drawing's lower left corner (SVG) or origin (CSV); default: the "
+        "current tip position.",
     ),
 ]
 Scale = Annotated[
-    float | None, typer.Option("--scale", help="How many times as large as in the file.")
+    float | None, typer.Option("--scale", help="Factor by which the file's lengths are multiplied.")
 ]
 Width = Annotated[
     float | None,
@@ -60,17 +60,21 @@ Width = Annotated[
         "--width",
         parser=parse_length_m,
         metavar="LENGTH",
-        help="How long its larger side shall be, instead of --scale.",
+        help="Length of the larger side, instead of --scale.",
     ),
 ]
 Rotate = Annotated[
     float | None,
     typer.Option(
-        "--rotate", parser=parse_angle_rad, metavar="DEG", help="Turn it about its origin."
+        "--rotate",
+        parser=parse_angle_rad,
+        metavar="DEG",
+        help="Angle by which the drawing is turned about its origin.",
     ),
 ]
 Unit = Annotated[
-    str | None, typer.Option("--unit", help="m or mm: of a CSV whose header names none; m.")
+    str | None,
+    typer.Option("--unit", help="Unit of a CSV whose header names none: m (default) or mm."),
 ]
 Lift = Annotated[
     float,
@@ -78,7 +82,7 @@ Lift = Annotated[
         "--lift",
         parser=parse_length_m,
         metavar="LENGTH",
-        help="How far the tip is lifted between strokes.",
+        help="Height by which the tip is lifted between strokes.",
     ),
 ]
 

@@ -14,7 +14,7 @@ from ikservo.calibration.lerobot import dump_lerobot, lerobot_joints, lost_in_le
 from ikservo.calibration.paths import calibration_path, calibrations_of
 from ikservo.cli.dataset import export_dataset
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import ArmOption, PortOption
+from ikservo.cli.options import ArmOption, ServoPortOption
 from ikservo.cli.terminal import print_status
 from ikservo.errors import CalibrationError, InputError, UnknownNameError
 from ikservo.files.writing import write_atomic
@@ -28,14 +28,20 @@ Kind = Annotated[
 ]
 Sources = Annotated[
     list[Path] | None,
-    typer.Argument(metavar="[RECORDING]...", help="One for csv, the episodes for dataset."),
+    typer.Argument(
+        metavar="[RECORDING]...", help="Recordings: one for csv, the episodes for dataset."
+    ),
 ]
 To = Annotated[
     Path | None,
     typer.Option("--to", metavar="FILE", help="Write a file, or the data set's folder."),
 ]
-Fps = Annotated[int | None, typer.Option("--fps", min=1, max=500, help="Of a data set.")]
-Task = Annotated[str, typer.Option("--task", metavar="TEXT", help="What its episodes show.")]
+Fps = Annotated[
+    int | None, typer.Option("--fps", min=1, max=500, help="Frames per second of a data set.")
+]
+Task = Annotated[
+    str, typer.Option("--task", metavar="TEXT", help="Description of the task in its episodes.")
+]
 
 
 def command(
@@ -43,7 +49,7 @@ def command(
     recordings: Sources = None,
     *,
     arm: ArmOption = None,
-    port: PortOption = None,
+    port: ServoPortOption = None,
     to: To = None,
     fps: Fps = None,
     task: Task = "",

@@ -29,7 +29,8 @@ Hosts = Annotated[
 ]
 Watch = Annotated[bool, typer.Option("--watch", help="Repeat until Ctrl-C.")]
 Period = Annotated[
-    float, typer.Option("--period", parser=parse_time_s, help="Between two readings: 500ms.")
+    float,
+    typer.Option("--period", parser=parse_time_s, help="Time between two readings, as in 500ms."),
 ]
 Count = Annotated[int | None, typer.Option("--count", min=1, help="End after so many readings.")]
 

@@ -40,7 +40,7 @@ Leader = Annotated[
 LeaderPort = Annotated[str | None, typer.Option("--leader-port", help="The leader's serial port.")]
 Duration = Annotated[
     float | None,
-    typer.Option("--duration", parser=parse_time_s, help="Duration; until Ctrl-C by default."),
+    typer.Option("--duration", parser=parse_time_s, help="Duration; default: until Ctrl-C."),
 ]
 
 

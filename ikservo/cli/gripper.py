@@ -37,7 +37,7 @@ Force = Annotated[
     float | None,
     typer.Option(
         "--force",
-        help="Share of the servo's torque: 0.05 (STS3215 of 7.4 V: 0.1) to 1; 0.3 if not.",
+        help="Share of the servo's torque: 0.05 (STS3215 of 7.4 V: 0.1) to 1; default 0.3.",
     ),
 ]
 

@@ -13,7 +13,7 @@ import typer
 from ikservo.arm import Arm
 from ikservo.calibration.identified_file import save_identified
 from ikservo.cli.direction_check import check_directions_once
-from ikservo.cli.options import ArmOption, JsonOption, NoWiggleOption, PortOption, YesOption
+from ikservo.cli.options import ArmOption, JsonOption, NoWiggleOption, ServoPortOption, YesOption
 from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import (
     format_port,
@@ -40,7 +40,7 @@ _KEYS = (*JOINT_PARAMETERS, "stiffness_nm_rad", "backlash_rad")
 def command(
     *,
     arm: ArmOption = None,
-    port: PortOption = None,
+    port: ServoPortOption = None,
     quick: Quick = False,
     dry_run: DryRun = False,
     no_wiggle: NoWiggleOption = False,

@@ -34,7 +34,7 @@ from ikservo.cli.calibrate_screen import (
 from ikservo.cli.calibration import import_recorded
 from ikservo.cli.dataset import DatasetOptions, import_dataset
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import ArmOption, JsonOption, PortOption, YesOption
+from ikservo.cli.options import ArmOption, JsonOption, ServoPortOption, YesOption
 from ikservo.cli.terminal import print_status
 from ikservo.errors import IkservoError, UnknownNameError
 from ikservo.maintenance.calibration_session import (
@@ -63,14 +63,17 @@ Source = Annotated[
     str,
     typer.Argument(metavar="ID|FILE|FOLDER", help="LeRobot's id of the arm, a file, a data set."),
 ]
-To = Annotated[Path, typer.Option("--to", metavar="FOLDER", help="Where recordings are written.")]
+To = Annotated[Path, typer.Option("--to", metavar="FOLDER", help="Folder for the recordings.")]
 What = Annotated[
-    str, typer.Option("--what", metavar="state|action", help="What was measured, or commanded.")
+    str,
+    typer.Option(
+        "--what", metavar="state|action", help="Import the measured or the commanded joints."
+    ),
 ]
 OtherCalibration = Annotated[
     str,
     typer.Option(
-        "--calibration", metavar="ID|FILE", help="LeRobot's calibration that the data are by."
+        "--calibration", metavar="ID|FILE", help="LeRobot's calibration of the recorded arm."
     ),
 ]
 Percent = Annotated[
@@ -83,7 +86,7 @@ def command(
     source: Source,
     *,
     arm: ArmOption = None,
-    port: PortOption = None,
+    port: ServoPortOption = None,
     pose: Pose = "rest",
     margin: Margin = 2.0,
     from_script: FromScript = None,

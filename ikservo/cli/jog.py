@@ -99,6 +99,16 @@ def command(
     if report.ended == NO_LONGER_REQUESTED:
         report = replace(report, ended="key released" if duration is None else "time is up")
     _print_jog_report(report, json=json)
+    if report.blocked:
+        print_status(f"Jog back with {_opposite(speed)}.")
+
+
+def _opposite(speed: str | None) -> str:
+    """Return the option for the other direction."""
+    if speed is None:
+        return "a negative --speed"
+    digits = speed.lstrip("-\N{MINUS SIGN}")  # see ``main``: negative numbers arrive with this sign
+    return f"--speed {digits if digits != speed else f'-{speed}'}"
 
 
 def _parse_speed(machine: Arm, what: str, speed: str | None) -> float | None:

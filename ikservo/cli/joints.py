@@ -133,5 +133,5 @@ def _report_lines(report: JointMoveResult, model: Model) -> list[str]:
         f"{'tip':{width}}  {format_point(report.measured_tip_m)}",
         f"{'duration':{width}}  {report.duration_s:.2f} s",
         f"{'reached':{width}}  {'yes' if report.reached else 'no'}",
-        *(f"{'binds':{width}}  {words}" for words in report.binding),
+        *(f"{'note':{width}}  {words}" for words in report.binding),
     ]

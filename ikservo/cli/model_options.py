@@ -44,7 +44,7 @@ PreferOption = Annotated[
     typer.Option(
         "--prefer",
         metavar="JOINT=POSITION",
-        help="Lean there where the target leaves freedom; also the name of a pose; repeatable.",
+        help="Preferred position where the target leaves freedom, or a pose's name; repeatable.",
     ),
 ]
 WeightOption = Annotated[
@@ -52,7 +52,7 @@ WeightOption = Annotated[
     typer.Option(
         "--weight",
         metavar="JOINT=NUMBER",
-        help="How strongly a preferred joint leans, 1 if not given, 0 not at all; repeatable.",
+        help="Weight of a preferred joint, default 1; 0 is none; repeatable.",
     ),
 ]
 

@@ -76,7 +76,7 @@ def print_move_report(report: MoveResult, *, json: bool) -> None:
             f"tool       {_format_orientation(report)}",
             f"duration   {report.duration_s:.2f} s",
             f"reached    {'yes' if report.reached else 'no'}",
-            *(f"binds      {text}" for text in report.binding),
+            *(f"note       {text}" for text in report.binding),
         ]
     )
 
@@ -120,7 +120,7 @@ def _plan_lines(plan: MotionPlan, change_rad: float) -> list[str]:
         f"path     {plan.path_m:.3f} m of the tip",
         f"speed    {plan.speed}",
         *([] if plan.tool_speed is None else [f"tip      {plan.tool_speed}"]),
-        *(f"binds    {words}" for words in _limiting_lines(plan)),
+        *(f"limit    {words}" for words in _limiting_lines(plan)),
         *(f"near     {_format_near_limit(near)}" for near in plan.near_limits),
         *([] if plan.target_m is None else [f"tool     {tool}"]),
     ]

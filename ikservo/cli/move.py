@@ -43,7 +43,7 @@ from ikservo.errors import ExitCode
 
 __all__ = ["command"]
 
-Line = Annotated[bool, typer.Option("--line", help="On a straight line of the tip.")]
+Line = Annotated[bool, typer.Option("--line", help="Move the tip on a straight line.")]
 Via = Annotated[
     list[str] | None,
     typer.Option("--via", metavar="X,Y,Z", help="A point to pass without a stop; repeatable."),
@@ -51,7 +51,10 @@ Via = Annotated[
 Blend = Annotated[
     float,
     typer.Option(
-        "--blend", parser=parse_length_m, metavar="LENGTH", help="How near a --via is passed."
+        "--blend",
+        parser=parse_length_m,
+        metavar="LENGTH",
+        help="Distance at which a --via is passed.",
     ),
 ]
 

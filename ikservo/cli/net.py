@@ -22,7 +22,7 @@ ACTIONS: tuple[Action, ...] = get_args(Action)
 ActionArgument = Annotated[str, typer.Argument(metavar="ACTION", help="keys or acknowledge.")]
 Folder = Annotated[
     Path | None,
-    typer.Option("--folder", help="For the keys; ./ikservo-keys if not given."),
+    typer.Option("--folder", help="Folder of the keys; default: ./ikservo-keys."),
 ]
 Host = Annotated[
     list[str] | None,

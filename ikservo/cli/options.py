@@ -27,6 +27,7 @@ __all__ = [
     "PitchOption",
     "PortOption",
     "RollOption",
+    "ServoPortOption",
     "SpeedOption",
     "TipOption",
     "ToolSpeedOption",
@@ -227,6 +228,12 @@ PortOption = Annotated[
         help="Serial port, `sim` for no hardware, or zenoh:NAME@HOST of `ikservo serve`.",
     ),
 ]
+ServoPortOption = Annotated[
+    str | None,
+    typer.Option(
+        "--port", envvar="IKSERVO_PORT", help="Serial port of the servos, or `sim` for no hardware."
+    ),
+]
 JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")]
 YesOption = Annotated[
     bool,
@@ -264,7 +271,7 @@ ToolSpeedOption = Annotated[
         "--tool-speed",
         parser=parse_tool_speed_m_s,
         metavar="MM/S",
-        help="Constant speed of the tip on its path; as fast as --speed allows without.",
+        help="Constant speed of the tip on its path; default: as fast as --speed allows.",
     ),
 ]
 
@@ -275,7 +282,7 @@ PitchOption = Annotated[
         "--pitch",
         parser=parse_angle_rad,
         metavar="DEG",
-        help="How steep the tool stands: 0 level, -90 straight down.",
+        help="Pitch of the tool: 0 level, -90 straight down.",
     ),
 ]
 RollOption = Annotated[
@@ -284,11 +291,12 @@ RollOption = Annotated[
         "--roll",
         parser=parse_angle_rad,
         metavar="DEG",
-        help="How far it is turned about its axis, clockwise from behind; 0 level.",
+        help="Roll of the tool about its axis, clockwise from behind; 0 level.",
     ),
 ]
 DirectionOption = Annotated[
-    str | None, typer.Option("--direction", metavar="X,Y,Z", help="Where the tool shall point.")
+    str | None,
+    typer.Option("--direction", metavar="X,Y,Z", help="Direction in which the tool points."),
 ]
 KeepOption = Annotated[
     bool, typer.Option("--keep", help="Keep the whole orientation of the tool, or do not move.")

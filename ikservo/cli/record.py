@@ -24,17 +24,18 @@ __all__ = ["command"]
 File = Annotated[Path, typer.Argument(metavar="FILE", help="A new file: .mcap, or JSON lines.")]
 Duration = Annotated[
     float | None,
-    typer.Option("--duration", parser=parse_time_s, help="Duration; until Ctrl-C by default."),
+    typer.Option("--duration", parser=parse_time_s, help="Duration; default: until Ctrl-C."),
 ]
 Period = Annotated[
-    float, typer.Option("--period", parser=parse_time_s, help="Between two samples: 20ms.")
+    float,
+    typer.Option("--period", parser=parse_time_s, help="Time between two samples, as in 20ms."),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
 Foxglove = Annotated[
     bool, typer.Option("--foxglove", help="Serve it live to Foxglove on this machine, too.")
 ]
 FoxglovePort = Annotated[
-    int, typer.Option("--foxglove-port", min=1, max=65535, help="At this TCP port.")
+    int, typer.Option("--foxglove-port", min=1, max=65535, help="TCP port of --foxglove.")
 ]
 
 _JSON_LINES = (".jsonl", ".json", ".ndjson")

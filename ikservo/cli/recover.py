@@ -9,7 +9,7 @@ import typer
 
 from ikservo.arm.opening import open_bus
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import ArmOption, JsonOption, PortOption
+from ikservo.cli.options import ArmOption, JsonOption, ServoPortOption
 from ikservo.cli.terminal import confirm, print_json, print_status, print_table
 from ikservo.errors import ExitCode, IkservoError, InputError
 from ikservo.maintenance.recovery import RecoveryResult, recover
@@ -25,7 +25,7 @@ Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before torque
 def command(
     *,
     arm: ArmOption = None,
-    port: PortOption = None,
+    port: ServoPortOption = None,
     reboot: Reboot = False,
     yes: Yes = False,
     json: JsonOption = False,

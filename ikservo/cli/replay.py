@@ -26,7 +26,7 @@ from ikservo.errors import format_point
 
 __all__ = ["command"]
 
-File = Annotated[Path, typer.Argument(metavar="FILE", help="What `ikservo record` wrote.")]
+File = Annotated[Path, typer.Argument(metavar="FILE", help="A file that `ikservo record` wrote.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Read and check it, but do not move.")]
 
 

@@ -43,10 +43,10 @@ Domain = Annotated[
 ]
 Router = Annotated[
     str,
-    typer.Option("--router", metavar="ENDPOINT", help="Where rmw_zenohd listens."),
+    typer.Option("--router", metavar="ENDPOINT", help="Endpoint at which rmw_zenohd listens."),
 ]
-Namespace = Annotated[str, typer.Option("--namespace", help="Before all names, as in left.")]
-Rate = Annotated[float, typer.Option("--rate", min=0.1, max=200.0, help="Joint states a second.")]
+Namespace = Annotated[str, typer.Option("--namespace", help="Prefix of all names, as in left.")]
+Rate = Annotated[float, typer.Option("--rate", min=0.1, max=200.0, help="Joint states per second.")]
 
 
 def command(

@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from ikservo.cli.options import ArmOption, JsonOption, PortOption
+from ikservo.cli.options import ArmOption, JsonOption, ServoPortOption
 from ikservo.cli.terminal import format_port, print_json, print_status, print_table, progress_bar
 from ikservo.errors import ExitCode, ServoSilentError
 from ikservo.hardware.discovery import choose_port, scan_port, simulated_port_url
@@ -27,7 +27,7 @@ Rates = Annotated[
 def command(
     name: Port = None,
     *,
-    port: PortOption = None,
+    port: ServoPortOption = None,
     arm: ArmOption = None,
     rates: Rates = None,
     all_rates: AllRates = False,

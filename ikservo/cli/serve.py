@@ -20,7 +20,7 @@ from ikservo.cli.options import (
     CollisionOption,
     JsonOption,
     NoWiggleOption,
-    PortOption,
+    ServoPortOption,
     UncalibratedOption,
     YesOption,
 )
@@ -42,17 +42,17 @@ Listen = Annotated[
     ),
 ]
 Name = Annotated[
-    str | None, typer.Option("--name", help="Name in the address; the arm's if not given.")
+    str | None, typer.Option("--name", help="Name in the address; default: the arm's.")
 ]
 Rate = Annotated[
-    float, typer.Option("--rate", min=0.1, max=200.0, help="States that are published a second.")
+    float, typer.Option("--rate", min=0.1, max=200.0, help="Published states per second.")
 ]
 
 
 def command(
     arm: ArmArgument = None,
     *,
-    port: PortOption = None,
+    port: ServoPortOption = None,
     listen: Listen = "tcp/127.0.0.1:7448",
     name: Name = None,
     rate: Rate = 50.0,

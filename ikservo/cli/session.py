@@ -54,8 +54,7 @@ def second_interrupt_lowers(machine: Arm, clock: Clock | None = None) -> Generat
             and reason.kind in _REPEATABLE
             and _is_interrupted_again(machine, clock or RealClock())
         ):
-            _lower_arm(machine)
-            raise StoppedError("Stopped; the arm was lowered and torque is off.") from None
+            raise StoppedError(_lower_arm(machine)) from None
         if isinstance(error, StoppedError) or reason is None:
             raise
         raise StoppedError(reason.text, RELAX_HINT) from None
@@ -77,10 +76,14 @@ def _is_interrupted_again(machine: Arm, clock: Clock) -> bool:
     return False
 
 
-def _lower_arm(machine: Arm) -> None:
+def _lower_arm(machine: Arm) -> str:
+    """Lower the arm, switch torque off, and return what was done."""
     print_status("Lowering the arm to its rest pose, then torque off. Ctrl-C stops it.")
     machine.acknowledge()
-    machine.relax()
+    report = machine.relax()
+    if report.reached:
+        return "Stopped; the arm was lowered and torque is off."
+    return " ".join(("Stopped; torque is off.", *report.binding))
 
 
 @contextmanager

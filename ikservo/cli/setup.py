@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from ikservo.arm.opening import open_bus
-from ikservo.cli.options import JsonOption, PortOption, parse_time_s
+from ikservo.cli.options import JsonOption, ServoPortOption, parse_time_s
 from ikservo.cli.terminal import confirm, print_json, print_lines, print_status
 from ikservo.errors import IkservoError, InputError
 from ikservo.hardware.eeprom import read_backup
@@ -33,7 +33,7 @@ ArmName = Annotated[
 Start = Annotated[str | None, typer.Option("--start", help="Go on from this joint.")]
 Wait = Annotated[
     float,
-    typer.Option("--wait", parser=parse_time_s, help="How long to wait for each servo: 5min."),
+    typer.Option("--wait", parser=parse_time_s, help="Time to wait for each servo, as in 5min."),
 ]
 Restore = Annotated[
     Path | None,
@@ -115,7 +115,7 @@ def _print_json(plan: Restoration, written: list[str]) -> None:
 def command(
     arm: ArmName = None,
     *,
-    port: PortOption = None,
+    port: ServoPortOption = None,
     start: Start = None,
     wait: Wait = 300.0,
     restore: Restore = None,

@@ -56,7 +56,7 @@ ToolAxis = Annotated[
     str | None,
     typer.Option(
         "--tool-axis",
-        help="What --direction points, in the tip's frame: x, y, z or X,Y,Z; else the tool.",
+        help="Axis for --direction, in the tip's frame: x, y, z or X,Y,Z; default: the tool's.",
     ),
 ]
 Method = Annotated[str, typer.Option("--method", help=_METHODS, autocompletion=complete_methods)]
@@ -64,7 +64,7 @@ Nearest = Annotated[
     bool,
     typer.Option(
         "--nearest/--no-nearest",
-        help="Of several solutions the nearest to the start, or the first found.",
+        help="Which of several solutions: the nearest to the start, or the first found.",
     ),
 ]
 Force = Annotated[

@@ -52,7 +52,8 @@ _ALL_PARTS = ",".join(PARTS)
 
 Cycles = Annotated[int, typer.Option("--cycles", help="Cycles of poses; 30 in the standard.")]
 PathCycles = Annotated[
-    int, typer.Option("--path-cycles", help="Cycles of each path at each speed; 10 likewise.")
+    int,
+    typer.Option("--path-cycles", help="Cycles of each path at each speed; 10 in the standard."),
 ]
 Drift = Annotated[
     float,
@@ -60,7 +61,7 @@ Drift = Annotated[
         "--drift",
         parser=parse_time_s,
         metavar="TIME",
-        help="How long drift is measured; 60min in the standard form.",
+        help="Duration of the drift test; 60min in the standard form.",
     ),
 ]
 Parts = Annotated[
@@ -68,21 +69,21 @@ Parts = Annotated[
 ]
 Html = Annotated[
     Path | None,
-    typer.Option(
-        "--html", metavar="FILE", help="Where the page is written, instead of a name with the date."
-    ),
+    typer.Option("--html", metavar="FILE", help="File of the page; default: a name with the date."),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace that file.")]
 Touch = Annotated[
     bool,
-    typer.Option("--touch", help="Instead: put the tip on known points by hand, torque off."),
+    typer.Option(
+        "--touch", help="Measure by hand instead: put the tip on known points, torque off."
+    ),
 ]
 Points = Annotated[
     Path | None,
     typer.Option("--points", metavar="FILE", help="Points to touch: NAME X Y Z, one a line."),
 ]
 Touches = Annotated[
-    int, typer.Option("--touches", min=1, max=100, help="How often each point is touched.")
+    int, typer.Option("--touches", min=1, max=100, help="Number of touches of each point.")
 ]
 Note = Annotated[
     str, typer.Option("--note", help="Printed in the report: payload, servos, what was changed.")

@@ -20,7 +20,7 @@ from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
-    PortOption,
+    ServoPortOption,
     UncalibratedOption,
     complete_arms,
 )
@@ -56,7 +56,7 @@ Insecure = Annotated[
     bool,
     typer.Option(
         "--insecure",
-        help="Beyond this machine by plain HTTP, which others on the network can read and alter.",
+        help="Serve other machines by plain HTTP, which others on the network can read and alter.",
     ),
 ]
 Camera = Annotated[
@@ -64,7 +64,7 @@ Camera = Annotated[
     typer.Option(
         "--camera",
         metavar="SOURCE",
-        help="A picture beside the arm: a camera's number, /dev/video0, http://… or a file.",
+        help="Camera picture beside the arm: a number, /dev/video0, http://… or a file.",
     ),
 ]
 Listen = Annotated[str, typer.Option("--listen", metavar="ADDRESS", help=_LISTEN_HELP)]
@@ -75,7 +75,7 @@ def command(
     arms: Arms = None,
     *,
     arm: ArmOption = None,
-    port: PortOption = None,
+    port: ServoPortOption = None,
     http_port: HttpPort = 8420,
     listen: Listen = "127.0.0.1",
     insecure: Insecure = False,

@@ -46,7 +46,8 @@ __all__ = ["command", "heat_colour", "limit_colour", "position_bar", "watch_arm"
 
 Watch = Annotated[bool, typer.Option("--watch", help="Repeat until Ctrl-C, joints as bars.")]
 Period = Annotated[
-    float, typer.Option("--period", parser=parse_time_s, help="Between two readings: 200ms.")
+    float,
+    typer.Option("--period", parser=parse_time_s, help="Time between two readings, as in 200ms."),
 ]
 VisibleFrom = Annotated[
     str | None,

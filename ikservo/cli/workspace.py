@@ -140,23 +140,34 @@ def _yaw_deg(T: Matrix) -> float:
 _STARTS = 64  # start postures for a point whose first solution collides
 
 
-Cut = Annotated[Slice | None, typer.Option("--slice", help="Cut it; the whole volume if absent.")]
+Cut = Annotated[
+    Slice | None, typer.Option("--slice", help="Plane of the cut; default: the whole volume.")
+]
 Height = Annotated[
     float | None,
-    typer.Option("--height", help="Of the top slice.", parser=parse_length_m, metavar="LENGTH"),
+    typer.Option(
+        "--height", help="Height of the top slice.", parser=parse_length_m, metavar="LENGTH"
+    ),
 ]
 Yaw = Annotated[
     float | None,
-    typer.Option("--yaw", help="Of side and front.", parser=parse_angle_rad, metavar="ANGLE"),
+    typer.Option(
+        "--yaw",
+        help="Direction of the side or front slice.",
+        parser=parse_angle_rad,
+        metavar="ANGLE",
+    ),
 ]
 Cell = Annotated[
     float | None,
-    typer.Option("--cell", help="5mm in a slice, else 25mm.", parser=parse_length_m,
-                 metavar="LENGTH"),
+    typer.Option("--cell", help="Size of a cell; default: 5mm in a slice, else 25mm.",
+                 parser=parse_length_m, metavar="LENGTH"),
 ]  # fmt: skip
 Point = Annotated[
     tuple[str, str, str] | None,
-    typer.Option("--point", metavar="X Y Z", help="Is it inside? Else exit 7."),
+    typer.Option(
+        "--point", metavar="X Y Z", help="Say whether this point is inside; exit 7 if not."
+    ),
 ]
 Plot = Annotated[Path | None, typer.Option("--plot", help="Draw it to FILE.svg or FILE.png.")]
 

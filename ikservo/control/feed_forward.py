@@ -35,8 +35,8 @@ class FeedForward:
         columns: Where the chain's joints are among all joints.
 
     Attributes:
-        parameters: Likewise.
-        columns: Likewise.
+        parameters: The parameters of the arm.
+        columns: Where the chain's joints are among all joints.
     """
 
     def __init__(self, parameters: ArmParameters, columns: Sequence[int]) -> None:

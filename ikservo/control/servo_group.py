@@ -100,8 +100,8 @@ class ServoGroup(StreamedServos):
         Raises:
             ServoAlarmError: A servo's supply is outside its own limits; no torque was switched.
             RefusedError: A joint is far outside its servo's limits, its servo is in no position
-                mode, or a stop was not acknowledged; likewise.
-            ServoRejectedError: A servo keeps an old goal; likewise.
+                mode, or a stop was not acknowledged; no torque was switched.
+            ServoRejectedError: A servo keeps an old goal; no torque was switched.
         """
         torque = read_register(self._bus, self._ids, RegisterName.TORQUE_ENABLE)
         self.torque.enabling(was_on=all(torque.values()))

@@ -52,8 +52,8 @@ class StreamedServos:
         clock: The bus's clock.
 
     Attributes:
-        clock: Likewise.
-        fences: Likewise.
+        clock: The bus's clock.
+        fences: The command limits of each joint's servo.
         names: The joints, in the order of the vectors.
         stop_request: Requests that the running motion ends.
         torque: Whether the servos hold, and whether a control loop runs.

@@ -103,7 +103,7 @@ class CollisionChecker:
         self._sag = sag
         self._floor_m = -math.inf if floor_m is None else floor_m
         self._boxes = np.array([[*box.low_m, *box.high_m] for box in boxes]).reshape(len(boxes), 6)
-        things = ["the floor", *(box.name for box in boxes)]
+        things = ["the table", *(box.name for box in boxes)]
         around = [(link, thing) for thing in things for link in packed.names]
         self.pairs = (*packed.pairs, *around)
         self._overlap_m = np.zeros(len(self.pairs))

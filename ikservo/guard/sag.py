@@ -29,7 +29,7 @@ class Weight:
         masses: Of the links.
         yields: Compliance of each joint (dof,), rad for each N m (m for each N).
         lower: The lower end stop of each joint (dof,), rad or m; -inf if there is none.
-        upper: Likewise.
+        upper: The upper end stop of each joint (dof,); inf if there is none.
     """
 
     masses: Sequence[LinkMass]

@@ -93,8 +93,8 @@ def base_parameters(
     Args:
         dynamics: The arm; its parameters do not matter, its gravity does.
         speed_rad_s: Largest speed of the motions; m/s for prismatic joints.
-        acceleration_rad_s2: Likewise; with no speed and no acceleration the result is what
-            postures at rest can tell.
+        acceleration_rad_s2: Largest acceleration; m/s² for prismatic joints. With no speed and
+            no acceleration the result is what postures at rest can tell.
         tolerance: See ``independent_columns``.
         seed: Of the random numbers; other motions give the same columns.
 

@@ -37,9 +37,9 @@ class BodyTree:
         shifts: (n, 1), rad or m.
         slides: (n, 1), which joints are prismatic.
         poses_still: (n, 1, 4, 4), the part of T_parent_body that does not depend on q.
-        poses_sine: Likewise, the part that is multiplied by the sine of the value, or by the value
-            itself for a prismatic joint.
-        poses_cosine: Likewise, by the cosine.
+        poses_sine: (n, 1, 4, 4), the part that is multiplied by the sine of the value, or by the
+            value itself for a prismatic joint.
+        poses_cosine: (n, 1, 4, 4), the part that is multiplied by the cosine.
         body_twists: (n, 1, 4, 4), twist of each joint in its body's frame.
     """
 

@@ -131,7 +131,7 @@ class CollisionBody:
         """Return the distance of each link above a table, for q (n, dof), without the root."""
         starts, ends = self._capsule_ends(q)
         lowest = np.minimum(starts[..., 2], ends[..., 2]) - self._radii_m - height_m
-        return self._min_by_link(lowest, "the floor")
+        return self._min_by_link(lowest, "the table")
 
     def box_distances(
         self, q: ArrayLike, low_m: Vector, high_m: Vector, name: str

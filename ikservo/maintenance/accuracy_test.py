@@ -237,7 +237,7 @@ class AccuracyTest:
 
         Raises:
             StoppedError, KeyboardInterrupt: It was stopped; what was measured is kept.
-            IkservoError: The arm cannot go on; see ``Arm``. Likewise.
+            IkservoError: The arm cannot go on; see ``Arm``. What was measured is kept.
         """
         steps = {
             "poses": self._measure_poses,

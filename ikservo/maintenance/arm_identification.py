@@ -122,7 +122,7 @@ class IdentificationRun:
 
         Raises:
             RefusedError: The guard stopped it; the arm holds.
-            StoppedError: It was stopped; likewise.
+            StoppedError: It was stopped; the arm holds.
         """
         context = self.arm.context
         reporter = context.progress_reporter(on_progress)

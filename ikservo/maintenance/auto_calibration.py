@@ -258,7 +258,7 @@ def unreached(subject: JointUnderCalibration, lower: float | str, upper: float |
     Args:
         subject: The joint.
         lower: Where its lower stop was found, rad or m, or why it was not searched.
-        upper: Likewise.
+        upper: Where its upper stop was found, or why it was not searched.
     """
     text, expected = subject.joint_map.format, subject.expected
     ends = ((lower, expected.lower.value), (upper, expected.upper.value))

@@ -200,7 +200,7 @@ def mean_duties(windows: SteadyWindows, loops: Sequence[LoopFit]) -> SteadyWindo
 
     Args:
         windows: As read.
-        loops: Of each joint.
+        loops: The loop of each joint.
     """
     duty = windows.duty.copy()
     for joint, loop in enumerate(loops):

@@ -33,9 +33,9 @@ class DriveRecording:
         position: Measured with the duty (m, dof), rad or m.
         duty: Share of the whole duty (m, dof, most), -1 to 1, positive towards larger positions.
             NaN for a servo that a joint does not have.
-        current_a: Of the winding, likewise, or its size where the servo does not measure the
-            direction; NaN where it measures none.
-        voltage_v: At the servo, likewise.
+        current_a: Current of the winding (m, dof, most), or its size where the servo does not
+            measure the direction; NaN where it measures none.
+        voltage_v: Voltage at the servo (m, dof, most).
         goal_age_s: For how much longer than in the mean a joint's goal had been in force when its
             servos were read (m, dof), seconds; less what its profile takes to be there.
     """
@@ -66,8 +66,8 @@ class SteadyWindows:
         lead: Goal less position, rad.
         goal_age_s: See `DriveRecording`.
         duty: Share of the whole duty of each servo of the joint (k, most).
-        current_a: Likewise; see `DriveRecording`.
-        voltage_v: Likewise.
+        current_a: Current of each servo (k, most); see `DriveRecording`.
+        voltage_v: Voltage at each servo (k, most).
     """
 
     joint: NDArray[np.int64]

@@ -72,7 +72,7 @@ class DutyModel:
         gravity: Gravity torques of each window's own joint (k, bodies + 1): of each body, and of a
             payload of 1 kg.
         prior: What is known before.
-        back_emf_nm_s: Of each joint (dof,); infinite where all damping counts as back-EMF.
+        back_emf_nm_s: Back-EMF of each joint (dof,); infinite where all damping counts as back-EMF.
         nominal_v: Supply of each joint's servos (dof,).
         square_per_nm: Friction for the square of the load of each joint's gears (dof,).
         noise: Standard deviation of the duties, of each joint (dof,).

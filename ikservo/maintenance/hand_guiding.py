@@ -90,8 +90,8 @@ def guide_by_hand(arm: Arm, until: Callable[[], bool]) -> dict[str, float]:
 
     Raises:
         CalibrationError: The arm is not calibrated; gravity is not known.
-        RefusedError: Likewise, because it has no masses or the motor of a servo is not known; or
-            the hand was faster than the arm may move. It holds.
+        RefusedError: Gravity is not known, for the arm file has no masses or the motor of a servo
+            is not known; or the hand was faster than the arm may move. It holds.
         StoppedError: It was stopped; it holds.
     """
     context, runner = arm.context, arm.runner

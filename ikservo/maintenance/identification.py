@@ -91,7 +91,7 @@ class Validation:
 
     Attributes:
         identified: Root mean square of the error with the parameters of the other legs, rad or m.
-        nominal: Likewise, with what was known before.
+        nominal: The same error with the parameters that were known before.
     """
 
     identified: float

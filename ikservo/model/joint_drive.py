@@ -68,7 +68,8 @@ class ArmParameters:
 
     Attributes:
         dynamics: The bodies that the chain's joints move, a payload included.
-        drives: Of each joint of the chain (dof,); None where its servo's motor is not known.
+        drives: The drive of each joint of the chain (dof,); None where the motor of its servo is
+            not known.
     """
 
     dynamics: Dynamics

@@ -87,7 +87,7 @@ class HealthLimits:
         load_percent: A load above this percentage of the maximum ...
         load_s: ... for this long is an overload.
         low_v: The minimum supply, besides the servo's own limit.
-        high_v: The maximum, likewise.
+        high_v: The maximum supply, besides the servo's own limit.
     """
 
     warn_c: float = 60.0

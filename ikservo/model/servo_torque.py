@@ -31,7 +31,7 @@ class GearFriction:
         slow_nm: What a slow shaft has besides.
         slow_rad_s: Velocity at which that has fallen to 37 %.
         load: Friction for each N m of load.
-        slow_load: Likewise, what a slow shaft has besides.
+        slow_load: Friction for each N m of load that a slow shaft has besides.
         square_per_nm: Friction for the square of the load.
     """
 

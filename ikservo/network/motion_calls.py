@@ -77,7 +77,7 @@ class MotionCalls:
         self._connection.stop(reason.text, reason.kind.name, wait=False)
 
     def reporting(self, on_progress: OnProgress | None) -> AbstractContextManager[object]:
-        """Return what reports the progress of motions within a ``with`` block.
+        """Return a context in which the progress of motions is reported.
 
         An error of ``on_progress``, which a thread of Zenoh calls, ends ``await_result``.
         """
@@ -150,7 +150,7 @@ def tip_options(method: str, known: type, options: Mapping[str, Any]) -> dict[st
 
 
 def joint_options(method: str, options: Mapping[str, Any]) -> dict[str, object]:
-    """Return the options of a motion of joints, likewise.
+    """Check the options of a motion of joints, and return those that are sent.
 
     Raises:
         TypeError: There is no such option.

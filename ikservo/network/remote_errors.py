@@ -23,7 +23,7 @@ class ErrorFields(BaseModel):
     Attributes:
         kind: The name of its class.
         message: What happened, in terms of the command line.
-        hint: What to do now, likewise.
+        hint: What to do now, in terms of the command line.
         exit_code: Of the command line.
         details: Its other attributes, as far as they are plain values.
     """

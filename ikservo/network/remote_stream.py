@@ -44,7 +44,7 @@ class RemoteStream:
     Attributes:
         sent: How many setpoints were sent.
         unreached: How many were out of reach; known at the end of the block.
-        refused: How many the guard refused; likewise.
+        refused: How many the guard refused; known at the end of the block.
         reason: Why the last of those was refused.
     """
 

@@ -86,7 +86,7 @@ class ArmThread:
         arm: The arm; other threads may use only what does not change while it is open. It is
             replaced after a calibration, and after its port was lost.
         snapshot: Written by this thread alone.
-        history: The last ten minutes, likewise.
+        history: The last ten minutes; written by this thread alone.
     """
 
     def __init__(

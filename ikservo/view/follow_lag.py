@@ -27,7 +27,7 @@ class FollowLag:
     Attributes:
         goal_s: From the leader's motion to the same motion of the follower's setpoints; None
             while the leader is still.
-        arm_s: To the same motion of the follower's joints; likewise.
+        arm_s: To the same motion of the follower's joints; None while the leader is still.
         error: The largest distance of a joint from the leader's now, rad or m.
         joint: Which joint that is.
     """

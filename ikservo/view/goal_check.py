@@ -17,8 +17,7 @@ def refusal_of(goal: Vector, error: RefusedError) -> GoalRefusal:
     """Return the refusal of a goal (n,), in words for a page."""
     if not isinstance(error, CollisionError):
         return GoalRefusal(goal, error.message)
-    link, other = error.pair
-    return GoalRefusal(goal, f"Refused: {link} would touch {other}.", error.pair)
+    return GoalRefusal(goal, f"Refused: {error.contact}.", error.pair)
 
 
 class PreviewGuard:

@@ -20,7 +20,7 @@ class LeaderFeed:
 
     Args:
         name: The leader's, for messages; also an attribute.
-        joint_names: Its joints that the follower has, too; likewise.
+        joint_names: Its joints that the follower has, too; also an attribute.
         clock: The time of samples, for both threads.
         dead_man_s: How long a sample is valid.
 

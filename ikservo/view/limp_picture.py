@@ -25,7 +25,7 @@ class LimpPicture:
     were before, moved as their servos turn. From then on they are where the calibration puts them.
 
     Args:
-        joint_maps: Of each joint, as before the calibration.
+        joint_maps: The map of each joint, as before the calibration.
         measured: Where the joints were shown then (n,), rad or m.
     """
 

@@ -91,7 +91,7 @@ class ServedArm:
         state: Whether it is open; written by the thread that opens it, then by the server's.
         error: Why it could not be opened.
         arm_thread: Owns the arm; exists while it is open.
-        controller: Handles the clients; likewise.
+        controller: Handles the clients; exists while the arm is open.
     """
 
     arm_thread: ArmThread

@@ -100,7 +100,7 @@ class Contacts:
 
         Args:
             positions: Of the driven joints [rad or m].
-            velocities: Likewise.
+            velocities: Velocities of the driven joints [rad/s or m/s].
             mass: Mass matrix of the arm with its motors (n, n).
             free: Which joints no servo holds (n,); only these give way and are pushed.
             interval_s: Until the next evaluation.

@@ -92,7 +92,7 @@ class Motor:
         moving: Whether the shaft is faster than the drive's threshold or the profile runs.
         heat: The thermal model of the servo.
         lower_stop_rad: Where a hard stop holds the shaft.
-        upper_stop_rad: Likewise on the other side.
+        upper_stop_rad: Where a hard stop holds the shaft on the other side.
         load_inertia_kg_m2: Inertia of the load on the shaft.
         carried: Another body integrates the motion and sets it by `set_state`; a step only
             computes the torque.

@@ -8,7 +8,7 @@ from ikservo.calibration.range_tracker import JointUnderCalibration
 from ikservo.maintenance.auto_calibration import nearly_a_turn, unreached
 from tests.calibration.mounted_arms import load_model
 
-FLOOR = "gripper would touch the floor by 9 mm in the best posture found"
+FLOOR = "gripper would touch the table by 9 mm in the best posture found"
 
 
 @pytest.fixture

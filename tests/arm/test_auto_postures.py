@@ -56,5 +56,5 @@ def test_joints_whose_ends_are_known_may_stand_near_them_and_a_long_arm_gets_to_
 def test_an_end_that_lies_below_the_table_in_every_posture_is_refused_with_what_touches():
     model = load_model("wx250s")
     column = model.chain.names.index("shoulder")
-    with pytest.raises(RefusedError, match=r"upper_arm would touch the floor by \d+ mm"):
+    with pytest.raises(RefusedError, match=r"upper_arm would touch the table by \d+ mm"):
         PosturePlanner(model).path_to_clear(column, 0.0, 2.0, model.chain_pose("rest"))

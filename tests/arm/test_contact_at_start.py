@@ -71,7 +71,7 @@ def test_a_motion_down_from_the_table_is_refused_and_sends_nothing():
     with open_limp("koch") as arm:
         before = registers(arm, "goal_position")
         tip_m = arm.where().tip_m
-        with pytest.raises(CollisionError, match="the floor"):
+        with pytest.raises(CollisionError, match="the table"):
             arm.move_through([tip_m + DOWN_M, tip_m])
         assert registers(arm, "goal_position") == before
 
@@ -142,7 +142,7 @@ def test_a_recording_that_begins_or_ends_in_the_table_is_refused(recorded, order
         home = measured_joints(arm)
         before = registers(arm, "goal_position")
         path = recorded(arm, [home, lowered(arm, home, -0.08)][order])
-        with pytest.raises(CollisionError, match="the floor"):
+        with pytest.raises(CollisionError, match="the table"):
             arm.replay(path)
         assert registers(arm, "goal_position") == before
 

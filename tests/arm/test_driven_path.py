@@ -1,4 +1,4 @@
-"""What is looked at for contact is the way that is driven, from where the arm is then."""
+"""The path that is checked for contact is the one that is driven, from where the arm is then."""
 
 from dataclasses import replace
 
@@ -63,7 +63,7 @@ def test_a_plan_whose_way_is_still_free_is_carried_out(at_home):
 def test_a_plan_of_an_arm_that_looks_at_nothing_is_looked_at_by_one_that_does():
     with so101(collisions=False) as arm:
         plan = arm.plan_joints({"shoulder_lift": 0.6}, speed="slow")
-    with so101() as arm, pytest.raises(RefusedError, match="-the floor"):
+    with so101() as arm, pytest.raises(RefusedError, match="would touch the table"):
         arm.execute(plan)
 
 
@@ -89,6 +89,6 @@ def test_an_arm_is_what_its_file_said_when_it_was_opened(tmp_path, monkeypatch):
         floor = "\n[surroundings]\nfloor_m = -0.5\n"
         (tmp_path / "arm.toml").write_text((tmp_path / "arm.toml").read_text() + floor)
         (tmp_path / "arm.urdf").write_text("no robot")
-        with pytest.raises(RefusedError, match="-the floor"):
+        with pytest.raises(RefusedError, match="would touch the table"):
             arm.move_joints({"shoulder_lift": 0.6})
         assert arm.move_joints({"shoulder_pan": 0.1}).reached

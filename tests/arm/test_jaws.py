@@ -69,7 +69,7 @@ def test_the_capsules_of_all_jaws_cover_them_wherever_they_are(name):
     )
     jaws = {j.child for j in model.urdf.joints
             if model.gripper.joint in (j.name, j.mimic and j.mimic.joint)}  # fmt: skip
-    columns = {link: i for i, (link, thing) in enumerate(space.pairs) if thing == "the floor"}
+    columns = {link: i for i, (link, thing) in enumerate(space.pairs) if thing == "the table"}
     for share in np.linspace(0.0, 1.0, 60):
         q = random.uniform(lower, upper)
         at = between(model.gripper, share)

@@ -139,7 +139,7 @@ def test_a_jammed_joint_stops_the_motion_and_is_named(arm):
 
 def test_a_way_through_the_table_is_refused_before_anything_moves(arm):
     before = registers(arm, "goal_position")
-    with pytest.raises(RefusedError, match="-the floor"):
+    with pytest.raises(RefusedError, match="would touch the table"):
         arm.move_to((0.25, 0.0, -0.08))
     assert registers(arm, "goal_position") == before
 

@@ -17,7 +17,7 @@ class Table:
         space = context_of(arm).collision
         self._arm, self._gaps = arm, space.distances
         self._floor = [i for i, (link, thing) in enumerate(space.pairs)
-                       if thing == "the floor" and link != arm.model.chain.base]  # fmt: skip
+                       if thing == "the table" and link != arm.model.chain.base]  # fmt: skip
 
     def above_m(self, joints):
         return float(self._gaps([self._arm.joint_index.body_joints(joints)])[0][self._floor].min())

@@ -132,7 +132,7 @@ def test_a_ghost_that_would_touch_something_turns_red_and_the_pair_is_named(onlo
     assert onlooker.page.evaluate(style, "upper_arm") == "refused"
     r, g, b = onlooker.page.evaluate(f"{SCENE}.ghostMaterials.touching.color.toArray()")
     assert r > 3 * max(g, b)
-    assert "gripper would touch the floor" in onlooker.page.inner_text("#refusal")
+    assert "gripper would touch the table" in onlooker.page.inner_text("#refusal")
 
 
 HANDLE_PX = """([kind, axis]) => {

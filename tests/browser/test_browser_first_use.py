@@ -120,7 +120,7 @@ def test_beside_typed_coordinates_it_is_said_why_the_arm_may_not_go_there(newcom
     page.fill("#tool-z", "-60")
     page.press("#tool-z", "Enter")
     newcomer.until(
-        "/would touch the floor/.test(document.getElementById('target-note').textContent)"
+        "/would touch the table/.test(document.getElementById('target-note').textContent)"
     )
     page.click("#undo")
     newcomer.until("!document.getElementById('target-note').textContent")

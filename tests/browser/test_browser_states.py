@@ -27,7 +27,7 @@ def test_in_preview_a_target_below_the_table_is_refused_at_once_beside_the_point
     assert not operator.items("target")
     assert not operator.items("ghost")
     words = operator.page.inner_text("#refusal")
-    assert "would touch the floor" in words
+    assert "would touch the table" in words
     box = operator.page.locator("#refusal").bounding_box()
     assert abs(box["x"] - operator.over(at)[0]) < 60
     assert abs(box["y"] - operator.over(at)[1]) < 60
@@ -83,7 +83,7 @@ def test_in_live_a_refused_target_is_shown_as_refused_and_no_goal_is_sent(live):
     before = live.until_still().served.goals()
     live.click(below_the_table(live)).wait_for(REFUSED)
     assert live.items("target_refused")
-    assert "would touch the floor" in live.page.inner_text("#refusal")
+    assert "would touch the table" in live.page.inner_text("#refusal")
     live.until_still()
     assert max(abs(live.served.goals()[i] - before[i]) for i in before) <= 2
 

@@ -1,4 +1,4 @@
-"""The way of the body is looked at before anything moves."""
+"""The path of the body is checked for collisions before anything moves."""
 
 import itertools
 import math
@@ -39,7 +39,7 @@ def test_it_looks_at_joint_vectors_as_long_as_its_body_has_joints():
 
 def test_reaching_below_the_table_is_refused_with_the_link_and_the_place():
     below = HOME + np.array([0, 0.8, 0, 0, 0])
-    with pytest.raises(RefusedError, match=r"\w+-the floor, .* of the path"):
+    with pytest.raises(RefusedError, match=r"\w+ would touch the table: .* of the path"):
         CollisionChecker(BODY).check_path(straight(HOME, below))
 
 
@@ -68,13 +68,13 @@ def test_an_arm_that_touches_already_may_leave():
 def test_an_arm_that_sank_onto_the_table_may_get_up_but_not_lie_deeper():
     sunk = HOME + np.array([0, 0.8, 0, 0, 0])
     CollisionChecker(BODY).check_path(straight(sunk, HOME))
-    with pytest.raises(RefusedError, match="-the floor"):
+    with pytest.raises(RefusedError, match="would touch the table"):
         CollisionChecker(BODY).check_path(straight(sunk, sunk + np.array([0, 0.1, 0, 0, 0])))
 
 
 def test_what_has_been_left_must_not_be_touched_again():
     sunk = HOME + np.array([0, 0.8, 0, 0, 0])
-    with pytest.raises(RefusedError, match="-the floor"):
+    with pytest.raises(RefusedError, match="would touch the table"):
         CollisionChecker(BODY).check_path([*straight(sunk, HOME), *straight(HOME, sunk)])
 
 
@@ -130,11 +130,11 @@ def test_a_posture_above_the_floor_is_free(height_m):
 
 
 def test_a_posture_below_the_floor_is_named_with_its_depth():
-    assert deepest_contact(space_of_balls(), 0.08, 1.0) == "lift-the floor, 20.0 mm"
+    assert deepest_contact(space_of_balls(), 0.08, 1.0) == "lift-the table, 20.0 mm"
 
 
 def test_a_refusal_says_what_can_be_done():
-    with pytest.raises(RefusedError, match="Collision lift-the floor") as caught:
+    with pytest.raises(RefusedError, match="lift would touch the table") as caught:
         space_of_balls().check_path([np.array([0.5, 1.0]), np.array([0.08, 1.0])])
     assert "--via" in caught.value.command_hint
     assert "arm.move_through" in caught.value.hint
@@ -146,7 +146,7 @@ def test_what_stands_on_the_floor_does_not_touch_it():
 
 
 def test_a_higher_floor_is_touched_earlier():
-    assert deepest_contact(space_of_balls(floor_m=0.25), 0.3, 1.0) == "lift-the floor, 50.0 mm"
+    assert deepest_contact(space_of_balls(floor_m=0.25), 0.3, 1.0) == "lift-the table, 50.0 mm"
 
 
 def test_links_that_touch_each_other_are_named():
@@ -162,8 +162,8 @@ def test_exactly_touching_is_free(depth_m):
 
 def test_a_nanometre_is_deep_enough():
     space, q = space_of_balls(), np.array([0.1 - 1.1e-9, 1.0])
-    assert deepest_contact(space, *q) == "lift-the floor, 0.0 mm"
-    with pytest.raises(RefusedError, match="the floor"):
+    assert deepest_contact(space, *q) == "lift-the table, 0.0 mm"
+    with pytest.raises(RefusedError, match="the table"):
         space.check_path([np.array([0.5, 1.0]), q])
 
 
@@ -179,7 +179,7 @@ def test_boxes_are_told_apart_by_their_names():
 
 
 def test_a_way_of_two_may_not_end_in_something():
-    with pytest.raises(RefusedError, match=r"lift-the floor, 10\.0 mm, at 100 %"):
+    with pytest.raises(RefusedError, match=r"lift would touch the table: 10\.0 mm deep, at 100 %"):
         space_of_balls().check_path([np.array([0.5, 1.0]), np.array([0.09, 1.0])])
 
 
@@ -197,7 +197,7 @@ def test_a_way_of_two_may_not_end_in_something():
 def test_an_arm_on_the_floor_may_stay_or_rise_but_not_sink(heights_m, refused):
     way = [np.array([height_m, 1.0]) for height_m in (0.05, *heights_m)]
     if refused:
-        with pytest.raises(RefusedError, match="the floor"):
+        with pytest.raises(RefusedError, match="the table"):
             space_of_balls().check_path(way)
     else:
         space_of_balls().check_path(way)
@@ -205,7 +205,7 @@ def test_an_arm_on_the_floor_may_stay_or_rise_but_not_sink(heights_m, refused):
 
 def test_the_first_place_on_the_way_is_named():
     heights = [0.5, 0.4, 0.08, 0.05, 0.5]
-    with pytest.raises(RefusedError, match=r"lift-the floor, 20\.0 mm, at 50 %"):
+    with pytest.raises(RefusedError, match=r"lift would touch the table: 20\.0 mm deep, at 50 %"):
         space_of_balls().check_path([np.array([z, 1.0]) for z in heights])
 
 
@@ -232,7 +232,7 @@ def test_a_nanometre_is_a_touch_and_no_less(heights, refused):
     points = CollisionChecker(ball_on_a_rail(radius_m=0.0))
     way = [np.array([height_m, 1.0]) for height_m in heights]
     if refused:
-        with pytest.raises(RefusedError, match="the floor"):
+        with pytest.raises(RefusedError, match="the table"):
             points.check_path(way)
     else:
         points.check_path(way)
@@ -281,7 +281,7 @@ def test_a_thin_plate_between_two_looks_is_seen():
     space = space_of_balls(boxes=[plate(1.5)])
     for at_m in (1.37, 1.63):  # the ball's radius is 0.1 m: it is free on both sides
         assert deepest_contact(space, 0.6, at_m) == ""
-    with pytest.raises(RefusedError, match="Collision reach-the plate"):
+    with pytest.raises(RefusedError, match="reach would touch the plate"):
         space.check_path([np.array([0.6, 1.37]), np.array([0.6, 1.63])])
 
 
@@ -322,7 +322,7 @@ def test_where_the_arm_sags_into_the_floor_it_must_not_go():
     )
     way = [np.array([0.5, 1.0]), np.array([0.12, 1.0])]
     space_of_balls().check_path(way)
-    with pytest.raises(RefusedError, match=r"Collision lift-the floor, 10\.0 mm"):
+    with pytest.raises(RefusedError, match=r"lift would touch the table: 10\.0 mm"):
         sagging.check_path(way)
 
 

@@ -25,7 +25,7 @@ class Exact:
         self._chain = model_of(name).chain
         size_m = BOX.high_m - BOX.low_m
         self._things = {
-            "the floor": (coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), coal.Transform3s()),
+            "the table": (coal.Halfspace(np.array([0.0, 0.0, 1.0]), 0.0), coal.Transform3s()),
             "the cup": (coal.Box(*size_m), coal.Transform3s(np.eye(3), BOX.low_m + size_m / 2)),
         }
 
@@ -68,7 +68,7 @@ def campaign(name, count, seed):
         Exact(name),
     )
     columns = {frozenset(pair): i for i, pair in enumerate(space.pairs)}
-    standing = {frozenset((chain.base, thing)) for thing in ("the floor", "the cup")}
+    standing = {frozenset((chain.base, thing)) for thing in ("the table", "the cup")}
     margin_m = np.zeros(len(columns))
     margin_m[: len(body(name).pairs)] = body(name).pack().overlap_m
     random = np.random.default_rng(seed)

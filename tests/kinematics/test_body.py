@@ -61,7 +61,7 @@ def test_links_that_overlap_where_the_arm_is_free_may_do_so_and_four_millimetres
 
 def test_what_stands_above_a_table_is_counted_from_its_lowest_point():
     gaps = rail().floor_distances(Q, 0.25)
-    assert gaps.pairs == (("tip", "the floor"),)
+    assert gaps.pairs == (("tip", "the table"),)
     np.testing.assert_allclose(gaps.gap_m, [[1.0 - 0.2 - 0.25]] * 2)
 
 

@@ -110,7 +110,7 @@ def test_the_step_that_cannot_be_made_is_named_before_anything_moves(session):
     for action in ("check", "play"):
         state = run(session, action)
         assert (state["phase"], state["step"]) == ("bad", bad)
-        assert "Collision gripper-the floor" in state["reason"]
+        assert "gripper would touch the table" in state["reason"]
     assert registers(session.arm, "goal_position") == before
     assert session.arm_thread.snapshot.stop_notice is None
     assert "Step 2 of the program" in session.arm_thread.snapshot.messages[-1].message

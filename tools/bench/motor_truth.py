@@ -155,7 +155,7 @@ def figures_of(kind: str, goal_rad: Array, position_rad: Array) -> Figures:
     Args:
         kind: Of the trajectory.
         goal_rad: At the rows.
-        position_rad: Likewise.
+        position_rad: Positions at the rows.
     """
     speed = np.abs(np.gradient(position_rad, ROW_S)).max()
     if kind == "brutal":

@@ -157,7 +157,7 @@ class GoalDriver:
         try:
             if task.watch is not None:
                 task.watch.ended(end, why)
-        except Exception as error:  # likewise: this thread must not end
+        except Exception as error:  # a failing callback must not end the driver
             self._warn(_text_of(error))
 
     def _await_goal(self) -> _Task | None:

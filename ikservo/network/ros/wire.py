@@ -53,7 +53,7 @@ class Attachment:
 
     @classmethod
     def from_bytes(cls, data: bytes) -> Attachment:
-        """Return what was received.
+        """Parse an attachment.
 
         Raises:
             InputError: It is none.
