@@ -1,6 +1,6 @@
 """Take an object at one place and put it down at another one.
 
-python examples/pick_and_place.py                 a simulated SO-101 and a simulated object
+python examples/pick_and_place.py                 a simulated SO-101, without an object
 python examples/pick_and_place.py /dev/ttyACM0    a real arm: put an object at PICK_M
 """
 
@@ -8,12 +8,10 @@ import math
 import sys
 
 import ikservo
-from servosim.joint import Hand, hold
 
 PICK_M, PLACE_M = (0.24, 0.08, 0.04), (0.24, -0.08, 0.04)
 ABOVE_M = 0.06
 DOWN = ikservo.ToolOrientation(pitch_rad=-1.2)  # the tool points downwards
-OBJECT_RAD = math.radians(40.0)  # angle at which the jaws touch the simulated object
 
 port = sys.argv[1] if len(sys.argv) > 1 else "sim:?pose=home"
 
@@ -24,9 +22,6 @@ def above(point_m):
 
 
 with ikservo.open_arm("so101", port=port) as arm:
-    world = arm.context.port.transport.line.world if port.startswith("sim") else None
-    if world:  # an obstacle that stops the closing jaws; it has no weight
-        world.grasp("gripper", Hand(hold(OBJECT_RAD), limit=1e4, only=1))
     arm.gripper("open")
     for place_m, action in ((PICK_M, "close"), (PLACE_M, "open")):
         arm.move_to(above(place_m), stance=DOWN)
@@ -35,6 +30,4 @@ with ikservo.open_arm("so101", port=port) as arm:
         arm.move_line(above(place_m), stance=DOWN)
         held_deg = math.degrees(arm.where().positions["gripper"])
         print(f"{action}: grasped {report.grasped}, the gripper is at {held_deg:.0f}°")
-    if world:
-        world.release("gripper")
     arm.pose("home")

@@ -12,6 +12,7 @@ from ikservo.cli.entry_point import main
 from ikservo.cli.session import second_interrupt_lowers
 from ikservo.errors import StoppedError
 from servosim.clock import VirtualClock
+from servosim.faults import Fault
 from tests.arm.simulated import line_of
 
 
@@ -128,6 +129,13 @@ def test_a_second_one_is_handled_while_the_arm_is_already_at_rest(servos, monkey
     monkeypatch.setattr("ikservo.clock.RealClock.sleep_until", again)
     assert move() == 130
     assert torques(servos) == {0}
+
+
+def test_a_second_one_does_not_say_lowered_of_an_arm_that_was_not():
+    with open_arm("so101", port="sim:?pose=home") as arm:
+        line_of(arm).faults.add(Fault(kind="stuck", id=2, at_s=line_of(arm).world.time_s))
+        with pytest.raises(StoppedError, match="^Stopped; torque is off. The arm was not lowered"):
+            interrupt_a_motion(arm, PressedAgain(0.9))
 
 
 class PressedAgain(VirtualClock):

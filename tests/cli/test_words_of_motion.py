@@ -50,6 +50,14 @@ def test_jog_for_a_time(run_cli):
     assert -0.2 < result.json["measured_rad"]["shoulder_pan"] < -0.05
 
 
+@pytest.mark.parametrize(("speed", "back"), [("-40", "--speed 40"), ("", "a negative --speed")])
+def test_a_jog_that_is_blocked_says_how_to_go_back(run_cli, speed, back):
+    option = f"--speed {speed}" if speed else ""
+    joint = "shoulder_lift" if speed else "elbow_flex"
+    result = run_cli(f"jog {joint} {option} --duration 6 --arm so101 --port sim")
+    assert f"Jog back with {back}." in result.err
+
+
 @pytest.mark.parametrize("compiled", [True, False])
 def test_jog_says_once_that_an_uncompiled_solver_is_slow(run_cli, monkeypatch, compiled):
     monkeypatch.setattr("ikservo.cli.session.is_compiled", lambda: compiled)
@@ -78,7 +86,7 @@ def test_jog_says_once_that_an_uncompiled_solver_is_slow(run_cli, monkeypatch, c
         ("pose cupp", "There is no pose named 'cupp'."),
         ("record wave.jsonl", "Cannot wait for Ctrl-C: input is not a terminal."),
         ("record no/wave.jsonl --duration 1", "no/wave.jsonl cannot be written"),
-        ("replay wave.jsonl", "wave.jsonl: cannot be read"),
+        ("replay wave.jsonl", "wave.jsonl: does not exist"),
         ("replay wave.jsonl --speed swift", "There is no speed named 'swift'."),
         ("follow so102", "There is no arm named 'so102'."),
     ],
