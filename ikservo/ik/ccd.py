@@ -1,8 +1,9 @@
 """Cyclic coordinate descent: move one joint after the other to its best position.
 
 One joint alone moves the tip along a circle or a straight line, and which point of it is nearest
-to the target is known in closed form; a joint goes towards it by at most `MAX_STEP` a sweep. No matrix is inverted and the error never grows; but joints that
-must move together alternate, which is slow along narrow valleys.
+to the target is known in closed form; a joint goes towards it by at most `MAX_STEP` a sweep. No
+matrix is inverted and the error never grows; but joints that must move together alternate, which is
+slow along narrow valleys.
 """
 
 from __future__ import annotations

@@ -134,7 +134,9 @@ def test_a_second_one_is_handled_while_the_arm_is_already_at_rest(servos, monkey
 def test_a_second_one_does_not_say_lowered_of_an_arm_that_was_not():
     with open_arm("so101", port="sim:?pose=home") as arm:
         line_of(arm).faults.add(Fault(kind="stuck", id=2, at_s=line_of(arm).world.time_s))
-        with pytest.raises(StoppedError, match="^Stopped; torque is off. The arm was not lowered"):
+        with pytest.raises(
+            StoppedError, match=r"^Stopped; torque is off\. The arm was not lowered"
+        ):
             interrupt_a_motion(arm, PressedAgain(0.9))
 
 
