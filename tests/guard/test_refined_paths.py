@@ -43,7 +43,9 @@ def check(path_m, *boxes):
     ],
 )
 def test_the_place_on_the_path_is_where_the_refined_sample_lies(path_m, percent):
-    with pytest.raises(RefusedError, match=rf"ball-the plate, 100\.0 mm, at {percent} %"):
+    with pytest.raises(
+        RefusedError, match=rf"ball would touch the plate: 100\.0 mm deep, at {percent} %"
+    ):
         check(path_m, plate(1.5))
 
 
@@ -70,7 +72,7 @@ def test_a_body_that_leaves_a_plate_is_not_stopped_on_its_way_out():
 
 @pytest.mark.parametrize("path_m", [[1.45, 2.5], [1.45, 1.5, 2.5], [1.45, 1.5, 1.45]])
 def test_a_body_that_touches_a_plate_must_not_leave_through_it(path_m):
-    with pytest.raises(RefusedError, match="ball-the plate"):
+    with pytest.raises(RefusedError, match="ball would touch the plate"):
         check(path_m, plate(1.5))
 
 
@@ -83,13 +85,13 @@ def test_a_plate_is_found_however_far_apart_the_samples_are():
 def test_a_body_that_has_left_a_plate_must_not_pass_through_it_between_samples():
     checker = CollisionChecker(slider(), floor_m=None, boxes=[plate(1.5)])
     checker.check_path([np.array([x]) for x in (1.45, 0.9, 0.5)])
-    with pytest.raises(RefusedError, match="ball-the plate"):
+    with pytest.raises(RefusedError, match="ball would touch the plate"):
         checker.check_path([np.array([x]) for x in (1.45, 0.9, 3.3)])
 
 
 def test_a_body_that_lies_against_a_plate_must_not_pass_through_it_between_samples():
     against_m = 1.5 - 0.001 - BALL_RADIUS_M
-    with pytest.raises(RefusedError, match="ball-the plate"):
+    with pytest.raises(RefusedError, match="ball would touch the plate"):
         check([against_m, 2.5], plate(1.5))
 
 
@@ -99,7 +101,9 @@ def test_a_contact_of_more_than_a_millimetre_is_found_between_two_samples(apart_
     path = [np.array([1.5 - apart_m / 2]), np.array([1.5 + apart_m / 2])]
     checker = CollisionChecker(slider(apart_m / 2 - 1e-6), boxes=[plate(1.5, thickness_m=1e-6)])
     if refused:
-        with pytest.raises(RefusedError, match=r"ball-the plate, 1\.0 mm, at 50 %"):
+        with pytest.raises(
+            RefusedError, match=r"ball would touch the plate: 1\.0 mm deep, at 50 %"
+        ):
             checker.check_path(path)
     else:
         checker.check_path(path)

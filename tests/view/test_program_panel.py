@@ -246,7 +246,7 @@ def test_bad_files_and_steps_are_refused_and_the_program_stays(session, own_fold
     (own_folder / "broken.toml").write_text('format = 1\narm = "so101"\n[[steps]]\nwait_s = -1.0\n')
     (own_folder / "other.toml").write_text('format = 1\narm = "koch"\n[[steps]]\nwait_s = 1.0\n')
     for kind, fields, words in [
-        (msg.ProgramFile, {"action": "load", "name": "broken"}, r"steps\[0\].wait_s"),
+        (msg.ProgramFile, {"action": "load", "name": "broken"}, r"step 1, wait_s"),
         (msg.ProgramFile, {"action": "load", "name": "other"}, "one for koch"),
         (msg.ProgramFile, {"action": "load", "name": "none"}, "no program"),
         (msg.ProgramFile, {"action": "save", "name": "other"}, "There is a program other"),
