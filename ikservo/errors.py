@@ -111,6 +111,7 @@ class IkservoError(Exception):
     Attributes:
         command_message: What happened, in terms of the command line, one line.
         command_hint: What to do now, in terms of the command line; may be empty.
+        python_hint: What a program has to do now, where the command line has no such mistake.
         exit_code: The exit code of the command line.
     """
 
@@ -120,6 +121,7 @@ class IkservoError(Exception):
         super().__init__(in_python(message))
         self.command_message = message
         self.command_hint = hint
+        self.python_hint = ""
 
     @property
     def message(self) -> str:
@@ -129,7 +131,7 @@ class IkservoError(Exception):
     @property
     def hint(self) -> str:
         """Return what to do in terms of the Python interface, ``arm.relax()``; may be empty."""
-        return in_python(self.command_hint)
+        return self.python_hint or in_python(self.command_hint)
 
     def __str__(self) -> str:
         return f"{self.message}\n{self.hint}" if self.hint else self.message

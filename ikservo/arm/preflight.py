@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from math import radians
 from typing import Protocol
 
 import numpy as np
@@ -152,7 +153,11 @@ class PreflightPlanner:
         goals = parse_all_positions(positions, self._servos.names)
         plan = self._planner.plan_to_joints(start, goals, self._runner.allowed_speed(speed))
         zeros.check_small_steps(self._model.name, start, plan.goal, self._max_steps())
-        self._servos.check_goal(plan.goal, start)
+        try:
+            self._servos.check_goal(plan.goal, start)
+        except RefusedError as error:
+            error.python_hint = self._ask_about_degrees(goals)
+            raise
         if zeros.are_known and set(self._context.chain.names) <= set(goals):  # the whole arm
             plan = self._plan_clear_or_via(
                 lambda at, allowed: self._planner.plan_to_joints(at, goals, allowed), start, speed
@@ -160,6 +165,17 @@ class PreflightPlanner:
         else:
             plan = self._check_clear(plan, speed)
         return self._make_replannable(plan, lambda: self.plan_joints(positions, speed))
+
+    def _ask_about_degrees(self, goals: Mapping[str, float]) -> str:
+        """Return a hint where goals in radians are outside the limits and as degrees are inside."""
+        fences = {fence.joint: fence for fence in self._servos.fences}
+        for name, goal in goals.items():
+            lower, upper = fences[name].limits.lower.value, fences[name].limits.upper.value
+            turned = fences[name].limits.unit == "rad" and not lower <= goal <= upper
+            if turned and lower <= radians(goal) <= upper:
+                meant = f"math.radians({goal:g}), which is {radians(goal):.4g}"
+                return f"Positions are radians. Did you mean {goal:g} degrees? Give {meant}."
+        return ""
 
     def pose_within_limits(self, pose: str, start: Vector | None = None) -> PoseWithinLimits:
         """Clamp a named pose to this arm's limits; see ``Arm.pose_within_limits``."""

@@ -25,7 +25,6 @@ __all__ = [
     "WeightOption",
     "calibrated_model_from_option",
     "describe_limit",
-    "initial_joints",
     "limit_sources",
     "model_from_option",
     "posture_from_options",
@@ -86,12 +85,6 @@ def calibrated_model_from_option(arm: str | None, tip: str | None = None) -> Mod
     older = f" (the newest; {len(own.others)} older beside it)" if own.others else ""
     print_status(f"Limits from calibration: {own.file}{older}")
     return own.model
-
-
-def initial_joints(model: Model) -> Vector:
-    """Return joints (dof,) inside the limits to start from: home, or the middle of the ranges."""
-    chain = model.chain
-    return chain.clip(model.chain_pose("home")) if "home" in model.poses else chain.mid_range()
 
 
 def describe_limit(model: Model, binding: ActiveLimit) -> str:

@@ -14,7 +14,6 @@ from ikservo.cli.model_options import (
     PreferOption,
     WeightOption,
     calibrated_model_from_option,
-    initial_joints,
     posture_from_options,
     report_missing_freedom,
 )
@@ -136,7 +135,7 @@ def command(
     orientation = orientation_from_options(pitch, roll, direction, keep=keep) if posed else None
     model = calibrated_model_from_option(arm, tip)
     posture = posture_from_options(model, model.chain, prefer, weight)
-    target, start = _make_target((x, y, z), model, direction, tool_axis), initial_joints(model)
+    target, start = _make_target((x, y, z), model, direction, tool_axis), model.initial_joints()
     if everything:
         results = _print_all(model, target, start, json=json)
     elif comparison:

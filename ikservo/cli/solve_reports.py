@@ -19,6 +19,7 @@ from ikservo.errors import InputError, format_point
 from ikservo.ik import METHODS, Result, Target, Tolerance, in_millimetres, solve
 from ikservo.ik.closed_form import direction_intervals, solutions
 from ikservo.ik.closed_form_structure import recognise_structure
+from ikservo.ik.kernel.compiled import is_compiled
 from ikservo.ik.planar import DirectionInterval
 from ikservo.ik.result import evaluate
 from ikservo.kinematics import Chain, JointType, joint_torques
@@ -305,6 +306,8 @@ def print_comparison(
         for row, entry in zip(rows, entries, strict=True):
             row.append(f"{math.degrees(entry.result.orientation_error_rad):.3f}°")
     print_table(columns, rows)
+    compiled = "bounded runs compiled, the other methods as Python."
+    print_status(compiled if is_compiled() else "All methods run as Python: none is compiled.")
 
 
 def print_traces(chain: Chain, target: Target, results: Sequence[tuple[str, Result]]) -> None:
@@ -363,6 +366,7 @@ def _comparison_fields(model: Model, entry: MethodResult) -> dict[str, object]:
         "answered_by": result.method,
         "reached": result.reached,
         "iterations": result.iterations,
+        "compiled": entry.method == "bounded" and is_compiled(),
         "time_s": entry.time_s,
         "position_error_m": result.position_error_m,
         "orientation_error_rad": result.orientation_error_rad,

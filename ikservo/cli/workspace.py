@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from ikservo.cli.model_options import calibrated_model_from_option, describe_limit, initial_joints
+from ikservo.cli.model_options import calibrated_model_from_option, describe_limit
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
@@ -195,7 +195,7 @@ def command(
     """
     _check_slice_options(cut, height, yaw, plot)
     model = calibrated_model_from_option(arm, tip)
-    home = initial_joints(model)
+    home = model.initial_joints()
     point_m = None if point is None else [parse_length_m(text) for text in point]
     clear = _make_clearance(model) if collision else None
     found = None if point_m is None else _solve_point(model, point_m, home, clear)

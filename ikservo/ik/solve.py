@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
+from pathlib import Path
 from typing import cast
 
 import numpy as np
@@ -17,11 +18,11 @@ from ikservo.ik.closed_form_structure import recognise_structure
 from ikservo.ik.jacobian_methods import pseudo_inverse, transpose
 from ikservo.ik.kernel.layout import MAX_ANGLE_RAD
 from ikservo.ik.other_solutions import nearest_solution, solution_set
-from ikservo.ik.prepare import check_chain
 from ikservo.ik.problem import DEFAULT_RESTARTS, Options, Posture, Target, Tolerance
 from ikservo.ik.result import Result, SolvedProblem, is_closer
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector, bounded_vector
+from ikservo.model.model import Model
 
 __all__ = ["METHODS", "Method", "get_method", "in_millimetres", "solve"]
 
@@ -73,8 +74,8 @@ def get_method(name: str) -> Method:
 
 
 def solve(
-    chain: Chain,
-    target: Target,
+    chain: Chain | Model | str | Path,
+    target: Target | ArrayLike,
     q0: ArrayLike | None = None,
     method: str = "auto",
     *,
@@ -94,9 +95,12 @@ def solve(
     allow, and the orientation as well as what remains allows.
 
     Args:
-        chain: The arm; its limits are never left, not even by one ulp.
-        target: The target.
-        q0: The start (dof,), rad or m; may be outside the limits. The middle if None.
+        chain: The arm, or its model, its name, or the path of its file; its limits are never left,
+            not even by one ulp.
+        target: The target, or a point (3,) for the tip, metres.
+        q0: The start (dof,), rad or m; may be outside the limits. If None, ``initial_joints()`` of
+            the model, as ``ikservo solve`` begins; the middle of the ranges of a chain, which has
+            no poses.
         method: ``auto`` or one of ``METHODS``.
         tolerance: The largest errors that count as reached.
         restarts: Maximum number of starting points, the given one first.
@@ -117,8 +121,8 @@ def solve(
 
     Raises:
         BadValueError: q0 has a wrong shape or is not finite, an option makes no sense, or there is
-            no chain or no target.
-        UnknownNameError: No such method, or the target's frame is no link of the arm.
+            no arm or no target.
+        UnknownNameError: No such arm or method, or the target's frame is no link of the arm.
     """
     values = (
         tolerance,
@@ -135,8 +139,10 @@ def solve(
         options = _checked_options(*values)
     except TypeError:  # a value that no table can look up, and no option takes
         options = _make_options(*values)
-    check_chain(chain)
-    _check_target(target)
+    if not isinstance(chain, Chain):
+        chain, q0 = _chain_and_start(chain, q0)
+    if not isinstance(target, Target):
+        target = Target(target)
     expected = "radians and metres, at most 1e6"
     start = chain.mid_range() if q0 is None else q0
     start = bounded_vector(start, chain.dof, MAX_ANGLE_RAD, "q0", expected)
@@ -156,9 +162,16 @@ def _make_options(tolerance: Tolerance | None, *others: object) -> Options:
 _checked_options = lru_cache(32, typed=True)(_make_options)
 
 
-def _check_target(target: object) -> None:
-    if not isinstance(target, Target):
-        raise BadValueError("The target", repr(target), "a Target, as in Target((0.25, 0, 0.15))")
+def _chain_and_start(arm: object, q0: ArrayLike | None) -> tuple[Chain, ArrayLike]:
+    """Return the chain of a model, of an arm's name or file, and the start."""
+    if isinstance(arm, str | Path):
+        from ikservo.model import load_model  # noqa: PLC0415  # pydantic, which a chain needs not
+
+        arm = load_model(arm)
+    if not isinstance(arm, Model):
+        expected = 'a Chain, a Model, or the name or file of an arm, as in "so101"'
+        raise BadValueError("The arm", repr(arm), expected)
+    return arm.chain, arm.initial_joints() if q0 is None else q0
 
 
 _MM_PER_M = 1000.0

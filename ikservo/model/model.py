@@ -258,6 +258,14 @@ class Model:
         """
         return _find_named("speed", name, self.speeds)
 
+    def initial_joints(self) -> NDArray[np.float64]:
+        """Return joints (dof,) inside the limits from which a solution is searched.
+
+        They are the pose ``home``, or the middle of the ranges where there is none.
+        """
+        has_home = "home" in self.poses
+        return self.chain.clip(self.chain_pose("home")) if has_home else self.chain.mid_range()
+
     def chain_pose(self, name: str) -> NDArray[np.float64]:
         """Return the joint vector (dof,) of the chain at a named pose."""
         pose = self.pose(name)

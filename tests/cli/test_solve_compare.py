@@ -7,6 +7,7 @@ import re
 import numpy as np
 import pytest
 
+import ikservo
 from ikservo.cli.plots import arm_polyline
 from ikservo.model import load_model
 from tests.oracle import ARMS, tip_from_joints
@@ -54,7 +55,7 @@ def test_the_json_of_a_comparison_has_the_keys_that_others_rely_on(run_cli):
     assert answer["target_m"] == [0.25, 0.05, 0.15]
     assert set(answer["methods"][0]) == {
         "method", "answered_by", "reached", "iterations", "time_s", "position_error_m",
-        "orientation_error_rad", "q_rad", "nearest_m", "binding",
+        "orientation_error_rad", "q_rad", "nearest_m", "binding", "compiled",
     }  # fmt: skip
 
 
@@ -297,3 +298,21 @@ def test_the_drawn_line_leads_from_the_base_to_the_tip(name):
     assert line[0].tolist() == [0, 0, 0]
     np.testing.assert_allclose(line[-1], model.chain.forward(home)[:3, 3], atol=1e-12)
     assert len(joints) == model.chain.dof
+
+
+def test_solve_and_python_find_the_same_joints(run_cli):
+    found = run_cli(f"{POINT} --json").json["q_rad"]
+    assert found == ikservo.solve("so101", (0.25, 0.05, 0.15)).q.tolist()
+
+
+@pytest.mark.parametrize("compiled", [True, False])
+def test_a_comparison_says_which_methods_are_compiled(run_cli, monkeypatch, compiled):
+    monkeypatch.setattr("ikservo.cli.solve_reports.is_compiled", lambda: compiled)
+    methods = run_cli(f"{POINT} --compare --json").json["methods"]
+    assert [m["method"] for m in methods if m["compiled"]] == ["bounded"] * compiled
+    assert ("bounded runs compiled" in run_cli(f"{POINT} --compare").err) == compiled
+
+
+def test_joints_outside_the_limits_are_not_asked_about_in_degrees(run_cli):
+    result = run_cli("joints elbow_flex=200 --arm so101 --port sim")
+    assert (result.code, "Did you mean" in result.err) == (8, False)

@@ -58,7 +58,7 @@ def test_a_direction_may_be_as_long_as_a_number_can_be():
 
 
 @pytest.mark.parametrize("ask", [
-    lambda: solve("so101", THERE), lambda: Solver(None), lambda: solve_batch(THERE, [[0, 0, 0]]),
+    lambda: Solver("so101"), lambda: Solver(None), lambda: solve_batch(THERE, [[0, 0, 0]]),
 ])  # fmt: skip
 def test_only_a_chain_is_a_chain(ask):
     with pytest.raises(BadValueError, match="The chain"):

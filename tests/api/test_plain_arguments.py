@@ -1,0 +1,46 @@
+"""A program may name the arm and give plain numbers, and is told what it mistook."""
+
+import math
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.errors import BadValueError, RefusedError
+from ikservo.model.catalogue import find_arm
+
+POINT_M = (0.25, 0.05, 0.15)
+
+
+@pytest.mark.parametrize("arm", ["so101", find_arm("so101"), ikservo.load_model("so101")])
+def test_solve_takes_a_name_a_file_or_a_model(arm):
+    assert ikservo.solve(arm, POINT_M).reached
+
+
+@pytest.mark.parametrize("arm", [3, None, {}])
+def test_solve_refuses_what_is_no_arm(arm):
+    with pytest.raises(BadValueError, match="The arm is"):
+        ikservo.solve(arm, POINT_M)
+
+
+def test_solve_of_a_model_begins_from_its_home_pose():
+    model = ikservo.load_model("so101")
+    from_home = ikservo.solve(model.chain, ikservo.Target(POINT_M), model.chain_pose("home"))
+    np.testing.assert_array_equal(ikservo.solve(model, POINT_M).q, from_home.q)
+
+
+@pytest.mark.parametrize("goal", [{"elbow_flex": 50}, {"gripper": 0.3, "wrist_flex": -45}])
+def test_joints_in_degrees_are_asked_about_with_their_radians(goal):
+    degrees = list(goal.values())[-1]
+    with (
+        ikservo.open_arm("so101", port="sim") as arm,
+        pytest.raises(RefusedError, match=rf"Did you mean {degrees} degrees") as caught,
+    ):
+        arm.move_joints(goal)
+    assert f"math.radians({degrees}), which is {math.radians(degrees):.4g}" in caught.value.hint
+
+
+def test_joints_outside_as_radians_and_as_degrees_are_not_asked_about():
+    with ikservo.open_arm("so101", port="sim") as arm, pytest.raises(RefusedError) as caught:
+        arm.move_joints({"elbow_flex": 300})
+    assert "degrees" not in caught.value.hint
