@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import contextlib
 import json
+import socket
+import ssl
 from collections.abc import Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -170,12 +172,55 @@ def _opened(settings: Mapping[str, object], what: str, hint: str) -> Generator[z
             config.insert_json5(key, json.dumps(value))  # pyright: ignore[reportUnknownMemberType]
         session = zenoh.open(config)
     except zenoh.ZError as error:
-        raise PortError(f"{what}: {_first_reason(str(error))}.", hint) from None
+        why, remedy = _why_unreachable(settings) or (_first_reason(str(error)), hint)
+        raise PortError(f"{what}: {why}.", remedy) from None
     try:
         yield session
     finally:
         with contextlib.suppress(zenoh.ZError):  # the link is gone
             session.close()  # pyright: ignore[reportUnknownMemberType]
+
+
+def _why_unreachable(settings: Mapping[str, object]) -> tuple[str, str] | None:
+    """Return why the only endpoint cannot be reached, and what to do; None where Zenoh knows more.
+
+    Zenoh reports no such host, nobody who listens and TLS of one end only as the same timeout.
+    """
+    match settings.get("connect/endpoints"):
+        case [str(place)]:
+            protocol, _, address = place.partition("/")
+        case _:
+            return None
+    host, _, port = address.rpartition(":")
+    host = host.strip("[]")
+    try:
+        with socket.create_connection((host, int(port)), _CONNECT_TIMEOUT_S) as connection:
+            speaks_tls = _answers_tls(connection)
+    except socket.gaierror:
+        return f"there is no machine named {host}", "Check its name, or give its IP address."
+    except ConnectionRefusedError:
+        return "nothing listens there", "Start it on that machine: ikservo serve"
+    except OSError:
+        return None
+    if protocol == "tls" and not speaks_tls:
+        return "it is served there without TLS", f"Name it with tcp/ before the host: tcp/{host}"
+    if protocol == "tcp" and speaks_tls:
+        return "it is served there with TLS", f"Name it with tls/ before the host: tls/{host}"
+    return None
+
+
+def _answers_tls(connection: socket.socket) -> bool:
+    """Return whether the other end answers a TLS greeting as such; nothing is verified or sent."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    connection.settimeout(_CONNECT_TIMEOUT_S)
+    try:
+        context.wrap_socket(connection).close()
+    except ssl.SSLError as error:
+        return "ALERT" in str(error).upper()  # it wants a certificate: that is TLS
+    except OSError:  # silent, or closed at once
+        return False
+    return True
 
 
 def _first_reason(text: str) -> str:

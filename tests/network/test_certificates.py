@@ -1,6 +1,7 @@
 """Who has which certificate may do what; the others send nothing to the servos."""
 
 import datetime
+import socket
 
 import pytest
 
@@ -187,7 +188,28 @@ def test_a_wrong_certificate_is_refused(served, certificates, wrong):
 @pytest.mark.usefixtures("impatient")
 def test_without_tls_the_arm_is_not_reached(served):
     plain = Endpoint("tcp", "127.0.0.1", served.endpoint.port)
-    with pytest.raises(PortError), open_client([plain], None):
+    with pytest.raises(PortError, match="it is served there with TLS"), open_client([plain], None):
+        pass
+
+
+@pytest.mark.usefixtures("impatient")
+def test_an_arm_served_without_tls_is_named_as_such(certificates):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        secured = Endpoint("tls", "127.0.0.1", server.getsockname()[1])
+        with pytest.raises(PortError, match="without TLS"), \
+                open_client([secured], certificates["operator"]):  # fmt: skip
+            pass
+
+
+@pytest.mark.usefixtures("impatient")
+@pytest.mark.parametrize(
+    ("host", "why"),
+    [("no-such-host.invalid", "no machine named"), ("127.0.0.1", "nothing listens there")],
+)
+def test_an_unknown_machine_is_told_from_one_that_serves_nothing(host, why):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        free_port = server.getsockname()[1]
+    with pytest.raises(PortError, match=why), open_client([Endpoint("tcp", host, free_port)], None):
         pass
 
 
