@@ -6,8 +6,10 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm import Arm
+from ikservo.arm.opening import resolve_port
+from ikservo.arm.poses import PoseLibrary
 from ikservo.cli.joints import move_joints, preview, print_report
+from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
@@ -22,6 +24,8 @@ from ikservo.cli.options import (
 )
 from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import print_json, print_lines, print_status
+from ikservo.errors import NoPortError
+from ikservo.hardware.remembered_port import remembered_serial_number, serial_number_of
 
 __all__ = ["command"]
 
@@ -50,10 +54,10 @@ def command(
 
     ikservo pose home --arm so101 --port sim
     """
+    if name is None:
+        _print_poses(_pose_library(arm, port), json=json)
+        return
     with open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
-        if name is None:
-            _print_poses(machine, json=json)
-            return
         inside = machine.pose_within_limits(name)
         positions = inside.positions
         for words in inside.changed:
@@ -65,10 +69,18 @@ def command(
     print_report(report, machine.model, json=json)
 
 
-def _print_poses(machine: Arm, *, json: bool) -> None:
+def _pose_library(arm: str | None, port: str | None) -> PoseLibrary:
+    """Return the poses of an arm; without a port those taught on the adapter it was last on."""
+    model = model_from_option(arm)
+    try:
+        serial_number = serial_number_of(resolve_port(model, port))
+    except NoPortError:
+        serial_number = remembered_serial_number(model.name)
+    return PoseLibrary(model, serial_number)
+
+
+def _print_poses(poses: PoseLibrary, *, json: bool) -> None:
     if json:
-        print_json(
-            "poses", poses=machine.poses.all_poses(), taught=sorted(machine.poses.user_poses())
-        )
+        print_json("poses", poses=poses.all_poses(), taught=sorted(poses.user_poses()))
     else:
-        print_lines(machine.poses.all_poses())
+        print_lines(poses.all_poses())

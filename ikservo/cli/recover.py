@@ -67,11 +67,17 @@ def _print_recoveries(done: list[RecoveryResult], *, json: bool) -> None:
     columns = ["joint", "id", "alarms before", "done", "alarms now", "torque"]
     print_table(columns, [_format_recovery_row(one) for one in done])
     left = [str(one.servo) for one in done if not one.healthy]
-    print_status(
-        f"Still faulty: {', '.join(left)}."
-        if left
-        else "All servos are fine; those with torque hold where they are."
-    )
+    if left:
+        print_status(f"Still faulty: {', '.join(left)}.")
+        return
+    print_status("No servo reports an alarm.")
+    limp = [one.servo.name for one in done if not one.torque]
+    if not limp:
+        print_status("Torque is on: every joint holds where it is.")
+    elif len(limp) == len(done):
+        print_status("Torque is off: the arm is limp. The next motion switches it on.")
+    else:
+        print_status(f"Torque is off, limp: {', '.join(limp)}. The other joints hold.")
 
 
 def _format_recovery_row(one: RecoveryResult) -> list[str]:

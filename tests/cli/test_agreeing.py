@@ -96,3 +96,9 @@ def test_relax_says_before_it_asks_that_an_overload_prevents_lowering(run_cli, m
     assert first.startswith("The arm cannot be lowered: shoulder_lift reports an alarm: overload")
     assert second == "Torque will be switched off where it stands: support it."
     assert "input is not a terminal" in question
+
+
+def test_poses_are_listed_without_a_port(run_cli, monkeypatch):
+    monkeypatch.setattr("serial.tools.list_ports.comports", list)
+    result = run_cli("pose --arm so101")
+    assert (result.code, result.out.split()) == (0, ["rest", "home", "zero"])

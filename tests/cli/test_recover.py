@@ -131,7 +131,26 @@ def test_a_silent_servo_does_not_keep_the_others_from_recovering(run_cli, monkey
 def test_a_healthy_arm_is_left_alone(run_cli):
     result = run_cli("recover --arm so101 --port sim")
     assert result.code == 0
-    assert result.err == "All servos are fine; those with torque hold where they are.\n"
+    assert result.err == (
+        "No servo reports an alarm.\n"
+        "Torque is off: the arm is limp. The next motion switches it on.\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("torques", "said"),
+    [
+        ((1, 1, 1, 1, 1, 1), "Torque is on: every joint holds"),
+        ((1, 0, 1, 1, 1, 1), "Torque is off, limp: shoulder_lift. The other joints hold."),
+    ],
+)
+def test_recover_says_which_joints_are_limp(run_cli, monkeypatch, torques, said):
+    def change(line):
+        for servo, torque in zip(line.world.servos, torques, strict=True):
+            servo.write("torque_enable", torque)
+
+    change_bus(monkeypatch, change)
+    assert said in run_cli("recover --arm so101 --port sim").err
 
 
 @pytest.mark.parametrize(
