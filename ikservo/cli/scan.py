@@ -52,6 +52,10 @@ def command(
     if shared_ids:
         print_status(f"Several servos answer at id {', '.join(map(str, shared_ids))}.")
         print_status("Connect one servo at a time and give each its own id: ikservo setup ARM")
+    if not (all_rates or rates):
+        print_status(f"Only rates up to the first with servos, {found[-1].baud_rate} baud, were "
+             "searched. All rates: --all")  # fmt: skip
+    if shared_ids:
         raise typer.Exit(ExitCode.FAILED)
 
 

@@ -84,6 +84,7 @@ def command(
         if floating:
             _float(machine, duration, yes=yes)
         elif not now:
+            _announce_teaching(machine, name, hold=hold)
             _confirm_relaxing(machine, yes=yes)
         until = None if now or floating else _wait_until_enter
         positions = machine.teach(name, until, hold=hold)
@@ -139,6 +140,14 @@ def _end_check(machine: Arm, duration: float | None) -> Generator[Callable[[], b
         return now_s >= ends_s[0]
 
     yield is_over
+
+
+def _announce_teaching(machine: Arm, name: str, *, hold: bool) -> None:
+    """Print what happens to the arm, before any of it does."""
+    stiff = any(state.torque for state in machine.where().joints)
+    first = "The arm is lowered and its torque goes off" if stiff else "Torque stays off"
+    last = "and torque comes on: the arm holds it" if hold else "and torque stays off"
+    print_status(f'{first}; move it by hand. Enter saves its pose as "{name}", {last}.')
 
 
 def _confirm_relaxing(machine: Arm, *, yes: bool) -> None:

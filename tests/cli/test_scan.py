@@ -180,3 +180,9 @@ def test_without_any_port_the_simulator_is_offered(run_cli, monkeypatch):
     result = run_cli("scan")
     assert result.code == 3
     assert "--port sim" in result.err
+
+
+@pytest.mark.parametrize(("option", "is_said"), [("", True), ("--all", False)])
+def test_scan_says_that_it_left_out_the_rates_after_the_first(run_cli, option, is_said):
+    result = run_cli(f"scan --port sim --arm so101 {option}")
+    assert ("Only rates up to the first with servos" in result.err) == is_said

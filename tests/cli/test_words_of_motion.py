@@ -310,3 +310,12 @@ def test_heat_is_coloured_by_the_arms_own_limits(celsius, colour):
 def test_a_joint_is_yellow_near_its_limit_and_red_beyond_it(position_rad, colour):
     state = JointState("wrist", position_rad, -1.0, 1.0, "arm file", 31.0, 12.1, 4.0, torque=True)
     assert limit_colour(state, "rad") == colour
+
+
+def test_teach_says_what_it_will_do_before_it_waits(run_cli, monkeypatch, tmp_path):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
+    monkeypatch.setattr("ikservo.cli.teach.wait_for_enter", lambda _: None)
+    first = run_cli("teach cup --arm so101 --port sim").err.splitlines()[0]
+    told = 'move it by hand. Enter saves its pose as "cup", and torque stays off.'
+    assert first == f"Torque stays off; {told}"
