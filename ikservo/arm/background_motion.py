@@ -233,7 +233,7 @@ class Background:
             raise BadValueError("wait", repr(wait), "True or False")
         self._check_no_stream()
         if not wait:
-            return self._start_thread(work)
+            return self._start_thread(work, self._stop_request.count)
         count = self._stop_request.count_at_request
         with self._queue, self._stop_request.requested(count):
             return work()
@@ -258,7 +258,7 @@ class Background:
             RefusedError: Another one is open.
         """
         self._check_no_stream()
-        motion = self._start_thread(work)
+        motion = self._start_thread(work, self._stop_request.count_at_request)
         self._stream = motion  # pyright: ignore[reportAttributeAccessIssue]  # of whatever result
         return motion
 
@@ -272,9 +272,7 @@ class Background:
         for motion in motions:
             motion.join()
 
-    def _start_thread(self, work: Callable[[], T]) -> Motion[T]:
-        count = self._stop_request.count_at_request
-
+    def _start_thread(self, work: Callable[[], T], count: int) -> Motion[T]:
         def requested_work() -> T:
             with self._stop_request.requested(count):
                 return work()

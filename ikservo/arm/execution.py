@@ -102,12 +102,13 @@ def run_plan(
     """
     _check_plan(plan)
     check_callable("on_progress", on_progress)
-    runner.check_speed(plan.speed)
-    if not context.servos.torque.is_on and plan.again is None:  # refused before torque comes on
-        _checked_trajectory(context, plan, runner.start_position())
-    with runner.motion():
-        plan = _replan_if_moved(context, plan)
-        return _run_motion(context, runner, plan, on_progress)
+    with runner.requested():
+        runner.check_speed(plan.speed)
+        if not context.servos.torque.is_on and plan.again is None:  # refused before torque comes on
+            _checked_trajectory(context, plan, runner.start_position())
+        with runner.motion():
+            plan = _replan_if_moved(context, plan)
+            return _run_motion(context, runner, plan, on_progress)
 
 
 def _replan_if_moved(context: ArmContext, plan: MotionPlan) -> MotionPlan:

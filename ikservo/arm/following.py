@@ -342,11 +342,12 @@ def follow_targets(
     context.model.speed(speed)
     follower = _TargetFollower(context, targets, on_progress, on_refused)
     started_s = context.now_s()
-    goal = follow_goals(arm, follower, speed=speed)
-    if goal is None:
-        measured = context.servos.measure_positions()
-    else:
-        measured = settle_at(context, arm.runner, goal, speed)
+    with arm.runner.requested():
+        goal = follow_goals(arm, follower, speed=speed)
+        if goal is None:
+            measured = context.servos.measure_positions()
+        else:
+            measured = settle_at(context, arm.runner, goal, speed)
     return FollowResult(
         setpoints=follower.count,
         unreached=follower.unreached,

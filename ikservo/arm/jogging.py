@@ -181,13 +181,13 @@ def jog(arm: ArmParts, what: str, speed: float | None = None, *, wanted: KeepGoi
     if not callable(wanted):
         raise BadValueError("The argument wanted", repr(wanted), "a function")
     context, runner = arm.context, arm.runner
-    speed_class = runner.allowed_speed("normal")
-    target, limits = _make_jog_target(context, what, speed, speed_class)
-    lower, upper = context.limits()
-    braking_s = max(limit.stopping_time_s for limit in limits)
-    controller = _JogController(context, target, wanted, braking_s)
-    started_s = context.now_s()
     with runner.requested():
+        speed_class = runner.allowed_speed("normal")
+        target, limits = _make_jog_target(context, what, speed, speed_class)
+        lower, upper = context.limits()
+        braking_s = max(limit.stopping_time_s for limit in limits)
+        controller = _JogController(context, target, wanted, braking_s)
+        started_s = context.now_s()
         context.warm_up()
         runner.return_within_limits()
         measured = runner.run(

@@ -194,6 +194,7 @@ class MotionRunner:
 
         That is so whether or not the stop is acknowledged before the block has ended.
         """
+        check_not_forked(self._process_id)
         return self._servos.stop_request.requested()
 
     def request_stop(self, reason: StopReason) -> None:
@@ -325,6 +326,7 @@ class MotionRunner:
         back, and not out again by a single tick.
         """
         lower, upper = self._context.limits()
+        check_not_forked(self._process_id)
         measured = self._servos.measure_positions()
         if ((measured >= lower) & (measured <= upper)).all():
             return
@@ -333,6 +335,7 @@ class MotionRunner:
 
     def start_position(self) -> Vector:
         """Return where a motion would start (n,), rad or m; a limp arm is measured."""
+        check_not_forked(self._process_id)
         if self._servos.torque.is_on:
             return self._servos.reference()
         return self._servos.measured_hold_positions()

@@ -194,7 +194,8 @@ class StreamedServos:
 
     def latch_stop(self, reason: StopReason) -> None:
         """Refuse motions until ``acknowledge``; sends the servos nothing."""
-        self.stop_request.count_stop(reason)
+        if reason is not self.stop_request.reason:  # counted when it was requested
+            self.stop_request.count_stop(reason)
         self._gate.latch_stop(reason)
 
     def acknowledge(self) -> None:

@@ -6,7 +6,7 @@ import itertools
 import threading
 import time
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from contextlib import AbstractContextManager, ExitStack, suppress
 from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, cast
 
@@ -128,7 +128,9 @@ class ArmServer:
             (keys.watch(name, "*"), self._answer_watch),
             (keys.drive(name, "*"), self._answer_drive),
         ):
-            queue = stack.enter_context(RequestQueue(key, answer, self.check, _QUICK))
+            queue = stack.enter_context(
+                RequestQueue(key, answer, self.check, self._requested, _QUICK)
+            )
             stack.enter_context(session.declare_queryable(key, queue))
         setpoints = keys.setpoint(name)
         stack.enter_context(session.declare_subscriber(setpoints, self._on_setpoint))
@@ -141,6 +143,11 @@ class ArmServer:
             stack.callback(thread.join, 2.0)
 
     # requests
+
+    def _requested(self) -> AbstractContextManager[None]:
+        """Return the context of a request that arrives now: a later stop ends what it moves."""
+        background = self._arm.background
+        return background.requested(background.stop_count)
 
     def check(self, request: ServiceRequest, service: str) -> None:
         """Refuse a request of the operator at its arrival where the lease does.

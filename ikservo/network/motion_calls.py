@@ -122,7 +122,8 @@ class RemoteStopRequest(StopRequest):
         self._calls = calls
 
     def set(self, reason: StopReason, signal: int = 0) -> None:
-        """Request a stop there."""
+        """Request a stop there; it ends what was requested here before."""
+        self.count_stop(reason)
         self._calls.request_stop(reason)
 
 

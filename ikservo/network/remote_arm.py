@@ -78,7 +78,8 @@ class RemoteArm:
         self._following = RemoteFollowing(connection, self._calls, self.joint_names)
         self.poses = RemotePoses(model, connection)
         self.clock: Clock = RealClock()
-        self.background = Background(self, RemoteStopRequest(self._calls))
+        self._stop_request = RemoteStopRequest(self._calls)
+        self.background = Background(self, self._stop_request)
 
     def __repr__(self) -> str:
         """Return arm and address."""
@@ -197,7 +198,7 @@ class RemoteArm:
 
     def request_stop(self, reason: StopReason) -> None:
         """Stop as ``stop`` does, for a reason of any kind."""
-        self._calls.request_stop(reason)
+        self._stop_request.set(reason)
 
     @property
     def stop_requests(self) -> int:
@@ -444,10 +445,11 @@ class RemoteArm:
     def _start(
         self, service: str, options: Mapping[str, Any], *, wait: bool, **arguments: object
     ) -> object:
-        on_progress = options.get("on_progress")
-        return self.background.run(
-            lambda: self._calls.run(service, on_progress, **arguments), wait=wait
-        )
+        def run() -> object:
+            self._stop_request.check_request()
+            return self._calls.run(service, options.get("on_progress"), **arguments)
+
+        return self.background.run(run, wait=wait)
 
     def _not_here(self, what: str) -> IkservoError:
         host = self._connection.address.endpoint.host

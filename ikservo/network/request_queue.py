@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Collection
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import AbstractContextManager, suppress
 from typing import TYPE_CHECKING
 
 from ikservo.errors import IkservoError, InputError, RefusedError
@@ -33,6 +33,7 @@ class RequestQueue:
         key: ``…/*`` for services by name, or the key of one.
         answer: Does what is requested, given the service; returns the result.
         check: Refuses a request at its arrival, given the service.
+        requested: Called at the arrival of a request; returns the context of its answer.
         quick: The services of an operator that need not wait for the ones before; all others of
             ``…/drive/*`` run one after another.
     """
@@ -42,9 +43,11 @@ class RequestQueue:
         key: str,
         answer: Callable[[str, ServiceRequest], object],
         check: Callable[[ServiceRequest, str], None],
+        requested: Callable[[], AbstractContextManager[None]],
         quick: Collection[str],
     ) -> None:
         self._key, self._answer, self._check, self._quick = key, answer, check, quick
+        self._requested = requested
         self._driving = key.endswith("/drive/*")
         self._free = threading.BoundedSemaphore(_MAX_PENDING)
         self._several = ThreadPoolExecutor(_THREADS, thread_name_prefix="ikservo-request")
@@ -71,7 +74,7 @@ class RequestQueue:
         waits = self._driving and service not in self._quick
         pool = self._single if waits else self._several
         with suppress(RuntimeError):  # it is being closed
-            pool.submit(self._work, query, service, request)
+            pool.submit(self._work, query, service, request, self._requested())
 
     def _read(self, query: zenoh.Query, service: str) -> ServiceRequest:
         payload = query.payload
@@ -83,9 +86,16 @@ class RequestQueue:
             self._check(request, service)
         return request
 
-    def _work(self, query: zenoh.Query, service: str, request: ServiceRequest) -> None:
+    def _work(
+        self,
+        query: zenoh.Query,
+        service: str,
+        request: ServiceRequest,
+        requested: AbstractContextManager[None],
+    ) -> None:
         try:
-            data = encode_result(self._answer(service, request))
+            with requested:
+                data = encode_result(self._answer(service, request))
         except BaseException as error:  # a client must not end this program
             data = encode_failure(error)
         finally:

@@ -89,6 +89,29 @@ def test_a_motion_that_is_requested_after_the_stop_runs(arm):
     assert arm.pose("zero").reached
 
 
+def test_a_motion_that_is_requested_while_the_stopped_one_brakes_runs(arm):
+    later = []
+
+    def stop_and_go_on(progress):
+        if not later and progress.elapsed_s > 0.2:
+            stop_and_acknowledge(arm)
+            later.append(arm.move_joints({"shoulder_pan": 0.3}, wait=False))
+
+    with pytest.raises(StoppedError):
+        arm.move_joints({"shoulder_pan": -0.5}, on_progress=stop_and_go_on)
+    assert later[0].wait().reached
+
+
+def test_a_stop_while_a_plan_is_checked_ends_its_execution(arm, monkeypatch):
+    plan = arm.plan_joints({"shoulder_pan": 0.3})
+    stop_and_acknowledge(arm)  # its torque is read again before the next motion
+    before = registers(arm, "goal_position")
+    call_before(arm.context.collision, "check_path", monkeypatch, lambda: stop_and_acknowledge(arm))
+    with pytest.raises(StoppedError):
+        arm.execute(plan)
+    assert registers(arm, "goal_position") == before
+
+
 def test_a_stop_between_two_steps_ends_a_program(arm):
     with arm.background.requested():
         arm.move_joints({"shoulder_pan": 0.1})

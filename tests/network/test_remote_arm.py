@@ -18,6 +18,7 @@ from ikservo.errors import (
     UnreachableError,
 )
 from ikservo.network.remote_arm import RemoteArm
+from tests.network.conftest import until
 
 POINT_M = (0.22, 0.05, 0.15)
 
@@ -146,6 +147,20 @@ def test_a_motion_in_the_background_returns_its_result(served):
     with served.open() as arm:
         motion = arm.move_joints({"gripper": 0.5}, wait=False)
         assert motion.wait(60.0).reached
+
+
+def test_motions_that_wait_are_ended_by_a_stop_even_if_it_is_acknowledged(served):
+    with served.open() as arm:
+        before = served.arm.where()["gripper"].position_rad
+        with served.arm.runner.lock:  # the server cannot begin the first one
+            motions = [arm.move_joints({"gripper": x}, wait=False) for x in (0.5, 0.1, 0.6)]
+            until(lambda: served.server.lease.moving is not None)
+            arm.stop()
+            arm.acknowledge()
+        for motion in motions:
+            with pytest.raises(StoppedError):
+                motion.wait(60.0)
+        assert abs(served.arm.where()["gripper"].position_rad - before) < 0.02
 
 
 def test_a_taught_pose_is_kept_beside_the_arm(served):
