@@ -241,7 +241,8 @@ def expand_xacro(path: Path) -> str:
             )  # fmt: skip
         text, complaint = (_read_start(file) for file in (out, err))
     if code != 0 or len(text) >= MAX_URDF_BYTES:
-        last = complaint.strip().splitlines()[-1:]
+        lines = complaint.strip().splitlines()
+        last = [line for line in lines if not line.startswith("when processing file")][-1:]
         why = " ".join(complaint.split()) if len(complaint) <= _SHOWN_CHARS else "".join(last)
         found = f"xacro refuses it: {why[:_SHOWN_CHARS] or f'exit code {code}'}"
         raise FileFormatError(path, "", found, "a xacro file without errors")

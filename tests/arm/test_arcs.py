@@ -101,7 +101,7 @@ def test_collinear_points_a_zero_radius_and_arcs_out_of_reach_move_nothing():
 
 def test_an_arc_into_the_table_is_refused():
     arm, tip_m = held("so101")
-    with arm, pytest.raises(RefusedError, match="floor"):
+    with arm, pytest.raises(RefusedError, match="the table"):
         arm.plan_arc(center_m=tip_m - (0.0, 0.0, 0.04), normal=(1.0, 0.0, 0.0))
 
 

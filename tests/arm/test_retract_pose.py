@@ -52,6 +52,6 @@ def test_an_arm_that_stands_free_is_sent_nowhere_else(folded):
 
 def test_what_cannot_be_reached_freely_is_refused_as_before(folded):
     before = registers(folded, "goal_position")
-    with pytest.raises(RefusedError, match="Collision"):
+    with pytest.raises(RefusedError, match="would touch"):
         folded.move_to((0.25, 0.0, -0.05))
     assert registers(folded, "goal_position") == before
