@@ -54,7 +54,7 @@ def test_a_tool_speed_that_is_not_reached_is_announced(run_cli):
         ("arc --center 0.2,0,0.1 --angle 0", 2, "angle of the arc is 0"),
         ("arc --center 0.2,0,0.1 --angle 3601", 2, "up to ten turns"),
         ("arc 0.8 0 0.1 --via 0.5,0.05,0.2", 7, "cannot be reached"),
-        ("arc --center 0.21,0,0.03 --normal y", 8, "floor"),
+        ("arc --center 0.21,0,0.03 --normal y", 8, "the table"),
         ("move 0.2 0 0.1 --line --tool-speed 0", 2, "not a speed above 0"),
         ("move 0.2 0 0.1 --line --tool-speed -5", 2, "not a speed above 0"),
         ("move 0.2 0 0.1 --line --tool-speed quick", 2, "is not a speed like"),

@@ -60,7 +60,7 @@ def test_without_an_origin_it_begins_where_the_tip_is(run_cli, square):
         ("draw {square} --lift -1mm", 2, "lift of the tool"),
         ("draw {square} --tool-speed 0", 2, "not a speed above 0"),
         ("draw {square} --scale 100 --origin 0.2,0,0.1", 7, "point 2 of stroke 1"),
-        ("draw {square} --origin 0.2,0,-0.03", 8, "floor"),
+        ("draw {square} --origin 0.2,0,-0.03", 8, "the table"),
         ("draw", 2, "Missing argument"),
     ],
 )
