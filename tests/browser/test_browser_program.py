@@ -128,7 +128,7 @@ def test_the_step_that_cannot_be_made_is_marked_with_its_reason(empty):
     until(lambda: len(places(empty)) == 2)
     page.click("#program-play")
     empty.until(PHASE.format("bad"))
-    assert "floor" in page.inner_text("#program-steps li.bad .reason")
+    assert "the table" in page.inner_text("#program-steps li.bad .reason")
     assert empty.served.goals() == before
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme, reduced_motion="reduce")
