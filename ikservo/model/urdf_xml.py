@@ -225,6 +225,8 @@ def expand_xacro(path: Path) -> str:
         FileFormatError: xacro is not installed, does not accept the file, or needs more time,
             memory or output than a description does; names the cause.
     """
+    if not path.is_file():
+        raise FileFormatError(path, "", "it does not exist", "a xacro file")
     command = [sys.executable, "-I", "-c", _RUN, _MODULE, str(path.absolute())]
     with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
         try:

@@ -118,3 +118,8 @@ def test_the_simulator_takes_an_arm_whose_macros_were_expanded(run_cli, tmp_path
     run_cli(f"arms expand {tmp_path}/arm.urdf.xacro")
     assert run_cli(f"where --arm {tmp_path}/arm.toml --port sim").code == 0
     assert Path(tmp_path / "arm.urdf").is_file()
+
+
+def test_a_missing_file_is_named():
+    with pytest.raises(FileFormatError, match="nowhere.xacro: it does not exist"):
+        expand_xacro(Path("nowhere.xacro"))
