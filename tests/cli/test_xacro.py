@@ -121,5 +121,5 @@ def test_the_simulator_takes_an_arm_whose_macros_were_expanded(run_cli, tmp_path
 
 
 def test_a_missing_file_is_named():
-    with pytest.raises(FileFormatError, match="nowhere.xacro: it does not exist"):
+    with pytest.raises(FileFormatError, match=r"nowhere\.xacro: it does not exist"):
         expand_xacro(Path("nowhere.xacro"))
