@@ -227,8 +227,8 @@ class ArmContext:
     def check_recorded_path(self, start: Vector, recorded: Matrix) -> None:
         """Check the path of the joints to a recorded path (k, n), and along it.
 
-        What the arm touches at ``start`` (n,) it may touch on the way, as in every motion; but not
-        a box that the recording begins in, which may have been added later.
+        What the arm touches at ``start`` (n,) it may touch again, as deep; but not a box that the
+        recording begins in, which may have been added later.
 
         Raises:
             RefusedError: Something would be touched.
@@ -241,7 +241,8 @@ class ArmContext:
         for pair, gap_m in zip(checker.pairs, first_m.tolist(), strict=True):
             if pair[1] in boxes and gap_m < 0.0:
                 raise CollisionError(pair, -gap_m, 0.0)
-        self._check_path(np.vstack([self.interpolate_joints(start, recorded[0]), recorded[1:]]))
+        path = np.vstack([self.interpolate_joints(start, recorded[0]), recorded[1:]])
+        checker.check_path(list(self.index.body_joints(path)), may_touch_again=True)
 
     def _check_path(self, path: Matrix, load_factor: float = 1.0) -> None:
         if self.checked_collision is not None:

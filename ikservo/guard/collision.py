@@ -123,7 +123,9 @@ class CollisionChecker:
         """Return the length of the joint vectors."""
         return self._body.dof
 
-    def check_path(self, path: Sequence[Vector], load: float = 1.0) -> None:
+    def check_path(
+        self, path: Sequence[Vector], load: float = 1.0, *, may_touch_again: bool = False
+    ) -> None:
         """Check joint vectors (dof,) along a path, the first being the present posture.
 
         An arm that touches the table, or itself, may move out: a pair in contact at the start may
@@ -134,6 +136,8 @@ class CollisionChecker:
         Args:
             path: The joint vectors.
             load: Multiple of gravity that acts on the arm: more than 1 while it brakes.
+            may_touch_again: A pair in contact at the start may come back to that depth, and end
+                there: a recording of an arm that was laid down.
 
         Raises:
             CollisionError: Names the pair and the place on the path.
@@ -142,9 +146,14 @@ class CollisionChecker:
         fractions, gap_m = self._sample_path(
             finite_vectors(np.array(path), self._body.dof, "q"), load
         )
-        allowed_m, bodies = self._allowed_gaps(gap_m), slice(len(self.pairs))
-        start_m = np.minimum(gap_m[0, bodies], 0.0)
-        allowed_m[-1, bodies] = np.maximum(allowed_m[-1, bodies], start_m - _DEEPER_AT_END_M)
+        bodies, start_m = slice(len(self.pairs)), np.minimum(gap_m[0], 0.0)
+        if may_touch_again:
+            allowed_m = np.tile(start_m - self._deeper_m(gap_m[0]), (len(gap_m), 1))
+        else:
+            allowed_m = self._allowed_gaps(gap_m)
+            allowed_m[-1, bodies] = np.maximum(
+                allowed_m[-1, bodies], start_m[bodies] - _DEEPER_AT_END_M
+            )
         samples, columns = np.nonzero(~(gap_m - allowed_m >= -_TOUCH_M))
         if len(samples):
             at, column = int(samples[0]), int(columns[0])
@@ -223,13 +232,20 @@ class CollisionChecker:
     def _allowed_gaps(self, gap_m: Matrix) -> Matrix:
         """Return the smallest allowed distance at each sample, of ``distances_with_sag`` [m].
 
-        A contact of the start ends where its pair is free for the first time. Where only the sagged
-        arm touches, it may use up half of the distance that the arm itself has at the start.
+        A contact of the start ends where its pair is free for the first time.
         """
         been_free = np.logical_or.accumulate(gap_m >= -_TOUCH_M, axis=0)
-        deeper_m = np.full(gap_m.shape[1], _DEEPER_M)
+        return np.where(been_free, 0.0, np.minimum(gap_m[0], 0.0) - self._deeper_m(gap_m[0]))
+
+    def _deeper_m(self, start_m: Vector) -> Vector:
+        """Return how much deeper than at the start each distance may become [m].
+
+        Where only the sagged arm touches, it may use up half of the distance that the arm itself
+        has at the start.
+        """
+        deeper_m = np.full(len(start_m), _DEEPER_M)
         if self._sag is not None:
             surroundings = slice(len(self._body.pairs), len(self.pairs))
             sagged = slice(len(self.pairs), None)
-            deeper_m[sagged] = np.maximum(_DEEPER_M, 0.5 * gap_m[0, surroundings])
-        return np.where(been_free, 0.0, np.minimum(gap_m[0], 0.0) - deeper_m)
+            deeper_m[sagged] = np.maximum(_DEEPER_M, 0.5 * start_m[surroundings])
+        return deeper_m
