@@ -13,11 +13,14 @@ from ikservo.clock import Clock
 from ikservo.errors import IkservoError, RefusedError, StoppedError
 from ikservo.guard import CommandLimits, Gate, StopKind, StopReason
 from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.goals import write_goals
 from ikservo.registers import RegisterName
 
 __all__ = [
     "CTRL_C",
     "RELAX_HINT",
+    "REQUEST_HINT",
+    "STOPPED_AFTER_REQUEST",
     "STOPPED_BY_PROGRAM",
     "StopKind",
     "StopOutcome",
@@ -37,7 +40,7 @@ STOPPED_BY_PROGRAM = StopReason(StopKind.PROGRAM, "Stopped; torque stays on.")
 STOPPED_AFTER_REQUEST = StopReason(
     StopKind.PROGRAM, "The arm was stopped after this motion was requested."
 )
-_REQUEST_HINT = "Nothing was sent. Request it again once the arm may move."
+REQUEST_HINT = "Nothing was sent. Request it again once the arm may move."
 RELAX_HINT = "Switch torque off with: ikservo relax"
 
 
@@ -50,14 +53,13 @@ class StopRequest:
 
     Attributes:
         times: How often a stop was requested since the last one was acknowledged.
-        count: How often the arm was stopped since it was opened, cancelled motions aside.
         acknowledged: Whether the stop was acknowledged before its motion has ended.
         signal: The signal that requested first; 0 where none did.
     """
 
     def __init__(self) -> None:
         self._reason: StopReason | None = None
-        self.times = self.signal = self.count = 0
+        self.times = self.signal = self._count = 0
         self._requests = threading.local()
         self.acknowledged = self._motion_running = False
         self._without_braking, self._hint = False, RELAX_HINT
@@ -70,6 +72,11 @@ class StopRequest:
     def reason(self) -> StopReason | None:
         """The reason of the first request; None where there was none."""
         return self._reason
+
+    @property
+    def count(self) -> int:
+        """How often the arm was stopped since it was opened, cancelled motions aside."""
+        return self._count
 
     @property
     def motion_running(self) -> bool:
@@ -87,7 +94,7 @@ class StopRequest:
     def count_stop(self, reason: StopReason) -> None:
         """Count a stop that ends what was requested before it; a cancelled motion ends alone."""
         if reason.kind is not StopKind.CANCELLED:
-            self.count += 1
+            self._count += 1
 
     @contextmanager
     def requested(self, count: int | None = None, *, anew: bool = False) -> Generator[None]:
@@ -97,7 +104,7 @@ class StopRequest:
             count: The ``count`` of stops when it was requested; the present one if None.
             anew: Whether it is no part of the request that this thread may be at already.
         """
-        outer: int | None = getattr(self._requests, "count", None)
+        outer = self.marked_count
         if outer is not None and not anew:
             yield
             return
@@ -110,9 +117,15 @@ class StopRequest:
                 self._requests.count = outer
 
     @property
+    def marked_count(self) -> int | None:
+        """The ``count`` when what this thread does was requested; None where that is not marked."""
+        return getattr(self._requests, "count", None)
+
+    @property
     def count_at_request(self) -> int:
         """The ``count`` when what this thread does was requested; the present one by default."""
-        return getattr(self._requests, "count", self.count)
+        marked = self.marked_count
+        return self.count if marked is None else marked
 
     def check_request(self) -> None:
         """Raise where the arm was stopped after this thread's request was made.
@@ -121,7 +134,7 @@ class StopRequest:
             StoppedError: It was, whether or not the stop has been acknowledged since.
         """
         if self.count_at_request != self.count:
-            raise StoppedError((self._reason or STOPPED_AFTER_REQUEST).text, _REQUEST_HINT)
+            raise StoppedError((self._reason or STOPPED_AFTER_REQUEST).text, REQUEST_HINT)
 
     def set_without_braking(self, reason: StopReason, hint: str) -> None:
         """Request that the motion ends at once, without sending anything more."""
@@ -355,10 +368,13 @@ def _is_approaching(fence: CommandLimits, before: int | None, tick: int, goal: i
 def _send_goals(
     bus: ServoBus, fences: Sequence[CommandLimits], clock: Clock, ticks: Mapping[str, int]
 ) -> None:
-    def send(goals: Mapping[int, int]) -> None:
-        bus.sync_write(RegisterName.GOAL_POSITION, goals, raw=True)
-
     ids = {fence.joint: fence.servo_id for fence in fences}
+    ranges = {fence.servo_id: fence.tick_range for fence in fences}
+    measured = {ids[name]: tick for name, tick in ticks.items()}
+
+    def send(goals: Mapping[int, int]) -> None:
+        write_goals(bus, goals, ranges, reached=lambda servo_id: (measured[servo_id],))
+
     pending = dict(ticks)
     for _ in range(_ATTEMPTS):  # a sync write has no reply: goals are read back
         if pending:

@@ -25,6 +25,7 @@ from ikservo.errors import (
 )
 from ikservo.guard import CommandLimits, Gate, StopReason, TrackingMonitor, torque_lost_error
 from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.goals import write_goals
 from ikservo.kinematics.arrays import Vector
 from ikservo.motion import TrajectoryPoint
 from ikservo.registers import RegisterName
@@ -67,7 +68,7 @@ class StreamedServos:
         self.fences = tuple(fences)
         self.names = tuple(fence.joint for fence in fences)
         self._ids = [fence.servo_id for fence in fences]
-        self._tick_ranges = {fence.joint: fence.tick_range for fence in fences}
+        self._tick_ranges = {fence.servo_id: fence.tick_range for fence in fences}
         self._gate = Gate(fences, self._write_goals, clock)
         self._feedback = Feedback(bus, fences)
         self.compensator = GoalCompensator(fences)
@@ -431,23 +432,26 @@ class StreamedServos:
         return requested if interrupted and requested is not None else fault_reason(error)
 
     def _write_goals(self, goals: Mapping[int, int]) -> None:
-        """Write goals; the last check before the bytes, independent of the gate's.
-
-        A joint that a limp arm has sunk out of its limits with is held there and moved back.
+        """Write goals, each within its limits or where its joint was measured or sent before.
 
         Raises:
-            RefusedError: A goal is outside the limits, and further out than the joint was measured
-                and than its last goal was; nothing was sent.
+            RefusedError: One is not; nothing was sent.
         """
-        for fence in self.fences:
-            tick, (low, high) = goals.get(fence.servo_id), self._tick_ranges[fence.joint]
-            if tick is None or low <= tick <= high:
-                continue
-            reached = (self._feedback.latest.get(fence.joint), self._gate.goals.get(fence.joint))
-            known = [low, high, *(at for at in reached if at is not None)]
-            if not min(known) <= tick <= max(known):
-                raise RefusedError(fence.describe_violation(tick), "Nothing was sent.")
-        self._bus.sync_write(RegisterName.GOAL_POSITION, goals, raw=True)
+        write_goals(
+            self._bus,
+            goals,
+            self._tick_ranges,
+            reached=self._reached,
+            describe=lambda servo_id, tick: self._limits_of(servo_id).describe_violation(tick),
+        )
+
+    def _reached(self, servo_id: int) -> list[int]:
+        joint = self._limits_of(servo_id).joint
+        known = (self._feedback.latest.get(joint), self._gate.goals.get(joint))
+        return [tick for tick in known if tick is not None]
+
+    def _limits_of(self, servo_id: int) -> CommandLimits:
+        return self.fences[self._ids.index(servo_id)]
 
     def _to_ticks(self, positions: Vector) -> dict[str, int]:
         return {

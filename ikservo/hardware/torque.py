@@ -7,6 +7,7 @@ from types import MappingProxyType
 
 from ikservo.errors import BusError, RefusedError, ServoAlarmError, ServoRejectedError
 from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.goals import write_goals
 from ikservo.hardware.register_access import MAX_ENABLING_TICKS
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import ControlTable, Family, FeetechMode, OperatingMode, RegisterName
@@ -41,7 +42,7 @@ def torque_on(bus: ServoBus, servo_id: int) -> int:
     present_tick = bus.read(servo_id, RegisterName.PRESENT_POSITION, raw=True)
     goal_tick = nearest_goal(str(bus.servos[servo_id]), present_tick, accepted)
     with bus.enabling({servo_id: present_tick}):
-        bus.write(servo_id, RegisterName.GOAL_POSITION, goal_tick, raw=True)
+        write_goals(bus, {servo_id: goal_tick}, {servo_id: accepted}, confirmed=True)
         kept_tick = bus.read(servo_id, RegisterName.GOAL_POSITION, raw=True)
         check_kept_goal(bus, servo_id, kept_tick, goal_tick)
         bus.write(servo_id, RegisterName.TORQUE_ENABLE, 1, raw=True)

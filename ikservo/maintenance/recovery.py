@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 
 from ikservo.errors import BusError, RefusedError, ServoAlarmError
 from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.goals import write_goals
 from ikservo.hardware.servo import ServoSpec
 from ikservo.hardware.torque import read_goal_range, torque_on
 from ikservo.registers import Alarm, Family, RegisterName
@@ -132,16 +134,17 @@ def _set_goals_to_present(bus: ServoBus, servo_ids: Iterable[int]) -> None:
     present: Mapping[int, int] = bus.sync_read(
         servo_ids, RegisterName.PRESENT_POSITION, raw=True
     ).values
-    inside = {i: tick for i, tick in present.items() if _is_accepted(bus, i, tick)}
+    ranges = _read_goal_ranges(bus, present)
+    # Outside its limits a servo would not stay at its position, but drive to one of them.
+    inside = {i: present[i] for i, (low, high) in ranges.items() if low <= present[i] <= high}
     if inside:
-        bus.sync_write(RegisterName.GOAL_POSITION, inside, raw=True)
+        write_goals(bus, inside, ranges)
         bus.sync_read(inside, RegisterName.GOAL_POSITION)  # a reply shows that the write is over
 
 
-def _is_accepted(bus: ServoBus, servo_id: int, tick: int) -> bool:
-    """Return whether a servo would stay at a goal; outside its limits it drives to one of them."""
-    try:
-        low, high = read_goal_range(bus, servo_id)
-    except (BusError, RefusedError):
-        return False
-    return low <= tick <= high
+def _read_goal_ranges(bus: ServoBus, servo_ids: Iterable[int]) -> dict[int, tuple[int, int]]:
+    ranges: dict[int, tuple[int, int]] = {}
+    for servo_id in servo_ids:
+        with suppress(BusError, RefusedError):
+            ranges[servo_id] = read_goal_range(bus, servo_id)
+    return ranges

@@ -1,0 +1,57 @@
+"""The last check of every goal before its bytes, independent of the checks above it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+
+from ikservo.errors import RefusedError
+from ikservo.hardware.bus import ServoBus
+from ikservo.registers import RegisterName
+
+__all__ = ["write_goals"]
+
+
+def _nowhere(_: int) -> Iterable[int]:
+    return ()
+
+
+def write_goals(
+    bus: ServoBus,
+    goals: Mapping[int, int],
+    ranges: Mapping[int, tuple[int, int]],
+    *,
+    reached: Callable[[int], Iterable[int]] = _nowhere,
+    describe: Callable[[int, int], str] | None = None,
+    confirmed: bool = False,
+) -> None:
+    """Write goal positions of servos; nothing else in this program writes one.
+
+    A goal is inside the servo's range, or between the range and where the servo has been: a joint
+    that a limp arm has sunk out of its limits with is held there and moved back, never further out.
+
+    Args:
+        bus: The servos.
+        goals: Raw ticks by servo id.
+        ranges: The lowest and the highest goal of each servo, inclusive.
+        reached: Returns where a servo is, or was sent before; called for a goal out of its range.
+        describe: Returns the message for a refused goal, given servo id and tick.
+        confirmed: Whether each servo confirms its goal by a reply; if not, one packet carries all.
+
+    Raises:
+        RefusedError: A goal is outside, or of a servo without a range; nothing was sent.
+        RegisterAccessError: The torque of a servo is off; nothing was sent.
+        BusError: A servo does not confirm it.
+    """
+    for servo_id, tick in goals.items():
+        low, high = ranges.get(servo_id, (0, -1))
+        if low <= tick <= high:
+            continue
+        known = (low, high, *reached(servo_id))
+        if servo_id not in ranges or not min(known) <= tick <= max(known):
+            usual = f"The goal {tick} of {bus.servos[servo_id]} is outside {low} to {high}."
+            raise RefusedError(describe(servo_id, tick) if describe else usual, "Nothing was sent.")
+    if confirmed:
+        for servo_id, tick in goals.items():
+            bus.write(servo_id, RegisterName.GOAL_POSITION, tick, raw=True)
+    else:
+        bus.sync_write(RegisterName.GOAL_POSITION, goals, raw=True)
