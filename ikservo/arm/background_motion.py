@@ -240,8 +240,8 @@ class Background:
 
     @property
     def stop_count(self) -> int:
-        """How often the arm was stopped since it was opened."""
-        return self._stop_request.count
+        """How often the arm had been stopped when what this thread does was requested."""
+        return self._stop_request.count_at_request
 
     def requested(self, stop_count: int | None = None) -> AbstractContextManager[None]:
         """Mark the motions of this thread in the block as one request: a stop ends them all.

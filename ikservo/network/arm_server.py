@@ -144,10 +144,13 @@ class ArmServer:
 
     # requests
 
-    def _requested(self) -> AbstractContextManager[None]:
-        """Return the context of a request that arrives now: a later stop ends what it moves."""
-        background = self._arm.background
-        return background.requested(background.stop_count)
+    def _requested(self, request: ServiceRequest) -> AbstractContextManager[None]:
+        """Return the context of a request that arrives now: a later stop ends what it moves.
+
+        So does one that was made on the way, or while the request still waited in its program.
+        """
+        background, count = self._arm.background, request.stop_count
+        return background.requested(background.stop_count if count is None else count)
 
     def check(self, request: ServiceRequest, service: str) -> None:
         """Refuse a request of the operator at its arrival where the lease does.
@@ -166,6 +169,8 @@ class ArmServer:
                 return self._describe()
             case "health":
                 return self._health()
+            case "stop_count":
+                return self._arm.background.stop_count
             case _ if service in WATCH:
                 given = parse_arguments(WATCH[service].arguments, request.arguments)
                 return WATCH[service].method(self._arm, *given.positional(), **given.options())
@@ -176,7 +181,7 @@ class ArmServer:
         holder, text = self.lease.holder, str(request.arguments.get("reason", ""))[:200]
         own = holder is not None and holder.lease == request.lease
         kind = _STOP_KINDS.get(str(request.arguments.get("kind")), StopKind.PROGRAM)
-        if own and self.lease.moving is not None:
+        if own and (self.lease.moving is not None or kind is StopKind.CANCELLED):
             self._arm.request_stop(StopReason(kind, text or _STOPPED.format("its operator")))
             return StopResult(self._arm.model.name, self._port, True, self._arm.joint_names, (), ())
         if (

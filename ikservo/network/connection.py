@@ -175,16 +175,20 @@ class Connection:
         Raises:
             IkservoError: It failed there, or the connection is lost.
         """
-        pending = self.start(service, **arguments)
+        pending = self.start(service, stop_count=None, **arguments)
         while not pending.wait(_POLL_S):
             pass
         return pending.result()
 
-    def start(self, service: str, **arguments: object) -> PendingCall:
-        """Send a request of the operator, who gets the lease first."""
+    def start(
+        self, service: str, *, stop_count: int | None = None, **arguments: object
+    ) -> PendingCall:
+        """Send a request of the operator, who gets the lease first; see ``ServiceRequest``."""
         with self._lock:
             lease = self.acquire()
-            request = self._request(arguments, lease=lease, number=next(self._numbers))
+            request = self._request(
+                arguments, lease=lease, number=next(self._numbers), stop_count=stop_count
+            )
             return self._send(keys.drive(self.address.name, service), request, _LONG_S)
 
     def plan(self, service: str, **arguments: object) -> object:
@@ -343,7 +347,12 @@ class Connection:
             )
 
     def _request(
-        self, arguments: Mapping[str, object], *, lease: str = "", number: int = 0
+        self,
+        arguments: Mapping[str, object],
+        *,
+        lease: str = "",
+        number: int = 0,
+        stop_count: int | None = None,
     ) -> bytes:
         return encode(
             ServiceRequest(
@@ -351,6 +360,7 @@ class Connection:
                 lease=lease,
                 number=number,
                 sent_s=self._server_now_s(),
+                stop_count=stop_count,
                 arguments=arguments_of(arguments),
             )
         )

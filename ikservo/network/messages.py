@@ -65,6 +65,8 @@ class ServiceRequest(_NetworkMessage):
         lease: The lease of control that it is made under; empty where none is needed.
         number: Of this request under the lease, growing; 0 without a lease.
         sent_s: When it was sent, by the clock of the server.
+        stop_count: How often the arm had been stopped when the motion was requested, which may be
+            long before it was sent; what it is at the arrival if None.
         arguments: Of the service.
     """
 
@@ -72,6 +74,7 @@ class ServiceRequest(_NetworkMessage):
     lease: Lease = ""
     number: Number = 0
     sent_s: Seconds = 0.0
+    stop_count: Number | None = None
     arguments: dict[str, JsonValue] = {}
 
 

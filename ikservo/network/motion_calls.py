@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
-from typing import Any
+from typing import Any, cast
 
 from ikservo.arm import MotionPlan, MotionProgress, StopKind, StopReason
 from ikservo.arm import motion_options as options_of
@@ -28,10 +28,14 @@ class MotionCalls:
 
     Args:
         connection: To that process.
+
+    Attributes:
+        stop_request: Stops the arm, and marks which motions were requested before a stop.
     """
 
     def __init__(self, connection: Connection) -> None:
         self._connection = connection
+        self.stop_request = RemoteStopRequest(connection)
         self._failures: list[Exception] = []
 
     def plan(self, service: str, **arguments: object) -> MotionPlan:
@@ -45,7 +49,12 @@ class MotionCalls:
         check_callable("on_progress", on_progress)
         with self.reporting(on_progress):
             more = {} if on_progress is None else {"progress": True}
-            return self.await_result(self._connection.start(service, **arguments, **more), None)
+            return self.await_result(self.start(service, **arguments, **more), None)
+
+    def start(self, service: str, **arguments: object) -> PendingCall:
+        """Send the request of a motion; a stop since it was made in this program ends it."""
+        count = self.stop_request.marked_count
+        return self._connection.start(service, stop_count=count, **arguments)
 
     def await_result(
         self, pending: PendingCall, go_on: Callable[[], None] | None, poll_s: float = _POLL_S
@@ -71,10 +80,6 @@ class MotionCalls:
             self._stop_after(error, pending)
             raise
         return pending.result()
-
-    def request_stop(self, reason: StopReason) -> None:
-        """Stop the arm; does not wait until it stands."""
-        self._connection.stop(reason.text, reason.kind.name, wait=False)
 
     def reporting(self, on_progress: OnProgress | None) -> AbstractContextManager[object]:
         """Return a context in which the progress of motions is reported.
@@ -106,25 +111,39 @@ class MotionCalls:
         signal = not isinstance(error, Exception)
         kind = StopKind.CTRL_C if signal else StopKind.FAULT
         text = "Stopped by Ctrl-C; torque stays on." if signal else _failure_text(error)
-        self.request_stop(StopReason(kind, text))
+        self.stop_request.set(StopReason(kind, text))
         pending.wait(_STOP_TIMEOUT_S)
 
 
 class RemoteStopRequest(StopRequest):
-    """A stop request of a signal, passed on to the other machine.
+    """Stops of an arm on another machine: requested there, and counted there.
 
     Args:
-        calls: To that machine.
+        connection: To that machine.
+
+    Attributes:
+        count_here: How often this program has stopped the arm, cancelled motions aside.
     """
 
-    def __init__(self, calls: MotionCalls) -> None:
+    def __init__(self, connection: Connection) -> None:
         super().__init__()
-        self._calls = calls
+        self._connection = connection
+        self.count_here = 0
+
+    @property
+    def count(self) -> int:
+        """How often the arm was stopped by any program, as the other machine says."""
+        return int(cast("int", self._connection.watch("stop_count")))
+
+    def count_stop(self, reason: StopReason) -> None:
+        """Count a stop of this program's, which may arrive there after later requests."""
+        if reason.kind is not StopKind.CANCELLED:
+            self.count_here += 1
 
     def set(self, reason: StopReason, signal: int = 0) -> None:
-        """Request a stop there; it ends what was requested here before."""
+        """Request a stop there; does not wait until the arm stands."""
         self.count_stop(reason)
-        self._calls.request_stop(reason)
+        self._connection.stop(reason.text, reason.kind.name, wait=False)
 
 
 def _failure_text(error: BaseException) -> str:

@@ -35,13 +35,13 @@ from ikservo.arm.recording import ArmSample
 from ikservo.arm.reports import OnProgress
 from ikservo.arm.target_tracking import CartesianOrJointTarget
 from ikservo.clock import Clock, RealClock
-from ikservo.control.stopping import STOPPED_BY_PROGRAM
-from ikservo.errors import BadValueError, IkservoError, PortError, RefusedError
+from ikservo.control.stopping import REQUEST_HINT, STOPPED_AFTER_REQUEST, STOPPED_BY_PROGRAM
+from ikservo.errors import BadValueError, IkservoError, PortError, RefusedError, StoppedError
 from ikservo.kinematics import JointIndex
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
 from ikservo.network.connection import Connection
-from ikservo.network.motion_calls import MotionCalls, RemoteStopRequest, joint_options, tip_options
+from ikservo.network.motion_calls import MotionCalls, joint_options, tip_options
 from ikservo.network.plan_fields import RemoteTrajectory
 from ikservo.network.remote_description import ArmDescription, RemotePoses, describe
 from ikservo.network.remote_following import RemoteFollowing
@@ -78,8 +78,7 @@ class RemoteArm:
         self._following = RemoteFollowing(connection, self._calls, self.joint_names)
         self.poses = RemotePoses(model, connection)
         self.clock: Clock = RealClock()
-        self._stop_request = RemoteStopRequest(self._calls)
-        self.background = Background(self, self._stop_request)
+        self.background = Background(self, self._calls.stop_request)
 
     def __repr__(self) -> str:
         """Return arm and address."""
@@ -198,7 +197,7 @@ class RemoteArm:
 
     def request_stop(self, reason: StopReason) -> None:
         """Stop as ``stop`` does, for a reason of any kind."""
-        self._stop_request.set(reason)
+        self._calls.stop_request.set(reason)
 
     @property
     def stop_requests(self) -> int:
@@ -355,7 +354,7 @@ class RemoteArm:
         """Move a joint or the tip for as long as ``wanted`` returns True; see ``Arm.jog``."""
         if not callable(wanted):
             raise BadValueError("The argument wanted", repr(wanted), "a function")
-        pending = self._connection.start("jog", what=what, speed=speed)
+        pending = self._calls.start("jog", what=what, speed=speed)
 
         def go_on() -> None:
             chosen = wanted()
@@ -412,7 +411,7 @@ class RemoteArm:
 
     def stream(self, *, speed: str = "normal", rate_hz: float | None = None) -> RemoteStream:
         """Open a stream of setpoints; see ``Arm.stream``."""
-        return RemoteStream(self, self._connection, speed, rate_hz)
+        return RemoteStream(self, self._connection, self._calls, speed, rate_hz)
 
     def record(
         self,
@@ -445,8 +444,12 @@ class RemoteArm:
     def _start(
         self, service: str, options: Mapping[str, Any], *, wait: bool, **arguments: object
     ) -> object:
+        stops = self._calls.stop_request
+        count_here = stops.count_here
+
         def run() -> object:
-            self._stop_request.check_request()
+            if stops.count_here != count_here:
+                raise StoppedError(STOPPED_AFTER_REQUEST.text, REQUEST_HINT)
             return self._calls.run(service, options.get("on_progress"), **arguments)
 
         return self.background.run(run, wait=wait)

@@ -61,7 +61,7 @@ class RemoteFollowing:
                 self._connection.send_setpoint(wanted=False)
 
         with self._calls.reporting(chosen.on_progress):
-            pending = self._connection.start("follow", speed=chosen.speed)
+            pending = self._calls.start("follow", speed=chosen.speed)
             return cast("FollowResult", self._calls.await_result(pending, send_next, poll_s=0.0))
 
     def follow_arm(

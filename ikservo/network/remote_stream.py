@@ -18,6 +18,7 @@ from ikservo.kinematics import finite_array
 from ikservo.kinematics.arrays import as_floats
 from ikservo.network.connection import Connection, PendingCall
 from ikservo.network.messages import TargetFields
+from ikservo.network.motion_calls import MotionCalls
 
 __all__ = ["RemoteStream", "goal_fields", "next_items"]
 
@@ -49,9 +50,14 @@ class RemoteStream:
     """
 
     def __init__(
-        self, arm: Streaming, connection: Connection, speed: str, rate_hz: float | None
+        self,
+        arm: Streaming,
+        connection: Connection,
+        calls: MotionCalls,
+        speed: str,
+        rate_hz: float | None,
     ) -> None:
-        self._arm, self._connection, self._speed = arm, connection, speed
+        self._arm, self._connection, self._calls, self._speed = arm, connection, calls, speed
         self._period_s = parse_period_s(rate_hz)
         self._due_s = 0.0
         self._pending: PendingCall | None = None
@@ -66,7 +72,7 @@ class RemoteStream:
         """
         if self._pending is not None:
             raise RefusedError("This stream was used before.", "Open another: arm.stream().")
-        self._pending = self._connection.start("stream", speed=self._speed)
+        self._pending = self._calls.start("stream", speed=self._speed)
         return self
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:

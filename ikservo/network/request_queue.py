@@ -33,7 +33,7 @@ class RequestQueue:
         key: ``…/*`` for services by name, or the key of one.
         answer: Does what is requested, given the service; returns the result.
         check: Refuses a request at its arrival, given the service.
-        requested: Called at the arrival of a request; returns the context of its answer.
+        requested: Called with a request at its arrival; returns the context of its answer.
         quick: The services of an operator that need not wait for the ones before; all others of
             ``…/drive/*`` run one after another.
     """
@@ -43,7 +43,7 @@ class RequestQueue:
         key: str,
         answer: Callable[[str, ServiceRequest], object],
         check: Callable[[ServiceRequest, str], None],
-        requested: Callable[[], AbstractContextManager[None]],
+        requested: Callable[[ServiceRequest], AbstractContextManager[None]],
         quick: Collection[str],
     ) -> None:
         self._key, self._answer, self._check, self._quick = key, answer, check, quick
@@ -74,7 +74,7 @@ class RequestQueue:
         waits = self._driving and service not in self._quick
         pool = self._single if waits else self._several
         with suppress(RuntimeError):  # it is being closed
-            pool.submit(self._work, query, service, request, self._requested())
+            pool.submit(self._work, query, service, request, self._requested(request))
 
     def _read(self, query: zenoh.Query, service: str) -> ServiceRequest:
         payload = query.payload

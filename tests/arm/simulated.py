@@ -83,3 +83,17 @@ def true_joints(arm):
 
 def servo_id(name, joint):
     return next(j["servo"]["id"] for j in arm_file(name)["joints"] if j["name"] == joint)
+
+
+def call_before(owner, name, monkeypatch, action):
+    """Let an action happen once, just before a method is called."""
+    original, done = getattr(owner, name), []
+
+    def wrapped(*args, **kwargs):
+        if not done:
+            done.append(True)
+            action()
+        return original(*args, **kwargs)
+
+    monkeypatch.setattr(owner, name, wrapped, raising=True)
+    return done

@@ -7,7 +7,7 @@ import pytest
 import ikservo
 from ikservo.arm import StopKind, StopReason
 from ikservo.errors import RefusedError, StoppedError
-from tests.arm.simulated import line_of, motion_runner, registers, servo_group
+from tests.arm.simulated import call_before, line_of, motion_runner, registers, servo_group
 
 STROKES_M = [[(0.22, -0.03, 0.12), (0.22, 0.03, 0.12)], [(0.25, 0.03, 0.12), (0.25, -0.03, 0.12)]]
 REQUESTS = {
@@ -30,20 +30,6 @@ def arm():
 def stop_and_acknowledge(arm):
     arm.stop()
     arm.acknowledge()
-
-
-def call_before(owner, name, monkeypatch, action):
-    """Let an action happen once, just before a method is called."""
-    original, done = getattr(owner, name), []
-
-    def wrapped(*args, **kwargs):
-        if not done:
-            done.append(True)
-            action()
-        return original(*args, **kwargs)
-
-    monkeypatch.setattr(owner, name, wrapped, raising=True)
-    return done
 
 
 @pytest.mark.parametrize("request_motion", REQUESTS.values(), ids=REQUESTS)

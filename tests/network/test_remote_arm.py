@@ -18,6 +18,7 @@ from ikservo.errors import (
     UnreachableError,
 )
 from ikservo.network.remote_arm import RemoteArm
+from tests.arm.simulated import call_before, registers
 from tests.network.conftest import until
 
 POINT_M = (0.22, 0.05, 0.15)
@@ -161,6 +162,82 @@ def test_motions_that_wait_are_ended_by_a_stop_even_if_it_is_acknowledged(served
             with pytest.raises(StoppedError):
                 motion.wait(60.0)
         assert abs(served.arm.where()["gripper"].position_rad - before) < 0.02
+
+
+@pytest.fixture
+def stopped_elsewhere(served):
+    """Another program that stops the arm; the stop is acknowledged at once."""
+    other = served.connect()
+
+    def stop_and_acknowledge():
+        other.stop("test", "CLIENT")
+        served.arm.acknowledge()
+
+    yield stop_and_acknowledge
+    other.close()
+
+
+def test_motions_that_wait_in_a_program_are_ended_by_the_stop_of_another(served, stopped_elsewhere):
+    with served.open() as arm:
+        before = registers(served.arm, "goal_position")
+        with arm.background._queue:  # none is sent before all are requested
+            motions = [arm.move_joints({"gripper": x}, wait=False) for x in (0.5, 0.1, 0.6)]
+            stopped_elsewhere()
+        for motion in motions:
+            with pytest.raises(StoppedError):
+                motion.wait(60.0)
+        assert registers(served.arm, "goal_position") == before
+        assert arm.move_joints({"gripper": 0.3}).reached
+
+
+@pytest.mark.parametrize(
+    "request_motion",
+    [
+        lambda arm: arm.move_to(POINT_M),
+        lambda arm: arm.draw([[POINT_M, (0.22, -0.05, 0.15)]]),
+        lambda arm: arm.gripper("open"),
+    ],
+    ids=["move_to", "draw", "gripper"],
+)
+def test_a_motion_that_is_prepared_in_a_program_is_ended_by_the_stop_of_another(
+    served, stopped_elsewhere, monkeypatch, request_motion
+):
+    with served.open() as arm:
+        before = registers(served.arm, "goal_position")
+        call_before(arm._calls, "start", monkeypatch, stopped_elsewhere)
+        with pytest.raises(StoppedError):
+            request_motion(arm)
+        assert registers(served.arm, "goal_position") == before
+
+
+@pytest.mark.parametrize(
+    "go_on",
+    [
+        lambda arm: arm.move_joints({"gripper": 0.5}),
+        lambda arm: arm.jog("gripper", 0.1, wanted=lambda: True),
+        lambda arm: arm.follow([{"gripper": 0.5}] * 300),
+        lambda arm: arm.relax(),
+    ],
+    ids=["move", "jog", "follow", "relax"],
+)
+def test_a_stop_by_another_program_between_two_steps_ends_a_program(
+    served, stopped_elsewhere, go_on
+):
+    with served.open() as arm, arm.background.requested():
+        arm.move_joints({"gripper": 0.2})
+        stopped_elsewhere()
+        before = registers(served.arm, "goal_position")
+        with pytest.raises(StoppedError):
+            go_on(arm)
+        assert registers(served.arm, "goal_position") == before
+
+
+def test_a_cancelled_motion_does_not_end_those_that_wait(served):
+    with served.open() as arm:
+        with arm.background._queue:
+            first, second = (arm.move_joints({"gripper": x}, wait=False) for x in (0.5, 0.1))
+            first.cancel()
+        assert second.wait(60.0).reached
 
 
 def test_a_taught_pose_is_kept_beside_the_arm(served):

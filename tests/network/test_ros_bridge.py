@@ -31,7 +31,7 @@ from ikservo.network.ros.trajectory_action import ACTION
 from ikservo.network.session import open_router_client
 from tests.arm.simulated import true_joints, true_tip_m
 from tests.network.conftest import PATIENCE_S, find_free_port, serve, until
-from tests.network.ros_graph import HOST, bridged, router, trajectory
+from tests.network.ros_graph import HOST, Graph, bridged, router, trajectory
 
 CONSOLE = "import sys; from ikservo.cli.entry_point import console; console()"
 DEFINITIONS = {  # which the SDK would fetch from GitHub
@@ -169,6 +169,28 @@ def test_a_stop_is_latched_until_it_is_acknowledged(graph):
     assert graph.call("/acknowledge")[0].success
     graph.publish("/joint_trajectory", trajectory("wrist_roll", (0.5, start)))
     until(lambda: true_joints(graph.arm)["wrist_roll"] < held - 0.02)
+
+
+def test_a_goal_that_waits_is_ended_by_the_stop_of_another_node(graph, monkeypatch):
+    before, waits, goes_on = true_joints(graph.arm), threading.Event(), threading.Event()
+
+    def wait(*_):
+        waits.set()
+        assert goes_on.wait(60)
+
+    with open_router_client(Endpoint("tcp", HOST, graph.port), None) as session:
+        other = Graph(graph.port, graph.arm, session, graph.warnings)
+        with monkeypatch.context() as patch:
+            patch.setattr("ikservo.network.ros.bridge.check_age", wait)
+            graph.publish("/joint_trajectory", trajectory("wrist_roll", (0.5, 1.0)))
+            assert waits.wait(60)
+            assert other.call("/stop")[0].success
+            assert graph.call("/acknowledge")[0].success
+            goes_on.set()
+            until(lambda: graph.warnings)
+    assert "stopped after this motion was requested" in graph.warnings[-1]
+    graph.wait_until_still()
+    assert true_joints(graph.arm) == pytest.approx(before, abs=0.01)
 
 
 def test_a_stop_without_attachment_is_obeyed_however_busy_the_other_services_are(graph):

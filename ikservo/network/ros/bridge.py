@@ -5,7 +5,7 @@ from __future__ import annotations
 import threading
 import time
 from collections.abc import Callable
-from contextlib import ExitStack, suppress
+from contextlib import AbstractContextManager, ExitStack, suppress
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -108,7 +108,7 @@ class RosBridge:
         self._stack.close()
 
     def _declare(self, stack: ExitStack) -> None:
-        node = RosNode(self._session, self._name, stack, self._warn)
+        node = RosNode(self._session, self._name, stack, self._warn, self._requested)
         self._publishers = {topic: node.publisher(topic).publish for topic in OUTPUTS}
         urdf = description_text(self._arm.model)
         self._publish(self._messages.description(time.time_ns(), urdf))
@@ -121,6 +121,11 @@ class RosBridge:
         TrajectoryAction(node, self._arm, self._driver, self._parse_trajectory)
 
     # what comes in
+
+    def _requested(self) -> AbstractContextManager[None]:
+        """Return the context of a message that arrives now: a later stop ends what it moves."""
+        background = self._arm.background
+        return background.requested(background.stop_count)
 
     def _take_trajectory(self, message: Any) -> None:  # noqa: ANN401  # a generated class
         check_age(message.header.stamp, time.time())

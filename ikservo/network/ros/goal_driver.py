@@ -91,8 +91,8 @@ class GoalDriver:
 
     def put(self, goal: MotionGoal | None, watch: GoalWatch | None = None) -> None:
         """Replace the goal; None brakes and holds."""
-        stop_count = self._arm.background.stop_count
-        self._replace(None if goal is None else _Task(goal, watch, stop_count))
+        background = self._arm.background
+        self._replace(None if goal is None else _Task(goal, watch, background.stop_count))
 
     def cancel(self, watch: GoalWatch) -> None:
         """Brake and hold, where the goal with this watch is the newest."""

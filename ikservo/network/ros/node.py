@@ -8,7 +8,7 @@ import time
 from collections import OrderedDict
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, suppress
+from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from ikservo.errors import IkservoError, InputError, RefusedError
@@ -47,15 +47,21 @@ class RosNode:
         name: The node.
         stack: Undeclares everything.
         warn: Called with what was wrong with a message that was dropped.
+        requested: Called where a message arrives; returns the context in which it is handled.
     """
 
     def __init__(
-        self, session: zenoh.Session, name: NodeName, stack: ExitStack, warn: Callable[[str], None]
+        self,
+        session: zenoh.Session,
+        name: NodeName,
+        stack: ExitStack,
+        warn: Callable[[str], None],
+        requested: Callable[[], AbstractContextManager[None]] = nullcontext,
     ) -> None:
         self._session, self.name, self._stack, self._warn = session, name, stack, warn
         self._count = 0
-        self._messages = _Worker(1, "ikservo-ros-messages")  # in their order
-        self._services = _Worker(4, "ikservo-ros-services")
+        self._messages = _Worker(1, "ikservo-ros-messages", requested)  # in their order
+        self._services = _Worker(4, "ikservo-ros-services", requested)
         stack.callback(self._messages.close)
         stack.callback(self._services.close)
         self._announce(node_token(name))
@@ -207,7 +213,10 @@ class _Senders:
 class _Worker:
     """Handles what Zenoh delivers in threads of its own; what is too much is dropped."""
 
-    def __init__(self, threads: int, name: str) -> None:
+    def __init__(
+        self, threads: int, name: str, requested: Callable[[], AbstractContextManager[None]]
+    ) -> None:
+        self._requested = requested
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix=name)
         self._free = threading.BoundedSemaphore(_MAX_PENDING)
 
@@ -215,16 +224,21 @@ class _Worker:
         """Handle it, unless too much is waiting."""
         if not self._free.acquire(blocking=False):
             return
-        with suppress(RuntimeError):  # it is being closed
-            self._pool.submit(self._handle, handle, received)
+        with suppress(RuntimeError, IkservoError):  # it is being closed, or the arm is out of reach
+            self._pool.submit(self._handle, self._requested(), handle, received)
+            return
+        self._free.release()
 
     def close(self) -> None:
         """Wait for what is being handled."""
         self._pool.shutdown(cancel_futures=True)
 
-    def _handle(self, handle: Callable[[_T], None], received: _T) -> None:
+    def _handle(
+        self, requested: AbstractContextManager[None], handle: Callable[[_T], None], received: _T
+    ) -> None:
         try:
-            handle(received)
+            with requested:
+                handle(received)
         finally:
             self._free.release()
 
