@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import os
 import threading
 from collections.abc import Collection, Generator, Iterable
 from dataclasses import dataclass
@@ -16,7 +17,7 @@ from weakref import WeakKeyDictionary
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import PortError, PortLostError
 from ikservo.hardware.pending import AdaptiveTimeout, ByteRateCheck, LineHealth, PendingReplies
-from ikservo.hardware.transport import Transport, open_transport
+from ikservo.hardware.transport import Transport, abandon_in_forked_children, open_transport
 
 __all__ = ["Port", "SdkPort", "open_port"]
 
@@ -222,7 +223,7 @@ class SdkPort:
         """Return the error that names how the port was lost."""
         if not self.is_open:
             return PortError(f"{self.name} was closed.", "Open it again.")
-        if getattr(self.transport, "abandoned", False):
+        if isinstance(self.transport, _ForeignTransport):
             return PortError(
                 f"{self.name} was opened before this process was forked, by its parent.",
                 "Open the port in the process that uses it, after the fork.",
@@ -263,6 +264,7 @@ class Port(SdkPort):
     def __init__(self, transport: Transport, name: str, baud_rate: int) -> None:
         self.lock = threading.RLock()
         super().__init__(transport, name, baud_rate)
+        abandon_in_forked_children(self)
 
     def connect(self, transport: Transport, name: str, baud_rate: int) -> None:
         """Use another transport from now on; reset what was measured of the old one."""
@@ -313,7 +315,13 @@ class Port(SdkPort):
         """Return another opening of the line, with the same attributes; it is closed by itself."""
         opening = object.__new__(Port)
         opening.__dict__ = self.__dict__
+        abandon_in_forked_children(opening)
         return opening
+
+    def abandon(self) -> None:
+        """Refuse all use in a forked child, also where a thread of the parent used the port."""
+        self.lock, self.is_using = threading.RLock(), False
+        self.transport = _ForeignTransport(self.transport)
 
     def closePort(self) -> None:
         """Close this opening, and with the last one the transport; a lost port is no error."""
@@ -343,10 +351,18 @@ class Port(SdkPort):
 class _ClosedTransport:
     """What an opening has in place of a transport that others still use."""
 
-    abandoned = False
-
     def __getattr__(self, name: str) -> NoReturn:
         raise OSError(errno.EBADF, "closed")
+
+    def __setattr__(self, name: str, value: object) -> NoReturn:
+        raise OSError(errno.EBADF, "closed")
+
+
+class _ForeignTransport(_ClosedTransport):
+    """In place of one that the parent of this process uses; keeps it, unclosed."""
+
+    def __init__(self, transport: object) -> None:
+        vars(self)["_transport"] = transport
 
 
 @dataclass(frozen=True, slots=True)
@@ -360,6 +376,17 @@ class _Opening:
 
 _openings: WeakKeyDictionary[Port, _Opening] = WeakKeyDictionary()
 _opening = threading.Lock()
+
+
+def _forget_openings() -> None:
+    """Forget in a forked child what its parent has open."""
+    global _opening  # noqa: PLW0603  # a thread of the parent may hold it for ever
+    _opening = threading.Lock()
+    _openings.clear()
+
+
+if hasattr(os, "register_at_fork"):  # not on Windows, which has no fork
+    os.register_at_fork(after_in_child=_forget_openings)
 
 
 def open_port(name: str, baud_rate: int, arm: str = "", servo_ids: Collection[int] = ()) -> Port:
@@ -395,9 +422,8 @@ def open_port(name: str, baud_rate: int, arm: str = "", servo_ids: Collection[in
 
 
 def _is_same_line(port: Port, other: _Opening, own: _Opening) -> bool:
-    """Return whether a port is open, of the same device and not of the parent before a fork."""
-    is_own = not getattr(port.transport, "abandoned", False)
-    return port.is_open and is_own and other.device == own.device
+    """Return whether a port is open, and of the same device."""
+    return port.is_open and other.device == own.device
 
 
 def _check_sharing(port: Port, baud_rate: int, own: _Opening, others: Iterable[_Opening]) -> None:

@@ -20,7 +20,7 @@ from pathlib import Path
 from select import select
 from time import monotonic
 from types import TracebackType
-from typing import Any, NoReturn, Protocol, cast
+from typing import Any, Protocol, cast
 from weakref import WeakSet
 
 from ikservo.errors import NoPortError, PortBusyError, PortError
@@ -315,8 +315,7 @@ def _open_serial(name: str, baud_rate: int) -> serial.Serial:
 class _LockedTransport:
     """A pyserial port and its lock, which is released with it.
 
-    Both belong to the process that opened them; see ``process_local_files``. ``abandoned`` is set
-    in a forked child.
+    Both belong to the process that opened them: ``abandon`` closes a forked child's copies.
 
     Setting pyserial's ``timeout`` reconfigures the device, over the network for a remote one,
     although only ``read`` uses it; so where possible it is set past pyserial.
@@ -371,7 +370,6 @@ class _LockedTransport:
             elif self._files:
                 self._port.close()
         self._lock.release()
-        self.read = self.write = self.flush = self.reset_input_buffer = _raise_foreign_port
         self.abandoned = True
 
     def close(self) -> None:
@@ -406,7 +404,3 @@ def _disable_nagle(port: serial.SerialBase) -> None:
     if isinstance(connection, socket.socket):
         with contextlib.suppress(OSError):
             connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-
-
-def _raise_foreign_port(*_: object) -> NoReturn:
-    raise serial.SerialException("another process opened it")

@@ -8,20 +8,23 @@ import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import warnings
 from pathlib import Path
 
 import pytest
 
+import ikservo
 from ikservo.arm.control_server import serve
 from ikservo.errors import PortError
-from ikservo.hardware import open_port
+from ikservo.hardware import ServoBus, ServoSpec, open_port
 from ikservo.hardware.transport import acquire_lock
+from ikservo.registers import STS3215, RegisterName
 
 pytestmark = pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
 
 OWNER = """import os, sys, time
-from ikservo.hardware import open_port
+from ikservo.hardware import ServoBus, ServoSpec, open_port
 port = open_port(sys.argv[1], 1_000_000)
 if not os.fork():
     print(os.getpid(), flush=True)
@@ -67,21 +70,88 @@ def descriptors():
     return {str(file.readlink()) for file in files if file.is_symlink()}
 
 
-def open_there(port):
-    def tell():
+def message_of(use):
+    try:
+        use()
+    except PortError as error:
+        return error.message
+    return "done"
+
+
+USES = {
+    "write": lambda port: port.writePort(b"x"),
+    "read": lambda port: port.read_until(1, 0.0),
+    "clear": lambda port: port.clearPort(),
+    "count": lambda port: port.getBytesAvailable(),
+    "rate": lambda port: port.setBaudRate(500_000),
+}
+SIM = f"sim:{Path(ikservo.__file__).parent.parent / 'configs/so101/arm.toml'}"
+FORKED = "opened before this process was forked"
+
+
+@pytest.mark.parametrize("use", USES.values(), ids=USES)
+@pytest.mark.parametrize("name", ["pty", "sim"])
+def test_a_forked_child_cannot_use_the_port_and_is_told_why(pty_name, name, use):
+    with open_port(pty_name if name == "pty" else SIM, 1_000_000) as port:
+        assert FORKED in in_fork(lambda: message_of(lambda: use(port)))
+        assert message_of(lambda: use(port)) == "done"
+
+
+def test_a_child_forked_while_a_thread_uses_the_bus_is_told_at_once_and_closes_nothing():
+    servos = [ServoSpec(1, STS3215, "shoulder_pan")]
+    held, done = threading.Event(), threading.Event()
+    with open_port(SIM, 1_000_000) as port:
+        bus = ServoBus(port, servos)
+
+        def use_port():
+            with port.exchange():
+                port.is_using = True
+                held.set()
+                done.wait(60)
+
+        def try_all():
+            torque = RegisterName.TORQUE_ENABLE
+            uses = (
+                lambda: bus.read(1, torque, raw=True),
+                lambda: bus.write(1, torque, 0, raw=True),
+                lambda: bus.sync_read([1], torque, raw=True),
+                lambda: bus.sync_write(torque, {1: 0}, raw=True),
+            )
+            answers = [message_of(use) for use in uses]
+            port.close()
+            return answers
+
+        thread = threading.Thread(target=use_port)
+        thread.start()
+        assert held.wait(60)
         try:
-            port.writePort(b"x")
-        except PortError as error:
-            return error.message
-        return "written"
+            assert in_fork(try_all).count(FORKED) == 4
+        finally:
+            done.set()
+            thread.join()
+        assert bus.read(1, RegisterName.TORQUE_ENABLE, raw=True) == 0
 
-    return tell
 
+def test_a_child_opens_the_port_while_a_thread_of_its_parent_opens_another(pty_name, monkeypatch):
+    opening, done = threading.Event(), threading.Event()
 
-def test_a_forked_child_cannot_use_the_port_and_is_told_why(pty_name):
-    with open_port(pty_name, 1_000_000) as port:
-        assert "opened before this process was forked" in in_fork(open_there(port))
-        assert open_there(port)() == "written"
+    def open_slowly(*_):
+        opening.set()
+        done.wait(60)
+        raise PortError("too late")
+
+    with monkeypatch.context() as patch:
+        patch.setattr("ikservo.hardware.port.open_transport", open_slowly)
+        slow = lambda: message_of(lambda: open_port("/dev/other", 1_000_000, "so101", [1]))  # noqa: E731
+        thread = threading.Thread(target=slow)
+        thread.start()
+        assert opening.wait(60)
+    try:
+        own = in_fork(lambda: message_of(lambda: open_port(pty_name, 1_000_000, "so101", [1])))
+    finally:
+        done.set()
+        thread.join()
+    assert own == "done"
 
 
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
