@@ -240,7 +240,7 @@ class CommandHandler:
         target = self._target
         moving = False
         if not target.lock.acquire(blocking=False):  # a motion, or a thread that reads servos
-            target.request_stop(_STOPPED)
+            target.request_stop(_STOPPED if target.motion_running else _STOPPED_AT_REST)
             moving = target.motion_running
             self._wait_for_lock(BRAKE_TIMEOUT_S)
         try:

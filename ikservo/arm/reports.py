@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -24,6 +24,7 @@ __all__ = [
     "MoveResult",
     "OnProgress",
     "SampledTrajectory",
+    "describe_torque",
     "sample_trajectory",
 ]
 
@@ -317,3 +318,13 @@ def sample_trajectory(
         positions=np.array([state.position for state in states]),
         velocities=np.array([state.velocity for state in states]),
     )
+
+
+def describe_torque(states: Sequence[JointState]) -> str:
+    """Return ``torque stays on``, or which servos are limp."""
+    limp = [state.name for state in states if not state.torque]
+    if not limp:
+        return "torque stays on"
+    if len(limp) == len(states):
+        return "torque is off, the arm is limp"
+    return f"the torque of {', '.join(limp)} is off"

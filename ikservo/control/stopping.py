@@ -36,7 +36,7 @@ __all__ = [
 
 
 CTRL_C = StopReason(StopKind.CTRL_C, "Stopped; torque stays on.")
-STOPPED_BY_PROGRAM = StopReason(StopKind.PROGRAM, "Stopped; torque stays on.")
+STOPPED_BY_PROGRAM = StopReason(StopKind.PROGRAM, "Stopped by the program.")
 STOPPED_AFTER_REQUEST = StopReason(
     StopKind.PROGRAM, "The arm was stopped after this motion was requested."
 )

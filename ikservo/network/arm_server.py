@@ -58,7 +58,7 @@ _STOP_KINDS = {
 _QUICK = ("lease", "release", "acknowledge", "disable_torque")
 """Requests of the operator that do not wait for the running motion."""
 
-_STOPPED = "Stopped by {}; torque stays on."
+_STOPPED = "Stopped by {}."
 
 
 class ArmServer:
@@ -114,7 +114,7 @@ class ArmServer:
             return
         self._closing.set()
         self.lease.close()
-        self._end_motion("The program that serves the arm was ended; torque stays on.")
+        self._end_motion("The program that serves the arm was ended.")
         self._stack.close()
 
     def _start(self, stack: ExitStack) -> None:

@@ -110,7 +110,7 @@ class MotionCalls:
     def _stop_after(self, error: BaseException, pending: PendingCall) -> None:
         signal = not isinstance(error, Exception)
         kind = StopKind.CTRL_C if signal else StopKind.FAULT
-        text = "Stopped by Ctrl-C; torque stays on." if signal else _failure_text(error)
+        text = "Stopped by Ctrl-C." if signal else _failure_text(error)
         self.stop_request.set(StopReason(kind, text))
         pending.wait(_STOP_TIMEOUT_S)
 

@@ -99,8 +99,7 @@ class _MachineStop:
         return StopAllResult(tuple(self._stopped.values()), tuple(errors))
 
     def _request(self, session: zenoh.Session) -> None:
-        reason = f"Stopped by {who_asks()}; torque stays on."
-        arguments = arguments_of({"reason": reason, "kind": "CLIENT"})
+        arguments = arguments_of({"reason": f"Stopped by {who_asks()}.", "kind": "CLIENT"})
         request = encode(ServiceRequest(schema="ikservo/net/1", arguments=arguments))
         for key, data in ask(session, keys.stop(self._name), request, _ANSWER_TIMEOUT_S):
             name = key.split("/")[1]

@@ -6,6 +6,7 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from ikservo.arm.reports import describe_torque
 from ikservo.errors import format_point
 from ikservo.kinematics.conditioning import Conditioning
 from ikservo.view.message_fields import StopInput
@@ -23,7 +24,6 @@ __all__ = [
     "condition_rows",
     "describe_stop",
     "describe_target",
-    "describe_torque",
     "format_solve_time",
     "format_supply",
     "health_rows",
@@ -72,16 +72,6 @@ def describe_target(marker: TargetMarker, method: str | None = None) -> str:
 def describe_stop(text: str, states: Sequence[JointState]) -> str:
     """Return why the arm was stopped, and whether it holds."""
     return f"{text.removesuffix('.')}; {describe_torque(states)}."
-
-
-def describe_torque(states: Sequence[JointState]) -> str:
-    """Return ``torque stays on``, or which servos are limp."""
-    limp = [state.name for state in states if not state.torque]
-    if not limp:
-        return "torque stays on"
-    if len(limp) == len(states):
-        return "torque is off, the arm is limp"
-    return f"the torque of {', '.join(limp)} is off"
 
 
 def format_solve_time(solve_s: float) -> str:

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 
 from ikservo.arm import DEAD_MAN_TIMEOUT_S, Arm
+from ikservo.arm.reports import describe_torque
 from ikservo.clock import Clock
 from ikservo.errors import IkservoError
 from ikservo.hardware.remembered_port import is_simulated
@@ -21,7 +22,6 @@ from ikservo.view.controller import SessionController
 from ikservo.view.downloads import DownloadOffers
 from ikservo.view.follow_panel import FindArm
 from ikservo.view.frames import mode
-from ikservo.view.labels import describe_torque
 from ikservo.view.messages import BadMessageError, Message
 from ikservo.view.server import Frame, SessionEndedError
 from ikservo.view.snapshot import StopNotice

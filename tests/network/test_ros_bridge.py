@@ -171,6 +171,23 @@ def test_a_stop_is_latched_until_it_is_acknowledged(graph):
     until(lambda: true_joints(graph.arm)["wrist_roll"] < held - 0.02)
 
 
+def test_a_stop_says_of_torque_what_the_servos_say(graph):
+    def stopped(torque):
+        until(lambda: all(joint.torque is torque for joint in graph.bridge._joints))
+        response, _ = graph.call("/stop")
+        return response.message, graph.arm.stop_reason.text
+
+    holding = stopped(True)
+    graph.arm.acknowledge()
+    graph.arm.disable_torque()
+    limp = stopped(False)
+    graph.arm.acknowledge()
+    graph.arm.enable()
+    assert holding[0].endswith("until /acknowledge; torque stays on.")
+    assert limp[0].endswith("until /acknowledge; torque is off, the arm is limp.")
+    assert holding[1] == limp[1] == "Stopped from ROS 2."
+
+
 def test_a_goal_that_waits_is_ended_by_the_stop_of_another_node(graph, monkeypatch):
     before, waits, goes_on = true_joints(graph.arm), threading.Event(), threading.Event()
 

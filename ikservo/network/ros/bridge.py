@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ikservo.arm import Arm, ArmState, StopKind, StopReason
+from ikservo.arm import Arm, ArmState, JointState, StopKind, StopReason
+from ikservo.arm.reports import describe_torque
 from ikservo.errors import BadValueError, IkservoError, RefusedError
 from ikservo.kinematics.arrays import Matrix
 from ikservo.model.loading import description_text
@@ -87,6 +88,7 @@ class RosBridge:
         self._driver = GoalDriver(arm, speed, self._warn)
         self._publishers: dict[Topic, Callable[[RosMessage], None]] = {}
         self._warning = ""
+        self._joints: tuple[JointState, ...] = ()  # as last measured
 
     def __enter__(self) -> RosBridge:
         """Join the graph."""
@@ -197,8 +199,9 @@ class RosBridge:
             raise RefusedError(f"The arm is stopped: {text} Call /acknowledge first.")
 
     def _stop(self) -> str:
-        self._request_stop("Stopped from ROS 2; torque stays on.")
-        return "The arm brakes and holds until /acknowledge."
+        self._request_stop("Stopped from ROS 2.")
+        torque = f"; {describe_torque(self._joints)}" if self._joints else ""
+        return f"Motions end, and are refused until /acknowledge{torque}."
 
     def _hold(self) -> str:
         self._driver.put(None)
@@ -261,7 +264,7 @@ class RosBridge:
         return None
 
     def _publish_state(self, state: ArmState) -> None:
-        now_ns, positions = time.time_ns(), state.positions
+        now_ns, positions, self._joints = time.time_ns(), state.positions, state.joints
         self._publish(self._messages.joint_states(now_ns, positions))
         self._publish(self._messages.transforms(now_ns, positions))
 
