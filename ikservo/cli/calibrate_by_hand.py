@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from ikservo.calibration import Limits
+from ikservo.calibration.calibration_file import load_calibration_file
 from ikservo.calibration.procedure import (
     CalibrationStage,
     CalibrationState,
@@ -29,10 +30,11 @@ from ikservo.cli.calibrate_screen import (
     print_servos,
     reporting_unchanged_state,
 )
+from ikservo.cli.calibration_table import calibration_lines, difference_lines
 from ikservo.cli.direction_check import check_new_signs
 from ikservo.cli.options import parse_angle_rad, parse_length_m
 from ikservo.cli.terminal import print_json, print_lines, print_status
-from ikservo.errors import BadValueError, CalibrationError, IkservoError
+from ikservo.errors import BadValueError, CalibrationError, FileFormatError, IkservoError
 from ikservo.hardware.remembered_port import is_simulated
 from ikservo.maintenance.calibration_session import (
     TorqueOffArm,
@@ -58,6 +60,7 @@ __all__ = [
     "print_result",
     "review",
     "run_calibration",
+    "show_result",
 ]
 
 
@@ -277,25 +280,51 @@ def review(
     for line in (*warnings(wizard), *lost):
         print_status(f"  {line}")
     check_zeros(wizard, options.pose, limp_arm.model.name, interactive=options.interactive)
+    now = datetime.now(UTC)
+
+    def build(*, write_limits: bool) -> CalibrationResult:
+        found = limp_arm.build_calibration(
+            wizard, options.pose, now, write_limits=write_limits, user=options.user
+        )
+        return merge_outcome(base, found) if base else found
+
+    show_result(limp_arm, build(write_limits=False).calibration)
     if not confirm_start(
         f"Save to {limp_arm.path}?", default=True, interactive=options.interactive
     ):
         raise IkservoError("Cancelled; nothing was saved or written, torque is off.")
     write_limits = _may_write_limits(options)
-    now = datetime.now(UTC)
-    outcome = limp_arm.build_calibration(
-        wizard, options.pose, now, write_limits=write_limits, user=options.user
-    )
+    outcome = build(write_limits=write_limits)
     for joint in outcome.calibration.joints:
         if joint.extended and write_limits:
             print_status(f"  {joint.name}: multi-turn mode; its servo cannot hold limits.")
-    outcome = merge_outcome(base, outcome) if base else outcome
     for line in (
         *limp_arm.register_limit_warnings(outcome),
         *rest_pose_violations(limp_arm.model, outcome.calibration),
     ):
         print_status(f"  {line}")
     return outcome
+
+
+def show_result(limp_arm: TorqueOffArm, calibration: Calibration) -> None:
+    """Print what would be saved, and what differs from the file that it would replace."""
+    for line in calibration_lines(calibration):
+        print_status(f"  {line}")
+    path = limp_arm.path
+    try:
+        old = load_calibration_file(path, calibration.arm)
+    except FileFormatError as error:
+        print_status(f"It replaces {path}, which is damaged: {error.where} {error.found}.")
+        return
+    if old is None:
+        return
+    changed = list(difference_lines(calibration, old))
+    print_status(
+        f"It replaces the calibration of {old.written:%Y-%m-%d}"
+        + (":" if changed else ", whose zeros, signs and ranges are the same.")
+    )
+    for line in changed:
+        print_status(f"  {line}")
 
 
 def check_zeros(wizard: CalibrationState, pose: str, arm: str, *, interactive: bool) -> None:

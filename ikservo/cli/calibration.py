@@ -9,16 +9,16 @@ from typing import Annotated
 import typer
 
 from ikservo.arm.opening import resolve_port
-from ikservo.calibration import format_position
 from ikservo.calibration.calibration_file import (
     load_calibration_file,
     restore_calibration,
     ways_out,
 )
 from ikservo.calibration.paths import calibration_path, calibrations_of
-from ikservo.calibration.records import CalibratedJoint, Calibration
+from ikservo.calibration.records import Calibration
 from ikservo.calibration.transaction import resume, roll_back
 from ikservo.cli.calibrate_screen import confirm_start, disable_torque
+from ikservo.cli.calibration_table import COLUMNS, calibration_row
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import (
     ArmArgument,
@@ -31,6 +31,7 @@ from ikservo.cli.terminal import print_json, print_lines, print_status, print_ta
 from ikservo.errors import CalibrationError, ExitCode, IkservoError, InputError, UnknownNameError
 from ikservo.files.writing import BACKUP_SUFFIX
 from ikservo.hardware.remembered_port import serial_number_of
+from ikservo.hardware.transport import refuse_other_machines
 from ikservo.maintenance.calibration_session import (
     TorqueOffArm,
     adopt_calibration,
@@ -128,22 +129,13 @@ def _show_or_restore(model: Model, port: str | None, action: str, *, json: bool)
     print_lines(
         [f"{path}", f"calibrated on {calibration.written:%Y-%m-%d %H:%M}, adapter {adapter}"]
     )
-    print_table(["joint", "servo", "zero", "sign", "range", "measured"], [
-        _describe(joint) for joint in calibration.joints])  # fmt: skip
-
-
-def _describe(joint: CalibratedJoint) -> list[str]:
-    slides, ends = joint.lower_m is not None, joint.recorded_range()
-    shown = [format_position(end, "m" if slides else "rad") for end in ends or ()]
-    ids = " and ".join(f"{servo.model} (id {servo.id})" for servo in joint.servos)
-    sign = "as the joint" if joint.sign == 1 else "against it"
-    zero, found = f"tick {joint.zero_tick:g}", " to ".join(shown) or "not measured"
-    return [joint.name, ids, zero, sign, found, joint.swept]
+    print_table(COLUMNS, map(calibration_row, calibration.joints))
 
 
 def _find_file(model: Model, port: str | None) -> Path:
     """Return the calibration of the arm at a port, or else the only one there is of it."""
     if port is not None:
+        refuse_other_machines(port)
         return calibration_path(model.name, serial_number_of(resolve_port(model, port)))
     folder = calibration_path(model.name, "").parent
     backups = (path.with_suffix("") for path in folder.glob(f"{model.name}*.toml{BACKUP_SUFFIX}"))

@@ -23,6 +23,7 @@ from ikservo.cli.calibrate_by_hand import (
     check_zeros,
     print_result,
     run_calibration,
+    show_result,
 )
 from ikservo.cli.calibrate_screen import (
     calibration_display,
@@ -133,6 +134,7 @@ def command(
             outcome = _build_outcome(limp_arm, joints, wizard, pose)
             for line in lost_geometry_warning(limp_arm):
                 print_status(f"  {line}")
+            show_result(limp_arm, outcome.calibration)
             if not confirm_start(
                 f"Save to {limp_arm.path}?", default=True, interactive=interactive
             ):

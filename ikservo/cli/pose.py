@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Annotated
 
 import typer
 
+from ikservo.arm.networks import find_network
 from ikservo.arm.opening import resolve_port
 from ikservo.arm.poses import PoseLibrary
 from ikservo.cli.joints import move_joints, preview, print_report
@@ -23,9 +25,10 @@ from ikservo.cli.options import (
     complete_poses,
 )
 from ikservo.cli.session import open_from_options
-from ikservo.cli.terminal import print_json, print_lines, print_status
+from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
 from ikservo.errors import NoPortError
 from ikservo.hardware.remembered_port import remembered_serial_number, serial_number_of
+from ikservo.model import arm_names, load_model
 
 __all__ = ["command"]
 
@@ -53,9 +56,11 @@ def command(
     """Move to a pose of the arm file or to one you taught; without a name, list them.
 
     ikservo pose home --arm so101 --port sim
+
+    ikservo pose                            the poses of all arms
     """
     if name is None:
-        _print_poses(_pose_library(arm, port), json=json)
+        _list_poses(arm, port, json=json)
         return
     with open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
         inside = machine.pose_within_limits(name)
@@ -67,6 +72,32 @@ def command(
             return
         report = move_joints(machine, positions, speed, yes=yes, wiggle=not no_wiggle)
     print_report(report, machine.model, json=json)
+
+
+def _list_poses(arm: str | None, port: str | None, *, json: bool) -> None:
+    if not (arm or port):
+        libraries = {
+            model.name: PoseLibrary(model, remembered_serial_number(model.name))
+            for model in map(load_model, arm_names())
+        }
+        _print_all_poses(libraries, json=json)
+    elif find_network(port):
+        with open_from_options(arm, port) as machine:
+            _print_poses(machine.poses, json=json)
+    else:
+        _print_poses(_pose_library(arm, port), json=json)
+
+
+def _print_all_poses(libraries: Mapping[str, PoseLibrary], *, json: bool) -> None:
+    if json:
+        found = [
+            {"name": name, "poses": library.all_poses(), "taught": sorted(library.user_poses())}
+            for name, library in libraries.items()
+        ]
+        print_json("poses-of-arms", arms=found)
+        return
+    rows = [[name, ", ".join(library.all_poses())] for name, library in libraries.items()]
+    print_table(["arm", "poses"], rows)
 
 
 def _pose_library(arm: str | None, port: str | None) -> PoseLibrary:

@@ -81,10 +81,12 @@ def command(
     _check_options(now=now, floating=floating, duration=duration)
     with open_from_options(arm, port, uncalibrated=uncalibrated) as machine:
         machine.poses.check_name(name)
+        if not floating:
+            _announce_teaching(machine, name, now=now, hold=hold)
+        _announce_saving(machine, name)
         if floating:
-            _float(machine, duration, yes=yes)
+            _float(machine, name, duration, yes=yes)
         elif not now:
-            _announce_teaching(machine, name, hold=hold)
             _confirm_relaxing(machine, yes=yes)
         until = None if now or floating else _wait_until_enter
         positions = machine.teach(name, until, hold=hold)
@@ -111,12 +113,13 @@ def _check_options(*, now: bool, floating: bool, duration: float | None) -> None
         raise InputError("Cannot ask: input is not a terminal.", hint)
 
 
-def _float(machine: Arm, duration: float | None, *, yes: bool) -> None:
+def _float(machine: Arm, name: str, duration: float | None, *, yes: bool) -> None:
     """Announce and run hand guiding; the arm holds afterwards."""
     how = "until you press Enter" if duration is None else f"for {duration:g} s"
     print_status(
         f"{machine.model.title} on {format_port(machine.port_name)}: torque comes on and carries "
-        f"the arm's weight {how}; guide it by hand. Ctrl-C ends it, too; it then holds."
+        f"the arm's weight {how}; guide it by hand. Ctrl-C ends it, too; it then holds, "
+        f'and its pose is saved as "{name}".'
     )
     confirm_motion(machine, yes=yes)
     with _end_check(machine, duration) as ended:
@@ -142,12 +145,21 @@ def _end_check(machine: Arm, duration: float | None) -> Generator[Callable[[], b
     yield is_over
 
 
-def _announce_teaching(machine: Arm, name: str, *, hold: bool) -> None:
+def _announce_teaching(machine: Arm, name: str, *, now: bool, hold: bool) -> None:
     """Print what happens to the arm, before any of it does."""
     stiff = any(state.torque for state in machine.where().joints)
+    as_it_is = "as it is" if now else "off"
+    last = "torque comes on: the arm holds it" if hold else f"torque stays {as_it_is}"
+    if now:
+        print_status(f'Saves the present pose as "{name}"; {last}.')
+        return
     first = "The arm is lowered and its torque goes off" if stiff else "Torque stays off"
-    last = "and torque comes on: the arm holds it" if hold else "and torque stays off"
-    print_status(f'{first}; move it by hand. Enter saves its pose as "{name}", {last}.')
+    print_status(f'{first}; move it by hand. Enter saves its pose as "{name}", and {last}.')
+
+
+def _announce_saving(machine: Arm, name: str) -> None:
+    if name in machine.poses.user_poses():
+        print_status(f'It replaces the pose "{name}" in {machine.poses.path}.')
 
 
 def _confirm_relaxing(machine: Arm, *, yes: bool) -> None:

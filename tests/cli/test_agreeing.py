@@ -2,6 +2,7 @@
 
 import pytest
 
+from ikservo.model import arm_names
 from tests.cli.fixtures_mounted_arm import PORT, connect_arm, write_calibration
 from tests.cli.test_recover import overload
 
@@ -96,6 +97,31 @@ def test_relax_says_before_it_asks_that_an_overload_prevents_lowering(run_cli, m
     assert first.startswith("The arm cannot be lowered: shoulder_lift reports an alarm: overload")
     assert second == "Torque will be switched off where it stands: support it."
     assert "input is not a terminal" in question
+
+
+def test_the_poses_of_all_arms_are_listed_without_a_port(run_cli, monkeypatch):
+    monkeypatch.setattr("serial.tools.list_ports.comports", list)
+    result = run_cli("pose")
+    rows = dict(line.split(maxsplit=1) for line in result.out.splitlines()[1:])
+    assert result.code == 0
+    assert rows.keys() == set(arm_names())
+    assert rows["so101"] == "rest, home, zero"
+    listed = {arm["name"]: list(arm["poses"]) for arm in run_cli("pose --json").json["arms"]}
+    assert listed["so101"] == ["rest", "home", "zero"]
+    assert listed.keys() == rows.keys()
+
+
+@pytest.mark.parametrize(
+    ("hold", "says"), [("", "torque stays as it is"), (" --hold", "torque comes on")]
+)
+def test_teach_now_says_what_it_does_before(run_cli, tmp_path, monkeypatch, hold, says):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+    words = f"teach cup --now --arm so101 --port sim{hold}"
+    first, again = run_cli(words), run_cli(words)
+    assert first.code == 0
+    assert f'Saves the present pose as "cup"; {says}' in first.err.split("Saved pose")[0]
+    assert "It replaces" not in first.err
+    assert 'It replaces the pose "cup"' in again.err.split("Saved pose")[0]
 
 
 def test_poses_are_listed_without_a_port(run_cli, monkeypatch):

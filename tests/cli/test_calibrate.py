@@ -94,6 +94,46 @@ def test_off_a_terminal_each_step_is_one_line(mount_arm, run_cli):
     ]
 
 
+def shown_before_saving(done):
+    """Return the lines of what would be saved, and of what differs from the file before."""
+    lines = done.err.splitlines()
+    review = lines[lines.index("Step 5 of 5: Review and save.") + 1 :]
+    joints = [line for line in review if ": zero at tick" in line]
+    return joints, [line for line in review if "replaces" in line or " was " in line]
+
+
+def test_what_is_saved_is_shown_before(mount_arm, run_cli, home):
+    joints, changed = shown_before_saving(calibrated(mount_arm(), run_cli))
+    saved = read_calibration(file_of(home))
+    assert len(joints) == len(saved.joints)
+    for line, joint in zip(joints, saved.joints, strict=True):
+        way = "as the joint" if joint.sign == 1 else "against it"
+        assert f"{joint.name}: zero at tick {joint.zero_tick:g}, servo counts {way}" in line
+        assert f"{joint.lower_deg:.1f}° to {joint.upper_deg:.1f}° (by hand)" in line
+    assert changed == []
+
+
+def test_what_differs_from_the_file_before_is_shown(mount_arm, run_cli, home):
+    arm = mount_arm()
+    calibrated(arm, run_cli)
+    first = read_calibration(file_of(home))
+    spoiled = first.joints[0].model_copy(update={"zero_tick": first.joints[0].zero_tick + 7})
+    other = first.model_copy(update={"joints": (spoiled, *first.joints[1:])})
+    write_atomic(file_of(home), dump_calibration(other))
+    _, changed = shown_before_saving(calibrated(arm, run_cli))
+    assert changed[0].startswith(f"It replaces the calibration of {first.written:%Y-%m-%d}")
+    assert f"joint1: zero was tick {spoiled.zero_tick:g}, is tick " in changed[1]
+
+
+def test_a_damaged_file_is_said_to_be_replaced(mount_arm, run_cli, home):
+    arm = mount_arm()
+    calibrated(arm, run_cli)
+    text = file_of(home).read_text()
+    file_of(home).write_text(text.replace("format = 1", "format = 9"))
+    _, changed = shown_before_saving(calibrated(arm, run_cli))
+    assert "is damaged" in changed[0]
+
+
 def test_json_is_one_object_with_every_joint(mount_arm, run_cli, home):
     answer = calibrated(mount_arm(), run_cli, "--json").json
     assert answer["schema"] == "ikservo/calibrate/1"

@@ -46,6 +46,20 @@ def test_the_port_of_the_environment_may_be_an_address(served, run, monkeypatch)
     assert run("where", "--arm", "so101")[0] == 0
 
 
+@pytest.mark.parametrize("action", ["show", "restore", "diff"])
+def test_a_calibration_there_is_not_that_of_this_machine(served, run, action):
+    code, out, err = run("calibration", action, "so101", "--port", served.address)
+    assert (code, out) == (3, "")
+    assert f"{served.address} is an arm on another machine" in err
+
+
+def test_poses_are_those_taught_there(served, run):
+    served.arm.teach("there")
+    code, out, _ = run("pose", "--arm", "so101", "--port", served.address)
+    assert (code, out.split()) == (0, [*served.arm.poses.all_poses()])
+    assert "there" in out
+
+
 def test_an_unreachable_point_has_the_exit_code_that_it_has_on_a_port(served, run):
     code, _, err = run("move", "0.9", "0", "0.1", "--arm", "so101", "--port", served.address)
     assert code == 7
@@ -63,6 +77,18 @@ def test_a_stop_is_acknowledged_at_the_command_line(served, run):
     assert code == 0
     assert "acknowledged" in out
     assert run("joints", "gripper=10", *there)[0] == 0
+
+
+def test_a_stop_of_a_limp_arm_there_says_nothing_of_torque_that_is_on(served, run):
+    served.arm.disable_torque()
+    code, out, _ = run("stop", "--arm", "so101", "--port", served.address)
+    reason = served.arm.stop_reason.text
+    served.arm.acknowledge()
+    served.arm.pose("home")
+    assert code == 0
+    assert "torque on" not in out
+    assert "torque off" in out
+    assert reason == f"Stopped by {who_asks()}."
 
 
 @pytest.mark.parametrize("words", [(), ("--all",)], ids=["stop", "stop --all"])
