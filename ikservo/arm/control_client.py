@@ -39,11 +39,13 @@ __all__ = [
     "encode_request",
     "other_version_error",
     "request_stop",
+    "request_stop_of",
     "send_command",
     "stop_own_programs",
 ]
 
 BRAKE_TIMEOUT_S = 3.0
+_WHO_TIMEOUT_S = 1.0
 
 SCHEMA = "ikservo/owner/1"
 MAX_REQUEST_BYTES = 512  # bytes, the end of the line included
@@ -57,6 +59,7 @@ class Command(StrEnum):
     STOP = "stop"
     WHERE = "where"
     RELAX = "relax"
+    WHO = "who"
 
 
 @dataclass(frozen=True, slots=True)
@@ -290,6 +293,15 @@ def request_stop(device: str, arm: str) -> StopResult | None:
     """
     reply = send_command(device, Command.STOP, BRAKE_TIMEOUT_S + 2.0, arm)
     return None if reply is None else StopResult.from_reply(reply)
+
+
+def request_stop_of(arm: str) -> StopAllResult:
+    """Stop an arm by name in every program of this user that has it open."""
+    replies = broadcast_command(Command.WHO, _WHO_TIMEOUT_S)
+    found = [reply for reply in replies if not isinstance(reply, IkservoError)]
+    ports = {str(reply.get("port")) for reply in found if reply.get("arm") == arm}
+    stopped = (request_stop(port, arm) for port in sorted(ports))
+    return StopAllResult(tuple(each for each in stopped if each is not None))
 
 
 def stop_own_programs() -> StopAllResult:

@@ -235,6 +235,8 @@ class CommandHandler:
                 return self._handle_where()
             case Command.RELAX:
                 return self._handle_relax()
+            case Command.WHO:
+                return {"arm": self._target.arm_name, "port": self._target.port_name}
 
     def _handle_stop(self) -> Mapping[str, object]:
         target = self._target

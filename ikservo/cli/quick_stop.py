@@ -1,24 +1,37 @@
 """``ikservo stop`` without the modules of the other commands, which take longer than a brake.
 
-Nothing here imports typer, NumPy, pydantic or pyserial where a program of the user answers.
+Nothing here imports typer, NumPy, pydantic or pyserial where a program of the user, or of another
+machine, answers.
 """
 
 from __future__ import annotations
 
 import os
 import re
+import sys
+import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
-from ikservo.arm.control_client import StopAllResult, StopResult, request_stop, stop_own_programs
+from ikservo.arm.control_client import (
+    StopAllResult,
+    StopResult,
+    request_stop,
+    request_stop_of,
+    stop_own_programs,
+)
 from ikservo.cli.terminal import format_port, print_json, print_lines, print_status
 from ikservo.errors import ExitCode, IkservoError, InputError
-from ikservo.network.address import listens, parse_host
+from ikservo.network.address import SCHEME, listens, parse_host
 
 __all__ = ["quick_stop", "report_stop", "stop_every_arm"]
 
 _VALUES, _FLAGS = ("--arm", "--port"), ("--all", "--json")
 _ARM_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
+_MAX_ARM_FILE_BYTES = 1_000_000
+_NETWORKS = "ikservo.networks"
+"""The entry points of ``ikservo.hardware.transport.NETWORK_GROUP``."""
 
 
 def quick_stop(args: Sequence[str]) -> int | None:
@@ -41,11 +54,43 @@ def quick_stop(args: Sequence[str]) -> int | None:
     port = options.get("--port") or os.environ.get("IKSERVO_PORT", "")
     if "--all" in options or not (arm or port):
         return report_stop(stop_every_arm(), as_json="--json" in options)
-    is_local = port and ":" not in port and port != "sim"
-    stopped = request_stop(port, arm) if is_local and _ARM_NAME.fullmatch(arm) else None
-    if stopped is None:
-        return None
-    return report_stop(StopAllResult((stopped,)), as_json="--json" in options)
+    found = _stop_one(_name_of(arm), port)
+    return report_stop(found, as_json="--json" in options) if found.stopped else None
+
+
+def _stop_one(arm: str, port: str) -> StopAllResult:
+    """Stop one arm; the result is empty where only the whole command can do it.
+
+    Args:
+        arm: Its name; empty where it is not known.
+        port: As given; empty where it was not.
+    """
+    if port.startswith(f"{SCHEME}:"):
+        from ikservo.network.remote_stop import stop_address  # noqa: PLC0415  # Zenoh
+
+        return StopAllResult((stop_address(port),))
+    if not arm or ":" in port or port == "sim":
+        return StopAllResult()
+    if not port:
+        return request_stop_of(arm)
+    stopped = request_stop(port, arm)
+    return StopAllResult() if stopped is None else StopAllResult((stopped,))
+
+
+def _name_of(arm: str) -> str:
+    """Return the name of an arm that is given by name or arm file; empty where it is not known."""
+    if _ARM_NAME.fullmatch(arm):
+        return arm
+    path = Path(arm)
+    if path.is_dir():
+        path /= "arm.toml"
+    try:
+        if path.suffix != ".toml" or path.stat().st_size > _MAX_ARM_FILE_BYTES:
+            return ""
+        name: object = tomllib.loads(path.read_text("utf-8")).get("name")
+    except (OSError, ValueError, RecursionError):  # the whole command says what is wrong
+        return ""
+    return name if isinstance(name, str) and _ARM_NAME.fullmatch(name) else ""
 
 
 def stop_every_arm() -> StopAllResult:
@@ -106,9 +151,40 @@ def _others_may_be_open() -> bool:
 
 
 def _stop_others() -> StopAllResult:
-    from ikservo.arm.remote import stop_remote_arms  # noqa: PLC0415  # NumPy, pydantic, Zenoh
+    own = os.environ.get("IKSERVO_PORT", "")
+    if _has_other_networks() or (":" in own and not own.startswith(f"{SCHEME}:")):
+        from ikservo.arm.remote import stop_remote_arms  # noqa: PLC0415  # NumPy, pydantic
 
-    return stop_remote_arms()
+        return stop_remote_arms()
+    from ikservo.network.remote_stop import stop_address, stop_listed_machines  # noqa: PLC0415
+
+    def stop_own() -> StopAllResult:
+        try:
+            return StopAllResult((stop_address(own),) if own.startswith(f"{SCHEME}:") else ())
+        except IkservoError as error:
+            return StopAllResult(errors=(error,))
+
+    with ThreadPoolExecutor(1) as pool:  # one without a reply must not delay the others
+        first = pool.submit(stop_own)
+        others = stop_listed_machines()
+        return StopAllResult.joined((first.result(), others))
+
+
+def _has_other_networks() -> bool:
+    """Return whether another package opens arms on other machines, too.
+
+    ``importlib.metadata`` would say so, but takes longer to load than an arm takes to brake.
+    """
+    for folder in filter(None, sys.path):
+        for path in Path(folder).glob("*.dist-info/entry_points.txt"):
+            if path.parent.name.startswith("ikservo-"):
+                continue
+            try:
+                if f"[{_NETWORKS}]" in path.read_text("utf-8"):
+                    return True
+            except (OSError, ValueError):
+                continue
+    return False
 
 
 def _error_fields(error: IkservoError) -> dict[str, object]:

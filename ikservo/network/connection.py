@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import getpass
 import itertools
-import platform
 import threading
 import time
 from collections.abc import Callable, Generator, Mapping
@@ -23,7 +21,6 @@ from ikservo.errors import (
 )
 from ikservo.network import key_expressions as keys
 from ikservo.network.address import ArmAddress
-from ikservo.network.fleet import served_names
 from ikservo.network.lease import is_fresh
 from ikservo.network.messages import (
     MAX_REQUEST_BYTES,
@@ -36,13 +33,13 @@ from ikservo.network.messages import (
     encode,
     result_of,
 )
-from ikservo.network.session import Certificate, ask, open_client
+from ikservo.network.session import Certificate, ask, open_client, served_names, who_asks
 from ikservo.network.values import decode_value
 
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = ["Connection", "PendingCall", "who_asks"]
+__all__ = ["Connection", "PendingCall"]
 
 _SIGN_OF_LIFE_PERIOD_S = 0.05
 _SYNC_PERIOD_S = 10.0
@@ -394,12 +391,3 @@ class Connection:
         if not answers:
             raise lost_connection(str(self.address))
         return result_of(answers[0][1])
-
-
-def who_asks() -> str:
-    """Return the user of this program and its machine, as others read it."""
-    try:
-        user = getpass.getuser()
-    except (ImportError, KeyError, OSError):  # an account without a name
-        user = "somebody"
-    return f"{user} on {platform.node()}"

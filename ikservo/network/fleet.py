@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeVar, cast
+from typing import Any, cast
 
 from ikservo.errors import IkservoError
 from ikservo.network import key_expressions as keys
@@ -14,15 +13,11 @@ from ikservo.network.address import Endpoint
 from ikservo.network.certificates import client_certificate
 from ikservo.network.messages import ServiceRequest, encode, result_of
 from ikservo.network.remote_errors import SAME_VERSION
-from ikservo.network.session import ask, open_client
+from ikservo.network.session import ask, on_each_host, open_client, served_names
 
-if TYPE_CHECKING:
-    import zenoh
-
-__all__ = ["FleetArm", "on_each_host", "read_fleet", "served_names"]
+__all__ = ["FleetArm", "read_fleet"]
 
 _TIMEOUT_S = 5.0
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,27 +58,6 @@ def read_fleet(hosts: Sequence[Endpoint]) -> list[FleetArm]:
         else:
             rows += found
     return rows
-
-
-def on_each_host(hosts: list[Endpoint], do: Callable[[Endpoint], T]) -> list[T | IkservoError]:
-    """Call a function with each machine at the same time; return its results, or errors."""
-
-    def attempt(host: Endpoint) -> T | IkservoError:
-        try:
-            return do(host)
-        except IkservoError as error:
-            return error
-
-    if not hosts:
-        return []
-    with ThreadPoolExecutor(min(32, len(hosts))) as pool:
-        return list(pool.map(attempt, hosts))
-
-
-def served_names(session: zenoh.Session, timeout_s: float) -> list[str]:
-    """Return the names under which arms are served at the other end of a session."""
-    replies = session.liveliness().get(keys.server("*"), timeout=timeout_s)
-    return sorted(str(each.ok.key_expr).split("/")[1] for each in replies if each.ok is not None)
 
 
 def _place(host: Endpoint) -> str:

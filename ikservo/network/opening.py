@@ -7,20 +7,17 @@ from typing import TYPE_CHECKING, cast
 
 from ikservo.arm import OnExit
 from ikservo.arm.control_client import StopAllResult, StopResult
-from ikservo.errors import IkservoError
 from ikservo.model import Model
-from ikservo.network.address import ArmAddress, Endpoint, listens, parse_address, parse_host
+from ikservo.network.address import ArmAddress, Endpoint, parse_address, parse_host
 from ikservo.network.certificates import client_certificate
 from ikservo.network.connection import Connection
 from ikservo.network.remote_arm import RemoteArm
-from ikservo.network.remote_stop import stop_machine, stop_machines
+from ikservo.network.remote_stop import FLEET_VARIABLE, stop_address, stop_listed_machines
 
 if TYPE_CHECKING:
     from ikservo.arm import Arm
 
 __all__ = ["NETWORK", "ZenohNetwork", "connect", "fleet_hosts"]
-
-_VARIABLE = "IKSERVO_FLEET"
 
 
 def connect(address: ArmAddress) -> Connection:
@@ -57,17 +54,11 @@ class ZenohNetwork:
             BadValueError: It is no address.
             PortError: It cannot be reached, or has not confirmed the stop.
         """
-        there = parse_address(address)
-        found = stop_machine(there.endpoint, there.name)
-        for error in found.errors:
-            raise error
-        return found.stopped[0]
+        return stop_address(address)
 
     def stop_all_arms(self) -> StopAllResult:
         """Stop every arm on the machines of ``IKSERVO_FLEET``, and those served on this one."""
-        hosts, errors = _machines_to_stop()
-        found = stop_machines(hosts)
-        return StopAllResult(found.stopped, (*errors, *found.errors))
+        return stop_listed_machines()
 
 
 NETWORK = ZenohNetwork()
@@ -83,19 +74,4 @@ def fleet_hosts(given: tuple[str, ...] | list[str]) -> list[Endpoint]:
 
 
 def _listed_hosts() -> list[str]:
-    return os.environ.get(_VARIABLE, "").replace(",", " ").split()
-
-
-def _machines_to_stop() -> tuple[list[Endpoint], list[IkservoError]]:
-    """Return all machines that can be asked to stop, and what is wrong with the others' names."""
-    hosts: list[Endpoint] = []
-    errors: list[IkservoError] = []
-    for text in _listed_hosts():
-        try:
-            hosts.append(parse_host(text))
-        except IkservoError as error:
-            errors.append(error)
-    own = parse_host("127.0.0.1")
-    if own not in hosts and listens(own):
-        hosts.append(own)
-    return hosts, errors
+    return os.environ.get(FLEET_VARIABLE, "").replace(",", " ").split()

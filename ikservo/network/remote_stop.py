@@ -1,37 +1,81 @@
-"""Stops arms on other machines, whoever controls them, and asks again until they confirm it."""
+"""Stops arms on other machines, whoever controls them, and asks again until they confirm it.
+
+``ikservo stop`` imports this module and, besides Zenoh, nothing large: see ``control_client``.
+"""
 
 from __future__ import annotations
 
+import contextlib
+import json
+import os
 import time
-from typing import TYPE_CHECKING, cast
+from typing import TYPE_CHECKING, Any, cast
 
-from ikservo.arm.control_client import StopAllResult, StopResult
-from ikservo.errors import IkservoError, PortError
+from ikservo.arm.control_client import StopAllResult, StopResult, other_version_error
+from ikservo.errors import ExitCode, IkservoError, PortError
+from ikservo.files.reading import parse_json
 from ikservo.network import key_expressions as keys
-from ikservo.network.address import Endpoint
+from ikservo.network.address import Endpoint, listens, parse_address, parse_host
 from ikservo.network.certificates import client_certificate
-from ikservo.network.connection import who_asks
-from ikservo.network.fleet import on_each_host, served_names
-from ikservo.network.messages import ServiceRequest, arguments_of, encode, result_of
-from ikservo.network.session import Certificate, ask, open_client
+from ikservo.network.session import (
+    Certificate,
+    ask,
+    on_each_host,
+    open_client,
+    served_names,
+    who_asks,
+)
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     import zenoh
 
-__all__ = ["stop_machine", "stop_machines"]
+__all__ = ["FLEET_VARIABLE", "stop_address", "stop_listed_machines", "stop_machine"]
+
+FLEET_VARIABLE = "IKSERVO_FLEET"
 
 _ATTEMPTS, _PAUSE_S = 3, 0.1
 _ANSWER_TIMEOUT_S = 2.0
+_SCHEMA = "ikservo/net/1"
+_MAX_REPLY_BYTES = 65_536
 
 
-def stop_machines(hosts: Sequence[Endpoint]) -> StopAllResult:
-    """Stop every arm of some machines, all at the same time."""
-    return StopAllResult.joined(
+def stop_address(address: str) -> StopResult:
+    """Stop the arm at an address, whoever controls it.
+
+    Raises:
+        BadValueError: It is no address.
+        PortError: It cannot be reached, or has not confirmed the stop.
+    """
+    there = parse_address(address)
+    found = stop_machine(there.endpoint, there.name)
+    for error in found.errors:
+        raise error
+    return found.stopped[0]
+
+
+def stop_listed_machines() -> StopAllResult:
+    """Stop every arm on the machines of ``IKSERVO_FLEET``, and those served on this one."""
+    hosts, errors = _machines_to_stop()
+    stopped = StopAllResult.joined(
         StopAllResult(errors=(found,)) if isinstance(found, IkservoError) else found
-        for found in on_each_host(list(hosts), stop_machine)
+        for found in on_each_host(hosts, stop_machine)
     )
+    return StopAllResult(stopped.stopped, (*errors, *stopped.errors))
+
+
+def _machines_to_stop() -> tuple[list[Endpoint], list[IkservoError]]:
+    """Return all machines that can be asked to stop, and what is wrong with the others' names."""
+    hosts: list[Endpoint] = []
+    errors: list[IkservoError] = []
+    for text in os.environ.get(FLEET_VARIABLE, "").replace(",", " ").split():
+        try:
+            hosts.append(parse_host(text))
+        except IkservoError as error:
+            errors.append(error)
+    own = parse_host("127.0.0.1")
+    if own not in hosts and listens(own):
+        hosts.append(own)
+    return hosts, errors
 
 
 def stop_machine(host: Endpoint, name: str = "*") -> StopAllResult:
@@ -99,12 +143,12 @@ class _MachineStop:
         return StopAllResult(tuple(self._stopped.values()), tuple(errors))
 
     def _request(self, session: zenoh.Session) -> None:
-        arguments = arguments_of({"reason": f"Stopped by {who_asks()}.", "kind": "CLIENT"})
-        request = encode(ServiceRequest(schema="ikservo/net/1", arguments=arguments))
+        arguments = {"reason": f"Stopped by {who_asks()}.", "kind": "CLIENT"}
+        request = json.dumps({"schema": _SCHEMA, "arguments": arguments}).encode()
         for key, data in ask(session, keys.stop(self._name), request, _ANSWER_TIMEOUT_S):
             name = key.split("/")[1]
             try:
-                self._stopped[name] = cast("StopResult", result_of(data))
+                self._stopped[name] = _stop_result(data)
             except IkservoError as error:
                 self._errors[name] = error
 
@@ -116,3 +160,24 @@ class _MachineStop:
             f"The stop of {what} was not confirmed: it does not answer.",
             "If the arm moves, switch off its power.",
         )
+
+
+def _stop_result(data: bytes) -> StopResult:
+    """Return the outcome in a reply; ``messages.result_of`` reads every reply, but loads much.
+
+    Raises:
+        IkservoError: The error in the reply; or it is no reply to a stop.
+    """
+    reply: Any = None
+    with contextlib.suppress(ValueError, RecursionError):
+        reply = parse_json(data) if len(data) <= _MAX_REPLY_BYTES else None
+    match reply:
+        case {"error": {"message": str(message), "hint": str(hint), "exit_code": int(code)}}:
+            error = IkservoError(message, hint)
+            with contextlib.suppress(ValueError):
+                error.exit_code = ExitCode(code)
+            raise error
+        case {"schema": "ikservo/net/1", "result": {"kind": "StopResult", "value": {**value}}}:
+            return StopResult.from_reply(cast("dict[str, Any]", value))
+        case _:
+            raise other_version_error()

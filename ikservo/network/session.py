@@ -3,27 +3,43 @@
 from __future__ import annotations
 
 import contextlib
+import getpass
 import json
+import platform
 import socket
 import ssl
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 from ikservo.errors import IkservoError, PortError
+from ikservo.network import key_expressions as keys
 from ikservo.network.address import Endpoint
 
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = ["LINK_LEASE_S", "Certificate", "ask", "open_client", "open_router_client", "open_server"]
+__all__ = [
+    "LINK_LEASE_S",
+    "Certificate",
+    "ask",
+    "on_each_host",
+    "open_client",
+    "open_router_client",
+    "open_server",
+    "served_names",
+    "who_asks",
+]
 
 LINK_LEASE_S = 1.0
 """After this time without a sign of the other end a link is closed."""
 
 _CONNECT_TIMEOUT_S = 2.0
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,6 +138,36 @@ def ask(
         if reply.ok is not None:
             answers.append((str(reply.ok.key_expr), reply.ok.payload.to_bytes()))
     return answers
+
+
+def on_each_host(hosts: list[Endpoint], do: Callable[[Endpoint], T]) -> list[T | IkservoError]:
+    """Call a function with each machine at the same time; return its results, or errors."""
+
+    def attempt(host: Endpoint) -> T | IkservoError:
+        try:
+            return do(host)
+        except IkservoError as error:
+            return error
+
+    if not hosts:
+        return []
+    with ThreadPoolExecutor(min(32, len(hosts))) as pool:
+        return list(pool.map(attempt, hosts))
+
+
+def served_names(session: zenoh.Session, timeout_s: float) -> list[str]:
+    """Return the names under which arms are served at the other end of a session."""
+    replies = session.liveliness().get(keys.server("*"), timeout=timeout_s)
+    return sorted(str(each.ok.key_expr).split("/")[1] for each in replies if each.ok is not None)
+
+
+def who_asks() -> str:
+    """Return the user of this program and its machine, as others read it."""
+    try:
+        user = getpass.getuser()
+    except (ImportError, KeyError, OSError):  # an account without a name
+        user = "somebody"
+    return f"{user} on {platform.node()}"
 
 
 def _common_settings() -> dict[str, object]:

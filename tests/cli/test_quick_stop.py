@@ -3,11 +3,14 @@
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 
 from ikservo.arm.control_server import serve
+from ikservo.model import load_model
 
+ARM_FILE = str(load_model("so101").path)
 HEAVY = {"numpy", "typer", "click", "pydantic", "rich", "serial", "zenoh", "importlib.metadata"}
 STOP_AND_LIST_MODULES = """
 import sys
@@ -31,7 +34,7 @@ def device(tmp_path, monkeypatch):
     server.close()
 
 
-def run_stop(*args):
+def run_stop(*args, code=0):
     done = subprocess.run(
         [sys.executable, "-c", STOP_AND_LIST_MODULES, *args],
         check=False,
@@ -39,13 +42,58 @@ def run_stop(*args):
         text=True,
         timeout=60,
     )
-    assert done.returncode == 0, done.stderr
+    assert code in (None, done.returncode), done.stderr
     report, modules = done.stdout.splitlines()
     return json.loads(report), set(modules.split())
 
 
-@pytest.mark.parametrize("args", [(), ("--all",), ("--arm", "so101", "--port={device}")])
+@pytest.mark.parametrize(
+    "args",
+    [
+        (),
+        ("--all",),
+        ("--arm", "so101"),
+        ("--arm", "so101", "--port={device}"),
+        ("--arm", ARM_FILE),
+        ("--arm", ARM_FILE, "--port={device}"),
+        ("--arm", str(Path(ARM_FILE).parent), "--port={device}"),
+    ],
+)
 def test_stop_loads_no_large_module_where_a_program_has_the_arm(device, args):
     report, modules = run_stop(*(arg.format(device=device) for arg in args))
     assert [arm["held"] for arm in report["arms"]] == [["gripper"]]
     assert not HEAVY & modules
+
+
+def test_a_name_stops_the_arms_of_that_name_only(device, tmp_path):
+    other = {"arm": "koch", "port": str(tmp_path / "ttyACM1"), "moving": True}
+    asked = []
+
+    def answer(request):
+        asked.append(request.do)
+        return {**other, "held": [], "limp": [], "silent": []}
+
+    server = serve(other["port"], answer)
+    try:
+        report, _ = run_stop("--arm", "so101")
+    finally:
+        server.close()
+    assert [arm["arm"] for arm in report["arms"]] == ["so101"]
+    assert asked == ["who"]
+
+
+def test_the_arms_of_another_packages_network_are_stopped_too(device, tmp_path, monkeypatch):
+    package = tmp_path / "site" / "other-1.0.dist-info"
+    package.mkdir(parents=True)
+    (package / "entry_points.txt").write_text("[ikservo.networks]\nother = other_network:NETWORK\n")
+    (package / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1.0\n")
+    (package.parent / "other_network.py").write_text(
+        "from ikservo.arm.control_client import StopAllResult, StopResult\n"
+        "class NETWORK:\n"
+        "    def stop_all_arms():\n"
+        "        return StopAllResult((StopResult('far', 'other:1', True, ('a',), (), ()),))\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", str(package.parent))
+    monkeypatch.setenv("IKSERVO_FLEET", "127.0.0.1:9")
+    report, _ = run_stop(code=None)
+    assert [arm["arm"] for arm in report["arms"]] == ["so101", "far"]

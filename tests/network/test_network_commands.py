@@ -12,7 +12,9 @@ import pytest
 from ikservo.cli import main
 from ikservo.cli.serve import ended_by_signal
 from ikservo.network.address import parse_address
-from ikservo.network.connection import Connection, who_asks
+from ikservo.network.connection import Connection
+from ikservo.network.session import who_asks
+from tests.cli.test_quick_stop import HEAVY, run_stop
 from tests.network.conftest import find_free_port
 
 SERVE = "import sys; from ikservo.cli.entry_point import console; console()"
@@ -98,6 +100,21 @@ def test_stop_without_an_arm_reaches_the_machines_of_the_fleet(served, run, monk
     assert code == 0, err
     assert [arm["arm"] for arm in json.loads(out)["arms"]] == ["so101"]
     assert served.arm.stop_reason is not None
+
+
+@pytest.mark.parametrize("way", ["fleet", "address", "port of the environment"])
+def test_a_stop_over_the_network_loads_no_large_module_but_zenoh(served, monkeypatch, way):
+    args = ()
+    if way == "fleet":
+        monkeypatch.setenv("IKSERVO_FLEET", f"127.0.0.1:{served.port}")
+    elif way == "address":
+        args = ("--arm", "so101", "--port", served.address)
+    else:
+        monkeypatch.setenv("IKSERVO_PORT", served.address)
+    report, modules = run_stop(*args)
+    assert [arm["arm"] for arm in report["arms"]] == ["so101"]
+    assert served.arm.stop_reason.text == f"Stopped by {who_asks()}."
+    assert not (HEAVY - {"zenoh"}) & modules
 
 
 def test_a_wrong_address_in_the_fleet_keeps_no_other_arm_from_stopping(served, run, monkeypatch):
