@@ -162,7 +162,7 @@ class Arm:
         return self._context.servos.clock
 
     def limits(self) -> tuple[Vector, Vector]:
-        """Return the lower and upper limits (n,), in whole ticks, rad or m."""
+        """Return the lower and upper limits (n,), in whole ticks, rad or m; read-only."""
         return self._context.limits()
 
     def clearance_m(self, positions: Positions) -> float:

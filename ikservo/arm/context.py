@@ -19,7 +19,7 @@ from ikservo.hardware.port import Port
 from ikservo.hardware.remembered_port import serial_number_of
 from ikservo.ik import Solver
 from ikservo.kinematics import Chain, JointIndex
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.arrays import Matrix, Vector, read_only
 from ikservo.model import Model
 from ikservo.motion import RuckigMotion, Trajectory
 
@@ -100,9 +100,9 @@ class ArmContext:
         self.zeros.require_known(self.model.name)
 
     def limits(self) -> tuple[Vector, Vector]:
-        """Return the lowest and the highest positions (n,) in whole ticks inside the limits."""
+        """Return the lowest and the highest positions (n,) in whole ticks, read-only."""
         low, high = zip(*(fence.position_range for fence in self.servos.fences), strict=True)
-        return np.array(low), np.array(high)
+        return read_only(low), read_only(high)
 
     def progress(self, cycle: ControlCycle) -> MotionProgress:
         """Return the progress of a motion in one control cycle."""

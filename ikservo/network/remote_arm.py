@@ -124,8 +124,8 @@ class RemoteArm:
         return self._described.joints
 
     def limits(self) -> tuple[Vector, Vector]:
-        """Return the lower and upper limits (n,), in whole ticks, rad or m."""
-        return self._described.lower.copy(), self._described.upper.copy()
+        """Return the lower and upper limits (n,), in whole ticks, rad or m; read-only."""
+        return self._described.lower, self._described.upper
 
     def clearance_m(self, positions: Mapping[str, float] | ArrayLike) -> float:
         """Return the smallest distance of the body [m]; see ``Arm.clearance_m``."""

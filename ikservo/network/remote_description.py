@@ -14,7 +14,7 @@ from ikservo.arm import ZeroSource
 from ikservo.arm.poses import PoseLibrary, Positions
 from ikservo.errors import IkservoError, InputError, UnknownNameError
 from ikservo.kinematics import Chain
-from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.model import Model
 from ikservo.network.connection import Connection
 from ikservo.network.remote_errors import SAME_VERSION
@@ -58,6 +58,9 @@ class ArmDescription:
     upper: Vector
     chain: Chain
     zeros: ZeroSource
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
 
 def describe(model: Model, connection: Connection) -> ArmDescription:

@@ -50,6 +50,7 @@ VALUES = {
     "a state": lambda arm: arm.where(),
     "a result": lambda arm: arm.move_to((0.25, 0.05, 0.15)),
     "a result of joints": lambda arm: arm.move_joints({"shoulder_pan": 0.1}),
+    "limits": lambda arm: arm.limits(),
     "a control cycle": lambda arm: arm.runner.loop.last_cycle,
 }
 
@@ -57,6 +58,39 @@ VALUES = {
 @pytest.mark.parametrize("make", VALUES.values(), ids=VALUES)
 def test_arrays_of_returned_values_are_read_only(arm, make):
     assert list(writable_parts(make(arm), "value")) == []
+
+
+SHARED = {
+    "points of trajectories": lambda arm: [
+        plan.trajectory.state(at_s)
+        for plan in (arm.plan_joints({"shoulder_pan": 0.1}), arm.plan_line((0.25, 0.02, 0.15)))
+        for at_s in (-1.0, 0.0, 0.1, plan.duration_s, plan.duration_s + 1.0)
+    ],
+    "poses of links": lambda arm: arm.chain.link_poses(arm.chain.mid_range()),
+    "the middle of the range": lambda arm: arm.chain.mid_range(),
+    "first joints": lambda arm: arm.model.initial_joints(),
+}
+
+
+@pytest.mark.parametrize("make", SHARED.values(), ids=SHARED)
+def test_what_may_be_written_to_is_a_copy(arm, make):
+    first, second = (list(arrays_of(make(arm))) for _ in range(2))
+    assert first
+    for one, other in zip(first, second, strict=True):
+        assert not (one.flags.writeable and np.shares_memory(one, other))
+
+
+def arrays_of(value):
+    """Yield the arrays in a value."""
+    if isinstance(value, np.ndarray):
+        yield value
+    elif isinstance(value, Mapping):
+        yield from arrays_of(list(value.values()))
+    elif isinstance(value, (tuple, list)):
+        for part in value:
+            yield from arrays_of(part)
+    elif is_dataclass(value):
+        yield from arrays_of([getattr(value, field.name) for field in fields(value)])
 
 
 def test_a_value_does_not_change_with_the_array_that_it_was_made_from(arm):

@@ -43,6 +43,7 @@ def test_it_has_every_method_of_an_arm_with_the_same_parameters():
 def test_it_has_the_limits_the_chain_and_the_state_of_the_arm_there(served):
     with served.open() as arm:
         np.testing.assert_array_equal(arm.limits(), served.arm.limits())
+        assert not any(side.flags.writeable for side in arm.limits())
         q = served.arm.chain.mid_range()
         np.testing.assert_allclose(arm.chain.forward(q), served.arm.chain.forward(q), atol=1e-12)
         np.testing.assert_allclose(arm.where().tip_m, served.arm.where().tip_m, atol=1e-3)
