@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -12,7 +13,7 @@ import numpy as np
 from ikservo.arm.dataset_reading import require_pyarrow
 from ikservo.arm.recording import Recording
 from ikservo.errors import BadValueError, FileFormatError, InputError
-from ikservo.files.writing import FileWriteError
+from ikservo.files.writing import write_all_atomic
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model import Model
 from ikservo.model.lerobot_values import JointValues
@@ -49,7 +50,7 @@ def write_dataset(
     Raises:
         InputError: pyarrow is not installed, or the folder is not empty.
         FileFormatError: A recording is another arm's.
-        FileWriteError: A file cannot be written.
+        FileWriteError: A file cannot be written; then none is.
     """
     require_pyarrow()
     if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
@@ -63,10 +64,7 @@ def write_dataset(
         joints = _sample(recording, model, values, fps)
         first = sum(len(each["index"]) for each in episodes)
         episodes.append(_frames(joints, len(episodes), first, fps))
-    try:
-        _write_files(folder, list(values.features), episodes, fps, task)
-    except OSError as error:
-        raise FileWriteError(folder, error.strerror or str(error)) from error
+    write_all_atomic(_files(folder, list(values.features), episodes, fps, task))
     return sum(len(each["index"]) for each in episodes)
 
 
@@ -96,29 +94,36 @@ def _frames(joints: Matrix, number: int, first: int, fps: int) -> Frames:
     }
 
 
-def _write_files(
+def _files(
     folder: Path, names: list[str], episodes: Sequence[Frames], fps: int, task: str
-) -> None:
+) -> dict[Path, bytes]:
+    """Return the content of each file of a data set."""
     import pyarrow as pa  # noqa: PLC0415  # the extra `dataset`
-    import pyarrow.parquet as pq  # noqa: PLC0415
 
     whole = {key: np.concatenate([each[key] for each in episodes]) for key in episodes[0]}
     tasks = pa.table({"task_index": [0], "task": [task]}).replace_schema_metadata(
         {"pandas": json.dumps(_INDEXED_BY_TASK)}
     )
-    for path, table in (
-        (folder / "data" / _CHUNK, _data_table(whole, len(names))),
-        (
-            folder / "meta" / "episodes" / _CHUNK,
-            pa.Table.from_pylist(_episode_rows(episodes, task)),
+    info = _info(names, episodes, len(whole["index"]), fps)
+    return {
+        folder / "data" / _CHUNK: _parquet(_data_table(whole, len(names))),
+        folder / "meta" / "episodes" / _CHUNK: _parquet(
+            pa.Table.from_pylist(_episode_rows(episodes, task))
         ),
-        (folder / "meta" / "tasks.parquet", tasks),
-    ):
-        path.parent.mkdir(parents=True, exist_ok=True)
-        pq.write_table(table, path, compression="snappy")
-    stats = {key: _statistics(column) for key, column in whole.items()}
-    _write_json(folder / "meta" / "stats.json", stats)
-    _write_json(folder / "meta" / "info.json", _info(names, episodes, len(whole["index"]), fps))
+        folder / "meta" / "tasks.parquet": _parquet(tasks),
+        folder / "meta" / "stats.json": _json(
+            {key: _statistics(column) for key, column in whole.items()}
+        ),
+        folder / "meta" / "info.json": _json(info),
+    }
+
+
+def _parquet(table: pa.Table) -> bytes:
+    import pyarrow.parquet as pq  # noqa: PLC0415
+
+    file = io.BytesIO()
+    pq.write_table(table, file, compression="snappy")  # pyright: ignore[reportArgumentType]
+    return file.getvalue()
 
 
 def _data_table(whole: Frames, width: int) -> pa.Table:
@@ -195,8 +200,8 @@ def _info(names: list[str], episodes: Sequence[Frames], frames: int, fps: int) -
     }
 
 
-def _write_json(path: Path, table: Mapping[str, object]) -> None:
-    path.write_text(json.dumps(table, indent=4) + "\n", encoding="utf-8")
+def _json(table: Mapping[str, object]) -> bytes:
+    return (json.dumps(table, indent=4) + "\n").encode()
 
 
 # LeRobot reads the tasks by pandas, with the sentence as the index.

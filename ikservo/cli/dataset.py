@@ -20,6 +20,7 @@ from ikservo.calibration.paths import calibrations_of
 from ikservo.calibration.records import Calibration
 from ikservo.cli.terminal import print_json, print_lines
 from ikservo.errors import CalibrationError, FileFormatError, InputError
+from ikservo.files.writing import FileWriteError, make_folder
 from ikservo.kinematics.arrays import Matrix
 from ikservo.model import Model
 from ikservo.model.lerobot_values import JointValues
@@ -59,11 +60,18 @@ def import_dataset(model: Model, folder: Path, options: DatasetOptions, *, json:
     for path in paths:
         if path.exists():
             raise InputError(f"File {path} exists.", "Name another folder with --to.")
-    options.to.mkdir(parents=True, exist_ok=True)
-    for path, episode, positions in zip(paths, dataset.episodes, episodes, strict=True):
-        with RecordingWriter(path, header) as writer:
-            for time_s, q in zip(episode.times_s - episode.times_s[0], positions, strict=True):
-                writer.write(float(time_s), q)
+    make_folder(options.to)
+    try:
+        for path, episode, positions in zip(paths, dataset.episodes, episodes, strict=True):
+            with RecordingWriter(path, header) as writer:
+                for time_s, q in zip(episode.times_s - episode.times_s[0], positions, strict=True):
+                    writer.write(float(time_s), q)
+    except BaseException as error:
+        for path in paths:
+            path.unlink(missing_ok=True)
+        if isinstance(error, FileWriteError):
+            raise FileWriteError(error.path, error.why, kept="No episode was written") from error
+        raise
     _print_episodes(paths, dataset, json=json)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -13,6 +14,7 @@ import numpy as np
 
 from ikservo.cli.solve_reports import trace_errors
 from ikservo.errors import IkservoError, InputError, format_point
+from ikservo.files.writing import write_atomic
 from ikservo.ik import METHODS, Result, Target, Tolerance
 from ikservo.ik.workspace import Workspace
 from ikservo.kinematics import Chain
@@ -77,18 +79,15 @@ def save_figure(figure: Figure, file: Path) -> None:
     """Write the figure; the same figure gives the same bytes.
 
     Raises:
-        InputError: The file cannot be written.
+        FileWriteError: The file cannot be written.
     """
     from matplotlib import rc_context  # noqa: PLC0415
 
-    svg = file.suffix.lower() == ".svg"
-    try:
-        with rc_context({"svg.hashsalt": "ikservo", "svg.fonttype": "none"}):
-            figure.savefig(file, dpi=150, metadata={"Date": None} if svg else None)
-    except OSError as error:
-        raise InputError(
-            f"{file} cannot be written: {error.strerror}.", "Give another --plot."
-        ) from None
+    picture, kind = io.BytesIO(), file.suffix.lower().removeprefix(".")
+    with rc_context({"svg.hashsalt": "ikservo", "svg.fonttype": "none"}):
+        metadata = {"Date": None} if kind == "svg" else None
+        figure.savefig(picture, format=kind, dpi=150, metadata=metadata)
+    write_atomic(file, picture.getvalue())
 
 
 def line_styles(names: Sequence[str]) -> list[tuple[str, str]]:

@@ -35,7 +35,7 @@ from ikservo.cli.terminal import (
     progress_bar,
 )
 from ikservo.errors import BadValueError, IkservoError, InputError, format_point
-from ikservo.files.writing import write_atomic
+from ikservo.files.writing import FileWriteError, check_writable, write_atomic
 from ikservo.maintenance.accuracy_report import (
     accuracy_fields,
     accuracy_page,
@@ -182,10 +182,15 @@ def _page_path(html: Path | None, arm: str, started: datetime, *, overwrite: boo
 
     Raises:
         BadValueError: The file exists.
+        FileWriteError: It cannot be written; said before half an hour of motions.
     """
     path = html or Path(f"ikservo-test-{arm}-{started:%Y%m%d-%H%M%S}.html")
     if path.exists() and not overwrite:
         raise BadValueError("The file", f"{path}, which exists", "another, or --overwrite")
+    try:
+        check_writable(path.parent)
+    except FileWriteError as error:
+        raise FileWriteError(path, error.why) from error
     return path
 
 

@@ -11,7 +11,7 @@ import hashlib
 import os
 import sys
 import tempfile
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from pathlib import Path
 
 from ikservo.errors import FileFormatError, IkservoError
@@ -20,9 +20,11 @@ __all__ = [
     "BACKUP_SUFFIX",
     "FileWriteError",
     "check_writable",
+    "make_folder",
     "remove_durably",
     "strip_checksum",
     "with_checksum",
+    "write_all_atomic",
     "write_atomic",
 ]
 
@@ -52,15 +54,15 @@ class FileWriteError(IkservoError, OSError):
         )
 
 
-def write_atomic(path: Path, text: str, *, keep_old: bool = False) -> None:
+def write_atomic(path: Path, content: str | bytes, *, keep_old: bool = False) -> None:
     """Replace a file atomically, or leave it unchanged.
 
-    The text is written to a temporary file in the same folder, synced, and renamed; last the folder
-    itself is synced, or the new name could be lost in a power cut.
+    The content is written to a temporary file in the same folder, synced, and renamed; last the
+    folder itself is synced, or the new name could be lost in a power cut.
 
     Args:
         path: The file; its folder is created if needed.
-        text: Its new content.
+        content: Its new content; text becomes UTF-8.
         keep_old: Whether the present content is kept beside it with ``.bak``.
 
     Raises:
@@ -68,12 +70,55 @@ def write_atomic(path: Path, text: str, *, keep_old: bool = False) -> None:
     """
     with _translating_os_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        if keep_old and path.exists():
-            _replace_file(path.with_name(path.name + BACKUP_SUFFIX), path.read_bytes())
-            _sync_folder(path.parent)
-        _replace_file(path, text.encode("utf-8"))
+        _replace_file(
+            path, content.encode("utf-8") if isinstance(content, str) else content, keep_old
+        )
     with _translating_os_errors(path, changed=True):
         _sync_folder(path.parent)
+
+
+def write_all_atomic(files: Mapping[Path, bytes], *, folder_mode: int = 0o777) -> None:
+    """Replace files that belong together, or leave all unchanged where one has no room.
+
+    All are written beside their names first; a rename needs no room.
+
+    Args:
+        files: The content of each file; its folder is created if needed.
+        folder_mode: Permissions of folders that are created.
+
+    Raises:
+        FileWriteError: The disk is full, read-only or broken; names the file.
+    """
+    made: list[Path] = []
+    written: list[tuple[Path, str]] = []
+    try:
+        for path, data in files.items():
+            with _translating_os_errors(path):
+                _make_folders(path.parent, folder_mode, made)
+                written.append((path, _write_beside(path, data)))
+        for path, name in written:
+            with _translating_os_errors(path):
+                os.replace(name, path)  # noqa: PTH105
+    except BaseException:
+        with contextlib.suppress(OSError):
+            for _, name in written:
+                Path(name).unlink(missing_ok=True)
+            for folder in reversed(made):
+                folder.rmdir()
+        raise
+    for folder in {path.parent for path in files}:
+        with _translating_os_errors(folder, changed=True):
+            _sync_folder(folder)
+
+
+def make_folder(folder: Path) -> None:
+    """Create a folder and those above it if needed.
+
+    Raises:
+        FileWriteError: The disk is full, read-only or broken.
+    """
+    with _translating_os_errors(folder):
+        folder.mkdir(parents=True, exist_ok=True)
 
 
 def check_writable(folder: Path) -> None:
@@ -108,15 +153,38 @@ def _translating_os_errors(path: Path, *, changed: bool = False) -> Generator[No
         raise FileWriteError(path, error.strerror or str(error), changed=changed) from error
 
 
-def _replace_file(path: Path, data: bytes) -> None:
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+def _make_folders(folder: Path, mode: int, made: list[Path]) -> None:
+    """Create a folder and those above it; ``made`` gets them."""
+    if folder.is_dir():
+        return
+    _make_folders(folder.parent, mode, made)
+    folder.mkdir(mode=mode)
+    made.append(folder)
+
+
+def _replace_file(path: Path, data: bytes, keep_old: bool) -> None:
+    name = _write_beside(path, data)
     try:
-        _write_out(handle, data)
+        if keep_old and path.exists():
+            _replace_file(path.with_name(path.name + BACKUP_SUFFIX), path.read_bytes(), False)
+            _sync_folder(path.parent)
         os.replace(name, path)  # noqa: PTH105  # tests replace this call to cut the power
     except BaseException:
         with contextlib.suppress(OSError):
             os.unlink(name)  # noqa: PTH108
         raise
+
+
+def _write_beside(path: Path, data: bytes) -> str:
+    """Write a new file in the folder of ``path``; return its name."""
+    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+    try:
+        _write_out(handle, data)
+    except BaseException:
+        with contextlib.suppress(OSError):
+            os.unlink(name)  # noqa: PTH108
+        raise
+    return name
 
 
 def _write_out(handle: int, data: bytes) -> None:

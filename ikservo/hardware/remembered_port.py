@@ -12,15 +12,14 @@ from __future__ import annotations
 
 import contextlib
 import json
-import tempfile
 import tomllib
 from collections.abc import Mapping
-from pathlib import Path
 from typing import cast
 
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import PortError, PortLostError
 from ikservo.files.folders import config_dir
+from ikservo.files.writing import write_atomic
 from ikservo.hardware.port import Port
 from ikservo.hardware.serial_ports import find_adapter, list_adapters
 from ikservo.hardware.transport import open_transport
@@ -64,14 +63,9 @@ def _read_serial_numbers() -> dict[str, str]:
 
 
 def _write_serial_numbers(numbers: Mapping[str, str]) -> None:
-    """Replace the file atomically, so that no reader gets half of it."""
-    folder = config_dir()
-    folder.mkdir(parents=True, exist_ok=True)
     rows = [f"{json.dumps(arm)} = {json.dumps(number)}" for arm, number in sorted(numbers.items())]
     text = "\n".join([f"format = {_FORMAT}", "", "[serial_numbers]", *rows, ""])
-    with tempfile.NamedTemporaryFile("w", dir=folder, delete=False, encoding="utf-8") as file:
-        file.write(text)
-    Path(file.name).replace(folder / _FILE)
+    write_atomic(config_dir() / _FILE, text)
 
 
 _POLL_PERIOD_S = 0.1

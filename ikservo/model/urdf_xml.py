@@ -31,13 +31,14 @@ LARGEST_NUMBER = 1e6
 
 @dataclass(slots=True)
 class XmlElement:
-    """One XML element; its errors name the file and its line."""
+    """One XML element; its errors name the file and its line, ``text_chars`` is its text's size."""
 
     path: Path
     tag: str
     attributes: Mapping[str, str]
     line: int
     children: list[XmlElement] = field(default_factory=list["XmlElement"])
+    text_chars: int = 0
 
     def error(self, found: str, expected: str = "") -> FileFormatError:
         """Return the error that points at this element."""
@@ -168,6 +169,9 @@ class _ElementBuilder:
         siblings.append(element)
         self._open.append(element)
 
+    def data(self, text: str) -> None:
+        self._open[-1].text_chars += len(text)
+
     def end(self, tag: str) -> None:
         self._open.pop()
 
@@ -199,8 +203,12 @@ try:
 except ImportError:  # Windows has only the limit of time
     pass
 else:
-    resource.setrlimit(resource.RLIMIT_AS, ({_MEMORY_BYTES}, {_MEMORY_BYTES}))
-    resource.setrlimit(resource.RLIMIT_FSIZE, ({MAX_URDF_BYTES}, {MAX_URDF_BYTES}))
+    for kind, most in (
+        (resource.RLIMIT_AS, {_MEMORY_BYTES}), (resource.RLIMIT_FSIZE, {MAX_URDF_BYTES})
+    ):
+        _, hard = resource.getrlimit(kind)  # its user may have set a lower one
+        most = most if hard == resource.RLIM_INFINITY else min(most, hard)
+        resource.setrlimit(kind, (most, most))
 import importlib
 try:
     xacro = importlib.import_module(sys.argv.pop(1))

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Literal
 
 from ikservo.errors import BadValueError, IkservoError, InputError
 from ikservo.files.folders import config_dir
+from ikservo.files.writing import write_all_atomic
 from ikservo.network import key_expressions as keys
 from ikservo.network.address import Endpoint, check_host
 from ikservo.network.session import Certificate
@@ -111,7 +112,8 @@ def make_keys(folder: Path, hosts: Sequence[str], *, overwrite: bool = False) ->
 
     Raises:
         BadValueError: There are some already, or a host is no name and no address.
-        IkservoError: The extra ``net`` is not installed, or the folder cannot be written.
+        IkservoError: The extra ``net`` is not installed.
+        FileWriteError: A file cannot be written; those of an earlier call are unchanged.
     """
     if (folder / _AUTHORITY).exists() and not overwrite:
         raise BadValueError("The folder", f"{folder}, which has certificates", "another folder")
@@ -123,7 +125,11 @@ def make_keys(folder: Path, hosts: Sequence[str], *, overwrite: bool = False) ->
     for role in ROLES:
         names = (*_ANYWHERE, *hosts) if role == "server" else ()
         signed[role] = _sign(authority, role, names, datetime.timedelta(days=_DAYS))
-    return [_write(folder / name, name, own, authority) for name, own in signed.items()]
+    files: dict[Path, bytes] = {}
+    for name, own in signed.items():
+        files |= _files_of(folder / name, name, own, authority)
+    write_all_atomic(files, folder_mode=0o700)
+    return [folder / name for name in signed]
 
 
 def _require_cryptography() -> None:
@@ -229,25 +235,17 @@ def _signed(builder: x509.CertificateBuilder, key: ec.EllipticCurvePrivateKey) -
     return builder.sign(key, hashes.SHA256())
 
 
-def _write(folder: Path, name: str, own: _Signed, authority: _Signed) -> Path:
-    """Write certificate, private key and the authority's certificate into a private folder."""
+def _files_of(folder: Path, name: str, own: _Signed, authority: _Signed) -> dict[Path, bytes]:
+    """Return certificate, private key and the authority's certificate of a role."""
     from cryptography.hazmat.primitives import serialization as forms  # noqa: PLC0415
 
     pem = forms.Encoding.PEM
     private = own.key.private_bytes(pem, forms.PrivateFormat.PKCS8, forms.NoEncryption())
-    try:
-        folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-        (folder / f"{_AUTHORITY}.pem").write_bytes(authority.certificate.public_bytes(pem))
-        (folder / f"{name}.pem").write_bytes(own.certificate.public_bytes(pem))
-        key_file = folder / f"{name}.key"
-        key_file.touch(mode=0o600)
-        key_file.chmod(0o600)
-        key_file.write_bytes(private)
-    except OSError as error:
-        raise IkservoError(
-            f"{folder} cannot be written: {error.strerror}.", "Choose another folder."
-        ) from None
-    return folder
+    return {
+        folder / f"{_AUTHORITY}.pem": authority.certificate.public_bytes(pem),
+        folder / f"{name}.pem": own.certificate.public_bytes(pem),
+        folder / f"{name}.key": private,
+    }
 
 
 def access_control(name: str) -> Mapping[str, object]:

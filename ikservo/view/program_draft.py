@@ -194,7 +194,6 @@ class ProgramDraft:
         path, program = self.folder.file(name), self.program()
         if name != self.name and path.exists() and not overwrite:
             raise InputError(f"There is a program {name} already.", "Replace it, or rename this.")
-        self.folder.path.mkdir(parents=True, exist_ok=True)
         write_program(path, program)
         self.name = name
         self._note_change(changed=False)

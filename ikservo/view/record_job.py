@@ -8,6 +8,7 @@ from pathlib import Path
 
 from ikservo.arm import Arm
 from ikservo.errors import InputError
+from ikservo.files.writing import make_folder
 from ikservo.view.arm_job import JobObserver
 
 __all__ = ["SUFFIX", "RecordArm"]
@@ -58,7 +59,7 @@ class RecordArm:
         self.path = path
 
     def _free_path(self) -> Path:
-        self._folder.mkdir(parents=True, exist_ok=True)
+        make_folder(self._folder)
         for number in range(1, 10_000):
             path = self._folder / f"recording-{number}{SUFFIX}"
             if not path.exists():

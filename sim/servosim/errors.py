@@ -4,7 +4,14 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = ["ArmFileError", "FaultError", "PortClosedError", "SimulatorError", "UnknownModelError"]
+__all__ = [
+    "ArmFileError",
+    "FaultError",
+    "LogFileError",
+    "PortClosedError",
+    "SimulatorError",
+    "UnknownModelError",
+]
 
 
 class SimulatorError(Exception):
@@ -21,6 +28,14 @@ class ArmFileError(SimulatorError, ValueError):
 
 class FaultError(SimulatorError, ValueError):
     """An invalid fault: unknown kind, key or value."""
+
+
+class LogFileError(SimulatorError):
+    """A log or an audit that cannot be written."""
+
+    def __init__(self, path: Path, error: OSError) -> None:
+        self.path = path
+        super().__init__(f"{path} cannot be written: {error.strerror or error}.")
 
 
 class UnknownModelError(SimulatorError, LookupError):

@@ -17,7 +17,7 @@ from typing import Any
 from servosim.adapter import AdapterOptions
 from servosim.arm_file import read_arm_file
 from servosim.assembly import BenchServo, make_arm_world, make_bench_world
-from servosim.errors import SimulatorError
+from servosim.errors import LogFileError, SimulatorError
 from servosim.faults import read_faults
 from servosim.hands import HANDS, add_hands
 from servosim.line import Line, LineOptions
@@ -256,16 +256,20 @@ def serve(argv: Sequence[str]) -> int:
         argv: Path of an ``arm.toml`` or ``--servo``, then options; ``--help`` lists them.
 
     Returns:
-        0 after a signal, 2 when the options cannot be used.
+        0 after a signal, 1 when a log cannot be written, 2 when the options cannot be used.
     """
     options = parse_options(argv)
-    with contextlib.ExitStack() as stack:
-        try:
-            bus, remote, screen = _open_server(options, stack)
-        except (SimulatorError, OSError) as error:
-            sys.stderr.write(f"{error}\n")
-            return 2
-        _work_until_signal(bus, remote, screen)
+    try:
+        with contextlib.ExitStack() as stack:
+            try:
+                bus, remote, screen = _open_server(options, stack)
+            except (SimulatorError, OSError) as error:
+                sys.stderr.write(f"{error}\n")
+                return 2
+            _work_until_signal(bus, remote, screen)
+    except LogFileError as error:
+        sys.stderr.write(f"{error}\n")
+        return 1
     return 0
 
 
@@ -334,14 +338,22 @@ def _attach_listeners(line: Line, options: ServerOptions, stack: contextlib.Exit
         line.witnesses.append(journal)
     if options.audit is not None:
         audit = Audit(line.world.servos)
-        file = stack.enter_context(options.audit.open("w", encoding="utf-8"))
         line.witnesses.append(audit)
+        written = options.audit.with_name(f"{options.audit.name}.part")
+        written.touch()  # an unwritable place is reported now and not at the end
+        stack.callback(_write_report, written, options.audit, audit, line)
 
-        def report() -> None:
-            json.dump(audit.report(list(line.readers.values())), file, indent=2)
-            file.write("\n")
 
-        stack.callback(report)
+def _write_report(written: Path, path: Path, audit: Audit, line: Line) -> None:
+    """Write the audit beside its file, and rename it."""
+    text = json.dumps(audit.report(list(line.readers.values())), indent=2)
+    try:
+        written.write_text(f"{text}\n", encoding="utf-8")
+        written.replace(path)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            written.unlink(missing_ok=True)
+        raise LogFileError(path, error) from error
 
 
 def _work_until_signal(bus: PtyBus, remote: RemoteControl, screen: StatusScreen) -> None:

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+from servosim.errors import LogFileError
 from servosim.frames import HEADER, Dynamixel2Reader, Frame, FrameReader
 from servosim.servo import BusProtocol, Servo
 
@@ -119,7 +121,11 @@ class TrafficLog:
     """Writes each frame to a file: ``seconds  > or <  bytes  meaning``."""
 
     def __init__(self, path: Path, servos: tuple[Servo, ...]) -> None:
-        self._file = path.open("w", encoding="utf-8", buffering=1)
+        self._path = path
+        try:
+            self._file = path.open("w", encoding="utf-8", buffering=1)
+        except OSError as error:
+            raise LogFileError(path, error) from error
         self._servos = servos
 
     def on_frame(self, at_s: float, frame: Frame, framing: type[FrameReader]) -> None:
@@ -142,10 +148,14 @@ class TrafficLog:
 
     def close(self) -> None:
         """Close the file."""
-        self._file.close()
+        with contextlib.suppress(OSError):  # of a line that was reported already
+            self._file.close()
 
     def _write_line(self, at_s: float, arrow: str, raw: bytes, meaning: str) -> None:
-        self._file.write(f"{at_s:12.6f} {arrow} {raw.hex(' ').upper()}  {meaning}\n")
+        try:
+            self._file.write(f"{at_s:12.6f} {arrow} {raw.hex(' ').upper()}  {meaning}\n")
+        except OSError as error:
+            raise LogFileError(self._path, error) from error
 
     def _describe_register(self, frame: Frame, *, wide: bool) -> str:
         """Describe the register of an instruction."""

@@ -1,98 +1,227 @@
 """On a disk that is full, read-only or gone each failure has a sentence, and old files stay."""
 
+import ast
+import errno
+import io
+import os
 import resource
 import signal
 import subprocess
 import sys
+import typing
+from importlib import import_module
+from pathlib import Path
 
 import pytest
 
+import ikservo
 from ikservo.arm.recorder import read_recording
+from ikservo.cli.app import COMMANDS
+from tests.cli.test_xacro import MACROS
 
 SIM = "--arm so101 --port sim"
 RECORDING = f"record {{}} --duration 2 {SIM}"
-# What writes a file at a place that is chosen by its user, with as much as does not fit.
-WRITERS = {
-    "record": (RECORDING, "a.jsonl"),
-    "record an mcap": (RECORDING, "a.mcap"),
-    "record over another": (f"{RECORDING} --overwrite", "old.jsonl"),
-    "record an mcap over another": (f"{RECORDING} --overwrite", "old.mcap"),
-    "export": ("export csv SOURCE --to {}", "a.csv"),
-    "program new": ("program new {} --arm so101", "a.toml"),
-}
+# Options and arguments that name a file which is read.
+READ = {
+    ("calibrate", "from_script"), ("calibrate", "points"), ("calibration", "source"),
+    ("draw", "file"), ("export", "recordings"), ("import", "from_script"), ("replay", "file"),
+    ("setup", "restore"), ("test", "points"),
+}  # fmt: skip
+# Those that name a file or folder which is written: command lines, and the file that is named in
+# the error. {} is the folder.
+WRITTEN = {
+    ("arms", "file"): [("arms expand {}/two.urdf.xacro", "two.urdf")],
+    ("export", "to"): [
+        ("export csv {source} --to {}/a.csv", "a.csv"),
+        ("export csv {source} --to {}/old.csv", "old.csv"),
+        ("export dataset {source} --arm so101 --to {}/a", "file-000.parquet"),
+    ],
+    ("import", "to"): [
+        ("import dataset {dataset} --arm so101 --to {}/a", "data-000.jsonl"),
+    ],
+    ("net", "folder"): [
+        ("net keys --folder {}/a", "authority.pem"),
+        ("net keys --folder {}/keys --new", "authority.pem"),
+    ],
+    ("program", "file"): [("program new {}/a.toml --arm so101", "a.toml")],
+    ("record", "file"): [
+        (RECORDING.format("{}/a.jsonl"), "a.jsonl"),
+        (RECORDING.format("{}/a.mcap"), "a.mcap"),
+        (f"{RECORDING.format('{}/old.jsonl')} --overwrite", "old.jsonl"),
+        (f"{RECORDING.format('{}/old.mcap')} --overwrite", "old.mcap"),
+    ],
+    ("solve", "plot"): [
+        ("solve 0.25 0.05 0.15 --arm so101 --compare --plot {}/a.svg", "a.svg"),
+        ("solve 0.25 0.05 0.15 --arm so101 --compare --plot {}/old.svg", "old.svg"),
+    ],
+    ("test", "html"): [
+        (f"test so101 --port sim --cycles 2 --parts poses --yes --no-wiggle --html {{}}/{name}",
+         name.split()[0])
+        for name in ("a.html", "old.html --overwrite")
+    ],
+    ("workspace", "plot"): [("workspace --arm so101 --slice side --plot {}/old.png", "old.png")],
+}  # fmt: skip
+LINES = [line for lines in WRITTEN.values() for line in lines]
+NAMES = [f"{words.split()[0]} {file}" for words, file in LINES]
 BYTES = 4096
 
 
-def run_limited(words, limit):
+def file_parameters():
+    """Yield command and name of each option and argument that is a path."""
+    for name in COMMANDS:
+        module = import_module(f"ikservo.cli.{'import_' if name == 'import' else name}")
+        for parameter, kind in typing.get_type_hints(module.command).items():
+            if "Path" in str(kind):
+                yield name, parameter
+
+
+def test_every_option_with_a_file_is_tried_on_broken_disks_or_only_read():
+    assert {*file_parameters()} == READ | set(WRITTEN)
+
+
+# What writes without files/writing.py: folders of sockets, a page in a folder of this process,
+# the null device, and pictures that are drawn into memory.
+WRITERS = {
+    "files/writing.py", "arm/control_socket.py", "cli/view.py", "cli/entry_point.py",
+    "cli/plots.py",
+}  # fmt: skip
+WRITING_CALLS = {"write_text", "write_bytes", "mkdir", "touch", "savefig", "NamedTemporaryFile"}
+
+
+def test_no_other_module_writes_files_itself():
+    folder = Path(ikservo.__file__).parent
+    found = {
+        path.relative_to(folder).as_posix()
+        for path in folder.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text("utf-8")))
+        if isinstance(node, ast.Call) and _writes(node)
+    }
+    assert found == WRITERS
+
+
+def _writes(call):
+    name = getattr(call.func, "attr", getattr(call.func, "id", ""))
+    modes = {str(each.value)[:1] for each in call.args if isinstance(each, ast.Constant)}
+    return name in WRITING_CALLS or (name == "open" and bool(modes & set("wxa")))
+
+
+def run_limited(words, limit, home):
     """Run a command in a process whose files have a largest size, as on a full disk."""
 
     def set_limit():
         signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
-        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, limit))
+        resource.setrlimit(resource.RLIMIT_FSIZE, (limit, resource.RLIM_INFINITY))
 
     # Without -B truncated bytecode would be left for every later run.
     command = [sys.executable, "-B", "-m", "ikservo", *words.split()]
     return subprocess.run(
-        command, capture_output=True, text=True, preexec_fn=set_limit, timeout=100, check=False
-    )
+        command, capture_output=True, text=True, preexec_fn=set_limit, timeout=100, check=False,
+        env=os.environ | {"IKSERVO_HOME": str(home)},
+    )  # fmt: skip
 
 
 @pytest.fixture
 def place(tmp_path):
-    for name in ("old.jsonl", "old.mcap"):
-        (tmp_path / name).write_text("the old one")
-    return tmp_path
+    """Return a folder with a file to replace of each kind."""
+    folder = tmp_path / "place"
+    (folder / "keys" / "authority").mkdir(parents=True)
+    for name in ("old.jsonl", "old.mcap", "old.csv", "old.svg", "old.png", "old.html"):
+        (folder / name).write_text("the old one")
+    (folder / "keys" / "authority" / "authority.pem").write_text("the old one")
+    (folder / "two.urdf.xacro").write_text(MACROS)
+    return folder
 
 
 @pytest.fixture(scope="module")
-def source(tmp_path_factory):
-    path = tmp_path_factory.mktemp("source") / "source.jsonl"
-    run_limited(RECORDING.format(path), 10**9)
-    return path
+def sources(tmp_path_factory):
+    """Return a recording and a data set."""
+    folder = tmp_path_factory.mktemp("sources")
+    recording, data = folder / "source.jsonl", folder / "data"
+    run_limited(RECORDING.format(recording), 10**9, folder)
+    run_limited(f"export dataset {recording} --arm so101 --to {data}", 10**9, folder)
+    return {"source": recording, "dataset": data}
 
 
-@pytest.mark.parametrize("name", WRITERS)
-def test_a_full_disk_is_said_by(name, place, source):
-    words, file = WRITERS[name]
-    limit = 100 if "program" in name else BYTES
-    done = run_limited(words.format(place / file).replace("SOURCE", str(source)), limit)
-    assert done.returncode != 0
-    assert f"{file} cannot be written: File too large" in " ".join(done.stderr.split())
+def content(folder):
+    """Return the bytes of each file."""
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
+
+
+def require_sentence(done, file, why, before, place):
+    """One sentence says which file failed; nothing else is there than before."""
+    text = " ".join(done.err.split())
+    assert done.code != 0
+    assert text.count("cannot be written") == 1
+    assert f"{file} cannot be written: {why}" in text
+    after = content(place)
+    if "What was recorded until then is in" not in text:
+        assert after == before
+    assert before.items() <= after.items()
+
+
+@pytest.mark.parametrize(("words", "file"), LINES, ids=NAMES)
+def test_a_full_disk_is_said_by(words, file, place, sources, tmp_path):
+    before = content(place)
+    limit = BYTES if words.startswith("record") else 100
+    done = run_limited(words.format(place, **sources), limit, tmp_path)
     assert "Traceback" not in done.stderr
+    done.code, done.err = done.returncode, done.stderr
+    require_sentence(done, file, "File too large", before, place)
 
 
-@pytest.mark.parametrize("name", ["record over another", "record an mcap over another"])
-def test_a_full_disk_leaves_the_old_recording_to(name, place, source):
-    words, file = WRITERS[name]
-    run_limited(words.format(place / file), BYTES)
-    assert (place / file).read_text() == "the old one"
+@pytest.mark.parametrize("number", [errno.EROFS, errno.ENOENT], ids=errno.errorcode.get)
+@pytest.mark.parametrize(("words", "file"), LINES, ids=NAMES)
+def test_a_disk_that_is_read_only_or_gone_is_said_by(
+    words, file, number, place, sources, run_cli, monkeypatch
+):
+    before = content(place)
+    break_disk(monkeypatch, place, number)
+    done = run_cli(words.format(place, **sources))
+    monkeypatch.undo()
+    named = file if (place / words.split("{}/")[-1].split()[0]).exists() else ""
+    require_sentence(done, named, os.strerror(number), before, place)
 
 
-def test_what_was_recorded_until_the_disk_was_full_is_read(place):
-    done = run_limited(RECORDING.format(place / "a.jsonl"), BYTES)
+def break_disk(monkeypatch, folder, number):
+    """Let every call that writes below a folder fail."""
+
+    def failing(call, writes):
+        def run(path, *args, **kwargs):
+            if writes(*args, **kwargs) and Path(os.fsdecode(path)).is_relative_to(folder):
+                raise OSError(number, os.strerror(number), os.fsdecode(path))
+            return call(path, *args, **kwargs)
+
+        return run
+
+    monkeypatch.setattr(os, "open", failing(os.open, lambda flags, *_, **__: flags & os.O_ACCMODE))
+    monkeypatch.setattr(os, "mkdir", failing(os.mkdir, lambda *_, **__: True))
+    monkeypatch.setattr(io, "open", failing(io.open, lambda mode="r", *_, **__: mode[0] != "r"))
+
+
+def test_what_was_recorded_until_the_disk_was_full_is_read(place, tmp_path):
+    done = run_limited(RECORDING.format(place / "a.jsonl"), BYTES, tmp_path)
     assert "What was recorded until then is in" in done.stderr
     assert len(read_recording(place / "a.jsonl").times_s) > 10
 
 
 @pytest.mark.parametrize("suffix", [".jsonl", ".mcap"])
 def test_a_recording_over_another_replaces_it_at_its_end(suffix, place, run_cli):
-    path = place / f"old{suffix}"
+    path, before = place / f"old{suffix}", set(content(place))
     assert run_cli(f"{RECORDING.format(path)} --overwrite").code == 0
     assert len(read_recording(path).times_s) > 10
-    assert sorted(each.name for each in place.iterdir()) == ["old.jsonl", "old.mcap"]
+    assert set(content(place)) == before
 
 
-@pytest.mark.parametrize("folder", ["/sys", "gone"])
-@pytest.mark.parametrize("name", WRITERS)
-def test_a_folder_where_nothing_can_be_written_is_said_by(name, folder, run_cli, source, tmp_path):
-    words, file = WRITERS[name]
-    place = folder if folder == "/sys" else tmp_path / "a" / "file" / "x"
-    if folder == "gone":
-        (tmp_path / "a").mkdir()
-        (tmp_path / "a" / "file").write_text("")
-    done = run_cli(words.format(f"{place}/{file}").replace("SOURCE", str(source)))
-    assert done.code != 0
-    assert file in " ".join(done.err.split())
+def test_a_pose_that_cannot_be_saved_is_said(run_cli, place, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(place))
+    break_disk(monkeypatch, place, errno.ENOSPC)
+    done = run_cli(f"teach cup --now {SIM}")
+    assert done.code == 1
+    assert "cannot be written: No space left on device" in done.err
 
 
 PRINTERS = [

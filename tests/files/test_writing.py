@@ -5,7 +5,13 @@ import random
 
 import pytest
 
-from ikservo.files.writing import FileWriteError, check_writable, remove_durably, write_atomic
+from ikservo.files.writing import (
+    FileWriteError,
+    check_writable,
+    remove_durably,
+    write_all_atomic,
+    write_atomic,
+)
 from tests.files.power_cuts import FailingCall, PowerCut, PowerSupply, patch_calls, restore_calls
 
 OLD, NEW = "the old text\n" * 50, "the new text, which is longer\n" * 80
@@ -105,3 +111,18 @@ def test_a_folder_that_takes_no_file_is_refused_beforehand(tmp_path):
 def test_looking_whether_a_folder_takes_files_leaves_none(tmp_path):
     check_writable(tmp_path / "arms")
     assert not list((tmp_path / "arms").iterdir())
+
+
+def test_files_that_belong_together_are_written_with_their_folders(tmp_path):
+    files = {tmp_path / "a" / "b": b"1", tmp_path / "c" / "d" / "e": b"2"}
+    write_all_atomic(files)
+    assert all(path.read_bytes() == data for path, data in files.items())
+    assert len([path for path in tmp_path.rglob("*") if path.is_file()]) == 2
+
+
+def test_what_cannot_be_written_leaves_the_files_that_it_belongs_to(tmp_path):
+    old = tmp_path / "old"
+    old.write_text(OLD)
+    with pytest.raises(FileWriteError, match="old/new"):
+        write_all_atomic({old: b"new", old / "new": b"new"})
+    assert (old.read_text(), [each.name for each in tmp_path.iterdir()]) == (OLD, ["old"])

@@ -7,6 +7,7 @@ import pytest
 
 import ikservo
 from ikservo.errors import BadValueError, InputError, PortError, RefusedError
+from ikservo.files.writing import write_all_atomic
 from ikservo.network import certificates as making
 from ikservo.network import key_expressions as keys
 from ikservo.network.address import ArmAddress, Endpoint, parse_host
@@ -46,8 +47,9 @@ def certificates(tmp_path_factory):
         ("expired", own, "operator", -DAY / 2), ("foreign", foreign, "operator", DAY),
     ):  # fmt: skip
         names = ("127.0.0.1",) if role == "server" else ()
-        making._write(folder / name, role, making._sign(authority, role, names, lifetime), own)
-    making._write(folder / "self-signed", "operator", foreign, own)
+        signed = making._sign(authority, role, names, lifetime)
+        write_all_atomic(making._files_of(folder / name, role, signed, own), folder_mode=0o700)
+    write_all_atomic(making._files_of(folder / "self-signed", "operator", foreign, own))
     roles = {"server": "server", "watcher": "watcher", "guest": "guest"}
     names = ("server", "operator", "watcher", "guest", "expired", "foreign", "self-signed")
     return {name: certificate(folder / name, roles.get(name, "operator")) for name in names}

@@ -15,6 +15,7 @@ from pathlib import Path
 import dynamixel_sdk
 import pytest
 import scservo_sdk
+import serial
 
 import servosim
 from servosim.assembly import make_bench_world
@@ -344,6 +345,33 @@ def test_log_audit_and_quit(server, configs, tmp_path):
     assert "ping 1" in log.read_text()
     assert json.loads(audit.read_text())["frames"] >= 1
     assert not control.exists()
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="needs /dev/full")
+def test_a_log_on_a_full_disk_ends_it_with_a_sentence():
+    command = [sys.executable, "-c", SERVE, "--servo", "1:sts3215", "--log", "/dev/full"]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    with serial.Serial(process.stdout.readline().strip(), 1_000_000) as port:
+        port.write(PING)
+        errors = process.communicate(timeout=20)[1]
+    assert errors.splitlines() == ["/dev/full cannot be written: No space left on device."]
+    assert process.returncode == 1
+
+
+def test_an_audit_that_cannot_be_written_is_said_at_the_start_and_leaves_the_old_one(
+    configs, tmp_path
+):
+    (tmp_path / "old").write_text("the old one")
+    command = [sys.executable, "-c", SERVE, configs / "koch" / "arm.toml", "--audit"]
+    done = subprocess.run(
+        [*command, tmp_path / "old" / "audit"],
+        capture_output=True,
+        text=True,
+        timeout=20,
+        check=False,
+    )
+    assert (done.returncode, "old/audit" in done.stderr) == (2, True)
+    assert (tmp_path / "old").read_text() == "the old one"
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])

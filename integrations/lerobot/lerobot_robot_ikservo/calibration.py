@@ -11,6 +11,7 @@ import ikservo
 from ikservo.arm import ZeroSource
 from ikservo.calibration.calibration_file import load_calibration
 from ikservo.calibration.lerobot import dump_lerobot, lerobot_joints, lost_in_lerobot
+from ikservo.files.writing import write_atomic
 from ikservo.hardware.remembered_port import serial_number_of
 from lerobot_robot_ikservo.config import IkservoLeaderConfig, IkservoRobotConfig
 
@@ -51,7 +52,7 @@ def write_lerobot_file(arm: ikservo.Arm, path: Path) -> bool:
     calibration = load_calibration(arm.model.name, serial_number_of(arm.port_name))
     if calibration is None:
         return False
-    path.write_text(dump_lerobot(lerobot_joints(calibration)), encoding="utf-8")
+    write_atomic(path, dump_lerobot(lerobot_joints(calibration)))
     for line in lost_in_lerobot(calibration):
         _LOG.info("%s", line)
     return True
