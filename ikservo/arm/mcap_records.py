@@ -25,6 +25,7 @@ MAX_CHUNK_BYTES = 32 * 1024 * 1024
 # In all: of a small file; of a large one, several times its size.
 _MAX_INFLATED_BYTES, _MAX_RATIO = 256 * 1024 * 1024, 10
 _RECORD_HEAD, _MESSAGE, _DEFINITIONS = struct.Struct("<BQ"), 5, (3, 4)
+_MESSAGE_HEAD = struct.Struct("<HIQQ")
 _MAX_DEFINITIONS = 10_000
 _MAX_RECORD_BYTES = 64 * 1024 * 1024
 
@@ -102,7 +103,7 @@ def _records_of_chunk(path: Path, record: Any, wanted: Container[int]) -> Iterat
     Raises:
         FileFormatError: It would inflate to too much.
     """
-    from mcap.records import Chunk  # noqa: PLC0415
+    from mcap.records import Chunk, Message  # noqa: PLC0415
     from mcap.stream_reader import breakup_chunk  # noqa: PLC0415
 
     if not isinstance(record, Chunk):
@@ -128,7 +129,12 @@ def _records_of_chunk(path: Path, record: Any, wanted: Container[int]) -> Iterat
         if others > _MAX_DEFINITIONS:
             found = "a chunk of it has too many channels and schemas"
             raise FileFormatError(path, "", found, f"at most {_MAX_DEFINITIONS:,}")
-        if kind in _DEFINITIONS or (kind == _MESSAGE and channel in wanted):
+        if kind == _MESSAGE and channel in wanted:  # a reader for each would take most of the time
+            head = _MESSAGE_HEAD.unpack_from(data, at + _RECORD_HEAD.size)
+            channel_id, sequence, log_time, publish_time = head
+            start = at + _RECORD_HEAD.size + _MESSAGE_HEAD.size
+            yield Message(channel_id, log_time, data[start:end], publish_time, sequence)
+        elif kind in _DEFINITIONS:
             one = replace(record, data=data[at:end], compression="", uncompressed_crc=0)
             yield from breakup_chunk(one)
         at = end

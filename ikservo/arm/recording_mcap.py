@@ -11,6 +11,7 @@ from __future__ import annotations
 import json
 import platform
 import time
+from array import array
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from importlib.metadata import version
@@ -19,6 +20,7 @@ from types import TracebackType
 from typing import IO, TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ikservo.arm.mcap_records import MAGIC, import_mcap, read_records
 from ikservo.arm.recording import (
@@ -35,6 +37,7 @@ from ikservo.arm.recording import (
 from ikservo.errors import FileFormatError, IkservoError
 from ikservo.files.reading import parse_json, read_text
 from ikservo.kinematics import Chain
+from ikservo.kinematics.arrays import Matrix
 from ikservo.model import Model
 from ikservo.model.loading import description_text
 from ikservo.ros.arm_messages import JOINT_STATES, ArmMessages, RosMessage, Topic
@@ -54,6 +57,8 @@ _METADATA = "ikservo"
 _FLUSH_PERIOD_S = 1.0
 _MAX_FILE_BYTES = 1024 * 1024
 _NS = 1_000_000_000
+_LATEST_NS = 2**63 - 1
+_MAX_LAYOUTS = 1000
 
 
 class MessageSink(Protocol):
@@ -338,7 +343,10 @@ class _JointStateReader:
         self._header: RecordingHeader | None = None
         self._schemas: dict[int, str] = {}
         self.channels: set[int] = set()
-        self._rows: dict[int, dict[str, float]] = {}  # by stamp, nanoseconds
+        # Numbers by message, of those with the same names under one of few layouts: a dictionary
+        # for each of two million messages would be gigabytes.
+        self._layouts: dict[tuple[str, ...], int] = {}
+        self._times_ns, self._layout_of, self._positions = array("q"), array("l"), array("d")
 
     def take(self, record: object) -> None:
         from mcap.records import Channel, Message, Metadata, Schema  # noqa: PLC0415
@@ -361,19 +369,15 @@ class _JointStateReader:
         Raises:
             FileFormatError: There is nothing.
         """
-        times_ns = sorted(self._rows)
-        names = self._header.joints if self._header else tuple(dict.fromkeys(
-            name for row in self._rows.values() for name in row))  # fmt: skip
-        table = np.full((len(times_ns), len(names)), np.nan)
-        for index, row in enumerate(self._rows[time_ns] for time_ns in times_ns):
-            known = table[index - 1] if index else table[0]
-            table[index] = [row.get(name, at) for name, at in zip(names, known, strict=True)]
+        times_ns, rows = np.unique(np.array(self._times_ns, dtype=np.int64), return_inverse=True)
+        names = self._header.joints if self._header else tuple(self._names())
+        table = self._table(names, rows, len(times_ns))
         complete = np.isfinite(table).all(axis=1)
         if not complete.any():
             raise FileFormatError(
                 self._path, "", "has no sample", f"{JOINT_STATES.name} of every joint"
             )
-        times_s = (np.array(times_ns) - times_ns[int(np.argmax(complete))]) / _NS
+        times_s = (times_ns - times_ns[int(np.argmax(complete))]) / _NS
         if times_s[-1] > MAX_SECONDS:
             raise FileFormatError(
                 self._path, "the last sample", "is too late",
@@ -381,6 +385,24 @@ class _JointStateReader:
             )  # fmt: skip
         header = self._header or _foreign_header(names, times_s)
         return Recording(header, times_s[complete], table[complete], first_line=None)
+
+    def _names(self) -> dict[str, None]:
+        """Return the names of all joints in the order of their first messages."""
+        return dict.fromkeys(name for layout in self._layouts for name in layout)
+
+    def _table(self, names: tuple[str, ...], rows: NDArray[np.intp], count: int) -> Matrix:
+        """Return the positions (count, n); a joint that is not in a row is where it was before."""
+        table = np.full((count, len(names)), np.nan)
+        widths = np.array([len(layout) for layout in self._layouts])
+        layout_of, values = np.array(self._layout_of), np.array(self._positions)
+        starts = np.cumsum(widths[layout_of]) - widths[layout_of] if len(layout_of) else layout_of
+        for layout, number in self._layouts.items():
+            own = np.flatnonzero(layout_of == number)
+            for at, name in enumerate(layout):
+                if name in names:
+                    table[rows[own], names.index(name)] = values[starts[own] + at]
+        known = np.where(np.isfinite(table), np.arange(count)[:, None], 0)
+        return np.take_along_axis(table, np.maximum.accumulate(known), axis=0)
 
     def _has_joints(self, channel: Any) -> bool:  # noqa: ANN401  # a record
         own = channel.topic == JOINT_STATES.name and channel.message_encoding == "cdr"
@@ -399,7 +421,7 @@ class _JointStateReader:
         return check_header(self._path, where, {**row, "arm": metadata.get("arm")})
 
     def _add(self, log_time_ns: int, data: bytes) -> None:
-        where = f"sample {len(self._rows) + 1}"
+        where = f"sample {len(self._times_ns) + 1}"
         try:
             message = decode(JOINT_STATES.kind, data)
         except IkservoError as error:
@@ -411,12 +433,25 @@ class _JointStateReader:
             raise FileFormatError(self._path, where, "has other positions", "a number for a joint")
         stamp = message.header.stamp
         time_ns = stamp.sec * _NS + stamp.nanosec or log_time_ns
-        row = dict(zip(message.name, message.position.tolist(), strict=True))
-        self._rows.setdefault(time_ns, {}).update(row)
-        if len(self._rows) > MAX_SAMPLES:
+        if time_ns > _LATEST_NS:
+            raise FileFormatError(self._path, where, "is too late", "a time of this century")
+        self._layout_of.append(self._layout(tuple(message.name), where))
+        self._times_ns.append(time_ns)
+        self._positions.extend(message.position)
+        if len(self._times_ns) > MAX_SAMPLES:
             raise FileFormatError(
                 self._path, where, "is one too many", f"at most {MAX_SAMPLES} samples"
             )
+
+    def _layout(self, names: tuple[str, ...], where: str) -> int:
+        """Return the number of the messages with these names."""
+        if names not in self._layouts:
+            self._layouts[names] = len(self._layouts)
+            if len(self._names()) > MAX_JOINTS or len(self._layouts) > _MAX_LAYOUTS:
+                found = f"has names unlike those of {len(self._layouts) - 1} others"
+                expected = f"at most {MAX_JOINTS} joints, in one order"
+                raise FileFormatError(self._path, where, found, expected)
+        return self._layouts[names]
 
 
 def _foreign_header(names: tuple[str, ...], times_s: Any) -> RecordingHeader:  # noqa: ANN401

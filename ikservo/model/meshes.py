@@ -23,6 +23,7 @@ from ikservo.files.writing import FileWriteError, write_atomic
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.capsules import Capsule
 from ikservo.kinematics.se3 import rotation_rpy
+from ikservo.model.collada import check_collada
 from ikservo.model.urdf_types import Mesh, Surface, Triple
 
 __all__ = [
@@ -40,6 +41,11 @@ _MAX_CAPSULES = 8
 # A split must reduce a capsule's volume by this fraction.
 _GAIN = 0.05
 _CIRCLE_STEPS = 120
+# Of more corners only those that are the farthest along one of some directions are taken for the
+# shape of a part; its capsule contains them all nevertheless.
+_MAX_CORNERS = 60_000
+_DIRECTIONS = 256
+_BLOCK = 2048
 
 Triangles = NDArray[np.float64]
 """Corners (n, 3, 3), metres."""
@@ -94,8 +100,12 @@ def fit_capsules(triangles: Triangles) -> list[FittedCapsule]:
 
 
 def _make_part(triangles: Triangles) -> _MeshPart:
-    points, hull_m3 = _convex_hull(triangles.reshape(-1, 3))
-    return _MeshPart(triangles, _smallest_capsule(points), hull_m3)
+    points = triangles.reshape(-1, 3)
+    corners, hull_m3 = _convex_hull(points)
+    fit, axis = _smallest_capsule(corners)
+    if len(points) > _MAX_CORNERS:
+        fit = _capsule_along(corners, axis, points)
+    return _MeshPart(triangles, fit, hull_m3)
 
 
 def _best_split(part: _MeshPart) -> list[_MeshPart]:
@@ -134,9 +144,14 @@ def _cut_by_plane(triangles: Triangles, axis: Vector, at_m: float) -> tuple[Tria
 
 
 def _convex_hull(points: Matrix) -> tuple[Matrix, float]:
-    """Return the corners (k, 3) and the volume of a convex hull; a flat one has none."""
+    """Return the corners (k, 3) and the volume of a convex hull; a flat one has none.
+
+    Those of many points are within a percent of a smooth surface.
+    """
     from scipy.spatial import ConvexHull, QhullError  # noqa: PLC0415
 
+    if len(points) > _MAX_CORNERS:
+        points = points[_farthest(points)]
     try:
         hull = ConvexHull(points)
     except (QhullError, ValueError):
@@ -144,10 +159,27 @@ def _convex_hull(points: Matrix) -> tuple[Matrix, float]:
     return points[hull.vertices], float(hull.volume)
 
 
-def _smallest_capsule(points: Matrix) -> FittedCapsule:
-    """Return the smallest capsule around points (n, 3) with one of some axes."""
+def _farthest(points: Matrix) -> NDArray[np.intp]:
+    """Return which points (n, 3) are the farthest along evenly spread directions."""
+    i = np.arange(_DIRECTIONS) + 0.5
+    turn, z = math.pi * (1.0 + math.sqrt(5.0)) * i, 1.0 - 2.0 * i / _DIRECTIONS
+    around = np.sqrt(1.0 - z**2)
+    directions = np.stack([around * np.cos(turn), around * np.sin(turn), z]).astype(np.float32)
+    most, which = np.full(_DIRECTIONS, -np.inf), np.zeros(_DIRECTIONS, dtype=np.intp)
+    for first in range(0, len(points), _BLOCK):  # what fits into a processor's cache
+        along = points[first : first + _BLOCK].astype(np.float32) @ directions
+        block_most = along.max(axis=0)
+        farther = block_most > most
+        which[farther] = first + along[:, farther].argmax(axis=0)
+        most[farther] = block_most[farther]
+    return np.unique(which)
+
+
+def _smallest_capsule(points: Matrix) -> tuple[FittedCapsule, Vector]:
+    """Return the smallest capsule around points (n, 3) with one of some axes, and its axis."""
     axes = (*np.eye(3), *_main_axes(points))
-    return min((_capsule_along(points, axis) for axis in axes), key=lambda fit: fit.volume_m3)
+    fits = [(_capsule_along(points, axis, points), axis) for axis in axes]
+    return min(fits, key=lambda fit: fit[0].volume_m3)
 
 
 def _main_axes(points: Matrix) -> Matrix:
@@ -160,11 +192,11 @@ def _main_axis(points: Matrix) -> Vector:
     return _main_axes(_convex_hull(points)[0])[0]
 
 
-def _capsule_along(points: Matrix, axis: Vector) -> FittedCapsule:
-    """Return the capsule along an axis that contains points (n, 3)."""
+def _capsule_along(corners: Matrix, axis: Vector, points: Matrix) -> FittedCapsule:
+    """Return the capsule along an axis around corners (k, 3) that contains points (n, 3)."""
     across = np.linalg.svd(axis[None])[2][1:]
+    centre = _enclosing_circle_centre(corners @ across.T)
     flat, along = points @ across.T, points @ axis
-    centre = _enclosing_circle_centre(flat)
     away_m = np.linalg.norm(flat - centre, axis=1)
     radius_m = float(away_m.max()) + 1e-9
     cap_m = np.sqrt(np.maximum(radius_m**2 - away_m**2, 0.0))
@@ -214,6 +246,8 @@ def read_triangles(path: Path, data: bytes, link: str) -> Triangles:
         raise FileFormatError(path, place, f"its format is {suffix or 'unnamed'}", expected)
     if len(data) > _MAX_BYTES:
         raise FileFormatError(path, place, "it is larger than 32 MiB", "a simpler collision mesh")
+    if suffix == ".dae":
+        check_collada(path, place, data, MAX_TRIANGLES)
     _check_count(path, place, _stated_triangles(suffix, data))
     triangles = _load_mesh(path, data, place)
     _check_count(path, place, len(triangles))

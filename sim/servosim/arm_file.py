@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import Any
 
 from servosim.errors import ArmFileError
 from servosim.joint import DIRECT, CrankAndRod, Ratio, Transmission
+from servosim.own_files import read_toml
 
 __all__ = ["JointEntry", "ServoEntry", "SimulatedArmFile", "read_arm_file"]
 
@@ -84,8 +84,8 @@ def read_arm_file(path: Path, urdf: Path | str = "") -> SimulatedArmFile:
         ArmFileError: The file is missing, no TOML, or lacks a key.
     """
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        document = read_toml(path)
+    except (OSError, ValueError) as error:
         raise ArmFileError(path, "", str(error)) from error
     try:
         arm = _parse_arm(path, document)

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 import math
 import random
-import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
@@ -13,6 +11,7 @@ from random import Random
 from typing import TYPE_CHECKING, Any, Protocol
 
 from servosim.errors import FaultError
+from servosim.own_files import parse_json, read_text, read_toml
 
 if TYPE_CHECKING:
     from servosim.servo import Servo
@@ -114,8 +113,8 @@ def read_faults(path: Path) -> list[Fault]:
         FaultError: The file cannot be read, or a fault in it is invalid.
     """
     try:
-        text = path.read_text(encoding="utf-8")
-        listed = json.loads(text) if path.suffix == ".json" else tomllib.loads(text)["fault"]
+        is_json = path.suffix == ".json"
+        listed = parse_json(read_text(path)) if is_json else read_toml(path)["fault"]
     except KeyError as error:
         raise FaultError(f"{path}: no [[fault]] in it") from error
     except (OSError, ValueError) as error:

@@ -25,6 +25,7 @@ from servosim.errors import SimulatorError
 from servosim.faults import Fault
 from servosim.joint import HAND_SPEED, Hand, SimulatedJoint, glide
 from servosim.line import Line
+from servosim.own_files import MAX_BYTES, parse_json
 from servosim.servo import Servo
 
 __all__ = ["RemoteControl", "joint_state", "servo_state"]
@@ -104,7 +105,7 @@ class RemoteControl:
     def respond(self, text: str | bytes) -> Request:
         """Execute one line; return the response."""
         try:
-            request: Request = json.loads(text)
+            request: Request = parse_json(text)
             return {"ok": True, **self._execute_request(request)}
         except (SimulatorError, *_INVALID_REQUEST) as error:
             reason = f"{error} is missing" if isinstance(error, KeyError) else str(error)
@@ -119,6 +120,8 @@ class RemoteControl:
                 line, _, rest = bytes(buffer).partition(b"\n")
                 buffer[:] = rest
                 client.sendall(json.dumps(self.respond(line)).encode() + b"\n")
+            if len(buffer) > MAX_BYTES:  # a line without an end
+                data = b""
         except OSError:
             data = b""
         if not data:

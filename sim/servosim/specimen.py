@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -13,6 +12,7 @@ from typing import Any
 import numpy as np
 
 from servosim.errors import ArmFileError, SimulatorError
+from servosim.own_files import read_toml
 from servosim.parameters import MotorParameters
 from servosim.urdf import Mass, Matrix, MovingJoint
 
@@ -134,8 +134,8 @@ def read_specimen(path: Path) -> Specimen:
         ArmFileError: The file is missing, no TOML, or a figure cannot be used.
     """
     try:
-        document = tomllib.loads(path.read_text(encoding="utf-8"))
-    except (OSError, UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        document = read_toml(path)
+    except (OSError, ValueError) as error:
         raise ArmFileError(path, "", str(error)) from error
     try:
         tables = [(str(table["name"]), table) for table in document["joints"]]

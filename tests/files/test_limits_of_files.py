@@ -15,6 +15,10 @@ from ikservo.errors import FileFormatError
 from ikservo.files.drawing import read_drawing
 from ikservo.model.loading import read_description
 from ikservo.model.meshes import MAX_TRIANGLES, fit_capsules, read_triangles
+from servosim.arm_file import read_arm_file
+from servosim.errors import SimulatorError
+from servosim.faults import read_faults
+from servosim.specimen import read_specimen
 
 SVG = '<svg xmlns="http://www.w3.org/2000/svg" width="9" height="9">{}</svg>'
 LINE = '<path id="a0" d="M0 0L1 1"/>'
@@ -150,6 +154,168 @@ MESHES = {
     "zeros.gltf": gltf(count=10**9),
     "copies.gltf": gltf(count=3000, nodes=1000),
 }
+
+
+COLLADA = """<COLLADA xmlns="http://www.collada.org/2005/11/COLLADASchema">
+<library_geometries><geometry id="g"><mesh>{}</mesh></geometry></library_geometries>
+<library_nodes>{}</library_nodes>
+<library_visual_scenes><visual_scene id="s">{}</visual_scene></library_visual_scenes>
+<scene><instance_visual_scene url="#s"/></scene></COLLADA>"""
+ONE, LEAF = '<triangles count="1"><p>0 1 2</p></triangles>', '<instance_geometry url="#g"/>'
+
+
+def node(name, *inside):
+    return f'<node id="{name}">{"".join(inside)}</node>'
+
+
+def shown(name):
+    return f'<instance_node url="#{name}"/>'
+
+
+def doubled(depth):
+    """Return nodes of which each shows the one before twice."""
+    return node("n0", LEAF) + "".join(
+        node(f"n{i}", shown(f"n{i - 1}") * 2) for i in range(1, depth)
+    )
+
+
+SCENES = {
+    "doubled thirty times": ((ONE, doubled(30), shown("n29")), "as often as it is used"),
+    "without a surface": (("", doubled(30), shown("n29")), "as often as it is used"),
+    "in a circle": ((ONE, node("a", shown("b")) + node("b", shown("a")), shown("a")), "circle"),
+    "in a long chain": (
+        (ONE, node("n0") + "".join(node(f"n{i}", shown(f"n{i - 1}")) for i in range(1, 200)),
+         shown("n199")), "at most 100 levels",
+    ),
+    "stated": (('<triangles count="300001"/>', "", node("r", LEAF)), "triangles"),
+    "not stated": (
+        (f'<triangles count="1"><p>{"0 " * 20_000}</p></triangles>', doubled(11), shown("n10") * 2),
+        "characters",
+    ),
+    "nested nodes": ((ONE, "", "<node>" * 65 + "</node>" * 65), "nested too deeply"),
+    "entities": (('<!DOCTYPE a [<!ENTITY b "c">]>', "", ""), "XML"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", SCENES)
+def test_a_collada_scene_is_counted_before_its_instances_are_made_for(name, tmp_path, monkeypatch):
+    monkeypatch.setattr("ikservo.model.meshes._load_mesh", lambda *_: pytest.fail("it was read"))
+    parts, words = SCENES[name]
+    with pytest.raises(FileFormatError, match=words):
+        read_triangles(tmp_path / "a.dae", COLLADA.format(*parts).encode(), "base")
+
+
+def test_a_collada_scene_of_a_few_instances_is_read(tmp_path, monkeypatch):
+    monkeypatch.setattr("ikservo.model.meshes._load_mesh", lambda *_: np.ones((4, 3, 3)))
+    text = COLLADA.format(ONE, doubled(3), node("r", shown("n2")))
+    assert read_triangles(tmp_path / "a.dae", text.encode(), "base").shape == (4, 3, 3)
+
+
+def sphere(triangles):
+    """Return a closed ellipsoid of which every corner is on the hull: the worst case."""
+    n = round((triangles / 2) ** 0.5)
+    turn, fall = np.meshgrid(np.linspace(0, 2 * np.pi, n + 1), np.linspace(0, np.pi, n + 1))
+    points = np.stack([np.cos(turn) * np.sin(fall), np.sin(turn) * np.sin(fall), np.cos(fall)], -1)
+    points *= (0.1, 0.05, 0.03)
+    a, b, c, d = points[:-1, :-1], points[1:, :-1], points[1:, 1:], points[:-1, 1:]
+    pairs = [np.stack([a, b, c], axis=-2), np.stack([a, c, d], axis=-2)]
+    return np.concatenate([each.reshape(-1, 3, 3) for each in pairs])
+
+
+def test_a_mesh_with_many_corners_is_fitted_by_few_of_them_and_contained_whole(monkeypatch):
+    spatial, seen = pytest.importorskip("scipy.spatial"), []
+    hull = spatial.ConvexHull
+    monkeypatch.setattr(
+        spatial, "ConvexHull", lambda points: seen.append(len(points)) or hull(points)
+    )
+    triangles = sphere(MAX_TRIANGLES // 3)
+    fits = fit_capsules(triangles)
+    assert max(seen) < 10_000
+    few = fit_capsules(sphere(2000))
+    points, outside = triangles.reshape(-1, 3), np.inf
+    for fit in fits:
+        axis = fit.end_m - fit.start_m
+        along = np.clip((points - fit.start_m) @ axis / max(axis @ axis, 1e-12), 0.0, 1.0)
+        away = np.linalg.norm(points - fit.start_m - along[:, None] * axis, axis=1)
+        outside = np.minimum(outside, away - fit.radius_m)
+    assert outside.max() < 1e-8
+    assert sum(f.volume_m3 for f in fits) < 1.02 * sum(f.volume_m3 for f in few)
+
+
+def joint_states(path, messages):
+    """Write an MCAP file with messages of joint states: names, and positions."""
+    writing = pytest.importorskip("mcap.writer")
+    from rosbags.typesys import Stores, get_typestore
+
+    store = get_typestore(Stores.ROS2_JAZZY)
+    kinds = (store.types[name] for name in ("sensor_msgs/msg/JointState", "std_msgs/msg/Header",
+                                            "builtin_interfaces/msg/Time"))  # fmt: skip
+    state, header, stamp = kinds
+    with path.open("wb") as file:
+        writer = writing.Writer(file, compression=writing.CompressionType.NONE)
+        writer.start("ros2", "test")
+        schema = writer.register_schema("sensor_msgs/msg/JointState", "ros2msg", b"")
+        channel = writer.register_channel("/joint_states", "cdr", schema)
+        none = np.zeros(0)
+        for at, names in enumerate(messages, start=1):
+            positions = np.full(len(names), float(at))
+            message = state(header(stamp(at, 0), ""), names, positions, none, none)
+            data = bytes(store.serialize_cdr(message, "sensor_msgs/msg/JointState"))
+            writer.add_message(channel, at, data, at)
+        writer.finish()
+    return path
+
+
+def test_samples_of_an_mcap_need_eight_bytes_a_number_thrice(tmp_path):
+    tracemalloc = pytest.importorskip("tracemalloc")
+    names = [f"a_joint_with_a_name_{i}" for i in range(6)]
+    path = joint_states(tmp_path / "a.mcap", [names] * 10_000)
+    read_recording(path)  # imports
+    tracemalloc.start()
+    try:
+        read_recording(path)
+        assert tracemalloc.get_traced_memory()[1] < 5 * path.stat().st_size
+    finally:
+        tracemalloc.stop()
+
+
+def test_joints_of_an_mcap_are_counted_over_all_messages(tmp_path):
+    path = joint_states(tmp_path / "a.mcap", [[f"j{i}"] for i in range(101)])
+    with pytest.raises(FileFormatError, match="at most 100 joints"):
+        read_recording(path)
+
+
+def test_joints_that_come_one_by_one_are_put_together(tmp_path):
+    path = joint_states(tmp_path / "a.mcap", [["a"], ["b"], ["a"], ["b", "a"]])
+    recording = read_recording(path)
+    assert recording.header.joints == ("a", "b")
+    np.testing.assert_array_equal(recording.joints, [[1, 2], [3, 2], [4, 4]])
+
+
+OWN_FILES = {
+    "large.toml": b"#" * (256 * 1024 + 1),
+    "dots.toml": b"a" + b".a" * 100_000 + b" = 1",
+    "deep.toml": b"a = " + b"[" * 100_000,
+    "deep.json": b"[" * 200_000,
+}
+
+
+@pytest.mark.parametrize("name", OWN_FILES)
+def test_the_simulators_own_files_are_bounded_as_the_models_are(name, tmp_path):
+    path = tmp_path / name
+    path.write_bytes(OWN_FILES[name])
+    readers = (
+        [read_faults] if name.endswith("json") else [read_faults, read_arm_file, read_specimen]
+    )
+    for read in readers:
+        with pytest.raises(SimulatorError, match=r"KiB|dots|nested"):
+            read(path)
+
+
+def test_the_simulators_own_files_are_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "a.toml")
+    with pytest.raises(SimulatorError, match="not a regular file"):
+        read_arm_file(tmp_path / "a.toml")
 
 
 @pytest.mark.parametrize("name", MESHES)

@@ -223,7 +223,7 @@ class TestRemote:
             ('{"do": "place", "joint": "servo_1"}', "'m' is missing"),
             ('{"do": "fault", "fault": {"kind": "gremlin"}}', "no fault is named"),
             ("[1]", "list indices"),
-            ("[" * 100_000, "recursion"),
+            ("[" * 100_000, "nested too deeply"),
             ('{"do": "place", "joint": "servo_1", "deg": NaN}', "deg = nan"),
             ('{"do": "place", "joint": "servo_1", "deg": 1%s}' % ("0" * 400), "too large"),
             ('{"do": "hand", "joint": "servo_1", "deg": 9, "speed": 0}', "speed = 0"),

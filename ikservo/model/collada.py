@@ -1,0 +1,92 @@
+"""How large the scene of a Collada file (DAE) is, before its instances are multiplied."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ikservo.errors import FileFormatError
+from ikservo.model.urdf_xml import XmlElement, parse_xml
+
+__all__ = ["check_collada"]
+
+
+_SURFACES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
+_MAX_LEVELS = 100
+_MAX_CHARS = 32 * 1024 * 1024  # as a file that has everything once
+
+
+def check_collada(path: Path, place: str, data: bytes, max_elements: int) -> None:
+    """Raise where instances, each as often as it is used, are more than can be read.
+
+    A node may show another one several times, which may do the same: thirty lines are a billion
+    surfaces. Counts that a file states are compared with the size of its text, which is read.
+
+    Args:
+        path: The origin of the data, for the messages.
+        place: Whose shape it is, for the messages.
+        data: The file.
+        max_elements: How many triangles and elements there may be in the whole scene.
+
+    Raises:
+        FileFormatError: It is too large, contains itself or is no plain XML.
+    """
+    root = parse_xml(path, data.decode("utf-8", "replace"))
+    elements, chars = _SceneSize(path, place, root).sum_up()
+    if elements > max_elements or chars > _MAX_CHARS:
+        found = f"it has {elements:,} triangles and elements in {chars:,} characters"
+        expected = f"at most {max_elements:,}, each as often as it is used"
+        raise FileFormatError(path, place, found, f"{expected}; a simpler collision mesh")
+
+
+class _SceneSize:
+    """Adds up the elements, triangles and characters of a scene, each instance once."""
+
+    def __init__(self, path: Path, place: str, root: XmlElement) -> None:
+        self._path, self._place, self._root = path, place, root
+        self._by_id: dict[str, XmlElement] = {}
+        self._known: dict[str, tuple[int, int] | None] = {}
+        self._note_ids(root)
+
+    def sum_up(self) -> tuple[int, int]:
+        """Return elements with triangles, and characters."""
+        scenes = [each for each in self._root.children if _tag(each) == "scene"]
+        sizes = [self._size(scene, 0) for scene in scenes]
+        return sum(size[0] for size in sizes), sum(size[1] for size in sizes)
+
+    def _note_ids(self, element: XmlElement) -> None:
+        self._by_id.setdefault(element.attributes.get("id", ""), element)
+        for child in element.children:
+            self._note_ids(child)
+
+    def _size(self, element: XmlElement, level: int) -> tuple[int, int]:
+        if level > _MAX_LEVELS:
+            raise self._error("it nests its nodes too deeply", f"at most {_MAX_LEVELS} levels")
+        elements, chars = 1, element.text_chars
+        if _tag(element) in _SURFACES:
+            stated = element.attributes.get("count", "")
+            elements += int(stated) if stated.isdecimal() and len(stated) < 10 else 0
+        if _tag(element).startswith("instance_"):
+            more = self._size_of(element.attributes.get("url", "").removeprefix("#"), level + 1)
+            elements, chars = elements + more[0], chars + more[1]
+        for child in element.children:
+            more = self._size(child, level + 1)
+            elements, chars = elements + more[0], chars + more[1]
+        return elements, chars
+
+    def _size_of(self, name: str, level: int) -> tuple[int, int]:
+        if not name or name not in self._by_id:
+            return 0, 0
+        if name not in self._known:
+            self._known[name] = None
+            self._known[name] = self._size(self._by_id[name], level)
+        found = self._known[name]
+        if found is None:
+            raise self._error("it has a node that contains itself", "nodes without a circle")
+        return found
+
+    def _error(self, found: str, expected: str) -> FileFormatError:
+        return FileFormatError(self._path, self._place, found, expected)
+
+
+def _tag(element: XmlElement) -> str:
+    return element.tag.rpartition("}")[2]

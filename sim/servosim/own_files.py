@@ -1,0 +1,59 @@
+"""The text of the simulator's own files, bounded before it is parsed."""
+
+from __future__ import annotations
+
+import json
+import tomllib
+from pathlib import Path
+from typing import Any
+
+__all__ = ["MAX_BYTES", "MAX_DOTS", "parse_json", "read_text", "read_toml"]
+
+
+MAX_BYTES = 256 * 1024
+MAX_DOTS = 64
+"""Of a line of TOML: tomllib takes time and memory in the square of the dots in a key."""
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a file.
+
+    Raises:
+        OSError: It cannot be read.
+        ValueError: It is not UTF-8, no regular file or too large.
+    """
+    if not path.is_file() and path.exists():  # a pipe would be waited for
+        raise ValueError("it is not a regular file")
+    with path.open("rb") as file:
+        data = file.read(MAX_BYTES + 1)
+    if len(data) > MAX_BYTES:
+        raise ValueError(f"it is larger than {MAX_BYTES // 1024} KiB")
+    return data.decode()
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """Return the tables of a TOML file.
+
+    Raises:
+        OSError: It cannot be read.
+        ValueError: It is no TOML, or would be too expensive to parse.
+    """
+    text = read_text(path)
+    if any(line.count(".") > MAX_DOTS for line in text.split("\n")):
+        raise ValueError(f"a line has more than {MAX_DOTS} dots")
+    try:
+        return tomllib.loads(text)
+    except RecursionError as error:
+        raise ValueError("tables are nested too deeply") from error
+
+
+def parse_json(text: str | bytes) -> Any:  # noqa: ANN401
+    """Return the value of a JSON text.
+
+    Raises:
+        ValueError: It is no JSON, or nested too deeply.
+    """
+    try:
+        return json.loads(text)
+    except RecursionError as error:
+        raise ValueError("it is nested too deeply") from error
