@@ -80,6 +80,9 @@ class ProgramPanel:
             "step": state.step,
             "repetition": state.repetition,
             "reason": state.reason,
+            "problems": [
+                {"step": step, "reason": reason} for step, reason in state.problems.items()
+            ],
             "recording": self._is_recording,
             "pausing": self._play is not None and self._play.is_pausing and self._is_busy,
         }

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 from itertools import islice
 from pathlib import Path
 from typing import Literal
@@ -27,13 +28,15 @@ class PlayState:
         phase: What happens; ``bad`` after a check that found a step that cannot be made.
         step: Number of the step that is checked or made, or with which to go on; None before.
         repetition: Of the whole program, from 1.
-        reason: Why the step cannot be made, or why it was stopped there.
+        reason: Why it was stopped there.
+        problems: Why steps cannot be made, by their numbers; ``step`` is the first of them.
     """
 
     phase: Phase = "idle"
     step: int | None = None
     repetition: int = 1
     reason: str = ""
+    problems: Mapping[int, str] = field(default_factory=dict[int, str])
 
 
 class ProgramPlay:
@@ -92,27 +95,31 @@ class ProgramPlay:
             raise
 
     def _check(self, run: ProgramRun, observer: JobObserver) -> bool:
-        """Return whether every step can be made; the state names the first one that cannot."""
+        """Return whether every step can be made; the state names all that cannot."""
         count = 1 if self._action == "step" else None
+        problems: dict[int, str] = {}  # by index; repetitions check again
         try:
             for check in islice(run.check(self._first + 1), count):
                 observer.on_idle()
                 self._note_step(check.number - 1, "checking")
                 if check.error is not None:
-                    return self._refuse(check.error, observer)
+                    problems.setdefault(check.number - 1, check.error.message)
         except BusError:
             raise
         except IkservoError as error:  # of the arm as it is: nothing was planned
             observer.on_idle()
-            return self._refuse(error, observer)
+            problems = {self._first: error.message}
+        if problems:
+            self._refuse(problems, observer)
+            return False
         self._note_step(self._first, "ok")
         return True
 
-    def _refuse(self, error: IkservoError, observer: JobObserver) -> bool:
-        place = self._numbers.index(self.state.step or 0) + 1
-        observer.log_message(f"Step {place} of the program cannot be made: {error.message}")
-        self.state = replace(self.state, phase="bad", reason=error.message)
-        return False
+    def _refuse(self, problems: Mapping[int, str], observer: JobObserver) -> None:
+        for index, reason in problems.items():
+            observer.log_message(f"Step {index + 1} of the program cannot be made: {reason}")
+        by_number = {self._numbers[index]: reason for index, reason in problems.items()}
+        self.state = PlayState("bad", next(iter(by_number)), problems=by_number)
 
     def _play(self, run: ProgramRun, observer: JobObserver) -> None:
         count = len(self._numbers)

@@ -129,6 +129,13 @@ def test_the_step_that_cannot_be_made_is_marked_with_its_reason(empty):
     page.click("#program-play")
     empty.until(PHASE.format("bad"))
     assert "the table" in page.inner_text("#program-steps li.bad .reason")
+    page.click("#add-wait")
+    page.click("#add-target")
+    until(lambda: len(places(empty)) == 4)
+    page.click("#program-check")
+    page.wait_for_selector("#program-state:has-text('Steps 2, 4 cannot be made')")
+    reasons = page.locator("#program-steps li.bad .reason")
+    assert ["the table" in text for text in reasons.all_inner_texts()] == [True, True]
     assert empty.served.goals() == before
     for scheme in ("light", "dark"):
         page.emulate_media(color_scheme=scheme, reduced_motion="reduce")

@@ -47,12 +47,16 @@ def test_a_run_in_json_has_the_error_of_each_step(run_cli, file):
 
 
 def test_a_check_names_the_step_that_cannot_be_made_and_nothing_moves(run_cli, file):
-    file.write_text(file.read_text() + '[[steps]]\nname = "far"\ntip_m = [0.9, 0.0, 0.1]\n')
+    far = '[[steps]]\nname = "far"\ntip_m = [0.9, 0.0, 0.1]\n'
+    file.write_text(f"{file.read_text()}{far}{far}")
     for action in ("check", "run --yes"):
         result = run_cli(f"program {action} {file} {SIM}")
         assert result.code == 7
-        assert "3/3  far: joints to (0.900, 0.000, 0.100) m: cannot be made" in result.err
-        assert "1/3  " not in result.err.split("cannot be made")[1]
+        for place in ("3/4", "4/4"):
+            text = f"{place}  far: joints to (0.900, 0.000, 0.100) m: cannot be made"
+            assert text in result.err
+        assert "Steps 3, 4 of 4 cannot be made; nothing moved." in result.err
+        assert "1/4  " not in result.err.split("cannot be made")[1]
 
 
 @pytest.mark.parametrize(

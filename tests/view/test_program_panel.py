@@ -9,6 +9,7 @@ from ikservo.view import messages as page_messages
 from ikservo.view import program_messages as msg
 from ikservo.view.auth import Permission
 from ikservo.view.messages import BadMessageError
+from ikservo.view.record_job import SUFFIX
 from servosim.faults import Fault
 from servosim.joint import Hand, glide
 from tests.arm.simulated import line_of, registers, true_joints, true_tip_m
@@ -110,7 +111,9 @@ def test_the_step_that_cannot_be_made_is_named_before_anything_moves(session):
     for action in ("check", "play"):
         state = run(session, action)
         assert (state["phase"], state["step"]) == ("bad", bad)
-        assert "gripper would touch the table" in state["reason"]
+        (problem,) = state["problems"]
+        assert problem["step"] == bad
+        assert "gripper would touch the table" in problem["reason"]
     assert registers(session.arm, "goal_position") == before
     assert session.arm_thread.snapshot.stop_notice is None
     assert "Step 2 of the program" in session.arm_thread.snapshot.messages[-1].message
@@ -163,6 +166,23 @@ def test_a_fault_in_the_middle_stops_the_program_in_its_step(session, kind, word
     assert (state["phase"], state["step"]) == ("stopped", turning)
     assert words in state["reason"]
     assert session.arm_thread.snapshot.stop_notice is not None
+
+
+def test_every_step_that_cannot_be_made_is_named_at_once(session):
+    teach_target(session, "wrist_roll", 20.0)
+    folder = panel(session).draft.folder.path
+    folder.mkdir(parents=True, exist_ok=True)
+    bad = []
+    for name in ("one", "two"):
+        (folder / f"{name}{SUFFIX}").write_text("not a recording")
+        bad.append(add(session, "recording", recording=name))
+        add(session, "wait")
+    session.send_message(msg.SetProgram, speed="normal", repeat=2)
+    state = run(session, "check")
+    assert (state["phase"], state["step"]) == ("bad", bad[0])
+    assert [each["step"] for each in state["problems"]] == bad
+    said = [each.message for each in session.arm_thread.snapshot.messages[-2:]]
+    assert [message.partition(" of")[0] for message in said] == ["Step 2", "Step 4"]
 
 
 @pytest.mark.campaign

@@ -15,7 +15,7 @@ export class Program {
     this.send = send;
     this.refuse = refuse;
     this.steps = [];
-    this.state = { phase: "idle", step: null, reason: "" };
+    this.state = { phase: "idle", step: null, reason: "", problems: [] };
     this.from = null; // number of the step to begin with; null for the first one
     this.path = "joints";
     this.movable = false;
@@ -198,7 +198,9 @@ export class Program {
   // What can be done now, and which step is made, comes next, or cannot be made.
   update() {
     if (!this.program) return;
-    const { phase, step, reason, pausing } = this.state;
+    const { phase, step, reason, problems, pausing } = this.state;
+    const reasons = new Map(problems.map((each) => [each.step, each.reason]));
+    if (reason) reasons.set(step, reason);
     const start = this.steps.findIndex(({ number }) => number === this.from);
     const running = ["checking", "playing"].includes(phase);
     for (const control of $("program").querySelectorAll("button, input, select")) control.disabled = !this.movable || running;
@@ -215,19 +217,24 @@ export class Program {
     setAttribute($("program-state"), "class", phase);
     for (const row of this.rows) {
       const here = row.number === step;
-      const state = here && running ? "now" : here && ["bad", "stopped"].includes(phase) ? "bad" : row.number === this.from ? "next" : "";
+      const state = here && running ? "now" : reasons.has(row.number) ? "bad" : row.number === this.from ? "next" : "";
       if (state === "now" && row.element.className !== state && $("program").open) this.reveal(row.element);
       if (!this.dragged) setAttribute(row.element, "class", state);
       setAttribute(row.begin, "aria-pressed", row.number === this.from);
       setAttribute(row.begin, "aria-label", `Begin with step ${row.place}`);
-      row.reason.hidden = !(here && reason);
-      setText(row.reason, here ? reason : "");
+      row.reason.hidden = !reasons.has(row.number);
+      setText(row.reason, reasons.get(row.number) ?? "");
     }
   }
 
   reveal(row) {
     const list = $("program-steps");
     list.scrollTop = Math.max(row.offsetTop - list.offsetTop - list.clientHeight + row.offsetHeight, Math.min(list.scrollTop, row.offsetTop - list.offsetTop));
+  }
+
+  describeProblems() {
+    const places = this.state.problems.map((each) => this.steps.findIndex(({ number }) => number === each.step) + 1);
+    return places.length > 1 ? `Steps ${places.join(", ")}` : `Step ${places[0]}`;
   }
 
   describe() {
@@ -240,7 +247,7 @@ export class Program {
       case "playing": return `Step ${at} of ${this.steps.length}${round}`;
       case "paused": return `Paused before step ${at}${round}`;
       case "stopped": return `Stopped in step ${at}`;
-      case "bad": return `Step ${at} cannot be made; nothing has moved`;
+      case "bad": return `${this.describeProblems()} cannot be made; nothing has moved`;
       case "done": return "Done";
       default: return this.steps.length ? "" : "No steps yet. Bring the arm or its target to a place, then add it.";
     }
