@@ -50,6 +50,26 @@ def begun(arm, pan=0.4, at_s=0.3):
     return motion, gate
 
 
+def open_once(gate, condition):
+    """Let a motion go on once something has happened."""
+
+    def watch():
+        while not condition():
+            time.sleep(0.001)
+        gate.open()
+
+    threading.Thread(target=watch, daemon=True).start()
+
+
+def is_waited_for(motion):
+    """Return whether the main thread is in ``motion.wait``, and blocked there."""
+    frame, codes = sys._current_frames()[threading.main_thread().ident], set()
+    while frame is not None:
+        codes.add(frame.f_code)
+        frame = frame.f_back
+    return {type(motion).wait.__code__, threading.Condition.wait.__code__} <= codes
+
+
 def test_a_motion_in_the_background_ends_with_the_report_of_the_blocking_one(arm):
     motion = arm.move_to(NEAR, wait=False)
     report = motion.wait()
@@ -217,7 +237,7 @@ def test_where_answers_while_a_motion_runs(arm):
 def test_closing_the_arm_cancels_what_runs_and_what_waits(arm):
     running, gate = begun(arm)
     waiting = arm.move_joints({"wrist_roll": 1.0}, wait=False)
-    threading.Timer(0.1, gate.open).start()
+    open_once(gate, lambda: running.cancelled and waiting.cancelled)
     arm.close()
     for motion in (running, waiting):
         with pytest.raises(ikservo.StoppedError, match="Cancelled"):
@@ -228,7 +248,7 @@ def test_closing_the_arm_cancels_what_runs_and_what_waits(arm):
 def test_an_error_in_the_block_cancels_the_motion_and_holds():
     arm = ikservo.open_arm("so101", port="sim:?pose=home", on_exit="relax")
     motion, gate = begun(arm)
-    threading.Timer(0.1, gate.open).start()
+    open_once(gate, lambda: motion.cancelled)
     with pytest.raises(ZeroDivisionError), arm:
         raise ZeroDivisionError
     assert motion.done
@@ -256,12 +276,12 @@ def test_a_signal_while_the_program_waits_brakes_the_arm_and_ends_the_program(ar
     motion, gate = begun(arm, pan=1.6)
 
     def strike():
-        time.sleep(0.1)
+        while not is_waited_for(motion):
+            time.sleep(0.001)
         signal.pthread_kill(threading.main_thread().ident, number)
-        time.sleep(0.1)
-        gate.open()
 
     threading.Thread(target=strike).start()
+    open_once(gate, lambda: arm.stop_requests)
     with pytest.raises(ends):
         motion.wait()
     assert motion.done
@@ -325,9 +345,9 @@ def test_cancelling_a_task_cancels_its_motion(arm):
             await motion
 
         task = asyncio.create_task(move())
-        await asyncio.sleep(0.05)
+        await asyncio.sleep(0)  # the task begins to wait
         task.cancel()
-        threading.Timer(0.1, gate.open).start()
+        open_once(gate, lambda: motion.cancelled)
         with pytest.raises(asyncio.CancelledError):
             await task
 
