@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ikservo.errors import BadValueError
+from ikservo.ik.arm_chain import ArmLike, chain_and_start
 from ikservo.ik.kernel.layout import (
     ITERATIONS,
     MAX_ANGLE_RAD,
@@ -22,7 +23,6 @@ from ikservo.ik.prepare import (
     SolverBuffers,
     TargetKind,
     TargetKindName,
-    check_chain,
     check_homogeneous_row,
     check_options,
     load_kernel,
@@ -63,7 +63,7 @@ class BatchResult:
 
 
 def solve_batch(
-    chain: Chain,
+    chain: ArmLike,
     targets: ArrayLike,
     q0s: ArrayLike | None = None,
     workers: int | None = None,
@@ -77,9 +77,10 @@ def solve_batch(
     """Solve m targets with ``bounded``, each from its own start; the order does not matter.
 
     Args:
-        chain: The arm.
+        chain: The arm, or its model, its name, or the path of its file.
         targets: Points (m, 3) in metres, or poses T_world_tool (m, 4, 4).
-        q0s: Starts (m, dof), or one for all (dof,); the middle of the ranges if None.
+        q0s: Starts (m, dof), or one for all (dof,). If None, as for ``solve``:
+            ``initial_joints()`` of a model, the middle of the ranges of a chain.
         workers: How many threads; as many as there are cores if None.
         kind: What of the poses counts, ``position``, ``direction`` or ``pose``; ``pose`` if None.
         tool_axis: The axis (3,) in the frame's coordinates for ``direction``.
@@ -91,7 +92,7 @@ def solve_batch(
         BadValueError: A shape is wrong, a number is not finite, a rotation is not one.
         UnknownNameError: No such kind or frame.
     """
-    check_chain(chain)
+    chain, q0s = chain_and_start(chain, q0s)
     _check_workers(workers)
     options = options or Options()
     check_options(options)

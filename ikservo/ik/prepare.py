@@ -45,7 +45,6 @@ __all__ = [
     "SolverBuffers",
     "TargetKind",
     "TargetKindName",
-    "check_chain",
     "check_homogeneous_row",
     "check_options",
     "load_kernel",
@@ -160,12 +159,6 @@ class TargetKind(IntEnum):
     POSITION = 0
     DIRECTION = 1
     POSE = 2
-
-
-def check_chain(chain: object) -> None:
-    """Raise BadValueError if this is no chain."""
-    if not isinstance(chain, Chain):
-        raise BadValueError("The chain", repr(chain), 'a Chain, as in load_model("so101").chain')
 
 
 def check_options(options: object) -> None:

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
-from pathlib import Path
 from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.errors import BadValueError, UnknownNameError
+from ikservo.errors import UnknownNameError
+from ikservo.ik.arm_chain import ArmLike, chain_and_start
 from ikservo.ik.bounded import bounded
 from ikservo.ik.ccd import ccd
 from ikservo.ik.closed_form import closed_form
@@ -22,7 +22,6 @@ from ikservo.ik.problem import DEFAULT_RESTARTS, Options, Posture, Target, Toler
 from ikservo.ik.result import Result, SolvedProblem, is_closer
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector, bounded_vector
-from ikservo.model.model import Model
 
 __all__ = ["METHODS", "Method", "get_method", "in_millimetres", "solve"]
 
@@ -74,7 +73,7 @@ def get_method(name: str) -> Method:
 
 
 def solve(
-    chain: Chain | Model | str | Path,
+    chain: ArmLike,
     target: Target | ArrayLike,
     q0: ArrayLike | None = None,
     method: str = "auto",
@@ -140,7 +139,7 @@ def solve(
     except TypeError:  # a value that no table can look up, and no option takes
         options = _make_options(*values)
     if not isinstance(chain, Chain):
-        chain, q0 = _chain_and_start(chain, q0)
+        chain, q0 = chain_and_start(chain, q0)
     if not isinstance(target, Target):
         target = Target(target)
     expected = "radians and metres, at most 1e6"
@@ -160,18 +159,6 @@ def _make_options(tolerance: Tolerance | None, *others: object) -> Options:
 
 # Options that were checked for a call before; typed, as 1 is no True.
 _checked_options = lru_cache(32, typed=True)(_make_options)
-
-
-def _chain_and_start(arm: object, q0: ArrayLike | None) -> tuple[Chain, ArrayLike]:
-    """Return the chain of a model, of an arm's name or file, and the start."""
-    if isinstance(arm, str | Path):
-        from ikservo.model import load_model  # noqa: PLC0415  # pydantic, which a chain needs not
-
-        arm = load_model(arm)
-    if not isinstance(arm, Model):
-        expected = 'a Chain, a Model, or the name or file of an arm, as in "so101"'
-        raise BadValueError("The arm", repr(arm), expected)
-    return arm.chain, arm.initial_joints() if q0 is None else q0
 
 
 _MM_PER_M = 1000.0

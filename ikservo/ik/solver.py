@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.errors import BadValueError
+from ikservo.ik.arm_chain import ArmLike, chain_and_start
 from ikservo.ik.bounded import unpack_result
 from ikservo.ik.kernel.compiled import bind
 from ikservo.ik.kernel.layout import (
@@ -26,7 +27,6 @@ from ikservo.ik.prepare import (
     SolverBuffers,
     TargetKind,
     TargetKindName,
-    check_chain,
     check_homogeneous_row,
     check_options,
     pack_problem,
@@ -35,7 +35,7 @@ from ikservo.ik.prepare import (
 )
 from ikservo.ik.problem import Options, Tolerance, check_position, normalise
 from ikservo.ik.result import Result
-from ikservo.kinematics import Chain, finite_array, finite_vector
+from ikservo.kinematics import finite_array, finite_vector
 from ikservo.kinematics.arrays import Vector
 
 __all__ = ["BranchMemory", "Solver"]
@@ -98,7 +98,7 @@ class Solver:
     side from which it came.
 
     Args:
-        chain: The arm.
+        chain: The arm, or its model, its name, or the path of its file.
         kind: What of the pose counts: its position, also the direction of the tool axis, or all of
             it.
         tool_axis: The axis (3,) in the frame's coordinates for "direction".
@@ -108,13 +108,13 @@ class Solver:
         options: Search limits and priorities; has a tolerance of its own.
 
     Raises:
-        BadValueError: An axis or offset is invalid.
-        UnknownNameError: No such kind or frame.
+        BadValueError: An axis or offset is invalid, or there is no arm.
+        UnknownNameError: No such arm, kind or frame.
     """
 
     def __init__(
         self,
-        chain: Chain,
+        chain: ArmLike,
         kind: TargetKindName = "position",
         *,
         tool_axis: ArrayLike = (0.0, 0.0, 1.0),
@@ -123,7 +123,7 @@ class Solver:
         offset_m: ArrayLike | None = None,
         options: Options | None = None,
     ) -> None:
-        check_chain(chain)
+        chain, _ = chain_and_start(chain)
         options = options or Options(tolerance or Tolerance())
         check_options(options)
         self.chain, self.kind = chain, kind

@@ -7,6 +7,7 @@ import pytest
 
 from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.ik import Options, Posture, Solver, Target, Tolerance, solve, solve_batch
+from ikservo.model import load_model
 from tests.kinematics.chains import planar
 
 ARM = planar(0.3, 0.2)
@@ -58,11 +59,23 @@ def test_a_direction_may_be_as_long_as_a_number_can_be():
 
 
 @pytest.mark.parametrize("ask", [
-    lambda: Solver("so101"), lambda: Solver(None), lambda: solve_batch(THERE, [[0, 0, 0]]),
+    lambda: Solver(3), lambda: Solver(None), lambda: solve_batch(THERE, [[0, 0, 0]]),
 ])  # fmt: skip
-def test_only_a_chain_is_a_chain(ask):
-    with pytest.raises(BadValueError, match="The chain"):
+def test_only_an_arm_is_an_arm(ask):
+    with pytest.raises(BadValueError, match="The arm"):
         ask()
+
+
+def test_names_and_models_are_arms_for_all_three_and_begin_alike():
+    model, point = load_model("so101"), (0.25, 0.05, 0.15)
+    start = model.initial_joints()
+    expected = solve(model.chain, point, start, nearest=False).q
+    for arm in ("so101", model):
+        np.testing.assert_array_equal(solve(arm, point, nearest=False).q, expected)
+        np.testing.assert_array_equal(solve_batch(arm, [point]).q[0], expected)
+        pose = np.eye(4)
+        pose[:3, 3] = point
+        np.testing.assert_array_equal(Solver(arm)(pose, start)[0], expected)
 
 
 @pytest.mark.parametrize("kind", [None, 3, ["pose"]])
