@@ -11,7 +11,7 @@ from servosim.dynamics import FreeBody, RigidArm
 from servosim.errors import ArmFileError, SimulatorError
 from servosim.joint import SimulatedJoint
 from servosim.motor import Motor
-from servosim.parameters import PARAMETERS, MotorParameters, spread
+from servosim.parameters import PARAMETERS, MotorParameters, in_an_arm, spread
 from servosim.register import ServoTable, SimulatedFamily
 from servosim.servo import HornMounting, Servo
 from servosim.servo_models import baud_code, make_servo, table_for
@@ -145,7 +145,8 @@ class _ServoBuild:
 
     def parameters(self, joint: str, model: str, servo_id: int) -> MotorParameters:
         """Return the motor of one servo."""
-        own = spread(_motor_parameters(model, self.backlash_deg), self.seed + servo_id)
+        own = in_an_arm(_motor_parameters(model, self.backlash_deg))
+        own = spread(own, self.seed + servo_id)
         return self.specimen.motor_parameters(joint, own)
 
 

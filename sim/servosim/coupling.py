@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import math
+from collections.abc import Mapping, Sequence
 from operator import mul
+from types import MappingProxyType
 
 import numpy as np
 
-from servosim.joint import STEP_S, SimulatedJoint
-from servosim.motor import ShaftStep, solve_velocity
+from servosim.joint import STEP_S, Hand, SimulatedJoint
+from servosim.motor import JointStep, solve_velocity
 from servosim.urdf import Matrix
 
 __all__ = ["CoupledJoints"]
 
 MAX_SWEEPS = 30
+NO_HANDS: Mapping[int, Hand] = MappingProxyType({})
 EXACT_RAD_S = 2e-4  # a change of a velocity by a sweep that is small enough
 
 
 class CoupledJoints:
     """Joints whose accelerations act on each other through a mass matrix.
 
-    Each shaft solves for its own velocity after the step, with its dry friction, the stops, and
+    Each joint solves for its own velocity after the step, with dry friction, play and stops, and
     all that damps taken implicitly, under the load of the others' accelerations; the solutions are
     repeated in turn until they agree (projected Gauss-Seidel, as for contacts with friction: Jean
     1999, "The non-smooth contact dynamics method"). The matrix is symmetric and positive definite,
@@ -56,18 +59,22 @@ class CoupledJoints:
         """Return the mass matrix, motors included (n, n)."""
         return np.array(self._mass) + np.diag([joint.armature for joint in self._joints])
 
+    def felt_mass_matrix(self) -> Matrix:
+        """Return the mass matrix without the rotors of joints that are inside their play (n, n)."""
+        return np.array(self._mass) + np.diag([joint.felt_armature for joint in self._joints])
+
     def come_to_rest(self) -> None:
         """Forget the accelerations: a joint was placed elsewhere."""
         self._gained_rad_s = [0.0] * len(self._joints)
 
-    def step(self, loads: Sequence[float]) -> None:
-        """Step all joints under external torques (forces) [N m or N]."""
+    def step(self, loads: Sequence[float], hands: Mapping[int, Hand] = NO_HANDS) -> None:
+        """Step all joints under external torques (forces) [N m or N] and hands, by joint."""
         loads_nm = list(map(mul, loads, self._shares))
-        shafts, speeds_rad_s, change_rad_s = self._begin_step(loads_nm)
+        steps, speeds_rad_s, change_rad_s = self._begin_step(loads_nm, hands)
         for _ in range(MAX_SWEEPS):
             if change_rad_s < EXACT_RAD_S:
                 break
-            change_rad_s = self._sweep(loads_nm, shafts, speeds_rad_s)
+            change_rad_s = self._sweep(loads_nm, steps, speeds_rad_s)
         for k, (joint, lead, motor) in enumerate(self._leads):
             after_rad_s = speeds_rad_s[k] + self._gained_rad_s[k]
             if len(joint.servos) == 1:
@@ -75,14 +82,16 @@ class CoupledJoints:
             else:
                 joint.finish_step(after_rad_s)
 
-    def _begin_step(self, loads_nm: list[float]) -> tuple[list[ShaftStep], list[float], float]:
-        """Run all controllers and solve once; return shafts, their speeds, and the largest change.
+    def _begin_step(
+        self, loads_nm: list[float], hands: Mapping[int, Hand]
+    ) -> tuple[list[JointStep], list[float], float]:
+        """Run all controllers and solve once; return steps, speeds before, and the largest change.
 
         The friction of gears under load is that of the load as it is known here: it stays the same
         while the velocities are solved.
         """
         gained_rad_s, change_rad_s = self._gained_rad_s, 0.0
-        shafts: list[ShaftStep] = []
+        steps: list[JointStep] = []
         speeds_rad_s: list[float] = []
         for k, (joint, lead, motor) in enumerate(self._leads):
             if len(joint.servos) == 1:
@@ -90,26 +99,54 @@ class CoupledJoints:
                 pressed_nm = motor.press(STEP_S, lead.drive, lead.supply_v)
             else:
                 pressed_nm = joint.press()
-            load_nm, speed_rad_s = loads_nm[k], motor.velocity_rad_s
-            felt_nm = load_nm - sum(map(mul, self._pulls[k], gained_rad_s))
-            shaft = motor.begin_motion(STEP_S, pressed_nm, felt_nm, load_nm)
-            gain_rad_s = solve_velocity(shaft, felt_nm) - speed_rad_s
+            speed_rad_s = motor.velocity_rad_s
+            felt_nm = loads_nm[k] - sum(map(mul, self._pulls[k], gained_rad_s))
+            if k in hands:
+                step, pull_nm = self._begin_held(k, pressed_nm, felt_nm, hands[k])
+                loads_nm[k] += pull_nm
+                felt_nm += pull_nm
+            else:
+                step = motor.begin_motion(STEP_S, pressed_nm, felt_nm)
+            gain_rad_s = solve_velocity(step, felt_nm) - speed_rad_s
             moved_rad_s = gain_rad_s - gained_rad_s[k]
             if not -change_rad_s <= moved_rad_s <= change_rad_s:
                 change_rad_s = abs(moved_rad_s)
             gained_rad_s[k] = gain_rad_s
-            shafts.append(shaft)
+            steps.append(step)
             speeds_rad_s.append(speed_rad_s)
-        return shafts, speeds_rad_s, change_rad_s
+        return steps, speeds_rad_s, change_rad_s
+
+    def _begin_held(
+        self, k: int, pressed_nm: float, felt_nm: float, hand: Hand
+    ) -> tuple[JointStep, float]:
+        """Return the step of a joint that a hand holds, and the hand's torque on a horn at rest.
+
+        Its damping is taken implicitly, for inside its play a joint is light, unless the hand is at
+        its limit.
+        """
+        joint, _, motor = self._leads[k]
+        share, slope = self._shares[k], joint.m_per_rad
+        pull_nm = hand.resting * share
+        if math.isfinite(pull_nm):  # else a push, as hard as it can
+            step = motor.begin_motion(
+                STEP_S, pressed_nm, felt_nm + pull_nm, hand.damping * slope * share
+            )
+            after = solve_velocity(step, felt_nm + pull_nm) * slope
+            if hand.force_at(after) == hand.resting - hand.damping * after:
+                return step, pull_nm
+        else:
+            hand.force_at(0.0)
+        pull_nm = hand.force * share
+        return motor.begin_motion(STEP_S, pressed_nm, felt_nm + pull_nm), pull_nm
 
     def _sweep(
-        self, loads_nm: list[float], shafts: list[ShaftStep], speeds_rad_s: list[float]
+        self, loads_nm: list[float], steps: list[JointStep], speeds_rad_s: list[float]
     ) -> float:
-        """Solve each shaft under the others' accelerations; return the largest change."""
+        """Solve each joint under the others' accelerations; return the largest change."""
         gained_rad_s, change_rad_s = self._gained_rad_s, 0.0
-        for k, (shaft, pull) in enumerate(zip(shafts, self._pulls, strict=True)):
+        for k, (step, pull) in enumerate(zip(steps, self._pulls, strict=True)):
             load_nm = loads_nm[k] - sum(map(mul, pull, gained_rad_s))
-            gain_rad_s = solve_velocity(shaft, load_nm) - speeds_rad_s[k]
+            gain_rad_s = solve_velocity(step, load_nm) - speeds_rad_s[k]
             moved_rad_s = gain_rad_s - gained_rad_s[k]
             if not -change_rad_s <= moved_rad_s <= change_rad_s:
                 change_rad_s = abs(moved_rad_s)

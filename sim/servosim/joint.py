@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from statistics import fmean
 from typing import Protocol
 
+from servosim.motor import OUTPUT_INERTIA_KG_M2
 from servosim.servo import Servo
 
 __all__ = ["DIRECT", "STEP_S", "CrankAndRod", "Ratio", "SimulatedJoint", "Transmission"]
@@ -161,6 +162,8 @@ class Hand:
         only: +1 or -1 for an obstacle that pushes only in that direction. 0 for a grip.
         force: Its force in the last step; positive forward.
         time_s: Since the grasp.
+        resting: Its force in the next step if the joint rests.
+        damping: By how much that is less for each rad/s (m/s).
     """
 
     path: Path
@@ -168,15 +171,30 @@ class Hand:
     only: int = 0
     force: float = field(default=0.0, init=False)
     time_s: float = field(default=0.0, init=False)
+    resting: float = field(default=0.0, init=False)
+    damping: float = field(default=0.0, init=False)
 
-    def hand_force(self, dt_s: float, position: float, velocity: float, inertia: float) -> float:
-        """The force on the joint for the next `dt_s` seconds."""
+    def aim(self, dt_s: float, position: float, inertia: float) -> None:
+        """Set spring and damping for the next `dt_s` seconds.
+
+        Args:
+            dt_s: Time that passes [s].
+            position: Of the joint.
+            inertia: Of the joint with its motors.
+        """
         self.time_s += dt_s
         goal, goal_velocity = self.path(self.time_s)
-        desired = STIFFNESS_RAD_S * (goal - position) + 2.0 * (goal_velocity - velocity)
-        desired *= STIFFNESS_RAD_S * inertia
+        self.damping = 2.0 * STIFFNESS_RAD_S * inertia
         if self.only and (goal - position) * self.only <= 0.0:
-            desired = 0.0  # the joint has not come to it
+            self.damping = 0.0  # the joint has not come to it
+        self.resting = 0.0
+        if self.damping:
+            speed = STIFFNESS_RAD_S / 2.0 * (goal - position) + goal_velocity
+            self.resting = self.damping * speed
+
+    def force_at(self, velocity: float) -> float:
+        """Return its force on the joint at a velocity; also kept as `force`."""
+        desired = self.resting - self.damping * velocity
         self.force = min(self.limit, max(-self.limit, desired))
         return self.force
 
@@ -230,6 +248,13 @@ class SimulatedJoint:
         return total / self.m_per_rad**2
 
     @property
+    def felt_armature(self) -> float:
+        """Inertia that the servos add to the joint: inside the play only that of the outputs."""
+        if self.servos[0].motor.is_on_flank:
+            return self.armature
+        return len(self.servos) * OUTPUT_INERTIA_KG_M2 / self.m_per_rad**2
+
+    @property
     def is_free(self) -> bool:
         """Whether no servo holds it."""
         if len(self.servos) == 1:  # while an arm moves, all are asked very often
@@ -257,7 +282,9 @@ class SimulatedJoint:
             servo.motor.finish_step(STEP_S, servo.drive, after_rad_s)
         lead = self.servos[0].motor
         for follower in self.servos[1:]:
-            follower.motor.set_state(lead.position_rad, lead.velocity_rad_s)
+            follower.motor.set_state(
+                lead.position_rad, lead.velocity_rad_s, lead.lash_rad, lead.rotor_rad_s
+            )
 
     def drive_force(self) -> float:
         """Let carried servos work for one step; return their force on the joint."""
@@ -267,8 +294,27 @@ class SimulatedJoint:
         pressed_nm = sum(servo.motor.torque_nm * servo.motor.grip for servo in self.servos)
         return pressed_nm / self.m_per_rad
 
-    def set_state(self, position: float, velocity: float) -> None:
-        """Set the servos to the state of the joint."""
+    def set_state(
+        self,
+        position: float,
+        velocity: float,
+        lash: float | None = None,
+        rotor_velocity: float | None = None,
+    ) -> None:
+        """Set the servos to a state of the joint.
+
+        Args:
+            position: Of the joint.
+            velocity: Of the joint.
+            lash: How far it is ahead of the middle of the play; None: as before.
+            rotor_velocity: Of the rotors, in the joint's unit; None: that of the joint.
+        """
         horn_rad = self.transmission.horn_rad(position)
+        slope = self.transmission.slope(horn_rad)
         for servo in self.servos:
-            servo.motor.set_state(horn_rad, velocity / self.transmission.slope(horn_rad))
+            servo.motor.set_state(
+                horn_rad,
+                velocity / slope,
+                None if lash is None else lash / slope,
+                None if rotor_velocity is None else rotor_velocity / slope,
+            )

@@ -31,31 +31,85 @@ class ThermalModel:
         self.temperature_c += flow_w * dt_s / self._capacity_j_k
 
 
-PLAY_HZ = 45.0  # a load moves through the play with this damping: inertia times this rate
 AT_REST_RAD_S = 1e-6  # a motion slower than this sticks
-FREE_PLAY_FRACTION = 1e-3  # loads below this fraction of the stall torque do not take up the play
+AT_FLANK_RAD = 1e-12  # nearer than this is on the flank: what rounding leaves
 STRIBECK_SPAN = 8.0  # beyond this multiple of its velocity the Stribeck friction has gone
+# The output gear's and the horn's part of the armature, 10 g at a radius of gyration of 10 mm
+# (estimate): what moves across the play where a joint carries nothing.
+OUTPUT_INERTIA_KG_M2 = 1e-6
 
 
-# Of a shaft's step: velocity after it without load and dry friction, gain of velocity by a torque,
-# by how much dry friction changes it, and the least and greatest for the stops [rad/s, per N m].
-ShaftStep = tuple[float, float, float, float, float]
+# Of a joint's step, in rad/s and rad/s for each N m. The output by itself: its velocity after it
+# without load and dry friction, gain of velocity by a torque, by how much its friction changes it,
+# least and greatest for the stops. The rotor by itself: its velocity after the step. Velocities of
+# the output against the rotor at which it comes to the flank behind and ahead. Both as one:
+# velocity and gain, by how much the output's and the rotor's friction change it, and the rotor's
+# share of the inertia.
+JointStep = tuple[
+    float, float, float, float, float, float, float, float, float, float, float, float, float
+]
+_FREE = -math.inf, math.inf
+_STUCK: JointStep = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, *_FREE, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
-def solve_velocity(shaft: ShaftStep, load_nm: float) -> float:
-    """Return the velocity of a shaft after a step under an external torque [rad/s].
+def solve_velocity(step: JointStep, load_nm: float) -> float:
+    """Return the velocity of the output after a step under an external torque [rad/s].
 
-    Newton's law; dry friction stops a motion but never reverses it, and no motion passes a stop.
+    Newton's law for rotor and output, which meet at the flanks of the play without a rebound: a
+    complementarity problem in the velocities after the step (Moreau 1988, "Unilateral contact and
+    dry friction in finite freedom dynamics"; Jean 1999), of one dimension, so it has a closed form.
+    Dry friction stops a motion but never reverses it, and no motion passes a stop.
     """
-    free_rad_s, per_nm, stop_rad_s, least_rad_s, most_rad_s = shaft
+    (
+        free_rad_s, per_nm, stop_rad_s, least_rad_s, most_rad_s, rotor_rad_s, behind_rad_s,
+        ahead_rad_s, pair_rad_s, pair_per_nm, output_stop, rotor_stop, share,
+    ) = step  # fmt: skip
     after_rad_s = free_rad_s + per_nm * load_nm
     if after_rad_s > stop_rad_s + AT_REST_RAD_S:
         after_rad_s -= stop_rad_s
-        return after_rad_s if after_rad_s < most_rad_s else most_rad_s
-    if after_rad_s < -stop_rad_s - AT_REST_RAD_S:
+        after_rad_s = after_rad_s if after_rad_s < most_rad_s else most_rad_s
+    elif after_rad_s < -stop_rad_s - AT_REST_RAD_S:
         after_rad_s += stop_rad_s
-        return after_rad_s if after_rad_s > least_rad_s else least_rad_s
-    return 0.0
+        after_rad_s = after_rad_s if after_rad_s > least_rad_s else least_rad_s
+    else:
+        after_rad_s = 0.0
+    apart_rad_s = after_rad_s - rotor_rad_s
+    if behind_rad_s <= apart_rad_s <= ahead_rad_s:
+        return after_rad_s
+    met_rad_s = ahead_rad_s if apart_rad_s > ahead_rad_s else behind_rad_s
+    after_rad_s = pair_rad_s + pair_per_nm * load_nm
+    if met_rad_s:
+        after_rad_s = _stopped_pair(
+            after_rad_s + share * met_rad_s, output_stop, rotor_stop, met_rad_s
+        )
+    else:
+        stop_rad_s = output_stop + rotor_stop
+        if after_rad_s > stop_rad_s + AT_REST_RAD_S:
+            after_rad_s -= stop_rad_s
+        elif after_rad_s < -stop_rad_s - AT_REST_RAD_S:
+            after_rad_s += stop_rad_s
+        else:
+            return 0.0
+    if after_rad_s > most_rad_s:
+        return most_rad_s
+    return after_rad_s if after_rad_s > least_rad_s else least_rad_s
+
+
+def _stopped_pair(
+    free_rad_s: float, output_stop: float, rotor_stop: float, met_rad_s: float
+) -> float:
+    """Return the output's velocity with dry friction, in the step that ends at a flank.
+
+    The output's friction acts against its own velocity, the rotor's against that less `met_rad_s`.
+    """
+    (low_rad_s, low), (high_rad_s, high) = sorted(((0.0, output_stop), (met_rad_s, rotor_stop)))
+    if free_rad_s + low + high < low_rad_s:
+        return free_rad_s + low + high
+    if free_rad_s - low + high <= low_rad_s:
+        return low_rad_s
+    if free_rad_s - low + high < high_rad_s:
+        return free_rad_s - low + high
+    return max(high_rad_s, free_rad_s - low - high)
 
 
 class Motor:
@@ -71,29 +125,33 @@ class Motor:
         |tau_f| <= kc + kl g + kq g^2 + exp(-|w| / ws) (ks + kls g)             dry friction
         g = |tau_m - tau_e|                                                     load of the gears
 
-    with the duty u, the supply V, the shaft's speed w and the outer torque tau_e. Dry friction is
+    with the duty u, the supply V, the rotor's speed w and the outer torque tau_e. Dry friction is
     what stops the shaft and at most this bound: a servo holds with less than its load (tau_e and
     tau_m oppose each other then, and g is their sum) and a limp one sinks slowly. Model m1 is
     kl = kq = ks = kls = 0; m5 and m6, with other factors for tau_m and tau_e, explain the logs no
     better. A step is implicit in everything that damps and explicit in the rest: the
     stiffest gains stay stable at steps of 1 ms and the steady state is exact.
 
-    The free play is between the gears and the output shaft. The position sensor is on the
-    output shaft (magnetic on STS, X and MX, a potentiometer on SCS and AX) and sees the joint:
-    the play shows as lost motion when the load changes sides, not as an error of the reading.
+    These are rotor and gears on the flank that carries the load. There are two bodies: the rotor
+    with the armature, and the output with what it carries, the play between them. Of the friction
+    the output has the part ko and of kv the part kvo, both against the housing; the rotor has what
+    is left. Inside the play no torque passes: the rotor turns under the motor and its own friction
+    (g = |tau_m|), the output under tau_e and its own. At a flank they meet without a rebound. The
+    position sensor is on the output (magnetic on STS, X and MX, a potentiometer on SCS and AX).
 
     Attributes:
         position_rad: Position of the output shaft: the true joint position.
-        velocity_rad_s: Speed of the gears: the shaft's, but while it crosses the play.
+        velocity_rad_s: Its speed.
+        rotor_rad_s: Speed of rotor and gears, at the output.
         torque_nm: Torque of the motor at the shaft, before friction.
         current_a: Signed current of the winding.
         pwm: Signed duty of the bridge, -1..1.
-        lash_rad: Offset of the shaft inside the free play of the gears.
+        lash_rad: How far the output is ahead of the middle of the play.
         moving: Whether the shaft is faster than the drive's threshold or the profile runs.
         heat: The thermal model of the servo.
         lower_stop_rad: Where a hard stop holds the shaft.
         upper_stop_rad: Where a hard stop holds the shaft on the other side.
-        load_inertia_kg_m2: Inertia of the load on the shaft.
+        load_inertia_kg_m2: Inertia of the load on the output.
         carried: Another body integrates the motion and sets it by `set_state`; a step only
             computes the torque.
         stuck: A fault: the shaft does not move.
@@ -101,23 +159,26 @@ class Motor:
     """
 
     __slots__ = (
+        "_ahead_rad_s",
+        "_alone_rad_s",
         "_back_emf",
+        "_behind_rad_s",
+        "_braking",
         "_controller",
+        "_damping",
         "_duty",
-        "_falling",
-        "_free_play_nm",
         "_full_nm",
-        "_gear_rad",
         "_half_play_rad",
-        "_leaning_nm",
         "_limits_itself",
         "_most_a",
         "_nm_per_a",
         "_nm_per_v",
+        "_output_nm",
+        "_output_viscous",
         "_pressed_nm",
         "_resistance_ohm",
-        "_slope",
-        "_viscous",
+        "_rotor_inertia",
+        "_rotor_viscous",
         "carried",
         "current_a",
         "grip",
@@ -129,6 +190,7 @@ class Motor:
         "parameters",
         "position_rad",
         "pwm",
+        "rotor_rad_s",
         "stuck",
         "torque_nm",
         "upper_stop_rad",
@@ -157,32 +219,35 @@ class Motor:
         self._nm_per_v = self._nm_per_a / self._resistance_ohm
         self._back_emf = self._nm_per_a * self._nm_per_v
         self._most_a = parameters.current_limit_a
-        self._viscous = parameters.viscous_nm_s
+        dry_nm = parameters.friction_nm + parameters.stribeck_nm
+        self._output_nm = min(parameters.output_friction_nm, dry_nm)
+        self._output_viscous = min(parameters.output_viscous_nm_s, parameters.viscous_nm_s)
+        self._rotor_viscous = parameters.viscous_nm_s - self._output_viscous
+        self._rotor_inertia = parameters.armature_kg_m2 - OUTPUT_INERTIA_KG_M2
         self._half_play_rad = parameters.backlash_rad / 2.0
-        self._free_play_nm = FREE_PLAY_FRACTION * parameters.stall_torque_nm
         self._duty, self._limits_itself = 0.0, False
         self._controller = Controller(position_rad)
         self.place(position_rad)
 
     def place(self, position_rad: float) -> None:
-        """Set the shaft's position inside its stops, at rest, in the middle of its play."""
-        position_rad = min(self.upper_stop_rad, max(self.lower_stop_rad, position_rad))
-        self._gear_rad = self.position_rad = position_rad
-        self.lash_rad = self.velocity_rad_s = self._pressed_nm = self._leaning_nm = 0.0
-        self._falling = False
-        self.torque_nm = self.current_a = self.pwm = self._slope = self._full_nm = 0.0
+        """Set the output's position inside its stops, at rest, in the middle of the play."""
+        self.position_rad = min(self.upper_stop_rad, max(self.lower_stop_rad, position_rad))
+        self.lash_rad = self.velocity_rad_s = self.rotor_rad_s = self._pressed_nm = 0.0
+        self._alone_rad_s = self._behind_rad_s = self._ahead_rad_s = 0.0
+        self.torque_nm = self.current_a = self.pwm = self._full_nm = 0.0
+        self._braking = self._damping = 0.0
         self.moving = False
-        self._controller.release(position_rad)
+        self._controller.release(self.position_rad)
 
     @property
     def encoder_rad(self) -> float:
-        """The position sensor's angle: that of the output shaft."""
+        """The position sensor's angle: that of the output."""
         return self.position_rad
 
     @property
-    def inertia_kg_m2(self) -> float:
-        """The inertia of the shaft: rotor, gears and load."""
-        return self.parameters.armature_kg_m2 + self.load_inertia_kg_m2
+    def is_on_flank(self) -> bool:
+        """Whether the output touches a tooth of the gears, on either side of the play."""
+        return abs(self.lash_rad) >= self._half_play_rad
 
     @property
     def temperature_c(self) -> float:
@@ -216,81 +281,128 @@ class Motor:
         pressed_nm = self.press(dt_s, drive, supply_v)
         after_rad_s = 0.0
         if not self.carried:
-            after_rad_s = solve_velocity(
-                self.begin_motion(dt_s, pressed_nm, load_nm, load_nm), load_nm
-            )
+            after_rad_s = solve_velocity(self.begin_motion(dt_s, pressed_nm, load_nm), load_nm)
         self.finish_step(dt_s, drive, after_rad_s)
 
-    # The parts of a step, for shafts that are coupled by what they move.
+    # The parts of a step, for outputs that are coupled by what they move.
 
     def press(self, dt_s: float, drive: DriveCommand, supply_v: float) -> float:
-        """Run the controller; return the motor's torque that reaches the shaft, before friction."""
+        """Run the controller; return the motor's torque that reaches the gears, before friction."""
         full_nm = self._nm_per_v * supply_v
         if not drive.torque_on or full_nm <= 0.0:
             self._controller.release(self.position_rad)
-            self._slope = self._full_nm = self._pressed_nm = 0.0
+            self._braking = self._damping = self._full_nm = self._pressed_nm = 0.0
             return 0.0
         self._full_nm = full_nm
-        controller, velocity_rad_s = self._controller, self.velocity_rad_s
-        duty = controller.duty(dt_s, drive, self.position_rad, velocity_rad_s)
+        controller = self._controller
+        duty = controller.duty(dt_s, drive, self.position_rad, self.velocity_rad_s)
         limit = drive.pwm_limit if drive.pwm_limit < drive.torque_limit else drive.torque_limit
-        self._slope = self._back_emf + controller.derivative * full_nm
+        self._braking, self._damping = self._back_emf, controller.derivative * full_nm
         controller.saturated = not -limit <= duty <= limit
         if controller.saturated:
             duty = math.copysign(limit, duty)
-            self._slope = self._back_emf
+            self._damping = 0.0
         self._duty = duty
-        torque_nm = full_nm * duty - self._back_emf * velocity_rad_s
+        torque_nm = full_nm * duty - self._back_emf * self.rotor_rad_s
         self._pressed_nm = self._limit_torque(torque_nm, drive)
         return self._pressed_nm * self.grip
 
     def begin_motion(
-        self, dt_s: float, pressed_nm: float, load_nm: float, leaning_nm: float
-    ) -> ShaftStep:
-        """Return the equation of the velocity after the step: inertia, friction, play and stops.
+        self, dt_s: float, pressed_nm: float, load_nm: float, held_nm_s: float = 0.0
+    ) -> JointStep:
+        """Return the equations of the velocities after the step: inertia, friction, play, stops.
 
         Args:
             dt_s: Time that passes [s].
-            pressed_nm: Torque of the motor that reaches the shaft [N m].
+            pressed_nm: Torque of the motor that reaches the gears [N m].
             load_nm: External torque, as far as it is known, with that of accelerations [N m].
-            leaning_nm: Without that of accelerations: it decides on which flank of the play the
-                shaft leans, and is all of it at rest [N m].
+            held_nm_s: By how much a speed of the output makes that torque smaller [N m s].
         """
-        self._leaning_nm, self._falling = leaning_nm, False
         if self.stuck:
-            return 0.0, 0.0, 0.0, 0.0, 0.0
-        falling = abs(leaning_nm) > self._free_play_nm and self._take_up_backlash(dt_s, leaning_nm)
-        self._falling = falling
-        velocity_rad_s, position_rad = self.velocity_rad_s, self.position_rad
-        damping = self._slope * self.grip + self._viscous
-        inertia = self.parameters.armature_kg_m2 + self.load_inertia_kg_m2
-        per_nm = dt_s / (inertia + damping * dt_s)
-        geared_nm = 0.0 if falling else load_nm
+            self._alone_rad_s, self._behind_rad_s, self._ahead_rad_s = 0.0, -math.inf, math.inf
+            return _STUCK
+        rotor_rad_s, output_rad_s = self.rotor_rad_s, self.velocity_rad_s
+        output_nm = self._output_nm
+        motor, viscous = self.parameters, self._rotor_viscous
+        grease = self._output_viscous + held_nm_s
+        gear_nm = abs(pressed_nm - load_nm + held_nm_s * output_rad_s)
+        alone_nm = abs(pressed_nm)
+        base_nm, slope = motor.friction_nm - output_nm, motor.load_friction
+        span = abs(rotor_rad_s) / motor.stribeck_rad_s
+        if span < STRIBECK_SPAN:
+            slowness = math.exp(-span)
+            base_nm += slowness * motor.stribeck_nm
+            slope += slowness * motor.load_stribeck
+        square = motor.load_square_per_nm
+        gear_nm = base_nm + gear_nm * (slope + square * gear_nm)
+        alone_nm = base_nm + alone_nm * (slope + square * alone_nm)
+        # The rotor by itself.
+        rotor = self._rotor_inertia + (self._braking * self.grip + viscous) * dt_s
+        driven_nm = pressed_nm - viscous * rotor_rad_s
+        alone_rad_s, stop_rad_s = rotor_rad_s + driven_nm * dt_s / rotor, alone_nm * dt_s / rotor
+        if alone_nm < 0.0:
+            stop_rad_s = 0.0
+        if alone_rad_s > stop_rad_s + AT_REST_RAD_S:
+            alone_rad_s -= stop_rad_s
+        elif alone_rad_s < -stop_rad_s - AT_REST_RAD_S:
+            alone_rad_s += stop_rad_s
+        else:
+            alone_rad_s = 0.0
+        # The output by itself, and both as one, which the D gain brakes as well.
+        carried = self.load_inertia_kg_m2 + OUTPUT_INERTIA_KG_M2
+        per_nm = dt_s / (carried + grease * dt_s)
+        output = carried + (grease + self._damping * self.grip) * dt_s
+        both = rotor + output
+        geared_nm = driven_nm - grease * output_rad_s
+        half_rad, lash_rad, position_rad = self._half_play_rad, self.lash_rad, self.position_rad
         least_rad_s = (self.lower_stop_rad - position_rad) / dt_s
         most_rad_s = (self.upper_stop_rad - position_rad) / dt_s
+        self._alone_rad_s = alone_rad_s
+        self._behind_rad_s = behind_rad_s = (-half_rad - lash_rad) / dt_s
+        self._ahead_rad_s = ahead_rad_s = (half_rad - lash_rad) / dt_s
         return (
-            velocity_rad_s + per_nm * (pressed_nm - self._viscous * velocity_rad_s),
-            0.0 if falling else per_nm,
-            per_nm * self._dry_friction(pressed_nm, geared_nm, abs(velocity_rad_s)),
+            output_rad_s - per_nm * grease * output_rad_s,
+            per_nm,
+            per_nm * output_nm,
             least_rad_s if least_rad_s < 0.0 else 0.0,
             most_rad_s if most_rad_s > 0.0 else 0.0,
+            alone_rad_s,
+            behind_rad_s,
+            ahead_rad_s,
+            (rotor * rotor_rad_s + output * output_rad_s + geared_nm * dt_s) / both,
+            dt_s / both,
+            output_nm * dt_s / both,
+            gear_nm * dt_s / both if gear_nm > 0.0 else 0.0,
+            rotor / both,
         )
 
     def finish_step(self, dt_s: float, drive: DriveCommand, after_rad_s: float) -> None:
-        """Move the shaft with the velocity after the step, and update the sensors."""
+        """Move output and rotor with the output's velocity after the step; update the sensors."""
         braked_nm = 0.0
         if not self.carried:
-            braked_nm = self._slope * (after_rad_s - self.velocity_rad_s)
-            self.velocity_rad_s = after_rad_s
-            if after_rad_s or self._falling:
+            rotor_rad_s = self._alone_rad_s
+            if after_rad_s - rotor_rad_s > self._ahead_rad_s:
+                rotor_rad_s = after_rad_s - self._ahead_rad_s
+            elif after_rad_s - rotor_rad_s < self._behind_rad_s:
+                rotor_rad_s = after_rad_s - self._behind_rad_s
+            braked_nm = self._braking * (rotor_rad_s - self.rotor_rad_s)
+            braked_nm += self._damping * (after_rad_s - self.velocity_rad_s)
+            self.velocity_rad_s, self.rotor_rad_s = after_rad_s, rotor_rad_s
+            if after_rad_s or rotor_rad_s:
                 self._move(dt_s)
         self._update_sensors(dt_s, self._pressed_nm - braked_nm, drive)
 
-    def set_state(self, position_rad: float, velocity_rad_s: float) -> None:
-        """Set the state to that of the joint."""
-        self.position_rad = position_rad
-        self._gear_rad = position_rad - self.lash_rad
-        self.velocity_rad_s = velocity_rad_s
+    def set_state(
+        self,
+        position_rad: float,
+        velocity_rad_s: float,
+        lash_rad: float | None = None,
+        rotor_rad_s: float | None = None,
+    ) -> None:
+        """Set the state of the output; without that of the rotor, it turns along with it."""
+        self.position_rad, self.velocity_rad_s = position_rad, velocity_rad_s
+        self.lash_rad = self.lash_rad if lash_rad is None else lash_rad
+        self.rotor_rad_s = velocity_rad_s if rotor_rad_s is None else rotor_rad_s
 
     def _limit_torque(self, torque_nm: float, drive: DriveCommand) -> float:
         limit_a, mode = drive.current_limit_a, drive.mode
@@ -301,52 +413,26 @@ class Motor:
         if -limit_nm <= torque_nm <= limit_nm:
             self._limits_itself = False
             return torque_nm
-        self._slope = 0.0
+        self._braking = self._damping = 0.0
         self._controller.saturated = True
         return math.copysign(limit_nm, torque_nm)
 
     def _move(self, dt_s: float) -> None:
-        """Turn the gears, which take the shaft along but for the play."""
-        travel_rad = self.velocity_rad_s * dt_s
-        self._gear_rad += travel_rad
-        if travel_rad and -self._free_play_nm <= self._leaning_nm <= self._free_play_nm:
-            half_rad, lash_rad = self._half_play_rad, self.lash_rad - travel_rad
-            inside = -half_rad <= lash_rad <= half_rad
-            self.lash_rad = lash_rad if inside else math.copysign(half_rad, lash_rad)
-        self.position_rad = self._gear_rad + self.lash_rad
-        if not self.lower_stop_rad < self.position_rad < self.upper_stop_rad:
-            self._rest_on_stop()
-
-    def _dry_friction(self, pressed_nm: float, load_nm: float, speed_rad_s: float) -> float:
-        """The largest torque of the dry friction [N m]."""
-        motor, gear_nm = self.parameters, abs(pressed_nm - load_nm)
-        friction_nm = motor.friction_nm + gear_nm * (
-            motor.load_friction + motor.load_square_per_nm * gear_nm
-        )
-        span = speed_rad_s / motor.stribeck_rad_s
-        if span > STRIBECK_SPAN:
-            return friction_nm
-        return friction_nm + math.exp(-span) * (motor.stribeck_nm + motor.load_stribeck * gear_nm)
-
-    def _take_up_backlash(self, dt_s: float, load_nm: float) -> bool:
-        """Let the load move through the play; true while it has not reached the next tooth."""
-        half_rad = self._half_play_rad if load_nm > 0.0 else -self._half_play_rad
-        if self.lash_rad == half_rad:
-            return False
-        sunk_rad = self.lash_rad + load_nm * dt_s / (PLAY_HZ * self.inertia_kg_m2)
-        self.lash_rad = min(half_rad, sunk_rad) if load_nm > 0.0 else max(half_rad, sunk_rad)
-        return True
-
-    def _rest_on_stop(self) -> None:
-        stop_rad = min(self.upper_stop_rad, max(self.lower_stop_rad, self.position_rad))
-        self._gear_rad -= self.position_rad - stop_rad
-        self.position_rad = stop_rad
+        """Turn rotor and output."""
+        position_rad = self.position_rad + self.velocity_rad_s * dt_s
+        lash_rad = self.lash_rad + (self.velocity_rad_s - self.rotor_rad_s) * dt_s
+        nearly_half_rad = self._half_play_rad - AT_FLANK_RAD
+        if not -nearly_half_rad < lash_rad < nearly_half_rad:
+            lash_rad = math.copysign(self._half_play_rad, lash_rad)
+        self.position_rad, self.lash_rad = position_rad, lash_rad
+        if not self.lower_stop_rad < position_rad < self.upper_stop_rad:
+            self.position_rad = min(self.upper_stop_rad, max(self.lower_stop_rad, position_rad))
 
     def _update_sensors(self, dt_s: float, torque_nm: float, drive: DriveCommand) -> None:
         """Update the servo's other sensors after the step."""
         self.torque_nm = torque_nm
         current_a = self.current_a = torque_nm / self._nm_per_a
-        full_nm, back_emf_nm = self._full_nm, self._back_emf * self.velocity_rad_s
+        full_nm, back_emf_nm = self._full_nm, self._back_emf * self.rotor_rad_s
         if self._limits_itself and full_nm:
             self.pwm = self._duty  # the bridge gives it, but the current does not rise
         else:

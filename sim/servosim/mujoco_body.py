@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import mujoco
 import numpy as np
+from numpy.typing import NDArray
 
 from servosim.errors import ArmFileError
+from servosim.joint import Hand
+from servosim.motor import OUTPUT_INERTIA_KG_M2
 from servosim.parameters import MotorParameters
 
+Array = NDArray[np.float64]
+
+PLAY_SOLREF = (0.002, 1.0)  # a flank stops what meets it in two steps, without a rebound
 FRICTION_HOLDS = 0.9999  # MuJoCo's own 0.95 lets a joint without torque creep by degrees a second
 
 
@@ -18,8 +24,9 @@ class MujocoBody:
     """An arm on a floor in MuJoCo: all joints are coupled, links collide.
 
     It integrates the joints itself: a world passes the torques of the motors and sets the motors to
-    the joints' state (`Motor.carried`, `Motor.set_state`). Dry and viscous friction, rotor
-    inertia and the joint stops are MuJoCo's; play is left out.
+    the joints' state (`Motor.carried`, `Motor.set_state`). Each joint has a second body, the
+    rotors of its servos in the joint's own unit, and the play is a limit of their distance; dry
+    and viscous friction of both, rotor inertia and the joint stops are MuJoCo's.
 
     Args:
         urdf_path: The arm; masses, limits and collision shapes are used, visual shapes are not.
@@ -41,8 +48,8 @@ class MujocoBody:
         stop_margins: Sequence[float] = (),
     ) -> None:
         self.names = tuple(joint_names)
-        self._model = _compile_model(Path(urdf_path), floor_m)
-        self._data = mujoco.MjData(self._model)
+        self._model = _compile_model(Path(urdf_path), self.names, floor_m)
+        self._data, self._scratch = mujoco.MjData(self._model), mujoco.MjData(self._model)
         try:
             ids = [self._model.joint(name).id for name in self.names]
         except KeyError as error:
@@ -52,13 +59,23 @@ class MujocoBody:
         self.limits = tuple((float(lo), float(hi)) for lo, hi in self._model.jnt_range[ids])
         margins = np.array(stop_margins or [0.0] * len(ids))
         self._model.jnt_range[ids] += np.stack([-margins, margins], axis=1)
-        solimp = self._model.dof_solimp  # pyright: ignore[reportAttributeAccessIssue, reportUnknownVariableType, reportUnknownMemberType] - tools/typings lacks it
+        solimp = self._model.dof_solimp
         solimp[self._dof, :2] = FRICTION_HOLDS
-        self._armature_kg_m2 = np.array([sum(m.armature_kg_m2 for m in on) for on in motors])
-        self._damping_nm_s = np.array([sum(m.viscous_nm_s for m in on) for on in motors])
-        self._friction_nm = np.array(
-            [sum(m.friction_nm + m.stribeck_nm for m in on) for on in motors]
-        )
+        rotors = [self._model.joint(_rotor(name)).id for name in self.names]
+        self._rotor_qpos = np.array([self._model.jnt_qposadr[k] for k in rotors], dtype=int)
+        self._rotor_dof = np.array([self._model.jnt_dofadr[k] for k in rotors], dtype=int)
+        self._plays = np.array([self._model.tendon(_rotor(n)).id for n in self.names], dtype=int)
+        solimp[self._rotor_dof, :2] = FRICTION_HOLDS
+
+        def total(of: Callable[[MotorParameters], float]) -> Array:
+            return np.array([sum(of(motor) for motor in on) for on in motors])
+
+        self._armature_kg_m2 = total(lambda m: m.armature_kg_m2)
+        self._damping_nm_s = total(lambda m: m.viscous_nm_s - m.output_viscous_nm_s)
+        self._output_damping_nm_s = total(lambda m: m.output_viscous_nm_s)
+        self._friction_nm = total(lambda m: m.friction_nm + m.stribeck_nm - m.output_friction_nm)
+        self._output_friction_nm = total(lambda m: m.output_friction_nm)
+        self._half_play_rad = np.array([on[0].backlash_rad / 2.0 for on in motors])
         self._load_friction = np.array([on[0].load_friction + on[0].load_stribeck for on in motors])
         self._square_per_nm = np.array([on[0].load_square_per_nm / len(on) for on in motors])
         self._slopes: Sequence[float] = ()
@@ -66,7 +83,7 @@ class MujocoBody:
 
     def place(self, positions: Sequence[float]) -> None:
         """Set the arm's positions, at rest."""
-        self._data.qpos[self._qpos] = positions
+        self._data.qpos[self._qpos] = self._data.qpos[self._rotor_qpos] = positions
         self._data.qvel[:] = 0.0
         mujoco.mj_forward(self._model, self._data)
 
@@ -79,25 +96,47 @@ class MujocoBody:
         if slopes == self._slopes:
             return
         self._slopes, ratio = slopes, np.abs(np.array(slopes))
-        self._model.dof_armature[self._dof] = self._armature_kg_m2 / ratio**2
-        self._model.dof_damping[self._dof] = self._damping_nm_s / ratio**2
+        self._model.dof_armature[self._dof] = OUTPUT_INERTIA_KG_M2 / ratio**2
+        self._model.dof_armature[self._rotor_dof] = self._armature_kg_m2 / ratio**2
+        self._model.dof_damping[self._rotor_dof] = self._damping_nm_s / ratio**2
+        self._damping = self._output_damping_nm_s / ratio**2
+        self._model.dof_frictionloss[self._dof] = self._output_friction_nm / ratio
         self._dry, self._square = self._friction_nm / ratio, self._square_per_nm * ratio
+        half = self._half_play_rad * ratio
+        self._model.tendon_range[self._plays] = np.stack([-half, half], axis=1)
+        mujoco.mj_setConst(self._model, self._scratch)  # constraints are scaled by the inertias
 
-    def step(self, dt_s: float, torques: Sequence[float]) -> tuple[list[float], list[float]]:
-        """Advance time under the motors' and hands' torques (forces on prismatic joints).
+    def step(
+        self, dt_s: float, torques: Sequence[float], hands: Mapping[int, Hand]
+    ) -> list[tuple[float, float, float, float]]:
+        """Advance time under the motors' torques (forces on prismatic joints) and hands, by joint.
 
         Returns:
-            Positions and velocities of the joints.
+            Of each joint: position, velocity, lash and the rotors' velocity.
         """
+        data, model = self._data, self._model
         # The gears carry the motor's torque against gravity and what the other links do.
-        gear = np.abs(np.asarray(torques) + self._data.qfrc_bias[self._dof])
-        self._model.dof_frictionloss[self._dof] = self._dry + gear * (
+        gear = np.abs(np.asarray(torques) + data.qfrc_bias[self._dof])
+        model.dof_frictionloss[self._rotor_dof] = self._dry + gear * (
             self._load_friction + self._square * gear
         )
-        self._model.opt.timestep = dt_s
-        self._data.qfrc_applied[self._dof] = torques
-        mujoco.mj_step(self._model, self._data)
-        return self._data.qpos[self._qpos].tolist(), self._data.qvel[self._dof].tolist()
+        model.opt.timestep = dt_s
+        data.qfrc_applied[self._rotor_dof] = torques
+        data.qfrc_applied[self._dof] = 0.0
+        model.dof_damping[self._dof] = self._damping
+        for k, hand in hands.items():
+            dof = self._dof[k]
+            velocity = float(data.qvel[dof])
+            force = hand.force_at(velocity)
+            if force == hand.resting - hand.damping * velocity:
+                force = hand.resting
+                model.dof_damping[dof] += hand.damping
+            data.qfrc_applied[dof] = force
+        mujoco.mj_step(model, data)
+        q, v = data.qpos[self._qpos], data.qvel[self._dof]
+        lash = q - data.qpos[self._rotor_qpos]
+        states = (q, v, lash, data.qvel[self._rotor_dof])
+        return list(zip(*(of.tolist() for of in states), strict=True))
 
     @property
     def contacts(self) -> int:
@@ -105,7 +144,11 @@ class MujocoBody:
         return int(self._data.ncon)
 
 
-def _compile_model(path: Path, floor_m: float | None) -> mujoco.MjModel:
+def _rotor(name: str) -> str:
+    return f"{name} rotor"
+
+
+def _compile_model(path: Path, names: Sequence[str], floor_m: float | None) -> mujoco.MjModel:
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         spec.compiler.discardvisual = True
@@ -115,6 +158,8 @@ def _compile_model(path: Path, floor_m: float | None) -> mujoco.MjModel:
             plane = mujoco.mjtGeom.mjGEOM_PLANE
             spec.worldbody.add_geom(type=plane, size=(1.0, 1.0, 0.1), pos=(0.0, 0.0, floor_m))
         _exclude_contacts(spec, spec.worldbody)
+        for name in names:
+            _add_rotor(spec, name)
         return spec.compile()
     except (ValueError, OSError) as error:
         raise ArmFileError(path, "", f"MuJoCo cannot use it ({error})") from error
@@ -126,3 +171,14 @@ def _exclude_contacts(spec: mujoco.MjSpec, parent: mujoco.MjsBody) -> None:
         spec.add_exclude(bodyname1=parent.name, bodyname2=link.name)
         if not link.joints:
             _exclude_contacts(spec, link)
+
+
+def _add_rotor(spec: mujoco.MjSpec, name: str) -> None:
+    """Add the rotors of a joint: a body that turns by itself, and the play as a limit."""
+    rotor = spec.worldbody.add_body(name=_rotor(name), mass=1e-6, inertia=(1e-9, 1e-9, 1e-9))
+    rotor.explicitinertial = True
+    rotor.add_joint(name=_rotor(name), type=mujoco.mjtJoint.mjJNT_HINGE, axis=(0.0, 0.0, 1.0))
+    play = spec.add_tendon(name=_rotor(name), limited=True, range=(-1.0, 1.0))
+    play.solref_limit, play.solimp_limit[:2] = PLAY_SOLREF, FRICTION_HOLDS
+    play.wrap_joint(name, 1.0)
+    play.wrap_joint(_rotor(name), -1.0)

@@ -12,6 +12,13 @@ HEAT_J_GK = 0.8  # between plastic and copper (estimate)
 # An STS3215 that held 15 kg cm rose by 23 K within ten minutes and stayed there for an hour
 # (SO-ARM100 issue 134). Scaled by the surface for other sizes.
 COOLING_K_W = 10.0
+# Friction on the output side of the play. Pendulums on bare servos swing across it at rest as if
+# nothing braked them there (tools/bench/limit_cycle.py): at most 0.003 N m on the STS3215, a
+# hundredth of its dry friction fits. In an arm there are a second bearing and cables besides.
+# That is unknown, 0 to 0.05 N m and 0 to 0.01 N m s, and part of the whole, which stays as fitted.
+BARE_SHARE = 0.01
+OUTPUT_FRICTION_NM, MOST_OF_FRICTION = 0.03, 0.75
+OUTPUT_VISCOUS_NM_S, MOST_OF_VISCOUS = 0.005, 0.5
 
 
 class Certainty(Enum):
@@ -47,6 +54,8 @@ class MotorParameters:
         armature_kg_m2: Inertia of rotor and gears, at the shaft.
         gear_ratio: Revolutions of the motor for one of the shaft.
         backlash_rad: Free play of the gears, from one tooth face to the other.
+        output_friction_nm: The part of the dry friction that is on the output side of the play.
+        output_viscous_nm_s: Likewise of kv: what brakes the output inside the play.
         mass_kg: Mass of the whole servo.
         heat_capacity_j_k: Heat that warms the whole servo by one kelvin.
         thermal_resistance_k_w: Kelvin above ambient for each watt, at rest.
@@ -67,6 +76,8 @@ class MotorParameters:
     armature_kg_m2: float
     gear_ratio: float
     backlash_rad: float
+    output_friction_nm: float
+    output_viscous_nm_s: float
     mass_kg: float
     heat_capacity_j_k: float
     thermal_resistance_k_w: float
@@ -125,10 +136,26 @@ def _row(
         armature_kg_m2=armature,
         gear_ratio=gears,
         backlash_rad=math.radians(play_deg),
+        output_friction_nm=BARE_SHARE * (friction_nm + stribeck),
+        output_viscous_nm_s=0.0,
         mass_kg=mass_g / 1000.0,
         heat_capacity_j_k=HEAT_J_GK * mass_g,
         thermal_resistance_k_w=COOLING_K_W * (55.0 / mass_g) ** (2.0 / 3.0),
         certainty=certainty,
+    )
+
+
+def in_an_arm(
+    parameters: MotorParameters,
+    output_friction_nm: float = OUTPUT_FRICTION_NM,
+    output_viscous_nm_s: float = OUTPUT_VISCOUS_NM_S,
+) -> MotorParameters:
+    """Return the parameters of a servo that moves an arm's joint: more friction on the output."""
+    dry_nm = parameters.friction_nm + parameters.stribeck_nm
+    return replace(
+        parameters,
+        output_friction_nm=min(output_friction_nm, MOST_OF_FRICTION * dry_nm),
+        output_viscous_nm_s=min(output_viscous_nm_s, MOST_OF_VISCOUS * parameters.viscous_nm_s),
     )
 
 
@@ -166,13 +193,13 @@ def spread(parameters: MotorParameters, seed: int) -> MotorParameters:
 # Other rows are scaled, from the relative that `_scaled` names, to the torque and speed of the
 # makers' sheets. MX64 is BAM's fit (params/mx64, model m4).
 # Play: Feetech promises at most 0.5°; 0.87° and 1° were measured on the STS3215 (SO-ARM100 issue
-# 134), 1° stands in its MJCF; the specimen of the logs shows less than 0.5° when it is released.
+# 134), 1° stands in its MJCF, and 1° makes the logs' pendulums swing as they do at rest.
 # ROBOTIS says 0.25° for XM540, 0.33° for MX-28, nothing for others.
 # fmt: off
 _M, _S, _E = Certainty.MEASURED, Certainty.SCALED, Certainty.ESTIMATED
 #               V     kt     ohm    N m   kc      kv      ks      ws     kl     kls    kq
 _C018 = _row((12.0, 2.254, 3.682, 3.28, 0.1284, 0.0259, 0.0535, 0.145, 0.087, 0.083, 0.0210),
-             (0.0215, 345.0, 0.50, 55.0), _M)  # armature, gears, play °, g
+             (0.0215, 345.0, 1.00, 55.0), _M)  # armature, gears, play °, g
 _GEAR = _row((12.0, 2.230, 3.892, 3.26, 0.1175, 0.0288, 0.0522, 0.218, 0.110, 0.071, 0.0000),
              (0.0216, 345.0, 0.50, 55.0), _M)
 _C001 = _row(( 7.4, 1.212, 2.676, 2.50, 0.1175, 0.0288, 0.0522, 0.218, 0.110, 0.071, 0.0000),

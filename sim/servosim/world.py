@@ -69,8 +69,14 @@ class ExternalDynamics(Protocol):
         """Set the slopes of the transmissions: joint motion for one radian of each horn."""
         ...
 
-    def step(self, dt_s: float, torques: Sequence[float]) -> tuple[list[float], list[float]]:
-        """Advance time under the motors' torques; return positions and velocities."""
+    def step(
+        self, dt_s: float, torques: Sequence[float], hands: Mapping[int, Hand]
+    ) -> list[tuple[float, float, float, float]]:
+        """Advance time under the motors' torques and hands, by joint.
+
+        Returns:
+            Of each joint: position, velocity, lash and the rotors' velocity.
+        """
         ...
 
 
@@ -243,8 +249,8 @@ class World:
             self._positions = positions
         busy = moving or self.hands or any(servo.is_active for servo in self.servos)
         if self._mover is None:
-            # Gears that cross their backlash turn while the output shaft is still.
-            busy = busy or any(motor.velocity_rad_s for motor in self._motors)
+            # A rotor that crosses the play turns while the output is still.
+            busy = busy or any(motor.rotor_rad_s for motor in self._motors)
         self._still = 0 if busy else self._still + 1
 
     def _has_moved(self, positions: list[float]) -> bool:
@@ -258,25 +264,27 @@ class World:
         """Step all joints under the body's loads and the hands."""
         if self.steps % self._load_steps == 0:
             self._update_loads()
-        loads = self._loads
-        if self.hands:
-            loads = list(loads)
-            for k, joint in enumerate(self.joints):
-                hand = self.hands.get(joint.name)
-                if hand is not None:
-                    loads[k] += _hand_force(hand, joint, self._gripped[k])
-        self._coupled.step(loads)
+        if not self.hands:
+            self._coupled.step(self._loads)
+            return
+        self._coupled.step(self._loads, self._aimed_hands(self._gripped))
+
+    def _aimed_hands(self, inertias: Sequence[float]) -> dict[int, Hand]:
+        """Return the hands by the index of their joint, ready for the next step."""
+        hands = dict[int, Hand]()
+        for k, joint in enumerate(self.joints):
+            if joint.name in self.hands:
+                hand = hands[k] = self.hands[joint.name]
+                hand.aim(STEP_S, joint.position, inertias[k])
+        return hands
 
     def _step_body(self, mover: ExternalDynamics) -> None:
         """Step the body with all joints at once under the motors and the hands."""
         forces = [joint.drive_force() for joint in self.joints]
-        for k, joint in enumerate(self.joints):
-            if joint.name in self.hands:
-                forces[k] += _hand_force(self.hands[joint.name], joint, joint.armature)
+        hands = self._aimed_hands([joint.armature for joint in self.joints])
         mover.set_transmission_slopes([joint.m_per_rad for joint in self.joints])
-        positions, velocities = mover.step(STEP_S, forces)
-        for joint, position, velocity in zip(self.joints, positions, velocities, strict=True):
-            joint.set_state(position, velocity)
+        for joint, state in zip(self.joints, mover.step(STEP_S, forces, hands), strict=True):
+            joint.set_state(*state)
 
     def _steps_to_event(self) -> int:
         rest_s = self._events[0][0] - self.time_s if self._events else math.inf
@@ -309,7 +317,7 @@ class World:
         """Apply contacts to joints without torque: the table and the arm's own links."""
         free = np.array([joint.is_free for joint in self.joints])
         interval_s = STEP_S * self._load_steps
-        mass = self._coupled.mass_matrix()
+        mass = self._coupled.felt_mass_matrix()
         pushed = contacts.torques(positions, velocities, mass, free, interval_s)
         self._loads = [load + push for load, push in zip(self._loads, pushed, strict=True)]
 
@@ -337,7 +345,3 @@ def _advanced(positions: list[float], velocities: list[float], steps: int) -> li
     """Return the mean of the positions at the beginnings of the next steps."""
     ahead_s = STEP_S * (steps - 1) / 2.0
     return [q + v * ahead_s for q, v in zip(positions, velocities, strict=True)]
-
-
-def _hand_force(hand: Hand, joint: SimulatedJoint, inertia: float) -> float:
-    return hand.hand_force(STEP_S, joint.position, joint.velocity, inertia)

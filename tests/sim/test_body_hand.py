@@ -9,10 +9,13 @@ from pathlib import Path
 import pytest
 
 from servosim.control import ControlMode, DriveCommand
+from servosim.coupling import CoupledJoints
 from servosim.dynamics import Dynamics, FreeBody, RigidArm
-from servosim.joint import Hand, glide, hold, push, sweep
+from servosim.joint import Hand, SimulatedJoint, glide, hold, push, sweep
 from servosim.motor import Motor
 from servosim.parameters import PARAMETERS
+from servosim.servo import HornMounting
+from servosim.servo_models import make_servo
 from servosim.world import PowerSupply
 
 CONFIGS = Path(__file__).parents[2] / "configs"
@@ -32,21 +35,23 @@ class Bench:
     def __post_init__(self) -> None:
         lower_upper = dict(zip(self.body.names, self.body.limits, strict=True))
         self.motors = {n: Motor(PARAMETERS[self.model], 0.0, *lower_upper[n]) for n in lower_upper}
+        servos = {n: make_servo(self.model, m, HornMounting()) for n, m in self.motors.items()}
+        self.joints = [SimulatedJoint(name, (servo,)) for name, servo in servos.items()]
+        self.coupled = CoupledJoints(self.joints)
 
     def run(self, seconds: float) -> Bench:
+        for joint in self.joints:
+            joint.servos[0].drive = self.drive
         for _ in range(round(seconds / DT_S)):
-            motors = self.motors.values()
-            positions = [motor.position_rad for motor in motors]
-            loads = self.body.load_nm(positions, [motor.velocity_rad_s for motor in motors])
-            for (name, motor), load in zip(self.motors.items(), loads, strict=True):
-                motor.step(DT_S, load + self.press(name), self.drive, motor.parameters.nominal_v)
+            hands = dict[int, Hand]()
+            for k, joint in enumerate(self.joints):
+                if joint.name in self.hands:
+                    hands[k] = self.hands[joint.name]
+                    hands[k].aim(DT_S, joint.position, joint.armature)
+            positions = [motor.position_rad for motor in self.motors.values()]
+            velocities = [motor.velocity_rad_s for motor in self.motors.values()]
+            self.coupled.step(self.body.load_nm(positions, velocities), hands)
         return self
-
-    def press(self, name: str) -> float:
-        motor, hand = self.motors[name], self.hands.get(name)
-        if hand is None:
-            return 0.0
-        return hand.hand_force(DT_S, motor.position_rad, motor.velocity_rad_s, motor.inertia_kg_m2)
 
 
 def free(

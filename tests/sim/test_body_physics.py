@@ -41,9 +41,9 @@ def run(body: MujocoBody, motors: list[Motor], drive: DriveCommand, seconds: flo
     for _ in range(round(seconds / 0.001)):
         for motor in motors:
             motor.step(0.001, 0.0, drive, 7.4)
-        positions, velocities = body.step(0.001, [motor.torque_nm for motor in motors])
-        for motor, position, velocity in zip(motors, positions, velocities, strict=True):
-            motor.set_state(position, velocity)
+        states = body.step(0.001, [motor.torque_nm for motor in motors], {})
+        for motor, state in zip(motors, states, strict=True):
+            motor.set_state(*state)
 
 
 def test_a_rod_without_torque_falls_onto_the_floor_and_stays_there(tmp_path: Path) -> None:

@@ -124,7 +124,7 @@ def test_current_is_torque_over_the_torque_constant_while_a_load_is_held() -> No
 def test_a_load_below_static_friction_does_not_move_a_free_shaft(model: str) -> None:
     motor = Motor(PARAMETERS[model])
     run(motor, DriveCommand(), 1.0, load_nm=0.95 * motor.parameters.static_friction_nm)
-    assert abs(motor.position_rad) <= motor.parameters.backlash_rad / 2.0
+    assert abs(motor.position_rad) <= motor.parameters.backlash_rad / 2.0 + 1e-4
 
 
 @pytest.mark.parametrize("model", ["STS3215", "XL330-M288"])

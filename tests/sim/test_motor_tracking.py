@@ -138,7 +138,8 @@ def test_two_equal_runs_are_equal_to_the_last_bit() -> None:
 
 @pytest.mark.parametrize("model", MODELS)
 def test_the_stiffest_gains_stay_stable_at_steps_of_a_millisecond(model: str) -> None:
-    motor, supply_v = nominal(model)
+    supply_v = PARAMETERS[model].nominal_v
+    motor = Motor(replace(PARAMETERS[model], backlash_rad=0.0))  # play swings by itself
     full_duty_units, ticks_per_rad, largest = 885.0, 4096.0 / (2.0 * math.pi), 16383.0
     kp = largest / 128.0 * ticks_per_rad / full_duty_units
     kd = largest / 16.0 * ticks_per_rad / 1000.0 / full_duty_units

@@ -10,6 +10,9 @@ _Ints = NDArray[np.int32]
 class mjtGeom(Enum):
     mjGEOM_PLANE = ...
 
+class mjtJoint(Enum):
+    mjJNT_HINGE = ...
+
 class mjtIntegrator(Enum):
     mjINT_IMPLICITFAST = ...
 
@@ -27,8 +30,11 @@ class MjModel:
     dof_armature: _Floats
     dof_damping: _Floats
     dof_frictionloss: _Floats
+    dof_solimp: _Floats
+    tendon_range: _Floats
     opt: _Option
     def joint(self, name: str) -> _Joint: ...
+    def tendon(self, name: str) -> _Joint: ...
 
 class MjData:
     qpos: _Floats
@@ -42,13 +48,21 @@ class _Compiler:
     discardvisual: bool
     balanceinertia: bool
 
+class MjsTendon:
+    solref_limit: tuple[float, ...]
+    solimp_limit: _Floats
+    def wrap_joint(self, joint: str, coef: float) -> object: ...
+
 class MjsBody:
     name: str
+    explicitinertial: bool
     bodies: list[MjsBody]
     joints: list[object]
     def add_geom(
         self, *, type: mjtGeom, size: tuple[float, ...], pos: tuple[float, ...]
     ) -> object: ...
+    def add_body(self, *, name: str, mass: float, inertia: tuple[float, ...]) -> MjsBody: ...
+    def add_joint(self, *, name: str, type: mjtJoint, axis: tuple[float, ...]) -> object: ...
 
 class MjSpec:
     compiler: _Compiler
@@ -57,7 +71,9 @@ class MjSpec:
     @staticmethod
     def from_file(filename: str) -> MjSpec: ...
     def add_exclude(self, *, bodyname1: str, bodyname2: str) -> object: ...
+    def add_tendon(self, *, name: str, limited: bool, range: tuple[float, ...]) -> MjsTendon: ...
     def compile(self) -> MjModel: ...
 
 def mj_forward(m: MjModel, d: MjData) -> None: ...
+def mj_setConst(m: MjModel, d: MjData) -> None: ...
 def mj_step(m: MjModel, d: MjData) -> None: ...
