@@ -65,7 +65,7 @@ class Firmware:
         duty_per_gain_rad: Duty for one unit of the P gain and one radian.
         startup_duty: Duty that is added in the direction of the error.
         ramp_rad_s: Speed of the target towards a new goal.
-        dead_zone_ticks: Errors up to this size count as none.
+        dead_zone_ticks: Errors up to this size count as none, larger ones by this less.
     """
 
     duty_per_gain_rad: float
@@ -168,7 +168,8 @@ def step_reference(reference: Array, goal: Array, most_rad: float) -> Array:
 def duty_of(error_rad: Array, firmware: Firmware, p_gain: Array) -> Array:
     """Return the duty -1..1 that the firmware's position loop gives."""
     ticks = np.rint(error_rad / TICK_RAD)
-    error = np.where(np.abs(ticks) <= firmware.dead_zone_ticks, 0.0, ticks * TICK_RAD)
+    ticks = np.sign(ticks) * np.maximum(np.abs(ticks) - firmware.dead_zone_ticks, 0.0)
+    error = ticks * TICK_RAD
     duty = firmware.duty_per_gain_rad * p_gain * error + firmware.startup_duty * np.sign(error)
     return np.clip(duty, -1.0, 1.0)
 
@@ -367,12 +368,12 @@ def print_sensitivity(values: Array, firmware: Firmware, logs: Logs) -> None:
 
 BENCHES = {
     "STS3215-C018": Bench(
-        Firmware(0.163, 0.014, 66 * 50 * TICK_RAD, 1.0),
+        Firmware(0.163, 0.016, 66 * 50 * TICK_RAD, 1.0),
         lambda folder: read_kscale(folder, "kscale_sts3215_12v_pendulum.npz"),
         (2.218, 3.564, 0.0213, 0.1266, 0.0246, 0.0474, 0.226, 0.096, 0.0687, 0.0199, 3.31),
     ),
     "STS3250": Bench(
-        Firmware(0.163, 0.004, 110 * 50 * TICK_RAD, 1.0),
+        Firmware(0.163, 0.005, 110 * 50 * TICK_RAD, 1.0),
         lambda folder: read_kscale(folder, "kscale_sts3250_pendulum.npz"),
         (1.43, 1.615, 0.00849, 0.0427, 0.0499, 0.0286, 0.0735, 0.097, 0.0255, 0.022, 3.93),
     ),

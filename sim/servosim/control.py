@@ -168,7 +168,8 @@ class DriveCommand:
 
     The position loop works as the datasheets draw it, on the bridge's duty (PWM, -1..1):
     `duty = kp e + ki ∫e dt + kd de/dt + startup_pwm sign(e) + kv v + ka a`, with
-    `e = reference - encoder` in whole ticks of the sensor and v, a of the reference. The
+    `e = reference - encoder` in whole ticks of the sensor, less the dead zone, and v, a of the
+    reference. The
     stiffness at the output is therefore `kp` times the torque of the whole duty at the supply's
     voltage.
 
@@ -196,7 +197,7 @@ class DriveCommand:
         velocity_feed_forward: Duty for each rad/s of the reference [s/rad].
         acceleration_feed_forward: Duty for each rad/s² of the reference [s²/rad].
         tick_rad: Resolution of the sensor; 0 = none.
-        dead_zone_rad: Errors up to this size count as none.
+        dead_zone_rad: Errors up to this size count as none, larger ones by this less.
         startup_pwm: Duty added in the direction of an error outside the dead zone (Feetech's
             start-up force).
         minimum_pwm: Smallest duty for an error outside the dead zone (Dynamixel's punch).
@@ -336,6 +337,8 @@ class Controller:
             error_rad = drive.tick_rad * round(error_rad / drive.tick_rad)
         if -dead_rad <= error_rad <= dead_rad:
             error_rad = 0.0
+        elif dead_rad:
+            error_rad -= math.copysign(dead_rad, error_rad)
         duty = drive.kp * error_rad
         if drive.ki:
             duty += self._integrate_error(drive.ki * error_rad * dt_s, drive.integral_limit)

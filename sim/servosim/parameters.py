@@ -188,12 +188,15 @@ def spread(parameters: MotorParameters, seed: int) -> MotorParameters:
 # kt and R are known as kt/R and kt*kt/R: torque for a volt, brake for a rad/s. The XL330 needs no
 # torque limit: its friction grows with the square of the load.
 # Torque limits: 3.4 N m is also what an STS3215 of 12 V pressed on a scale (SO-ARM100 issue 134).
-# STS3215 (7.4 V): kt and R of BAM (params/feetech_sts3215_7_4V, model m1), gears of _GEAR: an
-# earlier fit of the 12 V one, without kq, 7 % less friction. The SCS are scaled from it, too.
+# STS3215 (7.4 V): kt, R and kv of BAM (params/feetech_sts3215_7_4V, model m1: commits 1b5a1ce and
+# 6d2ada2 have kv = 0.059 and 0.045, dry friction of 0.052 and 0.068 N m), and 0.35 of the dry
+# friction of _GEAR, 0.06 N m of an unloaded slow shaft. _GEAR is an earlier fit of the 12 V one,
+# without kq, 7 % less friction. The SCS are scaled from it, too.
 # Other rows are scaled, from the relative that `_scaled` names, to the torque and speed of the
 # makers' sheets. MX64 is BAM's fit (params/mx64, model m4).
 # Play: Feetech promises at most 0.5°; 0.87° and 1° were measured on the STS3215 (SO-ARM100 issue
-# 134), 1° stands in its MJCF, and 1° makes the logs' pendulums swing as they do at rest.
+# 134), 1° stands in its MJCF, and 1° makes the logs' pendulums swing as they do at rest; 0.4° does
+# for the STS3250.
 # ROBOTIS says 0.25° for XM540, 0.33° for MX-28, nothing for others.
 # fmt: off
 _M, _S, _E = Certainty.MEASURED, Certainty.SCALED, Certainty.ESTIMATED
@@ -202,10 +205,10 @@ _C018 = _row((12.0, 2.254, 3.682, 3.28, 0.1284, 0.0259, 0.0535, 0.145, 0.087, 0.
              (0.0215, 345.0, 1.00, 55.0), _M)  # armature, gears, play °, g
 _GEAR = _row((12.0, 2.230, 3.892, 3.26, 0.1175, 0.0288, 0.0522, 0.218, 0.110, 0.071, 0.0000),
              (0.0216, 345.0, 0.50, 55.0), _M)
-_C001 = _row(( 7.4, 1.212, 2.676, 2.50, 0.1175, 0.0288, 0.0522, 0.218, 0.110, 0.071, 0.0000),
+_C001 = _row(( 7.4, 1.212, 2.676, 2.50, 0.0411, 0.0500, 0.0183, 0.218, 0.038, 0.025, 0.0000),
              (0.0216, 345.0, 1.00, 55.0), _S)
 _3250 = _row((12.0, 1.457, 1.688, 3.70, 0.0452, 0.0509, 0.0249, 0.067, 0.085, 0.112, 0.0155),
-             (0.0087, 345.0, 0.50, 74.5), _M)
+             (0.0087, 345.0, 0.40, 74.5), _M)
 _M288 = _row(( 5.0, 0.3993, 3.083, math.inf, 0.00077, 0.00231, 0.00423, 0.2518, 0.1543, 0.0875,
                0.1724), (0.00156, 288.4, 0.25, 18.0), _M)
 _MX64 = _row((12.0, 1.663, 3.156, 6.32, 0.0615, 0.0148, 0.0239, 1.521, 0.000, 0.234, 0.000),

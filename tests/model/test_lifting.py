@@ -11,16 +11,18 @@ from ikservo.model import load_model
 from ikservo.model.lifting import load_lags
 from ikservo.model.sag import link_masses
 from ikservo.model.servo_torque import find_servo_torque
-from servosim.motor import Motor
+from servosim.joint import STEP_S
+from servosim.motor import Motor, solve_velocity
 from servosim.parameters import PARAMETERS
 from tests.oracle import ARMS
 
 
 def breakaway_nm(servo, load_nm):
     """Return the torque at which a simulated motor's dry friction no longer holds a load."""
-    motor = Motor(PARAMETERS[servo])
+    motor = Motor(replace(PARAMETERS[servo], backlash_rad=0.0))
     torques = np.linspace(load_nm, 6.0 * load_nm, 20_000)
-    moves = [motor._dry_friction(t, -load_nm, 0.0) < t - load_nm for t in torques]
+    steps = [motor.begin_motion(STEP_S, t, -load_nm) for t in torques]
+    moves = [solve_velocity(step, -load_nm) > 0.0 for step in steps]
     return float(torques[moves.index(True)])
 
 

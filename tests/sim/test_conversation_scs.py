@@ -48,7 +48,7 @@ def test_a_motion_arrives(make_port, model):
     servo.write("torque_enable", 1)
     servo.write("goal_position", 700)
     port.clock.sleep_until(3)
-    assert servo.read("present_position") == pytest.approx(700, abs=3)
+    assert servo.read("present_position") == pytest.approx(700, abs=5)  # dead zone 2, no start-up
 
 
 def test_without_a_speed_the_time_decides(make_port):
