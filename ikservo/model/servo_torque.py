@@ -115,8 +115,8 @@ class ServoTorque:
 # Friction: coulomb and slow [N m], slow below [rad/s], for each N m of load, that of a slow shaft,
 # for the square of the load.
 _STS3215 = GearFriction(0.0411, 0.0183, 0.218, 0.038, 0.025)
-_STS3215_12_V = GearFriction(0.1284, 0.0535, 0.145, 0.087, 0.083, 0.0210)
-_STS3250 = GearFriction(0.0452, 0.0249, 0.067, 0.085, 0.112, 0.0155)
+_STS3215_12_V = GearFriction(0.1282, 0.0488, 0.135, 0.093, 0.097, 0.0187)
+_STS3250 = GearFriction(0.0445, 0.0239, 0.082, 0.068, 0.088, 0.0278)
 _SCS0009 = GearFriction(0.00577, 0.00256, 0.443, 0.110, 0.071)
 _SCS15 = GearFriction(0.0375, 0.0167, 0.277, 0.110, 0.071)
 _XL330_M288 = GearFriction(0.00077, 0.00423, 0.2518, 0.1543, 0.0875, 0.1724)
@@ -135,8 +135,8 @@ _MX_28 = GearFriction(0.0256, 0.00996, 1.25, 0.0, 0.234)
 SERVO_TORQUES: Mapping[tuple[str, float | None], ServoTorque] = MappingProxyType(
     {   #                            N m/rad     P   N m    N m s    kg m²
         ("STS3215", None): ServoTorque(17.5, 32, 3.35, 0.599, 0.0216, _STS3215, 0.008, 0.75),
-        ("STS3215", 12.0): ServoTorque(38.3, 32, 7.35, 1.41, 0.0215, _STS3215_12_V, 0.008, 0.75),
-        ("STS3250", None): ServoTorque(54.0, 32, 10.4, 1.31, 0.0087, _STS3250, 0.0, 0.75),
+        ("STS3215", 12.0): ServoTorque(38.2, 32, 7.33, 1.40, 0.0215, _STS3215_12_V, 0.008, 0.75),
+        ("STS3250", None): ServoTorque(55.8, 32, 10.7, 1.36, 0.0089, _STS3250, 0.0, 0.75),
         ("SCS0009", None): ServoTorque(1.76, 32, 0.338, 0.0316, 0.0007, _SCS0009, 0.014, 0.75),
         ("SCS15", None): ServoTorque(11.5, 32, 2.20, 0.328, 0.0020, _SCS15, 0.014, 0.75),
         ("XL330-M288", None): ServoTorque(2.80, 1500, 0.648, 0.0540, 0.00156, _XL330_M288),

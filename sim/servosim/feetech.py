@@ -187,7 +187,7 @@ class Feetech(Servo):
     kept_by_recovery = ("id",)
     reboot_s = 0.8  # measured on an STS3215
     kp_per_gain = 0.163  # duty for each radian and each step of the P gain (pendulum logs, scope)
-    # The load registers of servos that held against friction read, in thousandths of the duty, P / 4
+    # Load registers of servos that held against friction read, in thousandths of the duty, P / 4
     # for each tick of the error beyond the dead zone, and the start-up force besides.
     startup_per_unit = 0.001
     kd_per_gain = 0.001  # assumed [s/rad]

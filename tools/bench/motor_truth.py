@@ -26,7 +26,7 @@ from servosim.frames import encode1, encode2
 from servosim.joint import SimulatedJoint
 from servosim.line import Line
 from servosim.motor import Motor
-from servosim.parameters import PARAMETERS
+from servosim.parameters import PARAMETERS, MotorParameters
 from servosim.port import SimulatedPort
 from servosim.register import SimulatedFamily
 from servosim.servo import HornMounting
@@ -67,10 +67,10 @@ class Pendulum:
 class BenchServo:
     """One servo with a pendulum behind a simulated line, as a program on the bench sees it."""
 
-    def __init__(self, model: str, logs: Logs, log: int) -> None:
+    def __init__(self, model: str, logs: Logs, log: int, parameters: MotorParameters) -> None:
         table = table_for(model)
         self._feetech = table.family is SimulatedFamily.FEETECH_STS
-        motor = Motor(PARAMETERS[model], float(logs.position_rad[log, 0]))
+        motor = Motor(parameters, float(logs.position_rad[log, 0]))
         delivered = {"id": 1}
         if not self._feetech:  # the XL330's bench had 7.3 V and no overload shutdown in six seconds
             delivered |= {"return_delay_time": 0, "baud_rate": 3, "max_voltage_limit": 90}
@@ -117,9 +117,16 @@ class BenchServo:
         return (row.decode(raw) - 2048) * RAD_PER_TICK
 
 
-def replay(model: str, logs: Logs, log: int) -> Array:
-    """Return the positions [rad] that the simulated servo reports at the log's moments."""
-    servo = BenchServo(model, logs, log)
+def replay(model: str, logs: Logs, log: int, parameters: MotorParameters | None = None) -> Array:
+    """Return the positions [rad] that the simulated servo reports at the log's moments.
+
+    Args:
+        model: Of the servo.
+        logs: The logs.
+        log: Which of them.
+        parameters: Of the servo; those of the table without.
+    """
+    servo = BenchServo(model, logs, log, parameters or PARAMETERS[model])
     clock, start_s = servo.port.clock, 0.05
     goals = np.rint(logs.goal_rad[log] / RAD_PER_TICK).astype(int) + 2048
     on = logs.torque_on[log] > 0.5
