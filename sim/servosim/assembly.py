@@ -9,14 +9,16 @@ from dataclasses import dataclass, replace
 from servosim.arm_file import JointEntry, ServoEntry, SimulatedArmFile
 from servosim.dynamics import FreeBody, RigidArm
 from servosim.errors import ArmFileError, SimulatorError
+from servosim.family import FamilyMember
+from servosim.feetech import Feetech
 from servosim.joint import SimulatedJoint
 from servosim.motor import Motor
-from servosim.parameters import PARAMETERS, MotorParameters, in_an_arm, spread
+from servosim.parameters import PARAMETERS, MotorParameters, in_an_arm
 from servosim.register import ServoTable, SimulatedFamily
 from servosim.servo import HornMounting, Servo
 from servosim.servo_models import baud_code, make_servo, table_for
 from servosim.specimen import Specimen
-from servosim.world import ExternalDynamics, World
+from servosim.world import ExternalDynamics, PowerSupply, World
 
 __all__ = ["BenchServo", "make_arm_world", "make_bench_world"]
 
@@ -43,7 +45,7 @@ class BenchServo:
 def make_arm_world(
     arm: SimulatedArmFile,
     pose: str = "rest",
-    seed: int = 0,
+    seed: int | None = None,
     *,
     physics: bool = False,
     backlash_deg: float | None = None,
@@ -54,9 +56,9 @@ def make_arm_world(
     Args:
         arm: The arm.
         pose: The start pose.
-        seed: Of the servos' tolerances.
-        physics: True for bodies and contacts from MuJoCo.
-        backlash_deg: Backlash of every servo's gears; None for the vendor's figure.
+        seed: Of one arm of the family (`family.FAMILY`); None for the nominal arm.
+        physics: True for bodies and contacts from MuJoCo, with the masses of the URDF.
+        backlash_deg: Backlash of every servo's gears; None for that of the arm.
         specimen: Masses, payload and motors that differ from those of the files.
 
     Raises:
@@ -73,18 +75,28 @@ def make_arm_world(
     if physics and specimen.changes_masses:
         raise SimulatorError("bodies of MuJoCo have the masses of the URDF and no payload")
     names = [joint.name for joint in arm.joints]
+    member = None if seed is None else FamilyMember(seed)
+    if member is not None and not physics:
+        drawn = {name: member.drawn("mass", name) for name in names}
+        specimen = replace(specimen, mass_scales={**drawn, **specimen.mass_scales})
     body = RigidArm(arm.urdf, names, specimen, arm.tip)
-    build = _ServoBuild(arm, seed, backlash_deg, specimen)
+    build = _ServoBuild(arm, member, backlash_deg, specimen)
     joints = [
         _make_joint(build, entry, arm.poses[pose].get(entry.name, 0.0), limits)
         for entry, limits in zip(arm.joints, body.limits, strict=True)
     ]
     tip = body.tip(arm.tip) if arm.tip else None
+    rails = None if member is None else _weak_rails(joints, member.drawn("supply"))
     if physics:
-        return World(joints, _make_mujoco_body(arm, joints), tip=tip)
+        return World(joints, _make_mujoco_body(arm, joints), rails, tip=tip)
     others = [positions for name, positions in arm.poses.items() if name != "rest"]
     postures = [[positions.get(name, 0.0) for name in names] for positions in others]
-    return World(joints, body, contacts=body.contacts(arm.floor_m, postures), tip=tip)
+    return World(joints, body, rails, body.contacts(arm.floor_m, postures), tip)
+
+
+def _weak_rails(joints: Iterable[SimulatedJoint], share: float) -> dict[float, PowerSupply]:
+    volts = {servo.motor.parameters.nominal_v for joint in joints for servo in joint.servos}
+    return {volt: PowerSupply(share * volt) for volt in volts}
 
 
 def _make_mujoco_body(arm: SimulatedArmFile, joints: list[SimulatedJoint]) -> ExternalDynamics:
@@ -139,14 +151,19 @@ class _ServoBuild:
     """What the servos of an arm are built from."""
 
     arm: SimulatedArmFile
-    seed: int
+    member: FamilyMember | None
     backlash_deg: float | None
     specimen: Specimen
 
-    def parameters(self, joint: str, model: str, servo_id: int) -> MotorParameters:
-        """Return the motor of one servo."""
-        own = in_an_arm(_motor_parameters(model, self.backlash_deg))
-        own = spread(own, self.seed + servo_id)
+    def parameters(self, joint: str, model: str) -> MotorParameters:
+        """Return the motor of a servo on a joint."""
+        nominal = PARAMETERS[model]
+        if self.member is None:
+            own = in_an_arm(nominal)
+        else:
+            own = self.member.motor_parameters(joint, nominal)
+        if self.backlash_deg is not None:
+            own = replace(own, backlash_rad=math.radians(self.backlash_deg))
         return self.specimen.motor_parameters(joint, own)
 
 
@@ -170,9 +187,16 @@ def _make_servo(
     if unknown:
         raise ArmFileError(arm.path, f"servo {entry.id}", f"no register named {unknown[0]!r}")
     delivered = {**entry.eeprom, **_baud_registers(table, arm.baud), "id": entry.id}
-    motor = Motor(build.parameters(joint, table.model, entry.id), angle_rad, *stops)
+    motor = Motor(build.parameters(joint, table.model), angle_rad, *stops)
     shaft = HornMounting(entry.sign, entry.zero_tick, table.ticks_per_turn)
-    return make_servo(table.model, motor, shaft, delivered, build.seed + entry.id)
+    member = build.member
+    servo = make_servo(
+        table.model, motor, shaft, delivered, entry.id + (member.seed if member else 0)
+    )
+    if isinstance(servo, Feetech) and member is not None and not member.d_gain_acts:
+        servo.kd_per_gain = 0.0
+        servo.set_gains()
+    return servo
 
 
 def _model_at(arm: SimulatedArmFile, model: str) -> str:
@@ -183,12 +207,6 @@ def _model_at(arm: SimulatedArmFile, model: str) -> str:
         if name.startswith(f"{model}-") and parameters.nominal_v == arm.supply_v:
             return name
     raise ArmFileError(arm.path, "bus.supply_v", f"there is no {model} for {arm.supply_v:g} V")
-
-
-def _motor_parameters(model: str, backlash_deg: float | None) -> MotorParameters:
-    if backlash_deg is None:
-        return PARAMETERS[model]
-    return replace(PARAMETERS[model], backlash_rad=math.radians(backlash_deg))
 
 
 def _protocol_registers(table: ServoTable, protocol: int | None) -> dict[str, int]:

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import random
 from dataclasses import dataclass, replace
-from enum import Enum
 
 RAD_S_PER_RPM = 2.0 * math.pi / 60.0
 HEAT_J_GK = 0.8  # between plastic and copper (estimate)
@@ -19,19 +17,6 @@ COOLING_K_W = 10.0
 BARE_SHARE = 0.01
 OUTPUT_FRICTION_NM, MOST_OF_FRICTION = 0.03, 0.75
 OUTPUT_VISCOUS_NM_S, MOST_OF_VISCOUS = 0.005, 0.5
-
-
-class Certainty(Enum):
-    """How well a row of motor parameters is known; the value is the tolerance of a specimen.
-
-    The tolerance is the standard deviation of friction, armature and torque constant from servo
-    to servo, as a share. Logs of one specimen differ by 3 to 5 % between sessions (friction of the
-    STS3250 more), so it is an estimate.
-    """
-
-    MEASURED = 0.05
-    SCALED = 0.08
-    ESTIMATED = 0.12
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +44,6 @@ class MotorParameters:
         mass_kg: Mass of the whole servo.
         heat_capacity_j_k: Heat that warms the whole servo by one kelvin.
         thermal_resistance_k_w: Kelvin above ambient for each watt, at rest.
-        certainty: How well the figures are known.
     """
 
     nominal_v: float
@@ -81,7 +65,6 @@ class MotorParameters:
     mass_kg: float
     heat_capacity_j_k: float
     thermal_resistance_k_w: float
-    certainty: Certainty
 
     @property
     def duty_torque_nm(self) -> float:
@@ -115,9 +98,7 @@ class MotorParameters:
         return 2.0 * dry_nm / (rest + math.sqrt(rest**2 - 4.0 * self.load_square_per_nm * dry_nm))
 
 
-def _row(
-    figures: tuple[float, ...], build: tuple[float, ...], certainty: Certainty
-) -> MotorParameters:
+def _row(figures: tuple[float, ...], build: tuple[float, ...]) -> MotorParameters:
     """Return a row: electrical figures, torque limit and friction, then how the servo is built."""
     volts, kt, ohm, most_nm, friction_nm, viscous, stribeck, slow, load, load_slow, square = figures
     armature, gears, play_deg, mass_g = build
@@ -141,7 +122,6 @@ def _row(
         mass_kg=mass_g / 1000.0,
         heat_capacity_j_k=HEAT_J_GK * mass_g,
         thermal_resistance_k_w=COOLING_K_W * (55.0 / mass_g) ** (2.0 / 3.0),
-        certainty=certainty,
     )
 
 
@@ -156,29 +136,6 @@ def in_an_arm(
         parameters,
         output_friction_nm=min(output_friction_nm, MOST_OF_FRICTION * dry_nm),
         output_viscous_nm_s=min(output_viscous_nm_s, MOST_OF_VISCOUS * parameters.viscous_nm_s),
-    )
-
-
-def spread(parameters: MotorParameters, seed: int) -> MotorParameters:
-    """Return one specimen of a model: friction, armature and torque constant within tolerance.
-
-    Args:
-        parameters: The model's.
-        seed: Of the specimen; the same seed gives the same servo.
-    """
-    chance = random.Random(f"{seed} motor")  # noqa: S311 - a tolerance, not a secret
-
-    def vary(value: float, share: float) -> float:
-        return value * (1.0 + share * max(-2.0, min(2.0, chance.gauss(0.0, 1.0))))
-
-    share = parameters.certainty.value
-    return replace(
-        parameters,
-        torque_constant_nm_a=vary(parameters.torque_constant_nm_a, 0.3 * share),
-        armature_kg_m2=vary(parameters.armature_kg_m2, share),
-        friction_nm=vary(parameters.friction_nm, 2.0 * share),
-        stribeck_nm=vary(parameters.stribeck_nm, 2.0 * share),
-        load_friction=vary(parameters.load_friction, share),
     )
 
 
@@ -199,27 +156,26 @@ def spread(parameters: MotorParameters, seed: int) -> MotorParameters:
 # for the STS3250.
 # ROBOTIS says 0.25° for XM540, 0.33° for MX-28, nothing for others.
 # fmt: off
-_M, _S, _E = Certainty.MEASURED, Certainty.SCALED, Certainty.ESTIMATED
 #               V     kt     ohm    N m   kc      kv      ks      ws     kl     kls    kq
 _C018 = _row((12.0, 2.244, 3.675, 3.27, 0.1282, 0.0254, 0.0488, 0.135, 0.093, 0.097, 0.0187),
-             (0.0215, 345.0, 1.00, 55.0), _M)  # armature, gears, play °, g
+             (0.0215, 345.0, 1.00, 55.0))  # armature, gears, play °, g
 _GEAR = _row((12.0, 2.230, 3.892, 3.26, 0.1175, 0.0288, 0.0522, 0.218, 0.110, 0.071, 0.0000),
-             (0.0216, 345.0, 0.50, 55.0), _M)
+             (0.0216, 345.0, 0.50, 55.0))
 _C001 = _row(( 7.4, 1.212, 2.676, 2.50, 0.0411, 0.0500, 0.0183, 0.218, 0.038, 0.025, 0.0000),
-             (0.0216, 345.0, 1.00, 55.0), _S)
+             (0.0216, 345.0, 1.00, 55.0))
 _3250 = _row((12.0, 1.461, 1.638, 3.61, 0.0445, 0.0529, 0.0239, 0.082, 0.068, 0.088, 0.0278),
-             (0.0089, 345.0, 0.40, 74.5), _M)
+             (0.0089, 345.0, 0.40, 74.5))
 _M288 = _row(( 5.0, 0.3993, 3.083, math.inf, 0.00077, 0.00231, 0.00423, 0.2518, 0.1543, 0.0875,
-               0.1724), (0.00156, 288.4, 0.25, 18.0), _M)
+               0.1724), (0.00156, 288.4, 0.25, 18.0))
 _MX64 = _row((12.0, 1.663, 3.156, 6.32, 0.0615, 0.0148, 0.0239, 1.521, 0.000, 0.234, 0.000),
-             (0.0110, 200.0, 0.33, 135.0), _M)
+             (0.0110, 200.0, 0.33, 135.0))
 # fmt: on
 _SHEET_STALL_NM = {_GEAR: 4.6, _M288: 0.52, _MX64: 6.0}  # the first: shaft, without its limit
 
 
 def _scaled(
     relative: MotorParameters, volts: float, stall_nm: float, rpm: float, armature: float,
-    gears: float, play_deg: float, mass_g: float, certainty: Certainty = Certainty.SCALED,
+    gears: float, play_deg: float, mass_g: float,
 ) -> MotorParameters:  # fmt: skip
     """Return a row with a relative's friction, as shares of its torque and speed.
 
@@ -232,7 +188,6 @@ def _scaled(
         gears: Revolutions of the motor for one of the shaft.
         play_deg: Backlash.
         mass_g: Mass.
-        certainty: How much is known.
     """
     slower = relative.no_load_speed_rad_s / (rpm * RAD_S_PER_RPM)
     kt = slower * relative.torque_constant_nm_a * volts / relative.nominal_v
@@ -244,7 +199,7 @@ def _scaled(
         relative.stribeck_rad_s / slower, relative.load_friction, relative.load_stribeck,
         relative.load_square_per_nm / share,
     )  # fmt: skip
-    return _row(figures, (armature, gears, play_deg, mass_g), certainty)
+    return _row(figures, (armature, gears, play_deg, mass_g))
 
 
 # fmt: off
@@ -253,14 +208,14 @@ PARAMETERS: dict[str, MotorParameters] = {
     "STS3215-C018": _C018,
     "STS3250": _3250,
     #                              V     N m    rpm   armature  gears  play°    g
-    "SCS0009":    _scaled(_GEAR,  6.0,  0.226, 100.0, 0.0007,  416.0, 0.50,  13.2, _E),
-    "SCS15":      _scaled(_GEAR,  6.0,  1.47,   62.5, 0.0020,  200.0, 0.50,  56.0, _E),
+    "SCS0009":    _scaled(_GEAR,  6.0,  0.226, 100.0, 0.0007,  416.0, 0.50,  13.2),
+    "SCS15":      _scaled(_GEAR,  6.0,  1.47,   62.5, 0.0020,  200.0, 0.50,  56.0),
     "XL330-M288": _M288,
     "XL330-M077": _scaled(_M288,  5.0,  0.215, 383.0, 0.00018,  77.5, 0.25,  18.0),
     "XL430-W250": _scaled(_MX64, 12.0,  1.50,   61.0, 0.0053,  258.5, 0.25,  57.2),
     "XM430-W350": _scaled(_MX64, 12.0,  4.10,   46.0, 0.0112,  353.5, 0.25,  82.0),
     "XM540-W270": _scaled(_MX64, 12.0, 10.60,   30.0, 0.0260,  272.5, 0.25, 165.0),
-    "AX-12A":     _scaled(_MX64, 12.0,  1.50,   59.0, 0.0032,  254.0, 0.33,  54.6, _E),
+    "AX-12A":     _scaled(_MX64, 12.0,  1.50,   59.0, 0.0032,  254.0, 0.33,  54.6),
     "MX-28":      _scaled(_MX64, 12.0,  2.50,   55.0, 0.0032,  193.0, 0.33,  77.0),
 }
 # fmt: on

@@ -38,7 +38,8 @@ def open_port(url: str) -> SimulatedPort:
     if parts.scheme != "sim" or not parts.path:
         raise SimulatorError(f"{url!r} is no address of a simulated bus; try sim:/path/arm.toml")
     query = _Query(parts.query)
-    seed = int(query.number("seed", 0))
+    chosen = query.optional("seed")
+    seed = None if chosen is None else int(chosen)
     arm = read_arm_file(Path(unquote(parts.path)), query.text("urdf", ""))
     world = make_arm_world(
         arm,
@@ -50,7 +51,7 @@ def open_port(url: str) -> SimulatedPort:
     )
     if query.number("goal_keeps_torque", 0):
         world.keep_torque_with_goals()
-    line = Line(world, arm.baud, query.line_options(seed))
+    line = Line(world, arm.baud, query.line_options(seed or 0))
     if query.text("faults", ""):
         for fault in read_faults(Path(query.text("faults", ""))):
             line.faults.add(fault)

@@ -47,7 +47,7 @@ class ServerOptions(argparse.Namespace):
     baud: int | None
     urdf: Path | None
     pose: str | None
-    seed: int
+    seed: int | None
     link: Path | None
     faults: Path | None
     wire_time: bool
@@ -112,7 +112,7 @@ def _make_parser() -> argparse.ArgumentParser:
     )
     add("--urdf", type=Path, metavar="FILE", help="geometry of the arm (that of its file)")
     add("--pose", help="pose of the arm to start at (rest)")
-    add("--seed", type=int, default=0, help="of all chance (0)")
+    add("--seed", type=int, help="of all chance, and of one arm of the family (nominal)")
     add("--link", type=Path, help="symbolic link to the port, removed at exit")
     add("--faults", type=Path, metavar="FILE", help="what goes wrong, TOML or JSON")
     add("--no-wire-time", dest="wire_time", action="store_false", help="bytes take no time")
@@ -295,7 +295,7 @@ def build_line(options: ServerOptions) -> Line:
         wire_time=options.wire_time,
         gap_s=GAP_S,
         noise=options.noise,
-        seed=options.seed,
+        seed=options.seed or 0,
         adapter=AdapterOptions(
             options.echo, options.usb_frame_ms / 1000, options.latency_ms / 1000
         ),
@@ -314,7 +314,7 @@ def build_line(options: ServerOptions) -> Line:
         line = Line(world, arm.baud, line_options)
     else:
         world = make_bench_world(
-            options.servos, options.baud, options.seed, protocol=options.protocol
+            options.servos, options.baud, options.seed or 0, protocol=options.protocol
         )
         line = Line(world, options.baud or world.servos[0].baud, line_options)
     if options.goal_keeps_torque:

@@ -30,6 +30,8 @@ _MOTOR_KEYS = MappingProxyType(
         "load": "load_friction",
         "slow_load": "load_stribeck",
         "backlash_rad": "backlash_rad",
+        "output_friction_nm": "output_friction_nm",
+        "output_viscous_nm_s": "output_viscous_nm_s",
     }
 )
 
@@ -128,7 +130,7 @@ def read_specimen(path: Path) -> Specimen:
     hangs on the joint and the figures of each of its servos: ``full_duty_nm`` (torque of the
     blocked motor for the whole duty at the nominal supply), ``back_emf_nm_s``, ``coulomb_nm``,
     ``viscous_nm_s``, ``slow_nm``, ``slow_rad_s``, ``load``, ``slow_load``,
-    ``backlash_rad``. Other keys are ignored.
+    ``backlash_rad``, ``output_friction_nm``, ``output_viscous_nm_s``. Other keys are ignored.
 
     Raises:
         ArmFileError: The file is missing, no TOML, or a figure cannot be used.

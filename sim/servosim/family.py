@@ -1,0 +1,74 @@
+"""A family of arms: what differs from one arm to the next of the same kind, by a seed."""
+
+from __future__ import annotations
+
+import math
+import random
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from types import MappingProxyType
+
+from servosim.parameters import MotorParameters, in_an_arm
+
+__all__ = ["FAMILY", "FamilyMember"]
+
+FAMILY: Mapping[str, tuple[float, float]] = MappingProxyType(
+    {
+        "backlash_deg": (0.2, 2.0),
+        "output_friction_nm": (0.0, 0.05),
+        "output_viscous_nm_s": (0.0, 0.01),
+        "torque_constant": (0.9, 1.1),
+        "friction": (0.7, 1.3),
+        "armature": (0.9, 1.1),
+        "mass": (0.85, 1.15),
+        "supply": (0.9, 1.0),
+        "d_gain_acts": (0.0, 1.0),
+    }
+)
+"""Ranges, all values in them equally likely: of each joint and its servos, the last two of the arm.
+
+Those without a unit are factors. The output's friction and damping are besides at most a part of
+all that the servo has (`parameters.in_an_arm`). The D gain of an STS acts in half of the arms: its
+unit is not known. Play: 0.5° is what Feetech promises, 1° was measured on three STS3215; friction,
+torque constant and armature: published fits of the same model differ by as much. The others are
+estimates.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class FamilyMember:
+    """One arm of the family; the same seed gives the same arm.
+
+    Attributes:
+        seed: Of the arm.
+    """
+
+    seed: int
+
+    def drawn(self, what: str, joint: str = "") -> float:
+        """Return a figure of a joint, or of the arm: a key of `FAMILY`."""
+        chance = random.Random(f"{self.seed} {what} {joint}")  # noqa: S311 - a tolerance, no secret
+        return chance.uniform(*FAMILY[what])
+
+    @property
+    def d_gain_acts(self) -> bool:
+        """Whether the D gain of STS servos acts."""
+        return self.drawn("d_gain_acts") < 0.5
+
+    def motor_parameters(self, joint: str, model: MotorParameters) -> MotorParameters:
+        """Return the parameters of the servos of a joint, from those of their model."""
+        friction, kt = self.drawn("friction", joint), self.drawn("torque_constant", joint)
+        scaled = replace(
+            model,
+            torque_constant_nm_a=kt * model.torque_constant_nm_a,
+            friction_nm=friction * model.friction_nm,
+            viscous_nm_s=friction * model.viscous_nm_s,
+            stribeck_nm=friction * model.stribeck_nm,
+            load_friction=friction * model.load_friction,
+            load_stribeck=friction * model.load_stribeck,
+            load_square_per_nm=friction * model.load_square_per_nm,
+            armature_kg_m2=self.drawn("armature", joint) * model.armature_kg_m2,
+            backlash_rad=math.radians(self.drawn("backlash_deg", joint)),
+        )
+        output = self.drawn("output_friction_nm", joint), self.drawn("output_viscous_nm_s", joint)
+        return in_an_arm(scaled, *output)
