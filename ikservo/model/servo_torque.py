@@ -114,7 +114,7 @@ class ServoTorque:
 
 # Friction: coulomb and slow [N m], slow below [rad/s], for each N m of load, that of a slow shaft,
 # for the square of the load.
-_STS3215 = GearFriction(0.0411, 0.0183, 0.218, 0.038, 0.025)
+_STS3215 = GearFriction(0.0450, 0.0200, 0.218, 0.042, 0.027)
 _STS3215_12_V = GearFriction(0.1282, 0.0488, 0.135, 0.093, 0.097, 0.0187)
 _STS3250 = GearFriction(0.0445, 0.0239, 0.082, 0.068, 0.088, 0.0278)
 _SCS0009 = GearFriction(0.00577, 0.00256, 0.443, 0.110, 0.071)

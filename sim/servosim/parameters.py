@@ -146,8 +146,8 @@ def in_an_arm(
 # torque limit: its friction grows with the square of the load.
 # Torque limits: 3.4 N m is also what an STS3215 of 12 V pressed on a scale (SO-ARM100 issue 134).
 # STS3215 (7.4 V): kt, R and kv of BAM (params/feetech_sts3215_7_4V, model m1: commits 1b5a1ce and
-# 6d2ada2 have kv = 0.059 and 0.045, dry friction of 0.052 and 0.068 N m), and 0.35 of the dry
-# friction of _GEAR, 0.06 N m of an unloaded slow shaft. _GEAR is an earlier fit of the 12 V one,
+# 6d2ada2 have kv = 0.059 and 0.045, dry friction of 0.052 and 0.068 N m), and 0.38 of the dry
+# friction of _GEAR, 0.065 N m of an unloaded slow shaft. _GEAR is an earlier fit of the 12 V one,
 # without kq, 7 % less friction. The SCS are scaled from it, too.
 # Other rows are scaled, from the relative that `_scaled` names, to the torque and speed of the
 # makers' sheets. MX64 is BAM's fit (params/mx64, model m4).
@@ -161,7 +161,7 @@ _C018 = _row((12.0, 2.244, 3.675, 3.27, 0.1282, 0.0254, 0.0488, 0.135, 0.093, 0.
              (0.0215, 345.0, 1.00, 55.0))  # armature, gears, play °, g
 _GEAR = _row((12.0, 2.230, 3.892, 3.26, 0.1175, 0.0288, 0.0522, 0.218, 0.110, 0.071, 0.0000),
              (0.0216, 345.0, 0.50, 55.0))
-_C001 = _row(( 7.4, 1.212, 2.676, 2.50, 0.0411, 0.0500, 0.0183, 0.218, 0.038, 0.025, 0.0000),
+_C001 = _row(( 7.4, 1.212, 2.676, 2.50, 0.0450, 0.0500, 0.0200, 0.218, 0.042, 0.027, 0.0000),
              (0.0216, 345.0, 1.00, 55.0))
 _3250 = _row((12.0, 1.461, 1.638, 3.61, 0.0445, 0.0529, 0.0239, 0.082, 0.068, 0.088, 0.0278),
              (0.0089, 345.0, 0.40, 74.5))
