@@ -100,3 +100,28 @@ def test_a_link_does_not_rub_on_the_base_that_it_turns_on() -> None:
     pan.write("goal_position", pan.read("present_position") + 100)
     port.line.world.advance_to(1.0)
     assert pan.read("present_position") == pytest.approx(pan.read("goal_position"), abs=5)
+
+
+def test_mujocos_rotor_stays_while_the_output_falls_through_the_play(tmp_path: Path) -> None:
+    body = rod(tmp_path)
+    for _ in range(12):
+        position, _, lash, rotor = body.step(0.001, [0.0], {})[0]
+        assert abs(rotor) < 1e-4
+    assert 0.001 < position < STS.backlash_rad / 2.0
+    assert lash == pytest.approx(position, abs=1e-6)
+
+
+def test_mujoco_and_the_own_dynamics_agree_on_where_a_held_arm_rests() -> None:
+    states: list[list[tuple[float, float]]] = []
+    for option in ("", "&physics=1"):
+        port = open_port(f"sim:{CONFIGS}/so101/arm.toml?pose=home{option}")
+        world = port.line.world
+        for servo in world.servos:
+            servo.write("torque_enable", 1)
+        world.advance_to(1.0)
+        motors = [joint.servos[0].motor for joint in world.joints]
+        states.append([(motor.position_rad, motor.lash_rad) for motor in motors])
+    for (own, own_lash), (theirs, lash) in list(zip(*states, strict=True))[1:4]:  # weight on them
+        assert theirs == pytest.approx(own, abs=0.001)
+        assert lash == pytest.approx(own_lash, abs=1e-5)
+        assert abs(own_lash) == STS.backlash_rad / 2.0
