@@ -13,7 +13,7 @@ from servosim.urdf import BoxShape, Matrix, MovingJoint
 __all__ = ["Contacts"]
 
 # Of the impulse that would end an overlap, or its growth, within one interval; a soft contact.
-_STIFFNESS, _DAMPING = 0.05, 0.5
+_STIFFNESS, _DAMPING = 0.05, 1.0
 # Deeper than this the force does not increase: the arm was put there.
 _MAX_DEPTH_M = 0.006
 # Nearer to the axes of all limp joints a contact is hardly theirs to end: its force stays finite.
@@ -94,22 +94,24 @@ class Contacts:
         velocities: Sequence[float],
         mass: Matrix,
         free: Matrix,
+        loads: Sequence[float],
         interval_s: float,
     ) -> list[float]:
-        """Return the torque (force) on each driven joint.
+        """Return the torques (forces) on the driven joints, with those of contacts.
 
         Args:
             positions: Of the driven joints [rad or m].
             velocities: Velocities of the driven joints [rad/s or m/s].
             mass: Mass matrix of the arm with its motors (n, n).
             free: Which joints no servo holds (n,); only these give way and are pushed.
+            loads: The other torques (forces) (n,): contacts bear them, however light the joints.
             interval_s: Until the next evaluation.
         """
         places, frames = self._world_frames(positions)
-        loads = np.zeros(len(positions))
         found = self._find_contacts(places, frames, len(positions))
         if not found:
-            return loads.tolist()
+            return list(loads)
+        acting = np.array(loads)
         # Joints that do not give way are as heavy as that by themselves.
         held = np.where(free, 0.0, _HELD)
         light = np.linalg.inv(mass * np.outer(free, free) + np.diag(held))
@@ -117,13 +119,17 @@ class Contacts:
             slope = np.where(free, contact, 0.0)
             if not slope.any():
                 continue
-            mobility = float(slope @ light @ slope) + _MIN_LEVER_M**2 * float(light.max())
+            lever = 1.0 + _MIN_LEVER_M**2 / float(slope @ slope)
+            mobility = lever * float(slope @ light @ slope)
             leaving_m_s = float(contact @ np.asarray(velocities))
+            gained_m_s = interval_s * float(slope @ light @ acting)
             pushed_m_s = (
-                _STIFFNESS * min(depth_m, _MAX_DEPTH_M) / interval_s - _DAMPING * leaving_m_s
+                _STIFFNESS * min(depth_m, _MAX_DEPTH_M) / interval_s
+                - _DAMPING * leaving_m_s
+                - min(gained_m_s, 0.0)
             )
-            loads += max(0.0, pushed_m_s) / (mobility * interval_s) * slope
-        return loads.tolist()
+            acting += max(0.0, pushed_m_s) / (mobility * interval_s) * slope
+        return acting.tolist()
 
     def _find_contacts(
         self, places: Matrix, frames: Matrix, count: int

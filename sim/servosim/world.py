@@ -318,8 +318,7 @@ class World:
         free = np.array([joint.is_free for joint in self.joints])
         interval_s = STEP_S * self._load_steps
         mass = self._coupled.felt_mass_matrix()
-        pushed = contacts.torques(positions, velocities, mass, free, interval_s)
-        self._loads = [load + push for load, push in zip(self._loads, pushed, strict=True)]
+        self._loads = contacts.torques(positions, velocities, mass, free, self._loads, interval_s)
 
     def _run_protections(self, dt_s: float) -> None:
         for volts, supply in self.rails.items():

@@ -12,7 +12,9 @@ from ikservo.errors import RefusedError
 from tests.arm.simulated import clock_of, line_of, registers, true_joints, true_tip_m
 from tests.oracle import ARMS, arm_file
 
-STAYS_RAD = math.radians(3.5)  # its end stops are 2° behind its limits
+# Its end stops are 2° behind its limits; a forearm that falls on the table shakes the wrist, whose
+# gears have play.
+STAYS_RAD = math.radians(7.5)
 
 # Arms that fell past a limit before their first motion, and a slide; tests/journeys has all.
 FEW = ("koch", "wx250s", "open_manipulator_x")
@@ -120,8 +122,8 @@ def test_the_rest_pose_itself_is_gone_to_as_far_as_the_limits_let_it():
         arm.pose("home")
         assert arm.pose("rest").reached
         # its goal may not pass the limit: the target is as far inside as friction may keep it
-        # short, 0.207 N m on 17.5 N m/rad
-        friction_rad = 0.207 / 17.5
+        # short, 0.078 N m on 17.5 N m/rad
+        friction_rad = 0.078 / 17.5
         assert true_joints(arm)["elbow_flex"] == pytest.approx(
             math.radians(90.0) - friction_rad, abs=0.003
         )

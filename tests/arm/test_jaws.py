@@ -99,6 +99,7 @@ LAMP = KeepOutBox("the lamp", (0.26, -0.02, 0.185), (0.29, 0.01, 0.215))
 def arm():
     model = replace(load_model("so101"), keep_out=(LAMP,))
     with ikservo.open_arm(model, port="sim:?pose=home") as machine:
+        machine.pose("home", speed="fast")  # a limp arm sinks until its torque is on
         yield machine
 
 
