@@ -129,7 +129,8 @@ class CollisionChecker:
         """Check joint vectors (dof,) along a path, the first being the present posture.
 
         An arm that touches the table, or itself, may move out: a pair in contact at the start may
-        stay as deep as it began until it is free, and must not touch again afterwards. A stream
+        stay as deep as it began until it is free, and must not touch again afterwards by more than
+        half a millimetre; nor must one then that is as near as that at the start. A stream
         checks a path of two: the present posture, and where it would stop. Between the vectors,
         joints move straight; the path is sampled more finely where something could be touched.
 
@@ -235,7 +236,11 @@ class CollisionChecker:
         A contact of the start ends where its pair is free for the first time.
         """
         been_free = np.logical_or.accumulate(gap_m >= -_TOUCH_M, axis=0)
-        return np.where(been_free, 0.0, np.minimum(gap_m[0], 0.0) - self._deeper_m(gap_m[0]))
+        # Where the arm leaves a contact, what touches at the start, or nearly so, may graze by less
+        # than the model is accurate.
+        leaves = bool((gap_m[0] < -_TOUCH_M).any())
+        again_m = np.where(leaves & (gap_m[0] < _DEEPER_M), -_DEEPER_M, 0.0)
+        return np.where(been_free, again_m, np.minimum(gap_m[0], 0.0) - self._deeper_m(gap_m[0]))
 
     def _deeper_m(self, start_m: Vector) -> Vector:
         """Return how much deeper than at the start each distance may become [m].
