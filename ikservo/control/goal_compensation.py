@@ -159,6 +159,7 @@ class GoalCompensator:
         self._keep_slope(rows)
         offset = (
             self._within_load_bound(rows)
+            + self._direction * self._feedback.friction
             + self._feedback.fast * (1.0 - self._fade_share)
             + self._fading * self._fade_share
         )
@@ -188,7 +189,15 @@ class GoalCompensator:
         moving = np.abs(last.velocity) / (_AT_REST_RAD_S * self._per_horn_rad)
         left = _REST_TICKS * self._tick * np.maximum(1.0 - moving, 0.0)
         growing = np.where(self._clamped | self._is_load_bounded, 0.0, grow)
-        self._feedback.update(error, left, elapsed_s, fresh=fresh, grow=growing, slope=self._slope)
+        self._feedback.update(
+            error,
+            left,
+            elapsed_s,
+            fresh=fresh,
+            grow=growing,
+            slope=self._slope,
+            direction=np.where(moving > 1.0, self._direction, 0.0),
+        )
 
     @property
     def _fade_share(self) -> Vector:
@@ -196,8 +205,9 @@ class GoalCompensator:
         return 1.0 - share * share * (3.0 - 2.0 * share)
 
     def _modelled(self, point: TrajectoryPoint, direction: Vector | float) -> Vector:
-        """Return the feed-forward (n,) with the load that feedback has taken up."""
-        return self._within_load_bound(self._feed_forwards(point, direction))
+        """Return the feed-forward (n,) with load and friction that feedback has taken up."""
+        loaded = self._within_load_bound(self._feed_forwards(point, direction))
+        return loaded + direction * self._feedback.friction
 
     def _within_load_bound(self, rows: Matrix) -> Vector:
         nominal, loaded, _ = rows

@@ -1,4 +1,4 @@
-"""Feedback of tracking errors into goals: proportional, derivative and integral action."""
+"""Feedback of tracking errors into goals: proportional, derivative, integral, and friction."""
 
 from __future__ import annotations
 
@@ -24,6 +24,15 @@ _STALE_S = 0.03
 # Integral action takes up what masses, payload and servos differ by from the model; slower than
 # any arm swings. Its limit is the sag of a joint at its torque limit, at the horn.
 _INTEGRAL_PER_S, _MAX_INTEGRAL_RAD = 3.0, 0.08
+# What friction takes more, or less, than modelled, by wear, by the spread of servos, and behind the
+# play of the gears. Its limits are at the horn.
+_FRICTION_PER_S, _FRICTION_RAD = 2.0, (-0.01, 0.03)
+# A joint without load may swing in the play of its gears, at 2 to 8 Hz, and fast feedback drives
+# that: the link coasts from flank to flank, where no goal moves it. An error that turns round by so
+# much, at the horn, and again and again within this time, is such a swing.
+_SWING_RAD, _SWING_S, _MIN_TURNS = 0.007, 0.25, 2
+# Each further turn leaves so much of the fast feedback; it comes back in so long without one.
+_SWING_SHARE, _RECOVERY_S = 0.5, 20.0
 # A cycle that comes late counts as this long: goals must not leap after a stall.
 _MAX_STEP_S = 0.02
 
@@ -32,9 +41,11 @@ class TrackingFeedback:
     """Computes by how much goals change for how far joints are off their reference.
 
     ``fast = kp e + kd de/dt`` is added to the goals, with ``de/dt`` of the filtered error; it and
-    its rate of change are bounded. The integral is a load that the model does not know: goals lead
-    by it and by the friction of the gears under it, so that what is taken up while a joint sinks
-    also lifts it. It grows so that goals move by ``ki e`` a second.
+    its rate of change are bounded, and it fades where a joint swings. The integral is a load that
+    the model does not know: goals lead by it and by the friction of the gears under it, so that
+    what is taken up while a joint sinks also lifts it. It grows so that goals move by ``ki e`` a
+    second. Friction beyond the model's is learned while joints move, from the error along their
+    motion (Friedland and Park 1992, "On adaptive friction compensation").
 
     Args:
         per_horn_rad: Motion of each joint for one radian of its horn (n,), rad or m.
@@ -42,6 +53,7 @@ class TrackingFeedback:
     Attributes:
         integral: The load (n,), as the lag that it would cause without friction, rad or m; it
             outlasts a motion.
+        friction: The lag (n,) by which friction exceeds the model's, rad or m; outlasts a motion.
         fast: Proportional and derivative part together (n,).
     """
 
@@ -49,19 +61,23 @@ class TrackingFeedback:
         self._max_fast = _MAX_FAST_RAD * per_horn_rad
         self._max_fast_s = _MAX_FAST_RAD_S * per_horn_rad
         self._max_integral = _MAX_INTEGRAL_RAD * per_horn_rad
-        self.integral = np.zeros_like(per_horn_rad)
-        self.begin()
+        self._least_friction, self._most_friction = (r * per_horn_rad for r in _FRICTION_RAD)
+        self._swings = _SwingDetection(_SWING_RAD * per_horn_rad)
+        self.reset()
 
     def reset(self) -> None:
         """Discard everything: torque was off."""
-        self.integral = np.zeros_like(self.integral)
+        self.integral = np.zeros_like(self._max_integral)
+        self.friction = np.zeros_like(self._max_integral)
+        self._fast_share = np.ones_like(self._max_integral)
         self.begin()
 
     def begin(self) -> None:
-        """Discard all but the load: a motion begins."""
+        """Discard all but load, friction and what swings: a motion begins."""
         self.fast = np.zeros_like(self.integral)
         self._filtered = np.full_like(self.integral, np.nan)
         self._age_s = np.zeros_like(self.integral)
+        self._swings.begin()
 
     def update(
         self,
@@ -72,6 +88,7 @@ class TrackingFeedback:
         fresh: NDArray[np.bool_] | bool = True,
         grow: Vector | float,
         slope: Vector | float = 1.0,
+        direction: Vector | float = 0.0,
     ) -> None:
         """Take the errors (n,) of one cycle, rad or m.
 
@@ -82,8 +99,12 @@ class TrackingFeedback:
             fresh: Which joints (n,) were read; the others have no error that is known.
             grow: How fast the parts of each goal (n,) may move it further away, 0 to 1.
             slope: By how much goals (n,) move for each rad of the integral.
+            direction: Where joints (n,) move to, -1 to 1; 0 for those at rest.
         """
         self._age_s = self._age_s + elapsed_s
+        swung = self._swings.update(error, elapsed_s, fresh=fresh)
+        recovered = np.minimum(self._fast_share + elapsed_s / _RECOVERY_S, 1.0)
+        self._fast_share = np.where(swung, _SWING_SHARE * self._fast_share, recovered)
         beyond = np.where(fresh, error - np.clip(error, -left, left), 0.0)
         step_s = min(elapsed_s, _MAX_STEP_S)
         most = self._max_fast_s * step_s
@@ -95,6 +116,10 @@ class TrackingFeedback:
         back = np.clip(load + change, np.minimum(load, 0.0), np.maximum(load, 0.0))
         on = load + change - back  # what is left of the change once the load is gone
         self.integral = np.clip(back + grow * on, -self._max_integral, self._max_integral)
+        learned = self.friction + _FRICTION_PER_S * step_s * np.where(fresh, error * direction, 0.0)
+        inward = np.minimum(learned, self.friction)
+        learned = inward + grow * (learned - inward)
+        self.friction = np.clip(learned, self._least_friction, self._most_friction)
         self._age_s = np.where(fresh, 0.0, self._age_s)
 
     def _next_fast(self, error: Vector, beyond: Vector, fresh: NDArray[np.bool_] | bool) -> Vector:
@@ -104,5 +129,39 @@ class TrackingFeedback:
         rate = (error - self._filtered) / (self._age_s + _FILTER_S)
         self._filtered = np.where(fresh, self._filtered + self._age_s * rate, self._filtered)
         braking = np.where(beyond != 0.0, _DERIVATIVE_S * rate, 0.0)
-        read = np.clip(_PROPORTIONAL * beyond + braking, -self._max_fast, self._max_fast)
+        fast = self._fast_share * (_PROPORTIONAL * beyond + braking)
+        read = np.clip(fast, -self._max_fast, self._max_fast)
         return np.where(fresh, read, np.where(self._age_s > _STALE_S, 0.0, self.fast))
+
+
+class _SwingDetection:
+    """Finds joints whose error turns round again and again.
+
+    Args:
+        least: Turns by less than this (n,) are noise and stiction, rad or m.
+    """
+
+    def __init__(self, least: Vector) -> None:
+        self._least = least
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin anew: a motion begins."""
+        self._extreme = np.zeros_like(self._least)
+        self._grows = np.ones(len(self._least), dtype=bool)
+        self._turns = np.zeros(len(self._least), dtype=int)
+        self._since_s = np.full_like(self._least, np.inf)
+
+    def update(
+        self, error: Vector, elapsed_s: float, *, fresh: NDArray[np.bool_] | bool
+    ) -> NDArray[np.bool_]:
+        """Take the errors (n,) of one cycle; return which joints have turned as a swing does."""
+        self._since_s = self._since_s + elapsed_s
+        beyond = np.where(self._grows, error - self._extreme, self._extreme - error)
+        turned = fresh & (beyond < -self._least)
+        self._extreme = np.where(turned | (fresh & (beyond > 0.0)), error, self._extreme)
+        self._grows = self._grows ^ turned
+        again = np.where(self._since_s < _SWING_S, self._turns + 1, 0)
+        self._turns = np.where(turned, again, self._turns)
+        self._since_s = np.where(turned, 0.0, self._since_s)
+        return turned & (self._turns >= _MIN_TURNS)

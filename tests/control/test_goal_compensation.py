@@ -88,7 +88,7 @@ def test_offsets_wait_for_a_joint_that_lags(compensator, start):
     for _t in np.arange(0.0, 0.2, CYCLE_S):
         point = TrajectoryPoint(start, np.full(6, 0.1), np.zeros(6))
         offset = compensator.goals(point, CYCLE_S, ease=ease) - start
-    assert offset[1] == pytest.approx(0.02, abs=0.002)  # viscous friction and delay
+    assert offset[1] == pytest.approx(0.023, abs=0.002)  # viscous friction and delay
     assert abs(offset[0] - 0.02) > 0.005
 
 
@@ -105,9 +105,10 @@ def test_a_joint_that_stays_behind_is_led_further_up_to_a_bound(compensator, sta
         behind = point.position - 0.01 * np.eye(6)[0]
         leads.append((compensator.goals(point, CYCLE_S) - point.position)[0])
         compensator.observe(behind, 0.0, CYCLE_S, grow=True)
-    assert leads[200] - leads[60] == pytest.approx(3.0 * 0.01 * 140 * CYCLE_S, rel=0.1)
+    # 3 a second of the error as a load, and 2 as friction
+    assert leads[200] - leads[60] == pytest.approx(5.0 * 0.01 * 140 * CYCLE_S, rel=0.1)
     assert leads[-1] == pytest.approx(leads[-100])
-    assert leads[-1] - leads[40] < 0.09
+    assert leads[-1] - leads[40] < 0.12
 
 
 def test_a_load_taken_up_while_a_joint_sinks_counts_with_friction_when_it_is_lifted(arm):
@@ -133,7 +134,7 @@ def test_a_load_moves_goals_by_no_more_than_its_bound_in_either_direction(arm):
         compensator._feedback.integral = load * np.eye(6)[1]
         loaded = compensator.stuck_offsets(leaning)
         moved = [np.abs(loaded[i] - unloaded[i])[1] for i in (0, 1)]
-        assert max(moved) == pytest.approx(0.08, abs=0.001)
+        assert max(moved) == pytest.approx(0.08, abs=0.0015)
 
 
 def test_a_load_that_turns_over_counts_as_growing_where_goals_are_cut(compensator, start):

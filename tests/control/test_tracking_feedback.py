@@ -1,4 +1,4 @@
-"""Feedback of tracking errors: proportional, braking, bounded, and kept while goals are cut."""
+"""Feedback of tracking errors: proportional, braking, bounded, kept while goals are cut; swings."""
 
 import numpy as np
 import pytest
@@ -86,3 +86,55 @@ def test_the_integral_outlasts_a_motion_and_not_torque(feedback):
     np.testing.assert_array_equal(feedback.integral, integral)
     feedback.reset()
     np.testing.assert_array_equal(feedback.integral, 0.0)
+
+
+def moved(feedback, errors, direction):
+    """Feed the errors of a joint that moves in a direction; return the friction afterwards."""
+    for error in errors:
+        feedback.update(np.array([error]), 0.0, CYCLE_S, grow=True, direction=direction)
+    return float(feedback.friction[0])
+
+
+@pytest.mark.parametrize("direction", [1.0, -1.0])
+def test_friction_is_learned_from_the_lag_along_the_motion(feedback, direction):
+    assert moved(feedback, [0.002 * direction] * 100, direction) == pytest.approx(0.002)
+    assert moved(feedback, [0.002 * direction] * 100, 0.0) == pytest.approx(0.002)
+    feedback.begin()
+    assert moved(feedback, [-0.002 * direction] * 50, direction) == pytest.approx(0.001)
+    assert moved(feedback, [0.1] * 1000, 1.0) == pytest.approx(0.03)
+    feedback.reset()
+    assert feedback.friction == 0.0
+
+
+def swing(amplitude_rad, hz, seconds):
+    return amplitude_rad * np.cos(2.0 * np.pi * hz * CYCLE_S * np.arange(seconds / CYCLE_S))
+
+
+def strongest_answer(feedback, errors):
+    """Return the largest fast part, and that of a feedback that has seen no swing before."""
+    fresh = TrackingFeedback(np.ones(1))
+    answers = []
+    for each in (feedback, fresh):
+        each.begin()
+        fed(each, errors)
+        answers.append(abs(float(each.fast[0])))
+    return answers
+
+
+@pytest.mark.parametrize("hz", [2.5, 5.0, 8.0])
+def test_a_swing_is_no_longer_driven_and_its_joint_is_answered_again_after_a_while(feedback, hz):
+    fed(feedback, swing(0.01, hz, 2.0))
+    swinging, fresh = strongest_answer(feedback, [0.005] * 20)
+    assert swinging < 0.1 * fresh
+    fed(feedback, [0.0] * 5000)
+    recovered, fresh = strongest_answer(feedback, [0.005] * 20)
+    assert recovered == pytest.approx(fresh)
+
+
+@pytest.mark.parametrize(
+    "errors", [swing(0.003, 5.0, 2.0), swing(0.01, 0.5, 4.0), [0.0, 0.03, 0.0, 0.0], [0.02, -0.02]]
+)
+def test_noise_a_slow_change_and_one_overshoot_are_no_swing(feedback, errors):
+    fed(feedback, errors)
+    answer, fresh = strongest_answer(feedback, [0.005] * 20)
+    assert answer == pytest.approx(fresh)
