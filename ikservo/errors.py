@@ -449,7 +449,16 @@ class LeaseLostError(RefusedError):
 
 
 class NotSettledError(IkservoError, TimeoutError):
-    """The arm did not come to rest near its goal in time."""
+    """The arm did not come to rest near its goal in time.
+
+    Attributes:
+        result: The report of the motion, as ``move_to`` or ``move_joints`` return it; None where
+            the motion has not ended.
+    """
+
+    def __init__(self, message: str, hint: str = "", result: object = None) -> None:
+        super().__init__(message, hint)
+        self.result = result
 
 
 class StoppedError(IkservoError):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from math import radians
+from math import degrees, radians
 
 import numpy as np
 
@@ -18,7 +18,14 @@ from ikservo.arm.reports import JointMoveResult, MoveResult, OnProgress
 from ikservo.arm.settling import SettlingResult, settle
 from ikservo.arm.tick_rounding import SettlingTarget, backlash_approach
 from ikservo.control.loop import ControlCycle, OnCycle
-from ikservo.errors import BadValueError, IkservoError, PortError, RefusedError, StoppedError
+from ikservo.errors import (
+    BadValueError,
+    IkservoError,
+    NotSettledError,
+    PortError,
+    RefusedError,
+    StoppedError,
+)
 from ikservo.ik import Result
 from ikservo.kinematics.arrays import Vector
 from ikservo.motion import Trajectory
@@ -196,7 +203,7 @@ def _make_move_report(context: ArmContext, executed: ExecutedMotion) -> MoveResu
     target_m, solution = _require_target(plan)
     error_m = float(np.linalg.norm(target_m - tip_m))
     limits = tuple(str(limit) for limit in solution.binding)
-    return MoveResult(
+    report = MoveResult(
         target_m=target_m,
         commanded_tip_m=plan.tip_m,
         measured_tip_m=tip_m,
@@ -213,6 +220,8 @@ def _make_move_report(context: ArmContext, executed: ExecutedMotion) -> MoveResu
         path_error_rms_m=None if path_error is None else path_error.rms_m,
         path_error_max_m=None if path_error is None else path_error.max_m,
     )
+    _require_settled(result, report)
+    return report
 
 
 def _make_joint_report(
@@ -221,7 +230,7 @@ def _make_joint_report(
     by_name = context.index.by_name(result.measured)
     measured = {name: by_name[name] for name in positions}
     error_rad = _max_error(measured, positions)
-    return JointMoveResult(
+    report = JointMoveResult(
         goal_rad=dict(positions),
         measured_rad=measured,
         measured_tip_m=context.planner.tip(result.measured),
@@ -230,6 +239,29 @@ def _make_joint_report(
         reached=error_rad <= _JOINT_TOLERANCE_RAD,
         binding=result.residuals,
     )
+    _require_settled(result, report)
+    return report
+
+
+def _require_settled(result: SettlingResult, report: MoveResult | JointMoveResult) -> None:
+    """Raise with the report where joints still move by more than the play of gears explains."""
+    if not result.unsettled:
+        return
+    names = ", ".join(result.unsettled)
+    raise NotSettledError(
+        f"{names} did not settle in time; {_describe_errors(report)}.",
+        "Check for a loose horn or a changing load.",
+        report,
+    )
+
+
+def _describe_errors(report: MoveResult | JointMoveResult) -> str:
+    if isinstance(report, JointMoveResult):
+        return f"a joint is {degrees(report.error_rad):.1f}° off"
+    tip = f"the tip is {1000 * report.error_m:.1f} mm off"
+    if report.path_error_max_m is None:
+        return tip
+    return f"{tip}, and was {1000 * report.path_error_max_m:.1f} mm beside its path at most"
 
 
 def relax(

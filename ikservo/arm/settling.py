@@ -15,7 +15,6 @@ from ikservo.arm.tick_rounding import SettlingTarget, chain_ticks
 from ikservo.calibration import format_source
 from ikservo.control.loop import ControlCycle, ControlLoop
 from ikservo.control.servo_group import ServoGroup
-from ikservo.errors import NotSettledError
 from ikservo.guard import CommandLimits
 from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.motion import JointMove, KinematicLimits, TrajectoryPoint
@@ -39,8 +38,15 @@ _MIN_RAD_S = 16 * math.tau / 4096
 _MIN_RAD_S2 = 4.0
 # A servo may have less friction than known, by this share of both its directions together.
 _FRICTION_MARGIN = 0.15
-# While it jumps its goal goes back by so much of its speed, over this time.
-_BRAKE_S, _BRAKE_FILTER_S = 0.05, 0.02
+# While it jumps its goal goes back by so much of its speed, over this time, and no further: a joint
+# that swings fast would make it leap.
+_BRAKE_S, _BRAKE_FILTER_S, _MAX_BRAKE_TICKS = 0.05, 0.02, 4.0
+# A joint that turns round so often, by more than stiction and noise explain, swings in the play of
+# its gears. Correcting would feed the swing, so its goal stays. Once at rest it is corrected
+# again, so many times.
+_SWING_TICKS, _MAX_TURNS, _MAX_RESTS = 4.5, 4, 2
+# One that swings for so long with its goal at rest is left swinging.
+_MAX_SWING_S = 1.0
 # Near its target a joint that has just moved is waited for: after stiction it still slides.
 _NEAR_TICKS = 3
 _MIN_WAIT_S = 0.04
@@ -78,7 +84,8 @@ class GoalIntegrator:
     it has crossed the target, or is pressed away from it, one tick beside is as near as it gets,
     and it is not reversed for that: on the way back it would cross its backlash and jump further.
     Each time that it jumps over the target again, twice as many ticks beside it are enough. While
-    it moves its goal goes back, against its speed, so that the jump is short.
+    it moves its goal goes back, against its speed, so that the jump is short. The goal of a joint
+    that swings stays.
 
     Args:
         fence: The limits of its servo's commands.
@@ -93,6 +100,7 @@ class GoalIntegrator:
         at: The last measured position, ticks.
         still_since_s: Since when the joint is within sensor noise of where it was.
         moved_s: When the position last changed, other than back by noise.
+        swing_ticks: How far the joint went between the last two times that it turned round.
     """
 
     def __init__(
@@ -114,6 +122,10 @@ class GoalIntegrator:
         self._side, self._furthest, self._enough = 0, 0, 0
         self._rate = self._brake = 0.0
         self._filtered: float | None = None
+        self._turn = self._extreme = self.at
+        self._heading = self._turns = self._rests = 0
+        self._swings_since_s = math.inf
+        self.swing_ticks = 0
 
     @property
     def error_ticks(self) -> int:
@@ -125,6 +137,15 @@ class GoalIntegrator:
         """Return whether the joint is as near to its target as it gets."""
         beside = abs(self.error_ticks)
         return beside <= self._enough or (beside == 1 and self._would_cross_backlash())
+
+    @property
+    def swings(self) -> bool:
+        """Whether the joint swings, or has done so too often, and keeps its goal."""
+        return self._turns >= _MAX_TURNS
+
+    def has_swung_at(self, time_s: float) -> bool:
+        """Return whether the joint has swung for so long that it is left swinging."""
+        return time_s - self._swings_since_s >= _MAX_SWING_S
 
     @property
     def saturation_reason(self) -> SaturationReason | None:
@@ -157,6 +178,7 @@ class GoalIntegrator:
         """Take the measured position, and choose the speed of the goal; 0 where not correcting."""
         self.goal = self._inside(self.goal + self._rate * elapsed_s)
         self._track_motion(tick, time_s)
+        self._track_swings(tick, time_s)
         self._track_speed(tick, elapsed_s)
         speed = self._desired_speed(time_s) if correcting else 0.0
         change = self._acceleration * elapsed_s
@@ -177,19 +199,38 @@ class GoalIntegrator:
         self._furthest = max(self._furthest, abs(self.error_ticks))
         self._side = side or self._side
 
+    def _track_swings(self, tick: int, time_s: float) -> None:
+        """Count how often the joint turns round by more than stiction and noise explain."""
+        if self._heading * (tick - self._extreme) > 0:
+            self._extreme = tick
+        elif abs(tick - self._extreme) > _SWING_TICKS:
+            self._turns += bool(self._heading)
+            self.swing_ticks = abs(self._extreme - self._turn)
+            self._turn, self._extreme = self._extreme, tick
+            self._heading = 1 if tick > self._turn else -1
+        if not self.swings:
+            self._swings_since_s = math.inf
+        elif self._swings_since_s == math.inf:
+            self._swings_since_s = time_s
+        elif not self.moves_at(time_s) and self._rests < _MAX_RESTS:
+            self._rests += 1
+            self._turns, self._turn = 0, tick
+
     def _track_speed(self, tick: int, elapsed_s: float) -> None:
         """Brake by the speed of the filtered position; not a joint that keeps its goal."""
         filtered = tick if self._filtered is None or self.target is None else self._filtered
         self._filtered = filtered + min(elapsed_s / _BRAKE_FILTER_S, 1.0) * (tick - filtered)
         brake = _BRAKE_S / _BRAKE_FILTER_S * (tick - self._filtered)
-        self._brake = brake if abs(brake) >= 1.0 else 0.0  # or goals move when all are at rest
+        if self.swings or abs(brake) < 1.0:  # or goals move when all are at rest
+            brake = 0.0
+        self._brake = min(max(brake, -_MAX_BRAKE_TICKS), _MAX_BRAKE_TICKS)
 
     def _inside(self, goal: float) -> float:
         return min(max(goal, self._low), self._high)
 
     def _desired_speed(self, time_s: float) -> float:
         """Return the desired speed of the goal, ticks/s, signed."""
-        if self.arrived or self._is_lead_limited():
+        if self.arrived or self.swings or self._is_lead_limited():
             return 0.0
         if abs(self.error_ticks) <= _NEAR_TICKS and time_s - self.moved_s < _MIN_WAIT_S:
             return 0.0
@@ -219,6 +260,8 @@ def _never(_measured: Vector) -> bool:
 _MAX_DURATION_S = 3.0
 # A joint that friction lets go just before that comes to rest at its goal within this time.
 _MAX_COAST_S = 0.5
+# A swing further than this, at the horn, is more than worn gears explain: something is loose.
+_MAX_PLAY_SWING_RAD = math.radians(4.0)
 # An error is reported where it exceeds sensor noise.
 _RESIDUAL_TICKS = 2
 
@@ -288,13 +331,19 @@ class SettlingTrajectory:
             joint.update(tick, time_s, time_s - self._updated_s, correcting=correcting)
         self._updated_s = time_s
         ended = not correcting or all(_has_ended(j) for j in self._joints)
-        if (ended and not self.moving_joints) or time_s >= _MAX_DURATION_S + _MAX_COAST_S:
+        rests = all(j.has_swung_at(time_s) or not j.moves_at(time_s) for j in self._joints)
+        if (ended and rests) or time_s >= _MAX_DURATION_S + _MAX_COAST_S:
             self._end_s = min(self._end_s, time_s)
 
     @property
     def moving_joints(self) -> tuple[str, ...]:
         """Return the joints that are not at rest."""
         return tuple(j.fence.joint for j in self._joints if j.moves_at(self._updated_s))
+
+    @property
+    def unsettled_joints(self) -> tuple[str, ...]:
+        """Return the joints that move by more than the play of gears explains."""
+        return tuple(j.fence.joint for j in self._joints if not _is_trusted(j, self._updated_s))
 
     @property
     def measured(self) -> Vector:
@@ -309,13 +358,17 @@ class SettlingTrajectory:
     @property
     def residuals(self) -> tuple[str, ...]:
         """Describe the joints that did not arrive, by how much and why."""
-        return tuple(_describe_residual(j) for j in self._missed)
+        return tuple(_describe_residual(j, self._updated_s) for j in self._missed)
 
     @property
     def _missed(self) -> list[GoalIntegrator]:
         if self._reached:
             return []
-        return [j for j in self._joints if abs(j.error_ticks) >= _RESIDUAL_TICKS]
+        return [
+            j
+            for j in self._joints
+            if abs(j.error_ticks) >= _RESIDUAL_TICKS or (j.swings and j.moves_at(self._updated_s))
+        ]
 
 
 def _goal_acceleration(fence: CommandLimits, limits: KinematicLimits) -> float:
@@ -332,14 +385,23 @@ def _lead_ticks(fence: CommandLimits, lowest: float, highest: float) -> tuple[fl
 
 
 def _has_ended(joint: GoalIntegrator) -> bool:
-    return joint.arrived or joint.saturation_reason is not None
+    return joint.arrived or joint.swings or joint.saturation_reason is not None
 
 
-def _describe_residual(joint: GoalIntegrator) -> str:
-    reason = joint.saturation_reason
-    joint_map = joint.fence.joint_map
+def _is_trusted(joint: GoalIntegrator, time_s: float) -> bool:
+    """Return whether a joint rests, or swings no further than the play of its gears explains."""
+    swing_rad = joint.swing_ticks * joint.fence.joint_map.horn_rad_per_tick
+    return not joint.moves_at(time_s) or (joint.swings and swing_rad <= _MAX_PLAY_SWING_RAD)
+
+
+def _describe_residual(joint: GoalIntegrator, time_s: float) -> str:
+    reason, joint_map = joint.saturation_reason, joint.fence.joint_map
     missing = joint_map.format(abs(joint.error_ticks) * joint_map.unit_per_tick)
-    return f"{joint_map.joint} is {missing} short: {reason.text if reason else 'timeout'}"
+    if not joint.swings:
+        return f"{joint_map.joint} is {missing} short: {reason.text if reason else 'timeout'}"
+    swing = joint_map.format(joint.swing_ticks * joint_map.unit_per_tick)
+    verb = "swings" if joint.moves_at(time_s) else "swung"
+    return f"{joint_map.joint} {verb} by {swing} and is {missing} off: no load presses its gears"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -351,12 +413,14 @@ class SettlingResult:
         residuals: The joints that did not arrive, by how much and why.
         motion_s: How long the motion took up to its planned end.
         settling_s: How long settling took after that.
+        unsettled: The joints that still move by more than the play of gears explains.
     """
 
     measured: Vector
     residuals: tuple[str, ...]
     motion_s: float
     settling_s: float
+    unsettled: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -390,7 +454,6 @@ def settle(
         below: Goals (n,) to which joints with known backlash go first, see ``backlash_approach``.
 
     Raises:
-        NotSettledError: A joint still moves after three seconds.
         StoppedError, RefusedError, BusError, ServoAlarmError: See ``ControlLoop.run``.
     """
     started_s = servos.clock.now_s()
@@ -398,14 +461,12 @@ def settle(
         approach = JointMove(servos.goals(), below, limits)
         loop.run(approach, speed_rad_s=speed_rad_s, compensated=False)
     first = last = _run_settling(loop, servos, target.ticks, limits, speed_rad_s, target.is_reached)
-    _check_settled(first)
     instead = target.retarget_without(first.saturated, first.measured) if first.saturated else None
-    if instead is not None:
+    if instead is not None and not first.unsettled_joints:
         last = _run_settling(loop, servos, instead, limits, speed_rad_s, target.is_reached)
-        _check_settled(last)
     settling_s = servos.clock.now_s() - started_s
     residuals = tuple(dict.fromkeys(first.residuals + last.residuals))
-    return SettlingResult(last.measured, residuals, motion_s, settling_s)
+    return SettlingResult(last.measured, residuals, motion_s, settling_s, last.unsettled_joints)
 
 
 def settle_at(
@@ -461,11 +522,3 @@ def _run_settling(
     loop.run(trajectory, update, speed_rad_s=speed_rad_s, compensated=False)
     servos.set_reference(trajectory.measured)
     return trajectory
-
-
-def _check_settled(trajectory: SettlingTrajectory) -> None:
-    if trajectory.moving_joints:
-        names = ", ".join(trajectory.moving_joints)
-        raise NotSettledError(
-            f"{names} did not settle in time.", "Check for a loose horn or a changing load."
-        )

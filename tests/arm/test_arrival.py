@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 import ikservo
+from ikservo.arm import execution
 from ikservo.arm.plan import rebase_trajectory
 from ikservo.arm.tick_rounding import SettlingTarget
-from ikservo.errors import IkservoError, RefusedError
+from ikservo.errors import IkservoError, NotSettledError, RefusedError
 from ikservo.motion import JointMove
 from tests.arm.simulated import (
     clock_of,
@@ -132,6 +133,22 @@ def test_the_report_parts_motion_from_settling(arm):
     report = arm.execute(plan)
     assert report.motion_s == pytest.approx(plan.duration_s, rel=0.05)
     assert report.duration_s == pytest.approx(report.motion_s + report.settling_s)
+
+
+def test_an_error_that_the_arm_has_not_settled_has_the_report(arm, monkeypatch):
+    settle = execution.settle
+    loose = lambda *args: replace(settle(*args), unsettled=("shoulder_pan",))  # noqa: E731
+    monkeypatch.setattr(execution, "settle", loose)
+    target_m = arm.where().tip_m + np.array([0.0, 0.0, 0.05])
+    with pytest.raises(
+        NotSettledError, match=r"shoulder_pan did .*; the tip is .* mm beside"
+    ) as line:
+        arm.move_line(target_m)
+    assert line.value.result.target_m == pytest.approx(target_m)
+    assert line.value.result.path_error_max_m > 0.0
+    with pytest.raises(NotSettledError, match=r"a joint is 0.* off") as joints:
+        arm.move_joints({"shoulder_pan": 0.1})
+    assert joints.value.result.measured_rad["shoulder_pan"] == pytest.approx(0.1, abs=0.01)
 
 
 @pytest.mark.campaign

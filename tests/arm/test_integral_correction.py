@@ -1,5 +1,7 @@
 """A goal that creeps on until its joint has arrived: fed tick by tick, without any servo."""
 
+import math
+
 import pytest
 
 from ikservo.arm.settling import (
@@ -184,6 +186,45 @@ def test_a_joint_that_slides_onto_its_target_has_not_settled_there():
     assert trajectory.duration_s >= (48 + 8) * BEAT_S
 
 
-def test_a_joint_that_never_rests_is_not_waited_for():
-    trajectory = settle_with(lambda time_s: 2002 + 6 * (round(time_s / BEAT_S) % 2))
+def swing(ticks):
+    """Return a joint that swings about 2004 by so many ticks at 5 Hz."""
+
+    def tick_at(time_s):
+        return 2004 + round(0.5 * ticks * math.cos(10.0 * math.pi * time_s))
+
+    return tick_at
+
+
+def test_a_joint_that_swings_keeps_its_goal_and_the_report_says_by_how_much_it_does():
+    trajectory = settle_with(swing(12))
+    assert trajectory.duration_s < 2.0
     assert trajectory.moving_joints == ("elbow",)
+    assert trajectory.unsettled_joints == ()
+    (residual,) = trajectory.residuals
+    assert residual.startswith("elbow swings by 1.1° and is 0.")
+    assert residual.endswith("° off: no load presses its gears")
+
+
+def test_a_joint_that_swings_further_than_play_explains_has_not_settled():
+    assert settle_with(swing(60)).unsettled_joints == ("elbow",)
+
+
+def test_the_goal_of_a_swinging_joint_stays_and_it_is_corrected_again_at_rest_twice():
+    joint, corrected, time_s = creep(), [], 0.0
+    for _ in range(4):
+        goals = feed(joint, [swing(12)(cycle * BEAT_S) for cycle in range(100)], time_s)
+        assert joint.swings
+        assert len(set(goals[-20:])) == 1
+        goals = feed(joint, [round(joint.goal) - 70] * 60, time_s + 1.0)
+        corrected.append(goals[-1] > goals[0])
+        time_s += 2.0
+    assert corrected == [True, True, False, False]
+    assert joint.swings
+
+
+def test_the_goal_of_a_joint_that_leaps_does_not_leap():
+    joint = creep()
+    feed(joint, [1990] * 10)
+    before = joint.goal_at(0.0)
+    feed(joint, [2100], start_s=0.1)
+    assert abs(joint.goal_at(0.0) - before) < 5.0
