@@ -144,7 +144,7 @@ def test_a_cut_off_recording_is_refused_with_its_line(run_cli, home):
 
 
 def test_one_arm_follows_another(run_cli):
-    result = run_cli(f"follow so101 --leader-port sim:?pose=home --duration 200ms {SIM} --json")
+    result = run_cli(f"follow so101 --leader-port sim:?pose=home --duration 400ms {SIM} --json")
     assert result.code == 0, result.err
     assert result.json["ended"] == "end of the targets"
     assert result.json["setpoints"] > 10

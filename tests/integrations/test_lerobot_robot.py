@@ -15,6 +15,10 @@ from tests.arm.simulated import line_of, registers, true_joints, true_tip_m
 STAY = {"delta_x": 0.0, "delta_y": 0.0, "delta_z": 0.0, "gripper": 1.0}
 
 
+# Gears with 1° of play and a load that changes sides: a stream of goals does not settle.
+PLAY_M = 3e-3
+
+
 @pytest.fixture
 def connected(monkeypatch):
     """Return a function that connects a robot on a simulated arm, whose time passes as it sends."""
@@ -66,7 +70,7 @@ def test_an_observation_sent_back_as_an_action_moves_nothing(connected):
     before = true_tip_m(arm_of(robot))
     action = {k: seen[k] for k in robot.action_features if k in seen}
     send(robot, {**action, "ee.gripper_pos": seen["gripper.pos"]}, 50)
-    np.testing.assert_allclose(true_tip_m(arm_of(robot)), before, atol=2e-3)
+    np.testing.assert_allclose(true_tip_m(arm_of(robot)), before, atol=PLAY_M)
 
 
 def test_pose_actions_move_the_tip_and_the_gripper(connected):
@@ -89,7 +93,7 @@ def test_steps_move_the_tip_along_the_axes_and_keep_how_the_tool_stands(connecte
     start = true_tip_m(arm_of(robot)).copy()
     send(robot, {**STAY, "delta_z": 1.0}, 20)
     send(robot, STAY, 60)
-    np.testing.assert_allclose(true_tip_m(arm_of(robot)) - start, [0, 0, 0.02], atol=2e-3)
+    np.testing.assert_allclose(true_tip_m(arm_of(robot)) - start, [0, 0, 0.02], atol=PLAY_M)
     after = robot.get_observation()
     turned = [abs(after[k] - before[k]) for k in ("ee.wx", "ee.wy", "ee.wz")]
     assert max(turned) < math.radians(3.0)

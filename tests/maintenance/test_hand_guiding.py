@@ -93,7 +93,7 @@ def test_an_arm_that_is_heavier_than_known_sinks_a_little_and_stays():
     hand, *_ = guided("so101", "elbow_flex", -0.3, 1.0, hidden="&mass_scale=1.2&payload_g=30")
     sunk = hand.between(0.0, AWAY_S)
     assert np.degrees(np.abs(sunk - sunk[0]).max()) < 2.0
-    assert hand.drift_deg().max() < 0.5
+    assert hand.drift_deg().max() < 1.0  # the play of its gears
 
 
 def test_a_stop_ends_it_and_the_arm_holds():
