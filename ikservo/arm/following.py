@@ -37,6 +37,8 @@ __all__ = [
 # The first motion after torque comes on is slow until it is as near as this to its goal.
 _TOLERANCE_RAD = 0.05
 
+OnRefused = Callable[[RefusedError, Vector], None]  # takes the goal (n,) that the arm keeps too
+
 
 class GoalSource(Protocol):
     """Gives the goal of the joints in every control cycle; must not block."""
@@ -45,8 +47,8 @@ class GoalSource(Protocol):
         """Return the goal (n,), rad or m, or None to brake and end."""
         ...
 
-    def on_rejected(self, error: RefusedError, /) -> None:
-        """Take note that a goal was refused; the arm keeps the one before."""
+    def on_rejected(self, error: RefusedError, kept: Vector, /) -> None:
+        """Take note that a goal was refused; the arm keeps the one before, ``kept`` (n,)."""
         ...
 
 
@@ -183,7 +185,7 @@ class _OnlineController:
         try:
             trajectory.retarget(goal, cycle.time_s, self._context.check_trajectory)
         except RefusedError as error:
-            self._source.on_rejected(error)
+            self._source.on_rejected(error, trajectory.goal)
         else:
             self._accepted = goal
 
@@ -248,7 +250,7 @@ class _TargetFollower:
         context: ArmContext,
         targets: Iterable[CartesianOrJointTarget | None],
         on_progress: OnProgress | None,
-        on_refused: Callable[[RefusedError], None] | None = None,
+        on_refused: OnRefused | None = None,
     ) -> None:
         self._context, self._targets = context, iter(targets)
         self._report_refusal = on_refused
@@ -270,12 +272,12 @@ class _TargetFollower:
         self._allow_delay(self._context.now_s())
         return self._solve_target(self._next_target(), self._goal)
 
-    def on_rejected(self, error: RefusedError) -> None:
+    def on_rejected(self, error: RefusedError, kept: Vector) -> None:
         """Count a target that the guard refused."""
         self.refusals += 1
         self.reason = error.message
         if self._report_refusal:
-            self._report_refusal(error)
+            self._report_refusal(error, kept)
 
     def _allow_delay(self, now_s: float) -> None:
         """Not to have asked the stream for long is no silence of the stream."""
@@ -334,7 +336,7 @@ def follow_targets(
     targets: Iterable[CartesianOrJointTarget | None],
     speed: str,
     on_progress: OnProgress | None,
-    on_refused: Callable[[RefusedError], None] | None = None,
+    on_refused: OnRefused | None = None,
 ) -> FollowResult:
     """Follow a stream of targets; see ``follow``. Each refusal is also reported at once."""
     context = arm.context

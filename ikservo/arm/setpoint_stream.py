@@ -22,7 +22,7 @@ from ikservo.errors import BadValueError, RefusedError, UnknownNameError
 from ikservo.guard import DEAD_MAN_TIMEOUT_S
 from ikservo.ik import Target
 from ikservo.kinematics import finite_array
-from ikservo.kinematics.arrays import as_floats
+from ikservo.kinematics.arrays import Vector, as_floats
 
 __all__ = ["SetpointMailbox", "SetpointStream", "open_stream"]
 
@@ -136,6 +136,7 @@ class SetpointStream:
         unreached: How many setpoints were out of reach; the arm went as near as it could.
         refused: How many the guard refused; the arm kept the one before.
         reason: Why the last of those was refused.
+        kept: The goal (n,) that the arm kept then, rad or m; None before.
     """
 
     def __init__(self, arm: ArmParts, speed: str, rate_hz: float | None) -> None:
@@ -152,6 +153,7 @@ class SetpointStream:
         self._raised = False
         self.unreached = self.refused = 0
         self.reason = ""
+        self.kept: Vector | None = None
 
     def __enter__(self) -> SetpointStream:
         """Start to take setpoints; the arm moves with the first one.
@@ -237,9 +239,9 @@ class SetpointStream:
     def _store_progress(self, progress: MotionProgress) -> None:
         self._progress = progress
 
-    def _store_refusal(self, error: RefusedError) -> None:
-        self.refused += 1
-        self.reason = error.message
+    def _store_refusal(self, error: RefusedError, kept: Vector) -> None:
+        self.reason, self.kept = error.message, kept
+        self.refused += 1  # last: a sender that sees it reads the others
 
     def _require_motion(self) -> Motion[None]:
         if self._motion is None:

@@ -78,7 +78,7 @@ class LiveSession:
         command = self._observer.command
         return not command.live or command.session_id != self.session_id
 
-    def on_rejected(self, error: RefusedError) -> None:
+    def on_rejected(self, error: RefusedError, _kept: Vector) -> None:
         """Tell why the guard rejected a goal; the arm keeps the one before."""
         if self._last_goal is not None:
             self._observer.on_refused(self._last_goal, error)

@@ -112,7 +112,7 @@ def test_the_grippers_steps_open_close_and_stay(connected, step, change):
 
 def test_steps_out_of_reach_are_one_line_and_the_way_back_begins_at_once(connected, caplog):
     robot = connected(action="ee_delta", step_m=0.004)
-    send(robot, {**STAY, "delta_x": 1.0}, 150)
+    send(robot, {**STAY, "delta_x": 1.0}, 140)  # on the way back the guard may refuse a goal
     assert sum("out of reach" in line for line in caplog.messages) == 1
     furthest = true_tip_m(arm_of(robot))[0]
     send(robot, {**STAY, "delta_x": -1.0}, 15)
@@ -128,6 +128,15 @@ def test_what_the_guard_refuses_is_a_line_and_the_recording_goes_on(connected, c
     assert true_tip_m(arm_of(robot))[2] > 0.0
     send(robot, {**STAY, "delta_z": 1.0}, 60)
     assert true_tip_m(arm_of(robot))[2] > 0.05
+
+
+def test_after_a_refused_goal_the_one_before_is_reached(connected, caplog):
+    robot = connected()
+    send(robot, {"shoulder_pan.pos": 40.0}, 5)
+    send(robot, {"shoulder_lift.pos": 90.0, "wrist_flex.pos": 90.0}, 2)
+    assert any("the table" in line for line in caplog.messages)
+    send(robot, {"gripper.pos": 50.0}, 120)
+    assert math.degrees(true_joints(arm_of(robot))["shoulder_pan"]) == pytest.approx(40.0, abs=0.5)
 
 
 def test_joints_beyond_a_limit_go_to_it_and_that_is_what_is_returned(connected, caplog):

@@ -26,7 +26,8 @@ _LOST = (ikservo.PortLostError, ikservo.ServoSilentError)
 class ArmMotion:
     """Sends goals to an arm and measures it.
 
-    A refused goal, a stop and a servo's alarm are logged when they begin, and the arm holds.
+    A refused goal, a stop and a servo's alarm are logged when they begin; the arm keeps the goal
+    before, or holds.
     Nothing else is hidden: without its port the arm cannot be measured either.
 
     Args:
@@ -42,15 +43,18 @@ class ArmMotion:
         self._sent_s = -np.inf
         self._quiet: dict[str, int] = {}
 
-    def send(self, goal: Vector) -> bool:
-        """Send the goal of all joints (n,), rad or m; return whether the arm follows it.
+    def send(self, goal: Vector) -> Vector | None:
+        """Send the goal of all joints (n,), rad or m.
+
+        Returns:
+            The goal (n,) that the arm has then: after a refusal the one before; None if it holds.
 
         Raises:
             PortLostError, ServoSilentError: The arm is not to be reached any more.
         """
         if self._arm.stopped_for:
             self._report("stopped", f"{self._arm.stopped_for} {_AFTER_STOP}")
-            return False
+            return None
         try:
             stream = self._streaming()
             stream.send(goal)
@@ -59,10 +63,10 @@ class ArmMotion:
         except ikservo.IkservoError as error:
             self._drop_stream()
             self._report("error", str(error))
-            return False
+            return None
         self._sent_s = time.monotonic()
         self._report("error", "")
-        return self._note_refusals(stream)
+        return stream.kept if self._note_refusals(stream) else goal
 
     def measure(self) -> Vector:
         """Return the joints (n,), rad or m, as measured in the last control cycle or now."""
@@ -105,7 +109,7 @@ class ArmMotion:
         is_new = stream.refused > self._refused
         self._refused = stream.refused
         self._report("refused", stream.reason if is_new else "")
-        return not is_new
+        return is_new
 
     def _report(self, kind: str, text: str) -> None:
         quiet = self._quiet.get(kind, 0)

@@ -139,7 +139,9 @@ class IkservoRobot(Robot):
         return {**self._values.from_positions(joints), **pose, **pictures}
 
     def send_action(self, action: dict[str, Any]) -> dict[str, Any]:
-        """Send a goal; what is refused or out of reach is logged, and the arm holds.
+        """Send a goal; one that is refused or out of reach is logged.
+
+        After a refusal the goal before counts; out of reach, the arm goes as near as it can.
 
         Positions of joints are taken in each mode: LeRobot's programs return to the start by them.
 
@@ -165,7 +167,7 @@ class IkservoRobot(Robot):
         motion.report(refusal or missing or self._outside_text(arm, goal, inside))
         if refusal or (is_step and self._leads_too_far(last, inside)):
             inside = last
-        self._goal = inside if motion.send(inside) else None
+        self._goal = motion.send(inside)
         return self._values.from_positions(inside) if isinstance(kind, JointActions) else action
 
     def _kind_of(self, action: dict[str, Any]) -> ActionKind:
