@@ -165,6 +165,7 @@ class Operator:
             "Math.abs(scene.camera.size[1] - document.getElementById('drawing').clientHeight) < 1"
         )
         self.box = self.page.locator("#drawing").bounding_box()
+        return self
 
     def items(self, style, **names):
         return [
