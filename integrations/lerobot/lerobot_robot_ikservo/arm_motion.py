@@ -91,7 +91,12 @@ class ArmMotion:
         self._stream = None
 
     def _progress(self) -> MotionProgress | None:
-        """Return the last control cycle, unless the control loop may have ended since."""
+        """Return the last control cycle, unless the control loop may have ended since.
+
+        That of an arm on another machine runs there.
+        """
+        if self._arm.is_remote:
+            return None
         is_fresh = time.monotonic() - self._sent_s < _FRESH_S
         return self._stream.progress if self._stream is not None and is_fresh else None
 
