@@ -26,6 +26,10 @@ COVERED = """() => {
 }"""  # noqa: E501
 
 
+# Where in the camera's pose (4, 4), row by row, the base's axis is along which a view looks.
+TOWARDS_EYE = {"side": 6, "top": 10, "front": 2}
+
+
 def open_program(page):
     if page.get_attribute("#program", "open") is None:
         page.click("#program > summary")
@@ -91,9 +95,9 @@ def test_what_is_read_of_the_tool_covers_no_part_of_the_arm(newcomer, width, hei
     field.fill(f"{float(field.input_value()) + 20:.1f}")
     field.press("Enter")
     newcomer.wait_for("status.tip.some(([name]) => name === 'target')")
-    for view in ("side", "top", "front"):
+    for view, towards_eye in TOWARDS_EYE.items():
         page.click(f"#views [value={view}]")
-        newcomer.wait_for_picture()
+        newcomer.wait_for(f"Math.abs(scene.camera.pose[{towards_eye}]) > 0.9").wait_for_picture()
         assert len(newcomer.items("measured")) > 4
         assert page.evaluate(COVERED) == []
     page.click("#views [value=side]")
@@ -124,6 +128,7 @@ def test_beside_typed_coordinates_it_is_said_why_the_arm_may_not_go_there(newcom
     )
     page.click("#undo")
     newcomer.until("!document.getElementById('target-note').textContent")
+    newcomer.wait_for("!status.target")
 
 
 def test_what_is_typed_into_a_number_takes_the_place_of_the_old_one(newcomer):

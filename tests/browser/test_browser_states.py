@@ -39,14 +39,14 @@ def test_in_preview_a_target_below_the_table_is_refused_at_once_beside_the_point
     assert operator.page.is_hidden("#refusal")
 
 
-SLOW_FRAMES = """() => {
-  window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), 1300);
+SLOW_FRAMES = """(frame_ms) => {
+  window.requestAnimationFrame = (draw) => setTimeout(() => draw(performance.now()), frame_ms);
 }"""  # as 3D without a graphics card, in a browser that still hears from the server
 
 
 def test_a_press_on_a_picture_too_old_to_act_on_is_answered_with_why_nothing_happens(operator):
     page, before = operator.page, operator.served.goals()
-    page.evaluate(SLOW_FRAMES)
+    page.evaluate(SLOW_FRAMES, 1300)
     told = page.locator("#banner-message", has_text="more than 1 s old: nothing was done")
     for _ in range(5):  # the pictures that were on their way are drawn first
         page.wait_for_timeout(1300)
@@ -56,6 +56,18 @@ def test_a_press_on_a_picture_too_old_to_act_on_is_answered_with_why_nothing_hap
     assert "Press again" in page.inner_text("#banner-hint")
     assert operator.served.goals() == before
     assert page.locator("#log", has_text="nothing was done").count() == 1
+
+
+def test_why_a_typed_target_is_refused_is_said_as_long_as_the_picture_shows_it(operator):
+    page = operator.page
+    page.evaluate(SLOW_FRAMES, 400)  # what it says is here before its picture
+    page.fill("#tool-z", "-60")
+    page.press("#tool-z", "Enter")
+    operator.wait_for("scene.refusal")
+    assert "would touch the table" in page.inner_text("#target-note")
+    page.click("#undo")
+    operator.wait_for("!scene.refusal")
+    assert page.inner_text("#target-note") == ""
 
 
 SLOW_PROOF = """(() => {

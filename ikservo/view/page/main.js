@@ -182,7 +182,6 @@ function show(scene) {
   canvas.toggleAttribute("data-hover", Boolean(scene.hover));
   canvas.toggleAttribute("data-grabbed", Boolean(scene.grabbed));
   canvas.toggleAttribute("data-picked", Boolean(scene.picked));
-  panel.goalRefusal = scene.refusal ?? "";
   showRefusal(scene.refusal, goalAt);
   showMission(scene, goalAt);
   enlargePose(scene, goalAt);
@@ -191,9 +190,11 @@ function show(scene) {
   window.ikservo.drawn += 1;
 }
 
-// Why the goal is refused, beside its target and inside the drawing.
+// Why the goal is refused, beside its target and inside the drawing, and where a target is typed:
+// the drawing may be out of sight there.
 function showRefusal(reason, at) {
   const box = $("refusal");
+  setText($("target-note"), reason ?? "");
   box.hidden = !reason;
   if (!reason) return;
   setText(box, reason);

@@ -41,7 +41,6 @@ export class Panel {
     this.joints = new Joints(send, refuse);
     this.tool = new Tool(send, refuse);
     this.isDrawingTried = () => false;
-    this.goalRefusal = ""; // why the guard refuses the goal
     this.offline = null; // what there is to say while the server does not answer
     this.refusals = []; // for the list of messages
     this.refusal = null; // the last refused command; shown for REFUSAL_MS
@@ -91,7 +90,7 @@ export class Panel {
     this.showBanner();
     const movable = inControl && (status.mode === "preview" || status.mode === "live");
     this.joints.show(status, movable);
-    this.tool.show(status, movable, this.goalRefusal);
+    this.tool.show(status, movable);
     this.showSolver(status.solver);
     this.preference.show(status.preference, inControl);
     this.holds = status.health.joints.some((joint) => joint.torque === "on");

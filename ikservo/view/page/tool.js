@@ -1,6 +1,6 @@
 // The tool at the goal: its coordinates, angles and direction, typed or in steps.
 
-import { $, createElement, setText, updateChoices } from "./elements.js";
+import { $, createElement, updateChoices } from "./elements.js";
 import { NumberField, createStepButton, parseNumber } from "./number_field.js";
 
 const VALUES = [["x", "mm", "forward"], ["y", "mm", "to the left, seen from behind the base"], ["z", "mm", "up"], ["pitch", "°", "above the horizontal"], ["roll", "°", "about the tool's own axis"]];
@@ -40,9 +40,7 @@ export class Tool {
     else this.refuse(`“${this.direction.value.slice(0, 30)}” is no direction: three numbers such as 0 0 -1. The tool stays.`);
   }
 
-  // reason: why the guard refuses the goal; said here, too, for the drawing may be out of sight.
-  show({ tool }, movable, reason) {
-    setText($("target-note"), reason);
+  show({ tool }, movable) {
     for (const { what, field, buttons } of this.fields) {
       field.show(tool[what], !movable);
       for (const button of buttons) button.disabled = !movable;
