@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.arm.simulated import servo_id
-from tests.browser.page_operator import apart_mm
+from tests.browser.page_operator import apart_mm, until
 
 pytestmark = pytest.mark.browser
 
@@ -193,11 +193,10 @@ def test_a_stick_moves_the_tip_while_it_is_held_over(visit):
     operator.enable_live().until_still()
     before = operator.served.tip_m()
     operator.page.evaluate("push([0, -1, 0, 0])")
-    operator.page.wait_for_timeout(500)
+    until(lambda: operator.served.tip_m()[2] - before[2] > 0.01)
     operator.page.evaluate("push([0, 0, 0, 0])")
     operator.until_still()
     rise = operator.served.tip_m() - before
-    assert rise[2] > 0.01
     assert abs(rise[0]) < 0.004
 
 
@@ -267,8 +266,7 @@ def test_two_fingers_come_nearer_and_move_nothing(visit):
         fingers = [{"x": x, "y": y, "id": i} for i, (x, y) in enumerate(places)]
         hand.send("Input.dispatchTouchEvent", {"type": phase, "touchPoints": fingers})
     hand.send("Input.dispatchTouchEvent", {"type": "touchEnd", "touchPoints": []})
-    operator.page.wait_for_timeout(300)
-    assert operator.pixels_per_metre == pytest.approx(2 * scale, rel=0.3)
+    until(lambda: operator.pixels_per_metre == pytest.approx(2 * scale, rel=0.3))
     assert "down" not in operator.page.evaluate("sentPhases")  # not even by the first of them
     assert operator.served.goals() == goals
 

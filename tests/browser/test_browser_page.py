@@ -88,7 +88,7 @@ def test_on_a_desk_every_button_is_in_sight(reader):
 
 def test_all_controls_have_names_and_are_tabbed_through_from_top_to_bottom(reader):
     reader.page.reload()
-    reader.until(SHOWN)
+    reader.until(SHOWN).wait_for("status.controller === 'you'")
     names, reached = reader.page.evaluate(NAMES), []
     for _ in names:
         reader.page.keyboard.press("Tab")

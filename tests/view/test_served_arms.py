@@ -22,13 +22,14 @@ from tests.arm.simulated import line_of, registers
 from tests.browser.page_operator import until
 
 NOT_THERE = "/dev/ttyNOTHERE"
+SILENT_S = 60.0  # longer than a test that goes live and sends no heartbeats
 
 
 @contextmanager
 def served(*places):
     clock = RealClock()
     offers = DownloadOffers(clock)
-    arms = ServedArms(ViewSettings(open_arm, clock, offers, 5.0))
+    arms = ServedArms(ViewSettings(open_arm, clock, offers, SILENT_S))
     try:
         arms.open_all([ArmAtPort(load_model(arm), port) for arm, port in places])
         yield arms, ArmList(arms, ChoiceFinder([]), clock, offers)
