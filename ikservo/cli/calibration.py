@@ -12,7 +12,6 @@ from ikservo.arm.opening import resolve_port
 from ikservo.calibration.calibration_file import (
     load_calibration_file,
     restore_calibration,
-    ways_out,
 )
 from ikservo.calibration.paths import calibration_path, calibrations_of
 from ikservo.calibration.records import Calibration
@@ -113,7 +112,9 @@ def _show_or_restore(model: Model, port: str | None, action: str, *, json: bool)
         else load_calibration_file(path, model.name)
     )
     if calibration is None:
-        raise CalibrationError(f"There is no {path}.", ways_out(path, model.name))
+        raise CalibrationError(
+            f"There is no {path}.", f"Calibrate the arm: ikservo calibrate {model.name}"
+        )
     if action == "restore":
         if json:
             print_json("calibration-restore", path=path, written=str(calibration.written))

@@ -197,7 +197,8 @@ def _error_fields(error: IkservoError) -> dict[str, object]:
 
 def _stop_lines(one: StopResult) -> Iterator[str]:
     was = "was moving; stopped" if one.moving else "was not moving"
-    was += "; moves again once that is acknowledged" if one.latched else ""
+    if one.latched:
+        was += "; its program moves it again only once the stop is acknowledged there"
     yield f"{one.arm} on {format_port(one.port)} {was}"
     rows = {"torque on": one.held, "torque off": one.limp, "no answer": one.silent}
     for label, names in rows.items():

@@ -52,7 +52,7 @@ def command(
                 open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated)
             )
         except (CalibrationError, FileFormatError) as error:
-            print_status(str(error))
+            print_status(error.command_message)
             _release_torque(partial(disable_torque_unchecked, model, port), yes=yes)
             return
         if not machine.zeros.are_known:
@@ -67,7 +67,7 @@ def command(
 
 def _release_torque(disable_torque: Callable[[], None], *, yes: bool) -> None:
     """Switch off the torque of an arm with unknown zeros, which cannot be lowered."""
-    print_status("Torque will be switched off; support the arm.")
+    print_status("Torque will be switched off where the arm is: it falls. Support it.")
     if not yes and not (sys.stdin.isatty() and confirm("Switch torque off?")):
         raise IkservoError("Cancelled; torque stays on.", "Without asking: --yes")
     disable_torque()

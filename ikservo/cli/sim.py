@@ -39,7 +39,15 @@ def command(arguments: SimArguments = None) -> None:
         own = description_for_simulator(model)
         described = [] if own is None else ["--urdf", str(own)]
         args = [str(model.path.resolve()), *described, *_with_identified(model.name, args[1:])]
-    raise typer.Exit(_load_server()(args))
+    raise typer.Exit(_served(_load_server(), args))
+
+
+def _served(serve: Callable[[list[str]], int], args: list[str]) -> int:
+    """Return the exit code of the simulator, which ends by itself after its help."""
+    try:
+        return serve(args)
+    except SystemExit as end:
+        return end.code if isinstance(end.code, int) else 0
 
 
 def _with_identified(name: str, args: list[str]) -> list[str]:

@@ -27,6 +27,11 @@ def test_every_command_explains_itself(run_cli, word):
     assert f"ikservo {word}" in result.out
 
 
+def test_the_simulator_explains_itself_and_names_a_wrong_option(run_cli):
+    assert run_cli("sim --help").code == 0
+    assert run_cli("sim --servo 1:sts3215 --no-such").code == ExitCode.USAGE
+
+
 FORMER = [(command, *pair) for command, names in FORMER_OPTIONS.items() for pair in names.items()]
 
 
