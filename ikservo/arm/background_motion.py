@@ -61,6 +61,7 @@ class Motion(Generic[T]):
 
     def __init__(self, work: Callable[[], T], arm: Stoppable, queue: threading.RLock) -> None:
         self._work, self._arm, self._queue = work, arm, queue
+        self._process_id = os.getpid()
         self._finished, self._state = threading.Event(), threading.Lock()
         self._cancelled = self._moving = self._raised = False
         self._report: T | None = None
@@ -93,6 +94,7 @@ class Motion(Generic[T]):
             KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
             IkservoError: Whatever the blocking call would have raised.
         """
+        check_not_forked(self._process_id)
         if timeout_s is not None:
             timeout_s = parse_number("The timeout", timeout_s)
         if threading.current_thread() is self._thread:
@@ -117,7 +119,11 @@ class Motion(Generic[T]):
 
         ``wait`` then raises ``StoppedError``. The next motion needs no ``acknowledge``. Nothing
         happens where the motion has ended.
+
+        Raises:
+            RefusedError: This is a fork of the process that moves the arm.
         """
+        check_not_forked(self._process_id)
         with self._state:
             if self.done:
                 return

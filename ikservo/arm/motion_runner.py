@@ -204,6 +204,7 @@ class MotionRunner:
 
     def acknowledge(self) -> None:
         """End a stop, so that the arm may be moved again."""
+        check_not_forked(self._process_id)
         self._servos.acknowledge()
 
     def stop_servos(self, reason: StopReason) -> StopOutcome:

@@ -95,8 +95,17 @@ class StreamedServos:
         return self._measured
 
     def goals(self) -> Vector:
-        """Return the last goals sent (n,), rad or m."""
-        return self._to_positions(self._gate.goals)
+        """Return the last goals sent (n,), rad or m.
+
+        Raises:
+            StoppedError: A stop was acknowledged since this thread's motion was requested.
+            RefusedError: None was sent since torque was off.
+        """
+        known = self._gate.goals
+        if len(known) < len(self.fences):  # another thread acknowledged a stop in between
+            self.stop_request.check_request()
+            raise RefusedError("The servos have no goals.", "Nothing was sent. Request it again.")
+        return self._to_positions(known)
 
     def reference(self) -> Vector:
         """Return where the joints are, or should be (n,), rad or m; motions start there.

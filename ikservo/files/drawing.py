@@ -30,6 +30,7 @@ _MAX_POINTS = 20_000
 # counted before an SVG is read, as often as it uses them.
 _MAX_NUMBERS, _MAX_ELEMENTS, _MAX_DEPTH = 3 * _MAX_POINTS + 100, 10_000, 64
 _MAX_CSS_CHARS = 40_000_000  # style sheets, read anew for each element
+_MAX_INHERITED = 2_000_000
 _NUMBERS = ("d", "points", "transform", "gradientTransform", "viewBox")
 _DIGITS = re.compile(r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|[A-Za-z]")
 _UNITS_M = {"m": 1.0, "mm": 0.001}
@@ -237,12 +238,13 @@ def _check_svg(path: Path, text: str) -> None:
         raise FileFormatError(path, "", f"is not XML ({error})", "an SVG file") from error
     if root.tag.rpartition("}")[2] != "svg":
         raise FileFormatError(path, "", f"is XML, but {quote(root.tag)}, not svg", "an SVG file")
-    elements, numbers = _SvgCost(path, root).of(root)
+    elements, numbers, inherited = _SvgCost(path, root).of(root)
     sheets = sum(len(each.text or "") for each in root.iter() if each.tag.endswith("style"))
     for count, most, what in (
         (elements, _MAX_ELEMENTS, "elements, each as often as it is used"),
         (numbers, _MAX_NUMBERS, "numbers and commands in its paths"),
         (sheets * elements, _MAX_CSS_CHARS, "characters of style sheets to apply"),
+        (inherited * elements, _MAX_INHERITED, "attributes to hand down to its elements"),
     ):
         if count > most:
             found = f"has {count:,} {what}"
@@ -250,16 +252,19 @@ def _check_svg(path: Path, text: str) -> None:
 
 
 class _SvgCost:
-    """Counts the elements and numbers of an SVG, those behind a <use> as often as they are used."""
+    """Counts the elements and numbers of an SVG, those behind a <use> as often as they are used.
+
+    Attributes and style declarations are handed down, and copied by svgelements.
+    """
 
     def __init__(self, path: Path, root: ET.Element) -> None:
         self._path = path
         self._by_id = {name: each for each in root.iter() if (name := each.get("id"))}
-        self._costs: dict[ET.Element, tuple[int, int]] = {}
+        self._costs: dict[ET.Element, tuple[int, int, int]] = {}
         self._depth = 0
 
-    def of(self, element: ET.Element) -> tuple[int, int]:
-        """Return how many elements and numbers an element becomes.
+    def of(self, element: ET.Element) -> tuple[int, int, int]:
+        """Return how many elements and numbers an element becomes, and the most attributes of one.
 
         Raises:
             FileFormatError: A <use> contains itself, or elements are nested too deeply.
@@ -272,8 +277,13 @@ class _SvgCost:
             raise FileFormatError(self._path, "", found, f"at most {_MAX_DEPTH} levels")
         inside = [self.of(each) for each in (*element, *self._used_by(element))]
         own = sum(len(_DIGITS.findall(element.get(name, ""))) for name in _NUMBERS)
+        attributes = len(element.attrib) + element.get("style", "").count(";")
         self._depth -= 1
-        cost = 1 + sum(each[0] for each in inside), own + sum(each[1] for each in inside)
+        cost = (
+            1 + sum(each[0] for each in inside),
+            own + sum(each[1] for each in inside),
+            attributes + max((each[2] for each in inside), default=0),
+        )
         self._costs[element] = cost
         return cost
 

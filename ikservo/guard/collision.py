@@ -117,6 +117,10 @@ class CollisionChecker:
             self._pairs_with_sag = (*self.pairs, *around)
             reach_m += reach_m[1:]
         self._reach_m = np.vstack(reach_m)
+        own, links = len(packed.pairs), len(packed.names)
+        of_boxes = np.arange(len(self.pairs)) >= own + links
+        sagged = of_boxes[own:] if sag is not None else of_boxes[:0]
+        self._of_boxes = np.concatenate([of_boxes, sagged])
 
     @property
     def dof(self) -> int:
@@ -138,7 +142,7 @@ class CollisionChecker:
             path: The joint vectors.
             load: Multiple of gravity that acts on the arm: more than 1 while it brakes.
             may_touch_again: A pair in contact at the start may come back to that depth, and end
-                there: a recording of an arm that was laid down.
+                there, but to no box: a recording of an arm that was laid down.
 
         Raises:
             CollisionError: Names the pair and the place on the path.
@@ -148,10 +152,11 @@ class CollisionChecker:
             finite_vectors(np.array(path), self._body.dof, "q"), load
         )
         bodies, start_m = slice(len(self.pairs)), np.minimum(gap_m[0], 0.0)
+        allowed_m = self._allowed_gaps(gap_m)
         if may_touch_again:
-            allowed_m = np.tile(start_m - self._deeper_m(gap_m[0]), (len(gap_m), 1))
+            at_start_m = start_m - self._deeper_m(gap_m[0])
+            allowed_m = np.where(self._of_boxes, allowed_m, at_start_m)
         else:
-            allowed_m = self._allowed_gaps(gap_m)
             allowed_m[-1, bodies] = np.maximum(
                 allowed_m[-1, bodies], start_m[bodies] - _DEEPER_AT_END_M
             )

@@ -158,3 +158,22 @@ def test_a_recording_that_begins_in_a_box_is_refused_even_by_an_arm_in_it(record
         path = recorded(arm, [measured_joints(arm)] * 2)
         with pytest.raises(CollisionError, match="the cup"):
             arm.replay(path)
+
+
+@pytest.mark.parametrize("name", ["so101", "koch"])
+def test_a_recording_does_not_come_back_into_a_box_that_the_arm_has_left(name, tmp_path):
+    model = ikservo.load_model(name)
+    tip_m = model.chain.forward(model.chain_pose("home"))[:3, 3]
+    cup = KeepOutBox("the cup", tuple(tip_m - 0.02), tuple(tip_m + 0.02))
+    with ikservo.open_arm(replace(model, keep_out=(cup,)), port="sim:?pose=home") as arm:
+        arm.enable()
+        inside = arm.where().positions_rad
+        outside = inside + 0.6 * (np.arange(len(inside)) == 0)
+        path = tmp_path / "a.jsonl"
+        with RecordingWriter(path, recording_header(arm.model, 1.5)) as writer:
+            for k, joints in enumerate((outside, outside, inside, outside)):
+                writer.write(1.5 * k, joints)
+        before = registers(arm, "goal_position")
+        with pytest.raises(CollisionError, match="the cup"):
+            arm.replay(path)
+        assert registers(arm, "goal_position") == before

@@ -6,7 +6,7 @@ import threading
 import pytest
 
 import ikservo
-from ikservo.errors import BadValueError
+from ikservo.errors import BadValueError, RefusedError
 from tests.arm.simulated import motion_runner
 from tests.hardware.test_forked_children import in_fork
 
@@ -25,6 +25,7 @@ USES = {
     "stop": lambda arm: arm.stop(),
     "release": lambda arm: arm.disable_torque(),
     "relax": lambda arm: arm.relax(),
+    "acknowledge": lambda arm: arm.acknowledge(),
 }
 
 
@@ -51,6 +52,22 @@ def test_a_forked_child_is_refused_while_a_thread_of_its_parent_moves_the_arm(ar
     finally:
         done.set()
     assert f"opened by process {os.getpid()}; a fork of it cannot use the arm" in answer
+
+
+@pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
+@pytest.mark.parametrize("use", [lambda motion: motion.wait(5.0), lambda motion: motion.cancel()])
+def test_a_forked_child_neither_waits_for_a_motion_nor_cancels_it(arm, use):
+    def use_motion():
+        try:
+            return use(motion)
+        except RefusedError as error:
+            return str(error)
+
+    with motion_runner(arm).lock:
+        motion = arm.move_joints({"gripper": 0.3}, wait=False)
+        answer = in_fork(use_motion)
+    assert "a fork of it cannot use the arm" in answer
+    motion.wait()
 
 
 @pytest.mark.parametrize("wait", [None, 0, 1, "no", 2.0])

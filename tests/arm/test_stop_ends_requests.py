@@ -52,6 +52,17 @@ def test_a_stop_while_torque_comes_on_ends_the_motion(monkeypatch):
         assert abs(arm.where().positions_rad - before).max() < 0.05  # it sags
 
 
+@pytest.mark.parametrize("method", ["refresh_reference", "reference", "goals"])
+def test_a_stop_that_is_acknowledged_between_two_steps_of_a_motion_ends_it(
+    arm, monkeypatch, method
+):
+    before = registers(arm, "goal_position")
+    call_before(servo_group(arm), method, monkeypatch, lambda: stop_and_acknowledge(arm))
+    with pytest.raises(StoppedError):
+        arm.move_joints({"shoulder_pan": 0.2})
+    assert registers(arm, "goal_position") == before
+
+
 def test_a_stop_ends_queued_motions_even_if_it_is_acknowledged(arm):
     with motion_runner(arm).lock:  # the first cannot start before all are queued
         motions = [arm.move_joints({"shoulder_pan": x}, wait=False) for x in (0.2, -0.2, 0.2)]

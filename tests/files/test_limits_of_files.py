@@ -34,6 +34,14 @@ DRAWINGS = {
     "nested groups": ("<g>" * 65 + "</g>" * 65, "nests elements too deeply"),
     "a long path": (f'<path d="M0 0{"L1 1" * 30_000}"/>', "numbers and commands in its paths"),
     "long transforms": (f'<path transform="{"scale(1)" * 30_000}"/>', "numbers and commands"),
+    "many attributes": (
+        f"<g {' '.join(f'a{i}=' + repr('1') for i in range(3000))}>{LINE * 9000}</g>",
+        "attributes to hand down",
+    ),
+    "many style declarations": (
+        f'<g style="{"".join(f"p{i}:b;" for i in range(3000))}">{LINE * 9000}</g>',
+        "attributes to hand down",
+    ),
     "style sheets": (f"<style>{'.a{{}}' * 9000}</style>{LINE * 9000}", "style sheets to apply"),
 }
 
