@@ -48,7 +48,7 @@ class FollowLeader:
             IkservoError: The arm was stopped, the leader failed.
         """
 
-        def note_refusal(error: RefusedError) -> None:
+        def note_refusal(error: RefusedError, _kept: Vector) -> None:
             self.refusal = error.message
             observer.log_message(error.message)
 

@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from ikservo.errors import IkservoError
+from ikservo.arm.context import ArmContext
+from ikservo.errors import IkservoError, RefusedError
 from ikservo.view.auth import Permission
 from ikservo.view.follow_lag import LagMeter
 from ikservo.view.messages import Acknowledge, FollowArm, Heartbeat, SetSpeed
@@ -82,6 +83,19 @@ def test_the_follower_goes_where_the_leader_is_led_and_says_how_far_behind_it_is
     assert set(registers(pair.leader.arm_thread.arm, "torque_enable").values()) == {0}
     pair.follow(None).until(lambda: pair.following["leader"] is None)
     until(lambda: pair.leader.arm_thread.job is None)
+    assert pair.notices() == [None, None]
+
+
+def test_a_refused_target_is_told_and_the_follower_keeps_the_one_before(pair, monkeypatch):
+    def refuse(*_):
+        raise RefusedError("The cup is in the way.")
+
+    pair.follow().until_followed()
+    monkeypatch.setattr(ArmContext, "check_trajectory", refuse)
+    goals = registers(pair.follower.arm_thread.arm, "goal_position")
+    pair.guide("joint3", TURN_RAD)
+    pair.until(lambda: "The cup is in the way." in str(pair.following))
+    assert registers(pair.follower.arm_thread.arm, "goal_position") == goals
     assert pair.notices() == [None, None]
 
 
