@@ -11,6 +11,7 @@ from ikservo.kinematics.capsules import segment_distance
 from ikservo.kinematics.se3 import exp_so3, make_pose
 from ikservo.model.collision_model import capsules_of
 from ikservo.view.bvh import capsule_rows, link_primitives, triangle_rows
+from ikservo.view.camera import NEAR_PLANE_M
 from ikservo.view.link_poses import link_poses
 from ikservo.view.picking import Picker
 from ikservo.view.raycast import raycast_brute_force
@@ -238,9 +239,7 @@ def test_the_square_holds_whatever_any_ray_in_it_meets(kind, camera, seed):
 
 
 @pytest.mark.parametrize("kind", ["capsules", "balls", "triangles"])
-# Of random examples about one in some thousand fails: camera with perspective beside a triangle,
-# seed=763407, where the place is 18 px from the pointer that is said to be on it.
-@settings(max_examples=25, deadline=None, derandomize=True)
+@settings(max_examples=25, deadline=None)
 @given(cameras, st.integers(0, 2**32 - 1))
 def test_what_is_found_beside_the_pointer_is_seen_at_that_very_place(kind, camera, seed):
     """A ray a thousandth of the way further into the shape meets it, if the eye is before it."""
@@ -251,7 +250,8 @@ def test_what_is_found_beside_the_pointer_is_seen_at_that_very_place(kind, camer
         at_px, depth_m = camera.project(hit.point_m)
         assert hit.away_px <= half_px
         assert depth_m == pytest.approx(hit.depth_m, abs=1e-9)
-        assert np.abs(at_px - px).max() == pytest.approx(hit.away_px, abs=1e-5)
+        if depth_m >= NEAR_PLANE_M:  # nothing is drawn nearer to the eye, nor projected truly
+            assert np.abs(at_px - px).max() == pytest.approx(hit.away_px, abs=1e-5)
         row = in_world(shapes[hit.link], poses[hit.link])[hit.shape]
         corners = row[1:10].reshape(3, 3)[: 3 if kind == "triangles" else 2]
         middle_px, _ = camera.project(corners.mean(axis=0))
