@@ -5,14 +5,13 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from enum import Enum, auto
 
 import numpy as np
 
 from ikservo.arm.context import ArmContext
+from ikservo.arm.goal_integrator import GoalIntegrator
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.tick_rounding import SettlingTarget, chain_ticks
-from ikservo.calibration import format_source
 from ikservo.control.loop import ControlCycle, ControlLoop
 from ikservo.control.servo_group import ServoGroup
 from ikservo.guard import CommandLimits
@@ -20,9 +19,6 @@ from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.motion import JointMove, KinematicLimits, TrajectoryPoint
 
 __all__ = [
-    "GoalIntegrator",
-    "Saturation",
-    "SaturationReason",
     "SettlingResult",
     "SettlingTrajectory",
     "settle",
@@ -30,233 +26,12 @@ __all__ = [
 ]
 
 
-# The goal moves by this fraction of the error each second, and no slower than the second number
-# [rad/s at the horn]: stiction must be overcome in good time.
-_FRACTION_PER_S = 4.0
-_MIN_RAD_S = 16 * math.tau / 4096
-# A joint that friction keeps does not move with its goal, however slow its speed class is.
-_MIN_RAD_S2 = 4.0
-# A servo may have less friction than known, by this share of both its directions together.
-_FRICTION_MARGIN = 0.15
-# While it jumps its goal goes back by so much of its speed, over this time, and no further: a joint
-# that swings fast would make it leap.
-_BRAKE_S, _BRAKE_FILTER_S, _MAX_BRAKE_TICKS = 0.05, 0.02, 4.0
-# A joint that turns round so often, by more than stiction and noise explain, swings in the play of
-# its gears. Correcting would feed the swing, so its goal stays. Once at rest it is corrected
-# again, so many times.
-_SWING_TICKS, _MAX_TURNS, _MAX_RESTS = 4.5, 4, 2
-# One that swings for so long with its goal at rest is left swinging.
-_MAX_SWING_S = 1.0
-# Near its target a joint that has just moved is waited for: after stiction it still slides.
-_NEAR_TICKS = 3
-_MIN_WAIT_S = 0.04
-_AT_REST_S = 0.06
-# Sensor noise is within this.
-_NOISE_TICKS = 1
-
-
-class Saturation(Enum):
-    """What limits the correction of a joint."""
-
-    LOAD = auto()
-    """The goal leads the joint by as much as the guard allows for a joint at rest."""
-    LIMIT = auto()
-    """The goal is at a limit of the joint."""
-
-
-@dataclass(frozen=True, slots=True)
-class SaturationReason:
-    """Why the goal of a joint goes no further.
-
-    Attributes:
-        kind: What limits it.
-        text: The same for the user, with the limit that binds and its source.
-    """
-
-    kind: Saturation
-    text: str
-
-
-class GoalIntegrator:
-    """Integrates the error of a joint into its goal.
-
-    It ends at the target tick. A joint without load sticks and then jumps by a tick or two; when
-    it has crossed the target, or is pressed away from it, one tick beside is as near as it gets,
-    and it is not reversed for that: on the way back it would cross its backlash and jump further.
-    Each time that it jumps over the target again, twice as many ticks beside it are enough. While
-    it moves its goal goes back, against its speed, so that the jump is short. The goal of a joint
-    that swings stays.
-
-    Args:
-        fence: The limits of its servo's commands.
-        goal: The goal, ticks.
-        target: Where the joint should be, ticks; None where it only has to come to rest.
-        acceleration: How fast the goal's speed may change, ticks/s².
-        stuck: Between which leads over the joint friction is expected to keep it, ticks: through
-            them the goal goes fast. Twice the same number where that is not known.
-
-    Attributes:
-        goal: The goal of a joint at rest, ticks with fraction.
-        at: The last measured position, ticks.
-        still_since_s: Since when the joint is within sensor noise of where it was.
-        moved_s: When the position last changed, other than back by noise.
-        swing_ticks: How far the joint went between the last two times that it turned round.
-    """
-
-    def __init__(
-        self,
-        fence: CommandLimits,
-        goal: int,
-        target: int | None,
-        acceleration: float,
-        stuck: tuple[float, float] = (0.0, 0.0),
-    ) -> None:
-        self.fence, self.goal, self.target = fence, float(goal), target
-        low, high = fence.tick_range
-        self._low, self._high = min(low, goal), max(high, goal)
-        self._acceleration, self._stuck = acceleration, stuck
-        self._slowest = _MIN_RAD_S / fence.joint_map.horn_rad_per_tick
-        self._lead = fence.max_lead_ticks(0.0)
-        self.at = self._before = self._anchor = goal if target is None else target
-        self.moved_s, self.still_since_s = -math.inf, 0.0
-        self._side, self._furthest, self._enough = 0, 0, 0
-        self._rate = self._brake = 0.0
-        self._filtered: float | None = None
-        self._turn = self._extreme = self.at
-        self._heading = self._turns = self._rests = 0
-        self._swings_since_s = math.inf
-        self.swing_ticks = 0
-
-    @property
-    def error_ticks(self) -> int:
-        """Return the error of the joint in ticks, signed."""
-        return 0 if self.target is None else self.target - self.at
-
-    @property
-    def arrived(self) -> bool:
-        """Return whether the joint is as near to its target as it gets."""
-        beside = abs(self.error_ticks)
-        return beside <= self._enough or (beside == 1 and self._would_cross_backlash())
-
-    @property
-    def swings(self) -> bool:
-        """Whether the joint swings, or has done so too often, and keeps its goal."""
-        return self._turns >= _MAX_TURNS
-
-    def has_swung_at(self, time_s: float) -> bool:
-        """Return whether the joint has swung for so long that it is left swinging."""
-        return time_s - self._swings_since_s >= _MAX_SWING_S
-
-    @property
-    def saturation_reason(self) -> SaturationReason | None:
-        """Why the goal goes no further; None where it does."""
-        if self._is_lead_limited():
-            return SaturationReason(Saturation.LOAD, "load too high (correction limit reached)")
-        end = self._high if self._side > 0 else self._low
-        if self.arrived or self._side * (end - self.goal) > 0:
-            return None
-        limits = self.fence.limits
-        upper = self.fence.joint_map.sign * self._side > 0
-        limit = limits.upper if upper else limits.lower
-        value, source = self.fence.joint_map.format(limit.value), format_source(limit.source)
-        return SaturationReason(Saturation.LIMIT, f"at its limit {value} ({source})")
-
-    def moves_at(self, time_s: float) -> bool:
-        """Return whether the joint is not at rest at the time of the last update.
-
-        One that friction has just let go may be no further than noise so far.
-        """
-        return self.still_since_s > time_s - _AT_REST_S or self.moved_s > time_s - _MIN_WAIT_S
-
-    def goal_at(self, after_s: float) -> float:
-        """Return the goal's tick a time after the last update."""
-        return self._inside(self.goal + self._rate * after_s - self._brake)
-
-    def update(
-        self, tick: int, time_s: float, elapsed_s: float, *, correcting: bool = True
-    ) -> None:
-        """Take the measured position, and choose the speed of the goal; 0 where not correcting."""
-        self.goal = self._inside(self.goal + self._rate * elapsed_s)
-        self._track_motion(tick, time_s)
-        self._track_swings(tick, time_s)
-        self._track_speed(tick, elapsed_s)
-        speed = self._desired_speed(time_s) if correcting else 0.0
-        change = self._acceleration * elapsed_s
-        self._rate = min(max(speed, self._rate - change), self._rate + change) if speed else 0.0
-
-    def _track_motion(self, tick: int, time_s: float) -> None:
-        if tick != self.at:
-            if tick != self._before:  # back at the tick before is noise
-                self.moved_s = time_s
-            self._before, self.at = self.at, tick
-        if abs(tick - self._anchor) > _NOISE_TICKS:
-            self._anchor, self.still_since_s = tick, time_s
-        side = (self.error_ticks > 0) - (self.error_ticks < 0)
-        if side * self._side < 0:
-            if self._furthest > self._enough:
-                self._enough = 2 * self._enough or 1
-            self._furthest = 0
-        self._furthest = max(self._furthest, abs(self.error_ticks))
-        self._side = side or self._side
-
-    def _track_swings(self, tick: int, time_s: float) -> None:
-        """Count how often the joint turns round by more than stiction and noise explain."""
-        if self._heading * (tick - self._extreme) > 0:
-            self._extreme = tick
-        elif abs(tick - self._extreme) > _SWING_TICKS:
-            self._turns += bool(self._heading)
-            self.swing_ticks = abs(self._extreme - self._turn)
-            self._turn, self._extreme = self._extreme, tick
-            self._heading = 1 if tick > self._turn else -1
-        if not self.swings:
-            self._swings_since_s = math.inf
-        elif self._swings_since_s == math.inf:
-            self._swings_since_s = time_s
-        elif not self.moves_at(time_s) and self._rests < _MAX_RESTS:
-            self._rests += 1
-            self._turns, self._turn = 0, tick
-
-    def _track_speed(self, tick: int, elapsed_s: float) -> None:
-        """Brake by the speed of the filtered position; not a joint that keeps its goal."""
-        filtered = tick if self._filtered is None or self.target is None else self._filtered
-        self._filtered = filtered + min(elapsed_s / _BRAKE_FILTER_S, 1.0) * (tick - filtered)
-        brake = _BRAKE_S / _BRAKE_FILTER_S * (tick - self._filtered)
-        if self.swings or abs(brake) < 1.0:  # or goals move when all are at rest
-            brake = 0.0
-        self._brake = min(max(brake, -_MAX_BRAKE_TICKS), _MAX_BRAKE_TICKS)
-
-    def _inside(self, goal: float) -> float:
-        return min(max(goal, self._low), self._high)
-
-    def _desired_speed(self, time_s: float) -> float:
-        """Return the desired speed of the goal, ticks/s, signed."""
-        if self.arrived or self.swings or self._is_lead_limited():
-            return 0.0
-        if abs(self.error_ticks) <= _NEAR_TICKS and time_s - self.moved_s < _MIN_WAIT_S:
-            return 0.0
-        slowly = max(_FRACTION_PER_S * abs(self.error_ticks), self._slowest)
-        return math.copysign(max(slowly, self._speed_while_stuck()), self.error_ticks)
-
-    def _would_cross_backlash(self) -> bool:
-        """Return whether gears without load have to change their flank on the way to the target."""
-        low, high = self._stuck
-        return low < 0.0 < high and self._side * (self.goal - self.at) < 0.0
-
-    def _speed_while_stuck(self) -> float:
-        """Return the speed with which the goal comes to rest before friction lets the joint go."""
-        low, high = self._stuck
-        lead = self._side * (self.goal - self.at)
-        end = max(self._side * low, self._side * high) - _FRICTION_MARGIN * (high - low)
-        return math.sqrt(2.0 * self._acceleration * max(end - lead, 0.0))
-
-    def _is_lead_limited(self) -> bool:
-        return not self.arrived and self._side * (self.goal - self.at) >= self._lead
-
-
 def _never(_measured: Vector) -> bool:
     return False
 
 
+# A joint that friction keeps does not move with its goal, however slow its speed class is.
+_MIN_RAD_S2 = 4.0
 _MAX_DURATION_S = 3.0
 # A joint that friction lets go just before that comes to rest at its goal within this time.
 _MAX_COAST_S = 0.5

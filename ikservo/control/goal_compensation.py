@@ -158,8 +158,7 @@ class GoalCompensator:
         rows = self._feed_forwards(self._last, self._direction)
         self._keep_slope(rows)
         offset = (
-            self._within_load_bound(rows)
-            + self._direction * self._feedback.friction
+            self._offset(rows, self._direction)
             + self._feedback.fast * (1.0 - self._fade_share)
             + self._fading * self._fade_share
         )
@@ -206,12 +205,13 @@ class GoalCompensator:
 
     def _modelled(self, point: TrajectoryPoint, direction: Vector | float) -> Vector:
         """Return the feed-forward (n,) with load and friction that feedback has taken up."""
-        loaded = self._within_load_bound(self._feed_forwards(point, direction))
-        return loaded + direction * self._feedback.friction
+        return self._offset(self._feed_forwards(point, direction), direction)
 
-    def _within_load_bound(self, rows: Matrix) -> Vector:
+    def _offset(self, rows: Matrix, direction: Vector | float) -> Vector:
+        """Return the feed-forward (n,), the load within its bound, with the friction learned."""
         nominal, loaded, _ = rows
-        return nominal + np.clip(loaded - nominal, -self._max_load_offset, self._max_load_offset)
+        load = np.clip(loaded - nominal, -self._max_load_offset, self._max_load_offset)
+        return nominal + load + direction * self._feedback.friction
 
     def _keep_slope(self, rows: Matrix) -> None:
         """Keep how goals depend on the load, and where it moves them by no more."""

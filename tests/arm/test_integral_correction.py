@@ -4,12 +4,8 @@ import math
 
 import pytest
 
-from ikservo.arm.settling import (
-    GoalIntegrator,
-    Saturation,
-    SaturationReason,
-    SettlingTrajectory,
-)
+from ikservo.arm.goal_integrator import GoalIntegrator, Saturation, SaturationReason
+from ikservo.arm.settling import SettlingTrajectory
 from ikservo.calibration import JointMap, Limits
 from ikservo.guard import CommandLimits
 from ikservo.motion import KinematicLimits
