@@ -265,7 +265,7 @@ def test_the_tip_is_jogged_along_a_straight_line(arm):
     end_s = arm.clock.now_s() + 0.8
     arm.jog("-y", 0.1, wanted=lambda: arm.clock.now_s() < end_s)
     way = true_tip_m(arm) - before
-    assert way[1] == pytest.approx(-0.07, abs=0.02)
+    assert way[1] == pytest.approx(-0.1 * 0.8, abs=0.03)  # it starts and brakes
     assert abs(way[[0, 2]]).max() < 0.015
 
 
