@@ -154,24 +154,13 @@ _HOMES = {
 }
 
 
-# Names of version 0.1, kept for one version more.
-_RENAMED = {
-    "LineError": "CartesianPathError",
-    "Plan": "MotionPlan",
-    "ServoRefusedError": "ServoRejectedError",
-    "Stance": "ToolOrientation",
-}
-
-
 def __getattr__(name: str) -> object:
     if name == "__version__":
         from importlib.metadata import version  # noqa: PLC0415  # takes longer than --help may
 
         return version("ikservo")
     if name not in _HOMES:
-        from ikservo.deprecation import current_name  # noqa: PLC0415  # only old names pay for it
-
-        return __getattr__(current_name("ikservo", _RENAMED, name))
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name)
     value = globals()[name] = getattr(import_module(f"ikservo.{_HOMES[name]}"), name)
     return value  # from now on found without this function
 

@@ -7,8 +7,6 @@ NumPy may not delay it.
 from importlib import import_module
 from typing import TYPE_CHECKING
 
-from ikservo.deprecation import current_name
-
 if TYPE_CHECKING:
     from ikservo.arm.arm import Arm, OnExit
     from ikservo.arm.background_motion import Motion
@@ -76,21 +74,10 @@ _HOMES = {
     "read_recording": "arm.recorder",
 }
 
-# Names of version 0.1, kept for one version more.
-_RENAMED = {
-    "JointReport": "JointMoveResult",
-    "MoveReport": "MoveResult",
-    "Plan": "MotionPlan",
-    "Progress": "MotionProgress",
-    "Stance": "ToolOrientation",
-    "Whereabouts": "ArmState",
-    "Zeros": "ZeroSource",
-}
-
 
 def __getattr__(name: str) -> object:
     if name not in _HOMES:
-        return __getattr__(current_name("ikservo.arm", _RENAMED, name))
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name)
     value = globals()[name] = getattr(import_module(f"ikservo.{_HOMES[name]}"), name)
     return value  # from now on found without this function
 

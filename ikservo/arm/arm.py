@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Unpack
+from typing import Literal, Unpack
 
 from numpy.typing import ArrayLike
 
@@ -16,7 +15,7 @@ from ikservo.arm.background_motion import Background
 from ikservo.arm.calibrated_arm import ZeroSource
 from ikservo.arm.context import ArmContext
 from ikservo.arm.control_server import CommandHandler, ControlServer, serve
-from ikservo.arm.execution import execute, lower, move_tip, relax, run_plan
+from ikservo.arm.execution import execute, lower, relax
 from ikservo.arm.goal_motions import Points, Positions
 from ikservo.arm.gripper import move_gripper
 from ikservo.arm.motion_options import (
@@ -34,10 +33,8 @@ from ikservo.arm.preflight import PreflightPlanner
 from ikservo.arm.recorder import RecordResult, RecordSettings, record_arm
 from ikservo.arm.reports import ArmState, JointMoveResult, MoveResult, OnProgress
 from ikservo.arm.setpoint_stream import open_stream
-from ikservo.arm.settling import SettlingResult
 from ikservo.clock import Clock
 from ikservo.control.stopping import STOPPED_BY_PROGRAM
-from ikservo.deprecation import current_name
 from ikservo.guard import StopKind, StopReason
 from ikservo.hardware.remembered_port import is_simulated
 from ikservo.kinematics import Chain, JointIndex
@@ -47,13 +44,6 @@ from ikservo.model import Model
 __all__ = ["Arm", "OnExit"]
 
 OnExit = Literal["hold", "relax"]
-
-_RENAMED = {
-    "glimpse": "last_state",
-    "plan_down": "plan_lowering",
-    "release": "disable_torque",
-    "stops_asked": "stop_requests",
-}
 
 
 class Arm:
@@ -129,12 +119,6 @@ class Arm:
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
         self.close(self._on_exit if error is None else "hold")
-
-    if not TYPE_CHECKING:  # a type checker knows today's names only
-
-        def __getattr__(self, name: str) -> object:
-            """Return what an old name stands for, for one version more; it warns."""
-            return getattr(self, current_name("Arm", _RENAMED, name))
 
     @property
     def context(self) -> ArmContext:
@@ -385,16 +369,6 @@ class Arm:
         """
         return execute(self._context, self._runner, plan, on_progress)
 
-    def go(self, plan: MotionPlan, on_progress: OnProgress | None = None) -> SettlingResult:
-        """Execute a plan. Deprecated: use ``execute``, whose report says more."""
-        _warn_deprecated("go")
-        return run_plan(self._context, self._runner, plan, on_progress).settled
-
-    def carry_out(self, plan: MotionPlan, on_progress: OnProgress | None = None) -> MoveResult:
-        """Execute a plan of the tip. Deprecated: use ``execute``."""
-        _warn_deprecated("carry_out")
-        return move_tip(self._context, self._runner, plan, on_progress)
-
     # These are functions of an arm, in the modules of what they do.
     move_to = goal_motions.move_to
     move_line = goal_motions.move_line
@@ -468,8 +442,3 @@ class Arm:
     def _close_server(self) -> None:
         if self._server is not None:
             self._server.close()
-
-
-def _warn_deprecated(name: str) -> None:
-    text = f"Arm.{name} is deprecated: use Arm.execute."
-    warnings.warn(text, DeprecationWarning, stacklevel=3)

@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from itertools import repeat
-from typing import TYPE_CHECKING, Protocol, Unpack
+from typing import Protocol, Unpack
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from ikservo.arm.settling import settle_at
 from ikservo.arm.target_tracking import CartesianOrJointTarget, TargetTracker
 from ikservo.control.loop import ControlCycle
 from ikservo.control.streamed_servos import STALL_S
-from ikservo.deprecation import current_name
 from ikservo.errors import RefusedError
 from ikservo.guard import DEAD_MAN_TIMEOUT_S, DeadManSwitch
 from ikservo.kinematics.arrays import Vector, freeze_arrays
@@ -234,12 +233,6 @@ class FollowResult:
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
-
-    if not TYPE_CHECKING:  # a type checker knows today's names only
-
-        def __getattr__(self, name: str) -> object:
-            """Return the field that an old name stands for; it warns."""
-            return getattr(self, current_name("FollowResult", {"wishes": "setpoints"}, name))
 
 
 class _TargetFollower:

@@ -6,14 +6,12 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ikservo.arm.arguments import parse_number
 from ikservo.arm.reports import SampledTrajectory, sample_trajectory
 from ikservo.arm.tool_speed import ToolSpeed
-from ikservo.deprecation import current_name
 from ikservo.errors import RefusedError
 from ikservo.guard import CommandLimits
 from ikservo.ik import Result
@@ -54,23 +52,6 @@ class NearLimit:
     side: str
     margin: float
     unit: str
-
-    if not TYPE_CHECKING:  # a type checker knows today's names only
-
-        def __getattr__(self, name: str) -> object:
-            """Return the field that an old name stands for; it warns."""
-            return getattr(self, current_name("NearLimit", {"room": "margin"}, name))
-
-
-_RENAMED = {
-    "by": "via_pose",
-    "course": "trajectory",
-    "left_rad": "orientation_error_rad",
-    "near": "near_limits",
-    "setters": "time_limiting_joints",
-    "slowed": "speed_reduced",
-    "straight": "is_cartesian",
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,12 +110,6 @@ class MotionPlan:
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
-
-    if not TYPE_CHECKING:  # a type checker knows today's names only
-
-        def __getattr__(self, name: str) -> object:
-            """Return the field that an old name stands for; it warns."""
-            return getattr(self, current_name("MotionPlan", _RENAMED, name))
 
     def sample(self, dt_s: float = 0.01) -> SampledTrajectory:
         """Return the motion as arrays: times (k,), positions and velocities (k, n).

@@ -21,13 +21,12 @@ from collections.abc import Generator, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import TracebackType
-from typing import IO, TYPE_CHECKING, Any, cast
+from typing import IO, Any, cast
 
 import numpy as np
 
 from ikservo.arm.reports import SampledTrajectory
 from ikservo.control.feedback import JointState
-from ikservo.deprecation import current_name
 from ikservo.errors import FileFormatError, InputError
 from ikservo.files.reading import parse_json, require_file
 from ikservo.files.writing import FileWriteError
@@ -94,12 +93,6 @@ class Recording:
         if self.first_line is None:
             return "its arm" if index is None else f"sample {index + 1}"
         return f"line {1 if index is None else self.first_line + index}"
-
-    if not TYPE_CHECKING:  # a type checker knows today's names only
-
-        def __getattr__(self, name: str) -> object:
-            """Return the field that an old name stands for; it warns."""
-            return getattr(self, current_name("Recording", {"heading": "header"}, name))
 
     def trajectory(self) -> SampledTrajectory:
         """Return the samples as a trajectory; velocities are differences of the positions."""

@@ -18,7 +18,6 @@ from ikservo.arm.motion_options import JointOptions, MotionSettings, parse_optio
 from ikservo.arm.recorder import read_recording, recording_header
 from ikservo.arm.recording import Recording
 from ikservo.arm.settling import settle_at
-from ikservo.deprecation import current_name
 from ikservo.errors import FileFormatError, RefusedError
 from ikservo.guard import thin_path
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
@@ -173,12 +172,6 @@ class ReplayResult:
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
-
-    if not TYPE_CHECKING:  # a type checker knows today's names only
-
-        def __getattr__(self, name: str) -> object:
-            """Return the field that an old name stands for; it warns."""
-            return getattr(self, current_name("ReplayResult", {"slower": "slowdown"}, name))
 
 
 @overload

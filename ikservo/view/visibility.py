@@ -13,13 +13,11 @@ import math
 from collections.abc import Callable, Hashable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.clock import Clock
-from ikservo.deprecation import current_name
 from ikservo.errors import UnknownNameError
 from ikservo.kinematics import Chain, finite_vector
 from ikservo.kinematics.arrays import Matrix, Vector
@@ -48,7 +46,6 @@ __all__ = [
 TABLE = "the table"
 
 _TABLE_M = 3.0
-_RENAMED = {"share": "visible_fraction"}
 _VISIBLE_FRACTION = 0.01
 _LINES = 48  # rays along each side of a link's bounding rectangle in the image
 _MIN_RAYS = 16
@@ -77,12 +74,6 @@ class LinkVisibility:
     def is_visible(self) -> bool:
         """Return whether more than a hundredth of it is visible."""
         return self.visible_fraction > _VISIBLE_FRACTION
-
-    if not TYPE_CHECKING:  # a type checker knows today's names only
-
-        def __getattr__(self, name: str) -> object:
-            """Return what an old name of a field stands for; it warns."""
-            return getattr(self, current_name("LinkVisibility", _RENAMED, name))
 
 
 class VisibilityChecker:

@@ -16,7 +16,6 @@ from tests.journeys.recordings import write_wave_recording
 
 # Methods whose calls need another one first, or a program of their own.
 LISTENING = ("listen",)  # opens a socket; tests/arm/test_control_socket.py
-DEPRECATED = ("go", "carry_out")  # warn; tests/api/test_deprecated.py
 PLUGGED = ("reconnect",)  # needs a cable that was pulled; tests/arm/test_faults_in_motion.py
 
 

@@ -15,7 +15,7 @@ from tests.journeys.expectations import (
     parameter_names,
 )
 from tests.journeys.fixtures_ports import PORT_KINDS, place_arm
-from tests.journeys.method_arguments import DEPRECATED, LISTENING, PLUGGED, arguments, methods
+from tests.journeys.method_arguments import LISTENING, PLUGGED, arguments, methods
 from tests.journeys.postures import FREQUENT, postures_of
 
 LIKE = {"move_to": "move", "relax": "relax", "pose": "pose"}  # judged as these commands are
@@ -23,7 +23,7 @@ LIKE = {"move_to": "move", "relax": "relax", "pose": "pose"}  # judged as these 
 
 def cases(arm):
     """Return every case of an arm: method, posture, kind of port."""
-    called = [name for name in methods() if name not in DEPRECATED + LISTENING + PLUGGED]
+    called = [name for name in methods() if name not in LISTENING + PLUGGED]
     return [
         (m, posture, kind) for m in called for posture in postures_of(arm) for kind in PORT_KINDS
     ]

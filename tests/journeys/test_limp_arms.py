@@ -8,7 +8,7 @@ import pytest
 
 from tests.journeys import test_every_command, test_every_method
 from tests.journeys.command_arguments import SERVERS, commands, lines_of
-from tests.journeys.method_arguments import DEPRECATED, LISTENING, PLUGGED, methods
+from tests.journeys.method_arguments import LISTENING, PLUGGED, methods
 from tests.journeys.postures import FREQUENT
 from tests.journeys.test_every_command import LONG
 
@@ -18,7 +18,7 @@ LINES = [
     for command in commands() if command not in SERVERS
     for line in lines_of(command)
 ]  # fmt: skip
-METHODS = [name for name in methods() if name not in DEPRECATED + LISTENING + PLUGGED]
+METHODS = [name for name in methods() if name not in LISTENING + PLUGGED]
 
 
 @pytest.mark.sample(14)
