@@ -1,10 +1,12 @@
 """The pictures of the page that the README shows; `make pictures` draws them anew."""
 
+import io
 import os
 from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from tests.browser.page_operator import Operator
 
@@ -34,17 +36,84 @@ def test_the_arm_follows_in_both_colours(visit, album, scheme):
     operator.release()
 
 
-def test_from_all_around_in_3d(webgl_browser, view, album):
+@pytest.fixture
+def orbiting(webgl_browser, view):
     context = webgl_browser.new_context(
         viewport={"width": 1100, "height": 720}, color_scheme="light"
     )
     operator = Operator(context.new_page(), view, options="&draw=3d")
     operator.page.click("#views button[value=orbit]")
     operator.wait_for("scene.webgl && scene.measured")
-    operator.drag(operator.tip_px(), np.array([110.0, -90.0])).release()
-    operator.page.mouse.move(5, 5)
-    assert taken(operator, album / "view_orbit.png") > 20_000
+    yield operator
     context.close()
+
+
+def test_from_all_around_in_3d(orbiting, album):
+    orbiting.drag(orbiting.tip_px(), np.array([110.0, -90.0])).release()
+    orbiting.page.mouse.move(5, 5)
+    assert taken(orbiting, album / "view_orbit.png") > 20_000
+
+
+POINTER = """() => {
+  const pointer = document.body.appendChild(document.createElement("div"));
+  pointer.style.cssText = "position:fixed;z-index:99;width:22px;height:22px;margin:-11px;"
+    + "border-radius:50%;background:#d9480f99;border:2px solid #d9480f;pointer-events:none";
+  addEventListener("pointermove", (event) => {
+    pointer.style.left = `${event.clientX}px`;
+    pointer.style.top = `${event.clientY}px`;
+  }, true);
+}"""
+
+
+class Film:
+    """Screenshots of the page, each with the time for which it is shown."""
+
+    def __init__(self, page, size=(880, 576)):
+        self.page, self.size = page, size
+        self.frames, self.shown_ms = [], []
+
+    def take(self, shown_ms):
+        shot = Image.open(io.BytesIO(self.page.screenshot())).convert("RGB")
+        self.frames.append(shot.resize(self.size, Image.Resampling.LANCZOS))
+        self.shown_ms.append(shown_ms)
+
+    def follow(self, operator, start, move, frames):
+        """Drag from a pixel along a bow, and show each step once the page has drawn it."""
+        self.page.mouse.move(*operator.over(start))
+        self.page.mouse.down()
+        for share in np.linspace(0.0, 1.0, frames):
+            bow = 0.3 * np.sin(np.pi * share) * np.array([-move[1], move[0]])
+            self.page.mouse.move(*operator.over(start + share * move + bow))
+            self.page.wait_for_timeout(120)
+            self.take(80)
+        self.page.mouse.up()
+
+    def save(self, path):
+        first, *others = self.frames
+        first.save(path, save_all=True, append_images=others, duration=self.shown_ms, loop=0,
+                   quality=55)  # fmt: skip
+
+
+@pytest.mark.timeout(600)  # each picture takes a second of a busy core
+def test_a_drag_in_3d(orbiting, album):
+    page, film = orbiting.page, Film(orbiting.page)
+    page.evaluate(POINTER)
+    page.wait_for_timeout(1500)  # for the region of reach
+    film.take(600)
+    film.follow(orbiting, orbiting.tip_px(), np.array([90.0, -120.0]), frames=14)
+    film.take(900)  # the ghost, the path of the tip and Go there
+    orbiting.before = orbiting.served.ticks()
+    page.click("#execute")
+    film.take(300)
+    orbiting.until_moving().until_still()
+    film.take(600)
+    orbiting.enable_live()
+    film.take(500)
+    film.follow(orbiting, orbiting.tip_px(), np.array([-130.0, -80.0]), frames=20)
+    orbiting.until_still()
+    film.take(1500)
+    film.save(album / "drag.webp")
+    assert 50_000 < (album / "drag.webp").stat().st_size < 1_000_000
 
 
 @pytest.mark.parametrize("view", [{"arm": "planar3", "port": "sim"}], indirect=True)

@@ -14,14 +14,19 @@ def test_readme_shows_what_the_demo_runs():
 
 
 def test_readme_leads_from_plugging_in_to_the_first_motion():
-    journey = README.partition("## From the box")[2].partition("\n## ")[0]
-    order = [
-        journey.find(f"ikservo {word} ")
-        for word in ("doctor", "scan", "setup", "calibrate", "move")
-    ]
-    assert -1 not in order
-    assert order == sorted(order)
+    journey = README.partition("## First motion")[2].partition("\n## ")[0]
+    commands = re.findall(r"^ikservo (\w+)", journey, re.M)
+    assert commands == ["setup", "doctor", "calibrate", "move", "relax"]
+
+
+def test_readme_warns_before_the_first_command_that_needs_an_arm():
+    assert "one hand at the switch" in " ".join(README.partition("ikservo setup")[0].split())
 
 
 def test_readme_says_how_the_command_gets_on_the_path():
     assert "source .venv/bin/activate" in README
+
+
+def test_readme_is_short():
+    assert len(README.splitlines()) <= 110
+    assert len(README.split()) <= 900
