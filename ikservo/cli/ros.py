@@ -66,7 +66,7 @@ def command(
 ) -> None:
     """Join an arm to ROS 2 until Ctrl-C; needs rmw_zenoh there, and no ROS here.
 
-    Everybody in that domain may move the arm within its limits; see docs/network.md.
+    Everybody in that domain may move the arm within its limits; see docs/how-to/ros2.md.
 
     ikservo ros so101
 

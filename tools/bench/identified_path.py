@@ -1,9 +1,10 @@
 """Path accuracy by what the program knows of an arm: the tables, its identification, the truth.
 
-Run ``python tools/bench/identified_path.py``; the table goes to docs/identification.md. Simulated
-arms have masses and servos that differ from the arm file. Each goes along the same seeded lines
-three times, in virtual time: as its file says, identified by its tour (`ikservo identify`), and
-with the figures of its simulated motors and masses. The judge are the simulated joints.
+Run ``python tools/bench/identified_path.py``; the table goes to docs/lab/identification.md.
+Simulated arms have masses and servos that differ from the arm file. Each goes along the same
+seeded lines three times, in virtual time: as its file says, identified by its tour
+(`ikservo identify`), and with the figures of its simulated motors and masses. The judge are the
+simulated joints.
 """
 
 from __future__ import annotations

@@ -27,6 +27,13 @@ def on_files(files: Any, config: Any) -> Any:  # noqa: ANN401  # MkDocs' own typ
     return files
 
 
+def on_page_markdown(text: str, page: Any, **_: object) -> str:  # noqa: ANN401
+    """Rank the project's records below the pages for users when the site is searched."""
+    if any(each.title == "Project" for each in page.ancestors):
+        page.meta["search"] = {"boost": 0.2}
+    return text
+
+
 def on_page_content(text: str, **_: object) -> str:
     """Replace formulas in TeX by MathML, which browsers draw without a script."""
     return _FORMULA.sub(_to_mathml, text)
