@@ -20,7 +20,7 @@ PANELS = {
     "Without an arm": {
         "arms": "List the arms that ship with ikservo.",
         "solve": "Find joints for a point; nothing moves.",
-        "workspace": "What the tip can reach: counts, a test of a point, a picture.",
+        "workspace": "Compute what the tip can reach; test a point, draw a picture.",
         "sim": "Serve a simulated arm on a pseudo-terminal.",
     },
     "Set up": {
@@ -31,7 +31,7 @@ PANELS = {
         "bench": "Measure how fast servos can be read and written.",
         "test": "Measure accuracy and repeatability after ISO 9283.",
         "calibrate": "Measure this arm's zeros, signs and ranges.",
-        "identify": "Find this arm's masses, friction, stiffness; it moves slowly.",
+        "identify": "Measure this arm's masses, friction, stiffness; moves slowly.",
         "calibration": "Compare a calibration with the servos: diff, push, pull.",
         "import": "Import a calibration from LeRobot or a recording.",
         "export": "Export a calibration to LeRobot, or a recording to CSV.",
@@ -45,7 +45,7 @@ PANELS = {
         "pose": "Move to a named pose.",
         "jog": "Move a joint or the tip while a key is held.",
         "gripper": "Open, close, grasp.",
-        "view": "Serve a page on which the arm is dragged with the mouse.",
+        "view": "Open the browser panel: drag the arm with the mouse.",
     },
     "Teach and replay": {
         "teach": "Save the pose of an arm moved by hand.",
@@ -56,7 +56,7 @@ PANELS = {
     },
     "Other machines": {
         "serve": "Serve an arm to programs on other machines.",
-        "ros": "Join an arm to ROS 2, without ROS on this machine.",
+        "ros": "Connect an arm to ROS 2, without ROS on this machine.",
         "fleet": "List the arms of other machines: state, operator, health.",
         "net": "Make certificates for other machines; acknowledge a stop.",
     },
@@ -181,7 +181,7 @@ def _root_command(  # pyright: ignore[reportUnusedFunction]
         is_eager=True,
     ),
 ) -> None:
-    """A box of bus servos becomes an arm that goes where you point.
+    """Drive robot arms of serial bus servos to points in metres.
 
     ikservo move 0.25 0.05 0.15 --arm so101 --port sim    no arm needed
     """

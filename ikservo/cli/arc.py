@@ -39,14 +39,12 @@ from ikservo.errors import ExitCode
 __all__ = ["command"]
 
 OptionalLength = Annotated[
-    float | None, typer.Argument(parser=parse_length_m, help="End point: metres, or 120mm.")
+    float | None, typer.Argument(parser=parse_length_m, help="End point: metres, or like 120mm.")
 ]
-Via = Annotated[
-    str | None, typer.Option("--via", metavar="X,Y,Z", help="A point that the arc passes.")
-]
+Via = Annotated[str | None, typer.Option("--via", metavar="X,Y,Z", help="Point on the arc.")]
 FullCircle = Annotated[
     bool,
-    typer.Option("--full-circle", help="Pass the end and go on to where the circle began."),
+    typer.Option("--full-circle", help="Continue past the end, back to the start of the circle."),
 ]
 Center = Annotated[
     str | None,
@@ -66,7 +64,7 @@ Angle = Annotated[
         "--angle",
         parser=parse_angle_rad,
         metavar="DEG",
-        help="With --center: angle of the arc, default 360; negative is clockwise.",
+        help="With --center: angle of the arc; default: 360; negative: clockwise.",
     ),
 ]
 
@@ -97,7 +95,7 @@ def command(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Move the tip from where it is on an arc through --via to X Y Z, or about --center.
+    """Move the tip on an arc through --via to X Y Z, or about --center.
 
     ikservo arc 0.20 -0.05 0.15 --via 0.25,0,0.15 --arm so101 --port sim
 

@@ -24,10 +24,10 @@ Action = Annotated[
     str,
     typer.Argument(
         metavar="[list|expand]",
-        help="List the arms; or write the plain URDF of a xacro file, which runs what it contains.",
+        help="list: list the arms. expand: write the URDF of a xacro file; runs code in it.",
     ),
 ]
-File = Annotated[Path | None, typer.Argument(metavar="FILE", help="The xacro file to expand.")]
+File = Annotated[Path | None, typer.Argument(metavar="FILE", help="Xacro file to expand.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing URDF.")]
 
 

@@ -22,7 +22,7 @@ class BenchSubject(StrEnum):
     BUS = "bus"
 
 
-What = Annotated[BenchSubject, typer.Argument(help="What to measure.")]
+What = Annotated[BenchSubject, typer.Argument(help="Subject of the measurement.")]
 Count = Annotated[int, typer.Option("--count", min=10, help="Cycles of each kind.")]
 
 
@@ -34,7 +34,7 @@ def command(
     count: Count = CYCLES,
     json: JsonOption = False,
 ) -> None:
-    """Measure how often a second all servos can be read and written; nothing moves.
+    """Measure how often per second all servos can be read and written; nothing moves.
 
     ikservo bench bus --arm so101 --port /dev/ttyACM0
     """

@@ -46,9 +46,7 @@ __all__ = [
 ]
 
 
-Pose = Annotated[
-    str, typer.Option("--pose", help="The named pose in which you hold the arm at first.")
-]
+Pose = Annotated[str, typer.Option("--pose", help="Named pose in which you hold the arm at first.")]
 Margin = Annotated[
     float,
     typer.Option(
@@ -56,7 +54,8 @@ Margin = Annotated[
     ),
 ]
 FromScript = Annotated[
-    Path | None, typer.Option("--from-script", metavar="FILE", help="Answers, one a line.")
+    Path | None,
+    typer.Option("--from-script", metavar="FILE", help="File with the answers, one per line."),
 ]
 NoInput = Annotated[bool, typer.Option("--no-input", help="Never ask; a question is an error.")]
 Continuous = Annotated[
@@ -73,12 +72,12 @@ OnlyJoint = Annotated[
 ]
 OwnLimit = Annotated[
     list[str] | None,
-    typer.Option("--limit", metavar="JOINT=LOW:HIGH", help="A narrower range of your own."),
+    typer.Option("--limit", metavar="JOINT=LOW:HIGH", help="Narrower range of your own."),
 ]
 WriteLimits = Annotated[
     bool | None,
     typer.Option(
-        "--write-limits/--no-write-limits", help="Whether the servos hold the limits, too."
+        "--write-limits/--no-write-limits", help="Write the limits into the servos as well."
     ),
 ]
 
@@ -88,7 +87,7 @@ TouchOff = Annotated[
 ]
 Points = Annotated[
     Path | None,
-    typer.Option("--points", metavar="FILE", help="Points to touch: NAME X Y Z, one a line."),
+    typer.Option("--points", metavar="FILE", help="Points to touch, one NAME X Y Z per line."),
 ]
 SamePoint = Annotated[
     bool, typer.Option("--same-point", help="Touch one fixed point of unknown position repeatedly.")
@@ -107,12 +106,10 @@ BlockHeight = Annotated[
         "--block-height", parser=parse_length_m, help="Height of a block for every other cross."
     ),
 ]
-Auto = Annotated[
-    bool, typer.Option("--auto", help="The arm drives gently to its end stops by itself.")
-]
+Auto = Annotated[bool, typer.Option("--auto", help="Let the arm drive gently to its end stops.")]
 Wiggle = Annotated[
     bool,
-    typer.Option("--wiggle", help="Test motion: each joint 5° and back, to check ids and signs."),
+    typer.Option("--wiggle", help="Move each joint by 5° and back, to check ids and signs."),
 ]
 
 
@@ -140,17 +137,17 @@ def command(
     no_input: NoInput = False,
     json: JsonOption = False,
 ) -> None:
-    """Find an arm's zeros, signs and ranges, moving it by hand; torque is off meanwhile.
+    """Measure an arm's zeros, signs and ranges by hand, with torque off.
 
     ikservo calibrate so101
 
     ikservo calibrate so101 --pose home --margin 1 --write-limits
 
-    ikservo calibrate so101 --joint elbow_flex        this joint again, the others are kept
+    ikservo calibrate so101 --joint elbow_flex        this joint again, keep the others
 
-    ikservo calibrate so101 --auto          the arm finds its stops itself
+    ikservo calibrate so101 --auto          the arm finds its end stops
 
-    ikservo calibrate so101 --touch         then: the tip on a printed sheet, for millimetres
+    ikservo calibrate so101 --touch         then touch a printed sheet, for millimetres
     """
     if auto + touch + wiggle > 1:
         raise InputError("One of --auto, --touch and --wiggle at a time.")

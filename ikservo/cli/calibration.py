@@ -52,12 +52,12 @@ Action = Annotated[
         metavar="show|diff|push|pull|adopt|restore|resume|revert",
         autocompletion=complete_actions,
         help="show: print it. diff: compare. push: file into servos. pull: servos into file. "
-        "adopt: take that of another adapter. restore: take the previous file for a damaged one. "
+        "adopt: use that of another adapter. restore: replace a damaged file by the previous one. "
         "resume, revert: complete or undo an interrupted write.",
     ),
 ]
 Source = Annotated[
-    Path | None, typer.Option("--from", metavar="FILE", help="The calibration to adopt.")
+    Path | None, typer.Option("--from", metavar="FILE", help="Calibration to adopt.")
 ]
 
 
@@ -70,11 +70,11 @@ def command(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Compare an arm's calibration with its servos, or carry one over to the other.
+    """Compare an arm's calibration with its servos, or copy one to the other.
 
     ikservo calibration show so101          zeros, signs, ranges
 
-    ikservo calibration diff so101          exit 6 where they differ
+    ikservo calibration diff so101          exit 6 if they differ
 
     ikservo calibration push so101          write the file into the servos
 
@@ -82,7 +82,7 @@ def command(
 
     ikservo calibration adopt so101         the arm is on another adapter than before
 
-    ikservo calibration restore so101       the file is damaged: take the one before
+    ikservo calibration restore so101       replace a damaged file by the one before
     """
     if action not in ACTIONS:
         raise UnknownNameError("action", action, ACTIONS)

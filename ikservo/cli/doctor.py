@@ -20,7 +20,7 @@ from ikservo.model import load_model
 
 __all__ = ["command"]
 
-Rules = Annotated[bool, typer.Option("--rules", help="Only print the udev rule.")]
+Rules = Annotated[bool, typer.Option("--rules", help="Print only the udev rule.")]
 WriteEeprom = Annotated[
     bool, typer.Option("--write-eeprom", help="First write the EEPROM values of the arm file.")
 ]

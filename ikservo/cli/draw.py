@@ -51,16 +51,14 @@ Origin = Annotated[
         "current tip position.",
     ),
 ]
-Scale = Annotated[
-    float | None, typer.Option("--scale", help="Factor by which the file's lengths are multiplied.")
-]
+Scale = Annotated[float | None, typer.Option("--scale", help="Factor for all lengths of the file.")]
 Width = Annotated[
     float | None,
     typer.Option(
         "--width",
         parser=parse_length_m,
         metavar="LENGTH",
-        help="Length of the larger side, instead of --scale.",
+        help="Length of the larger side of the drawing, instead of --scale.",
     ),
 ]
 Rotate = Annotated[
@@ -69,12 +67,12 @@ Rotate = Annotated[
         "--rotate",
         parser=parse_angle_rad,
         metavar="DEG",
-        help="Angle by which the drawing is turned about its origin.",
+        help="Rotation of the drawing about its origin.",
     ),
 ]
 Unit = Annotated[
     str | None,
-    typer.Option("--unit", help="Unit of a CSV whose header names none: m (default) or mm."),
+    typer.Option("--unit", help="Unit of a CSV whose header names none: m or mm; default: m."),
 ]
 Lift = Annotated[
     float,
@@ -82,7 +80,8 @@ Lift = Annotated[
         "--lift",
         parser=parse_length_m,
         metavar="LENGTH",
-        help="Height by which the tip is lifted between strokes.",
+        help="Lift of the tip between strokes; default: 10mm.",
+        show_default=False,
     ),
 ]
 
@@ -114,9 +113,9 @@ def command(
 ) -> None:
     """Move the tip along the strokes of a file, lifted between them.
 
-    An SVG is drawn as large as it says (a pixel is 1/96 inch), its right to the arm's right and
-    its top away from the arm. A CSV has x,y or x,y,z in the base frame's directions in each line,
-    and an empty line between strokes; metres, or what its header says: x_mm,y_mm.
+    An SVG has its own size (one pixel is 1/96 inch); its right side is to the right of the arm, and
+    its top is away from the arm. Each line of a CSV has x,y or x,y,z in the directions of the base
+    frame, and an empty line ends a stroke; metres, or the unit of its header: x_mm,y_mm.
 
     ikservo draw star.svg --origin 0.18,0.04,0.05 --width 80mm --arm so101 --port sim
 

@@ -34,7 +34,7 @@ Sources = Annotated[
 ]
 To = Annotated[
     Path | None,
-    typer.Option("--to", metavar="FILE", help="Write a file, or the data set's folder."),
+    typer.Option("--to", metavar="FILE", help="File to write, or folder of the data set."),
 ]
 Fps = Annotated[
     int | None, typer.Option("--fps", min=1, max=500, help="Frames per second of a data set.")
@@ -56,7 +56,7 @@ def command(
 ) -> None:
     """Print a calibration as LeRobot's JSON, a recording as CSV; write recordings as a data set.
 
-    What LeRobot's file cannot hold is listed on stderr.
+    Values that LeRobot's file cannot hold are listed on stderr.
 
     ikservo export lerobot --arm so101 > my_arm.json
 

@@ -25,14 +25,19 @@ __all__ = ["command"]
 
 Hosts = Annotated[
     list[str] | None,
-    typer.Argument(metavar="[HOST[:PORT]]…", help="Machines; those of IKSERVO_FLEET if none."),
+    typer.Argument(metavar="[HOST[:PORT]]…", help="Machines; default: those of IKSERVO_FLEET."),
 ]
 Watch = Annotated[bool, typer.Option("--watch", help="Repeat until Ctrl-C.")]
 Period = Annotated[
     float,
-    typer.Option("--period", parser=parse_time_s, help="Time between two readings, as in 500ms."),
+    typer.Option(
+        "--period",
+        parser=parse_time_s,
+        help="Time between two readings; default: 1s.",
+        show_default=False,
+    ),
 ]
-Count = Annotated[int | None, typer.Option("--count", min=1, help="End after so many readings.")]
+Count = Annotated[int | None, typer.Option("--count", min=1, help="End after this many readings.")]
 
 _COLUMNS = ("arm", "at", "is", "state", "controlled by", "°C", "latency", "")
 

@@ -33,11 +33,11 @@ Leader = Annotated[
     str,
     typer.Argument(
         metavar="LEADER",
-        help="The arm guided by hand: a name or a file.",
+        help="Arm that is guided by hand: a name or a file.",
         autocompletion=complete_arms,
     ),
 ]
-LeaderPort = Annotated[str | None, typer.Option("--leader-port", help="The leader's serial port.")]
+LeaderPort = Annotated[str | None, typer.Option("--leader-port", help="Serial port of the leader.")]
 Duration = Annotated[
     float | None,
     typer.Option("--duration", parser=parse_time_s, help="Duration; default: until Ctrl-C."),
@@ -58,9 +58,9 @@ def command(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Follow an arm that you guide by hand, joint by joint of the same name; Ctrl-C stops.
+    """Follow an arm that you guide by hand, joint by joint; Ctrl-C stops.
 
-    The leader's torque stays off. This arm keeps its own limits and speed.
+    Joints are matched by name. The leader's torque stays off. This arm keeps its limits and speed.
 
     ikservo follow so101 --leader-port /dev/ttyACM1 --arm so101 --port /dev/ttyACM0
     """

@@ -29,7 +29,7 @@ To = Annotated[
     str | None,
     typer.Argument(
         metavar="open|close|WIDTH",
-        help="open, close, or like 30mm.",
+        help="open, close, or a width like 30mm.",
         autocompletion=complete_openings,
     ),
 ]
@@ -37,13 +37,13 @@ Force = Annotated[
     float | None,
     typer.Option(
         "--force",
-        help="Share of the servo's torque: 0.05 (STS3215 of 7.4 V: 0.1) to 1; default 0.3.",
+        help="Fraction of the servo's torque: 0.05 (7.4 V STS3215: 0.1) to 1; default: 0.3.",
     ),
 ]
 
 
 Weigh = Annotated[
-    bool, typer.Option("--weigh", help="Move the arm slowly to weigh what the jaws hold.")
+    bool, typer.Option("--weigh", help="Weigh the object in the jaws; moves the arm slowly.")
 ]
 
 
@@ -64,14 +64,14 @@ def command(
 
     ikservo gripper 30mm --arm px100 --port sim
 
-    ikservo gripper --weigh --arm so101       what the jaws hold, after `ikservo identify`
+    ikservo gripper --weigh --arm so101       weighs the object, after `ikservo identify`
     """
     if weigh == (to is not None):
         raise InputError(
             "--weigh cannot be used with a motion of the jaws."
             if weigh
             else "Where to is not given.",
-            "Say open, close, a width like 30mm, or --weigh.",
+            "Give open, close, a width like 30mm, or --weigh.",
         )
     if to is None:
         _weigh(arm, port, yes=yes, json=json)

@@ -31,7 +31,7 @@ from ikservo.model.identified_drives import body_joints
 __all__ = ["announce_tour", "command"]
 
 Quick = Annotated[
-    bool, typer.Option("--quick", help="Three postures instead of eight; less is determined.")
+    bool, typer.Option("--quick", help="Use three postures instead of eight; determines less.")
 ]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Identify, but save nothing.")]
 _KEYS = (*JOINT_PARAMETERS, "stiffness_nm_rad", "backlash_rad")
@@ -49,7 +49,7 @@ def command(
 ) -> None:
     """Move the arm slowly to find its own masses, friction, stiffness and backlash.
 
-    It moves all joints of the arm through its whole room for some minutes: clear its reach, and
+    It moves all joints through the whole reach of the arm for some minutes: clear that space, and
     leave the jaws empty.
 
     ikservo identify --arm so101

@@ -74,11 +74,13 @@ What = Annotated[
 OtherCalibration = Annotated[
     str,
     typer.Option(
-        "--calibration", metavar="ID|FILE", help="LeRobot's calibration of the recorded arm."
+        "--calibration",
+        metavar="ID|FILE",
+        help="LeRobot calibration used when the data were recorded.",
     ),
 ]
 Percent = Annotated[
-    bool, typer.Option("--percent", help="Recorded with use_degrees=false: -100 to 100.")
+    bool, typer.Option("--percent", help="Data were recorded with use_degrees=false (-100 to 100).")
 ]
 
 
@@ -101,7 +103,7 @@ def command(
 ) -> None:
     """Import ids and ranges from LeRobot; zeros and signs are then measured in a pose.
 
-    LeRobot's zero is the middle of what was swept, which says nothing about the geometry.
+    LeRobot's zero is the middle of the swept range, not the zero of the URDF.
 
     ikservo import lerobot my_arm --arm so101
 

@@ -52,11 +52,16 @@ What = Annotated[
 ]
 Speed = Annotated[
     str | None,
-    typer.Option("--speed", help="10 is 10°/s of a joint; 20mm is 20 mm/s of the tip or a slide."),
+    typer.Option(
+        "--speed",
+        help="Degrees/s of a joint, like 10; mm/s of the tip or a sliding joint, like 20mm.",
+    ),
 ]
 Duration = Annotated[
     float | None,
-    typer.Option("--duration", parser=parse_time_s, help="Duration, without keys: 2, 0.5s."),
+    typer.Option(
+        "--duration", parser=parse_time_s, help="Move for this time, without keys: 2, 0.5s."
+    ),
 ]
 
 

@@ -35,7 +35,7 @@ Goals = Annotated[
     list[str],
     typer.Argument(
         metavar="JOINT=POSITION…",
-        help="Degrees or 0.2rad; 12mm on slides.",
+        help="Degrees or 0.2rad; sliding joints: 12mm.",
         autocompletion=complete_joints,
     ),
 ]

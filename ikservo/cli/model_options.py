@@ -43,7 +43,7 @@ PreferOption = Annotated[
     typer.Option(
         "--prefer",
         metavar="JOINT=POSITION",
-        help="Preferred position where the target leaves freedom, or a pose's name; repeatable.",
+        help="Preferred joint position or pose, used where the target leaves freedom; repeatable.",
     ),
 ]
 WeightOption = Annotated[
@@ -51,7 +51,7 @@ WeightOption = Annotated[
     typer.Option(
         "--weight",
         metavar="JOINT=NUMBER",
-        help="Weight of a preferred joint, default 1; 0 is none; repeatable.",
+        help="Weight of a joint's preference; default: 1; 0: ignored; repeatable.",
     ),
 ]
 

@@ -46,7 +46,7 @@ __all__ = ["command"]
 Line = Annotated[bool, typer.Option("--line", help="Move the tip on a straight line.")]
 Via = Annotated[
     list[str] | None,
-    typer.Option("--via", metavar="X,Y,Z", help="A point to pass without a stop; repeatable."),
+    typer.Option("--via", metavar="X,Y,Z", help="Point to pass without stopping; repeatable."),
 ]
 Blend = Annotated[
     float,
@@ -54,7 +54,8 @@ Blend = Annotated[
         "--blend",
         parser=parse_length_m,
         metavar="LENGTH",
-        help="Distance at which a --via is passed.",
+        help="Distance at which a --via point is passed; default: 20mm.",
+        show_default=False,
     ),
 ]
 
@@ -87,7 +88,7 @@ def command(
 ) -> None:
     """Move the tip to the point X Y Z in the arm's base frame.
 
-    The tool keeps its orientation as far as the arm can, unless one is requested.
+    The tool keeps its orientation as far as the arm can, unless you request another one.
 
     ikservo move 0.25 0.05 0.15 --arm so101 --port sim
 

@@ -19,7 +19,9 @@ __all__ = ["command"]
 Action = Literal["keys", "acknowledge"]
 ACTIONS: tuple[Action, ...] = get_args(Action)
 
-ActionArgument = Annotated[str, typer.Argument(metavar="ACTION", help="keys or acknowledge.")]
+ActionArgument = Annotated[
+    str, typer.Argument(metavar="ACTION", help="keys: make certificates; acknowledge: end a stop.")
+]
 Folder = Annotated[
     Path | None,
     typer.Option("--folder", help="Folder of the keys; default: ./ikservo-keys."),
@@ -28,7 +30,7 @@ Host = Annotated[
     list[str] | None,
     typer.Option("--host", help="Name or address of the machine with the arm; repeatable."),
 ]
-New = Annotated[bool, typer.Option("--new", help="Replace keys; the old ones are then worthless.")]
+New = Annotated[bool, typer.Option("--new", help="Replace the keys; the old ones stop working.")]
 
 
 def command(
@@ -44,7 +46,7 @@ def command(
 
     ikservo net keys --host lab-pi --host 192.168.1.7
 
-    ikservo net acknowledge --port zenoh:desk@lab-pi     it may move again; nothing moves yet
+    ikservo net acknowledge --port zenoh:desk@lab-pi     the arm may move again; nothing moves yet
     """
     if action not in ACTIONS:
         raise UnknownNameError("action", action, ACTIONS)

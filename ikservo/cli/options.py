@@ -207,7 +207,7 @@ ArmOption = Annotated[
     typer.Option(
         "--arm",
         envvar="IKSERVO_ARM",
-        help="Arm: a name of `ikservo arms`, or a file.",
+        help="Arm: a name from `ikservo arms`, or a file.",
         autocompletion=complete_arms,
     ),
 ]
@@ -216,7 +216,7 @@ ArmArgument = Annotated[
     typer.Argument(
         metavar="[ARM]",
         envvar="IKSERVO_ARM",
-        help="Arm: a name of `ikservo arms`, or a file.",
+        help="Arm: a name from `ikservo arms`, or a file.",
         autocompletion=complete_arms,
     ),
 ]
@@ -225,23 +225,28 @@ PortOption = Annotated[
     typer.Option(
         "--port",
         envvar="IKSERVO_PORT",
-        help="Serial port, `sim` for no hardware, or zenoh:NAME@HOST of `ikservo serve`.",
+        help="Serial port, `sim` for a simulated arm, or zenoh:NAME@HOST of `ikservo serve`.",
     ),
 ]
 ServoPortOption = Annotated[
     str | None,
     typer.Option(
-        "--port", envvar="IKSERVO_PORT", help="Serial port of the servos, or `sim` for no hardware."
+        "--port",
+        envvar="IKSERVO_PORT",
+        help="Serial port of the servos, or `sim` for a simulated arm.",
     ),
 ]
-JsonOption = Annotated[bool, typer.Option("--json", help="One JSON object on stdout.")]
+JsonOption = Annotated[bool, typer.Option("--json", help="Print one JSON object on stdout.")]
 YesOption = Annotated[
     bool,
-    typer.Option("--yes", "-y", help="Do not ask; required without a terminal, for a real arm."),
+    typer.Option("--yes", "-y", help="Do not ask; needed to move a real arm without a terminal."),
 ]
 CollisionOption = Annotated[
     bool,
-    typer.Option("--collision/--no-collision", help="Check the path for collisions before moving."),
+    typer.Option(
+        "--collision/--no-collision",
+        help="Check the path for collisions; without it, the arm can hit itself.",
+    ),
 ]
 DryRunOption = Annotated[bool, typer.Option("--dry-run", help="Plan and print, but do not move.")]
 SpeedOption = Annotated[
@@ -250,7 +255,7 @@ SpeedOption = Annotated[
 Length = Annotated[float, typer.Argument(parser=parse_length_m, help="Metres, or like 120mm.")]
 TipOption = Annotated[
     str | None,
-    typer.Option("--tip", help="Link that is the tool; needed for a .urdf."),
+    typer.Option("--tip", help="Link of the URDF that is the tool; needed for a .urdf file."),
 ]
 UncalibratedOption = Annotated[
     bool,
@@ -261,7 +266,10 @@ UncalibratedOption = Annotated[
 ]
 NoWiggleOption = Annotated[
     bool,
-    typer.Option("--no-wiggle", help="Skip the test motion of each joint after its files changed."),
+    typer.Option(
+        "--no-wiggle",
+        help="Skip the 5° test of each joint after its arm file or calibration changed.",
+    ),
 ]
 
 
@@ -282,7 +290,7 @@ PitchOption = Annotated[
         "--pitch",
         parser=parse_angle_rad,
         metavar="DEG",
-        help="Pitch of the tool: 0 level, -90 straight down.",
+        help="Pitch of the tool; 0: level, -90: straight down.",
     ),
 ]
 RollOption = Annotated[
@@ -291,7 +299,7 @@ RollOption = Annotated[
         "--roll",
         parser=parse_angle_rad,
         metavar="DEG",
-        help="Roll of the tool about its axis, clockwise from behind; 0 level.",
+        help="Roll of the tool about its axis, clockwise seen from behind; 0: level.",
     ),
 ]
 DirectionOption = Annotated[
@@ -299,7 +307,10 @@ DirectionOption = Annotated[
     typer.Option("--direction", metavar="X,Y,Z", help="Direction in which the tool points."),
 ]
 KeepOption = Annotated[
-    bool, typer.Option("--keep", help="Keep the whole orientation of the tool, or do not move.")
+    bool,
+    typer.Option(
+        "--keep", help="Keep the full orientation of the tool; refuse the motion if it cannot."
+    ),
 ]
 
 

@@ -16,15 +16,17 @@ __all__ = ["command"]
 Watch = Annotated[
     bool, typer.Option("--watch", help="Report adapters as they are plugged in or unplugged.")
 ]
-Events = Annotated[int | None, typer.Option("--events", min=1, help="Stop watching after so many.")]
+Events = Annotated[
+    int | None, typer.Option("--events", min=1, help="Stop after this many changes.")
+]
 
 
 def command(*, watch: Watch = False, events: Events = None, json: JsonOption = False) -> None:
-    """List the USB serial adapters: chip, stable name, program that uses them.
+    """List the USB serial adapters: chip, stable name, the program that uses them.
 
     ikservo ports
 
-    ikservo ports --watch        unplug one and see its name
+    ikservo ports --watch        unplug one to see its name
     """
     found = list_adapters()
     if not watch:

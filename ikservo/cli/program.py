@@ -35,7 +35,7 @@ Action = Annotated[
     str,
     typer.Argument(
         metavar="new|check|run",
-        help="Write a program to begin with; plan every step, nothing moves; check, then run it.",
+        help="new: write a first program. check: plan it; nothing moves. run: check, then run.",
     ),
 ]
 File = Annotated[Path, typer.Argument(metavar="FILE", help="The program, a TOML file.")]
@@ -59,7 +59,7 @@ def command(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Make the steps of a program: poses, points, lines, arcs, gripper, waits, recordings.
+    """Write, check or run a program: poses, points, lines, arcs, gripper, waits, recordings.
 
     ikservo program new tea.toml --arm so101
 

@@ -21,18 +21,25 @@ from ikservo.errors import InputError
 
 __all__ = ["command"]
 
-File = Annotated[Path, typer.Argument(metavar="FILE", help="A new file: .mcap, or JSON lines.")]
+File = Annotated[
+    Path, typer.Argument(metavar="FILE", help="New file: .mcap, or any other name for JSON lines.")
+]
 Duration = Annotated[
     float | None,
     typer.Option("--duration", parser=parse_time_s, help="Duration; default: until Ctrl-C."),
 ]
 Period = Annotated[
     float,
-    typer.Option("--period", parser=parse_time_s, help="Time between two samples, as in 20ms."),
+    typer.Option(
+        "--period",
+        parser=parse_time_s,
+        help="Time between two samples; default: 20ms.",
+        show_default=False,
+    ),
 ]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
 Foxglove = Annotated[
-    bool, typer.Option("--foxglove", help="Serve it live to Foxglove on this machine, too.")
+    bool, typer.Option("--foxglove", help="Also show it live in Foxglove on this machine.")
 ]
 FoxglovePort = Annotated[
     int, typer.Option("--foxglove-port", min=1, max=65535, help="TCP port of --foxglove.")
@@ -54,7 +61,7 @@ def command(
     uncalibrated: UncalibratedOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Record the joints while you lead the limp arm, or while another program moves it.
+    """Record the joints while you guide the limp arm, or while another program moves it.
 
     ikservo record wave.jsonl --arm so101
 

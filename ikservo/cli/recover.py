@@ -17,7 +17,7 @@ from ikservo.maintenance.recovery import RecoveryResult, recover
 __all__ = ["command"]
 
 Reboot = Annotated[
-    bool, typer.Option("--reboot", help="Restart servos that need it; their torque goes off.")
+    bool, typer.Option("--reboot", help="Restart the servos that need it; their torque goes off.")
 ]
 Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before torque goes off.")]
 

@@ -37,9 +37,9 @@ def command(
 ) -> None:
     """Lower the arm to its rest pose, slowly, then switch torque off.
 
-    An arm whose calibration cannot be used is not lowered: its torque goes off after a question.
+    An arm without a usable calibration is not lowered: its torque goes off after a question.
 
-    Where another program of yours has the port, that one stops what it does and relaxes the arm.
+    If another program of yours uses the port, it stops its motion and relaxes the arm.
     """
     model = model_from_option(arm)
     remote_result = request_relax(model, port)

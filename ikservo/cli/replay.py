@@ -26,8 +26,10 @@ from ikservo.errors import format_point
 
 __all__ = ["command"]
 
-File = Annotated[Path, typer.Argument(metavar="FILE", help="A file that `ikservo record` wrote.")]
-DryRun = Annotated[bool, typer.Option("--dry-run", help="Read and check it, but do not move.")]
+File = Annotated[Path, typer.Argument(metavar="FILE", help="File that `ikservo record` wrote.")]
+DryRun = Annotated[
+    bool, typer.Option("--dry-run", help="Read and check the recording, but do not move.")
+]
 
 
 def command(
@@ -43,7 +45,7 @@ def command(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Go to the first pose of a recording, then along it, as fast as recorded where it may.
+    """Move to the first pose of a recording, then repeat it, at most at the recorded speed.
 
     ikservo replay wave.jsonl --arm so101 --port sim
     """

@@ -38,14 +38,16 @@ _DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
 Domain = Annotated[
     int | None,
     typer.Option(
-        "--domain", min=0, max=MAX_DOMAIN, help="ROS 2 domain; else that in ROS_DOMAIN_ID, or 0."
+        "--domain", min=0, max=MAX_DOMAIN, help="ROS 2 domain; default: ROS_DOMAIN_ID, or 0."
     ),
 ]
 Router = Annotated[
     str,
-    typer.Option("--router", metavar="ENDPOINT", help="Endpoint at which rmw_zenohd listens."),
+    typer.Option("--router", metavar="ENDPOINT", help="Endpoint of rmw_zenohd."),
 ]
-Namespace = Annotated[str, typer.Option("--namespace", help="Prefix of all names, as in left.")]
+Namespace = Annotated[
+    str, typer.Option("--namespace", help="Prefix of all names, for example left.")
+]
 Rate = Annotated[float, typer.Option("--rate", min=0.1, max=200.0, help="Joint states per second.")]
 
 
@@ -64,9 +66,9 @@ def command(
     yes: YesOption = False,
     json: JsonOption = False,
 ) -> None:
-    """Join an arm to ROS 2 until Ctrl-C; needs rmw_zenoh there, and no ROS here.
+    """Make an arm a ROS 2 node until Ctrl-C; needs rmw_zenoh there, no ROS here.
 
-    Everybody in that domain may move the arm within its limits; see docs/how-to/ros2.md.
+    Everybody in that domain can move the arm within its limits; see docs/how-to/ros2.md.
 
     ikservo ros so101
 

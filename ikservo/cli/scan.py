@@ -17,10 +17,10 @@ from ikservo.hardware.scan import FoundServo, OnScanStep, ScanProgress, candidat
 __all__ = ["command"]
 
 Port = Annotated[str | None, typer.Argument(metavar="[PORT]", help="The same as --port.")]
-AllRates = Annotated[bool, typer.Option("--all", help="Go on after the first rate with servos.")]
+AllRates = Annotated[bool, typer.Option("--all", help="Continue after the first rate with servos.")]
 Rates = Annotated[
     list[int] | None,
-    typer.Option("--baud", min=1_200, max=12_000_000, help="Only this rate; may be repeated."),
+    typer.Option("--baud", min=1_200, max=12_000_000, help="Try only this rate; repeatable."),
 ]
 
 

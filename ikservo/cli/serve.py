@@ -64,7 +64,7 @@ def command(
 ) -> None:
     """Serve an arm to programs on other machines until Ctrl-C; see docs/network.md.
 
-    Limits, collision checks and the dead-man timeout stay here, beside the arm.
+    Limits, collision checks and the dead-man timeout run here, on the machine with the arm.
 
     ikservo serve so101                     this machine: --port zenoh:so101@127.0.0.1
 

@@ -27,13 +27,18 @@ __all__ = ["command"]
 ArmName = Annotated[
     str | None,
     typer.Argument(
-        metavar="ARM", envvar="IKSERVO_ARM", help="A name of `ikservo arms`, or a file."
+        metavar="ARM", envvar="IKSERVO_ARM", help="A name from `ikservo arms`, or a file."
     ),
 ]
-Start = Annotated[str | None, typer.Option("--start", help="Go on from this joint.")]
+Start = Annotated[str | None, typer.Option("--start", help="Continue from this joint.")]
 Wait = Annotated[
     float,
-    typer.Option("--wait", parser=parse_time_s, help="Time to wait for each servo, as in 5min."),
+    typer.Option(
+        "--wait",
+        parser=parse_time_s,
+        help="Time to wait for each servo; default: 5min.",
+        show_default=False,
+    ),
 ]
 Restore = Annotated[
     Path | None,
@@ -42,7 +47,9 @@ Restore = Annotated[
 Servo = Annotated[
     str | None,
     typer.Option(
-        "--servo", metavar="JOINT", help="Restore to this servo (joint or id), whatever its id."
+        "--servo",
+        metavar="JOINT",
+        help="Restore to this servo (joint or id), even if its id differs.",
     ),
 ]
 OtherModel = Annotated[
@@ -126,11 +133,11 @@ def command(
 ) -> None:
     """Give each servo of an arm its id and baud rate; nothing moves.
 
-    Plug in one servo at a time, as you are asked; it is found by itself, at any baud rate.
+    Plug in one servo at a time, as you are asked; it is found at any baud rate.
 
     ikservo setup so101
 
-    ikservo setup so101 --start elbow_flex        go on where you stopped
+    ikservo setup so101 --start elbow_flex        continue where you stopped
 
     ikservo setup so101 --restore FILE            write an EEPROM backup to its servo
     """

@@ -55,7 +55,7 @@ ToolAxis = Annotated[
     str | None,
     typer.Option(
         "--tool-axis",
-        help="Axis for --direction, in the tip's frame: x, y, z or X,Y,Z; default: the tool's.",
+        help="Axis of the tip frame for --direction: x, y, z or X,Y,Z; default: the tool axis.",
     ),
 ]
 Method = Annotated[str, typer.Option("--method", help=_METHODS, autocompletion=complete_methods)]
@@ -63,7 +63,7 @@ Nearest = Annotated[
     bool,
     typer.Option(
         "--nearest/--no-nearest",
-        help="Which of several solutions: the nearest to the start, or the first found.",
+        help="Take the solution nearest to the start, or the first one found.",
     ),
 ]
 Force = Annotated[
@@ -71,14 +71,16 @@ Force = Annotated[
     typer.Option(
         "--force",
         metavar="FX FY FZ",
-        help="A force at the tip in newtons, base frame: print the torques of the joints.",
+        help="Force at the tip in newtons, base frame; prints the joint torques.",
     ),
 ]
-All = Annotated[bool, typer.Option("--all", help="Every solution in closed form.")]
+All = Annotated[bool, typer.Option("--all", help="List every solution in closed form.")]
 Compare = Annotated[bool, typer.Option("--compare", help="Run every method on the target.")]
-Trace = Annotated[bool, typer.Option("--trace", help="Every iterate, one JSON object a line.")]
+Trace = Annotated[
+    bool, typer.Option("--trace", help="Print every iteration, one JSON object per line.")
+]
 Plot = Annotated[
-    Path | None, typer.Option("--plot", help="Draw before, after and errors: FILE.svg or .png.")
+    Path | None, typer.Option("--plot", help="Draw start, result and errors to FILE.svg or .png.")
 ]
 
 
@@ -107,8 +109,8 @@ def command(
 ) -> None:
     """Find joints inside this arm's limits that bring the tip to X Y Z; nothing moves.
 
-    The limits are those of the arm's calibration, or of its arm file where there is none.
-    --direction leaves an angle where it must; --pitch, --roll and --keep are met, or exit 7.
+    The limits come from the arm's calibration, or from its arm file if it has none.
+    --direction is met as closely as possible; --pitch, --roll and --keep exactly, or exit 7.
 
     ikservo solve 0.25 0.05 0.15 --arm so101
 

@@ -17,7 +17,7 @@ __all__ = ["command"]
 
 
 All = Annotated[
-    bool, typer.Option("--all", help="Every arm of your programs and of IKSERVO_FLEET.")
+    bool, typer.Option("--all", help="Stop every arm of your programs and of IKSERVO_FLEET.")
 ]
 
 
@@ -28,12 +28,12 @@ def command(
     every: All = False,
     json: JsonOption = False,
 ) -> None:
-    """Stop the arm where it is; torque stays as it is.
+    """Stop the arm where it is; torque does not change.
 
-    With --all, or where no arm and no port is given or in the environment, every arm that a
-    program of yours moves is stopped, those at the address in IKSERVO_PORT and on the machines of
-    IKSERVO_FLEET included. Where no program has the port of one arm, this one opens it and tells
-    every servo with torque to stay where it is.
+    With --all, or without an arm and a port (also in the environment), every arm that a program
+    of yours moves is stopped, also at the address in IKSERVO_PORT and on the machines of
+    IKSERVO_FLEET. If no program uses the port of the arm, this command opens it and makes every
+    servo with torque hold its position.
 
     ikservo stop
     """

@@ -34,12 +34,16 @@ from ikservo.maintenance.hand_guiding import guide_by_hand
 
 __all__ = ["command"]
 
-Name = Annotated[str, typer.Argument(metavar="NAME", help="1 to 64 of A-Z a-z 0-9 _ -")]
+Name = Annotated[
+    str, typer.Argument(metavar="NAME", help="Name of the pose: 1 to 64 of A-Z a-z 0-9 _ -")
+]
 Now = Annotated[
     bool,
-    typer.Option("--now", help="Save the present pose; torque stays as it is, nothing is asked."),
+    typer.Option(
+        "--now", help="Save the present pose at once, without a question; torque does not change."
+    ),
 ]
-Hold = Annotated[bool, typer.Option("--hold", help="Switch torque on there afterwards.")]
+Hold = Annotated[bool, typer.Option("--hold", help="Switch torque on afterwards, at that pose.")]
 Float = Annotated[
     bool,
     typer.Option("--float", help="Keep torque on: the arm carries its weight and follows you."),
@@ -50,7 +54,7 @@ Duration = Annotated[
         "--for",
         parser=parse_time_s,
         metavar="TIME",
-        help="With --float: end after this time, without a key.",
+        help="With --float: end after this time, without a key press.",
     ),
 ]
 

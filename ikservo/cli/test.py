@@ -61,33 +61,34 @@ Drift = Annotated[
         "--drift",
         parser=parse_time_s,
         metavar="TIME",
-        help="Duration of the drift test; 60min in the standard form.",
+        help="Duration of the drift test; 60min in the standard form; default: 5min.",
+        show_default=False,
     ),
 ]
 Parts = Annotated[
-    str, typer.Option("--parts", metavar="NAMES", help="Some of poses,directions,paths,drift.")
+    str, typer.Option("--parts", metavar="NAMES", help="Parts to measure, separated by commas.")
 ]
 Html = Annotated[
     Path | None,
-    typer.Option("--html", metavar="FILE", help="File of the page; default: a name with the date."),
+    typer.Option(
+        "--html", metavar="FILE", help="HTML file for the report; default: a name with the date."
+    ),
 ]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace that file.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing report.")]
 Touch = Annotated[
     bool,
     typer.Option(
-        "--touch", help="Measure by hand instead: put the tip on known points, torque off."
+        "--touch", help="Measure by hand instead: torque off, put the tip on known points."
     ),
 ]
 Points = Annotated[
     Path | None,
-    typer.Option("--points", metavar="FILE", help="Points to touch: NAME X Y Z, one a line."),
+    typer.Option("--points", metavar="FILE", help="Points to touch, one NAME X Y Z per line."),
 ]
 Touches = Annotated[
     int, typer.Option("--touches", min=1, max=100, help="Number of touches of each point.")
 ]
-Note = Annotated[
-    str, typer.Option("--note", help="Printed in the report: payload, servos, what was changed.")
-]
+Note = Annotated[str, typer.Option("--note", help="Note for the report: payload, servos, changes.")]
 
 
 def command(
@@ -120,7 +121,7 @@ def command(
 
     ikservo test so101 --cycles 5 --path-cycles 3 --drift 60s --html so101.html --note "no payload"
 
-    ikservo test so101 --touch          accuracy on a printed sheet, which no joint sensor knows
+    ikservo test so101 --touch          accuracy on a printed sheet, by hand
     """
     if touch:
         _test_by_touch(arm, port, html, note, points, touches, overwrite=overwrite, yes=yes,

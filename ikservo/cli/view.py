@@ -1,4 +1,4 @@
-"""``ikservo view``: serve a page on which the arm is dragged with the mouse."""
+"""``ikservo view``: serve the browser panel, in which the arm is dragged with the mouse."""
 
 from __future__ import annotations
 
@@ -37,26 +37,25 @@ __all__ = ["command"]
 _NEEDS = ("starlette", "uvicorn", "websockets")
 _TLS_NEEDS = ("cryptography", "segno")
 _LISTEN_HELP = (
-    "IP address of the page; any but a loopback address makes it reachable from the network, "
-    "by TLS."
+    "IP address of the panel; any other than a loopback address serves the network, over TLS."
 )
 
 Arms = Annotated[
     list[str] | None,
     typer.Argument(
         metavar="[ARM[=PORT]]…",
-        help="Arms to open at once, each with its port; --arm and --port are for one alone.",
+        help="Arms to open, each with its port; for a single arm, --arm and --port work as well.",
         autocompletion=complete_arms,
     ),
 ]
 HttpPort = Annotated[
-    int, typer.Option("--http-port", min=0, max=65535, help="Port of the page; 0: any.")
+    int, typer.Option("--http-port", min=0, max=65535, help="TCP port of the panel; 0: any.")
 ]
 Insecure = Annotated[
     bool,
     typer.Option(
         "--insecure",
-        help="Serve other machines by plain HTTP, which others on the network can read and alter.",
+        help="Serve the network over plain HTTP, which others can read and change.",
     ),
 ]
 Camera = Annotated[
@@ -84,15 +83,15 @@ def command(
     collision: CollisionOption = True,
     uncalibrated: UncalibratedOption = False,
 ) -> None:
-    """Serve a page that shows arms; one moves only after Live is switched on there.
+    """Serve the browser panel; an arm moves only after Go there, a pose button or Live.
 
-    Without an arm, the page lists the arms and ports there are.
+    Without an arm, the panel lists arms and ports.
 
     ikservo view --port sim                      no arm needed
 
     ikservo view so101=/dev/ttyACM0 koch=/dev/ttyUSB0
 
-    ikservo view --port sim --listen 192.168.0.7     for other machines, by TLS
+    ikservo view --port sim --listen 192.168.0.7     for other machines, over TLS
     """
     _check_installed(_NEEDS if insecure or _is_loopback(listen) else (*_NEEDS, *_TLS_NEEDS))
     if camera is not None:

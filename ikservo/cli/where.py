@@ -44,20 +44,25 @@ if TYPE_CHECKING:
 __all__ = ["command", "heat_colour", "limit_colour", "position_bar", "watch_arm"]
 
 
-Watch = Annotated[bool, typer.Option("--watch", help="Repeat until Ctrl-C, joints as bars.")]
+Watch = Annotated[bool, typer.Option("--watch", help="Repeat until Ctrl-C, with joints as bars.")]
 Period = Annotated[
     float,
-    typer.Option("--period", parser=parse_time_s, help="Time between two readings, as in 200ms."),
+    typer.Option(
+        "--period",
+        parser=parse_time_s,
+        help="Time between two readings; default: 200ms.",
+        show_default=False,
+    ),
 ]
 VisibleFrom = Annotated[
     str | None,
     typer.Option(
         "--visible-from",
         metavar="X,Y,Z",
-        help="Say which links a camera, or a marker, at this point sees.",
+        help="List the links that a camera at this point sees.",
     ),
 ]
-Count = Annotated[int | None, typer.Option("--count", min=1, help="End after so many readings.")]
+Count = Annotated[int | None, typer.Option("--count", min=1, help="End after this many readings.")]
 
 
 def command(
@@ -73,7 +78,7 @@ def command(
 ) -> None:
     """Show where the arm is, measured by its servos; nothing moves.
 
-    If another ikservo program uses the port, that one is asked.
+    If another ikservo program uses the port, it answers instead.
 
     ikservo where --arm so101 --port sim --visible-from 0.6,0.3,0.4
     """

@@ -14,7 +14,6 @@ import typer
 from ikservo.cli.model_options import calibrated_model_from_option, describe_limit
 from ikservo.cli.options import (
     ArmOption,
-    CollisionOption,
     JsonOption,
     TipOption,
     parse_angle_rad,
@@ -141,35 +140,40 @@ _STARTS = 64  # start postures for a point whose first solution collides
 
 
 Cut = Annotated[
-    Slice | None, typer.Option("--slice", help="Plane of the cut; default: the whole volume.")
+    Slice | None, typer.Option("--slice", help="Plane to show; default: the whole volume.")
 ]
 Height = Annotated[
     float | None,
     typer.Option(
-        "--height", help="Height of the top slice.", parser=parse_length_m, metavar="LENGTH"
+        "--height", help="Height of the top plane.", parser=parse_length_m, metavar="LENGTH"
     ),
 ]
 Yaw = Annotated[
     float | None,
     typer.Option(
         "--yaw",
-        help="Direction of the side or front slice.",
+        help="Angle of the side or front plane about the vertical.",
         parser=parse_angle_rad,
         metavar="ANGLE",
     ),
 ]
 Cell = Annotated[
     float | None,
-    typer.Option("--cell", help="Size of a cell; default: 5mm in a slice, else 25mm.",
+    typer.Option("--cell", help="Size of a cell; default: 5mm in a plane, 25mm in the volume.",
                  parser=parse_length_m, metavar="LENGTH"),
 ]  # fmt: skip
 Point = Annotated[
     tuple[str, str, str] | None,
+    typer.Option("--point", metavar="X Y Z", help="Test this point; exit 7 if it is out of reach."),
+]
+FreeOnly = Annotated[
+    bool,
     typer.Option(
-        "--point", metavar="X Y Z", help="Say whether this point is inside; exit 7 if not."
+        "--collision/--no-collision",
+        help="Leave out postures in which the arm touches itself, the table or a box.",
     ),
 ]
-Plot = Annotated[Path | None, typer.Option("--plot", help="Draw it to FILE.svg or FILE.png.")]
+Plot = Annotated[Path | None, typer.Option("--plot", help="Draw to FILE.svg or FILE.png.")]
 
 
 def command(
@@ -182,13 +186,13 @@ def command(
     cell: Cell = None,
     point: Point = None,
     plot: Plot = None,
-    collision: CollisionOption = True,
+    collision: FreeOnly = True,
     json: JsonOption = False,
 ) -> None:
-    """Say what the tip can reach inside this arm's limits; nothing moves.
+    """Compute what the tip can reach inside this arm's limits; nothing moves.
 
-    The limits are those of the arm's calibration, or of its arm file where there is none. What
-    only a posture reaches in which the arm touches itself, the table or a box is left out.
+    The limits come from the arm's calibration, or from its arm file if it has none. Places are
+    left out if the arm would touch itself, the table or a box in every posture that reaches them.
 
     ikservo workspace --arm so101 --slice side --plot reach.svg
     ikservo workspace --arm so101 --point 0.25 0.05 0.15
