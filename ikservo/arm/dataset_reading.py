@@ -92,7 +92,7 @@ def read_dataset(folder: Path, what: str = "state") -> Dataset:
     path = folder / "meta" / "info.json"
     if not path.is_file():
         raise InputError(
-            f"{folder} is no LeRobotDataset: it has no meta/info.json.",
+            f"{folder} is not a LeRobotDataset: it has no meta/info.json.",
             "Give the folder in which meta and data are.",
         )
     info = _read_info(path)
@@ -106,7 +106,7 @@ def read_dataset(folder: Path, what: str = "state") -> Dataset:
     episodes = tuple(_read_episodes(folder, COLUMNS[what], columns, len(names)))
     fps = info["fps"]
     if not isinstance(fps, (int, float)) or isinstance(fps, bool) or not 0 < fps <= 500:
-        raise FileFormatError(path, "fps", f"is {fps!r}", "frames a second")
+        raise FileFormatError(path, "fps", f"is {fps!r}", "frames per second")
     return Dataset(folder, str(info.get("robot_type") or ""), round(fps), joints, episodes)
 
 
@@ -197,6 +197,6 @@ def _check_size(path: Path, file: Any, names: Sequence[str], width: int) -> None
 def _check_episode(folder: Path, episode: Episode) -> None:
     where = f"episode {episode.number}"
     if not (np.isfinite(episode.values).all() and np.isfinite(episode.times_s).all()):
-        raise FileFormatError(folder, where, "has values that are no numbers", "finite numbers")
+        raise FileFormatError(folder, where, "has values that are not numbers", "finite numbers")
     if np.any(np.diff(episode.times_s) <= 0.0):
         raise FileFormatError(folder, where, "has two frames of one time", "growing timestamps")

@@ -57,7 +57,7 @@ def write_dataset(
         raise InputError(f"{folder} exists.", "Name a new folder with --to.")
     fps = fps or round(1.0 / recordings[0].header.period_s)
     if not 1 <= fps <= 500:
-        raise BadValueError("--fps", fps, "1 to 500 frames a second")
+        raise BadValueError("--fps", fps, "1 to 500 frames per second")
     values = JointValues(model)
     episodes: list[Frames] = []
     for recording in recordings:
@@ -71,7 +71,7 @@ def write_dataset(
 def _sample(recording: Recording, model: Model, values: JointValues, fps: int) -> Matrix:
     """Return the values (k, n) of a recording at the times of frames."""
     if (recording.header.arm, recording.header.joints) != (model.name, values.names):
-        found = f"is of arm {recording.header.arm}, joints {', '.join(recording.header.joints)}"
+        found = f"has arm {recording.header.arm}, joints {', '.join(recording.header.joints)}"
         raise FileFormatError("The recording", "", found, f"arm {model.name}")
     begin_s, end_s = recording.times_s[[0, -1]]
     times_s = begin_s + np.arange(1 + int((end_s - begin_s) * fps + 1e-6)) / fps

@@ -58,7 +58,7 @@ def read_records(path: Path, wanted: Container[int] = ()) -> Iterator[Any]:
     try:
         with path.open("rb") as file:
             if file.read(len(MAGIC)) != MAGIC:
-                raise FileFormatError(path, "", "is no MCAP file", "what ikservo record wrote")
+                raise FileFormatError(path, "", "is not an MCAP file", "what ikservo record wrote")
             file.seek(0)
             reader = StreamReader(
                 cast("IO[bytes]", _BoundedReads(file)), validate_crcs=True, emit_chunks=True,
@@ -159,5 +159,5 @@ _INFLATE: Mapping[str, Callable[[bytes, int], bytes]] = {
 
 
 def _warn_damaged(path: Path, byte: int, error: Exception) -> None:
-    text = f"{path} is damaged near byte {byte} ({error}); only what is before that is read."
+    text = f"{path} is damaged near byte {byte} ({error}); only the part before it is read."
     warnings.warn(text, RuntimeWarning, stacklevel=2)

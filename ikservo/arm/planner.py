@@ -192,7 +192,7 @@ class Planner:
             UnknownNameError: No such speed.
         """
         if stance.posture is not None:
-            raise BadValueError("The stance on a line", "a posture", "how the tool stands, or none")
+            raise BadValueError("The stance on a line", "a posture", "a tool orientation, or none")
         limits, start = self.motion_limits(speed), self._clip_to_limits(start)
         q = self._index.chain_joints(start)
         path = path_from(self.tip(start))

@@ -411,7 +411,7 @@ class _JointStateReader:
     def _read_header(self, metadata: Mapping[str, str]) -> RecordingHeader:
         where = f"the metadata {_METADATA}"
         if metadata.get("schema") != SCHEMA:
-            raise FileFormatError(self._path, where, "is of another version", f'"{SCHEMA}"')
+            raise FileFormatError(self._path, where, "has another version", f'"{SCHEMA}"')
         try:
             row = {key: parse_json(metadata[key]) for key in ("joints", "units", "period_s")}
         except (KeyError, ValueError, RecursionError):

@@ -294,7 +294,7 @@ def _of_this_arm(context: ArmContext, recording: Recording, path: Path) -> Recor
         ("units", ", ".join(header.units), ", ".join(own.units)),
     ):
         if found != expected:
-            raise FileFormatError(path, place, f"is of {what} {found}", f"{what} {expected}")
+            raise FileFormatError(path, place, f"has {what} {found}", f"{what} {expected}")
     return recording
 
 

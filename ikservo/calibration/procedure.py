@@ -95,7 +95,7 @@ def _range_issues(
         yield CalibrationError(
             f"{name} was turned by a whole turn; "
             f"the arm file expects {_format_expected_range(subject)}.",
-            f"Without end stops: mark {name} as turning freely. Else check for a loose horn.",
+            f"Without end stops: mark {name} as turning freely. Otherwise check for a loose horn.",
         )
     if _fits_better_mirrored(wizard, subject):
         yield CalibrationError(

@@ -206,8 +206,8 @@ class ContactState(Enum):
     """State of a joint that is driven towards its stop."""
 
     MOVING = "it moves"
-    STOP = "it stands against something"
-    NO_CONTACT = "it stands although nothing holds it"
+    STOP = "it presses against something"
+    NO_CONTACT = "it does not move although nothing holds it"
 
 
 @dataclass(frozen=True, slots=True)

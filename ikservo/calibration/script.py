@@ -198,7 +198,7 @@ class ScriptedAnswers(AnswerScript[CalibrationState]):
         """Return why an input was not due in time."""
         if state.stage is CalibrationStage.REFERENCE_POSE:
             return CalibrationError(
-                "Timeout: the arm was not held still.", "Hold it still in the pose."
+                "Timeout: the arm was still moving.", "Hold it still in the pose."
             )
         if not text:
             return CalibrationError("The script ended before the calibration did.", "Add: accept")

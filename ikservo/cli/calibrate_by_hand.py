@@ -349,7 +349,7 @@ def check_zeros(wizard: CalibrationState, pose: str, arm: str, *, interactive: b
 def _may_write_limits(options: CalibrationOptions) -> bool:
     if options.write_limits is not None:
         return options.write_limits
-    question = "Write the same limits into the servos, too?"
+    question = "Write the same limits into the servos as well?"
     return confirm_start(question, default=False, interactive=options.interactive)
 
 

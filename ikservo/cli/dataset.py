@@ -103,8 +103,8 @@ def _positions(values: Matrix, dataset: Dataset, model: Model, options: DatasetO
         )
     if dataset.robot_type not in _OWN_TYPES:
         raise CalibrationError(
-            f"{dataset.folder} is of {dataset.robot_type or 'an unknown robot'}, whose zeros are "
-            "the middles of its sweep.",
+            f"{dataset.folder} was recorded with {dataset.robot_type or 'an unknown robot'}, "
+            "whose zeros are the middles of its sweep.",
             "Give LeRobot's id or file of that arm: --calibration ID",
         )
     own = JointValues(model)

@@ -122,7 +122,7 @@ def _lift_clear(machine: Arm, *, interactive: bool) -> None:
     motion = plan_lift(machine)
     if motion is not None:
         print_status(
-            f"The arm lies on something: {motion.joint} moves {motion.direction}, and stays there."
+            f"The arm rests on something: {motion.joint} moves {motion.direction}, and stays there."
         )
         execute_lift(machine, motion)
         _confirm_direction(machine, motion, interactive=interactive)

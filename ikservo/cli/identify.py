@@ -146,7 +146,7 @@ def _payload_lines(found: Identification) -> Iterator[str]:
     payload = found.estimates["payload_kg"]
     grams, error = 1000.0 * payload.value, 1000.0 * payload.error
     if not payload.determined:
-        yield "What the jaws hold is not determined by the motion."
+        yield "The motion does not determine the mass in the jaws."
     elif payload.value > 2.0 * payload.error:
         yield f"The jaws hold {grams:.0f} ± {error:.0f} g, or the last link is that much heavier."
     else:

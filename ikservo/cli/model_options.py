@@ -136,7 +136,7 @@ def posture_from_options(
             name = chain.names[joint]
             raise InputError(
                 f"--weight {name}={text}: nothing is preferred for {name}.",
-                f"Give --prefer {name}=POSITION, or a pose, besides.",
+                f"Give --prefer {name}=POSITION, or a pose, as well.",
             )
         weights[joint] = _parse_weight(chain.names[joint], text)
     return Posture(q, weights) if weights.any() else None

@@ -91,7 +91,7 @@ def command(
     if json:
         print_json("program-run", steps=[_result_fields(each) for each in results])
     else:
-        print_lines([f"steps     {len(results)} made"])
+        print_lines([f"steps     {len(results)} done"])
 
 
 def _check(

@@ -138,7 +138,7 @@ def announce_lowering(machine: Arm, *, yes: bool) -> None:
         if machine.stop_reason is not None:
             raise
         print_status(f"The arm cannot be lowered: {error.command_message}")
-        print_status("Torque will be switched off where it stands: support it.")
+        print_status("Torque will be switched off at its present pose: support it.")
         confirm_motion(machine, yes=yes, question="Switch torque off?")
         return
     announce(plan, machine, yes=yes)

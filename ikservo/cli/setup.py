@@ -84,7 +84,9 @@ def _restore_backup(
     else:
         print_lines([f"✓ {plan.servo}: {', '.join(written) or 'nothing to change'}"])
     if written:
-        print_status("A calibration may rest on what was changed. Check the arm: ikservo doctor")
+        print_status(
+            "A calibration may depend on the changed values. Check the arm: ikservo doctor"
+        )
 
 
 def _print_restoration(plan: Restoration) -> None:
@@ -258,5 +260,5 @@ def _print_resume_hint(arm: str, helper: _ConsolePrompt) -> Generator[None]:
     except (IkservoError, KeyboardInterrupt, typer.Abort):
         helper.stop_searching()
         if helper.joint:
-            print_status(f"Go on with: ikservo setup {arm} --start {helper.joint}")
+            print_status(f"Continue with: ikservo setup {arm} --start {helper.joint}")
         raise

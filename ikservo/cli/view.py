@@ -111,7 +111,7 @@ def command(
             print_status(warning)
         _print_arms(app)
         warn_uncompiled()
-        print_status("Ctrl-C ends; torque then stays as it is.")
+        print_status("Ctrl-C ends; torque does not change.")
         sys.stdout.flush()
         with _open_browser(urls.control, enabled=not no_open and _has_display()):
             app.serve()

@@ -229,7 +229,9 @@ def strip_checksum(path: Path, text: str) -> str:
         expected = "the file as ikservo wrote it"
         if path.with_name(path.name + BACKUP_SUFFIX).is_file():
             expected = f"{expected}; the previous one is beside it as {BACKUP_SUFFIX}"
-        raise FileFormatError(path, "", "was cut short or changed after it was written", expected)
+        raise FileFormatError(
+            path, "", "is damaged: its checksum does not fit its content", expected
+        )
     return body
 
 

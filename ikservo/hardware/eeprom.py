@@ -255,7 +255,7 @@ def _checked(path: Path, table: type[ControlTable], rows: Mapping[str, object]) 
     registers = eeprom_registers(table)
     names = {register.name for register in registers}
     for name in rows.keys() - names:
-        found = f"is no EEPROM register of {table.model_name}"
+        found = f"is not an EEPROM register of {table.model_name}"
         raise FileFormatError(path, f"eeprom.{name}", found)
     for register in registers:
         if register.name not in rows:

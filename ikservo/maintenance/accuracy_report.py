@@ -25,7 +25,7 @@ __all__ = ["accuracy_fields", "accuracy_page", "statements", "summary_rows", "to
 Fields = Mapping[str, Any]
 
 MEASURED_BY = (
-    "Measured by the arm's own joint sensors: what bends, has play behind the sensor or is "
+    "Measured with the arm's own joint sensors: what bends, has play behind the sensor or is "
     "calibrated wrongly is not in these figures. They compare arms and settings, not with figures "
     "of a measuring device outside the arm."
 )
@@ -241,7 +241,9 @@ def _facts(fields: Fields) -> dict[str, str]:
         center = ", ".join(f"{x:.3f}" for x in fields["cube"]["center_m"])
         facts["Cube"] = f"{1000 * fields['cube']['edge_m']:.0f} mm about ({center}) m"
     if fields["top_speed_m_s"]:
-        facts["100 % speed"] = f"{1000 * fields['top_speed_m_s']:.0f} mm/s, what the joints allow"
+        facts["100 % speed"] = (
+            f"{1000 * fields['top_speed_m_s']:.0f} mm/s, as fast as the joints allow"
+        )
     if fields["note"]:
         facts["Note"] = fields["note"]
     return facts

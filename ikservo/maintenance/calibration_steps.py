@@ -56,7 +56,7 @@ def _pose_request(model: Model, pose: str, wizard: CalibrationState) -> str:
     if len(wizard.subjects) < len(model.joints):
         positions = [f"{s.name} at {s.joint_map.format(s.pose)}" for s in wizard.subjects]
         what = f'Put {", ".join(positions)} (pose "{pose}")'
-    return f"{what}: {'held still, press Enter.' if wizard.is_at_rest else 'hold it still …'}"
+    return f"{what}: {'the arm is still, press Enter.' if wizard.is_at_rest else 'hold it still …'}"
 
 
 def _direction_request(

@@ -18,7 +18,7 @@ def read_recorded_calibration(path: Path) -> Calibration:
 
     Raises:
         CalibrationError: It has none.
-        FileFormatError: It is no MCAP file, or the calibration is malformed.
+        FileFormatError: It is not an MCAP file, or the calibration is malformed.
     """
     text = read_attachment(path, CALIBRATION_FILE)
     if text is None:

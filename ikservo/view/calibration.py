@@ -138,7 +138,7 @@ _ALLOWED_ANSWERS = {
     CalibrationStage.REFERENCE_POSE: ("accept", "cancel"),
     CalibrationStage.REVIEW: ("accept", "protect", "undo", "cancel"),
 }
-_RELEASE_TEXT = "Torque will be switched off; support the arm, then go on."
+_RELEASE_TEXT = "Torque will be switched off; support the arm, then continue."
 
 
 def calibration_view(
@@ -162,7 +162,7 @@ def calibration_view(
 
 def _format_task(model: Model, wizard: CalibrationState, pose: str) -> str:
     if wizard.stage is CalibrationStage.REFERENCE_POSE:
-        state = "It is still: go on." if wizard.is_at_rest else "It still moves …"
+        state = "It is still: continue." if wizard.is_at_rest else "It still moves …"
         return f"Put the arm in the pose “{pose}”, as the ghost beside it, and hold it. {state}"
     if wizard.current_joint:
         return current_step(model, pose, wizard).request

@@ -39,7 +39,7 @@ __all__ = ["SessionController"]
 
 _ORBIT_RAD_PX = 0.008
 _AWAY_TEXT = "Stopped: the page that controls was hidden, closed or replaced."
-_GO_LIVE_TEXT = "The arm does not follow. What was wanted is forgotten."
+_GO_LIVE_TEXT = "The arm does not follow. The last goal is dropped."
 
 Handler = Callable[[Any, Client], None]
 """Handles one type of message."""

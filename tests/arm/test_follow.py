@@ -348,10 +348,10 @@ def test_a_recorded_motion_is_played_back(arm, leader, tmp_path):
 @pytest.mark.parametrize(
     ("change", "found"),
     [
-        (('"so101"', '"koch"'), "is of arm koch"),
-        (('"elbow_flex"', '"ellbow"'), "is of joints"),
+        (('"so101"', '"koch"'), "has arm koch"),
+        (('"elbow_flex"', '"ellbow"'), "has joints"),
         (('"rad", "rad", "rad", "rad", "rad", "rad"', '"rad", "rad", "rad", "rad", "rad", "m"'),
-         "is of units"),
+         "has units"),
     ],
 )  # fmt: skip
 def test_a_recording_of_another_arm_is_refused(arm, tmp_path, change, found):

@@ -187,7 +187,7 @@ def test_on_a_phone_go_there_is_in_reach_where_a_goal_is_typed(newcomer):
 def test_on_a_phone_each_screen_of_a_calibration_begins_with_its_task(on_a_phone):
     page = on_a_phone.start_calibration().page
     page.wait_for_selector("[data-action=accept]")
-    on_a_phone.until("document.querySelector('.task').textContent.includes('still: go on')")
+    on_a_phone.until("document.querySelector('.task').textContent.includes('still: continue')")
     page.click("[data-action=accept]")
     on_a_phone.wait_for("status.calibration.stage === 'sweep'")
     page.wait_for_selector("#wizard .meters li")

@@ -98,7 +98,7 @@ def test_a_file_that_was_cut_short_is_refused_at_every_length(path):
     text = path.read_text()
     for length in range(0, len(text) - 1, 37):
         assert refusal(path, text[:length]).found in (
-            "was cut short or changed after it was written", "is empty", "is not a checksum",
+            "is damaged: its checksum does not fit its content", "is empty", "is not a checksum",
         )  # fmt: skip
 
 
@@ -108,7 +108,7 @@ def test_a_changed_limit_is_refused_and_the_backup_named_if_there_is_one(path):
     path.with_name(f"{path.name}.bak").write_text(text)
     old = next(line for line in text.splitlines() if line.startswith("lower_deg"))
     error = refusal(path, text.replace(old, "lower_deg = -170.0"))
-    assert "changed after it was written" in error.found
+    assert "checksum does not fit" in error.found
     assert ".bak" in error.expected
 
 

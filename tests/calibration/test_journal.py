@@ -67,6 +67,6 @@ def test_a_spoiled_value_is_named(tmp_path, old, new, where):
 def test_a_journal_that_was_cut_short_says_how_to_go_on(tmp_path):
     path = tmp_path / "journal.toml"
     path.write_text(dump_journal(journal(change()))[:-5])
-    with pytest.raises(FileFormatError, match="cut short") as caught:
+    with pytest.raises(FileFormatError, match="is damaged") as caught:
         read_journal(path)
     assert "ikservo calibration diff" in caught.value.expected

@@ -80,5 +80,5 @@ def test_what_was_measured_is_not_changed_afterwards():
 def test_a_file_that_was_cut_short_is_refused(tmp_path):
     path = tmp_path / "so101.partial"
     path.write_text(dump_partial(PartialCalibration.model_validate(TABLE))[:-5])
-    with pytest.raises(FileFormatError, match="cut short"):
+    with pytest.raises(FileFormatError, match="is damaged"):
         read_partial(path)

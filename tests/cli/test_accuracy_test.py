@@ -62,7 +62,7 @@ def test_the_table_says_what_is_shorter_than_in_the_standard(run_cli, folder):
     result = run_cli(f"test planar2 {SIM} --parts poses,drift --cycles 2 --drift 1s")
     assert result.code == 0
     assert re.search(r"^AP +P1 +\d+\.\d\d mm +2$", result.out, re.MULTILINE)
-    assert "Measured by the arm's own joint sensors" in result.out
+    assert "Measured with the arm's own joint sensors" in result.out
     assert "2 cycles of poses instead of 30" in result.out
     assert "drift over 1 s instead of an hour" in result.out
     (page,) = folder.glob("ikservo-test-planar2-*.html")

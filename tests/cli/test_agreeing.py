@@ -95,7 +95,7 @@ def test_relax_says_before_it_asks_that_an_overload_prevents_lowering(run_cli, m
     assert result.code == 2
     first, second, question = result.err.splitlines()[-4:-1]
     assert first.startswith("The arm cannot be lowered: shoulder_lift reports an alarm: overload")
-    assert second == "Torque will be switched off where it stands: support it."
+    assert second == "Torque will be switched off at its present pose: support it."
     assert "input is not a terminal" in question
 
 

@@ -86,7 +86,7 @@ def test_off_a_terminal_each_step_is_one_line(mount_arm, run_cli):
     lines = calibrated(mount_arm(sign=1), run_cli).err.splitlines()
     assert [line for line in lines if line.startswith("Step ")] == [
         'Step 1 of 5: Put the arm in the pose "home": hold it still …',
-        'Step 1 of 5: Put the arm in the pose "home": held still, press Enter.',
+        'Step 1 of 5: Put the arm in the pose "home": the arm is still, press Enter.',
         "Step 2 of 5: Move joint1 so that the tool goes to the right (seen from behind the base).",
         "Step 3 of 5: Move joint2 so that the tool goes to the left (seen from behind the base).",
         "Step 4 of 5: Move every joint gently to both end stops.",
@@ -468,7 +468,7 @@ def test_a_spoiled_file_stops_the_arm_with_one_clear_error(mount_arm, run_cli, h
     file_of(home).write_text(text.replace("sign = 1", "sign = -1").replace("sign = -1", "sign = 1"))
     done = run_cli(f"where --arm planar2 --port {PORT}")
     assert done.code == 2
-    assert "was cut short or changed after it was written" in done.err
+    assert "is damaged: its checksum does not fit its content" in done.err
     assert len(done.err.splitlines()) == 2
 
 

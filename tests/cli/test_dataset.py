@@ -145,12 +145,12 @@ def at_one_time(folder):
     ("spoil", "text"),
     [
         (lambda f: change_info(f, codebase_version="v2.1"), "convert_dataset_v21_to_v30"),
-        (lambda f: change_info(f, fps="fast"), "frames a second"),
+        (lambda f: change_info(f, fps="fast"), "frames per second"),
         (lambda f: change_info(f, features={}), "has no names"),
         (lambda f: (f / "meta" / "info.json").write_text("{"), "is not JSON"),
         (lambda f: (f / "meta" / "info.json").unlink(), "info.json"),
         (cut, "cannot be read"),
-        (without_numbers, "episode 1: has values that are no numbers"),
+        (without_numbers, "episode 1: has values that are not numbers"),
         (at_one_time, "episode 0: has two frames of one time"),
     ],
 )

@@ -36,7 +36,7 @@ def test_a_run_says_each_step_and_how_many_were_made(run_cli, file):
     result = run_cli(f"program run {file} {SIM} --yes")
     assert result.code == 0
     assert "2/2  down: line to (0.220, 0.040, 0.100) m" in result.err
-    assert result.out.split() == ["steps", "2", "made"]
+    assert result.out.split() == ["steps", "2", "done"]
 
 
 def test_a_run_in_json_has_the_error_of_each_step(run_cli, file):

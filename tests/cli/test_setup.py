@@ -208,7 +208,7 @@ def test_nobody_came_and_it_says_how_to_go_on(run_cli, monkeypatch):
     result = run_cli("setup so101 --port sim --yes --start wrist_flex --wait 3")
     assert result.code == 4
     assert "brings no servo within 3 s (all ids, " in result.err
-    assert "Go on with: ikservo setup so101 --start wrist_flex" in result.err
+    assert "Continue with: ikservo setup so101 --start wrist_flex" in result.err
 
 
 def test_without_a_terminal_the_flag_is_named(run_cli, monkeypatch):
@@ -261,7 +261,7 @@ def test_a_servo_that_stays_plugged_in_stops_it_at_the_next_joint(run_cli, monke
     assert result.code == 4
     assert result.out == "✓ wrist_roll (id 5): nothing to change\n"
     assert result.err.splitlines()[-3:] == [
-        "Go on with: ikservo setup so101 --start gripper",
+        "Continue with: ikservo setup so101 --start gripper",
         f"sim:{CONFIGS / 'so101' / 'arm.toml'} still has a servo with id 5 after 3 s.",
         "Unplug the servo that is done.",
     ]

@@ -174,4 +174,4 @@ def test_an_arm_that_lies_on_the_table_is_lifted_first_and_then_moves(monkeypatc
     bench = place_arm(monkeypatch, "so101", "rest, sunk", "real, calibrated")
     done = run_arguments(["pose", "home", "--arm", "so101", "--port", bench.port, "--yes"])
     assert done.code == 0, done.err
-    assert "The arm lies on something: elbow_flex moves so that the tool goes up" in done.err
+    assert "The arm rests on something: elbow_flex moves so that the tool goes up" in done.err

@@ -82,7 +82,11 @@ def test_a_file_that_is_no_copy_is_said_to_be_none(tmp_path, text):
         ('"STS3215"', '"STS9999"', "model: is 'STS9999'"),
         ("id = 1\n\n", "id = -1\n\n", "id: is -1"),
         ("homing_offset = 0\n", "", "lacks homing_offset"),
-        ("homing_offset", "homing_ofset", "eeprom.homing_ofset: is no EEPROM register of STS3215"),
+        (
+            "homing_offset",
+            "homing_ofset",
+            "eeprom.homing_ofset: is not an EEPROM register of STS3215",
+        ),
         ("homing_offset = 0", "homing_offset = 0.5", "homing_offset: is 0.5"),
         ("homing_offset = 0", "homing_offset = 5000", "homing_offset: is 5000"),
         ("homing_offset = 0", "homing_offset = true", "homing_offset: is True"),

@@ -110,7 +110,7 @@ def calibrate(terminal, arm, printed):
         program.wait_for("Save to")
         program.wait_for("[y/n]")
         program.type("y\r")
-        program.wait_for("into the servos, too? [y/n]")
+        program.wait_for("into the servos as well? [y/n]")
         program.type("n\r")
         ended = assert_good(program.ended())
     assert "Saved to" in ended.text

@@ -88,7 +88,7 @@ class TrajectoryAction:
 
     def empty_result(self) -> Any:  # noqa: ANN401
         """Return the result of a goal that is not known."""
-        return _result(ErrorCode.INVALID_GOAL, "There is no such goal, or no longer.")
+        return _result(ErrorCode.INVALID_GOAL, "There is no such goal (any more).")
 
     def finish(self, goal: ActionGoal, status: GoalStatus, code: ErrorCode, text: str) -> None:
         """End a goal."""

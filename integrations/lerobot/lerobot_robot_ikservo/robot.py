@@ -159,7 +159,7 @@ class IkservoRobot(Robot):
         except KeyError as error:
             raise ValueError(self._wrong_action_text(error.args[0])) from error
         if not np.isfinite(goal).all():
-            motion.report("An action has values that are no numbers; the arm holds.")
+            motion.report("An action has values that are not numbers; the arm holds.")
             return action
         inside = np.clip(goal, *arm.limits())
         is_step = isinstance(kind, StepActions) and not np.array_equal(last, inside)
