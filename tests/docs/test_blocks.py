@@ -96,6 +96,19 @@ def test_every_block_of_a_page_runs_one_after_the_other(page, folder, monkeypatc
             run_commands(block, monkeypatch)
 
 
+NOTEBOOKS = sorted((ROOT / "docs").rglob("*.ipynb"))
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
+def test_the_cells_of_a_notebook_run_one_after_the_other(path, folder, monkeypatch):
+    monkeypatch.setenv("MPLBACKEND", "Agg")
+    cells, names = json.loads(path.read_text("utf-8"))["cells"], {}
+    for number, cell in enumerate(cells):
+        if cell["cell_type"] == "code":
+            assert cell["outputs"] == [], "stored without outputs"
+            exec(compile("".join(cell["source"]), f"{path.name}, cell {number}", "exec"), names)
+
+
 def test_every_block_says_what_it_holds():
     for block in BLOCKS:
         assert block.language in LANGUAGES, f"{block}: {block.language!r}"
