@@ -179,7 +179,7 @@ def _describe_hidden(seen: LinkVisibility) -> str:
 
 
 _KIND_NAMES = {"link": "", "fixed": "does not move", "object": "object"}
-_TIP = {"name": "the tip comes here", "what": "", "at": "", "depth": "", "depth_m": None}
+_TIP = {"name": "the tip moves here", "what": "", "at": "", "depth": "", "depth_m": None}
 
 
 def candidate_rows(options: Sequence[PickCandidate | None], chosen: int) -> list[dict[str, object]]:

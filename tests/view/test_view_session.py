@@ -323,7 +323,7 @@ def test_what_is_under_the_pointer_is_told_by_depth(session):
     assert links[0]["name"] in {"upper_arm", "forearm"}
     assert links[0]["depth"] == "nearest"
     assert [row["chosen"] for row in under] == [True] + [False] * (len(under) - 1)
-    assert under[len(links)]["name"] == "the tip comes here"
+    assert under[len(links)]["name"] == "the tip moves here"
 
 
 def test_the_key_for_behind_chooses_the_next_of_them(session):
@@ -347,7 +347,7 @@ def test_after_a_tap_the_list_stays_though_a_finger_leaves(session):
 def test_over_nothing_only_the_tip_can_come(session):
     session.point("hover", 5, 5)
     assert [row["name"] for row in session.latest_frames()["status"]["under"]] == [
-        "the tip comes here"
+        "the tip moves here"
     ]
 
 

@@ -76,7 +76,7 @@ export class Panel {
     $("calibrate").hidden = armInfo.permission !== "control";
     $("hint").textContent = matchMedia("(pointer: coarse)").matches
       ? "Touch the arm and pull, or tap where the tip should go. Two fingers move the view."
-      : "Grab any link and pull · click where the tip should go · Shift turns one joint · N: what is behind · right button moves the view";
+      : "Grab any link and pull · click where the tip should go · Shift turns one joint · N selects the link behind · right button moves the view";
   }
 
   show(status) {
