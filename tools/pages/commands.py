@@ -15,10 +15,10 @@ __all__ = ["commands_page"]
 
 _INTRODUCTION = """# Commands
 
-This page is made from the commands. `ikservo COMMAND --help` prints the same in a terminal.
+This page is generated from the commands. `ikservo COMMAND --help` prints the same in a terminal.
 
-Lengths are in metres (`120mm` and `12cm` work), angles in degrees (`0.2rad` works). Data goes to
-stdout, all other text to stderr. `--json` prints one object per line: [JSON output](../json.md).
+Lengths are in metres (`120mm` and `12cm` work), angles in degrees (`0.2rad` works). Data is printed
+on stdout, all other text on stderr. `--json` prints one object per line: [JSON output](../json.md).
 Exit codes are explained in [Troubleshooting](../troubleshooting.md#exit-codes).
 """
 

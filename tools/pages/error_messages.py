@@ -20,11 +20,11 @@ _OPEN = "…"  # where a name, a number or a text is put in
 
 _INTRODUCTION = """# All error messages
 
-This page is made from the sources. `…` stands for a name, a number or a text that differs. Look for
-the fixed words of your message with the search of your browser (Ctrl-F). What an exit code means
-and what to do first is in [Troubleshooting](../troubleshooting.md).
+This page is generated from the sources. `…` is a name, a number or a text that differs. Search this
+page for the fixed words of your message (Ctrl-F). [Troubleshooting](../troubleshooting.md) explains
+the exit codes.
 
-A program gets the same text; commands in it are replaced by methods: `arm.relax()` for
+A Python program gets the same text with methods instead of commands: `arm.relax()` for
 `ikservo relax`.
 """
 

@@ -20,9 +20,9 @@ __all__ = ["arm_toml_page", "page_protocol_page", "programs_page"]
 
 _ARM_TOML = """# arm.toml
 
-This page is made from the schema that reads the file (`ikservo/model/arm_schema.py`). An unknown
-key, a wrong type and a value outside its bounds are refused with the place in the file.
-[Add your own arm](../how-to/own-arm.md) leads through a file from its first line to its last.
+This page is generated from the schema that reads the file (`ikservo/model/arm_schema.py`). An
+unknown key, a wrong type or a value outside its bounds is refused with its place in the file.
+[Add your own arm](../how-to/own-arm.md) explains a whole file step by step.
 
 - A joint of type `prismatic` (it slides) has a `servo` with `m_per_turn` or `crank`.
 - `zero_from = "vendor"`: the maker fixes the zero, no calibration is needed. `"nominal"`: zeros

@@ -11,8 +11,8 @@ __all__ = ["registers_page"]
 
 _INTRODUCTION = """# Registers of the servos
 
-This page is made from the control tables in `ikservo/registers`. *Raw* numbers are those of the
-datasheet; one count is worth the *step*. Addresses are decimal. EEPROM keeps its contents without
+This page is generated from the control tables in `ikservo/registers`. *Raw* numbers are those of
+the datasheet; one count equals the *step*. Addresses are decimal. EEPROM keeps its contents without
 power and wears out when it is written; ikservo never writes it in order to move. A Feetech servo
 stores EEPROM only while its register `lock` is 0.
 """
