@@ -40,35 +40,35 @@ _MIRRORED_RAD = math.radians(30.0)
 _SHADOW_TICKS = 40
 
 
-def is_full_turn(wizard: CalibrationState, subject: JointUnderCalibration) -> bool:
+def is_full_turn(state: CalibrationState, subject: JointUnderCalibration) -> bool:
     """Return whether a joint was moved so far that its range has no stops."""
-    track = wizard.tracks[subject.servo_id]
+    track = state.tracks[subject.servo_id]
     return subject.ticks_per_turn != 0 and track.width >= subject.ticks_per_turn * (
         1.0 - _ALMOST_FULL_TURN
     )
 
 
-def range_complete(wizard: CalibrationState, subject: JointUnderCalibration) -> bool:
+def range_complete(state: CalibrationState, subject: JointUnderCalibration) -> bool:
     """Return whether a joint's range seems complete."""
-    if not wizard.is_measured(subject) or subject.name in wizard.free:
+    if not state.is_measured(subject) or subject.name in state.free:
         return True
-    width = wizard.tracks[subject.servo_id].width
-    known = wizard.signs.keys() | wizard.known_signs
+    width = state.tracks[subject.servo_id].width
+    known = state.signs.keys() | state.known_signs
     return subject.name in known and width >= _COMPLETE * subject.expected_ticks
 
 
-def blocking_issues(wizard: CalibrationState) -> Iterator[CalibrationError]:
+def blocking_issues(state: CalibrationState) -> Iterator[CalibrationError]:
     """Yield what prevents the sweep from ending."""
-    yield from _direction_issues(wizard)
-    for subject in wizard.subjects:
-        if wizard.is_measured(subject) and subject.name not in wizard.free:
-            yield from _range_issues(wizard, subject)
-        yield from _shadow_issues(wizard, subject)
+    yield from _direction_issues(state)
+    for subject in state.subjects:
+        if state.is_measured(subject) and subject.name not in state.free:
+            yield from _range_issues(state, subject)
+        yield from _shadow_issues(state, subject)
 
 
-def _direction_issues(wizard: CalibrationState) -> Iterator[CalibrationError]:
-    current = wizard.current_joint
-    if current and wizard.is_second_trial:
+def _direction_issues(state: CalibrationState) -> Iterator[CalibrationError]:
+    current = state.current_joint
+    if current and state.is_second_trial:
         yield CalibrationError(
             f"{current.name}: sign is opposite to the arm file. Was it first moved the wrong way?",
             "Move it back, then again in the direction shown, or skip it.",
@@ -78,10 +78,10 @@ def _direction_issues(wizard: CalibrationState) -> Iterator[CalibrationError]:
 
 
 def _range_issues(
-    wizard: CalibrationState, subject: JointUnderCalibration
+    state: CalibrationState, subject: JointUnderCalibration
 ) -> Iterator[CalibrationError]:
-    track, name = wizard.tracks[subject.servo_id], subject.name
-    margins = 2 * wizard.margin_rad / subject.joint_map.horn_rad_per_tick
+    track, name = state.tracks[subject.servo_id], subject.name
+    margins = 2 * state.margin_rad / subject.joint_map.horn_rad_per_tick
     if track.lost:
         yield CalibrationError(
             f"{name} was moved too fast to count its turns.", f"Measure {name} again, slower."
@@ -91,15 +91,15 @@ def _range_issues(
             f"{name} was moved by only {track.width} ticks.",
             "Move it gently to both ends, or skip it.",
         )
-    if is_full_turn(wizard, subject) and not _exceeds_expected_range(subject):
+    if is_full_turn(state, subject) and not _exceeds_expected_range(subject):
         yield CalibrationError(
             f"{name} was turned by a whole turn; "
             f"the arm file expects {_format_expected_range(subject)}.",
             f"Without end stops: mark {name} as turning freely. Otherwise check for a loose horn.",
         )
-    if _fits_better_mirrored(wizard, subject):
+    if _fits_better_mirrored(state, subject):
         yield CalibrationError(
-            f"{name}: swept {_format_recorded_range(wizard, subject)}, "
+            f"{name}: swept {_format_recorded_range(state, subject)}, "
             f"arm file {_format_expected_range(subject)}; the sign or "
             "the pose is wrong.",
             f"Was it first moved the wrong way? Measure {name} again.",
@@ -107,13 +107,13 @@ def _range_issues(
 
 
 def _shadow_issues(
-    wizard: CalibrationState, subject: JointUnderCalibration
+    state: CalibrationState, subject: JointUnderCalibration
 ) -> Iterator[CalibrationError]:
-    lead = wizard.tracks[subject.servo_id]
-    moved = lead.tick - wizard.reference_ticks[subject.servo_id]
+    lead = state.tracks[subject.servo_id]
+    moved = lead.tick - state.reference_ticks[subject.servo_id]
     for shadow_id in subject.shadow_ids:
-        shadow = wizard.tracks[shadow_id]
-        if abs(shadow.tick - wizard.reference_ticks[shadow_id] - moved) > _SHADOW_TICKS:
+        shadow = state.tracks[shadow_id]
+        if abs(shadow.tick - state.reference_ticks[shadow_id] - moved) > _SHADOW_TICKS:
             yield CalibrationError(
                 f"Servos {subject.servo_id} and {shadow_id} of {subject.name} report different "
                 "motions.",
@@ -121,26 +121,26 @@ def _shadow_issues(
             )
 
 
-def warnings(wizard: CalibrationState) -> Iterator[str]:
+def warnings(state: CalibrationState) -> Iterator[str]:
     """Yield warnings for the user before saving, one line each."""
-    for subject in wizard.subjects:
-        yield from _joint_warnings(wizard, subject)
+    for subject in state.subjects:
+        yield from _joint_warnings(state, subject)
 
 
-def _joint_warnings(wizard: CalibrationState, subject: JointUnderCalibration) -> Iterator[str]:
+def _joint_warnings(state: CalibrationState, subject: JointUnderCalibration) -> Iterator[str]:
     name = subject.name
-    if wizard.sign(subject) != subject.joint_map.sign:
+    if state.sign(subject) != subject.joint_map.sign:
         yield f"{name}: sign is opposite to the arm file, measured twice."
-    if name in wizard.skipped and name in wizard.reasons:
-        yield f"{name}: {wizard.reasons[name]}"
-    elif name in wizard.skipped:
+    if name in state.skipped and name in state.reasons:
+        yield f"{name}: {state.reasons[name]}"
+    elif name in state.skipped:
         expected = _format_expected_range(subject)
         yield f"{name} was skipped: the arm file's range {expected} and sign are used."
-    elif wizard.is_measured(subject) and (name in wizard.free or is_full_turn(wizard, subject)):
+    elif state.is_measured(subject) and (name in state.free or is_full_turn(state, subject)):
         expected = _format_expected_range(subject)
         yield f"{name} turns freely: the arm file's range {expected} is used."
-    elif wizard.is_measured(subject) and not range_complete(wizard, subject):
-        fraction = wizard.tracks[subject.servo_id].width / subject.expected_ticks
+    elif state.is_measured(subject) and not range_complete(state, subject):
+        fraction = state.tracks[subject.servo_id].width / subject.expected_ticks
         yield f"{name} was swept over {fraction:.0%} of the arm file's range."
 
 
@@ -148,12 +148,12 @@ def _exceeds_expected_range(subject: JointUnderCalibration) -> bool:
     return subject.expected_ticks >= _MAX_WIDTH_RATIO * subject.ticks_per_turn
 
 
-def _fits_better_mirrored(wizard: CalibrationState, subject: JointUnderCalibration) -> bool:
+def _fits_better_mirrored(state: CalibrationState, subject: JointUnderCalibration) -> bool:
     """Return whether the range would fit much better with the opposite sign."""
-    track = wizard.tracks[subject.servo_id]
-    if is_full_turn(wizard, subject) or subject.joint_map.unit != "rad":
+    track = state.tracks[subject.servo_id]
+    if is_full_turn(state, subject) or subject.joint_map.unit != "rad":
         return False
-    sign, anchor = wizard.sign(subject), wizard.reference_ticks[subject.servo_id]
+    sign, anchor = state.sign(subject), state.reference_ticks[subject.servo_id]
     mismatches = {
         s: _range_mismatch(subject, s, anchor, (track.low, track.high)) for s in (sign, -sign)
     }
@@ -169,9 +169,9 @@ def _range_mismatch(
     return abs(low - subject.expected.lower.value) + abs(high - subject.expected.upper.value)
 
 
-def _format_recorded_range(wizard: CalibrationState, subject: JointUnderCalibration) -> str:
-    track = wizard.tracks[subject.servo_id]
-    ends = sorted(wizard.position(subject, tick) for tick in (track.low, track.high))
+def _format_recorded_range(state: CalibrationState, subject: JointUnderCalibration) -> str:
+    track = state.tracks[subject.servo_id]
+    ends = sorted(state.position(subject, tick) for tick in (track.low, track.high))
     return " to ".join(subject.joint_map.format(end) for end in ends)
 
 
@@ -437,23 +437,23 @@ class JointReadout:
         return self.subject.name
 
 
-def joint_readouts(wizard: CalibrationState) -> Iterator[JointReadout]:
+def joint_readouts(state: CalibrationState) -> Iterator[JointReadout]:
     """Yield the readout of each joint, after the reference pose."""
-    for subject in wizard.subjects:
-        track = wizard.tracks[subject.servo_id]
-        ends = sorted(wizard.position(subject, tick) for tick in (track.low, track.high))
+    for subject in state.subjects:
+        track = state.tracks[subject.servo_id]
+        ends = sorted(state.position(subject, tick) for tick in (track.low, track.high))
         yield JointReadout(
-            subject, _joint_progress(wizard, subject), wizard.position(subject, track.tick), *ends
+            subject, _joint_progress(state, subject), state.position(subject, track.tick), *ends
         )
 
 
-def _joint_progress(wizard: CalibrationState, subject: JointUnderCalibration) -> JointProgress:
+def _joint_progress(state: CalibrationState, subject: JointUnderCalibration) -> JointProgress:
     if subject.known:
         return JointProgress.KNOWN
-    if subject.name in wizard.skipped:
+    if subject.name in state.skipped:
         return JointProgress.SKIPPED
-    if subject.name in wizard.free or is_full_turn(wizard, subject):
+    if subject.name in state.free or is_full_turn(state, subject):
         return JointProgress.FREE
-    if wizard.tracks[subject.servo_id].width < MIN_RANGE_TICKS:
+    if state.tracks[subject.servo_id].width < MIN_RANGE_TICKS:
         return JointProgress.UNMOVED
-    return JointProgress.COMPLETE if range_complete(wizard, subject) else JointProgress.MOVING
+    return JointProgress.COMPLETE if range_complete(state, subject) else JointProgress.MOVING

@@ -78,22 +78,22 @@ class MeasuredJoint:
         return expected.intersect(user) if user else expected
 
 
-def measure_joint(wizard: CalibrationState, subject: JointUnderCalibration) -> MeasuredJoint:
+def measure_joint(state: CalibrationState, subject: JointUnderCalibration) -> MeasuredJoint:
     """Return the mounting and travel of a joint, in bare ticks.
 
     Raises:
         CalibrationError: A range that was known before does not contain the reference pose.
     """
-    track, anchor = wizard.tracks[subject.servo_id], wizard.reference_ticks[subject.servo_id]
-    placed, name = subject.with_mounting(wizard.sign(subject), anchor), subject.name
+    track, anchor = state.tracks[subject.servo_id], state.reference_ticks[subject.servo_id]
+    placed, name = subject.with_mounting(state.sign(subject), anchor), subject.name
     if subject.known:
-        earlier: RangeSource = "by itself" if wizard.motor_driven else "by LeRobot"
+        earlier: RangeSource = "by itself" if state.motor_driven else "by LeRobot"
         return MeasuredJoint(placed, _travel_around(subject, subject.known, anchor), earlier)
-    if name in wizard.skipped or name in wizard.free or is_full_turn(wizard, subject):
+    if name in state.skipped or name in state.free or is_full_turn(state, subject):
         expected = subject.expected
         ends = placed.ticks_inside(expected.lower.value, expected.upper.value)
         return MeasuredJoint(placed, TickRange(*ends), "not swept")
-    source: RangeSource = "by itself" if wizard.motor_driven else "by hand"
+    source: RangeSource = "by itself" if state.motor_driven else "by hand"
     return MeasuredJoint(placed, TickRange(track.low, track.high), source)
 
 
@@ -141,7 +141,7 @@ class CalibrationResult:
 
 
 def build_calibration(
-    wizard: CalibrationState,
+    state: CalibrationState,
     configs: ServoConfigs,
     metadata: CalibrationMetadata,
     *,
@@ -151,7 +151,7 @@ def build_calibration(
     """Compute the calibration of a procedure that has reached its review.
 
     Args:
-        wizard: The procedure.
+        state: The procedure.
         configs: The configuration of every servo, by id.
         metadata: Further data of the file.
         write_limits: Whether limits are written to the servos, too.
@@ -162,22 +162,22 @@ def build_calibration(
     """
     memory: dict[int, Mapping[str, int]] = {}
     joints: list[CalibratedJoint] = []
-    for subject in wizard.subjects:
+    for subject in state.subjects:
         own = (user or {}).get(subject.name)
-        homing, found = _apply_homing(wizard, subject, configs)
-        limits = found.limits(subject.expected, wizard.margin_rad, own)
+        homing, found = _apply_homing(state, subject, configs)
+        limits = found.limits(subject.expected, state.margin_rad, own)
         inside = found.joint_map.ticks_inside(limits.lower.value, limits.upper.value)
         registers = inside if write_limits and not homing.extended else None
-        for servo_id, offset in _choose_offsets(wizard, subject, configs, homing, found.travel):
+        for servo_id, offset in _choose_offsets(state, subject, configs, homing, found.travel):
             memory[servo_id] = expected_registers(
                 configs[servo_id], offset, registers, extended=homing.extended
             )
         joints.append(
             _calibrated_joint(
-                wizard, subject, found, own, _calibrated_servos(subject, configs, memory)
+                state, subject, found, own, _calibrated_servos(subject, configs, memory)
             )
         )
-    return CalibrationResult(_make_calibration(metadata, wizard.margin_rad, joints), memory)
+    return CalibrationResult(_make_calibration(metadata, state.margin_rad, joints), memory)
 
 
 def _make_calibration(
@@ -197,10 +197,10 @@ def _make_calibration(
 
 
 def _apply_homing(
-    wizard: CalibrationState, subject: JointUnderCalibration, configs: ServoConfigs
+    state: CalibrationState, subject: JointUnderCalibration, configs: ServoConfigs
 ) -> tuple[Homing, MeasuredJoint]:
     """Return the homing of the joint's servo, and the joint in the ticks it then reports."""
-    lead, found = configs[subject.servo_id], measure_joint(wizard, subject)
+    lead, found = configs[subject.servo_id], measure_joint(state, subject)
     homing = choose_homing(
         subject.name,
         lead.table.family,
@@ -219,7 +219,7 @@ def _apply_homing(
 
 
 def _choose_offsets(
-    wizard: CalibrationState,
+    state: CalibrationState,
     subject: JointUnderCalibration,
     configs: ServoConfigs,
     homing: Homing,
@@ -227,10 +227,10 @@ def _choose_offsets(
 ) -> list[tuple[int, int]]:
     """Return the offset of each servo of a joint: shadows report the ticks of the first one."""
     rows = [(subject.servo_id, homing.offset)]
-    reported = round(wizard.reference_ticks[subject.servo_id] - homing.shift)
+    reported = round(state.reference_ticks[subject.servo_id] - homing.shift)
     for shadow_id in subject.shadow_ids:
         expected = wrapped_difference(
-            round(wizard.reference_ticks[shadow_id]), reported, subject.ticks_per_turn
+            round(state.reference_ticks[shadow_id]), reported, subject.ticks_per_turn
         )
         present = configs[shadow_id].offset
         offset = present if abs(expected - present) <= _SAME_TICKS else expected
@@ -263,7 +263,7 @@ def _calibrated_servos(
 
 
 def _calibrated_joint(
-    wizard: CalibrationState,
+    state: CalibrationState,
     subject: JointUnderCalibration,
     found: MeasuredJoint,
     user: Limits | None,
@@ -273,7 +273,7 @@ def _calibrated_joint(
     return CalibratedJoint(
         name=subject.name,
         sign=1 if placed.sign == 1 else -1,
-        sign_from="by hand" if subject.name in wizard.signs else "arm file",
+        sign_from="by hand" if subject.name in state.signs else "arm file",
         zero_tick=placed.zero_tick,
         gear=placed.gear,
         extended=is_multi_turn(lead.holds),
@@ -281,7 +281,7 @@ def _calibrated_joint(
         travel_ticks=(found.travel.low, found.travel.high),
         servo=lead,
         shadows=tuple(shadows),
-        **_in_file_units("", found.range_inside_margin(wizard.margin_rad), placed),
+        **_in_file_units("", found.range_inside_margin(state.margin_rad), placed),
         **_in_file_units("user_", user and (user.lower.value, user.upper.value), placed),
     )
 
@@ -320,14 +320,14 @@ class ShiftedZero:
         )
 
 
-def find_shifted_zeros(wizard: CalibrationState) -> Iterator[ShiftedZero]:
+def find_shifted_zeros(state: CalibrationState) -> Iterator[ShiftedZero]:
     """Yield the measured joints whose zero is implausible, once the sweep has ended.
 
     Raises:
         CalibrationError: A range that was known before does not contain the reference pose.
     """
-    for subject in wizard.subjects:
-        ends = measure_joint(wizard, subject).range_inside_margin(0.0)
+    for subject in state.subjects:
+        ends = measure_joint(state, subject).range_inside_margin(0.0)
         if ends is None:
             continue
         above = ends[1] - subject.expected.upper.value

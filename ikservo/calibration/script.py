@@ -45,7 +45,7 @@ _COMPLETE_AFTER_S = 4.0  # likewise, where ranges are narrower than the arm file
 _TIMEOUT_S = 60.0
 
 
-def apply_answer(wizard: CalibrationState, text: str) -> CalibrationState:
+def apply_answer(state: CalibrationState, text: str) -> CalibrationState:
     """Return the state after an input.
 
     Raises:
@@ -56,14 +56,14 @@ def apply_answer(wizard: CalibrationState, text: str) -> CalibrationState:
     verb, _, joint = text.strip().partition(" ")
     verb = _FORMER_VERBS.get(verb, verb)
     steps = {
-        "remeasure": wizard.remeasure, "skip": wizard.skip, "continuous": wizard.mark_continuous,
+        "remeasure": state.remeasure, "skip": state.skip, "continuous": state.mark_continuous,
     }  # fmt: skip
     if joint and verb in steps:
         return steps[verb](joint.strip())
     if text.strip() == "accept":
-        return wizard.accept()
+        return state.accept()
     if text.strip() == "undo":
-        return wizard.undo()
+        return state.undo()
     raise BadValueError("The answer", repr(text), f"one of: {', '.join(ANSWERS)}")
 
 

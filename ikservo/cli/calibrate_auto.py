@@ -69,20 +69,20 @@ def calibrate_auto(
         disable_torque(limp_arm, interactive=options.interactive, yes=options.yes)
         print_servos(limp_arm, options.pose)
         measured = _offer_measured_joints(limp_arm, options)
-        wizard = with_known_ranges(_take_anchor_pose(limp_arm, options, script), measured.travels)
+        state = with_known_ranges(_take_anchor_pose(limp_arm, options, script), measured.travels)
         with restore_encoders(limp_arm, print_status), _report_kept_joints(measured):
             auto = AutoCalibration(
-                limp_arm, wizard, options.pose, _print_progress, measured.add_joint
+                limp_arm, state, options.pose, _print_progress, measured.add_joint
             )
-            wizard = _run_auto_calibration(auto, options)
-            outcome = review(limp_arm, wizard, options.with_user_ranges(auto.partial_limits))
+            state = _run_auto_calibration(auto, options)
+            outcome = review(limp_arm, state, options.with_user_ranges(auto.partial_limits))
             path = limp_arm.save(outcome)
         measured.remove_file()
         if options.interactive:
             confirm_directions(
                 model, limp_arm.bus.port.name
             )  # each direction has just been confirmed
-    print_result(outcome, wizard, path, json=options.json)
+    print_result(outcome, state, path, json=options.json)
 
 
 def _print_progress(message: str) -> None:
@@ -135,12 +135,12 @@ def _take_anchor_pose(
     limp_arm: TorqueOffArm, options: CalibrationOptions, script: Path | None
 ) -> CalibrationState:
     """Return the calibration state once the arm was held in its reference pose."""
-    wizard = CalibrationState.begin(limp_arm.make_subjects(options.pose), options.margin_rad)
+    state = CalibrationState.begin(limp_arm.make_subjects(options.pose), options.margin_rad)
     with (
         answer_source(script, yes=options.yes, interactive=options.interactive) as answers,
         calibration_display(limp_arm.model, options.pose) as display,
     ):
-        initial = apply_options(wizard, options.continuous, options.skip)
+        initial = apply_options(state, options.continuous, options.skip)
         return run_calibration(
             limp_arm, initial, answers, display, (CalibrationStage.REFERENCE_POSE,)
         )

@@ -66,7 +66,7 @@ __all__ = [
 
 def run_calibration(
     limp_arm: TorqueOffArm,
-    wizard: CalibrationState,
+    state: CalibrationState,
     answers: AnswerSource[CalibrationState],
     display: CalibrationDisplay,
     stages: Sequence[CalibrationStage] = (CalibrationStage.REFERENCE_POSE, CalibrationStage.SWEEP),
@@ -77,19 +77,19 @@ def run_calibration(
         CalibrationError: Something is missing, and no user is there to correct it.
         BusError: The servos stopped replying.
     """
-    while wizard.stage in stages:
+    while state.stage in stages:
         reading = limp_arm.read_ticks()
         if reading is None:
             continue
-        wizard = wizard.update(*reading)
-        display.show(wizard)
-        answer = answers.next_answer(wizard, reading[0])
+        state = state.update(*reading)
+        display.show(state)
+        answer = answers.next_answer(state, reading[0])
         if answer:
             display.print_message("")
-            wizard = apply_or_explain(
-                partial(apply_answer, wizard, answer), wizard, answers, display.print_message
+            state = apply_or_explain(
+                partial(apply_answer, state, answer), state, answers, display.print_message
             )
-    return wizard
+    return state
 
 
 def answer_source(
@@ -123,15 +123,15 @@ def _answer_for_key(state: CalibrationState, key: str) -> str | None:
     return None
 
 
-def _joint_for_key(wizard: CalibrationState, key: str) -> str:
+def _joint_for_key(state: CalibrationState, key: str) -> str:
     """Return the joint that a key applies to: the current one, else the first with an issue."""
     if key == "f":
-        round_joints = [s.name for s in wizard.subjects if is_full_turn(wizard, s)]
-        return next((name for name in round_joints if name not in wizard.free), "")
-    if wizard.current_joint:
-        return wizard.current_joint.name
-    issue = next(blocking_issues(wizard), None)
-    names = [s.name for s in wizard.subjects if issue and s.name in issue.message]
+        round_joints = [s.name for s in state.subjects if is_full_turn(state, s)]
+        return next((name for name in round_joints if name not in state.free), "")
+    if state.current_joint:
+        return state.current_joint.name
+    issue = next(blocking_issues(state), None)
+    names = [s.name for s in state.subjects if issue and s.name in issue.message]
     return next(iter(names), "")
 
 
@@ -181,16 +181,16 @@ def calibrate_by_hand(
         )
         with reporting_unchanged_state():
             print_servos(limp_arm, options.pose)
-            wizard = _run_to_review(limp_arm, options, script)
-            outcome = review(limp_arm, wizard, options, base)
+            state = _run_to_review(limp_arm, options, script)
+            outcome = review(limp_arm, state, options, base)
             path = limp_arm.save(outcome)
         port_name = limp_arm.bus.port.name
-    print_result(outcome, wizard, path, json=options.json)
-    opposite = [s.name for s in wizard.subjects if wizard.sign(s) != s.joint_map.sign]
+    print_result(outcome, state, path, json=options.json)
+    opposite = [s.name for s in state.subjects if state.sign(s) != s.joint_map.sign]
     if is_simulated(outcome.calibration.usb_serial_number):
         return
     tested = check_new_signs(model, port, opposite, interactive=options.interactive)
-    if known and tested and all(s.name in wizard.signs for s in wizard.subjects):
+    if known and tested and all(s.name in state.signs for s in state.subjects):
         confirm_directions(model, port_name)  # each joint was observed to move as the files say
 
 
@@ -227,12 +227,12 @@ def check_options(model: Model, options: CalibrationOptions, script: Path | None
 
 
 def apply_options(
-    wizard: CalibrationState, continuous: Sequence[str], skip: Sequence[str]
+    state: CalibrationState, continuous: Sequence[str], skip: Sequence[str]
 ) -> CalibrationState:
     """Return the calibration state with the answers given as options."""
-    names = {wizard.find_joint(joint).name for joint in continuous}
-    skipped = {wizard.find_joint(joint).name for joint in skip}
-    return replace(wizard, free=frozenset(names), skipped=frozenset(skipped))
+    names = {state.find_joint(joint).name for joint in continuous}
+    skipped = {state.find_joint(joint).name for joint in skip}
+    return replace(state, free=frozenset(names), skipped=frozenset(skipped))
 
 
 def parse_limits(model: Model, texts: Sequence[str]) -> Mapping[str, Limits]:
@@ -259,7 +259,7 @@ def parse_limits(model: Model, texts: Sequence[str]) -> Mapping[str, Limits]:
 
 def review(
     limp_arm: TorqueOffArm,
-    wizard: CalibrationState,
+    state: CalibrationState,
     options: CalibrationOptions,
     base: Calibration | None = None,
 ) -> CalibrationResult:
@@ -267,7 +267,7 @@ def review(
 
     Args:
         limp_arm: The arm.
-        wizard: The calibration state at its review.
+        state: The calibration state at its review.
         options: The options of the command.
         base: The calibration of which some joints are replaced; None if all are new.
 
@@ -275,16 +275,16 @@ def review(
         CalibrationError: A zero is implausible, and the user did not confirm the pose.
         IkservoError: The user declined; nothing was changed.
     """
-    print_status(str(current_step(limp_arm.model, options.pose, wizard)))
+    print_status(str(current_step(limp_arm.model, options.pose, state)))
     lost = find_replaced_zeros(base, options.joints) if base else lost_geometry_warning(limp_arm)
-    for line in (*warnings(wizard), *lost):
+    for line in (*warnings(state), *lost):
         print_status(f"  {line}")
-    check_zeros(wizard, options.pose, limp_arm.model.name, interactive=options.interactive)
+    check_zeros(state, options.pose, limp_arm.model.name, interactive=options.interactive)
     now = datetime.now(UTC)
 
     def build(*, write_limits: bool) -> CalibrationResult:
         found = limp_arm.build_calibration(
-            wizard, options.pose, now, write_limits=write_limits, user=options.user
+            state, options.pose, now, write_limits=write_limits, user=options.user
         )
         return merge_outcome(base, found) if base else found
 
@@ -327,13 +327,13 @@ def show_result(limp_arm: TorqueOffArm, calibration: Calibration) -> None:
         print_status(f"  {line}")
 
 
-def check_zeros(wizard: CalibrationState, pose: str, arm: str, *, interactive: bool) -> None:
+def check_zeros(state: CalibrationState, pose: str, arm: str, *, interactive: bool) -> None:
     """Ask whether the arm was in its pose if a zero is implausible.
 
     Raises:
         CalibrationError: It was not, or the user may not be asked; nothing was changed.
     """
-    shifted = list(find_shifted_zeros(wizard))
+    shifted = list(find_shifted_zeros(state))
     for zero in shifted:
         print_status(f"  {zero}")
     names = ", ".join(zero.subject.name for zero in shifted)
@@ -354,14 +354,14 @@ def _may_write_limits(options: CalibrationOptions) -> bool:
 
 
 def print_result(
-    outcome: CalibrationResult, wizard: CalibrationState, path: Path, *, json: bool
+    outcome: CalibrationResult, state: CalibrationState, path: Path, *, json: bool
 ) -> None:
     """Print the saved calibration."""
     calibration = outcome.calibration
     if json:
         joints = [joint.model_dump(exclude_none=True) for joint in calibration.joints]
         print_json(
-            "calibrate", path=path, arm=calibration.arm, joints=joints, findings=[*warnings(wizard)]
+            "calibrate", path=path, arm=calibration.arm, joints=joints, findings=[*warnings(state)]
         )
         return
     print_lines([f"Saved to {path}"])

@@ -52,7 +52,7 @@ _SWEEP_KEYS = "Enter when all ✓   s skip   u undo   r again   f turns freely  
 class CalibrationDisplay(Protocol):
     """Shows the progress of a calibration."""
 
-    def show(self, wizard: CalibrationState) -> None:
+    def show(self, state: CalibrationState) -> None:
         """Show the current state."""
         ...
 
@@ -78,8 +78,8 @@ class _PlainDisplay:
     def __init__(self, model: Model, pose: str) -> None:
         self._model, self._pose, self._last_line = model, pose, ""
 
-    def show(self, wizard: CalibrationState) -> None:
-        line = str(current_step(self._model, self._pose, wizard))
+    def show(self, state: CalibrationState) -> None:
+        line = str(current_step(self._model, self._pose, state))
         if line != self._last_line:
             self._last_line = line
             print_status(line)
@@ -98,16 +98,16 @@ class _LiveDisplay:
         self._updates = 0
         self._size = live.console.size
 
-    def show(self, wizard: CalibrationState) -> None:
+    def show(self, state: CalibrationState) -> None:
         self._updates += 1
         if self._updates % _REFRESH_STEPS:
             return
         self._clear_after_resize()
-        step = current_step(self._model, self._pose, wizard)
+        step = current_step(self._model, self._pose, state)
         parts: list[Text | Table] = [Text(str(step), style="bold")]
-        if wizard.stage is CalibrationStage.SWEEP:
-            parts.append(_joint_table(wizard, self._size.width))
-        parts.append(Text(_key_help(wizard), style="dim"))
+        if state.stage is CalibrationStage.SWEEP:
+            parts.append(_joint_table(state, self._size.width))
+        parts.append(Text(_key_help(state), style="dim"))
         if self._message:
             parts.append(Text(self._message, style="yellow"))
         self._live.update(Group(*parts))
@@ -123,13 +123,13 @@ class _LiveDisplay:
             self._live.console.clear()
 
 
-def _key_help(wizard: CalibrationState) -> str:
-    if wizard.stage is CalibrationStage.REFERENCE_POSE:
+def _key_help(state: CalibrationState) -> str:
+    if state.stage is CalibrationStage.REFERENCE_POSE:
         return _POSE_KEYS
-    return _DIRECTION_KEYS if wizard.current_joint else _SWEEP_KEYS
+    return _DIRECTION_KEYS if state.current_joint else _SWEEP_KEYS
 
 
-def _joint_table(wizard: CalibrationState, width: int) -> Table:
+def _joint_table(state: CalibrationState, width: int) -> Table:
     """Return a table with a row for each joint, at most as wide as the terminal."""
     table = Table(box=None, pad_edge=False, header_style="dim")
     columns = ["joint", "", "swept", "arm file", ""]
@@ -137,11 +137,11 @@ def _joint_table(wizard: CalibrationState, width: int) -> Table:
     for column in columns if has_room else [c for c in columns if c != "arm file"]:
         table.add_column(column, no_wrap=True, overflow="ellipsis")
     length = min(max(width - _OTHER_COLUMNS, _MIN_BAR_CHARS), _MAX_BAR_CHARS)
-    for meter in joint_readouts(wizard):
-        name, bar, swept, expected, state = _joint_row(
-            meter, length, current=wizard.current_joint is meter.subject
+    for meter in joint_readouts(state):
+        name, bar, swept, expected, progress = _joint_row(
+            meter, length, current=state.current_joint is meter.subject
         )
-        table.add_row(name, bar, swept, *([expected] if has_room else []), state)
+        table.add_row(name, bar, swept, *([expected] if has_room else []), progress)
     return table
 
 

@@ -131,9 +131,9 @@ def command(
         with reporting_unchanged_state():
             print_servos(limp_arm, pose)
             with answer_source(from_script, yes=yes, interactive=interactive) as answers:
-                wizard = _run_import_dialogue(limp_arm, joints, pose, margin, answers)
-            check_zeros(wizard, pose, model.name, interactive=interactive)
-            outcome = _build_outcome(limp_arm, joints, wizard, pose)
+                state = _run_import_dialogue(limp_arm, joints, pose, margin, answers)
+            check_zeros(state, pose, model.name, interactive=interactive)
+            outcome = _build_outcome(limp_arm, joints, state, pose)
             for line in lost_geometry_warning(limp_arm):
                 print_status(f"  {line}")
             show_result(limp_arm, outcome.calibration)
@@ -142,7 +142,7 @@ def command(
             ):
                 raise IkservoError("Cancelled; nothing was saved or written, torque is off.")
             saved = limp_arm.save(outcome)
-    print_result(outcome, wizard, saved, json=json)
+    print_result(outcome, state, saved, json=json)
 
 
 def check_kind(kind: str) -> None:
@@ -162,22 +162,22 @@ def _run_import_dialogue(
     margin: float,
     answers: AnswerSource[CalibrationState],
 ) -> CalibrationState:
-    wizard = CalibrationState.begin(
+    state = CalibrationState.begin(
         limp_arm.make_subjects(pose, lerobot_travels(joints, limp_arm)), math.radians(margin)
     )
     free = frozenset(joint.name for joint in joints if joint.is_continuous)
     with calibration_display(limp_arm.model, pose) as shown:
-        return run_calibration(limp_arm, replace(wizard, free=free), answers, shown)
+        return run_calibration(limp_arm, replace(state, free=free), answers, shown)
 
 
 def _build_outcome(
-    limp_arm: TorqueOffArm, joints: Sequence[LerobotJoint], wizard: CalibrationState, pose: str
+    limp_arm: TorqueOffArm, joints: Sequence[LerobotJoint], state: CalibrationState, pose: str
 ) -> CalibrationResult:
     """Build the calibration, its joints in LeRobot's order so that it can be exported again."""
     for line in lerobot_mismatches(joints, limp_arm.facts):
         print_status(line)
     facts = with_lerobot_homing(joints, limp_arm.facts)
-    outcome = limp_arm.build_calibration(wizard, pose, datetime.now(UTC), facts=facts)
+    outcome = limp_arm.build_calibration(state, pose, datetime.now(UTC), facts=facts)
     found = {joint.name: joint for joint in outcome.calibration.joints}
     ordered = tuple(found[joint.name] for joint in joints)
     return replace(outcome, calibration=outcome.calibration.model_copy(update={"joints": ordered}))

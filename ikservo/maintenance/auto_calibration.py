@@ -300,13 +300,13 @@ class AutoCalibration:
 
     Args:
         loose: Its servos, torque off.
-        wizard: The calibration state, its anchor pose recorded.
+        state: The calibration state, its anchor pose recorded.
         pose: The named pose.
         on_status: Called with what happens.
         on_measured: Called with the travel of each joint whose two stops were found, raw ticks.
 
     Attributes:
-        wizard: The calibration state with all measurements so far.
+        state: The calibration state with all measurements so far.
         arm: The arm with the limits of the search.
         partial_limits: The limits of joints of which only one end could be searched.
     """
@@ -314,7 +314,7 @@ class AutoCalibration:
     def __init__(
         self,
         loose: TorqueOffArm,
-        wizard: CalibrationState,
+        state: CalibrationState,
         pose: str,
         on_status: Callable[[str], None],
         on_measured: Callable[[JointUnderCalibration, TickRange], None],
@@ -322,14 +322,14 @@ class AutoCalibration:
         check_auto_allowed(loose.model)
         self._loose, self._on_status, self._on_measured = loose, on_status, on_measured
         self._postures = PosturePlanner(loose.model)
-        known = configure_encoders(loose, wizard, pose)
-        self._context = limited_context(loose, wizard, known, self._postures.space)
+        known = configure_encoders(loose, state, pose)
+        self._context = limited_context(loose, state, known, self._postures.space)
         self._runner = MotionRunner(self._context)
         self.arm = Arm(self._context, self._runner)
         self.arm.enable()
         on_status("Torque is on. Let go of the arm and keep clear of it.")
-        names = frozenset(subject.name for subject in wizard.subjects)
-        self.wizard = replace(wizard, known_signs=names, motor_driven=True)
+        names = frozenset(subject.name for subject in state.subjects)
+        self.state = replace(state, known_signs=names, motor_driven=True)
         self.partial_limits: dict[str, Limits] = {}
 
     def sweep(self) -> None:
@@ -341,13 +341,13 @@ class AutoCalibration:
             RefusedError: The guard stopped it; the arm holds.
         """
         with self.arm.runner.requested():
-            for subject in reversed(self.wizard.subjects):
-                if can_probe(subject, self.wizard):
+            for subject in reversed(self.state.subjects):
+                if can_probe(subject, self.state):
                     self._sweep_joint(subject)
                 elif subject.known is not None:
                     self._learn(subject)
-                elif subject.name not in self.wizard.free | self.wizard.skipped:
-                    self.wizard = self.wizard.skip(subject.name, nearly_a_turn(subject))
+                elif subject.name not in self.state.free | self.state.skipped:
+                    self.state = self.state.skip(subject.name, nearly_a_turn(subject))
 
     def finish(self) -> CalibrationState:
         """Lower the arm to its rest pose, switch torque off, and return the state for review.
@@ -360,35 +360,35 @@ class AutoCalibration:
             for posture in path or []:
                 self._move_to_posture(posture)
             self.arm.pose("rest", speed="slow")
-        self._update_wizard(self._context.servos.measure_positions())
+        self._update_state(self._context.servos.measure_positions())
         self.arm.disable_torque()
         reading = self._loose.read_ticks()
-        self.wizard = self.wizard.update(*reading) if reading else self.wizard
-        return self.wizard.accept()
+        self.state = self.state.update(*reading) if reading else self.state
+        return self.state.accept()
 
     def _sweep_joint(self, subject: JointUnderCalibration) -> None:
         lower, upper = (self._find_end_stop(end, subject) for end in range_ends(subject))
         if isinstance(lower, float) and isinstance(upper, float):
-            track = self.wizard.tracks[subject.servo_id]
+            track = self.state.tracks[subject.servo_id]
             self._on_measured(subject, TickRange(track.low, track.high))
             self._learn(subject)
             return
         reason = unreached(subject, lower, upper)
         self._on_status(f"{subject.name}: {reason}")
-        self.wizard = self.wizard.skip(subject.name, reason)
+        self.state = self.state.skip(subject.name, reason)
         self._record_end_stops(subject, lower, upper)
 
     def _learn(self, subject: JointUnderCalibration) -> None:
         """Use the measured range of a joint in the postures for other joints."""
         names = self.arm.model.chain.names
-        ends = measure_joint(self.wizard, subject).range_inside_margin(0.0)
+        ends = measure_joint(self.state, subject).range_inside_margin(0.0)
         if ends is not None and subject.name in names:
             self._postures.learn(names.index(subject.name), *ends)
 
     def _record_end_stops(
         self, subject: JointUnderCalibration, lower: float | str, upper: float | str
     ) -> None:
-        expected, margin = subject.expected, self.wizard.margin_rad * horn_to_joint(subject)
+        expected, margin = subject.expected, self.state.margin_rad * horn_to_joint(subject)
         low = expected.lower if isinstance(lower, str) else Limit(lower + margin, "felt")
         high = expected.upper if isinstance(upper, str) else Limit(upper - margin, "felt")
         self.partial_limits[subject.name] = Limits(subject.name, low, high, expected.unit)
@@ -423,7 +423,7 @@ class AutoCalibration:
         """
         found = probe_end_stop(
             self._context, self._runner, self._loose.bus, end.joint, end.past, fraction,
-            self._update_wizard,
+            self._update_state,
         )  # fmt: skip
         if found.contact is ContactState.MOVING:
             raise missing_stop_error(found, end, subject)
@@ -448,15 +448,15 @@ class AutoCalibration:
     def _chain_joints(self) -> Vector:
         return self._context.index.chain_joints(self._context.servos.reference())
 
-    def _update_wizard(self, joints: Vector) -> None:
+    def _update_state(self, joints: Vector) -> None:
         """Update the calibration state; further servos of a joint move with its first."""
         ticks, positions = dict[int, int](), self._context.index.by_name(joints)
-        for subject in self.wizard.subjects:
-            anchor = self.wizard.reference_ticks[subject.servo_id]
+        for subject in self.state.subjects:
+            anchor = self.state.reference_ticks[subject.servo_id]
             position = positions[subject.name]
-            placed = subject.with_mounting(self.wizard.sign(subject), anchor)
+            placed = subject.with_mounting(self.state.sign(subject), anchor)
             tick = round(placed.exact_tick(position))
             ticks[subject.servo_id] = tick
             for shadow in subject.shadow_ids:
-                ticks[shadow] = round(self.wizard.reference_ticks[shadow] + tick - anchor)
-        self.wizard = self.wizard.update_unwrapped(self._loose.bus.clock.now_s(), ticks)
+                ticks[shadow] = round(self.state.reference_ticks[shadow] + tick - anchor)
+        self.state = self.state.update_unwrapped(self._loose.bus.clock.now_s(), ticks)

@@ -64,18 +64,18 @@ _MAX_SEARCHED_FRACTION = 300 / 360  # of a revolution: a joint with more has no 
 _SPEED_MARGIN = 1.2
 
 
-def can_probe(subject: JointUnderCalibration, wizard: CalibrationState) -> bool:
+def can_probe(subject: JointUnderCalibration, state: CalibrationState) -> bool:
     """Return whether a joint has stops to search."""
     too_wide = (
         subject.ticks_per_turn > 0
         and subject.expected_ticks >= _MAX_SEARCHED_FRACTION * subject.ticks_per_turn
     )
-    excluded = subject.name in wizard.free | wizard.skipped
+    excluded = subject.name in state.free | state.skipped
     return not (too_wide or excluded or subject.known)
 
 
 def configure_encoders(
-    loose: TorqueOffArm, wizard: CalibrationState, pose: str
+    loose: TorqueOffArm, state: CalibrationState, pose: str
 ) -> CalibrationResult:
     """Configure every servo so that its count does not wrap inside the search; torque is off.
 
@@ -88,9 +88,9 @@ def configure_encoders(
         CalibrationError: A joint would cross a wrap-around that cannot be moved.
         IkservoError: A servo cannot be written; nothing is changed, or it says how to continue.
     """
-    subjects = tuple(_widen_range(subject, wizard) for subject in wizard.subjects)
+    subjects = tuple(_widen_range(subject, state) for subject in state.subjects)
     names = frozenset(subject.name for subject in subjects)
-    wide = replace(wizard, subjects=subjects, skipped=names, free=frozenset())
+    wide = replace(state, subjects=subjects, skipped=names, free=frozenset())
     found = loose.build_calibration(wide, pose, datetime.now(UTC))
     memory = {
         i: _registers_without_limits(loose.facts[i], dict(held)) for i, held in found.memory.items()
@@ -142,15 +142,15 @@ def _write_registers(loose: TorqueOffArm, memory: RegisterValues) -> None:
 
 
 def limited_context(
-    loose: TorqueOffArm, wizard: CalibrationState, known: CalibrationResult, space: CollisionChecker
+    loose: TorqueOffArm, state: CalibrationState, known: CalibrationResult, space: CollisionChecker
 ) -> ArmContext:
     """Return the arm with the limits of the search; no torque changes."""
     model, bus = loose.model, loose.bus
     own = CalibratedArm(bus, model, ZeroSource.CALIBRATED, known.calibration)
-    subjects = {subject.name: subject for subject in wizard.subjects}
+    subjects = {subject.name: subject for subject in state.subjects}
     lags = load_lags(model, model.chain)
     fences = [
-        _search_limits(own, j, subjects[j.name], wizard, loose, lags.get(j.name, LoadLag()))
+        _search_limits(own, j, subjects[j.name], state, loose, lags.get(j.name, LoadLag()))
         for j in model.joints
     ]
     shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
@@ -163,11 +163,11 @@ def _search_limits(
     own: CalibratedArm,
     joint: ModelJoint,
     subject: JointUnderCalibration,
-    wizard: CalibrationState,
+    state: CalibrationState,
     loose: TorqueOffArm,
     lag: LoadLag,
 ) -> CommandLimits:
-    limits = _widen_range(subject, wizard).expected
+    limits = _widen_range(subject, state).expected
     speed = loose.model.speed("slow").rad_s * joint.travel_per_turn / math.tau
     return CommandLimits(
         own.joint_map(joint),
@@ -178,9 +178,9 @@ def _search_limits(
     )
 
 
-def _widen_range(subject: JointUnderCalibration, wizard: CalibrationState) -> JointUnderCalibration:
+def _widen_range(subject: JointUnderCalibration, state: CalibrationState) -> JointUnderCalibration:
     """Return a joint with the range in which its stops are searched."""
-    if not can_probe(subject, wizard):
+    if not can_probe(subject, state):
         return subject
     beyond = SEARCH_MARGIN_RAD / subject.joint_map.horn_rad_per_tick  # ticks
     free = (
@@ -446,22 +446,22 @@ class MeasuredRanges:
 
 
 def with_known_ranges(
-    wizard: CalibrationState, travels: Mapping[str, TickRange]
+    state: CalibrationState, travels: Mapping[str, TickRange]
 ) -> CalibrationState:
     """Return a calibration state in which measured joints are not measured again.
 
     A joint that is now outside its measured range is measured again.
     """
-    subjects = (_with_known_range(wizard, s, travels.get(s.name)) for s in wizard.subjects)
-    return replace(wizard, subjects=tuple(subjects))
+    subjects = (_with_known_range(state, s, travels.get(s.name)) for s in state.subjects)
+    return replace(state, subjects=tuple(subjects))
 
 
 def _with_known_range(
-    wizard: CalibrationState, subject: JointUnderCalibration, travel: TickRange | None
+    state: CalibrationState, subject: JointUnderCalibration, travel: TickRange | None
 ) -> JointUnderCalibration:
     known = replace(subject, known=travel)
     try:
-        measure_joint(wizard, known)
+        measure_joint(state, known)
     except CalibrationError:
         return subject
     return known

@@ -168,7 +168,7 @@ class TorqueOffArm:
 
     def build_calibration(
         self,
-        wizard: CalibrationState,
+        state: CalibrationState,
         pose: str,
         written: datetime,
         *,
@@ -186,7 +186,7 @@ class TorqueOffArm:
             anchor_pose=pose,
         )
         facts = facts or self.facts
-        return build_calibration(wizard, facts, metadata, write_limits=write_limits, user=user)
+        return build_calibration(state, facts, metadata, write_limits=write_limits, user=user)
 
     def register_limit_warnings(self, outcome: CalibrationResult) -> Iterator[str]:
         """Yield a warning for each joint whose range the servo's own limits would cut."""

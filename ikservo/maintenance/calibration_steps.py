@@ -34,38 +34,38 @@ class CalibrationStep:
         return f"Step {self.number} of {self.count}: {self.request}"
 
 
-def current_step(model: Model, pose: str, wizard: CalibrationState) -> CalibrationStep:
+def current_step(model: Model, pose: str, state: CalibrationState) -> CalibrationStep:
     """Return the step that a calibration from a named pose is at."""
-    count = len(wizard.subjects) + 3
-    if wizard.stage is CalibrationStage.REFERENCE_POSE:
-        return CalibrationStep(1, count, _pose_request(model, pose, wizard))
-    if wizard.current_joint:
-        number = [subject.name for subject in wizard.subjects].index(wizard.current_joint.name) + 2
+    count = len(state.subjects) + 3
+    if state.stage is CalibrationStage.REFERENCE_POSE:
+        return CalibrationStep(1, count, _pose_request(model, pose, state))
+    if state.current_joint:
+        number = [subject.name for subject in state.subjects].index(state.current_joint.name) + 2
         return CalibrationStep(
-            number, count, _direction_request(model, pose, wizard, wizard.current_joint)
+            number, count, _direction_request(model, pose, state, state.current_joint)
         )
-    if wizard.stage is CalibrationStage.SWEEP:
+    if state.stage is CalibrationStage.SWEEP:
         return CalibrationStep(
-            count - 1, count, f"Move {_describe_moved(model, wizard)} gently to both end stops."
+            count - 1, count, f"Move {_describe_moved(model, state)} gently to both end stops."
         )
     return CalibrationStep(count, count, "Review and save.")
 
 
-def _pose_request(model: Model, pose: str, wizard: CalibrationState) -> str:
+def _pose_request(model: Model, pose: str, state: CalibrationState) -> str:
     what = f'Put the arm in the pose "{pose}"'
-    if len(wizard.subjects) < len(model.joints):
-        positions = [f"{s.name} at {s.joint_map.format(s.pose)}" for s in wizard.subjects]
+    if len(state.subjects) < len(model.joints):
+        positions = [f"{s.name} at {s.joint_map.format(s.pose)}" for s in state.subjects]
         what = f'Put {", ".join(positions)} (pose "{pose}")'
-    return f"{what}: {'the arm is still, press Enter.' if wizard.is_at_rest else 'hold it still …'}"
+    return f"{what}: {'held still, press Enter.' if state.is_at_rest else 'hold it still …'}"
 
 
 def _direction_request(
-    model: Model, pose: str, wizard: CalibrationState, subject: JointUnderCalibration
+    model: Model, pose: str, state: CalibrationState, subject: JointUnderCalibration
 ) -> str:
     direction = describe_direction(model, model.joint(subject.name), pose, subject.free_direction)
-    if not wizard.is_second_trial:
+    if not state.is_second_trial:
         return f"Move {subject.name} {direction}."
-    if wizard.returned:
+    if state.returned:
         return f"Move {subject.name} again {direction}."
     return (
         f"{subject.name}: sign is opposite to the arm file. Was it first moved the wrong way? "
@@ -73,7 +73,7 @@ def _direction_request(
     )
 
 
-def _describe_moved(model: Model, wizard: CalibrationState) -> str:
-    if len(wizard.subjects) < len(model.joints):
-        return ", ".join(subject.name for subject in wizard.subjects)
+def _describe_moved(model: Model, state: CalibrationState) -> str:
+    if len(state.subjects) < len(model.joints):
+        return ", ".join(subject.name for subject in state.subjects)
     return "every joint"

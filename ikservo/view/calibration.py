@@ -87,51 +87,51 @@ class CalibrationDriver:
 
     def _run_dialogue(self, arm: TorqueOffArm) -> Generator[CalibrationView]:
         view = CalibrationView(CalibrationState.begin(arm.make_subjects(self.pose)))
-        while self.requested and view.wizard is not None:
+        while self.requested and view.state is not None:
             reading = arm.read_ticks()
-            wizard = view.wizard
-            if reading is not None and wizard.stage in (
+            state = view.state
+            if reading is not None and state.stage in (
                 CalibrationStage.REFERENCE_POSE,
                 CalibrationStage.SWEEP,
             ):
-                view = replace(view, wizard=wizard.update(*reading))
+                view = replace(view, state=state.update(*reading))
             view = self._apply_answer(arm, view)
             yield view
 
     def _apply_answer(self, arm: TorqueOffArm, view: CalibrationView) -> CalibrationView:
-        answer, wizard = self._next_answer(), view.wizard
-        if not answer or wizard is None or not wizard.tracks:
+        answer, state = self._next_answer(), view.state
+        if not answer or state is None or not state.tracks:
             return view
-        protect = answer == "protect" and wizard.stage is CalibrationStage.REVIEW
+        protect = answer == "protect" and state.stage is CalibrationStage.REVIEW
         try:
-            next_wizard = apply_answer(wizard, "accept" if protect else answer)
+            next_state = apply_answer(state, "accept" if protect else answer)
         except (CalibrationError, InputError) as error:
             return replace(view, error=f"{error.message} {error.command_hint}")
-        if next_wizard.stage is CalibrationStage.SAVED and wizard.stage is CalibrationStage.REVIEW:
+        if next_state.stage is CalibrationStage.SAVED and state.stage is CalibrationStage.REVIEW:
             return CalibrationView(
-                next_wizard, saved_at=self._save_result(arm, wizard, protect=protect)
+                next_state, saved_at=self._save_result(arm, state, protect=protect)
             )
         return (
-            self._make_review(arm, next_wizard)
-            if next_wizard.stage is CalibrationStage.REVIEW
-            else CalibrationView(next_wizard)
+            self._make_review(arm, next_state)
+            if next_state.stage is CalibrationStage.REVIEW
+            else CalibrationView(next_state)
         )
 
-    def _make_review(self, arm: TorqueOffArm, wizard: CalibrationState) -> CalibrationView:
+    def _make_review(self, arm: TorqueOffArm, state: CalibrationState) -> CalibrationView:
         """Return the review, with the same warnings as on the command line."""
         try:
-            outcome = arm.build_calibration(wizard, self.pose, datetime.now(UTC))
+            outcome = arm.build_calibration(state, self.pose, datetime.now(UTC))
         except CalibrationError as error:
-            return CalibrationView(wizard, error=f"{error.message} {error.command_hint}")
+            return CalibrationView(state, error=f"{error.message} {error.command_hint}")
         warnings = (*lost_geometry_warning(arm), *arm.register_limit_warnings(outcome))
-        return CalibrationView(wizard, warnings=warnings)
+        return CalibrationView(state, warnings=warnings)
 
     def _next_answer(self) -> str:
         return self._answers.popleft() if self._answers else ""
 
-    def _save_result(self, arm: TorqueOffArm, wizard: CalibrationState, *, protect: bool) -> str:
+    def _save_result(self, arm: TorqueOffArm, state: CalibrationState, *, protect: bool) -> str:
         now = datetime.now(UTC)
-        return str(arm.save(arm.build_calibration(wizard, self.pose, now, write_limits=protect)))
+        return str(arm.save(arm.build_calibration(state, self.pose, now, write_limits=protect)))
 
 
 _ALLOWED_ANSWERS = {
@@ -145,43 +145,43 @@ def calibration_view(
     model: Model, view: CalibrationView, pose: str = REFERENCE_POSE
 ) -> dict[str, object]:
     """Return a calibration as the page draws it; ``pose`` is its reference pose."""
-    wizard = view.wizard
-    stage = CalibrationStage.REFERENCE_POSE if wizard is None else wizard.stage
-    has_ranges = wizard is not None and stage in (CalibrationStage.SWEEP, CalibrationStage.REVIEW)
+    state = view.state
+    stage = CalibrationStage.REFERENCE_POSE if state is None else state.stage
+    has_ranges = state is not None and stage in (CalibrationStage.SWEEP, CalibrationStage.REVIEW)
     return {
         "stage": stage.value,
-        "task": _RELEASE_TEXT if wizard is None else _format_task(model, wizard, pose),
+        "task": _RELEASE_TEXT if state is None else _format_task(model, state, pose),
         "lines": _format_lines(view),
-        "meters": [_joint_readout_fields(wizard, meter) for meter in joint_readouts(wizard)]
-        if wizard and has_ranges
+        "meters": [_joint_readout_fields(state, meter) for meter in joint_readouts(state)]
+        if state and has_ranges
         else [],
         "error": view.error,
         "allowed": _ALLOWED_ANSWERS.get(stage, ("accept", "undo", "cancel")),
     }
 
 
-def _format_task(model: Model, wizard: CalibrationState, pose: str) -> str:
-    if wizard.stage is CalibrationStage.REFERENCE_POSE:
-        state = "It is still: continue." if wizard.is_at_rest else "It still moves …"
-        return f"Put the arm in the pose “{pose}”, as the ghost beside it, and hold it. {state}"
-    if wizard.current_joint:
-        return current_step(model, pose, wizard).request
-    if wizard.stage is CalibrationStage.SWEEP:
+def _format_task(model: Model, state: CalibrationState, pose: str) -> str:
+    if state.stage is CalibrationStage.REFERENCE_POSE:
+        stillness = "It is still: go on." if state.is_at_rest else "It still moves …"
+        return f"Put the arm in the pose “{pose}”, as the ghost beside it, and hold it. {stillness}"
+    if state.current_joint:
+        return current_step(model, pose, state).request
+    if state.stage is CalibrationStage.SWEEP:
         return "Now move every joint gently to both of its ends."
     return (
-        "Are these the ranges of the arm?" if wizard.stage is CalibrationStage.REVIEW else "Saved."
+        "Are these the ranges of the arm?" if state.stage is CalibrationStage.REVIEW else "Saved."
     )
 
 
 def _format_lines(view: CalibrationView) -> list[str]:
-    if view.wizard is None:
+    if view.state is None:
         return []
-    if view.wizard.stage is CalibrationStage.REVIEW:
-        return [*warnings(view.wizard), *view.warnings]
+    if view.state.stage is CalibrationStage.REVIEW:
+        return [*warnings(view.state), *view.warnings]
     return [view.saved_at] if view.saved_at else []
 
 
-def _joint_readout_fields(wizard: CalibrationState, meter: JointReadout) -> dict[str, object]:
+def _joint_readout_fields(state: CalibrationState, meter: JointReadout) -> dict[str, object]:
     expected = meter.subject.expected
     low, high = expected.lower.value, expected.upper.value
     format_value = meter.subject.joint_map.format
@@ -192,7 +192,7 @@ def _joint_readout_fields(wizard: CalibrationState, meter: JointReadout) -> dict
     moved = meter.state is not JointProgress.UNMOVED
     return {
         "name": meter.name,
-        "current": wizard.current_joint is meter.subject,
+        "current": state.current_joint is meter.subject,
         "state": meter.state.value,
         "fraction": to_fraction(meter.position),
         "recorded": [to_fraction(meter.low), to_fraction(meter.high)],

@@ -33,16 +33,16 @@ class LimpPicture:
         self._maps, self._start = joint_maps, measured
         self._first: dict[int, int] = {}
 
-    def positions(self, wizard: CalibrationState | None) -> Vector:
+    def positions(self, state: CalibrationState | None) -> Vector:
         """Return where the joints are to be shown (n,), rad or m."""
-        if wizard is None or not wizard.tracks:
+        if state is None or not state.tracks:
             return self._start
-        if wizard.reference_ticks:
-            known = {each.name: each.position for each in joint_readouts(wizard)}
+        if state.reference_ticks:
+            known = {each.name: each.position for each in joint_readouts(state)}
             names = [joint_map.joint for joint_map in self._maps]
             pairs = zip(names, self._start.tolist(), strict=True)
             return np.array([known.get(name, start) for name, start in pairs])
-        ticks = {i: track.tick for i, track in wizard.tracks.items()}
+        ticks = {i: track.tick for i, track in state.tracks.items()}
         self._first = self._first or ticks
         return np.array([self._moved(i, ticks) for i in range(len(self._maps))])
 
@@ -52,21 +52,21 @@ class LimpPicture:
         return joint_map.position(joint_map.exact_tick(start) + turned)
 
 
-def show_calibration(state: SceneState, view: CalibrationView, model: Model) -> SceneState:
+def show_calibration(scene: SceneState, view: CalibrationView, model: Model) -> SceneState:
     """Return a scene with what a calibration asks for: the pose to hold, then the joint to move.
 
     Args:
-        state: The limp arm.
+        scene: The limp arm.
         view: The calibration.
         model: Has the pose and the links.
     """
-    wizard = view.wizard
-    stage = CalibrationStage.REFERENCE_POSE if wizard is None else wizard.stage
+    state = view.state
+    stage = CalibrationStage.REFERENCE_POSE if state is None else state.stage
     if stage is CalibrationStage.REFERENCE_POSE:
         pose = model.pose(REFERENCE_POSE)
-        return replace(state, goal=model.chain_pose(REFERENCE_POSE), goal_other_joints=pose)
-    current = wizard.current_joint if wizard is not None else None
+        return replace(scene, goal=model.chain_pose(REFERENCE_POSE), goal_other_joints=pose)
+    current = state.current_joint if state is not None else None
     if current is None:
-        return state
+        return scene
     moved = next(joint.child for joint in model.urdf.joints if joint.name == current.name)
-    return replace(state, hover=moved)
+    return replace(scene, hover=moved)

@@ -90,13 +90,13 @@ class CalibrationView:
     """A running calibration.
 
     Attributes:
-        wizard: Its state; None while torque is still on.
+        state: Its state; None while torque is still on.
         error: Why the last input was rejected; empty if it was not.
         warnings: What saving would lose, and what the servos' own limits would cut off.
         saved_at: The file, once it is saved.
     """
 
-    wizard: CalibrationState | None
+    state: CalibrationState | None
     error: str = ""
     warnings: tuple[str, ...] = ()
     saved_at: str = ""

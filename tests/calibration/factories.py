@@ -14,23 +14,23 @@ def make_swept_state(limp_arm, signs, margin_rad=0.02):
         margin_rad: Margin of the limits inside the sweep.
     """
     _, ticks = limp_arm.read_ticks()
-    wizard = CalibrationState.begin(limp_arm.make_subjects("home"), margin_rad)
+    state = CalibrationState.begin(limp_arm.make_subjects("home"), margin_rad)
     for k in range(60):
-        wizard = wizard.update(0.02 * k, ticks)
-    wizard, at_s = wizard.accept(), 2.0
-    for way, ids in _moves(wizard, signs):
+        state = state.update(0.02 * k, ticks)
+    state, at_s = state.accept(), 2.0
+    for way, ids in _moves(state, signs):
         at_s += 0.02
         ticks = {i: (tick + STEP * way * (i in ids)) % 4096 for i, tick in ticks.items()}
-        wizard = wizard.update(at_s, ticks)
-    return wizard
+        state = state.update(at_s, ticks)
+    return state
 
 
-def _moves(wizard, signs):
+def _moves(state, signs):
     """Yield steps: each joint twice in its shown direction and back, then all both ways."""
-    for subject in wizard.subjects:
+    for subject in state.subjects:
         shown, ids = signs[subject.servo_id] * subject.free_direction, _ids(subject)
         yield from ([(shown, ids)] * 4 + [(-shown, ids)] * 4) * 2
-    every = {i for subject in wizard.subjects for i in _ids(subject)}
+    every = {i for subject in state.subjects for i in _ids(subject)}
     yield from [(1, every)] * 12 + [(-1, every)] * 24 + [(1, every)] * 12
 
 
@@ -41,6 +41,6 @@ def _ids(subject):
 def make_calibration(arm, limp_arm, when, write_limits=True):
     """Return the calibration of a sweep around the present position."""
     signs = {i: arm.direction(i) for i in arm.line.servos}
-    wizard = make_swept_state(limp_arm, signs)
-    assert wizard.current_joint is None
-    return limp_arm.build_calibration(wizard, "home", when, write_limits=write_limits).calibration
+    state = make_swept_state(limp_arm, signs)
+    assert state.current_joint is None
+    return limp_arm.build_calibration(state, "home", when, write_limits=write_limits).calibration

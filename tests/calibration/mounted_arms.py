@@ -184,57 +184,57 @@ class Operator:
         return STRENGTH / self.world.joint(name).m_per_rad
 
 
-def read_until(limp_arm, wizard, done, longest_s=30.0):
-    """Update the calibration from the servos until `done(wizard)`; time is virtual."""
+def read_until(limp_arm, state, done, longest_s=30.0):
+    """Update the calibration from the servos until `done(state)`; time is virtual."""
     start_s = limp_arm.bus.clock.now_s()
-    while not done(wizard):
+    while not done(state):
         reading = limp_arm.read_ticks()
         if reading:
-            wizard = wizard.update(*reading)
+            state = state.update(*reading)
         assert limp_arm.bus.clock.now_s() - start_s < longest_s, "the condition was never met"
-    return wizard
+    return state
 
 
 def accept_anchor_pose(limp_arm, arm, margin_rad):
     operator = Operator(arm)
     operator.hold_all()
-    wizard = CalibrationState.begin(limp_arm.make_subjects(arm.pose), margin_rad)
-    wizard = read_until(limp_arm, wizard, lambda w: w.is_at_rest)
+    state = CalibrationState.begin(limp_arm.make_subjects(arm.pose), margin_rad)
+    state = read_until(limp_arm, state, lambda w: w.is_at_rest)
     pose = limp_arm.model.pose(arm.pose)
     arm.held = {name: arm.true_position(name) - position for name, position in pose.items()}
-    return operator, wizard.accept()
+    return operator, state.accept()
 
 
-def show_directions(limp_arm, operator, wizard):
-    while wizard.current_joint:
-        name, before = wizard.current_joint.name, current_request(wizard)
-        distance = wizard.current_joint.free_direction * math.radians(25)
-        if wizard.is_second_trial and not wizard.returned:
+def show_directions(limp_arm, operator, state):
+    while state.current_joint:
+        name, before = state.current_joint.name, current_request(state)
+        distance = state.current_joint.free_direction * math.radians(25)
+        if state.is_second_trial and not state.returned:
             distance = -distance
         operator.move(name, distance * operator.world.joint(name).m_per_rad)
-        wizard = read_until(limp_arm, wizard, lambda w, before=before: current_request(w) != before)
+        state = read_until(limp_arm, state, lambda w, before=before: current_request(w) != before)
         operator.hold(name)
-    return wizard
+    return state
 
 
-def current_request(wizard):
+def current_request(state):
     """Return the requested motion: the joint, and whether it is the second, and the return."""
     return (
-        wizard.current_joint and wizard.current_joint.name,
-        wizard.is_second_trial,
-        wizard.returned,
+        state.current_joint and state.current_joint.name,
+        state.is_second_trial,
+        state.returned,
     )
 
 
-def sweep_joints(limp_arm, operator, wizard, duration_s=6.0):
+def sweep_joints(limp_arm, operator, state, duration_s=6.0):
     operator.sweep_all()
     end_s = limp_arm.bus.clock.now_s() + duration_s
-    return read_until(limp_arm, wizard, lambda _: limp_arm.bus.clock.now_s() >= end_s)
+    return read_until(limp_arm, state, lambda _: limp_arm.bus.clock.now_s() >= end_s)
 
 
 def run_to_review(limp_arm, arm, margin_rad):
     """Run a calibration up to its review."""
     limp_arm.disable_torque()
-    operator, wizard = accept_anchor_pose(limp_arm, arm, margin_rad)
-    wizard = show_directions(limp_arm, operator, wizard)
-    return sweep_joints(limp_arm, operator, wizard).accept()
+    operator, state = accept_anchor_pose(limp_arm, arm, margin_rad)
+    state = show_directions(limp_arm, operator, state)
+    return sweep_joints(limp_arm, operator, state).accept()

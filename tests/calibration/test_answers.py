@@ -17,7 +17,7 @@ def answered_at(hand, script, until_s=70.0):
     """Return the seconds until the script answers, and the answer."""
     began_s = hand.at_s
     while hand.at_s - began_s < until_s:
-        word = script.next_answer(hand.wizard, hand.at_s)
+        word = script.next_answer(hand.state, hand.at_s)
         if word is not None:
             return hand.at_s - began_s, word
         hand.read()
@@ -42,18 +42,16 @@ def test_a_narrow_sweep_is_accepted_after_four_seconds_without_news():
 
 @pytest.mark.parametrize(("up", "down", "wait_s"), [(1000, 2000, 1.0), (500, 1000, 4.0)])
 def test_the_wait_must_be_over(up, down, wait_s):
-    wizard, script = swept(up, down).wizard, ScriptedAnswers()
-    answers = [
-        script.next_answer(wizard, at_s) for at_s in (5.0, 5.0 + wait_s, 5.0 + wait_s + 0.01)
-    ]
+    state, script = swept(up, down).state, ScriptedAnswers()
+    answers = [script.next_answer(state, at_s) for at_s in (5.0, 5.0 + wait_s, 5.0 + wait_s + 0.01)]
     assert answers == [None, None, "accept"]
 
 
 def test_patience_ends_after_more_than_a_minute():
-    wizard, script = Hand(subject()).rest().accept().wizard, ScriptedAnswers()
-    assert [script.next_answer(wizard, at_s) for at_s in (5.0, 65.0)] == [None, None]
+    state, script = Hand(subject()).rest().accept().state, ScriptedAnswers()
+    assert [script.next_answer(state, at_s) for at_s in (5.0, 65.0)] == [None, None]
     with pytest.raises(CalibrationError, match="has not been moved yet"):
-        script.next_answer(wizard, 65.01)
+        script.next_answer(state, 65.01)
 
 
 def test_news_begin_the_wait_anew():
@@ -66,14 +64,14 @@ def test_news_begin_the_wait_anew():
 def test_what_is_no_accept_waits_for_the_sweep_and_no_longer():
     script = ScriptedAnswers(["skip elbow", "accept"])
     hand = Hand(subject()).rest()
-    assert script.next_answer(hand.wizard, hand.at_s) is None
+    assert script.next_answer(hand.state, hand.at_s) is None
     hand.accept().read()
-    assert script.next_answer(hand.wizard, hand.at_s) == "skip elbow"
+    assert script.next_answer(hand.state, hand.at_s) == "skip elbow"
 
 
 def test_at_the_review_an_accept_need_not_wait():
     hand = swept().accept()
-    assert hand.wizard.stage is CalibrationStage.REVIEW
+    assert hand.state.stage is CalibrationStage.REVIEW
     assert answered_at(hand, ScriptedAnswers())[0] == 0.0
 
 
@@ -93,7 +91,7 @@ def test_each_answer_is_waited_for_on_its_own():
 def trembling(hand, script):
     """Let a hand tremble by ten ticks while a script waits."""
     for k in range(5000):
-        script.next_answer(hand.wizard, hand.at_s)
+        script.next_answer(hand.state, hand.at_s)
         hand.ticks[1] = 100 + 10 * (k % 2)
         hand.read()
 
@@ -123,8 +121,8 @@ def test_a_script_may_have_the_former_words_for_joints(tmp_path):
 
 
 def test_an_answer_that_changed_nothing_is_given_again_after_another_wait():
-    wizard, script = swept().wizard, ScriptedAnswers()
-    answers = [script.next_answer(wizard, at_s) for at_s in (5.0, 6.01, 6.02, 6.5, 7.03)]
+    state, script = swept().state, ScriptedAnswers()
+    answers = [script.next_answer(state, at_s) for at_s in (5.0, 6.01, 6.02, 6.5, 7.03)]
     assert answers == [None, "accept", None, None, "accept"]
 
 

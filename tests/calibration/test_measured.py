@@ -54,7 +54,7 @@ def test_the_narrowest_of_sweep_arm_file_and_person_binds():
 def known(low, high, anchor):
     """Measure a joint with a travel known before, held in its pose at a tick."""
     hand = Hand(subject(known=TickRange(low, high)), start=anchor).rest().accept()
-    return measure_joint(hand.wizard, hand.wizard.subjects[0])
+    return measure_joint(hand.state, hand.state.subjects[0])
 
 
 @pytest.mark.parametrize(
@@ -84,35 +84,35 @@ def test_a_pose_outside_of_the_travel_known_before_is_refused(low, high, anchor)
 def test_a_sensor_without_a_seam_has_been_where_it_was_seen_before():
     potentiometer = replace(subject(known=TickRange(20, 900)), ticks_per_turn=0)
     hand = Hand(potentiometer, start=100).rest().accept()
-    assert measure_joint(hand.wizard, hand.wizard.subjects[0]).travel == TickRange(20, 900)
+    assert measure_joint(hand.state, hand.state.subjects[0]).travel == TickRange(20, 900)
 
 
 def test_a_joint_that_was_swept_has_gone_where_it_was_seen():
     hand = Hand(subject()).rest().accept().move(900).move(-1900)
-    found = measure_joint(hand.wizard, hand.wizard.subjects[0])
+    found = measure_joint(hand.state, hand.state.subjects[0])
     assert (found.travel, found.swept) == (TickRange(-900, 1000), "by hand")
 
 
 @pytest.mark.parametrize("word", ["skip elbow", "free elbow"])
 def test_a_joint_that_is_skipped_or_free_keeps_the_arm_files_travel(word):
     hand = Hand(subject()).rest().accept().move(900).say(word)
-    found = measure_joint(hand.wizard, hand.wizard.subjects[0])
+    found = measure_joint(hand.state, hand.state.subjects[0])
     assert found.swept == "not swept"
     assert found.travel.width == pytest.approx(3.0 / math.tau * TURN, abs=2)
 
 
 def test_a_joint_that_its_servos_moved_says_so():
-    driven = replace(Hand(subject()).rest().accept().move(900).wizard, motor_driven=True)
+    driven = replace(Hand(subject()).rest().accept().move(900).state, motor_driven=True)
     assert measure_joint(driven, driven.subjects[0]).swept == "by itself"
 
 
 def test_a_travel_that_its_servos_found_earlier_says_so():
     hand = Hand(subject(known=TickRange(1000, 3000)), start=1500).rest().accept()
-    driven = replace(hand.wizard, motor_driven=True)
+    driven = replace(hand.state, motor_driven=True)
     assert measure_joint(driven, driven.subjects[0]).swept == "by itself"
 
 
 def test_limits_lie_two_degrees_inside_what_a_hand_found_unless_told_otherwise():
-    wizard = CalibrationState.begin([subject()])
-    (low, high) = measured().range_inside_margin(wizard.margin_rad)
+    state = CalibrationState.begin([subject()])
+    (low, high) = measured().range_inside_margin(state.margin_rad)
     assert (math.degrees(low), math.degrees(high)) == pytest.approx((-88.0, 88.0))

@@ -11,7 +11,7 @@ from tests.calibration.test_sweep import TURN, Hand, subject
 
 def shown(hand):
     """Return the one meter of a hand's one joint."""
-    (meter,) = joint_readouts(hand.wizard)
+    (meter,) = joint_readouts(hand.state)
     return meter
 
 

@@ -22,8 +22,8 @@ def _home(tmp_path, monkeypatch):
 def calibrated(arm):
     """Calibrate an arm and return what was saved, by joint."""
     with arm.open_limp() as limp_arm:
-        wizard = run_to_review(limp_arm, arm, MARGIN_RAD)
-        outcome = limp_arm.build_calibration(wizard, arm.pose, WHEN, write_limits=True)
+        state = run_to_review(limp_arm, arm, MARGIN_RAD)
+        outcome = limp_arm.build_calibration(state, arm.pose, WHEN, write_limits=True)
         limp_arm.save(outcome)
     return {joint.name: joint for joint in outcome.calibration.joints}
 

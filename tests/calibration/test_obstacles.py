@@ -10,13 +10,13 @@ from tests.calibration.test_sweep import TURN, Hand, subject
 
 
 def swept(one, up, down=0, **more):
-    """Return a wizard whose one joint was moved by so many ticks, tick for tick."""
+    """Return a state whose one joint was moved by so many ticks, tick for tick."""
     hand = Hand(one, **more).rest().accept().move(up, step=1)
-    return (hand.move(-down, step=1) if down else hand).wizard
+    return (hand.move(-down, step=1) if down else hand).state
 
 
-def messages_of(wizard):
-    return [issue.message for issue in blocking_issues(wizard)]
+def messages_of(state):
+    return [issue.message for issue in blocking_issues(state)]
 
 
 @pytest.mark.parametrize(("ticks", "round_"), [(4073, False), (4074, True)])
@@ -27,10 +27,10 @@ def test_a_turn_less_two_degrees_goes_round(ticks, round_):
 
 def test_a_turn_of_360_ticks_goes_round_two_ticks_before_its_end():
     one = replace(subject(), ticks_per_turn=360)
-    wizard = Hand(one, start=0).rest().accept().wizard
+    state = Hand(one, start=0).rest().accept().state
     for width, round_ in ((357, False), (358, True)):
-        tracks = {1: replace(wizard.tracks[1], low=0, high=width)}
-        assert is_full_turn(replace(wizard, tracks=tracks), one) is round_
+        tracks = {1: replace(state.tracks[1], low=0, high=width)}
+        assert is_full_turn(replace(state, tracks=tracks), one) is round_
 
 
 def test_a_sensor_without_a_seam_never_goes_round():
@@ -47,9 +47,9 @@ def test_a_whole_turn_is_no_surprise_where_the_arm_file_allows_300_degrees(width
 
 def test_a_joint_that_was_measured_before_or_is_free_is_complete():
     hand = Hand(subject()).rest().accept()
-    assert range_complete(hand.wizard, hand.wizard.subjects[0]) is False
+    assert range_complete(hand.state, hand.state.subjects[0]) is False
     hand.say("free elbow")
-    assert range_complete(hand.wizard, hand.wizard.subjects[0]) is True
+    assert range_complete(hand.state, hand.state.subjects[0]) is True
 
 
 @pytest.mark.parametrize(("ticks", "reported"), [(249, True), (250, False)])
@@ -64,7 +64,7 @@ def test_a_joint_must_move_by_fifty_ticks_and_both_margins(ticks, reported):
 def test_servos_of_one_joint_may_differ_by_forty_ticks(way, apart, reported):
     hand = Hand(subject(shadow_ids=(2,)), start=700).rest().accept()
     hand.move(900, 1, 2).move(way * apart, 2, step=1)
-    messages = messages_of(hand.wizard)
+    messages = messages_of(hand.state)
     assert any("report different motions" in each for each in messages) is reported
 
 
@@ -75,15 +75,15 @@ def test_findings_tell_how_much_of_a_range_was_swept_and_nothing_of_a_whole_one(
 
 
 def swept_deg(lower_deg, upper_deg, low_deg, high_deg):
-    """Return a wizard whose one joint has this range in its arm file and was swept over that."""
+    """Return a state whose one joint has this range in its arm file and was swept over that."""
     one = subject(lower=math.radians(lower_deg), upper=math.radians(upper_deg))
-    wizard = Hand(one, start=0).rest().accept().wizard
+    state = Hand(one, start=0).rest().accept().state
     low, high = (round(end_deg / 360 * TURN) for end_deg in (low_deg, high_deg))
-    return replace(wizard, tracks={1: replace(wizard.tracks[1], low=low, high=high)})
+    return replace(state, tracks={1: replace(state.tracks[1], low=low, high=high)})
 
 
-def is_told_the_wrong_way(wizard):
-    return any("the sign or the pose is wrong" in each for each in messages_of(wizard))
+def is_told_the_wrong_way(state):
+    return any("the sign or the pose is wrong" in each for each in messages_of(state))
 
 
 @pytest.mark.parametrize(("apart_deg", "told"), [(14.5, False), (15.5, True)])
@@ -103,6 +103,6 @@ def test_a_range_that_lies_off_the_arm_files_is_told_with_both():
     hand = Hand(lopsided).rest().accept()
     hand.move(-400).move(400).move(-400).move(400).move(1900)  # both times the wrong way
     (messages,) = [
-        each for each in messages_of(hand.wizard) if "the sign or the pose is wrong" in each
+        each for each in messages_of(hand.state) if "the sign or the pose is wrong" in each
     ]
     assert messages.startswith("elbow: swept -247.2° to -45.1°, arm file -85.9° to 85.9°;")

@@ -20,8 +20,8 @@ SLIDE = replace(
 def shifts_of(one, *ticks):
     """Return the shifts [rad or m] that are told after a joint was swept to these ticks."""
     hand = Hand(one, start=0).rest().accept()
-    tracks = {1: replace(hand.wizard.tracks[1], low=min(ticks), high=max(ticks))}
-    return [found.shift for found in find_shifted_zeros(replace(hand.wizard, tracks=tracks))]
+    tracks = {1: replace(hand.state.tracks[1], low=min(ticks), high=max(ticks))}
+    return [found.shift for found in find_shifted_zeros(replace(hand.state, tracks=tracks))]
 
 
 @pytest.mark.parametrize("way", [1, -1])
@@ -44,11 +44,11 @@ def test_a_turn_may_be_off_by_ten_degrees(way, shift_deg, reported):
 def test_how_far_a_zero_seems_to_be_off_is_told_without_a_sign(way):
     hand = Hand(subject(), start=0).rest().accept()
     shifted = [round(way * 20 / 360 * TURN + end / math.tau * TURN) for end in (-1.5, 1.5)]
-    tracks = {1: replace(hand.wizard.tracks[1], low=shifted[0], high=shifted[1])}
-    (found,) = find_shifted_zeros(replace(hand.wizard, tracks=tracks))
+    tracks = {1: replace(hand.state.tracks[1], low=shifted[0], high=shifted[1])}
+    (found,) = find_shifted_zeros(replace(hand.state, tracks=tracks))
     assert str(found).endswith("the zero seems to be off by 20.0°.")
 
 
 def test_a_joint_that_was_not_swept_has_no_ends_to_judge_its_zero_by():
     hand = Hand(subject("a", 1), subject("b", 2)).rest().accept().say("skip a").move(1500, 2)
-    assert [found.subject.name for found in find_shifted_zeros(hand.wizard)] == ["b"]
+    assert [found.subject.name for found in find_shifted_zeros(hand.state)] == ["b"]

@@ -33,7 +33,7 @@ def build(hand, held=None, **more):
         i: ServoConfig(i, MODELS["XM430-W350"], "", X | LIMITS | (held or {}).get(i, {}))
         for i in hand.ticks
     }
-    return build_calibration(hand.wizard, configs, METADATA, **more)
+    return build_calibration(hand.state, configs, METADATA, **more)
 
 
 def saved(hand, **more):

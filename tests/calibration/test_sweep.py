@@ -29,10 +29,10 @@ def subject(name="elbow", servo_id=1, pose=0.0, lower=-1.5, upper=1.5, **more):
 
 
 class Hand:
-    """Moves joints of a wizard and keeps its own count of time."""
+    """Moves joints through a calibration and keeps its own count of time."""
 
     def __init__(self, *subjects, start=100, margin_rad=0.0):
-        self.wizard = CalibrationState.begin(subjects, margin_rad)
+        self.state = CalibrationState.begin(subjects, margin_rad)
         self.ticks = {i: start for s in subjects for i in (s.servo_id, *s.shadow_ids)}
         self.at_s = 0.0
 
@@ -40,18 +40,18 @@ class Hand:
         for _ in range(times):
             self.at_s += 0.02
             wrapped = {i: tick % TURN for i, tick in self.ticks.items()}
-            self.wizard = self.wizard.update(self.at_s, wrapped)
+            self.state = self.state.update(self.at_s, wrapped)
         return self
 
     def rest(self):
         return self.read(30)
 
     def accept(self):
-        self.wizard = self.wizard.accept()
+        self.state = self.state.accept()
         return self
 
     def say(self, word):
-        self.wizard = apply_answer(self.wizard, word)
+        self.state = apply_answer(self.state, word)
         return self
 
     def move(self, way, *servo_ids, step=100):
@@ -69,7 +69,7 @@ def test_the_pose_is_taken_only_when_the_arm_is_still():
         hand.read()
     with pytest.raises(CalibrationError, match="still moving"):
         hand.accept()
-    assert hand.rest().accept().wizard.stage is CalibrationStage.SWEEP
+    assert hand.rest().accept().state.stage is CalibrationStage.SWEEP
 
 
 def test_a_trembling_hand_gives_the_middle_of_its_trembling():
@@ -77,13 +77,13 @@ def test_a_trembling_hand_gives_the_middle_of_its_trembling():
     for k in range(40):
         hand.ticks[1] = 500 + (k % 2) * 3
         hand.read()
-    assert hand.accept().wizard.reference_ticks[1] == pytest.approx(501.5, abs=0.1)
+    assert hand.accept().state.reference_ticks[1] == pytest.approx(501.5, abs=0.1)
 
 
 def test_the_zero_is_where_the_pose_says_not_the_middle_of_the_sweep():
     hand = Hand(subject(pose=math.pi / 4), start=1000).rest().accept()
     hand.move(-1000)
-    assert hand.wizard.position(hand.wizard.subjects[0], 1000) == pytest.approx(math.pi / 4)
+    assert hand.state.position(hand.state.subjects[0], 1000) == pytest.approx(math.pi / 4)
 
 
 @pytest.mark.parametrize(("pose", "towards"), [(0.9, -1), (-0.9, 1), (0.0, 1)])
@@ -93,27 +93,27 @@ def test_a_joint_is_asked_to_go_where_there_is_more_room(pose, towards):
 
 def test_the_first_motion_in_the_shown_direction_tells_the_arm_files_sign():
     hand = Hand(subject()).rest().accept().move(400)
-    assert hand.wizard.signs == {"elbow": 1}
+    assert hand.state.signs == {"elbow": 1}
 
 
 def test_a_sign_opposite_to_the_arm_file_is_measured_again():
     hand = Hand(subject()).rest().accept().move(-400)
-    assert hand.wizard.signs == {}
-    assert hand.wizard.is_second_trial
+    assert hand.state.signs == {}
+    assert hand.state.is_second_trial
     with pytest.raises(CalibrationError, match="elbow: sign is opposite to the arm file"):
         hand.accept()
     hand.move(400).move(-400)
-    assert hand.wizard.signs == {"elbow": -1}
+    assert hand.state.signs == {"elbow": -1}
 
 
 def test_a_joint_moved_the_wrong_way_once_keeps_the_arm_files_sign():
     hand = Hand(subject()).rest().accept().move(-400).move(400).move(400)
-    assert hand.wizard.signs == {"elbow": 1}
+    assert hand.state.signs == {"elbow": 1}
 
 
 def test_going_on_the_wrong_way_is_no_second_measurement():
     hand = Hand(subject()).rest().accept().move(-1200)
-    assert hand.wizard.signs == {}
+    assert hand.state.signs == {}
 
 
 @pytest.mark.parametrize(("back", "signs"), [(343, {}), (344, {"elbow": -1})])
@@ -121,27 +121,27 @@ def test_a_joint_is_back_within_a_third_of_what_shows_its_direction(back, signs)
     # 15 degrees are 170.7 ticks, a third of them 56.9
     hand = Hand(subject()).rest().accept()
     hand.move(-400, step=1).move(back, step=1).move(-400, step=1)
-    assert hand.wizard.signs == signs
+    assert hand.state.signs == signs
 
 
 def test_measuring_again_forgets_a_doubt():
     hand = Hand(subject()).rest().accept().move(-400).say("again elbow")
-    assert not hand.wizard.is_second_trial
+    assert not hand.state.is_second_trial
 
 
 def test_only_the_joint_that_is_asked_for_tells_its_sign():
     hand = Hand(subject("a", 1), subject("b", 2)).rest().accept()
-    assert hand.wizard.current_joint.name == "a"
+    assert hand.state.current_joint.name == "a"
     hand.move(-800, 2)
-    assert hand.wizard.signs == {}
+    assert hand.state.signs == {}
     hand.move(800, 1)
-    assert hand.wizard.current_joint.name == "b"
-    assert hand.wizard.signs == {"a": 1}
+    assert hand.state.current_joint.name == "b"
+    assert hand.state.signs == {"a": 1}
 
 
 def test_a_range_is_followed_across_the_seam_in_both_directions():
     hand = Hand(subject(), start=50).rest().accept().move(900).move(-1900).move(900)
-    track = hand.wizard.tracks[1]
+    track = hand.state.tracks[1]
     assert (track.low, track.high) == (50 - 1000, 50 + 900)
 
 
@@ -160,13 +160,13 @@ def test_a_joint_that_hardly_moved_is_named():
 def test_a_skipped_joint_is_not_asked_for_and_keeps_the_arm_file():
     hand = Hand(subject("a", 1), subject("b", 2)).rest().accept().say("skip a").move(1500, 2)
     hand.accept()
-    assert hand.wizard.stage is CalibrationStage.REVIEW
-    assert "a was skipped" in " ".join(warnings(hand.wizard))
+    assert hand.state.stage is CalibrationStage.REVIEW
+    assert "a was skipped" in " ".join(warnings(hand.state))
 
 
 def test_a_joint_that_could_not_be_measured_is_told_with_the_reason():
     hand = Hand(subject("a", 1)).rest().accept()
-    assert [*warnings(hand.wizard.skip("a", "its end stop is beyond the table"))] == [
+    assert [*warnings(hand.state.skip("a", "its end stop is beyond the table"))] == [
         "a: its end stop is beyond the table"
     ]
 
@@ -174,34 +174,34 @@ def test_a_joint_that_could_not_be_measured_is_told_with_the_reason():
 def test_undo_takes_back_one_answer_after_the_other():
     hand = Hand(subject("a", 1), subject("b", 2)).rest().accept()
     hand.say("skip a").say("undo")
-    assert hand.wizard.current_joint.name == "a"
+    assert hand.state.current_joint.name == "a"
     hand.say("undo")
-    assert hand.wizard.stage is CalibrationStage.REFERENCE_POSE
+    assert hand.state.stage is CalibrationStage.REFERENCE_POSE
     hand.say("undo")
-    assert hand.wizard.stage is CalibrationStage.REFERENCE_POSE
+    assert hand.state.stage is CalibrationStage.REFERENCE_POSE
 
 
 def test_undo_forgets_a_direction_that_was_shown_the_wrong_way():
     hand = Hand(subject()).rest().accept().move(-400).say("undo").move(400)
-    assert hand.wizard.signs == {"elbow": 1}
+    assert hand.state.signs == {"elbow": 1}
 
 
 def test_undo_at_the_review_goes_on_sweeping_with_what_was_found():
     hand = Hand(subject()).rest().accept().move(900).move(-1900).accept().say("undo")
-    assert hand.wizard.stage is CalibrationStage.SWEEP
-    assert hand.wizard.tracks[1].width == 1900
+    assert hand.state.stage is CalibrationStage.SWEEP
+    assert hand.state.tracks[1].width == 1900
 
 
 def test_undo_at_the_review_keeps_how_far_a_joint_has_moved_since():
     hand = Hand(subject()).rest().accept().move(900).move(-1900).accept().move(-200).say("undo")
-    assert hand.wizard.tracks[1].width == 2100
+    assert hand.state.tracks[1].width == 2100
 
 
 def test_joints_are_skipped_during_the_sweep_only():
     hand = Hand(subject())
     with pytest.raises(CalibrationError, match="Only possible during the sweep"):
-        hand.wizard.skip("elbow")
-    reviewed = hand.rest().accept().move(900).move(-1900).accept().wizard
+        hand.state.skip("elbow")
+    reviewed = hand.rest().accept().move(900).move(-1900).accept().state
     with pytest.raises(CalibrationError, match="Only possible during the sweep"):
         reviewed.mark_continuous("elbow")
 
@@ -209,15 +209,15 @@ def test_joints_are_skipped_during_the_sweep_only():
 def test_measuring_again_forgets_one_joint_only():
     hand = Hand(subject("a", 1), subject("b", 2)).rest().accept().move(900, 1).move(900, 2)
     hand.say("again a")
-    assert hand.wizard.tracks[1].width == 0
-    assert hand.wizard.tracks[2].width == 900
-    assert hand.wizard.current_joint.name == "a"
+    assert hand.state.tracks[1].width == 0
+    assert hand.state.tracks[2].width == 900
+    assert hand.state.current_joint.name == "a"
 
 
 def test_a_joint_without_stops_takes_the_arm_files_range_when_that_is_wide():
     hand = Hand(subject(lower=-3.1, upper=3.1)).rest().accept().move(4300).accept()
     assert "turns freely: the arm file's range -177.6° to 177.6° is used" in " ".join(
-        warnings(hand.wizard)
+        warnings(hand.state)
     )
 
 
@@ -225,7 +225,7 @@ def test_a_whole_turn_of_a_joint_with_stops_is_refused_unless_the_person_says_it
     hand = Hand(subject()).rest().accept().move(4300)
     with pytest.raises(CalibrationError, match="whole turn"):
         hand.accept()
-    assert hand.say("free elbow").accept().wizard.stage is CalibrationStage.REVIEW
+    assert hand.say("free elbow").accept().state.stage is CalibrationStage.REVIEW
 
 
 def test_a_joint_that_was_turned_too_fast_must_be_measured_again():
@@ -240,7 +240,7 @@ def test_a_gap_in_the_readings_loses_a_turn_only_where_a_hand_could_have_made_on
     hand = Hand(subject()).rest().accept().move(900).move(-1900, step=100)
     hand.at_s += gap_s
     hand.move(300, step=300)
-    assert hand.wizard.tracks[1].lost is lost
+    assert hand.state.tracks[1].lost is lost
 
 
 def test_undo_does_not_make_a_lost_range_a_good_one():
@@ -261,7 +261,7 @@ def test_a_range_that_fits_only_mirrored_is_refused():
 def test_a_joint_without_stops_is_not_held_against_its_mirrored_range():
     hand = Hand(subject(lower=-1.0, upper=5.0)).rest().accept()
     hand.move(400).move(-3600).move(4100)  # from -4.9 to 1.4 rad; mirrored it would fit
-    assert hand.accept().wizard.stage is CalibrationStage.REVIEW
+    assert hand.accept().state.stage is CalibrationStage.REVIEW
 
 
 def test_servos_of_one_joint_that_count_against_each_other_are_refused():
@@ -276,13 +276,13 @@ def test_servos_of_one_joint_that_count_against_each_other_are_refused():
 
 def test_a_known_range_is_not_swept():
     hand = Hand(subject(known=TickRange(0, 2000))).rest().accept().move(400).accept()
-    assert hand.wizard.stage is CalibrationStage.REVIEW
+    assert hand.state.stage is CalibrationStage.REVIEW
 
 
 def test_meters_tell_how_far_each_joint_has_come():
     hand = Hand(subject("a", 1), subject("b", 2), subject("c", 3)).rest().accept()
     hand.move(900, 1).move(-1900, 1).move(900, 2).say("skip c")
-    states = {meter.name: meter.state for meter in joint_readouts(hand.wizard)}
+    states = {meter.name: meter.state for meter in joint_readouts(hand.state)}
     assert states == {
         "a": JointProgress.COMPLETE,
         "b": JointProgress.MOVING,
@@ -293,7 +293,7 @@ def test_meters_tell_how_far_each_joint_has_come():
 def test_a_counter_direction_is_reported_before_saving():
     hand = Hand(subject()).rest().accept().move(-900).move(900).move(-900).move(1900).accept()
     assert "elbow: sign is opposite to the arm file, measured twice" in " ".join(
-        warnings(hand.wizard)
+        warnings(hand.state)
     )
 
 
@@ -302,7 +302,7 @@ def test_a_swept_range_that_is_shifted_shows_a_wrong_anchor_pose(shift):
     zero = round(shift / 360 * TURN)
     hand = Hand(subject(lower=-1.0, upper=1.0)).rest().accept()
     hand.move(700 + zero, step=1).move(-1400, step=1).move(100, step=1)
-    (found,) = find_shifted_zeros(hand.accept().wizard)
+    (found,) = find_shifted_zeros(hand.accept().state)
     assert math.degrees(found.shift) == pytest.approx(-shift, abs=0.5)
     assert "the zero seems to be off by" in str(found)
 
@@ -315,7 +315,7 @@ def test_a_swept_range_that_is_shifted_shows_a_wrong_anchor_pose(shift):
 def test_a_plausible_range_leaves_the_zero_in_peace(up, down):
     hand = Hand(subject(lower=-1.0, upper=1.0)).rest().accept()
     hand.move(up, step=1).move(-down, step=1)
-    assert list(find_shifted_zeros(hand.accept().wizard)) == []
+    assert list(find_shifted_zeros(hand.accept().state)) == []
 
 
 @pytest.mark.parametrize("word", ["jump", "skip", "accept it", ""])
@@ -334,11 +334,11 @@ def scripted(hand, script, moves):
     messages = []
     moves = iter(moves)
     for _ in range(5000):
-        word = script.next_answer(hand.wizard, hand.at_s)
+        word = script.next_answer(hand.state, hand.at_s)
         if word:
             messages.append(word)
             hand.say(word)
-        if hand.wizard.stage is CalibrationStage.REVIEW:
+        if hand.state.stage is CalibrationStage.REVIEW:
             return messages
         move = next(moves, None)
         hand.move(move) if move else hand.read()
@@ -383,13 +383,13 @@ def test_a_script_with_a_slip_names_its_line(tmp_path):
 
 def test_what_was_reviewed_can_be_saved_and_is_then_settled():
     hand = Hand(subject()).rest().accept().move(900).move(-1900).accept().accept()
-    assert hand.wizard.stage is CalibrationStage.SAVED
-    assert hand.say("undo").wizard.stage is CalibrationStage.SAVED
+    assert hand.state.stage is CalibrationStage.SAVED
+    assert hand.say("undo").state.stage is CalibrationStage.SAVED
 
 
-def test_a_wizard_is_a_value():
+def test_a_calibration_state_is_a_value():
     hand = Hand(subject()).rest()
-    before = hand.wizard
+    before = hand.state
     hand.accept()
     assert before.stage is CalibrationStage.REFERENCE_POSE
     assert replace(before) == before

@@ -129,7 +129,7 @@ def test_a_pose_that_was_not_the_anchor_pose_is_refused_without_a_prompt(
     assert [servo.memory.eeprom_writes for servo in arm.world.servos] == before
 
 
-def shifted_wizard(name="joint1"):
+def shifted_state(name="joint1"):
     """Return a conversation at its review whose first joint was swept 28° off."""
     joint_map = JointMap.revolute(name, 1, 1, 2048, 4096)
     subject = JointUnderCalibration(joint_map, 4096, Limits.of(name, -1.0, 1.0, "arm file"), 0.0)
@@ -149,7 +149,7 @@ def test_an_implausible_zero_is_a_question_to_a_person(monkeypatch, capsys, answ
     asked = answering(monkeypatch, Was=answer)
     refused = nullcontext() if answer == "y" else pytest.raises(CalibrationError, match="pose")
     with refused:
-        check_zeros(shifted_wizard(), "home", NAME, interactive=True)
+        check_zeros(shifted_state(), "home", NAME, interactive=True)
     assert asked == ['Was joint1 exactly as in the pose "home" at step 1? [y/n]: ']
     assert "the zero seems to be off by 28.0°" in capsys.readouterr().err
 

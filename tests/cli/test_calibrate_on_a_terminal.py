@@ -64,29 +64,29 @@ def conversation(arm, terminal, typed):
     with arm.open_limp() as limp_arm:
         limp_arm.disable_torque()
         schedule_operator(arm, limp_arm.make_subjects("home"))
-        wizard = CalibrationState.begin(limp_arm.make_subjects("home"), math.radians(0.3))
+        state = CalibrationState.begin(limp_arm.make_subjects("home"), math.radians(0.3))
         with (
             answer_source(None, yes=False, interactive=True) as operator,
             calibrate_screen.calibration_display(load_model(arm.name), "home") as shown,
         ):
             original = shown.show
 
-            def show(wizard):
-                original(wizard)
-                terminal(typed(wizard, limp_arm.bus.clock.now_s()))
+            def show(state):
+                original(state)
+                terminal(typed(state, limp_arm.bus.clock.now_s()))
 
             shown.show = show
-            return run_calibration(limp_arm, wizard, operator, shown)
+            return run_calibration(limp_arm, state, operator, shown)
 
 
 def test_enter_takes_the_pose_and_ends_the_sweep(terminal, picture):
-    def typed(wizard, now_s):
-        if wizard.stage is CalibrationStage.REFERENCE_POSE:
-            return "\n" if wizard.is_at_rest else ""
+    def typed(state, now_s):
+        if state.stage is CalibrationStage.REFERENCE_POSE:
+            return "\n" if state.is_at_rest else ""
         return "\n" if now_s > 6.5 else ""
 
-    wizard = conversation(make_mounted_arm("planar2", 7), terminal, typed)
-    assert wizard.stage is CalibrationStage.REVIEW
+    state = conversation(make_mounted_arm("planar2", 7), terminal, typed)
+    assert state.stage is CalibrationStage.REVIEW
     swept = picture[-1]
     assert "joint1" in swept
     assert "-150° … 150°" in swept
@@ -97,29 +97,29 @@ def test_enter_takes_the_pose_and_ends_the_sweep(terminal, picture):
 def test_enter_too_early_says_what_is_missing_and_goes_on(terminal, picture):
     result = []
 
-    def typed(wizard, now_s):
+    def typed(state, now_s):
         result.append(picture[-1] if picture else "")
-        if wizard.stage is CalibrationStage.REFERENCE_POSE:
-            return "\n" if wizard.is_at_rest else ""
+        if state.stage is CalibrationStage.REFERENCE_POSE:
+            return "\n" if state.is_at_rest else ""
         return "\n" if now_s < 1.0 or now_s > 6.5 else ""
 
-    wizard = conversation(make_mounted_arm("planar2", 7), terminal, typed)
-    assert wizard.stage is CalibrationStage.REVIEW
+    state = conversation(make_mounted_arm("planar2", 7), terminal, typed)
+    assert state.stage is CalibrationStage.REVIEW
     assert any("joint1 has not been moved yet. Move it, or skip it." in text for text in result)
 
 
 def test_s_skips_the_joint_that_is_asked_for_and_u_takes_it_back(terminal, picture):
     pressed = iter(["s", "u", "s"])
 
-    def typed(wizard, now_s):
-        if wizard.stage is CalibrationStage.REFERENCE_POSE:
-            return "\n" if wizard.is_at_rest else ""
+    def typed(state, now_s):
+        if state.stage is CalibrationStage.REFERENCE_POSE:
+            return "\n" if state.is_at_rest else ""
         if now_s < 1.0:
             return next(pressed, "")
         return "\n" if now_s > 6.5 else ""
 
-    wizard = conversation(make_mounted_arm("planar2", 7), terminal, typed)
-    assert wizard.skipped == {"joint1"}
+    state = conversation(make_mounted_arm("planar2", 7), terminal, typed)
+    assert state.skipped == {"joint1"}
 
 
 @pytest.mark.parametrize("width", [60, 80, 120])
@@ -127,10 +127,10 @@ def test_s_skips_the_joint_that_is_asked_for_and_u_takes_it_back(terminal, pictu
 def test_the_table_fits_the_terminal(name, width):
     arm = make_mounted_arm(name, 7, spoiled=False)
     with arm.open_limp() as limp_arm:
-        wizard = make_swept_state(limp_arm, {i: arm.direction(i) for i in arm.line.servos})
+        state = make_swept_state(limp_arm, {i: arm.direction(i) for i in arm.line.servos})
     console = Console(file=io.StringIO(), force_terminal=True, width=width, color_system=None)
     with console.capture() as capture:
-        console.print(calibrate_screen._joint_table(wizard, width))
+        console.print(calibrate_screen._joint_table(state, width))
     lines = capture.get().splitlines()
     assert len(lines) == 1 + len(load_model(name).joints)  # no row is folded
     assert max(map(len, lines)) <= width
@@ -141,9 +141,9 @@ def test_a_resized_terminal_is_cleared_before_the_next_picture(terminal, picture
     cleared = []
     monkeypatch.setattr(Console, "clear", lambda console, home=True: cleared.append(console.width))
 
-    def typed(wizard, now_s):
-        if wizard.stage is CalibrationStage.REFERENCE_POSE:
-            return "\n" if wizard.is_at_rest else ""
+    def typed(state, now_s):
+        if state.stage is CalibrationStage.REFERENCE_POSE:
+            return "\n" if state.is_at_rest else ""
         shrunk = now_s > 2.0
         if shrunk:
             monkeypatch.setattr(Console, "size", property(lambda _: ConsoleDimensions(70, 24)))

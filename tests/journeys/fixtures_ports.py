@@ -148,30 +148,30 @@ def _calibrate(mounted_arm):
     """Save a calibration of every joint's whole range, as if moved to each end stop by hand."""
     with mounted_arm.open_limp() as limp_arm:
         limp_arm.serial_number = SERIAL
-        wizard = _swept(
+        state = _swept(
             mounted_arm,
             CalibrationState.begin(limp_arm.make_subjects("home"), MARGIN_RAD),
             limp_arm.read_ticks()[1],
         )
-        outcome = limp_arm.build_calibration(wizard, "home", WHEN, write_limits=False)
+        outcome = limp_arm.build_calibration(state, "home", WHEN, write_limits=False)
         memory = {s.id: s.holds for joint in outcome.calibration.joints for s in joint.servos}
         limp_arm.save(CalibrationResult(outcome.calibration, memory))
 
 
-def _swept(mounted_arm, wizard, ticks):
+def _swept(mounted_arm, state, ticks):
     """Return the calibration after each joint was moved as shown and then from stop to stop."""
     at_s = 0.0
     for _ in range(60):
         at_s += 0.02
-        wizard = wizard.update(at_s, ticks)
-    wizard = wizard.accept()
-    for subject in wizard.subjects:
+        state = state.update(at_s, ticks)
+    state = state.accept()
+    for subject in state.subjects:
         ids = {subject.servo_id, *subject.shadow_ids}
         for step in _steps(mounted_arm, subject):
             at_s += 0.02
             ticks = {i: (tick + step * (i in ids)) % 4096 for i, tick in ticks.items()}
-            wizard = wizard.update(at_s, ticks)
-    return wizard
+            state = state.update(at_s, ticks)
+    return state
 
 
 def _steps(mounted_arm, subject):

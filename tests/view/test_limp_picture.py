@@ -43,14 +43,14 @@ def calibrated(monkeypatch):
         for name in names if moved_rad else ():
             Operator(arm).move(name, moved_rad)
         for count, view in enumerate(driver.run()):
-            wizard = view.wizard
+            state = view.state
             at = np.array([arm.world.joint(name).position for name in names])
-            yield wizard, picture.positions(wizard), at
-            if wizard is None:
+            yield state, picture.positions(state), at
+            if state is None:
                 driver.put_answer("accept")
-            elif answer := script.next_answer(wizard, count * READ_S):
+            elif answer := script.next_answer(state, count * READ_S):
                 driver.put_answer(answer)
-            if wizard is not None and wizard.stage.value == "review":
+            if state is not None and state.stage.value == "review":
                 driver.put_answer("cancel")
 
     return pairs
@@ -59,8 +59,8 @@ def calibrated(monkeypatch):
 def test_once_the_pose_is_taken_and_the_directions_are_known_the_drawing_is_the_arm(calibrated):
     shown = [
         (drawn, at)
-        for wizard, drawn, at in calibrated()
-        if wizard is not None and wizard.stage.value == "sweep" and wizard.current_joint is None
+        for state, drawn, at in calibrated()
+        if state is not None and state.stage.value == "sweep" and state.current_joint is None
     ]
     assert len(shown) > 20
     assert max(np.abs(drawn - at).max() for drawn, at in shown) < NEAR_RAD
@@ -70,8 +70,8 @@ def test_once_the_pose_is_taken_and_the_directions_are_known_the_drawing_is_the_
 def test_before_the_pose_the_drawing_moves_as_much_as_the_joints(calibrated):
     shown = [
         (drawn, at)
-        for wizard, drawn, at in calibrated(moved_rad=0.3)
-        if wizard is not None and wizard.tracks and not wizard.reference_ticks
+        for state, drawn, at in calibrated(moved_rad=0.3)
+        if state is not None and state.tracks and not state.reference_ticks
     ]
     (first, start), *_ = shown
     assert np.ptp([at for _, at in shown], axis=0).min() > math.radians(5.0)

@@ -55,7 +55,7 @@ def held(calibration, last):
         seen.setdefault(shown["stage"], shown)
         word = "cancel" if shown["stage"] == "saved" or count > LONGEST else "accept"
         if shown["stage"] in ("anchor", "sweep") and word == "accept":
-            word = script.next_answer(talk.wizard, count * READ_S) if talk.wizard else word
+            word = script.next_answer(talk.state, count * READ_S) if talk.state else word
         if shown["stage"] == "review":
             word = last
         if word:
