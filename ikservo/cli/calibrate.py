@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-import sys
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from ikservo.cli.calibrate_auto import calibrate_auto
-from ikservo.cli.calibrate_by_hand import CalibrationOptions, calibrate_by_hand, parse_limits
+from ikservo.cli.calibrate_by_hand import calibrate, parse_limits
 from ikservo.cli.calibrate_touch import TouchOffOptions, run_touch_off
+from ikservo.cli.dialogue import Operator
 from ikservo.cli.direction_check import check_directions
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import (
@@ -24,6 +24,8 @@ from ikservo.cli.options import (
 )
 from ikservo.cli.session import open_from_options
 from ikservo.errors import InputError
+from ikservo.maintenance.calibration_dialogue import CalibrationOptions, read_script
+from ikservo.maintenance.touch_dialogue import read_touch_script
 
 __all__ = [
     "Auto",
@@ -158,12 +160,13 @@ def command(
             check_directions(machine, joint or [], yes=yes, json=json)
         return
     model = model_from_option(arm)
-    interactive = not (yes or no_input or from_script) and sys.stdin.isatty()
+    entries = None
+    if from_script:
+        entries = (read_touch_script if touch else read_script)(from_script)
+    operator = Operator.of(entries, yes=yes, no_input=no_input)
     if touch:
         touch_options = TouchOffOptions(points, same_point, sheet_origin, block_height)
-        run_touch_off(
-            model, port, touch_options, from_script, yes=yes, interactive=interactive, json=json
-        )
+        run_touch_off(model, port, touch_options, operator, json=json)
         return
     if points or same_point or sheet_origin is not None or block_height is not None:
         raise InputError("Points are touched in a touch-off only.", "Add: --touch")
@@ -176,8 +179,5 @@ def command(
         joints=[model.joint(name).name for name in joint or []],
         user=user,
         write_limits=write_limits,
-        yes=yes,
-        interactive=interactive,
-        json=json,
     )
-    (calibrate_auto if auto else calibrate_by_hand)(model, port, options, from_script)
+    (calibrate_auto if auto else calibrate)(model, port, options, operator, json=json)

@@ -4,25 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Generator
 from contextlib import contextmanager
-from pathlib import Path
 
 from ikservo.arm import Arm
 from ikservo.calibration.procedure import CalibrationStage, CalibrationState
-from ikservo.cli.calibrate_by_hand import (
-    CalibrationOptions,
-    answer_source,
-    apply_options,
-    check_options,
-    print_result,
-    review,
-    run_calibration,
-)
-from ikservo.cli.calibrate_screen import (
-    calibration_display,
-    confirm_start,
-    disable_torque,
-    print_servos,
-)
+from ikservo.cli.calibrate_by_hand import print_result
+from ikservo.cli.calibrate_screen import confirm_start, print_servos
+from ikservo.cli.dialogue import Operator
 from ikservo.cli.session import second_interrupt_lowers
 from ikservo.cli.terminal import print_status
 from ikservo.errors import CalibrationError, IkservoError, InputError, RefusedError
@@ -31,6 +18,12 @@ from ikservo.maintenance.auto_calibration_setup import (
     MeasuredRanges,
     restore_encoders,
     with_known_ranges,
+)
+from ikservo.maintenance.calibration_dialogue import (
+    CalibrationOptions,
+    record_ranges,
+    review,
+    switch_torque_off,
 )
 from ikservo.maintenance.calibration_session import TorqueOffArm, open_torque_off
 from ikservo.maintenance.direction_check import (
@@ -53,7 +46,12 @@ _WARNING = (
 
 
 def calibrate_auto(
-    model: Model, port: str | None, options: CalibrationOptions, script: Path | None
+    model: Model,
+    port: str | None,
+    options: CalibrationOptions,
+    operator: Operator,
+    *,
+    json: bool,
 ) -> None:
     """Record the reference pose, let the arm find its ranges, and save the calibration.
 
@@ -63,33 +61,32 @@ def calibrate_auto(
         StoppedError: The user interrupted; the arm holds.
     """
     check_auto_allowed(model)
-    check_options(model, options, script)
-    _confirm_motion(options)
+    options.check(model)
+    _confirm_motion(operator)
     with open_torque_off(model, port) as limp_arm:
-        disable_torque(limp_arm, interactive=options.interactive, yes=options.yes)
+        operator.run(switch_torque_off(limp_arm))
         print_servos(limp_arm, options.pose)
-        measured = _offer_measured_joints(limp_arm, options)
-        state = with_known_ranges(_take_anchor_pose(limp_arm, options, script), measured.travels)
+        measured = _offer_measured_joints(limp_arm, operator)
+        pose_stage = (CalibrationStage.REFERENCE_POSE,)
+        state = operator.run(
+            record_ranges(limp_arm, options.begin(limp_arm), options.pose, pose_stage)
+        )
+        state = with_known_ranges(state, measured.travels)
         with restore_encoders(limp_arm, print_status), _report_kept_joints(measured):
-            auto = AutoCalibration(
-                limp_arm, state, options.pose, _print_progress, measured.add_joint
-            )
-            state = _run_auto_calibration(auto, options)
-            outcome = review(limp_arm, state, options.with_user_ranges(auto.partial_limits))
+            auto = AutoCalibration(limp_arm, state, options.pose, print_status, measured.add_joint)
+            state = _run_auto_calibration(auto, operator)
+            narrowed = options.with_user_ranges(auto.partial_limits)
+            _, outcome = operator.run(review(limp_arm, state, narrowed))
             path = limp_arm.save(outcome)
         measured.remove_file()
-        if options.interactive:
+        if operator.interactive:
             confirm_directions(
                 model, limp_arm.bus.port.name
             )  # each direction has just been confirmed
-    print_result(outcome, state, path, json=options.json)
+    print_result(outcome, state, path, json=json)
 
 
-def _print_progress(message: str) -> None:
-    print_status(message)
-
-
-def _offer_measured_joints(limp_arm: TorqueOffArm, options: CalibrationOptions) -> MeasuredRanges:
+def _offer_measured_joints(limp_arm: TorqueOffArm, operator: Operator) -> MeasuredRanges:
     """Return the ranges measured by an interrupted run, if the user wants to use them."""
     measured = MeasuredRanges(limp_arm)
     if not measured.travels:
@@ -99,7 +96,7 @@ def _offer_measured_joints(limp_arm: TorqueOffArm, options: CalibrationOptions) 
     if confirm_start(
         "Use these, and measure only the other joints?",
         default=True,
-        interactive=options.interactive,
+        interactive=operator.interactive,
     ):
         print_status(f"They are not measured again; to measure all joints, remove {measured.path}.")
     else:
@@ -121,50 +118,35 @@ def _report_kept_joints(measured: MeasuredRanges) -> Generator[None]:
         raise
 
 
-def _confirm_motion(options: CalibrationOptions) -> None:
+def _confirm_motion(operator: Operator) -> None:
     print_status(_WARNING)
-    if options.yes:
+    if operator.yes:
         return
-    if not options.interactive:
+    if not operator.interactive:
         raise InputError("Cannot ask: input is not a terminal.", "Give --yes.")
     if not confirm_start("May it begin?", default=False, interactive=True):
         raise IkservoError("Nothing moved.")
 
 
-def _take_anchor_pose(
-    limp_arm: TorqueOffArm, options: CalibrationOptions, script: Path | None
-) -> CalibrationState:
-    """Return the calibration state once the arm was held in its reference pose."""
-    state = CalibrationState.begin(limp_arm.make_subjects(options.pose), options.margin_rad)
-    with (
-        answer_source(script, yes=options.yes, interactive=options.interactive) as answers,
-        calibration_display(limp_arm.model, options.pose) as display,
-    ):
-        initial = apply_options(state, options.continuous, options.skip)
-        return run_calibration(
-            limp_arm, initial, answers, display, (CalibrationStage.REFERENCE_POSE,)
-        )
-
-
-def _run_auto_calibration(auto: AutoCalibration, options: CalibrationOptions) -> CalibrationState:
+def _run_auto_calibration(auto: AutoCalibration, operator: Operator) -> CalibrationState:
     """Let the arm find its ranges; a second Ctrl-C lowers it and switches torque off."""
     with second_interrupt_lowers(auto.arm):
-        _show_directions(auto, options)
+        _show_directions(auto, operator)
         auto.sweep()
         return auto.finish()
 
 
-def _show_directions(auto: AutoCalibration, options: CalibrationOptions) -> None:
+def _show_directions(auto: AutoCalibration, operator: Operator) -> None:
     """Move each joint a little, to detect a wrong sign or exchanged ids before anything else."""
     for joint in auto.arm.model.joints:
-        _make_room(auto.arm, joint.name, options)
+        _make_room(auto.arm, joint.name, operator)
         motion = plan_direction_check(auto.arm, joint.name)
         print_status(f"{motion.joint} moves {motion.direction}, then back.")
         run_direction_check(auto.arm, motion)
-        _check_seen(auto.arm, motion, options)
+        _check_seen(auto.arm, motion, operator)
 
 
-def _make_room(arm: Arm, joint: str, options: CalibrationOptions) -> None:
+def _make_room(arm: Arm, joint: str, operator: Operator) -> None:
     """Move other joints of a folded arm until one joint is free to move a little.
 
     Raises:
@@ -179,7 +161,7 @@ def _make_room(arm: Arm, joint: str, options: CalibrationOptions) -> None:
             f"it is in the way of {joint}."
         )
         execute_lift(arm, motion)
-        _check_seen(arm, motion, options)
+        _check_seen(arm, motion, operator)
     if check_clearance_m(arm, joint) < 0.0:
         raise RefusedError(
             f"{joint} cannot move by 5° without a collision; torque stays on.",
@@ -188,9 +170,9 @@ def _make_room(arm: Arm, joint: str, options: CalibrationOptions) -> None:
         )
 
 
-def _check_seen(arm: Arm, motion: DirectionCheck, options: CalibrationOptions) -> None:
+def _check_seen(arm: Arm, motion: DirectionCheck, operator: Operator) -> None:
     question = f"Did {motion.joint} move {motion.direction}?"
-    if not confirm_start(question, default=True, interactive=options.interactive):
+    if not confirm_start(question, default=True, interactive=operator.interactive):
         raise CalibrationError(
             f"{motion.joint} does not move as in the arm file; torque stays on.",
             f"Calibrate it by hand, which finds signs: ikservo calibrate {arm.model.name}",

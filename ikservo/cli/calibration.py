@@ -16,8 +16,8 @@ from ikservo.calibration.calibration_file import (
 from ikservo.calibration.paths import calibration_path, calibrations_of
 from ikservo.calibration.records import Calibration
 from ikservo.calibration.transaction import resume, roll_back
-from ikservo.cli.calibrate_screen import confirm_start, disable_torque
-from ikservo.cli.calibration_table import COLUMNS, calibration_row
+from ikservo.cli.calibrate_screen import confirm_start
+from ikservo.cli.dialogue import Operator
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import (
     ArmArgument,
@@ -31,6 +31,7 @@ from ikservo.errors import CalibrationError, ExitCode, IkservoError, InputError,
 from ikservo.files.writing import BACKUP_SUFFIX
 from ikservo.hardware.remembered_port import serial_number_of
 from ikservo.hardware.transport import refuse_other_machines
+from ikservo.maintenance.calibration_dialogue import switch_torque_off
 from ikservo.maintenance.calibration_session import (
     TorqueOffArm,
     adopt_calibration,
@@ -40,6 +41,7 @@ from ikservo.maintenance.calibration_session import (
     push,
     register_differences,
 )
+from ikservo.maintenance.calibration_table import COLUMNS, calibration_row
 from ikservo.maintenance.recorded_calibration import check_adoptable, read_recorded_calibration
 from ikservo.model import Model
 
@@ -218,7 +220,7 @@ def _resolve_interrupted(limp_arm: TorqueOffArm, action: str, *, yes: bool) -> N
     if not limp_arm.journal_path.exists():
         print_lines(["No interrupted write; nothing to do."])
         return
-    disable_torque(limp_arm, interactive=not yes and sys.stdin.isatty(), yes=yes)
+    Operator.of(None, yes=yes).run(switch_torque_off(limp_arm))
     step = resume if action == "resume" else roll_back
     step(limp_arm.bus, limp_arm.journal_path)
     done = "completed" if action == "resume" else "reverted"

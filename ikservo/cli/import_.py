@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import sys
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
@@ -15,34 +14,28 @@ import typer
 from ikservo.calibration.lerobot import LerobotJoint, find_lerobot, read_lerobot
 from ikservo.calibration.procedure import CalibrationState
 from ikservo.calibration.result import CalibrationResult
-from ikservo.calibration.script import read_script
-from ikservo.cli.answers import AnswerSource
 from ikservo.cli.calibrate import FromScript, Margin, NoInput, Pose
-from ikservo.cli.calibrate_by_hand import (
-    answer_source,
-    check_zeros,
-    print_result,
-    run_calibration,
-    show_result,
-)
-from ikservo.cli.calibrate_screen import (
-    calibration_display,
-    confirm_start,
-    disable_torque,
-    print_servos,
-    reporting_unchanged_state,
-)
+from ikservo.cli.calibrate_by_hand import print_result
+from ikservo.cli.calibrate_screen import print_servos, reporting_unchanged_state
 from ikservo.cli.calibration import import_recorded
 from ikservo.cli.dataset import DatasetOptions, import_dataset
+from ikservo.cli.dialogue import Operator
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ArmOption, JsonOption, ServoPortOption, YesOption
-from ikservo.cli.terminal import print_status
-from ikservo.errors import IkservoError, UnknownNameError
+from ikservo.errors import UnknownNameError
+from ikservo.maintenance.calibration_dialogue import (
+    check_zeros,
+    confirm_saving,
+    read_script,
+    record_ranges,
+    switch_torque_off,
+)
 from ikservo.maintenance.calibration_session import (
     TorqueOffArm,
     lost_geometry_warning,
     open_torque_off,
 )
+from ikservo.maintenance.dialogue import Dialogue, Notice
 from ikservo.maintenance.lerobot_import import (
     check_lerobot_joints,
     lerobot_mismatches,
@@ -122,25 +115,15 @@ def command(
     model, path = model_from_option(arm), find_lerobot(source)
     joints = read_lerobot(path)
     model.pose(pose)
-    if from_script:
-        read_script(from_script)  # check it before torque is switched off
-    interactive = not (yes or no_input or from_script) and sys.stdin.isatty()
+    entries = read_script(from_script) if from_script else None
+    operator = Operator.of(entries, yes=yes, no_input=no_input)
     with open_torque_off(model, port) as limp_arm:
         check_lerobot_joints(joints, model, limp_arm)
-        disable_torque(limp_arm, interactive=interactive, yes=yes or from_script is not None)
+        operator.run(switch_torque_off(limp_arm))
         with reporting_unchanged_state():
             print_servos(limp_arm, pose)
-            with answer_source(from_script, yes=yes, interactive=interactive) as answers:
-                state = _run_import_dialogue(limp_arm, joints, pose, margin, answers)
-            check_zeros(state, pose, model.name, interactive=interactive)
-            outcome = _build_outcome(limp_arm, joints, state, pose)
-            for line in lost_geometry_warning(limp_arm):
-                print_status(f"  {line}")
-            show_result(limp_arm, outcome.calibration)
-            if not confirm_start(
-                f"Save to {limp_arm.path}?", default=True, interactive=interactive
-            ):
-                raise IkservoError("Cancelled; nothing was saved or written, torque is off.")
+            dialogue = _measure_and_review(limp_arm, joints, pose, math.radians(margin))
+            state, outcome = operator.run(dialogue)
             saved = limp_arm.save(outcome)
     print_result(outcome, state, saved, json=json)
 
@@ -155,27 +138,28 @@ def check_kind(kind: str) -> None:
         raise UnknownNameError("format", kind, KINDS)
 
 
-def _run_import_dialogue(
-    limp_arm: TorqueOffArm,
-    joints: Sequence[LerobotJoint],
-    pose: str,
-    margin: float,
-    answers: AnswerSource[CalibrationState],
-) -> CalibrationState:
-    state = CalibrationState.begin(
-        limp_arm.make_subjects(pose, lerobot_travels(joints, limp_arm)), math.radians(margin)
-    )
+def _measure_and_review(
+    limp_arm: TorqueOffArm, joints: Sequence[LerobotJoint], pose: str, margin_rad: float
+) -> Dialogue[tuple[CalibrationState, CalibrationResult]]:
+    """Measure what LeRobot's file does not say; return the last state, and what is to be saved."""
+    subjects = limp_arm.make_subjects(pose, lerobot_travels(joints, limp_arm))
     free = frozenset(joint.name for joint in joints if joint.is_continuous)
-    with calibration_display(limp_arm.model, pose) as shown:
-        return run_calibration(limp_arm, replace(state, free=free), answers, shown)
+    state = replace(CalibrationState.begin(subjects, margin_rad), free=free)
+    state = yield from record_ranges(limp_arm, state, pose)
+    yield from check_zeros(state, pose, limp_arm.model.name)
+    for line in lerobot_mismatches(joints, limp_arm.facts):
+        yield Notice(line)
+    outcome = _build_outcome(limp_arm, joints, state, pose)
+    for line in lost_geometry_warning(limp_arm):
+        yield Notice(f"  {line}")
+    yield from confirm_saving(limp_arm, outcome.calibration)
+    return state, outcome
 
 
 def _build_outcome(
     limp_arm: TorqueOffArm, joints: Sequence[LerobotJoint], state: CalibrationState, pose: str
 ) -> CalibrationResult:
     """Build the calibration, its joints in LeRobot's order so that it can be exported again."""
-    for line in lerobot_mismatches(joints, limp_arm.facts):
-        print_status(line)
     facts = with_lerobot_homing(joints, limp_arm.facts)
     outcome = limp_arm.build_calibration(state, pose, datetime.now(UTC), facts=facts)
     found = {joint.name: joint for joint in outcome.calibration.joints}

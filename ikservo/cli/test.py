@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -12,6 +11,7 @@ import typer
 from ikservo import __version__
 from ikservo.arm import Arm, ZeroSource
 from ikservo.cli.accuracy_by_touch import measure_by_touch
+from ikservo.cli.dialogue import Operator
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import (
@@ -167,8 +167,7 @@ def _test_by_touch(
     """Measure accuracy from touches, and report it as the test by motions is."""
     model, started = model_from_option(arm), datetime.now(UTC)
     path = _page_path(html, model.name, started, overwrite=overwrite)
-    interactive = not yes and sys.stdin.isatty()
-    found = measure_by_touch(model, port, points, touches, yes=yes, interactive=interactive)
+    found = measure_by_touch(model, port, points, touches, Operator.of(None, yes=yes))
     why = "" if found.stopped is None else str(getattr(found.stopped, "message", "") or "Ctrl-C")
     head = _head(model, started, note, why, simulated=False)
     fields = head | touched_fields(found.poses)

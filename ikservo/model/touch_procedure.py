@@ -9,14 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 
 import numpy as np
 
 from ikservo.calibration import JointMap
 from ikservo.calibration.range_tracker import StillnessDetector
-from ikservo.calibration.script import AnswerScript, read_entries
-from ikservo.errors import BadValueError, CalibrationError
+from ikservo.errors import CalibrationError
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.model.kinematic_calibration import TouchPoint
@@ -30,15 +28,11 @@ __all__ = [
     "HIGH_M",
     "ROWS",
     "STEP_M",
-    "TOUCH_ANSWERS",
     "WIDE_M",
-    "ScriptedTouchAnswers",
     "TouchOffState",
     "TouchTarget",
-    "apply_answer",
     "grid_points",
     "place_sheet",
-    "read_touch_script",
 ]
 
 WIDE_M, HIGH_M = 0.297, 0.210  # A4, its long edge before the arm
@@ -208,65 +202,3 @@ class TouchOffState:
 
     def _joint_vector(self, ticks: Mapping[int, float]) -> Vector:
         return np.array([joint.position(ticks[joint.servo_id]) for joint in self.maps])
-
-
-TOUCH_ANSWERS = ("touch", "skip", "undo", "accept")
-
-
-def apply_answer(state: TouchOffState, text: str) -> TouchOffState:
-    """Return the state after an input.
-
-    Raises:
-        BadValueError: It is no valid input.
-        CalibrationError: It is not possible now; names the cause.
-    """
-    steps = {
-        "touch": state.record_touch,
-        "skip": state.skip,
-        "undo": state.undo,
-        "accept": state.accept,
-    }
-    if text not in steps:
-        raise BadValueError("The answer", repr(text), f"one of: {', '.join(TOUCH_ANSWERS)}")
-    return steps[text]()
-
-
-def read_touch_script(path: Path) -> list[str]:
-    """Return the inputs in a file, one a line; ``#`` begins a comment.
-
-    Raises:
-        FileFormatError: The file cannot be read, or a line is no valid input.
-    """
-    return read_entries(path, TOUCH_ANSWERS)
-
-
-class ScriptedTouchAnswers(AnswerScript[TouchOffState]):
-    """Supplies the inputs of a touch-off.
-
-    ``touch`` waits until the arm has been moved since the last one and is held still. Without a
-    script every point is touched, then accepted.
-    """
-
-    final_entry = "accept"
-
-    def default_entry(self, state: TouchOffState) -> str:
-        """Return the input of a state where there is no script."""
-        return "touch" if state.current_target else "accept"
-
-    def progress(self, state: TouchOffState) -> tuple[object, ...]:
-        """Return how many points were touched."""
-        return (len(state.touches),)
-
-    def is_due(self, text: str, state: TouchOffState, unchanged_s: float) -> bool:
-        """Return whether an input is due."""
-        if text != "touch" or state.current_target is None:
-            return True
-        return state.is_at_rest and state.has_moved
-
-    def timeout_error(self, text: str, state: TouchOffState) -> CalibrationError:
-        """Return why an input was not due in time."""
-        name = state.current_target.name if state.current_target else "the point"
-        return CalibrationError(
-            f"Timeout: the tip was not put on {name} within 60 s.",
-            "Guide the tip there and keep it still.",
-        )

@@ -414,8 +414,8 @@ class ArmThread:
             self._reopen_arm()
 
     def _show_calibration(self, calibration: CalibrationView, picture: LimpPicture) -> None:
-        measured, states = picture.positions(calibration.state), self.snapshot.states
-        if calibration.state is not None:
+        measured, states = picture.positions(calibration.request), self.snapshot.states
+        if calibration.request is not None:
             states = tuple(replace(state, torque=False) for state in states)
         self.snapshot = replace(
             self.snapshot,

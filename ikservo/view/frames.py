@@ -17,7 +17,7 @@ from ikservo.model import Model
 from ikservo.model.model import HealthLimits, at_limit, near_limit
 from ikservo.view.arm_thread import ArmThread
 from ikservo.view.auth import Permission
-from ikservo.view.calibration import calibration_view
+from ikservo.view.calibration import calibration_fields
 from ikservo.view.camera import Camera
 from ikservo.view.connection import Client, ControlLease
 from ikservo.view.interaction import Interaction
@@ -211,9 +211,7 @@ def status_frame(
         },
         "preference": interaction.preference.page_fields(interaction.solver),
         "messages": messages(snapshot, interaction.messages),
-        "calibration": calibration_view(arm_thread.arm.model, snapshot.calibration)
-        if snapshot.calibration
-        else None,
+        "calibration": calibration_fields(snapshot.calibration) if snapshot.calibration else None,
     }
 
 

@@ -8,8 +8,9 @@ from dataclasses import replace
 import numpy as np
 
 from ikservo.calibration import JointMap
-from ikservo.calibration.procedure import CalibrationStage, CalibrationState, joint_readouts
+from ikservo.calibration.procedure import CalibrationStage
 from ikservo.kinematics.arrays import Vector
+from ikservo.maintenance.dialogue import HandRequest
 from ikservo.model import Model
 from ikservo.view.calibration import REFERENCE_POSE
 from ikservo.view.scene import SceneState
@@ -31,20 +32,19 @@ class LimpPicture:
 
     def __init__(self, joint_maps: Sequence[JointMap], measured: Vector) -> None:
         self._maps, self._start = joint_maps, measured
-        self._first: dict[int, int] = {}
+        self._first: Mapping[int, int] = {}
 
-    def positions(self, state: CalibrationState | None) -> Vector:
-        """Return where the joints are to be shown (n,), rad or m."""
-        if state is None or not state.tracks:
+    def positions(self, request: HandRequest | None) -> Vector:
+        """Return where the joints are to be shown (n,), rad or m, at a reading."""
+        if request is None:
             return self._start
-        if state.reference_ticks:
-            known = {each.name: each.position for each in joint_readouts(state)}
+        if request.readings:
+            known = {each.name: each.position for each in request.readings}
             names = [joint_map.joint for joint_map in self._maps]
             pairs = zip(names, self._start.tolist(), strict=True)
             return np.array([known.get(name, start) for name, start in pairs])
-        ticks = {i: track.tick for i, track in state.tracks.items()}
-        self._first = self._first or ticks
-        return np.array([self._moved(i, ticks) for i in range(len(self._maps))])
+        self._first = self._first or request.ticks
+        return np.array([self._moved(i, request.ticks) for i in range(len(self._maps))])
 
     def _moved(self, column: int, ticks: Mapping[int, int]) -> float:
         joint_map, start = self._maps[column], float(self._start[column])
@@ -60,13 +60,11 @@ def show_calibration(scene: SceneState, view: CalibrationView, model: Model) -> 
         view: The calibration.
         model: Has the pose and the links.
     """
-    state = view.state
-    stage = CalibrationStage.REFERENCE_POSE if state is None else state.stage
-    if stage is CalibrationStage.REFERENCE_POSE:
+    if view.item.stage == CalibrationStage.REFERENCE_POSE:
         pose = model.pose(REFERENCE_POSE)
         return replace(scene, goal=model.chain_pose(REFERENCE_POSE), goal_other_joints=pose)
-    current = state.current_joint if state is not None else None
-    if current is None:
+    current = view.item.current if isinstance(view.item, HandRequest) else ""
+    if not current:
         return scene
-    moved = next(joint.child for joint in model.urdf.joints if joint.name == current.name)
+    moved = next(joint.child for joint in model.urdf.joints if joint.name == current)
     return replace(scene, hover=moved)

@@ -8,8 +8,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from ikservo.arm import JointState
-from ikservo.calibration.procedure import CalibrationState
 from ikservo.kinematics.arrays import Vector
+from ikservo.maintenance.dialogue import HandRequest, Question
 
 __all__ = [
     "ArmCommand",
@@ -90,16 +90,14 @@ class CalibrationView:
     """A running calibration.
 
     Attributes:
-        state: Its state; None while torque is still on.
-        error: Why the last input was rejected; empty if it was not.
-        warnings: What saving would lose, and what the servos' own limits would cut off.
-        saved_at: The file, once it is saved.
+        item: What is asked or requested.
+        request: The last request, with its reading; None while torque is still on.
+        lines: What was told since the last answer.
     """
 
-    state: CalibrationState | None
-    error: str = ""
-    warnings: tuple[str, ...] = ()
-    saved_at: str = ""
+    item: HandRequest | Question
+    request: HandRequest | None = None
+    lines: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, eq=False)

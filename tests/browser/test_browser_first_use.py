@@ -190,8 +190,10 @@ def test_on_a_phone_each_screen_of_a_calibration_begins_with_its_task(on_a_phone
     on_a_phone.until("document.querySelector('.task').textContent.includes('still: continue')")
     page.click("[data-action=accept]")
     on_a_phone.wait_for("status.calibration.stage === 'sweep'")
-    page.wait_for_selector("#wizard .meters li")
-    task, wizard = (page.locator(i).bounding_box() for i in ("#wizard .task", "#wizard"))
-    assert task["y"] >= wizard["y"]
-    assert "Move shoulder_pan" in page.inner_text("#wizard .task")
+    page.wait_for_selector("#calibration .meters li")
+    task, calibration = (
+        page.locator(i).bounding_box() for i in ("#calibration .task", "#calibration")
+    )
+    assert task["y"] >= calibration["y"]
+    assert "Move shoulder_pan" in page.inner_text("#calibration .task")
     page.click("[data-action=cancel]")

@@ -2,9 +2,9 @@
 
 import pytest
 
-from ikservo.calibration.procedure import CalibrationStage
-from ikservo.calibration.script import ScriptedAnswers, read_script
 from ikservo.errors import CalibrationError, FileFormatError
+from ikservo.maintenance.calibration_dialogue import possible_answers, read_script
+from ikservo.maintenance.dialogue import ScriptedAnswers
 from tests.calibration.test_sweep import Hand, subject
 
 
@@ -13,11 +13,15 @@ def swept(up=1000, down=2000):
     return Hand(subject()).rest().accept().move(up).move(-down)
 
 
+def answer_at(script, state, at_s):
+    return script.next_answer(possible_answers(state, at_s))
+
+
 def answered_at(hand, script, until_s=70.0):
     """Return the seconds until the script answers, and the answer."""
     began_s = hand.at_s
     while hand.at_s - began_s < until_s:
-        word = script.next_answer(hand.state, hand.at_s)
+        word = script.next_answer(hand.request())
         if word is not None:
             return hand.at_s - began_s, word
         hand.read()
@@ -43,15 +47,18 @@ def test_a_narrow_sweep_is_accepted_after_four_seconds_without_news():
 @pytest.mark.parametrize(("up", "down", "wait_s"), [(1000, 2000, 1.0), (500, 1000, 4.0)])
 def test_the_wait_must_be_over(up, down, wait_s):
     state, script = swept(up, down).state, ScriptedAnswers()
-    answers = [script.next_answer(state, at_s) for at_s in (5.0, 5.0 + wait_s, 5.0 + wait_s + 0.01)]
+    answers = [answer_at(script, state, at_s) for at_s in (5.0, 5.0 + wait_s, 5.0 + wait_s + 0.01)]
     assert answers == [None, None, "accept"]
 
 
 def test_patience_ends_after_more_than_a_minute():
     state, script = Hand(subject()).rest().accept().state, ScriptedAnswers()
-    assert [script.next_answer(state, at_s) for at_s in (5.0, 65.0)] == [None, None]
+    assert [answer_at(script, state, at_s) for at_s in (5.0, 65.0)] == [
+        None,
+        None,
+    ]
     with pytest.raises(CalibrationError, match="has not been moved yet"):
-        script.next_answer(state, 65.01)
+        answer_at(script, state, 65.01)
 
 
 def test_news_begin_the_wait_anew():
@@ -64,15 +71,9 @@ def test_news_begin_the_wait_anew():
 def test_what_is_no_accept_waits_for_the_sweep_and_no_longer():
     script = ScriptedAnswers(["skip elbow", "accept"])
     hand = Hand(subject()).rest()
-    assert script.next_answer(hand.state, hand.at_s) is None
+    assert script.next_answer(hand.request()) is None
     hand.accept().read()
-    assert script.next_answer(hand.state, hand.at_s) == "skip elbow"
-
-
-def test_at_the_review_an_accept_need_not_wait():
-    hand = swept().accept()
-    assert hand.state.stage is CalibrationStage.REVIEW
-    assert answered_at(hand, ScriptedAnswers())[0] == 0.0
+    assert script.next_answer(hand.request()) == "skip elbow"
 
 
 def test_each_answer_is_waited_for_on_its_own():
@@ -91,7 +92,7 @@ def test_each_answer_is_waited_for_on_its_own():
 def trembling(hand, script):
     """Let a hand tremble by ten ticks while a script waits."""
     for k in range(5000):
-        script.next_answer(hand.state, hand.at_s)
+        script.next_answer(hand.request())
         hand.ticks[1] = 100 + 10 * (k % 2)
         hand.read()
 
@@ -117,12 +118,12 @@ def test_a_slip_in_a_script_is_named_with_its_line(tmp_path, text, line):
 def test_a_script_may_have_the_former_words_for_joints(tmp_path):
     path = tmp_path / "script"
     path.write_text("again elbow\nfree wrist\ncontinuous wrist\n")
-    assert read_script(path) == ["again elbow", "free wrist", "continuous wrist"]
+    assert read_script(path) == ["remeasure elbow", "continuous wrist", "continuous wrist"]
 
 
 def test_an_answer_that_changed_nothing_is_given_again_after_another_wait():
     state, script = swept().state, ScriptedAnswers()
-    answers = [script.next_answer(state, at_s) for at_s in (5.0, 6.01, 6.02, 6.5, 7.03)]
+    answers = [answer_at(script, state, at_s) for at_s in (5.0, 6.01, 6.02, 6.5, 7.03)]
     assert answers == [None, "accept", None, None, "accept"]
 
 

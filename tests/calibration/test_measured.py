@@ -93,7 +93,7 @@ def test_a_joint_that_was_swept_has_gone_where_it_was_seen():
     assert (found.travel, found.swept) == (TickRange(-900, 1000), "by hand")
 
 
-@pytest.mark.parametrize("word", ["skip elbow", "free elbow"])
+@pytest.mark.parametrize("word", ["skip elbow", "continuous elbow"])
 def test_a_joint_that_is_skipped_or_free_keeps_the_arm_files_travel(word):
     hand = Hand(subject()).rest().accept().move(900).say(word)
     found = measure_joint(hand.state, hand.state.subjects[0])

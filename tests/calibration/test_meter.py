@@ -45,7 +45,8 @@ def test_a_joint_that_was_measured_before_is_known():
 
 
 def test_a_joint_that_is_said_to_be_free_is_free_at_once():
-    assert shown(Hand(subject()).rest().accept().say("free elbow")).state is JointProgress.FREE
+    hand = Hand(subject()).rest().accept().say("continuous elbow")
+    assert shown(hand).state is JointProgress.FREE
 
 
 def test_a_meter_shows_where_the_joint_is_and_has_been():

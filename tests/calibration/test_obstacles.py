@@ -48,7 +48,7 @@ def test_a_whole_turn_is_no_surprise_where_the_arm_file_allows_300_degrees(width
 def test_a_joint_that_was_measured_before_or_is_free_is_complete():
     hand = Hand(subject()).rest().accept()
     assert range_complete(hand.state, hand.state.subjects[0]) is False
-    hand.say("free elbow")
+    hand.say("continuous elbow")
     assert range_complete(hand.state, hand.state.subjects[0]) is True
 
 

@@ -16,8 +16,9 @@ from ikservo.calibration.procedure import (
 )
 from ikservo.calibration.range_tracker import JointUnderCalibration
 from ikservo.calibration.result import find_shifted_zeros
-from ikservo.calibration.script import ScriptedAnswers, apply_answer, read_script
 from ikservo.errors import BadValueError, CalibrationError, FileFormatError, UnknownNameError
+from ikservo.maintenance.calibration_dialogue import apply_answer, possible_answers, read_script
+from ikservo.maintenance.dialogue import ScriptedAnswers
 
 TURN = 4096
 
@@ -45,6 +46,9 @@ class Hand:
 
     def rest(self):
         return self.read(30)
+
+    def request(self):
+        return possible_answers(self.state, self.at_s)
 
     def accept(self):
         self.state = self.state.accept()
@@ -125,7 +129,7 @@ def test_a_joint_is_back_within_a_third_of_what_shows_its_direction(back, signs)
 
 
 def test_measuring_again_forgets_a_doubt():
-    hand = Hand(subject()).rest().accept().move(-400).say("again elbow")
+    hand = Hand(subject()).rest().accept().move(-400).say("remeasure elbow")
     assert not hand.state.is_second_trial
 
 
@@ -208,7 +212,7 @@ def test_joints_are_skipped_during_the_sweep_only():
 
 def test_measuring_again_forgets_one_joint_only():
     hand = Hand(subject("a", 1), subject("b", 2)).rest().accept().move(900, 1).move(900, 2)
-    hand.say("again a")
+    hand.say("remeasure a")
     assert hand.state.tracks[1].width == 0
     assert hand.state.tracks[2].width == 900
     assert hand.state.current_joint.name == "a"
@@ -225,7 +229,7 @@ def test_a_whole_turn_of_a_joint_with_stops_is_refused_unless_the_person_says_it
     hand = Hand(subject()).rest().accept().move(4300)
     with pytest.raises(CalibrationError, match="whole turn"):
         hand.accept()
-    assert hand.say("free elbow").accept().state.stage is CalibrationStage.REVIEW
+    assert hand.say("continuous elbow").accept().state.stage is CalibrationStage.REVIEW
 
 
 def test_a_joint_that_was_turned_too_fast_must_be_measured_again():
@@ -245,7 +249,7 @@ def test_a_gap_in_the_readings_loses_a_turn_only_where_a_hand_could_have_made_on
 
 def test_undo_does_not_make_a_lost_range_a_good_one():
     hand = Hand(subject()).rest().accept().move(900).move(-1900, step=100)
-    hand.move(1500, step=1500).say("again elbow").say("undo")
+    hand.move(1500, step=1500).say("remeasure elbow").say("undo")
     with pytest.raises(CalibrationError, match="moved too fast to count its turns"):
         hand.accept()
 
@@ -334,7 +338,7 @@ def scripted(hand, script, moves):
     messages = []
     moves = iter(moves)
     for _ in range(5000):
-        word = script.next_answer(hand.state, hand.at_s)
+        word = script.next_answer(hand.request())
         if word:
             messages.append(word)
             hand.say(word)
@@ -353,9 +357,9 @@ def test_patience_accepts_a_still_pose_and_a_whole_sweep():
 
 def test_a_script_is_answered_in_its_order():
     hand = Hand(subject("a", 1), subject("b", 2))
-    script = ScriptedAnswers(["accept", "skip a", "free b", "accept"])
+    script = ScriptedAnswers(["accept", "skip a", "continuous b", "accept"])
     moves = [None] * 60 + [900, -1900]
-    assert scripted(hand, script, moves) == ["accept", "skip a", "free b", "accept"]
+    assert scripted(hand, script, moves) == ["accept", "skip a", "continuous b", "accept"]
 
 
 def test_patience_ends_after_a_minute_in_which_nothing_changes():

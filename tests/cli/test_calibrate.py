@@ -85,8 +85,8 @@ def test_the_conversation_ends_with_a_saved_file(mount_arm, run_cli, home):
 def test_off_a_terminal_each_step_is_one_line(mount_arm, run_cli):
     lines = calibrated(mount_arm(sign=1), run_cli).err.splitlines()
     assert [line for line in lines if line.startswith("Step ")] == [
-        'Step 1 of 5: Put the arm in the pose "home": hold it still …',
-        'Step 1 of 5: Put the arm in the pose "home": the arm is still, press Enter.',
+        'Step 1 of 5: Put the arm in the pose "home". Hold it still …',
+        'Step 1 of 5: Put the arm in the pose "home". It is still: go on.',
         "Step 2 of 5: Move joint1 so that the tool goes to the right (seen from behind the base).",
         "Step 3 of 5: Move joint2 so that the tool goes to the left (seen from behind the base).",
         "Step 4 of 5: Move every joint gently to both end stops.",
@@ -216,7 +216,7 @@ def test_without_a_terminal_the_options_that_answer_are_named(mount_arm, run_cli
 
 
 def test_without_an_operator_it_ends_with_what_is_missing(mount_arm, run_cli, home, monkeypatch):
-    monkeypatch.setattr("ikservo.calibration.script._TIMEOUT_S", 3.0)
+    monkeypatch.setattr("ikservo.maintenance.dialogue._TIMEOUT_S", 3.0)
     done = run_cli(f"calibrate planar2 --port {mount_arm() and PORT} --pose home --yes")
     assert done.code == 6
     assert "joint1 has not been moved yet" in done.err

@@ -163,7 +163,7 @@ def counts(arm):
 
 def test_servos_get_back_what_they_held_where_nothing_is_saved(arm, narrow, run_cli, monkeypatch):
     before = counts(arm)
-    monkeypatch.setattr("ikservo.cli.calibrate_by_hand.confirm_start", lambda *_, **__: False)
+    monkeypatch.setattr("ikservo.cli.dialogue.Operator._agrees", lambda *_: False)
     done = auto(run_cli, narrow, "--skip joint1 --skip joint2")
     assert done.code == 1, done.err
     assert counts(arm) == before

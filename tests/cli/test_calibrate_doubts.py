@@ -10,9 +10,10 @@ from ikservo.calibration.calibration_file import read_calibration
 from ikservo.calibration.paths import calibration_path
 from ikservo.calibration.procedure import CalibrationStage, CalibrationState
 from ikservo.calibration.range_tracker import JointUnderCalibration, RangeTracker
-from ikservo.cli.calibrate_by_hand import check_zeros
+from ikservo.cli.dialogue import Operator
 from ikservo.cli.direction_check import check_new_signs
 from ikservo.errors import CalibrationError
+from ikservo.maintenance.calibration_dialogue import check_zeros
 from ikservo.maintenance.calibration_session import TorqueOffArm
 from ikservo.maintenance.direction_check import directions_confirmed
 from tests.calibration.mounted_arms import load_model
@@ -149,7 +150,7 @@ def test_an_implausible_zero_is_a_question_to_a_person(monkeypatch, capsys, answ
     asked = answering(monkeypatch, Was=answer)
     refused = nullcontext() if answer == "y" else pytest.raises(CalibrationError, match="pose")
     with refused:
-        check_zeros(shifted_state(), "home", NAME, interactive=True)
+        Operator(None, yes=False, interactive=True).run(check_zeros(shifted_state(), "home", NAME))
     assert asked == ['Was joint1 exactly as in the pose "home" at step 1? [y/n]: ']
     assert "the zero seems to be off by 28.0°" in capsys.readouterr().err
 

@@ -9,10 +9,11 @@ import pytest
 from rich.console import Console, ConsoleDimensions
 from rich.live import Live
 
-from ikservo.calibration.procedure import CalibrationStage, CalibrationState
-from ikservo.cli import calibrate_screen
-from ikservo.cli.calibrate_by_hand import answer_source, run_calibration
+from ikservo.calibration.procedure import CalibrationStage, CalibrationState, joint_readouts
+from ikservo.cli import dialogue
+from ikservo.cli.dialogue import Operator
 from ikservo.cli.terminal import read_keys
+from ikservo.maintenance.calibration_dialogue import record_ranges
 from tests.calibration.factories import make_swept_state
 from tests.calibration.mounted_arms import load_model, make_mounted_arm
 from tests.calibration.scripted_operator import schedule_operator
@@ -46,7 +47,7 @@ def picture(monkeypatch):
         update(live, renderable, **more)
 
     monkeypatch.setattr(Live, "update", noted)
-    monkeypatch.setattr(calibrate_screen, "Console", lambda **_: console)
+    monkeypatch.setattr(dialogue, "Console", lambda **_: console)
     monkeypatch.setattr(sys.stderr, "isatty", lambda: True, raising=False)
     return drawn
 
@@ -60,30 +61,33 @@ def test_a_key_is_there_at_once_and_none_is_waited_for(terminal):
 
 
 def conversation(arm, terminal, typed):
-    """Hold a conversation; ``typed`` is asked at each reading for what the person types."""
+    """Hold a conversation; ``typed`` is asked at each request for what the person types."""
     with arm.open_limp() as limp_arm:
         limp_arm.disable_torque()
         schedule_operator(arm, limp_arm.make_subjects("home"))
         state = CalibrationState.begin(limp_arm.make_subjects("home"), math.radians(0.3))
-        with (
-            answer_source(None, yes=False, interactive=True) as operator,
-            calibrate_screen.calibration_display(load_model(arm.name), "home") as shown,
-        ):
-            original = shown.show
 
-            def show(state):
-                original(state)
-                terminal(typed(state, limp_arm.bus.clock.now_s()))
+        def watched():
+            recording = record_ranges(limp_arm, state, "home")
+            answer = None
+            while True:
+                try:
+                    request = recording.send(answer)
+                except StopIteration as end:
+                    return end.value
+                terminal(typed(request))
+                answer = yield request
 
-            shown.show = show
-            return run_calibration(limp_arm, state, operator, shown)
+        return Operator(None, yes=False, interactive=True).run(watched())
+
+
+def still(request):
+    return request.choices[0].wait_s is not None
 
 
 def test_enter_takes_the_pose_and_ends_the_sweep(terminal, picture):
-    def typed(state, now_s):
-        if state.stage is CalibrationStage.REFERENCE_POSE:
-            return "\n" if state.is_at_rest else ""
-        return "\n" if now_s > 6.5 else ""
+    def typed(request):
+        return "\n" if still(request) and (request.stage == "anchor" or request.at_s > 6.5) else ""
 
     state = conversation(make_mounted_arm("planar2", 7), terminal, typed)
     assert state.stage is CalibrationStage.REVIEW
@@ -97,11 +101,11 @@ def test_enter_takes_the_pose_and_ends_the_sweep(terminal, picture):
 def test_enter_too_early_says_what_is_missing_and_goes_on(terminal, picture):
     result = []
 
-    def typed(state, now_s):
+    def typed(request):
         result.append(picture[-1] if picture else "")
-        if state.stage is CalibrationStage.REFERENCE_POSE:
-            return "\n" if state.is_at_rest else ""
-        return "\n" if now_s < 1.0 or now_s > 6.5 else ""
+        if request.stage == "anchor":
+            return "\n" if still(request) else ""
+        return "\n" if request.at_s < 1.0 or request.at_s > 6.5 else ""
 
     state = conversation(make_mounted_arm("planar2", 7), terminal, typed)
     assert state.stage is CalibrationStage.REVIEW
@@ -111,12 +115,12 @@ def test_enter_too_early_says_what_is_missing_and_goes_on(terminal, picture):
 def test_s_skips_the_joint_that_is_asked_for_and_u_takes_it_back(terminal, picture):
     pressed = iter(["s", "u", "s"])
 
-    def typed(state, now_s):
-        if state.stage is CalibrationStage.REFERENCE_POSE:
-            return "\n" if state.is_at_rest else ""
-        if now_s < 1.0:
+    def typed(request):
+        if request.stage == "anchor":
+            return "\n" if still(request) else ""
+        if request.at_s < 1.0:
             return next(pressed, "")
-        return "\n" if now_s > 6.5 else ""
+        return "\n" if request.at_s > 6.5 else ""
 
     state = conversation(make_mounted_arm("planar2", 7), terminal, typed)
     assert state.skipped == {"joint1"}
@@ -130,7 +134,7 @@ def test_the_table_fits_the_terminal(name, width):
         state = make_swept_state(limp_arm, {i: arm.direction(i) for i in arm.line.servos})
     console = Console(file=io.StringIO(), force_terminal=True, width=width, color_system=None)
     with console.capture() as capture:
-        console.print(calibrate_screen._joint_table(state, width))
+        console.print(dialogue._joint_table(tuple(joint_readouts(state)), "", width))
     lines = capture.get().splitlines()
     assert len(lines) == 1 + len(load_model(name).joints)  # no row is folded
     assert max(map(len, lines)) <= width
@@ -141,13 +145,12 @@ def test_a_resized_terminal_is_cleared_before_the_next_picture(terminal, picture
     cleared = []
     monkeypatch.setattr(Console, "clear", lambda console, home=True: cleared.append(console.width))
 
-    def typed(state, now_s):
-        if state.stage is CalibrationStage.REFERENCE_POSE:
-            return "\n" if state.is_at_rest else ""
-        shrunk = now_s > 2.0
-        if shrunk:
+    def typed(request):
+        if request.stage == "anchor":
+            return "\n" if still(request) else ""
+        if request.at_s > 2.0:
             monkeypatch.setattr(Console, "size", property(lambda _: ConsoleDimensions(70, 24)))
-        return "\n" if now_s > 6.5 else ""
+        return "\n" if request.at_s > 6.5 else ""
 
     conversation(make_mounted_arm("planar2", 7), terminal, typed)
     assert len(cleared) == 1

@@ -127,7 +127,7 @@ def test_too_few_touches_save_nothing(arm, truth, tmp_path, run_cli):
 
 
 def test_without_an_operator_it_ends_with_what_is_missing(arm, tmp_path, run_cli, monkeypatch):
-    monkeypatch.setattr("ikservo.calibration.script._TIMEOUT_S", 3.0)
+    monkeypatch.setattr("ikservo.maintenance.dialogue._TIMEOUT_S", 3.0)
     (tmp_path / "points").write_text("A 0.2 0 0.1\nB 0.2 0.05 0.1\n")
     done = run_cli(f"{WORDS} --points {tmp_path / 'points'} --yes")
     assert (done.code, "Timeout: the tip was not put on B" in done.err) == (6, True)
@@ -136,7 +136,7 @@ def test_without_an_operator_it_ends_with_what_is_missing(arm, tmp_path, run_cli
 def test_the_sheet_says_where_it_must_lie_and_leaves_out_what_is_beyond_reach(
     arm, tmp_path, run_cli, monkeypatch
 ):
-    monkeypatch.setattr("ikservo.calibration.script._TIMEOUT_S", 1.0)
+    monkeypatch.setattr("ikservo.maintenance.dialogue._TIMEOUT_S", 1.0)
     done = run_cli(f"{WORDS} --sheet-origin 250mm --yes")
     assert "its near edge 250 mm from the base's origin" in done.err
     assert "put the tip on B1 at (0.280, 0.050, 0.000) m" in done.err
@@ -188,12 +188,12 @@ def test_a_person_touches_skips_and_takes_back_by_single_keys(
         return ""
 
     key.ready_s = arm.world.time_s + 1.5
-    monkeypatch.setattr("ikservo.cli.answers.read_keys", lambda: nullcontext(key))
+    monkeypatch.setattr("ikservo.cli.dialogue.read_keys", lambda: nullcontext(key))
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     monkeypatch.setattr("ikservo.cli.terminal.read_answer", lambda _: "y")
     done = run_cli(f"{WORDS} --points {points} --json")
-    assert "Enter   s skip   u undo" in done.err
-    assert "8 points touched.  a evaluate" in done.err
+    assert "Enter touch   s skip   u undo" in done.err
+    assert "8 points touched.\n  a evaluate" in done.err
     assert len(done.json["touches"]) == 8
 
 

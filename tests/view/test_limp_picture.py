@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from ikservo.arm import open_arm
-from ikservo.calibration.script import ScriptedAnswers
 from ikservo.maintenance.calibration_session import TorqueOffArm
+from ikservo.maintenance.dialogue import HandRequest, ScriptedAnswers
 from ikservo.model import load_model
 from ikservo.view.calibration import CalibrationDriver
 from ikservo.view.limp_picture import LimpPicture
@@ -15,7 +15,6 @@ from tests.calibration.mounted_arms import Operator, make_mounted_arm
 from tests.calibration.scripted_operator import schedule_operator
 from tests.view.view_session import ViewSession
 
-READ_S = 0.02
 NEAR_RAD = math.radians(3.0)  # of a hand that holds a pose
 READINGS = 400
 
@@ -42,16 +41,15 @@ def calibrated(monkeypatch):
     def pairs(moved_rad=0.0):
         for name in names if moved_rad else ():
             Operator(arm).move(name, moved_rad)
-        for count, view in enumerate(driver.run()):
-            state = view.state
+        for view in driver.run():
             at = np.array([arm.world.joint(name).position for name in names])
-            yield state, picture.positions(state), at
-            if state is None:
-                driver.put_answer("accept")
-            elif answer := script.next_answer(state, count * READ_S):
-                driver.put_answer(answer)
-            if state is not None and state.stage.value == "review":
+            yield view.item, picture.positions(view.request), at
+            if view.item.stage == "review":
                 driver.put_answer("cancel")
+            elif view.request is None:
+                driver.put_answer("accept")
+            elif answer := script.next_answer(view.item):
+                driver.put_answer(answer)
 
     return pairs
 
@@ -59,8 +57,8 @@ def calibrated(monkeypatch):
 def test_once_the_pose_is_taken_and_the_directions_are_known_the_drawing_is_the_arm(calibrated):
     shown = [
         (drawn, at)
-        for state, drawn, at in calibrated()
-        if state is not None and state.stage.value == "sweep" and state.current_joint is None
+        for item, drawn, at in calibrated()
+        if item.stage == "sweep" and not item.current
     ]
     assert len(shown) > 20
     assert max(np.abs(drawn - at).max() for drawn, at in shown) < NEAR_RAD
@@ -70,8 +68,8 @@ def test_once_the_pose_is_taken_and_the_directions_are_known_the_drawing_is_the_
 def test_before_the_pose_the_drawing_moves_as_much_as_the_joints(calibrated):
     shown = [
         (drawn, at)
-        for state, drawn, at in calibrated(moved_rad=0.3)
-        if state is not None and state.tracks and not state.reference_ticks
+        for item, drawn, at in calibrated(moved_rad=0.3)
+        if isinstance(item, HandRequest) and item.stage == "anchor"
     ]
     (first, start), *_ = shown
     assert np.ptp([at for _, at in shown], axis=0).min() > math.radians(5.0)

@@ -6,14 +6,13 @@ import pytest
 
 from ikservo.calibration.calibration_file import read_calibration
 from ikservo.calibration.procedure import CalibrationStage
-from ikservo.calibration.script import ScriptedAnswers
 from ikservo.maintenance.calibration_session import TorqueOffArm
+from ikservo.maintenance.dialogue import ScriptedAnswers
 from ikservo.model import load_model
-from ikservo.view.calibration import CalibrationDriver, calibration_view
+from ikservo.view.calibration import CalibrationDriver, calibration_fields
 from tests.calibration.mounted_arms import make_mounted_arm
 from tests.calibration.scripted_operator import schedule_operator
 
-READ_S = 0.02
 WHOLE_TURN = 4095
 LONGEST = 6_000  # readings: two minutes
 
@@ -51,11 +50,11 @@ def held(calibration, last):
     script, seen = ScriptedAnswers(), {}
     calibration.request_start()
     for count, talk in enumerate(calibration.run()):
-        shown = calibration_view(calibration.model, talk, calibration.pose)
+        shown = calibration_fields(talk)
         seen.setdefault(shown["stage"], shown)
         word = "cancel" if shown["stage"] == "saved" or count > LONGEST else "accept"
         if shown["stage"] in ("anchor", "sweep") and word == "accept":
-            word = script.next_answer(talk.state, count * READ_S) if talk.state else word
+            word = script.next_answer(talk.item) if talk.request else word
         if shown["stage"] == "review":
             word = last
         if word:
@@ -89,7 +88,7 @@ def test_an_answer_that_does_not_do_is_explained(calibration):
     talks = calibration.run()
     next(talks)
     calibration.put_answer("skip nowhere")
-    assert "no joint named" in next(talks).error
+    assert "no joint named" in str(next(talks).item.error)
     talks.close()
 
 

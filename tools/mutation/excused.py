@@ -291,11 +291,6 @@ EXCUSED: dict[tuple[str, str, str], str] = {
     ): "at exactly pi both signs are the same rotation",
     ("calibration.range_tracker", _AMBIGUOUS, "LtE -> Lt"): "no hand is as fast to the last bit",
     (
-        "calibration.script",
-        "_MAX_SCRIPT_BYTES = 64 * 1024",
-        "number",
-    ): "any size far above that of a script",
-    (
         "kinematics.joints",
         "_twist_squared: Matrix = field(init=False, repr=False)",
         "False -> True",

@@ -18,7 +18,7 @@ import { Program } from "./program.js";
 import { Plots, download } from "./plots.js";
 import { Rendering } from "./rendering.js";
 import { StopButton } from "./stop.js";
-import { Wizard } from "./wizard.js";
+import { CalibrationScreens } from "./calibration.js";
 
 const VIEWS = { side: "Side", top: "Top", front: "Front", orbit: "Orbit", plane: "Plane" };
 
@@ -88,7 +88,7 @@ const stopButton = new StopButton(send, (refusal) => panel.showRefusal(refusal))
 const freshness = new Freshness(() => showOffline("silent"), () => window.ikservo.status && showStatus(window.ikservo.status));
 window.ikservo.rendering = rendering;
 panel.isDrawingTried = () => rendering.isTrying();
-const wizard = new Wizard(send);
+const calibration = new CalibrationScreens(send);
 const overLink = () => Boolean(window.ikservo.scene?.hover) && window.ikservo.status?.controller === "you";
 const pointerInput = new PointerInput(canvas, send, overLink);
 const handleInput = new HandleInput(canvas.parentElement, canvas, () => rendering.drawn(), send);
@@ -105,7 +105,7 @@ function showStatus(status) {
   actions.show(status);
   leader.show(status);
   stopButton.show(status, armInfo.permission);
-  wizard.show(status.calibration);
+  calibration.show(status.calibration);
   showAllAround(Boolean(status.calibration));
   plots.showStatus(status);
 }
@@ -126,7 +126,7 @@ let isEnlarged = false;
 function enlargePose({ camera }, at) {
   const stage = window.ikservo.status?.calibration?.stage;
   if (isEnlarged && !stage) send("fit_view");
-  const fits = Math.abs(camera.size[0] - canvas.clientWidth) < 1; // the wizard beside it is there
+  const fits = Math.abs(camera.size[0] - canvas.clientWidth) < 1; // the screens beside it is there
   const enlarges = stage === "anchor" && !isEnlarged && fits && view === "orbit" && camera.perspective;
   if (enlarges) send("orbit_camera", { dx: 0, dy: 0, zoom: POSE_ZOOM, at });
   isEnlarged = Boolean(stage) && (isEnlarged || enlarges);

@@ -1,0 +1,192 @@
+"""A dialogue with a user as values: what is told, asked and requested, and the answers to it.
+
+A dialogue is a generator. It yields a `Notice`, a `Question` or a `HandRequest`, and receives a
+word such as ``accept``, or None as long as there is no answer. It has every text, and it knows of
+no terminal, page or file: a terminal (`ikservo.cli.dialogue`), the page
+(`ikservo.view.calibration`) and a script (`ScriptedAnswers`) answer the same values.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Generator, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from types import MappingProxyType
+from typing import TypeAlias, TypeVar
+
+from ikservo.calibration.procedure import JointReadout
+from ikservo.errors import CalibrationError, FileFormatError, IkservoError
+from ikservo.files.reading import read_text
+
+__all__ = [
+    "ACCEPT",
+    "Choice",
+    "Dialogue",
+    "HandRequest",
+    "Notice",
+    "Question",
+    "ScriptedAnswers",
+    "read_answers",
+]
+
+ACCEPT = "accept"
+
+_MAX_SCRIPT_BYTES = 64 * 1024
+_TIMEOUT_S = 60.0
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """An answer that is possible now.
+
+    Attributes:
+        answer: Its word, as in a script.
+        label: What it does, in a few words; empty if it need not be offered.
+        key: The key that gives it on a terminal; empty if there is none.
+        wait_s: How long nothing must have changed before a script gives it; None if not yet.
+        joints: The joints of which one is named after the word; empty if none is.
+        joint: The joint that the key stands for; empty if there is none now.
+    """
+
+    answer: str
+    label: str = ""
+    key: str = ""
+    wait_s: float | None = 0.0
+    joints: tuple[str, ...] = ()
+    joint: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Notice:
+    """A line that is told once and needs no answer."""
+
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Question:
+    """A question whose answer is ``accept`` for yes and any other word for no.
+
+    Attributes:
+        text: The question.
+        unasked: The answer if nobody can be asked; None if only ``--yes`` means yes.
+        stage: The part of the dialogue that it belongs to.
+        label: What ``accept`` does, in a few words.
+        more: Further answers where there are buttons.
+    """
+
+    text: str
+    unasked: bool | None
+    stage: str = ""
+    label: str = "yes"
+    more: tuple[Choice, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class HandRequest:
+    """What the user is to do with the limp arm; yielded anew with each reading of its servos.
+
+    Attributes:
+        stage: The part of the dialogue that it belongs to.
+        step: Where the dialogue is: ``Step 2 of 9``.
+        text: What is to be done.
+        at_s: The time of the reading.
+        choices: The possible answers; the first is given where there is no script and no user.
+        progress: Values that differ once the user has done something.
+        missing: The error if nothing is done for a minute.
+        readings: The joints to be shown while they are moved; None if none are.
+        current: The name of the joint that is to be moved; empty if no particular one is.
+        ticks: The unwrapped tick of each servo, by id.
+        error: Why the last answer was refused, until the next; None if it was not.
+    """
+
+    stage: str
+    step: str
+    text: str
+    at_s: float
+    choices: tuple[Choice, ...]
+    progress: tuple[object, ...]
+    missing: CalibrationError
+    readings: tuple[JointReadout, ...] | None = None
+    current: str = ""
+    ticks: Mapping[int, int] = field(default_factory=dict[int, int])
+    error: IkservoError | None = None
+
+    @property
+    def line(self) -> str:
+        """The step and what is to be done."""
+        return f"{self.step}: {self.text}" if self.step else self.text
+
+    @property
+    def error_text(self) -> str:
+        """Why the last answer was refused, and what to do; empty if it was not."""
+        return f"{self.error.message} {self.error.command_hint}" if self.error else ""
+
+
+Result = TypeVar("Result")
+Dialogue: TypeAlias = Generator[Notice | Question | HandRequest, str | None, Result]
+
+
+class ScriptedAnswers:
+    """Answers requests one after the other, each when its time has come.
+
+    Args:
+        entries: The answers in order; None to give the first choice of every request.
+    """
+
+    def __init__(self, entries: Iterable[str] | None = None) -> None:
+        self._entries = None if entries is None else deque(entries)
+        self._last: tuple[object, ...] = ()
+        self._since_s: float | None = None
+
+    def next_answer(self, request: HandRequest) -> str | None:
+        """Return the next answer if its time has come.
+
+        Raises:
+            CalibrationError: It has not for a minute in which nothing changed.
+        """
+        if self._since_s is None or request.progress != self._last:
+            self._last, self._since_s = request.progress, request.at_s
+        unchanged_s = request.at_s - self._since_s
+        if self._entries is None:
+            entry = request.choices[0].answer
+        else:
+            entry = self._entries[0] if self._entries else ""
+        verb = entry.partition(" ")[0]
+        wait_s = next((each.wait_s for each in request.choices if each.answer == verb), None)
+        if wait_s is not None and (wait_s == 0.0 or unchanged_s > wait_s):
+            if self._entries:
+                self._entries.popleft()
+            self._since_s = None
+            return entry
+        if unchanged_s <= _TIMEOUT_S:
+            return None
+        if not entry:
+            raise CalibrationError("The script ended before the calibration did.", "Add: accept")
+        raise request.missing
+
+
+def read_answers(
+    path: Path, known: Sequence[str], former: Mapping[str, str] = MappingProxyType({})
+) -> list[str]:
+    """Return the answers in a file, one a line; ``#`` begins a comment.
+
+    Args:
+        path: The file.
+        known: The possible answers; a second word stands for any name.
+        former: Present words by former ones, which are still read.
+
+    Raises:
+        FileFormatError: The file cannot be read, or a line is no answer.
+    """
+    takes_name = {text.partition(" ")[0]: " " in text for text in known}
+    answers: list[str] = []
+    for number, line in enumerate(read_text(path, _MAX_SCRIPT_BYTES).splitlines(), start=1):
+        verb, _, name = line.partition("#")[0].strip().partition(" ")
+        verb = former.get(verb, verb)
+        if verb and (verb not in takes_name or (name and not takes_name[verb])):
+            expected = f"one of: {', '.join(known)}"
+            raise FileFormatError(path, f"line {number}", "is not an answer", expected)
+        answers += [f"{verb} {name.strip()}".strip()] if verb else []
+    return answers

@@ -1,0 +1,57 @@
+// The screens of a calibration, as the server has them: its task, its answers, a meter for each joint.
+
+import { $, createElement, setAttribute } from "./elements.js";
+import { Meter } from "./meter.js";
+
+const STAGES = [["anchor", "Pose"], ["sweep", "Sweep"], ["review", "Review"], ["saved", "Saved"]];
+
+export class CalibrationScreens {
+  constructor(send) {
+    this.send = send;
+    this.shown = "";
+    this.stage = null; // of the screen that is shown
+  }
+
+  show(calibration) {
+    $("calibration").hidden = !calibration;
+    const stage = $("calibration").parentElement; // beside the screens the arm is drawn, at first large
+    if (calibration) setAttribute(stage, "data-calibration", calibration.stage);
+    else stage.removeAttribute("data-calibration");
+    const fingerprint = JSON.stringify(calibration ?? null);
+    if (fingerprint === this.shown) return;
+    this.shown = fingerprint;
+    if (calibration) this.render(calibration);
+  }
+
+  render(calibration) {
+    const focused = document.activeElement?.dataset?.action;
+    const current = STAGES.findIndex(([stage]) => stage === calibration.stage);
+    const parts = [
+      createElement("ol", { class: "steps" }, ...STAGES.map(([, label], i) => createElement("li", { class: i < current ? "done" : "", "aria-current": i === current ? "step" : null }, label))),
+      createElement("p", { class: "task", role: "status" }, calibration.task),
+      ...calibration.lines.map((line) => createElement("p", {}, line)),
+      createElement("ul", { class: "meters" }, ...calibration.meters.map((meter) => this.createMeter(meter, calibration.choices))),
+      calibration.error ? createElement("p", { class: "error", role: "alert" }, calibration.error) : null,
+      createElement("div", { class: "actions-main" }, ...this.createButtons(calibration.choices.filter(({ joints }) => !joints.length))),
+    ];
+    $("calibration").replaceChildren(...parts.filter(Boolean));
+    if (focused) $("calibration").querySelector(`[data-action="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });
+    if (calibration.stage !== this.stage) $("calibration").scrollTop = 0; // where the next task is
+    this.stage = calibration.stage;
+  }
+
+  createMeter(meter, choices) {
+    const range = new Meter();
+    range.show({ value: meter.fraction, text: meter.text, recorded: meter.recorded, label: meter.name });
+    return createElement("li", {},
+      createElement("span", { class: meter.current ? "current" : "" }, meter.name),
+      createElement("span", { class: "small" }, meter.state),
+      createElement("div", {}, range.element),
+      createElement("span", { class: "small" }, meter.text),
+      createElement("div", { class: "actions" }, ...this.createButtons(choices.filter(({ joints }) => joints.includes(meter.name)), meter.name)));
+  }
+
+  createButtons(choices, joint) {
+    return choices.map(({ answer, label }, i) => createElement("button", { type: "button", class: joint ? null : i ? "ghost" : "primary", "data-action": joint ? `${answer} ${joint}` : answer, onclick: () => this.send("calibration", { action: answer, joint }) }, label));
+  }
+}
