@@ -50,7 +50,7 @@ def calibrate(
     opposite = [s.name for s in state.subjects if state.sign(s) != s.joint_map.sign]
     if is_simulated(outcome.calibration.usb_serial_number):
         return
-    tested = check_new_signs(model, port, opposite, interactive=operator.interactive)
+    tested = check_new_signs(model, port, opposite, operator)
     if known and tested and all(s.name in state.signs for s in state.subjects):
         confirm_directions(model, port_name)  # each joint was observed to move as the files say
 

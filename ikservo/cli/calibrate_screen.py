@@ -8,17 +8,12 @@ from contextlib import contextmanager
 
 import typer
 
-from ikservo.cli.terminal import confirm, print_status
+from ikservo.cli.terminal import print_status
 from ikservo.errors import StoppedError
 from ikservo.maintenance.arm_sketch import ascii_sketch
 from ikservo.maintenance.calibration_session import TorqueOffArm
 
-__all__ = ["confirm_start", "print_servos", "reporting_unchanged_state"]
-
-
-def confirm_start(question: str, *, default: bool, interactive: bool) -> bool:
-    """Ask for yes or no; return the default if not interactive."""
-    return confirm(question) if interactive else default
+__all__ = ["print_servos", "reporting_unchanged_state"]
 
 
 @contextmanager

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import Annotated
 
@@ -16,7 +15,6 @@ from ikservo.calibration.calibration_file import (
 from ikservo.calibration.paths import calibration_path, calibrations_of
 from ikservo.calibration.records import Calibration
 from ikservo.calibration.transaction import resume, roll_back
-from ikservo.cli.calibrate_screen import confirm_start
 from ikservo.cli.dialogue import Operator
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import (
@@ -42,6 +40,7 @@ from ikservo.maintenance.calibration_session import (
     register_differences,
 )
 from ikservo.maintenance.calibration_table import COLUMNS, calibration_row
+from ikservo.maintenance.dialogue import Question
 from ikservo.maintenance.recorded_calibration import check_adoptable, read_recorded_calibration
 from ikservo.model import Model
 
@@ -169,11 +168,9 @@ def _transfer_calibration(limp_arm: TorqueOffArm, action: str, *, yes: bool) -> 
         return
     for difference in found:
         print_status(str(difference))
-    interactive = not yes and sys.stdin.isatty()
     target = "the servos (torque goes off)" if action == "push" else str(limp_arm.path)
-    if not confirm_start(
-        f"Write this into {target}?", default=yes or interactive, interactive=interactive
-    ):
+    question = Question(f"Write this into {target}?", unasked=None)
+    if not Operator.of(None, yes=yes).agrees(question):
         raise IkservoError("Cancelled; nothing was written.", "Without asking: --yes")
     path = push(limp_arm) if action == "push" else pull(limp_arm)
     print_lines([f"Servos and {path} agree."])
@@ -210,8 +207,7 @@ def _confirm_adoption(
     print_status(
         f"{path}, made on adapter {made_on}: ids, models, offsets and limits match these servos."
     )
-    interactive = not yes and sys.stdin.isatty()
-    if not confirm_start("Is this the same arm?", default=yes, interactive=interactive):
+    if not Operator.of(None, yes=yes).agrees(Question("Is this the same arm?", unasked=None)):
         raise IkservoError("Cancelled; nothing was saved.", "Without asking: --yes")
     return adopt_calibration(limp_arm, calibration)
 

@@ -87,10 +87,11 @@ class Operator:
                 answer = None
                 if isinstance(item, Notice):
                     print_status(item.text)
-                elif self._agrees(item):
+                elif self.agrees(item):
                     answer = ACCEPT
 
-    def _agrees(self, question: Question) -> bool:
+    def agrees(self, question: Question) -> bool:
+        """Ask a question, and return whether the answer is yes."""
         if self.interactive:
             return confirm(question.text)
         return self.script is not None if question.unasked is None else question.unasked

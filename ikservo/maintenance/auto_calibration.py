@@ -21,12 +21,15 @@ from ikservo.hardware.bus import ServoBus
 from ikservo.kinematics.arrays import Vector
 from ikservo.maintenance.auto_calibration_setup import (
     SEARCH_MARGIN_RAD,
+    MeasuredRanges,
     PosturePlanner,
     can_probe,
     configure_encoders,
     limited_context,
 )
 from ikservo.maintenance.calibration_session import TorqueOffArm
+from ikservo.maintenance.dialogue import Dialogue, Notice
+from ikservo.maintenance.direction_check import show_directions
 from ikservo.model import Model
 from ikservo.motion import KinematicLimits, OnlineTrajectory
 from ikservo.registers import RegisterName
@@ -302,8 +305,7 @@ class AutoCalibration:
         loose: Its servos, torque off.
         state: The calibration state, its anchor pose recorded.
         pose: The named pose.
-        on_status: Called with what happens.
-        on_measured: Called with the travel of each joint whose two stops were found, raw ticks.
+        measured: Keeps the travel of each joint whose two stops were found.
 
     Attributes:
         state: The calibration state with all measurements so far.
@@ -316,23 +318,36 @@ class AutoCalibration:
         loose: TorqueOffArm,
         state: CalibrationState,
         pose: str,
-        on_status: Callable[[str], None],
-        on_measured: Callable[[JointUnderCalibration, TickRange], None],
+        measured: MeasuredRanges,
     ) -> None:
         check_auto_allowed(loose.model)
-        self._loose, self._on_status, self._on_measured = loose, on_status, on_measured
+        self._loose, self._measured = loose, measured
         self._postures = PosturePlanner(loose.model)
         known = configure_encoders(loose, state, pose)
         self._context = limited_context(loose, state, known, self._postures.space)
         self._runner = MotionRunner(self._context)
         self.arm = Arm(self._context, self._runner)
         self.arm.enable()
-        on_status("Torque is on. Let go of the arm and keep clear of it.")
         names = frozenset(subject.name for subject in state.subjects)
         self.state = replace(state, known_signs=names, motor_driven=True)
         self.partial_limits: dict[str, Limits] = {}
 
-    def sweep(self) -> None:
+    def run(self) -> Dialogue[CalibrationState]:
+        """Show each joint's direction, search the stops, and return the state for review.
+
+        Raises:
+            CalibrationError: A joint is not the expected one, or a stop is not where it can be.
+            StoppedError: The user stopped it; the arm holds.
+            RefusedError: The guard stopped it; the arm holds.
+        """
+        yield Notice("Torque is on. Let go of the arm and keep clear of it.")
+        # A wrong sign or exchanged ids have to show before anything else moves.
+        names = [joint.name for joint in self.arm.model.joints]
+        yield from show_directions(self.arm, names, searching=True)
+        yield from self.sweep()
+        return self.finish()
+
+    def sweep(self) -> Dialogue[None]:
         """Search the stops of every joint that has some and was not measured before, tip first.
 
         Raises:
@@ -343,7 +358,7 @@ class AutoCalibration:
         with self.arm.runner.requested():
             for subject in reversed(self.state.subjects):
                 if can_probe(subject, self.state):
-                    self._sweep_joint(subject)
+                    yield from self._sweep_joint(subject)
                 elif subject.known is not None:
                     self._learn(subject)
                 elif subject.name not in self.state.free | self.state.skipped:
@@ -366,15 +381,17 @@ class AutoCalibration:
         self.state = self.state.update(*reading) if reading else self.state
         return self.state.accept()
 
-    def _sweep_joint(self, subject: JointUnderCalibration) -> None:
-        lower, upper = (self._find_end_stop(end, subject) for end in range_ends(subject))
+    def _sweep_joint(self, subject: JointUnderCalibration) -> Dialogue[None]:
+        lower_end, upper_end = range_ends(subject)
+        lower = yield from self._find_end_stop(lower_end, subject)
+        upper = yield from self._find_end_stop(upper_end, subject)
         if isinstance(lower, float) and isinstance(upper, float):
             track = self.state.tracks[subject.servo_id]
-            self._on_measured(subject, TickRange(track.low, track.high))
+            self._measured.add_joint(subject, TickRange(track.low, track.high))
             self._learn(subject)
             return
         reason = unreached(subject, lower, upper)
-        self._on_status(f"{subject.name}: {reason}")
+        yield Notice(f"{subject.name}: {reason}")
         self.state = self.state.skip(subject.name, reason)
         self._record_end_stops(subject, lower, upper)
 
@@ -393,7 +410,9 @@ class AutoCalibration:
         high = expected.upper if isinstance(upper, str) else Limit(upper - margin, "felt")
         self.partial_limits[subject.name] = Limits(subject.name, low, high, expected.unit)
 
-    def _find_end_stop(self, end: RangeEnd, subject: JointUnderCalibration) -> float | str:
+    def _find_end_stop(
+        self, end: RangeEnd, subject: JointUnderCalibration
+    ) -> Dialogue[float | str]:
         """Search a joint's stop; return its position, rad or m, or why it cannot be searched."""
         try:
             path = self._path_to_clear(end)
@@ -401,9 +420,8 @@ class AutoCalibration:
             return error.message
         for posture in path:
             self._move_to_posture(posture)
-        self._on_status(
-            f"{end.joint}: searching its end stop near {subject.joint_map.format(end.expected)}."
-        )
+        near = subject.joint_map.format(end.expected)
+        yield Notice(f"{end.joint}: searching its end stop near {near}.")
         found = self._press_against(end, subject, _TORQUE_FRACTIONS[0])
         for fraction in _TORQUE_FRACTIONS[1:]:
             if is_end_stop(found, end, subject):

@@ -18,12 +18,14 @@ from ikservo.calibration.paths import calibration_path, confirmation_path
 from ikservo.errors import CalibrationError, RefusedError
 from ikservo.files.writing import FileWriteError, write_atomic
 from ikservo.hardware.remembered_port import serial_number_of
+from ikservo.maintenance.dialogue import ACCEPT, Dialogue, Notice, Question
 from ikservo.model import Model, ModelJoint
 from ikservo.model.tool import describe_direction
 
 __all__ = [
     "DirectionCheck",
     "check_clearance_m",
+    "check_each_joint",
     "confirm_directions",
     "directions_confirmed",
     "execute_lift",
@@ -31,6 +33,7 @@ __all__ = [
     "plan_direction_check",
     "plan_lift",
     "run_direction_check",
+    "show_directions",
 ]
 
 
@@ -222,6 +225,89 @@ def _check_followed(arm: Arm, motion: DirectionCheck, moved: float) -> None:
 
 def _measured_positions(arm: Arm) -> dict[str, float]:
     return arm.where().positions
+
+
+def check_each_joint(arm: Arm, names: Sequence[str]) -> Dialogue[list[DirectionCheck]]:
+    """Enable an arm, and confirm the named joints by test motions; return these.
+
+    Once every joint is confirmed, that is saved.
+
+    Raises:
+        CalibrationError: A joint is not the expected one; torque stays on.
+        RefusedError: Something is in the way.
+        StoppedError: The user stopped it; the arm holds.
+    """
+    arm.enable()  # a limp arm sinks: motions are judged from where it holds
+    arm.return_within_limits()  # it may have sunk past one
+    lift = plan_lift(arm)
+    if lift is not None:
+        yield Notice(
+            f"The arm lies on something: {lift.joint} moves {lift.direction}, and stays there."
+        )
+        execute_lift(arm, lift)
+        yield from _confirm_direction(arm, lift, searching=False)
+    motions = yield from show_directions(arm, names)
+    if len(motions) == len(arm.model.joints):
+        confirm_directions(arm.model, arm.port_name)
+    return motions
+
+
+def show_directions(
+    arm: Arm, names: Sequence[str], *, searching: bool = False
+) -> Dialogue[list[DirectionCheck]]:
+    """Move each of some joints a little and back, and ask whether it moved as described.
+
+    Args:
+        arm: The arm, torque on.
+        names: The joints.
+        searching: Whether its end stops are about to be searched; it has no calibration then.
+
+    Raises:
+        CalibrationError: A joint is not the expected one; torque stays on.
+        RefusedError: Something is in the way.
+        StoppedError: The user stopped it; the arm holds.
+    """
+    motions: list[DirectionCheck] = []
+    for name in names:
+        yield from _make_room(arm, name, searching=searching)
+        motion = plan_direction_check(arm, name)
+        yield Notice(f"{name} moves {motion.direction}, then back.")
+        run_direction_check(arm, motion)
+        yield from _confirm_direction(arm, motion, searching=searching)
+        motions.append(motion)
+    return motions
+
+
+def _make_room(arm: Arm, name: str, *, searching: bool) -> Dialogue[None]:
+    """Move other joints of a folded arm until one joint is free to move a little."""
+    for _ in arm.model.joints:
+        motion = plan_clearance(arm, name)
+        if motion is None:
+            break
+        yield Notice(
+            f"{motion.joint} moves {motion.direction}, and stays there: it is in the way of {name}."
+        )
+        execute_lift(arm, motion)
+        yield from _confirm_direction(arm, motion, searching=searching)
+    if searching and check_clearance_m(arm, name) < 0.0:
+        raise RefusedError(
+            f"{name} cannot move by 5° without a collision; torque stays on.",
+            "Nothing was saved. Begin in a pose with more room: "
+            f"ikservo calibrate {arm.model.name} --auto --pose home",
+        )
+
+
+def _confirm_direction(arm: Arm, motion: DirectionCheck, *, searching: bool) -> Dialogue[None]:
+    question = f"Did {motion.joint} move {motion.direction}?"
+    if (yield Question(question, unasked=True)) != ACCEPT:
+        by_hand = f"ikservo calibrate {arm.model.name}"
+        raise CalibrationError(
+            f"{motion.joint} does not move as in the arm file; torque stays on.",
+            f"Calibrate it by hand, which finds signs: {by_hand}"
+            if searching
+            else "If another joint moved: check the ids in the arm file. If it went the other "
+            f"way: {by_hand} --joint {motion.joint}",
+        )
 
 
 def directions_confirmed(model: Model, port_name: str) -> bool:

@@ -163,7 +163,8 @@ def counts(arm):
 
 def test_servos_get_back_what_they_held_where_nothing_is_saved(arm, narrow, run_cli, monkeypatch):
     before = counts(arm)
-    monkeypatch.setattr("ikservo.cli.dialogue.Operator._agrees", lambda *_: False)
+    agrees = lambda _, question: not question.text.startswith("Save")  # noqa: E731
+    monkeypatch.setattr("ikservo.cli.dialogue.Operator.agrees", agrees)
     done = auto(run_cli, narrow, "--skip joint1 --skip joint2")
     assert done.code == 1, done.err
     assert counts(arm) == before
@@ -250,7 +251,7 @@ def test_a_folded_arm_with_torque_off_first_makes_room_for_its_joints(run_cli, n
 def test_a_joint_is_not_driven_into_its_stop_to_show_its_direction(monkeypatch, run_cli):
     """The limp omx_f lies against the lower stops of its joint2, past the arm file's limit."""
     monkeypatch.setattr(
-        "ikservo.maintenance.auto_calibration.AutoCalibration.sweep", lambda _: None
+        "ikservo.maintenance.auto_calibration.AutoCalibration.sweep", lambda _: iter(())
     )
     monkeypatch.setattr(
         "ikservo.maintenance.auto_calibration.AutoCalibration.finish", stopped_there
@@ -265,7 +266,7 @@ def stopped_there(_):
 
 
 def test_an_arm_without_room_for_a_motion_is_told_to_begin_elsewhere(monkeypatch, run_cli):
-    monkeypatch.setattr("ikservo.cli.calibrate_auto.plan_clearance", lambda *_: None)
+    monkeypatch.setattr("ikservo.maintenance.direction_check.plan_clearance", lambda *_: None)
     done = limp(run_cli, "so100")
     assert done.code == 8
     assert "shoulder_lift cannot move by 5° without a collision" in done.err

@@ -91,7 +91,8 @@ def check_with_answers(monkeypatch, **answers):
     write_calibration(arm)
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     asked = answering(monkeypatch, **answers)
-    return asked, lambda: check_new_signs(load_model(NAME), PORT, ["joint1"], interactive=True)
+    operator = Operator(None, yes=False, interactive=True)
+    return asked, lambda: check_new_signs(load_model(NAME), PORT, ["joint1"], operator)
 
 
 def test_the_test_motion_is_offered_at_once_and_moves_the_joint_in_doubt_alone(monkeypatch, capsys):

@@ -4,7 +4,7 @@ from itertools import combinations
 
 import pytest
 
-from ikservo.cli import direction_check
+from ikservo.maintenance import direction_check
 from ikservo.maintenance.direction_check import directions_confirmed
 from tests.calibration.mounted_arms import load_model
 from tests.cli.fixtures_mounted_arm import PORT, connect_arm, write_calibration

@@ -1,5 +1,6 @@
 """A calibration answered from the page, on hands that sweep a simulated arm in virtual time."""
 
+import math
 from pathlib import Path
 
 import pytest
@@ -25,10 +26,12 @@ def calibration():
 
 
 @pytest.fixture
-def hidden(tmp_path, monkeypatch):
+def hidden(tmp_path, monkeypatch, request):
     """An arm whose hands sweep it, behind a port of its own, with a patient person before it."""
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
-    arm, model = make_mounted_arm("planar2", 7, pose="home"), load_model("planar2")
+    arm, model = make_mounted_arm("planar2", 7, pose="home", sign=1), load_model("planar2")
+    for name, position in model.pose("home").items():
+        arm.world.place(name, position + getattr(request, "param", 0.0))
     monkeypatch.setattr("ikservo.hardware.port.open_transport", lambda port, rate: arm.port)
     with arm.open_bus() as bus:
         schedule_operator(arm, TorqueOffArm(model, bus).make_subjects("home"))
@@ -42,12 +45,13 @@ def screens(hidden, request):
     return screens_of(hidden, getattr(request, "param", "accept"))
 
 
-def screens_of(arm, last):
-    return held(CalibrationDriver(load_model(arm.name), "/dev/ttyBENCH", "home"), last)
+def screens_of(arm, *last):
+    return held(CalibrationDriver(load_model(arm.name), "/dev/ttyBENCH", "home"), *last)
 
 
-def held(calibration, last):
-    script, seen = ScriptedAnswers(), {}
+def held(calibration, *last):
+    """Answer a calibration, at its review with the given words; return its screens by stage."""
+    script, seen, reviewed = ScriptedAnswers(), {}, iter(last)
     calibration.request_start()
     for count, talk in enumerate(calibration.run()):
         shown = calibration_fields(talk)
@@ -56,7 +60,7 @@ def held(calibration, last):
         if shown["stage"] in ("anchor", "sweep") and word == "accept":
             word = script.next_answer(talk.item) if talk.request else word
         if shown["stage"] == "review":
-            word = last
+            word = next(reviewed)
         if word:
             calibration.put_answer(word)
     return seen
@@ -82,6 +86,42 @@ def test_the_review_warns_of_limits_in_servos_that_cut_into_the_range(hidden):
     hidden.line.servos[2].write("max_position_limit", 2100)
     review = screens_of(hidden, "cancel")["review"]
     assert any("joint2: its servo's own limits" in line for line in review["lines"])
+
+
+def test_undo_at_the_review_goes_back_to_the_sweep_from_which_it_can_be_saved(hidden):
+    screens = screens_of(hidden, "undo", "accept")
+    assert [choice["answer"] for choice in screens["review"]["choices"]] == [
+        "accept", "protect", "undo", "cancel"]  # fmt: skip
+    assert Path(screens["saved"]["lines"][0]).is_file()
+
+
+@pytest.mark.parametrize("hidden", [math.radians(28.0)], indirect=True)
+def test_an_implausible_zero_is_asked_about_before_it_is_saved(hidden, tmp_path):
+    review = screens_of(hidden, "cancel")["review"]
+    assert 'exactly as in the pose "home"' in review["task"]
+    assert any("the zero seems to be off by 2" in line for line in review["lines"])
+    assert not list(tmp_path.rglob("*.toml"))
+
+
+@pytest.mark.parametrize("hidden", [math.radians(28.0)], indirect=True)
+def test_an_implausible_zero_that_is_confirmed_is_saved(hidden):
+    screens = screens_of(hidden, "accept", "accept")
+    assert Path(screens["saved"]["lines"][0]).is_file()
+
+
+def test_a_second_press_does_not_answer_the_question_that_follows(hidden):
+    calibration = CalibrationDriver(load_model(hidden.name), "/dev/ttyBENCH", "home")
+    script, reviewed = ScriptedAnswers(), 0
+    calibration.request_start()
+    for view in calibration.run():
+        if view.item.stage == "review":
+            reviewed += 1
+            if reviewed == 20:
+                calibration.put_answer("cancel")
+        elif word := script.next_answer(view.item):
+            calibration.put_answer(word)
+            calibration.put_answer(word)
+    assert reviewed == 20
 
 
 def test_an_answer_that_does_not_do_is_explained(calibration):
