@@ -10,8 +10,8 @@ from ikservo.cli.calibrate_by_hand import print_result
 from ikservo.cli.calibrate_screen import print_servos
 from ikservo.cli.dialogue import Operator
 from ikservo.cli.session import second_interrupt_lowers
-from ikservo.cli.terminal import confirm, print_status
-from ikservo.errors import IkservoError, InputError
+from ikservo.cli.terminal import print_status
+from ikservo.errors import IkservoError
 from ikservo.maintenance.auto_calibration import AutoCalibration, check_auto_allowed
 from ikservo.maintenance.auto_calibration_setup import (
     MeasuredRanges,
@@ -25,7 +25,7 @@ from ikservo.maintenance.calibration_dialogue import (
     switch_torque_off,
 )
 from ikservo.maintenance.calibration_session import TorqueOffArm, open_torque_off
-from ikservo.maintenance.dialogue import ACCEPT, Dialogue, Notice, Question
+from ikservo.maintenance.dialogue import ACCEPT, Dialogue, Notice, Question, Unasked
 from ikservo.maintenance.direction_check import confirm_directions
 from ikservo.model import Model
 
@@ -86,7 +86,7 @@ def _offer_measured_joints(limp_arm: TorqueOffArm) -> Dialogue[MeasuredRanges]:
     yield Notice(
         f"An interrupted run of {measured.written} measured {', '.join(measured.travels)}."
     )
-    if (yield Question("Use these, and measure only the other joints?", unasked=True)) == ACCEPT:
+    if (yield Question("Use these, and measure only the other joints?", Unasked.YES)) == ACCEPT:
         path = measured.path
         yield Notice(f"They are not measured again; to measure all joints, remove {path}.")
     else:
@@ -110,9 +110,5 @@ def _report_kept_joints(measured: MeasuredRanges) -> Generator[None]:
 
 def _confirm_motion(operator: Operator) -> None:
     print_status(_WARNING)
-    if operator.yes:
-        return
-    if not operator.interactive:
-        raise InputError("Cannot ask: input is not a terminal.", "Give --yes.")
-    if not confirm("May it begin?"):
+    if not operator.agrees(Question("May it begin?", Unasked.ERROR)):
         raise IkservoError("Nothing moved.")

@@ -40,7 +40,7 @@ from ikservo.maintenance.calibration_session import (
     register_differences,
 )
 from ikservo.maintenance.calibration_table import COLUMNS, calibration_row
-from ikservo.maintenance.dialogue import Question
+from ikservo.maintenance.dialogue import Question, Unasked
 from ikservo.maintenance.recorded_calibration import check_adoptable, read_recorded_calibration
 from ikservo.model import Model
 
@@ -169,7 +169,7 @@ def _transfer_calibration(limp_arm: TorqueOffArm, action: str, *, yes: bool) -> 
     for difference in found:
         print_status(str(difference))
     target = "the servos (torque goes off)" if action == "push" else str(limp_arm.path)
-    question = Question(f"Write this into {target}?", unasked=None)
+    question = Question(f"Write this into {target}?", Unasked.NEEDS_YES)
     if not Operator.of(None, yes=yes).agrees(question):
         raise IkservoError("Cancelled; nothing was written.", "Without asking: --yes")
     path = push(limp_arm) if action == "push" else pull(limp_arm)
@@ -207,7 +207,7 @@ def _confirm_adoption(
     print_status(
         f"{path}, made on adapter {made_on}: ids, models, offsets and limits match these servos."
     )
-    if not Operator.of(None, yes=yes).agrees(Question("Is this the same arm?", unasked=None)):
+    if not Operator.of(None, yes=yes).agrees(Question("Is this the same arm?", Unasked.NEEDS_YES)):
         raise IkservoError("Cancelled; nothing was saved.", "Without asking: --yes")
     return adopt_calibration(limp_arm, calibration)
 

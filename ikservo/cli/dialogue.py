@@ -22,9 +22,11 @@ from ikservo.maintenance.dialogue import (
     Dialogue,
     HandRequest,
     Notice,
+    Progress,
     Question,
     Result,
     ScriptedAnswers,
+    Unasked,
 )
 
 __all__ = ["Operator"]
@@ -83,6 +85,9 @@ class Operator:
                 if isinstance(item, HandRequest):
                     answer = screen.show_and_answer(item)
                     continue
+                if isinstance(item, Progress):
+                    screen.overwrite(item.text)
+                    continue
                 screen.close()
                 answer = None
                 if isinstance(item, Notice):
@@ -94,7 +99,11 @@ class Operator:
         """Ask a question, and return whether the answer is yes."""
         if self.interactive:
             return confirm(question.text)
-        return self.script is not None if question.unasked is None else question.unasked
+        if question.unasked is Unasked.ERROR and not self.yes:
+            text = f"{question.text} Cannot ask: input is not a terminal."
+            raise InputError(text, "Give --yes.")
+        agreed = self.yes or self.script is not None
+        return question.unasked is Unasked.YES or (question.unasked is not Unasked.NO and agreed)
 
 
 class _RequestScreen:
@@ -107,6 +116,7 @@ class _RequestScreen:
         self._live: Live | None = None
         self._line = ""
         self._error: IkservoError | None = None
+        self._overwrites = False
         self._updates = 0
         self._size: ConsoleDimensions | None = None
 
@@ -114,6 +124,15 @@ class _RequestScreen:
         """Leave the keyboard and the screen to others until the next request."""
         self._open.close()
         self._keys = self._live = None
+        if self._overwrites:
+            self._overwrites = False
+            print("\r\x1b[2K", end="", file=sys.stderr, flush=True)  # noqa: T201
+
+    def overwrite(self, text: str) -> None:
+        """Show what is being done in a line of its own; nothing where stderr is no terminal."""
+        if sys.stderr.isatty():
+            self._overwrites = True
+            print(f"\r\x1b[2K{text} …", end="", file=sys.stderr, flush=True)  # noqa: T201
 
     def show_and_answer(self, request: HandRequest) -> str | None:
         """Show a request, and return the answer to it if there is one."""

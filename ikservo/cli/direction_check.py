@@ -9,7 +9,7 @@ from ikservo.cli.dialogue import Operator
 from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.errors import InputError
-from ikservo.maintenance.dialogue import Question
+from ikservo.maintenance.dialogue import Question, Unasked
 from ikservo.maintenance.direction_check import (
     DirectionCheck,
     check_each_joint,
@@ -62,7 +62,7 @@ def check_new_signs(
         f"Sign opposite to the arm file: {', '.join(names)}. A small test motion checks it:"
     )
     print_status("torque comes on and each of them moves 5° and back.")
-    if not operator.agrees(Question("Make the test motion now?", unasked=False)):
+    if not operator.agrees(Question("Make the test motion now?", Unasked.NO)):
         print_status(
             f"The first motion begins with it. By itself: ikservo calibrate {model.name} --wiggle"
         )

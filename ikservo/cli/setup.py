@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Generator, Sequence
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from ikservo.arm.opening import open_bus
+from ikservo.cli.dialogue import Operator
 from ikservo.cli.options import JsonOption, ServoPortOption, parse_time_s
-from ikservo.cli.terminal import confirm, print_json, print_lines, print_status
+from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.errors import IkservoError, InputError
 from ikservo.hardware.eeprom import read_backup
-from ikservo.hardware.provisioning import ServoSettings
-from ikservo.hardware.scan import FoundServo
-from ikservo.maintenance.arm_sketch import ascii_sketch
-from ikservo.maintenance.commissioning import ConfiguredServo, commission, planned_settings
+from ikservo.maintenance.commissioning import (
+    ConfiguredServo,
+    configure_servo,
+    open_line,
+    remaining_settings,
+    wait_for_unplugging,
+)
+from ikservo.maintenance.dialogue import Question, Unasked
 from ikservo.maintenance.eeprom_restore import Restoration, plan_restoration, restore
 from ikservo.model import Model, load_model
 
@@ -73,7 +75,8 @@ def _restore_backup(
     with open_bus(model, port) as bus:
         plan = plan_restoration(bus, backup, target, other_model=other_model)
         _print_restoration(plan)
-        if plan.changes and not (yes or _confirm_restoration(plan)):
+        question = Question(f"Write these to {plan.servo}?", Unasked.ERROR)
+        if plan.changes and not Operator.of(None, yes=yes).agrees(question):
             raise IkservoError("Cancelled; the servo was not changed.")
         restore(bus, plan)
     written = [
@@ -100,13 +103,6 @@ def _print_restoration(plan: Restoration) -> None:
 
 def _format_change(register: str, found: int, wanted: int) -> str:
     return f"{register} {found} → {wanted}"
-
-
-def _confirm_restoration(plan: Restoration) -> bool:
-    question = f"Write these to {plan.servo}?"
-    if not sys.stdin.isatty():
-        raise InputError(f"{question} Cannot ask: input is not a terminal.", "Give --yes.")
-    return confirm(question)
 
 
 def _print_json(plan: Restoration, written: list[str]) -> None:
@@ -155,92 +151,31 @@ def command(
         return
     if servo or other_model:
         raise InputError("--servo and --other-model belong to --restore.", "Add --restore FILE.")
-    helper = _ConsolePrompt(model, yes=yes, json=json)
-    with _print_resume_hint(arm, helper):
-        commission(model, port, helper, start=start, wait_s=wait)
+    operator = Operator.of(None, yes=yes)
+    todo = remaining_settings(model, start)
+    joint = ""
+    try:
+        with open_line(model, port) as line:
+            for settings, following in zip(todo, (*todo[1:], None), strict=True):
+                joint = settings.servo.name
+                configured = operator.run(configure_servo(line, model, settings, wait))
+                _print_configured(configured, json=json)
+                if following:
+                    joint = following.servo.name
+                    print_status("Unplug it.")
+                    wait_for_unplugging(line, configured, settings, wait)
+    except (IkservoError, KeyboardInterrupt, typer.Abort):
+        if joint:
+            print_status(f"Go on with: ikservo setup {arm} --start {joint}")
+        raise
     print_status(f"All servos are set up. Plug them together, then: ikservo doctor --arm {arm}")
 
 
-class _ConsolePrompt:
-    """Asks the user on stderr, and prints results on stdout."""
-
-    def __init__(self, model: Model, *, yes: bool, json: bool) -> None:
-        self._model, self._yes, self._json = model, yes, json
-        self.joint: str | None = None
-        self._status = _StatusLine()
-
-    def request_servo(self, settings: ServoSettings) -> None:
-        self.joint = settings.servo.name
-        numbers = [w.servo.id for w in planned_settings(self._model)]
-        count = numbers.index(settings.servo.id) + 1
-        print_status("")
-        for line in ascii_sketch(self._model, settings.servo.name):
-            print_status(f"    {line}")
-        print_status(
-            f"{count} of {len(numbers)}: plug in only the {settings.servo.table.model_name} "
-            f"of {settings.servo} …"
-        )
-        print_status(
-            "Searching for it at every baud rate; Ctrl-C stops, servos already set up stay so."
-        )
-
-    def show_search(self, baud_rate: int) -> None:
-        self._status.show(f"searching at {baud_rate} baud")
-
-    def stop_searching(self) -> None:
-        self._status.clear()
-
-    def show_found(self, found: Sequence[FoundServo]) -> None:
-        self._status.clear()
-        if len(found) > 1 or any(servo.shares_id for servo in found):
-            listed = "; ".join(map(str, found))
-            print_status(f"More than one servo answers: {listed}. Leave only that of {self.joint}.")
-
-    def confirm_write(self, settings: ServoSettings, found: FoundServo) -> bool:
-        self._status.clear()
-        print_status(f"Found {found}, firmware {found.firmware}.")
-        if self._yes or (found.id, found.baud_rate) == (settings.servo.id, settings.baud_rate):
-            return True
-        question = (
-            f"Make it id {settings.servo.id} at {settings.baud_rate} baud, {settings.servo.name}?"
-        )
-        if not sys.stdin.isatty():
-            raise InputError(f"{question} Cannot ask: input is not a terminal.", "Give --yes.")
-        return confirm(question)
-
-    def report(self, configured: ConfiguredServo, *, last: bool) -> None:
+def _print_configured(configured: ConfiguredServo, *, json: bool) -> None:
+    if not json:
         changes = ", ".join(configured.written) or "nothing to change"
-        if self._json:
-            _print_settled_json(configured)
-        else:
-            print_lines([f"✓ {configured.servo}: {changes}"])
-        if not last:
-            self.joint = self._next_instruction(configured)
-            print_status("Unplug it.")
-
-    def _next_instruction(self, configured: ConfiguredServo) -> str:
-        todo = [settings.servo for settings in planned_settings(self._model)]
-        return todo[todo.index(configured.servo) + 1].name
-
-
-class _StatusLine:
-    """A line on a terminal that is overwritten; prints nothing elsewhere."""
-
-    def __init__(self) -> None:
-        self._shown = False
-
-    def show(self, text: str) -> None:
-        if sys.stderr.isatty():
-            self._shown = True
-            print(f"\r\x1b[2K{text} …", end="", file=sys.stderr, flush=True)  # noqa: T201
-
-    def clear(self) -> None:
-        if self._shown:
-            self._shown = False
-            print("\r\x1b[2K", end="", file=sys.stderr, flush=True)  # noqa: T201
-
-
-def _print_settled_json(configured: ConfiguredServo) -> None:
+        print_lines([f"✓ {configured.servo}: {changes}"])
+        return
     print_json(
         "setup",
         joint=configured.servo.name,
@@ -250,15 +185,3 @@ def _print_settled_json(configured: ConfiguredServo) -> None:
         was_baud_rate=configured.found.baud_rate,
         written=configured.written,
     )
-
-
-@contextmanager
-def _print_resume_hint(arm: str, helper: _ConsolePrompt) -> Generator[None]:
-    """Print how to continue if the setup is interrupted."""
-    try:
-        yield
-    except (IkservoError, KeyboardInterrupt, typer.Abort):
-        helper.stop_searching()
-        if helper.joint:
-            print_status(f"Continue with: ikservo setup {arm} --start {helper.joint}")
-        raise

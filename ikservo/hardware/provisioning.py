@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import count, product
 
@@ -186,9 +186,6 @@ _FACTORY_RATES = (1_000_000, 57_600)  # Feetech's and ROBOTIS'
 _LOW_IDS = range(21)  # the ids of new servos and of most arms: quick to try everywhere
 _PERIOD_STEPS = 4  # scans, of which one tries every rate at low ids and one every rate at every id
 _PAUSE_S = 0.1
-
-OnStatus = Callable[[Sequence[FoundServo]], None]
-OnRate = Callable[[int], None]
 Place = tuple[int, Framing]
 """A baud rate and the framing of packets at it."""
 
@@ -198,21 +195,18 @@ def wait_for_servo(
     table: type[ControlTable],
     rate: int,
     wait_s: float,
-    on_status: OnStatus,
-    on_rate: OnRate | None = None,
-) -> FoundServo:
+) -> Generator[int | Sequence[FoundServo], None, FoundServo]:
     """Return the one servo that replies, once the same has replied twice in a row.
 
     It may have any known baud rate and be of any family. While several reply, which two servos
-    at one id do as well, the wait continues.
+    at one id do as well, the wait continues. Each baud rate is yielded before it is tried, and
+    the servos that reply each time they change.
 
     Args:
         port: The port.
         table: What is expected; its protocol is tried most often.
         rate: A rate to try besides those of a new servo.
         wait_s: How long to wait.
-        on_status: Called with the servos that reply each time they change.
-        on_rate: Called with each baud rate before it is tried.
 
     Raises:
         ServoSilentError: No servo came, or several stayed.
@@ -222,9 +216,12 @@ def wait_for_servo(
     last: list[FoundServo] = []
     give_up_s = port.clock.now_s() + wait_s
     for attempt in count():
-        found = _scan_places(port, _search_places(table, rate, before, attempt), on_rate)
+        found: list[FoundServo] = []
+        for place_rate, framing in _search_places(table, rate, before, attempt):
+            yield place_rate
+            found += scan_rate(port, place_rate, [framing])
         if _places_of(found) != _places_of(before):
-            on_status(found)
+            yield found
         if len(found) == 1 and not found[0].shares_id and _places_of(found) == _places_of(before):
             return found[0]
         before, last = found, found or last
@@ -250,15 +247,6 @@ def wait_until_unplugged(port: Port, found: FoundServo, wait_s: float) -> None:
             still = f"still has a servo with id {found.id} after {wait_s:.0f} s"
             raise ServoSilentError(still, "Unplug the servo that is done.", port=port.name)
         _pause_scan(port)
-
-
-def _scan_places(port: Port, places: Iterable[Place], on_rate: OnRate | None) -> list[FoundServo]:
-    found: list[FoundServo] = []
-    for rate, framing in places:
-        if on_rate:
-            on_rate(rate)
-        found += scan_rate(port, rate, [framing])
-    return found
 
 
 def _search_places(

@@ -49,6 +49,7 @@ from ikservo.maintenance.dialogue import (
     HandRequest,
     Notice,
     Question,
+    Unasked,
     read_answers,
 )
 from ikservo.model import Model
@@ -174,7 +175,9 @@ def switch_torque_off(limp_arm: TorqueOffArm) -> Dialogue[None]:
     if limp_arm.torque_on_servos():
         yield Notice("Torque will be switched off; support the arm.")
         stage = CalibrationStage.REFERENCE_POSE
-        if (yield Question("Switch torque off?", None, stage, "switch torque off")) != ACCEPT:
+        if (
+            yield Question("Switch torque off?", Unasked.NEEDS_YES, stage, "switch torque off")
+        ) != ACCEPT:
             raise IkservoError("Cancelled; nothing changed.", "Without asking: --yes")
     limp_arm.disable_torque()
 
@@ -366,7 +369,7 @@ def review(
     write_limits = answer == "protect" or options.write_limits
     if write_limits is None and answer == ACCEPT:
         question = "Write the same limits into the servos, too?"
-        write_limits = (yield Question(question, False, CalibrationStage.REVIEW)) == ACCEPT
+        write_limits = (yield Question(question, Unasked.NO, CalibrationStage.REVIEW)) == ACCEPT
     if not write_limits:
         return answer, outcome
     for joint in outcome.calibration.joints:
@@ -410,7 +413,7 @@ def check_zeros(state: CalibrationState, pose: str, arm: str) -> Dialogue[None]:
         yield Notice(f"  {zero}")
     names = ", ".join(zero.subject.name for zero in shifted)
     question = f'Was {names} exactly as in the pose "{pose}" at step 1?'
-    if (yield Question(question, False, CalibrationStage.REVIEW)) != ACCEPT:
+    if (yield Question(question, Unasked.NO, CalibrationStage.REVIEW)) != ACCEPT:
         raise CalibrationError(
             f'The arm was not in the pose "{pose}": zero of {names} not plausible. '
             "Nothing was saved.",
@@ -436,7 +439,7 @@ def confirm_saving(
     for line in _replaced_lines(limp_arm.path, calibration):
         yield Notice(line)
     question = f"Save to {limp_arm.path}?"
-    answer = yield Question(question, True, CalibrationStage.REVIEW, "save", more)
+    answer = yield Question(question, Unasked.YES, CalibrationStage.REVIEW, "save", more)
     if answer not in (ACCEPT, *(choice.answer for choice in more)):
         raise IkservoError("Cancelled; nothing was saved or written, torque is off.")
     return answer

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
 
 from ikservo.arm.opening import resolve_port
 from ikservo.errors import IkservoError, UnknownNameError
@@ -18,10 +16,18 @@ from ikservo.hardware.provisioning import (
 )
 from ikservo.hardware.scan import FoundServo
 from ikservo.hardware.servo import ServoSpec
+from ikservo.maintenance.arm_sketch import ascii_sketch
+from ikservo.maintenance.dialogue import ACCEPT, Dialogue, Notice, Progress, Question, Unasked
 from ikservo.model import Model
 from ikservo.registers import control_table
 
-__all__ = ["ConfiguredServo", "ServoSettings", "SetupPrompt", "commission", "planned_settings"]
+__all__ = [
+    "ConfiguredServo",
+    "configure_servo",
+    "open_line",
+    "remaining_settings",
+    "wait_for_unplugging",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,30 +45,6 @@ class ConfiguredServo:
     written: tuple[str, ...]
 
 
-class SetupPrompt(Protocol):
-    """The dialogue with the user."""
-
-    def request_servo(self, settings: ServoSettings, /) -> None:
-        """Request that only this servo be plugged in."""
-        ...
-
-    def show_found(self, found: Sequence[FoundServo]) -> None:
-        """Show the servos that reply; called each time they change."""
-        ...
-
-    def show_search(self, baud_rate: int) -> None:
-        """Show the baud rate that is searched; called before each."""
-        ...
-
-    def confirm_write(self, settings: ServoSettings, found: FoundServo, /) -> bool:
-        """Return whether this servo may be written."""
-        ...
-
-    def report(self, configured: ConfiguredServo, /, *, last: bool) -> None:
-        """Report that a servo is done; unless it is the last, request that it be unplugged."""
-        ...
-
-
 def planned_settings(model: Model) -> list[ServoSettings]:
     """Return the settings of each servo of an arm, in the arm file's order."""
     return [
@@ -76,58 +58,13 @@ def planned_settings(model: Model) -> list[ServoSettings]:
     ]
 
 
-def commission(
-    model: Model, port: str | None, helper: SetupPrompt, *, start: str | None, wait_s: float
-) -> list[ConfiguredServo]:
-    """Give each servo of an arm its id, baud rate and settings.
-
-    Args:
-        model: The arm.
-        port: See ``choose_port``.
-        helper: The dialogue with the user.
-        start: The joint to start with; the first if None.
-        wait_s: How long to wait for each servo to be plugged in or out.
+def remaining_settings(model: Model, start: str | None) -> list[ServoSettings]:
+    """Return the settings of an arm's servos from a joint on; of all of them if it is None.
 
     Raises:
-        UnknownNameError: The arm has no joint ``start``.
-        PortError: No port, or it is lost.
-        ServoSilentError: No servo was plugged in, or several are.
-        CalibrationError: A servo is of another model.
-        BusError: A servo did not keep a written value.
+        UnknownNameError: The arm has no such joint.
     """
-    todo = _remaining_from(planned_settings(model), start)
-    done: list[ConfiguredServo] = []
-    with open_port(resolve_port(model, port), model.baud_rate) as opened_port:
-        for settings in todo:
-            configured = _configure_servo(opened_port, settings, helper, wait_s)
-            last = settings is todo[-1]
-            done.append(configured)
-            helper.report(configured, last=last)
-            if not last:
-                now = _found_now(settings, configured.found)
-                wait_until_unplugged(opened_port, now, wait_s)
-    return done
-
-
-def _configure_servo(
-    port: Port, settings: ServoSettings, helper: SetupPrompt, wait_s: float
-) -> ConfiguredServo:
-    helper.request_servo(settings)
-    found = wait_for_servo(
-        port,
-        settings.servo.table,
-        settings.baud_rate,
-        wait_s,
-        helper.show_found,
-        helper.show_search,
-    )
-    check_model(found, settings)
-    if not helper.confirm_write(settings, found):
-        raise IkservoError("Cancelled; this servo was not changed.")
-    return ConfiguredServo(settings.servo, found, provision(port, found, settings))
-
-
-def _remaining_from(todo: Sequence[ServoSettings], start: str | None) -> Sequence[ServoSettings]:
+    todo = planned_settings(model)
     names = [settings.servo.name for settings in todo]
     if start is None:
         return todo
@@ -136,5 +73,79 @@ def _remaining_from(todo: Sequence[ServoSettings], start: str | None) -> Sequenc
     return todo[names.index(start) :]
 
 
-def _found_now(settings: ServoSettings, found: FoundServo) -> FoundServo:
-    return FoundServo(settings.servo.id, settings.baud_rate, found.protocol, found.table)
+def open_line(model: Model, port: str | None) -> Port:
+    """Return the open port to which an arm's servos are plugged in one by one.
+
+    Raises:
+        PortError: No port, or it cannot be opened.
+    """
+    return open_port(resolve_port(model, port), model.baud_rate)
+
+
+def configure_servo(
+    line: Port, model: Model, settings: ServoSettings, wait_s: float
+) -> Dialogue[ConfiguredServo]:
+    """Wait for one servo, and give it its id, baud rate and settings.
+
+    Args:
+        line: The port, see ``open_line``.
+        model: The arm.
+        settings: What the servo is to hold.
+        wait_s: How long to wait until it is plugged in.
+
+    Raises:
+        PortError: The port is lost.
+        ServoSilentError: No servo was plugged in, or several are.
+        CalibrationError: The servo is of another model.
+        BusError: The servo did not keep a written value.
+        IkservoError: The user declined; this servo was not changed.
+    """
+    servo = settings.servo
+    ids = [each.servo.id for each in planned_settings(model)]
+    yield Notice("")
+    for row in ascii_sketch(model, servo.name):
+        yield Notice(f"    {row}")
+    model_name = servo.table.model_name
+    place = f"{ids.index(servo.id) + 1} of {len(ids)}"
+    yield Notice(f"{place}: plug in only the {model_name} of {servo} …")
+    yield Notice(
+        "Searching for it at every baud rate; Ctrl-C stops, servos already set up stay so."
+    )
+    found = yield from _find_servo(line, settings, wait_s)
+    check_model(found, settings)
+    yield Notice(f"Found {found}, firmware {found.firmware}.")
+    if (found.id, found.baud_rate) != (servo.id, settings.baud_rate):
+        question = f"Make it id {servo.id} at {settings.baud_rate} baud, {servo.name}?"
+        if (yield Question(question, Unasked.ERROR)) != ACCEPT:
+            raise IkservoError("Cancelled; this servo was not changed.")
+    return ConfiguredServo(servo, found, provision(line, found, settings))
+
+
+def _find_servo(line: Port, settings: ServoSettings, wait_s: float) -> Dialogue[FoundServo]:
+    """Wait for the only servo on the line; tell what is searched, and whether several reply."""
+    search = wait_for_servo(line, settings.servo.table, settings.baud_rate, wait_s)
+    while True:
+        try:
+            seen = next(search)
+        except StopIteration as end:
+            return end.value
+        if isinstance(seen, int):
+            yield Progress(f"searching at {seen} baud")
+        elif len(seen) > 1 or any(servo.shares_id for servo in seen):
+            listed = "; ".join(map(str, seen))
+            name = settings.servo.name
+            yield Notice(f"More than one servo answers: {listed}. Leave only that of {name}.")
+
+
+def wait_for_unplugging(
+    line: Port, configured: ConfiguredServo, settings: ServoSettings, wait_s: float
+) -> None:
+    """Wait until a servo that was set up does not reply any more.
+
+    Raises:
+        ServoSilentError: It was not pulled out in time.
+        PortLostError: The port is lost.
+    """
+    found = configured.found
+    now = FoundServo(settings.servo.id, settings.baud_rate, found.protocol, found.table)
+    wait_until_unplugged(line, now, wait_s)

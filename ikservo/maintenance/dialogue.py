@@ -1,8 +1,8 @@
 """A dialogue with a user as values: what is told, asked and requested, and the answers to it.
 
-A dialogue is a generator. It yields a `Notice`, a `Question` or a `HandRequest`, and receives a
-word such as ``accept``, or None as long as there is no answer. It has every text, and it knows of
-no terminal, page or file: a terminal (`ikservo.cli.dialogue`), the page
+A dialogue is a generator. It yields a `Notice`, a `Progress`, a `Question` or a `HandRequest`, and
+receives a word such as ``accept``, or None as long as there is no answer. It has every text, and
+it knows of no terminal, page or file: a terminal (`ikservo.cli.dialogue`), the page
 (`ikservo.view.calibration`) and a script (`ScriptedAnswers`) answer the same values.
 """
 
@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from enum import Enum
 from pathlib import Path
 from types import MappingProxyType
 from typing import TypeAlias, TypeVar
@@ -25,8 +26,11 @@ __all__ = [
     "Dialogue",
     "HandRequest",
     "Notice",
+    "Progress",
     "Question",
+    "Result",
     "ScriptedAnswers",
+    "Unasked",
     "read_answers",
 ]
 
@@ -65,19 +69,35 @@ class Notice:
 
 
 @dataclass(frozen=True, slots=True)
+class Progress:
+    """What is being done meanwhile; the next one replaces it."""
+
+    text: str
+
+
+class Unasked(Enum):
+    """The answer to a question if nobody can be asked."""
+
+    YES = "yes"
+    NO = "no"
+    NEEDS_YES = "yes with --yes, else no"
+    ERROR = "yes with --yes, else it is an error that names this option"
+
+
+@dataclass(frozen=True, slots=True)
 class Question:
     """A question whose answer is ``accept`` for yes and any other word for no.
 
     Attributes:
         text: The question.
-        unasked: The answer if nobody can be asked; None if only ``--yes`` means yes.
+        unasked: The answer if nobody can be asked.
         stage: The part of the dialogue that it belongs to.
         label: What ``accept`` does, in a few words.
         more: Further answers where there are buttons.
     """
 
     text: str
-    unasked: bool | None
+    unasked: Unasked
     stage: str = ""
     label: str = "yes"
     more: tuple[Choice, ...] = ()
@@ -125,7 +145,7 @@ class HandRequest:
 
 
 Result = TypeVar("Result")
-Dialogue: TypeAlias = Generator[Notice | Question | HandRequest, str | None, Result]
+Dialogue: TypeAlias = Generator[Notice | Progress | Question | HandRequest, str | None, Result]
 
 
 class ScriptedAnswers:

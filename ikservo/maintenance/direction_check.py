@@ -18,7 +18,7 @@ from ikservo.calibration.paths import calibration_path, confirmation_path
 from ikservo.errors import CalibrationError, RefusedError
 from ikservo.files.writing import FileWriteError, write_atomic
 from ikservo.hardware.remembered_port import serial_number_of
-from ikservo.maintenance.dialogue import ACCEPT, Dialogue, Notice, Question
+from ikservo.maintenance.dialogue import ACCEPT, Dialogue, Notice, Question, Unasked
 from ikservo.model import Model, ModelJoint
 from ikservo.model.tool import describe_direction
 
@@ -299,7 +299,7 @@ def _make_room(arm: Arm, name: str, *, searching: bool) -> Dialogue[None]:
 
 def _confirm_direction(arm: Arm, motion: DirectionCheck, *, searching: bool) -> Dialogue[None]:
     question = f"Did {motion.joint} move {motion.direction}?"
-    if (yield Question(question, unasked=True)) != ACCEPT:
+    if (yield Question(question, Unasked.YES)) != ACCEPT:
         by_hand = f"ikservo calibrate {arm.model.name}"
         raise CalibrationError(
             f"{motion.joint} does not move as in the arm file; torque stays on.",

@@ -23,6 +23,7 @@ from ikservo.maintenance.dialogue import (
     HandRequest,
     Notice,
     Question,
+    Unasked,
     read_answers,
 )
 from ikservo.model.kinematic_calibration import Parameter, TouchPoint
@@ -129,7 +130,7 @@ def estimate_geometry(
             "Touch-off did not improve the calibration; nothing was saved.",
             "Touch more points, further apart and in more different postures.",
         )
-    if (yield Question("Save this?", unasked=True, stage="review", label="save")) != ACCEPT:
+    if (yield Question("Save this?", Unasked.YES, stage="review", label="save")) != ACCEPT:
         raise IkservoError("Cancelled; nothing was saved, torque is off.")
     return state, found
 

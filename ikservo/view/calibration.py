@@ -13,7 +13,16 @@ from ikservo.maintenance.calibration_dialogue import (
     switch_torque_off,
 )
 from ikservo.maintenance.calibration_session import TorqueOffArm, open_torque_off
-from ikservo.maintenance.dialogue import ACCEPT, Choice, Dialogue, HandRequest, Notice, Question
+from ikservo.maintenance.dialogue import (
+    ACCEPT,
+    Choice,
+    Dialogue,
+    HandRequest,
+    Notice,
+    Progress,
+    Question,
+    Unasked,
+)
 from ikservo.model import Model
 from ikservo.view.snapshot import CalibrationView
 
@@ -78,7 +87,7 @@ class CalibrationDriver:
             except StopIteration:
                 return
             answer = None
-            if isinstance(item, Notice):
+            if isinstance(item, Notice | Progress):
                 lines = (*lines, item.text.strip())
                 continue
             if isinstance(item, HandRequest):
@@ -104,7 +113,7 @@ def _calibrate(arm: TorqueOffArm, pose: str) -> Dialogue[None]:
     options = CalibrationOptions(pose, write_limits=False)
     _, outcome = yield from calibrate_by_hand(arm, options)
     yield Notice(str(arm.save(outcome)))
-    yield Question("Saved.", None, CalibrationStage.SAVED, "back to the arm")
+    yield Question("Saved.", Unasked.YES, CalibrationStage.SAVED, "back to the arm")
 
 
 def calibration_fields(view: CalibrationView) -> dict[str, object]:

@@ -115,7 +115,7 @@ def test_it_is_written_only_after_a_yes(monkeypatch, answer):
     path, bench_line = backup_of("so101"), ChangedServoLine(monkeypatch, "so101")
     asked = []
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
-    monkeypatch.setattr("ikservo.cli.setup.confirm", lambda q: (asked.append(q), answer)[1])
+    monkeypatch.setattr("ikservo.cli.dialogue.confirm", lambda q: (asked.append(q), answer)[1])
     result = bench_line.restore(path)
     assert asked == ["Write these to elbow_flex (id 3)?"]
     assert (result.code == 0) is answer
