@@ -310,22 +310,20 @@ class CalibrationState:
         return replace(self, tracks=tracks)
 
     def accept(self) -> CalibrationState:
-        """Continue: take the pose, end the sweep, or agree to save.
+        """Continue: take the pose, or end the sweep.
 
         Raises:
             CalibrationError: Something is missing; names it, and the stage stays.
         """
         if self.stage is CalibrationStage.REFERENCE_POSE:
             return self._take_anchor()
-        if self.stage is CalibrationStage.SWEEP:
-            for issue in blocking_issues(self):
-                raise issue
-            return replace(self, stage=CalibrationStage.REVIEW, before=self)
-        return replace(self, stage=CalibrationStage.SAVED, before=None)
+        for issue in blocking_issues(self):
+            raise issue
+        return replace(self, stage=CalibrationStage.REVIEW, before=self)
 
     def undo(self) -> CalibrationState:
         """Undo the last input; tracking continues at the servos' positions."""
-        if self.before is None or self.stage is CalibrationStage.SAVED:
+        if self.before is None:
             return self
         tracks = self.before.tracks if self.stage is CalibrationStage.SWEEP else self.tracks
         kept = {i: self.tracks[i].with_range_of(track) for i, track in tracks.items()}

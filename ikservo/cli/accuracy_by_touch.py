@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ikservo.cli.calibrate_screen import print_servos
+from ikservo.cli.calibrate_by_hand import print_servos
 from ikservo.cli.calibrate_touch import TouchOffOptions, make_targets
 from ikservo.cli.dialogue import Operator
 from ikservo.errors import CalibrationError, IkservoError
@@ -13,7 +13,7 @@ from ikservo.maintenance.calibration_dialogue import switch_torque_off
 from ikservo.maintenance.calibration_session import open_torque_off
 from ikservo.maintenance.touch_dialogue import touch_points
 from ikservo.maintenance.touch_off import TouchOffSession
-from ikservo.maintenance.touched_accuracy import repeated_targets, touched_poses
+from ikservo.maintenance.touched_accuracy import touched_poses
 from ikservo.model import Model
 from ikservo.model.kinematic_calibration import TouchPoint
 
@@ -57,7 +57,7 @@ def measure_by_touch(
             raise CalibrationError("No point is within reach of the tip.", "Check the points.")
         operator.run(switch_torque_off(limp_arm))
         print_servos(limp_arm, "home")
-        state = session.start_touch_off(repeated_targets(targets, times))
+        state = session.start_touch_off(targets * times)
         touches: list[TouchPoint] = []
         try:
             operator.run(touch_points(limp_arm, state, touches))

@@ -6,8 +6,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 
 from ikservo.calibration.procedure import CalibrationStage
-from ikservo.cli.calibrate_by_hand import print_result
-from ikservo.cli.calibrate_screen import print_servos
+from ikservo.cli.calibrate_by_hand import print_result, print_servos
 from ikservo.cli.dialogue import Operator
 from ikservo.cli.session import second_interrupt_lowers
 from ikservo.cli.terminal import print_status
@@ -54,7 +53,9 @@ def calibrate_auto(
     """
     check_auto_allowed(model)
     options.check(model)
-    _confirm_motion(operator)
+    print_status(_WARNING)
+    if not operator.agrees(Question("May it begin?", Unasked.ERROR)):
+        raise IkservoError("Nothing moved.")
     with open_torque_off(model, port) as limp_arm:
         operator.run(switch_torque_off(limp_arm))
         print_servos(limp_arm, options.pose)
@@ -106,9 +107,3 @@ def _report_kept_joints(measured: MeasuredRanges) -> Generator[None]:
                 "Put the arm into its pose and give the same command to continue with the others."
             )
         raise
-
-
-def _confirm_motion(operator: Operator) -> None:
-    print_status(_WARNING)
-    if not operator.agrees(Question("May it begin?", Unasked.ERROR)):
-        raise IkservoError("Nothing moved.")

@@ -2,29 +2,43 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import Counter
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+
+import typer
 
 from ikservo.calibration import Limits
 from ikservo.calibration.procedure import CalibrationState, warnings
 from ikservo.calibration.result import CalibrationResult
-from ikservo.cli.calibrate_screen import print_servos, reporting_unchanged_state
 from ikservo.cli.dialogue import Operator
 from ikservo.cli.direction_check import check_new_signs
 from ikservo.cli.options import parse_angle_rad, parse_length_m
 from ikservo.cli.terminal import print_json, print_lines, print_status
-from ikservo.errors import BadValueError
+from ikservo.errors import BadValueError, StoppedError
 from ikservo.hardware.remembered_port import is_simulated
+from ikservo.maintenance.arm_sketch import ascii_sketch
 from ikservo.maintenance.calibration_dialogue import (
     CalibrationOptions,
     calibrate_by_hand,
     switch_torque_off,
 )
-from ikservo.maintenance.calibration_session import base_calibration, open_torque_off
+from ikservo.maintenance.calibration_session import (
+    TorqueOffArm,
+    base_calibration,
+    open_torque_off,
+)
 from ikservo.maintenance.direction_check import confirm_directions, directions_confirmed
 from ikservo.model import Model
 
-__all__ = ["calibrate", "parse_limits", "print_result"]
+__all__ = [
+    "calibrate",
+    "parse_limits",
+    "print_result",
+    "print_servos",
+    "reporting_unchanged_state",
+]
 
 
 def calibrate(
@@ -53,6 +67,32 @@ def calibrate(
     tested = check_new_signs(model, port, opposite, operator)
     if known and tested and all(s.name in state.signs for s in state.subjects):
         confirm_directions(model, port_name)  # each joint was observed to move as the files say
+
+
+@contextmanager
+def reporting_unchanged_state() -> Generator[None]:
+    """On Ctrl-C during a calibration by hand, report that nothing was saved.
+
+    Raises:
+        StoppedError: Instead of Ctrl-C or the end of the input.
+    """
+    try:
+        yield
+    except (KeyboardInterrupt, typer.Abort):
+        raise StoppedError("Stopped: nothing was saved; torque is off.") from None
+
+
+def print_servos(limp_arm: TorqueOffArm, pose: str) -> None:
+    """Print the servos found and the reference pose."""
+    servos = list(limp_arm.facts.values())
+    counts = Counter(facts.table.model_name for facts in servos)
+    listed = ", ".join(f"{count} {name}" for name, count in counts.items())
+    firmware = ", ".join(sorted({facts.firmware for facts in servos}))
+    print_status(
+        f"{limp_arm.model.title} on {limp_arm.bus.port.name}: {listed}, firmware {firmware}."
+    )
+    for line in ascii_sketch(limp_arm.model, limp_arm.model.joints[-1].name, pose)[:-1]:
+        print_status(f"    {line}")
 
 
 def parse_limits(model: Model, texts: Sequence[str]) -> Mapping[str, Limits]:

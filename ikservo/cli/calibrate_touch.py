@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import typer
 
-from ikservo.cli.calibrate_screen import print_servos, reporting_unchanged_state
+from ikservo.cli.calibrate_by_hand import print_servos, reporting_unchanged_state
 from ikservo.cli.dialogue import Operator
 from ikservo.cli.options import parse_length_m
 from ikservo.cli.terminal import print_json, print_lines, print_status

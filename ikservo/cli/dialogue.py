@@ -82,18 +82,17 @@ class Operator:
                     item = dialogue.send(answer)
                 except StopIteration as end:
                     return end.value
+                answer = None
                 if isinstance(item, HandRequest):
                     answer = screen.show_and_answer(item)
-                    continue
-                if isinstance(item, Progress):
+                elif isinstance(item, Progress):
                     screen.overwrite(item.text)
-                    continue
-                screen.close()
-                answer = None
-                if isinstance(item, Notice):
-                    print_status(item.text)
-                elif self.agrees(item):
-                    answer = ACCEPT
+                else:
+                    screen.close()
+                    if isinstance(item, Notice):
+                        print_status(item.text)
+                    elif self.agrees(item):
+                        answer = ACCEPT
 
     def agrees(self, question: Question) -> bool:
         """Ask a question, and return whether the answer is yes."""

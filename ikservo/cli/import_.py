@@ -15,8 +15,11 @@ from ikservo.calibration.lerobot import LerobotJoint, find_lerobot, read_lerobot
 from ikservo.calibration.procedure import CalibrationState
 from ikservo.calibration.result import CalibrationResult
 from ikservo.cli.calibrate import FromScript, Margin, NoInput, Pose
-from ikservo.cli.calibrate_by_hand import print_result
-from ikservo.cli.calibrate_screen import print_servos, reporting_unchanged_state
+from ikservo.cli.calibrate_by_hand import (
+    print_result,
+    print_servos,
+    reporting_unchanged_state,
+)
 from ikservo.cli.calibration import import_recorded
 from ikservo.cli.dataset import DatasetOptions, import_dataset
 from ikservo.cli.dialogue import Operator

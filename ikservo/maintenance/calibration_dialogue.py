@@ -56,7 +56,6 @@ from ikservo.model import Model
 from ikservo.model.tool import describe_direction
 
 __all__ = [
-    "ANSWERS",
     "CalibrationOptions",
     "apply_answer",
     "calibrate_by_hand",
@@ -69,13 +68,7 @@ __all__ = [
     "switch_torque_off",
 ]
 
-ANSWERS = {
-    "accept": "take the pose, or end the sweep",
-    "undo": "undo the last answer",
-    "remeasure JOINT": "measure a joint again",
-    "skip JOINT": "use the arm file's range and sign of a joint",
-    "continuous JOINT": "a joint has no end stops",
-}
+ANSWERS = (ACCEPT, "undo", "remeasure JOINT", "skip JOINT", "continuous JOINT")
 _FORMER_VERBS = {"again": "remeasure", "free": "continuous"}
 
 _UNCHANGED_S = 1.0  # without a new extreme, once every range looks whole
@@ -245,7 +238,7 @@ def read_script(path: Path) -> list[str]:
     Raises:
         FileFormatError: The file cannot be read, or a line is no answer.
     """
-    return read_answers(path, tuple(ANSWERS), _FORMER_VERBS)
+    return read_answers(path, ANSWERS, _FORMER_VERBS)
 
 
 def possible_answers(state: CalibrationState, at_s: float) -> HandRequest:
@@ -438,9 +431,10 @@ def confirm_saving(
         yield Notice(f"  {line}")
     for line in _replaced_lines(limp_arm.path, calibration):
         yield Notice(line)
-    question = f"Save to {limp_arm.path}?"
-    answer = yield Question(question, Unasked.YES, CalibrationStage.REVIEW, "save", more)
-    if answer not in (ACCEPT, *(choice.answer for choice in more)):
+    stage = CalibrationStage.REVIEW
+    question = Question(f"Save to {limp_arm.path}?", Unasked.YES, stage, "save", more)
+    answer = yield question
+    if answer is None or not question.offers(answer):
         raise IkservoError("Cancelled; nothing was saved or written, torque is off.")
     return answer
 

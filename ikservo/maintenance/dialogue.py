@@ -102,6 +102,10 @@ class Question:
     label: str = "yes"
     more: tuple[Choice, ...] = ()
 
+    def offers(self, answer: str | None) -> bool:
+        """Return whether a word is one of the answers that mean yes or more."""
+        return answer in (ACCEPT, *(choice.answer for choice in self.more))
+
 
 @dataclass(frozen=True, slots=True)
 class HandRequest:

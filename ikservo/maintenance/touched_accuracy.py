@@ -7,14 +7,8 @@ from collections.abc import Sequence
 from ikservo.kinematics import Chain
 from ikservo.maintenance.accuracy_test import PoseResult
 from ikservo.model.kinematic_calibration import TouchPoint
-from ikservo.model.touch_procedure import TouchTarget
 
-__all__ = ["repeated_targets", "touched_poses"]
-
-
-def repeated_targets(targets: Sequence[TouchTarget], times: int) -> list[TouchTarget]:
-    """Return each target several times, all of them before the next time."""
-    return [target for _ in range(times) for target in targets]
+__all__ = ["touched_poses"]
 
 
 def touched_poses(chain: Chain, touches: Sequence[TouchPoint]) -> list[PoseResult]:

@@ -96,7 +96,7 @@ class CalibrationDriver:
                 self._answers.clear()
             yield CalibrationView(item, request, lines)
             answer = self._next_answer()
-            while isinstance(item, Question) and answer is None and self.requested:
+            while isinstance(item, Question) and self.requested and not item.offers(answer):
                 arm.read_ticks()  # a servo that is lost shows at once
                 yield CalibrationView(item, request, lines)
                 answer = self._next_answer()

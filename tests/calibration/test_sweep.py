@@ -385,12 +385,6 @@ def test_a_script_with_a_slip_names_its_line(tmp_path):
         read_script(path)
 
 
-def test_what_was_reviewed_can_be_saved_and_is_then_settled():
-    hand = Hand(subject()).rest().accept().move(900).move(-1900).accept().accept()
-    assert hand.state.stage is CalibrationStage.SAVED
-    assert hand.say("undo").state.stage is CalibrationStage.SAVED
-
-
 def test_a_calibration_state_is_a_value():
     hand = Hand(subject()).rest()
     before = hand.state
