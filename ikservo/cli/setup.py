@@ -166,7 +166,7 @@ def command(
                     wait_for_unplugging(line, configured, settings, wait)
     except (IkservoError, KeyboardInterrupt, typer.Abort):
         if joint:
-            print_status(f"Go on with: ikservo setup {arm} --start {joint}")
+            print_status(f"Continue with: ikservo setup {arm} --start {joint}")
         raise
     print_status(f"All servos are set up. Plug them together, then: ikservo doctor --arm {arm}")
 

@@ -249,7 +249,7 @@ def possible_answers(state: CalibrationState, at_s: float) -> HandRequest:
         wait_s = 0.0 if state.is_at_rest else None
         choices = (Choice(ACCEPT, "take the pose", "Enter", wait_s),)
         missing = CalibrationError(
-            "Timeout: the arm was not held still.", "Hold it still in the pose."
+            "Timeout: the arm was still moving.", "Hold it still in the pose."
         )
     else:
         issue = next(blocking_issues(state), None)
@@ -304,7 +304,7 @@ def _pose_request(model: Model, pose: str, state: CalibrationState) -> str:
     if len(state.subjects) < len(model.joints):
         positions = [f"{s.name} at {s.joint_map.format(s.pose)}" for s in state.subjects]
         what = f'Put {", ".join(positions)} (pose "{pose}")'
-    return f"{what}. {'It is still: go on.' if state.is_at_rest else 'Hold it still …'}"
+    return f"{what}. {'It is still: continue.' if state.is_at_rest else 'Hold it still …'}"
 
 
 def _direction_request(
@@ -361,7 +361,7 @@ def review(
     answer = yield from confirm_saving(limp_arm, outcome.calibration, (protect, *more))
     write_limits = answer == "protect" or options.write_limits
     if write_limits is None and answer == ACCEPT:
-        question = "Write the same limits into the servos, too?"
+        question = "Write the same limits into the servos as well?"
         write_limits = (yield Question(question, Unasked.NO, CalibrationStage.REVIEW)) == ACCEPT
     if not write_limits:
         return answer, outcome

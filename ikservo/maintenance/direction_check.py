@@ -242,7 +242,7 @@ def check_each_joint(arm: Arm, names: Sequence[str]) -> Dialogue[list[DirectionC
     lift = plan_lift(arm)
     if lift is not None:
         yield Notice(
-            f"The arm lies on something: {lift.joint} moves {lift.direction}, and stays there."
+            f"The arm rests on something: {lift.joint} moves {lift.direction}, and stays there."
         )
         execute_lift(arm, lift)
         yield from _confirm_direction(arm, lift, searching=False)

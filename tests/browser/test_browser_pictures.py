@@ -129,10 +129,11 @@ def test_a_phone(visit, album):
     assert taken(operator, album / "view_phone.png") > 20_000
 
 
-@pytest.mark.parametrize("view", [{}], indirect=True, ids=["own"])
-def test_a_calibration(visit, album):
-    operator = visit(color_scheme="light").start_calibration()
-    operator.page.wait_for_selector("#calibration:not([hidden])")
+@pytest.mark.timeout(600)
+@pytest.mark.parametrize("view", [{"port": "sim:?hand=calibrate"}], indirect=True, ids=["own"])
+def test_a_calibration(orbiting, album):
+    page, film = orbiting.start_calibration().page, Film(orbiting.page)
+    page.wait_for_selector("#calibration:not([hidden])")
     for _ in range(20):  # the arm has to lie still first
         page.wait_for_timeout(500)
         if orbiting.status["calibration"]["stage"] == "sweep":

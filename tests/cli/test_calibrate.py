@@ -86,7 +86,7 @@ def test_off_a_terminal_each_step_is_one_line(mount_arm, run_cli):
     lines = calibrated(mount_arm(sign=1), run_cli).err.splitlines()
     assert [line for line in lines if line.startswith("Step ")] == [
         'Step 1 of 5: Put the arm in the pose "home". Hold it still …',
-        'Step 1 of 5: Put the arm in the pose "home". It is still: go on.',
+        'Step 1 of 5: Put the arm in the pose "home". It is still: continue.',
         "Step 2 of 5: Move joint1 so that the tool goes to the right (seen from behind the base).",
         "Step 3 of 5: Move joint2 so that the tool goes to the left (seen from behind the base).",
         "Step 4 of 5: Move every joint gently to both end stops.",
