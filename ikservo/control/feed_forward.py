@@ -27,6 +27,11 @@ from ikservo.motion import TrajectoryPoint
 __all__ = ["FeedForward"]
 
 
+# Weight of more than so many times the dry friction presses the gears, whatever part of that is on
+# the output, and although masses are not known well; of twice that for sure.
+_PRESSING, _TINY_NM = 3.0, 1e-6
+
+
 class FeedForward:
     """Computes by how much the goals of an arm's joints lead its reference; pure.
 
@@ -51,12 +56,35 @@ class FeedForward:
         self._startup = _column(self._drives, "startup_nm")
         self._delay_s = _column(self._drives, "delay_s")
         self._friction = _FrictionArrays(self._drives)
+        dry = [drive.friction.coulomb_nm + drive.friction.slow_nm for drive in self._drives]
+        self._dry_friction = np.maximum(dry, _TINY_NM)
 
     def with_gains(self, shares: Sequence[float]) -> FeedForward:
         """Return the same at other P gains (dof,), as shares of those of the parameters."""
         pairs = zip(self.parameters.drives, shares, strict=True)
         drives = tuple(drive and drive.with_gain(share) for drive, share in pairs)
         return FeedForward(replace(self.parameters, drives=drives), self.columns)
+
+    def inertia_s2(self, positions: Vector) -> Vector:
+        """Return the inertia of each joint with its motor over its stiffness (dof,), s².
+
+        0 where a motor is not known.
+
+        Args:
+            positions: Of all joints (n,), rad or m.
+        """
+        links = self.parameters.dynamics.inertia_matrix(positions[self._columns])
+        inertia = np.diagonal(links) + self._armature
+        return np.where(self._known, inertia / self._stiffness, 0.0)
+
+    def pressed(self, positions: Vector) -> Vector:
+        """Return how surely weight keeps the gears of each joint on one flank (dof,), 0 to 1.
+
+        Args:
+            positions: Of all joints (n,), rad or m.
+        """
+        weight = np.abs(self.parameters.dynamics.gravity_torques(positions[self._columns]))
+        return np.clip(weight / (_PRESSING * self._dry_friction) - 1.0, 0.0, 1.0)
 
     def offsets(
         self,

@@ -34,6 +34,8 @@ _MAX_LOAD_OFFSET_RAD = 0.08
 # Step of the load by which the slope of the feed-forward is taken, at the horn, and what its slope
 # may be: the firmware's start-up force makes it flat around zero.
 _LOAD_STEP_RAD, _SLOPE_RANGE = 0.001, (0.3, 3.0)
+# How often gains follow the inertia of the posture.
+_INERTIA_PERIOD_S = 0.1
 # How fast the speed of a motion seems to change where its time is slowed down.
 _RATE_FILTER_S = 0.03
 
@@ -72,7 +74,7 @@ class GoalCompensator:
         self._reference_range = self._goal_range = (self._low, self._high)
         self._feedback = TrackingFeedback(self._per_horn_rad)
         self._fading = self._direction = np.zeros(n)
-        self._faded_s, self._rate, self._held_s = np.zeros(n), 1.0, 0.0
+        self._faded_s, self._rate, self._held_s, self._adapted_s = np.zeros(n), 1.0, 0.0, 0.0
         self._clamped = np.zeros(n, dtype=bool)
         self._slope, self._is_load_bounded = np.ones(n), np.zeros(n, dtype=bool)
         self._last = TrajectoryPoint.at_rest(np.zeros(n))
@@ -115,6 +117,7 @@ class GoalCompensator:
         )
         self._last = TrajectoryPoint.at_rest(reference)
         self._feedback.begin()
+        self._adapt_gains(reference)
         offset = np.where(self._chain, goals - reference, 0.0)
         self._direction = self._resting_direction(offset + self._sag(reference, measured))
         self._fading = offset - self._modelled(self._last, self._direction)
@@ -152,6 +155,9 @@ class GoalCompensator:
             point.position, point.velocity * self._rate, point.acceleration * self._rate**2
         )
         self._turn_direction(ease * elapsed_s)
+        self._adapted_s += elapsed_s
+        if self._adapted_s >= _INERTIA_PERIOD_S:
+            self._adapt_gains(point.position)
         # A joint that stays where it is keeps the offset that friction lets it have there.
         begun = (self._faded_s > 0.0) | (np.abs(self._last.velocity) > _TINY)
         self._faded_s = np.minimum(self._faded_s + begun * ease * elapsed_s, _FADE_S)
@@ -197,6 +203,15 @@ class GoalCompensator:
             slope=self._slope,
             direction=np.where(moving > 1.0, self._direction, 0.0),
         )
+
+    def _adapt_gains(self, positions: Vector) -> None:
+        """Adapt the gains of feedback to the inertia of a posture (n,)."""
+        self._adapted_s = 0.0
+        if self.feed_forward is not None:
+            rows = np.zeros((2, len(positions)))
+            known = self.feed_forward.inertia_s2(positions), self.feed_forward.pressed(positions)
+            rows[:, list(self.feed_forward.columns)] = known
+            self._feedback.adapt(*rows)
 
     @property
     def _fade_share(self) -> Vector:

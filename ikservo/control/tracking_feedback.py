@@ -10,15 +10,20 @@ from ikservo.kinematics.arrays import Vector
 __all__ = ["TrackingFeedback"]
 
 
-# Gears that break loose run ahead of a slow reference, and friction that falls with speed lets a
-# loaded joint swing about it: the derivative brakes both. At twice these gains an XL330 swings by
-# itself, for a goal acts a cycle after the measurement.
-_PROPORTIONAL, _DERIVATIVE_S = 0.5, 0.05
+# A servo is a spring to its goal, so these two act like a stiffness and a damping of the joint. A
+# light joint is softened and a heavy one stiffened, so that each would swing at the first number
+# without damping [rad/s], and its damping takes the second number of its speed [1/s]. The ranges
+# are for joints whose inertia is not known well: those of the proportional part, and of the
+# derivative, s. docs/decisions/0020 says why that drives no swing in the play of gears.
+_SWING_RAD_S, _BRAKING_PER_S = 18.0, 28.0
+_PROPORTIONAL_RANGE, _DERIVATIVE_RANGE_S = (-0.5, 0.5), (0.03, 0.12)
+# What a joint has more of all that whose gears are pressed by the weight of the links.
+_PRESSED_RAD_S, _PRESSED_PER_S, _PRESSED_PROPORTIONAL = 12.0, 12.0, 1.0
 # A tick more in one cycle looks like a high speed; the derivative is that of this filter.
-_FILTER_S = 0.02
+_FILTER_S = 0.015
 # At the horn, what these two may add together, and how fast: swings need less, and goals must not
 # leap after lost replies or where a joint sagged before its motion began.
-_MAX_FAST_RAD, _MAX_FAST_RAD_S = 0.04, 0.25
+_MAX_FAST_RAD, _MAX_FAST_RAD_S = 0.04, 1.0
 # After so long without a reply both fade.
 _STALE_S = 0.03
 # Integral action takes up what masses, payload and servos differ by from the model; slower than
@@ -26,11 +31,10 @@ _STALE_S = 0.03
 _INTEGRAL_PER_S, _MAX_INTEGRAL_RAD = 3.0, 0.08
 # What friction takes more, or less, than modelled, by wear, by the spread of servos, and behind the
 # play of the gears. Its limits are at the horn.
-_FRICTION_PER_S, _FRICTION_RAD = 2.0, (-0.01, 0.03)
-# A joint without load may swing in the play of its gears, at 2 to 8 Hz, and fast feedback drives
-# that: the link coasts from flank to flank, where no goal moves it. An error that turns round by so
-# much, at the horn, and again and again within this time, is such a swing.
-_SWING_RAD, _SWING_S, _MIN_TURNS = 0.007, 0.25, 2
+_FRICTION_PER_S, _FRICTION_RAD = 1.0, (-0.01, 0.03)
+# Goals act some milliseconds after the measurement: the derivative would drive a swing of more than
+# 8 Hz. It is an error that turns round by so much, at the horn, again and again within this time.
+_SWING_RAD, _SWING_S, _MIN_TURNS = 0.007, 0.06, 2
 # Each further turn leaves so much of the fast feedback; it comes back in so long without one.
 _SWING_SHARE, _RECOVERY_S = 0.5, 20.0
 # A cycle that comes late counts as this long: goals must not leap after a stall.
@@ -63,6 +67,7 @@ class TrackingFeedback:
         self._max_integral = _MAX_INTEGRAL_RAD * per_horn_rad
         self._least_friction, self._most_friction = (r * per_horn_rad for r in _FRICTION_RAD)
         self._swings = _SwingDetection(_SWING_RAD * per_horn_rad)
+        self.adapt(np.zeros_like(per_horn_rad), np.zeros_like(per_horn_rad))
         self.reset()
 
     def reset(self) -> None:
@@ -78,6 +83,19 @@ class TrackingFeedback:
         self._filtered = np.full_like(self.integral, np.nan)
         self._age_s = np.zeros_like(self.integral)
         self._swings.begin()
+
+    def adapt(self, inertia_s2: Vector, pressed: Vector) -> None:
+        """Choose the gains.
+
+        Args:
+            inertia_s2: The inertia of each joint over its stiffness (n,), s²; 0: not known.
+            pressed: How surely weight keeps its gears on one flank (n,), 0 to 1.
+        """
+        low, high = (end + _PRESSED_PROPORTIONAL * pressed for end in _PROPORTIONAL_RANGE)
+        stiffer = np.square(_SWING_RAD_S + _PRESSED_RAD_S * pressed) * inertia_s2 - 1.0
+        self._proportional = np.where(inertia_s2 > 0.0, np.clip(stiffer, low, high), 0.0)
+        braking_per_s = _BRAKING_PER_S + _PRESSED_PER_S * pressed
+        self._derivative_s = np.clip(braking_per_s * inertia_s2, *_DERIVATIVE_RANGE_S)
 
     def update(
         self,
@@ -128,8 +146,8 @@ class TrackingFeedback:
         self._filtered = np.where(first & fresh, error, self._filtered)
         rate = (error - self._filtered) / (self._age_s + _FILTER_S)
         self._filtered = np.where(fresh, self._filtered + self._age_s * rate, self._filtered)
-        braking = np.where(beyond != 0.0, _DERIVATIVE_S * rate, 0.0)
-        fast = self._fast_share * (_PROPORTIONAL * beyond + braking)
+        braking = np.where(beyond != 0.0, self._derivative_s * rate, 0.0)
+        fast = self._fast_share * (self._proportional * beyond + braking)
         read = np.clip(fast, -self._max_fast, self._max_fast)
         return np.where(fresh, read, np.where(self._age_s > _STALE_S, 0.0, self.fast))
 

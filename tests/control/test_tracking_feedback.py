@@ -1,17 +1,32 @@
 """Feedback of tracking errors: proportional, braking, bounded, kept while goals are cut; swings."""
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from ikservo.control.tracking_feedback import TrackingFeedback
+from servosim.control import DriveCommand
+from servosim.motor import PARAMETERS, Motor
 
 CYCLE_S = 0.005
 TICK_RAD = 2.0 * np.pi / 4096
 
 
+HEAVY_S2 = 1.5 / 18.0**2  # inertia over stiffness: it would swing more slowly than wanted
+
+
+def make_feedback():
+    """Return feedback of a heavy joint, whose gains add half of its stiffness."""
+    feedback = TrackingFeedback(np.ones(1))
+    feedback.adapt(np.array([HEAVY_S2]), np.zeros(1))
+    return feedback
+
+
 @pytest.fixture
 def feedback():
-    return TrackingFeedback(np.ones(1))
+    return make_feedback()
 
 
 def fed(feedback, errors, *, left=0.0, replies=True, grow=True):
@@ -35,7 +50,7 @@ def test_a_joint_that_runs_ahead_is_braked_before_its_error_changes_sides(feedba
 
 
 def test_the_rate_of_an_error_is_right_though_every_other_reply_is_lost(feedback):
-    whole, cycles = TrackingFeedback(np.ones(1)), np.arange(40)
+    whole, cycles = make_feedback(), np.arange(40)
     errors = 0.05 * CYCLE_S * cycles
     fed(whole, errors)
     seen = errors - 0.05 * CYCLE_S * (cycles % 2 == 0)  # the last reading again
@@ -46,7 +61,7 @@ def test_the_rate_of_an_error_is_right_though_every_other_reply_is_lost(feedback
 def test_goals_do_not_leap_when_replies_come_again(feedback):
     errors = [0.0] * 10 + [0.0] * 3 + [0.1] * 10
     offsets = fed(feedback, errors, replies=[True] * 10 + [False] * 3 + [True] * 10)
-    assert np.abs(np.diff(offsets)).max() < 2 * TICK_RAD
+    assert np.abs(np.diff(offsets)).max() < 5 * TICK_RAD
 
 
 def test_what_answers_the_rate_fades_when_replies_stay_away(feedback):
@@ -97,10 +112,10 @@ def moved(feedback, errors, direction):
 
 @pytest.mark.parametrize("direction", [1.0, -1.0])
 def test_friction_is_learned_from_the_lag_along_the_motion(feedback, direction):
-    assert moved(feedback, [0.002 * direction] * 100, direction) == pytest.approx(0.002)
-    assert moved(feedback, [0.002 * direction] * 100, 0.0) == pytest.approx(0.002)
+    assert moved(feedback, [0.002 * direction] * 100, direction) == pytest.approx(0.001)
+    assert moved(feedback, [0.002 * direction] * 100, 0.0) == pytest.approx(0.001)
     feedback.begin()
-    assert moved(feedback, [-0.002 * direction] * 50, direction) == pytest.approx(0.001)
+    assert moved(feedback, [-0.002 * direction] * 50, direction) == pytest.approx(0.0005)
     assert moved(feedback, [0.1] * 1000, 1.0) == pytest.approx(0.03)
     feedback.reset()
     assert feedback.friction == 0.0
@@ -112,7 +127,7 @@ def swing(amplitude_rad, hz, seconds):
 
 def strongest_answer(feedback, errors):
     """Return the largest fast part, and that of a feedback that has seen no swing before."""
-    fresh = TrackingFeedback(np.ones(1))
+    fresh = make_feedback()
     answers = []
     for each in (feedback, fresh):
         each.begin()
@@ -121,8 +136,8 @@ def strongest_answer(feedback, errors):
     return answers
 
 
-@pytest.mark.parametrize("hz", [2.5, 5.0, 8.0])
-def test_a_swing_is_no_longer_driven_and_its_joint_is_answered_again_after_a_while(feedback, hz):
+@pytest.mark.parametrize("hz", [10.0, 20.0])
+def test_a_fast_swing_is_not_driven_and_its_joint_is_answered_again_after_a_while(feedback, hz):
     fed(feedback, swing(0.01, hz, 2.0))
     swinging, fresh = strongest_answer(feedback, [0.005] * 20)
     assert swinging < 0.1 * fresh
@@ -132,9 +147,83 @@ def test_a_swing_is_no_longer_driven_and_its_joint_is_answered_again_after_a_whi
 
 
 @pytest.mark.parametrize(
-    "errors", [swing(0.003, 5.0, 2.0), swing(0.01, 0.5, 4.0), [0.0, 0.03, 0.0, 0.0], [0.02, -0.02]]
+    "errors", [swing(0.003, 10.0, 2.0), swing(0.01, 5.0, 4.0), [0.0, 0.03, 0.0, 0.0], [0.02, -0.02]]
 )
-def test_noise_a_slow_change_and_one_overshoot_are_no_swing(feedback, errors):
+def test_noise_a_swing_that_is_braked_and_one_overshoot_are_answered(feedback, errors):
     fed(feedback, errors)
     answer, fresh = strongest_answer(feedback, [0.005] * 20)
     assert answer == pytest.approx(fresh)
+
+
+def test_a_light_joint_is_softened_and_a_pressed_one_stiffened_and_braked_more():
+    lag, inertia_s2 = [0.01] * 200, np.array([0.8 / 18.0**2])
+    stiffness, braking = [], []
+    for pressed in (0.0, 1.0):
+        feedback = TrackingFeedback(np.ones(1))
+        feedback.adapt(inertia_s2, np.array([pressed]))
+        fed(feedback, lag)
+        stiffness.append(float(feedback.fast[0]) / 0.01)
+        feedback.begin()
+        fed(feedback, 0.02 * CYCLE_S * (np.arange(80) - 79) - 1e-9)
+        braking.append(float(feedback.fast[0]) / 0.02)
+    assert stiffness == pytest.approx([0.8 - 1.0, 0.8 * (30 / 18) ** 2 - 1.0])
+    assert braking == pytest.approx([28 * inertia_s2[0], 40 * inertia_s2[0]], rel=0.1)
+
+
+def test_a_joint_whose_inertia_is_not_known_is_braked_only():
+    feedback = TrackingFeedback(np.ones(1))
+    fed(feedback, [0.01] * 200)
+    assert feedback.fast == pytest.approx(0.0, abs=1e-6)
+    fed(feedback, [0.009])
+    assert feedback.fast < 0.0
+
+
+def error_rad(motor, p_gain, feedback=None):
+    """Return the rms error of a joint that moves at a constant speed, and of its rest after that.
+
+    Goals lead by friction and damping, and by what feedback adds.
+    """
+    parameters, drive = motor.parameters, DriveCommand(True, kp=p_gain, tick_rad=TICK_RAD)
+    full_nm = parameters.duty_torque_nm
+    braked_nm_s = parameters.torque_constant_nm_a**2 / parameters.resistance_ohm
+    errors = []
+    for k in range(2000):
+        moving = k < 1000
+        speed_rad_s = 0.5 * moving
+        reference = 0.0005 * min(k, 1000)
+        if k % 5 == 0:
+            if feedback is not None:
+                error = np.array([reference - TICK_RAD * round(motor.position_rad / TICK_RAD)])
+                feedback.update(error, 0.0, CYCLE_S, grow=1.0, direction=float(moving))
+            slow_nm = parameters.stribeck_nm * math.exp(-speed_rad_s / parameters.stribeck_rad_s)
+            taken_nm = (braked_nm_s + parameters.viscous_nm_s) * speed_rad_s
+            taken_nm += moving * (parameters.friction_nm + slow_nm)
+            added = 0.0 if feedback is None else float((feedback.fast + feedback.integral)[0])
+            lead = taken_nm / (p_gain * full_nm) + added
+            drive.goal_rad = TICK_RAD * round((reference + lead) / TICK_RAD)
+        motor.step(0.001, 0.0, drive, parameters.nominal_v)
+        errors.append(reference - motor.position_rad)
+    return float(np.sqrt(np.mean(np.square(errors))))
+
+
+@pytest.mark.parametrize(
+    ("model", "p_gain"), [("STS3215", 5.2), ("STS3215-C018", 5.2), ("XM430-W350", 5.3)]
+)
+@pytest.mark.parametrize("output_nm", [0.002, 0.02])
+@pytest.mark.parametrize("inertia_kg_m2", [0.005, 0.05])
+def test_no_joint_swings_further_in_its_play_than_its_servo_alone(
+    model, p_gain, output_nm, inertia_kg_m2
+):
+    parameters = replace(PARAMETERS[model], output_friction_nm=output_nm)
+    stiffness = p_gain * parameters.duty_torque_nm
+    alone, together = [], []
+    for play_deg in (0.5, 1.0, 2.0):
+        play = replace(parameters, backlash_rad=math.radians(play_deg))
+        feedback = TrackingFeedback(np.ones(1))
+        inertia_s2 = (inertia_kg_m2 + play.armature_kg_m2) / stiffness
+        feedback.adapt(np.array([inertia_s2]), np.zeros(1))
+        for errors, own in ((alone, None), (together, feedback)):
+            motor = Motor(play)
+            motor.load_inertia_kg_m2 = inertia_kg_m2
+            errors.append(error_rad(motor, p_gain, own))
+    assert max(np.divide(together, alone)) < 1.25

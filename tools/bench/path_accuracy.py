@@ -4,8 +4,9 @@ Run ``python tools/bench/path_accuracy.py``; the table goes to docs/benchmarks.m
 of a family (``servosim.family``), each with its own play, friction, masses and supply, move along
 random lines in virtual time. The judge are the joints inside the simulator, not the arm's
 readings: in each control cycle the distance of the tip from the commanded line, at the end of the
-trajectory its distance from the target, and that again after settling. ``--mass-scale`` and
-``--payload-kg`` change the simulated body only: the program does not know.
+trajectory its distance from the target, and that again after settling; and from one second after
+the end how far joints still move. ``--mass-scale`` and ``--payload-kg`` change the simulated body
+only: the program does not know. ``--supply-v 12`` is the so101 with servos of 12 V.
 """
 
 from __future__ import annotations
@@ -37,6 +38,7 @@ SHORTEST_M, LONGEST_M = 0.05, 0.25
 ATTEMPTS = 60  # directions tried from one posture
 LOWEST_M = 0.05  # lines begin above it, or few directions are free
 SAMPLE_S = 0.01
+REST_S, WATCHED_S, STILL_TICKS = 1.0, 1.0, 2.0  # after the end; a joint that moves no further rests
 
 
 @dataclass
@@ -53,6 +55,7 @@ class Trace:
             where the others make up for a joint that stays short, past where it came to rest.
         settling_s: From the end of the trajectory to rest.
         settled_m: The tip's distance from the target after settling.
+        moved_ticks: How far a joint still moves from one second after the end, at most.
         failure: Why the motion was stopped; empty where it was not.
     """
 
@@ -64,6 +67,7 @@ class Trace:
     overshoot_rad: float = 0.0
     settling_s: float = math.nan
     settled_m: float = math.nan
+    moved_ticks: float = math.nan
     failure: str = ""
 
     def deviations_m(self, after_s: float = 0.0) -> Array:
@@ -124,7 +128,20 @@ class Observer:
             self._arm.acknowledge()
         trace.overshoot_rad = float(np.max(side * (np.array([goal, *arrival]) - aim), initial=0.0))
         trace.settled_m = float(np.linalg.norm(self.tip_m() - trace.end_m))
+        trace.moved_ticks = self._moved_ticks()
         return trace
+
+    def _moved_ticks(self) -> float:
+        """Wait, then return how far the joint that moves furthest goes meanwhile."""
+        clock, seen = self._arm.context.port.clock, list[Array]()
+        clock.sleep_until(clock.now_s() + REST_S)
+        for _ in range(round(WATCHED_S / SAMPLE_S)):
+            clock.sleep_until(clock.now_s() + SAMPLE_S)
+            self._arm.where()  # the simulated line follows its host
+            seen.append(self.joints())
+        maps = {f.joint: f.joint_map for f in self._arm.context.servos.fences}
+        ticks = np.array([maps[name].unit_per_tick for name in self._arm.chain.names])
+        return float(np.max(np.ptp(seen, axis=0) / ticks))
 
     def _watch_arrival(self, trace: Trace, arrival: list[Array]) -> None:
         """Collect the joints (dof,) from now on until they have settled."""
@@ -152,9 +169,13 @@ def main() -> None:
 
 def _traces(name: str, speed: str, options: argparse.Namespace) -> Iterator[Trace]:
     with tempfile.TemporaryDirectory() as folder:
-        body = _changed_body(name, Path(folder), options.mass_scale, options.payload_kg)
+        known = ikservo.load_model(name).path
+        if options.supply_v:
+            known = _supplied(known, Path(folder) / "known", options.supply_v)
+        body = _changed_body(known, Path(folder), options.mass_scale, options.payload_kg)
         for seed in range(options.seed, options.seed + options.specimens):
-            with ikservo.open_arm(name, port=f"sim:{body}?seed={seed}", uncalibrated=True) as arm:
+            port = f"sim:{body}?seed={seed}"
+            with ikservo.open_arm(str(known), port=port, uncalibrated=True) as arm:
                 observer, rng = Observer(arm), np.random.default_rng(seed)
                 move_away(arm, rng)
                 for _ in range(options.count):
@@ -196,11 +217,19 @@ def _direction(rng: np.random.Generator) -> Array:
     return way / np.linalg.norm(way)
 
 
-def _changed_body(name: str, folder: Path, mass_scale: float, payload_kg: float) -> Path:
+def _supplied(known: Path, folder: Path, supply_v: float) -> Path:
+    """Return an arm file with another supply, by which an STS3215 has another motor."""
+    shutil.copytree(known.parent, folder)
+    text = re.sub(r"(?m)^supply_v = [\d.]+", f"supply_v = {supply_v}", known.read_text())
+    (folder / known.name).write_text(text)
+    return folder / known.name
+
+
+def _changed_body(known: Path, folder: Path, mass_scale: float, payload_kg: float) -> Path:
     """Return an arm file whose links have other masses, and its tip a payload."""
-    model = ikservo.load_model(name)
-    own = folder / name
-    shutil.copytree(model.path.parent, own)
+    model = ikservo.load_model(str(known))
+    own = folder / "body"
+    shutil.copytree(known.parent, own)
     urdf = own / "arm.urdf"
     text = re.sub(
         r'(<mass\s+value=")([^"]+)"',
@@ -230,8 +259,9 @@ def _payload(tip: str, mass_kg: float) -> str:
 
 HEADER = """\
 | arm | speed | lines | error beside a line, rms: median / p95 | most | at its end, before \
-settling, median / p95 | settled, median / p95 | settling, median / p95 | overshoot | in an error |
-|---|---|---:|---:|---:|---:|---:|---:|---:|---:|"""
+settling, median / p95 | settled, median / p95 | settling, median / p95 | overshoot | still moving \
+| in an error |
+|---|---|---:|---:|---:|---:|---:|---:|---:|---:|---:|"""
 
 
 def _row(name: str, speed: str, traces: Sequence[Trace], after_s: float) -> str:
@@ -247,7 +277,8 @@ def _row(name: str, speed: str, traces: Sequence[Trace], after_s: float) -> str:
         f"| {name} | {speed} | {len(traces)} | {_mm(rms, (50, 95))} | {most_mm:.2f} mm "
         f"| {_mm([t.end_error_m() for t in whole], (50, 95))} "
         f"| {_mm([t.settled_m for t in whole], (50, 95))} | {settling} s "
-        f"| {overshoot:.2f}° | {len(traces) - len(whole)} |"
+        f"| {overshoot:.2f}° | {sum(t.moved_ticks > STILL_TICKS for t in traces)} "
+        f"| {len(traces) - len(whole)} |"
     )
 
 
@@ -264,6 +295,7 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--seed", type=int, default=1, help="of the first of them")
     parser.add_argument("--mass-scale", type=float, default=1.0, help="of the simulated links")
     parser.add_argument("--payload-kg", type=float, default=0.0, help="at the simulated tip")
+    parser.add_argument("--supply-v", type=float, help="of the servos, which the program knows")
     parser.add_argument("--after-s", type=float, default=0.0, help="judge the path from then on")
     return parser
 
