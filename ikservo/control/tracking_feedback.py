@@ -31,7 +31,7 @@ _STALE_S = 0.03
 _INTEGRAL_PER_S, _MAX_INTEGRAL_RAD = 3.0, 0.08
 # What friction takes more, or less, than modelled, by wear, by the spread of servos, and behind the
 # play of the gears. Its limits are at the horn.
-_FRICTION_PER_S, _FRICTION_RAD = 1.0, (-0.01, 0.03)
+_FRICTION_PER_S, _FRICTION_RAD = 2.0, (-0.01, 0.03)
 # Goals act some milliseconds after the measurement: the derivative would drive a swing of more than
 # 8 Hz. It is an error that turns round by so much, at the horn, again and again within this time.
 _SWING_RAD, _SWING_S, _MIN_TURNS = 0.007, 0.06, 2

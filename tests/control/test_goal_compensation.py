@@ -107,8 +107,8 @@ def test_a_joint_that_stays_behind_is_led_further_up_to_a_bound(compensator, sta
         behind = point.position - 0.01 * np.eye(6)[0]
         leads.append((compensator.goals(point, CYCLE_S) - point.position)[0])
         compensator.observe(behind, 0.0, CYCLE_S, grow=True)
-    # 3 a second of the error as a load, and 1 as friction
-    assert leads[200] - leads[60] == pytest.approx(4.0 * 0.01 * 140 * CYCLE_S, rel=0.1)
+    # 3 a second of the error as a load, and 2 as friction
+    assert leads[200] - leads[60] == pytest.approx(5.0 * 0.01 * 140 * CYCLE_S, rel=0.1)
     assert leads[-1] == pytest.approx(leads[-100])
     assert leads[-1] - leads[40] < 0.12
 
