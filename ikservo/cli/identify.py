@@ -99,6 +99,7 @@ def _print_report(found: Identification, carried: dict[str, str], path: Path | N
         [
             "Stiffness in N m/rad, friction in N m; ± one standard error. In parentheses: not",
             "determined by the motion, nearly as in the tables of servos and the arm file.",
+            "Backlash is found with servos that measure their current, and room to swing upright.",
             *_payload_lines(found),
             *_validation_lines(found),
             "Nothing was saved." if path is None else f"Saved to {path}",
@@ -139,7 +140,7 @@ def _format_sum(one: ParameterEstimate | None, other: ParameterEstimate | None) 
 def _format_backlash(estimate: ParameterEstimate | None) -> str:
     if estimate is None or not estimate.determined:
         return "–"
-    return f"{math.degrees(estimate.value):.2f}°"
+    return f"{math.degrees(estimate.value):.2f} ± {math.degrees(estimate.error):.1g}°"
 
 
 def _payload_lines(found: Identification) -> Iterator[str]:
@@ -154,6 +155,9 @@ def _payload_lines(found: Identification) -> Iterator[str]:
 
 
 def _validation_lines(found: Identification) -> Iterator[str]:
+    tables = [name for name, own in found.validation.items() if not own.is_better]
+    if tables:
+        yield f"The tables predict {', '.join(tables)} no worse than the motion: their values stay."
     worst = max(found.validation, key=lambda name: found.validation[name].identified, default=None)
     if worst is not None:
         own = found.validation[worst]

@@ -47,7 +47,7 @@ __all__ = [
 ]
 
 START_POSE = "home"
-QUICK_TOUR = TourOptions(postures=3, slow_postures=0)
+QUICK_TOUR = TourOptions(postures=3, slow_postures=0, swings=0)
 
 
 @dataclass(frozen=True, slots=True)

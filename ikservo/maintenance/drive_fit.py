@@ -1,4 +1,4 @@
-"""Motors, position loops and backlash of single joints, from steady motion and its reversals.
+"""Motors, position loops and backlash of single joints, from steady motion and from swings.
 
 A servo that measures its current says what its motor is: ``u V = R i + kt w``, with the duty u, the
 supply V and the speed w, has the resistance R and the torque constant kt, which is also the
@@ -13,6 +13,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ikservo.kinematics.arrays import Vector
 from ikservo.maintenance.drive_recording import DriveRecording, SteadyWindows
@@ -26,12 +27,13 @@ __all__ = [
     "fit_loop",
     "fit_motors",
     "mean_duties",
+    "sign_currents",
 ]
 
-_CLEAR_SHARE = 0.1  # of the voltages: less does not say in which direction the current flows
 # Errors of a window's volts: counts of the duty, and steps of the supply's reading, which windows
 # alike share: they count as no more than this many.
 _VOLTS, _SUPPLY_VOLTS, _MIN_WINDOWS = 0.01, 0.03, 10
+_SWINGING = 3.0  # times those errors, in the mean: the motor has another speed than the joint
 _NOMINAL_SHARE = 0.1  # by which a servo's winding and magnets may differ from its model's
 # By which the duty of a rad may differ from the firmware's, and where its gain was not read.
 _KNOWN_GAIN_SHARE, _GAIN_SHARE = 0.02, 0.3
@@ -39,10 +41,8 @@ _DELAY_S, _DELAY_DEVIATION_S = 0.0, 0.03
 _LOOP_NOISE = 0.004  # of a window's mean duty, at least
 _NOISY_DUTY = 0.015  # of a window's mean: by more, duties say less than leads do
 _NOISE_ROUNDS = 3  # in which the noise is found
-# A joint whose gravity torque is below this share of that of the whole duty has its gears free.
-_FREE_SHARE = 0.02
-_REVERSAL_RAD = 0.06  # of the joint, in which its gears have crossed their backlash
-_MIN_REVERSALS = 2
+_MOVING_RAD_S, _MIN_SWINGS = 0.05, 4
+_MIDDLE, _TINY = 0.2, 1e-9  # of a swing, to both sides of its middle
 _MAX_BACKLASH_RAD = 0.2
 _MIN_BACKLASH_ERROR_RAD = 0.001  # a tick
 
@@ -71,6 +71,11 @@ class JointPrior:
     def full_duty_nm(self) -> float:
         """Return the torque of the whole duty of all servos, at the joint."""
         return self.force * self.servo.full_duty_nm
+
+    @property
+    def kt(self) -> float:
+        """Return the torque constant of one of its motors, N m/A at the horn."""
+        return self.servo.damping_nm_s * self.nominal_v / self.servo.full_duty_nm
 
     @property
     def force(self) -> float:
@@ -119,9 +124,8 @@ def fit_motors(windows: SteadyWindows, prior: JointPrior) -> MotorConstants | No
     """Return the motors of a joint; None where one of its servos does not measure its current.
 
     Args:
-        windows: Of the joint.
-        prior: Of its servos. Where a servo measures only the size of its current, the nominal
-            motor says in which direction it flows.
+        windows: Of the joint; its currents have a direction.
+        prior: Of its servos.
     """
     found = [_winding(windows, k, prior) for k in range(prior.servos)]
     fits = [each for each in found if each is not None]
@@ -138,32 +142,32 @@ def fit_motors(windows: SteadyWindows, prior: JointPrior) -> MotorConstants | No
 def _winding(
     windows: SteadyWindows, servo: int, prior: JointPrior
 ) -> tuple[float, float, float] | None:
-    """Return kt, R and the standard error of kt / R, as a share of it, of one servo's motor."""
-    current, speed = windows.current_a[:, servo], windows.speed / prior.per_horn_rad
-    duty = windows.duty[:, servo]
-    volts = duty * windows.voltage_v[:, servo]
-    kt = prior.servo.damping_nm_s * prior.nominal_v / prior.servo.full_duty_nm
-    nominal = np.array([kt * prior.nominal_v / prior.servo.full_duty_nm, kt])
-    driving = volts - kt * speed
-    clear = np.abs(driving) > _CLEAR_SHARE * (np.abs(kt * speed) + np.abs(volts))
-    if (current >= 0.0).all():
-        current = np.copysign(current, driving)
-    used = np.isfinite(current) & clear
+    """Return kt, R and the standard error of kt / R, as a share of it, of one servo's motor.
+
+    Where a joint swings in its backlash its motor has another speed than the joint, and the current
+    with it: such windows say nothing about the motor, and it is the nominal one.
+    """
+    current = windows.current_a[:, servo]
+    used = np.isfinite(current)
     count = np.count_nonzero(used)
     if count < _MIN_WINDOWS:
         return None
-    noise = np.hypot(_VOLTS, _SUPPLY_VOLTS * duty[used]) * np.sqrt(count / _MIN_WINDOWS)
-    A = np.vstack([
-        np.column_stack([current, speed])[used] / noise[:, None],
-        np.diag(1.0 / (_NOMINAL_SHARE * nominal)),
-    ])  # fmt: skip
-    (R, kt), *_ = np.linalg.lstsq(
-        A, np.append(volts[used] / noise, [1.0 / _NOMINAL_SHARE] * 2), rcond=None
-    )
+    duty = windows.duty[used, servo]
+    volts = duty * windows.voltage_v[used, servo]
+    noise = np.hypot(_VOLTS, _SUPPLY_VOLTS * duty)
+    causes = np.column_stack([current, windows.speed / prior.per_horn_rad])[used] / noise[:, None]
+    nominal = np.array([prior.kt * prior.nominal_v / prior.servo.full_duty_nm, prior.kt])
+    known, alike = np.diag(1.0 / (_NOMINAL_SHARE * nominal)), np.sqrt(_MIN_WINDOWS / count)
+    A = np.vstack([alike * causes, known])
+    data = np.append(alike * volts / noise, [1.0 / _NOMINAL_SHARE] * 2)
+    found, *_ = np.linalg.lstsq(A, data, rcond=None)
+    if np.sqrt(np.mean((volts / noise - causes @ found) ** 2)) > _SWINGING:
+        found, A = nominal, known
+    R, kt = found.tolist()
     if R <= 0.0 or kt <= 0.0:
         return None
     gradient = np.array([-1.0 / R, 1.0 / kt])  # of log(kt / R)
-    return float(kt), float(R), float(np.sqrt(gradient @ np.linalg.inv(A.T @ A) @ gradient))
+    return kt, R, float(np.sqrt(gradient @ np.linalg.inv(A.T @ A) @ gradient))
 
 
 def fit_loop(windows: SteadyWindows, prior: JointPrior) -> LoopFit:
@@ -214,62 +218,85 @@ def mean_duties(windows: SteadyWindows, loops: Sequence[LoopFit]) -> SteadyWindo
     return replace(windows, duty=duty)
 
 
-def fit_backlash(
-    recording: DriveRecording, joint: int, gravity: Vector, motors: MotorConstants | None,
-    prior: JointPrior,
-) -> tuple[float, float] | None:  # fmt: skip
-    """Return the backlash of a joint and its standard error, rad; None where it does not show.
+def sign_currents(recording: DriveRecording, priors: Sequence[JointPrior]) -> DriveRecording:
+    """Return a recording whose currents have a direction where servos measure only their size.
 
-    It shows where the joint reverses and no load keeps its gears on one side, and its servo
-    measures its current.
+    Of the two it is the one in which the motor's speed by its back-EMF is nearer to the joint's:
+    gears lose only a short way in their backlash.
 
     Args:
-        recording: Of the motion.
+        recording: As read.
+        priors: What is known of each joint's servos.
+    """
+    current = recording.current_a.copy()
+    for j, prior in enumerate(priors):
+        speed = np.gradient(recording.position[:, j], recording.time_s) / prior.per_horn_rad
+        driving = (recording.duty * recording.voltage_v)[:, j] - prior.kt * speed[:, None]
+        sizes = (current[:, j] >= 0.0).all(axis=0)
+        current[:, j] = np.where(sizes, np.copysign(current[:, j], driving), current[:, j])
+    return replace(recording, current_a=current)
+
+
+def fit_backlash(
+    recording: DriveRecording, joint: int, motors: MotorConstants, prior: JointPrior
+) -> tuple[float, float] | None:
+    """Return the backlash of a joint and its standard error, rad; None where it does not swing.
+
+    Where it swings by itself, nearly without load, its gears cross their backlash: pushed one way
+    the motor is ahead of the joint, pushed the other way behind it. Where the joint passes the same
+    place both ways, errors of kt cancel.
+
+    Args:
+        recording: Of the motion; its currents have a direction.
         joint: The joint.
-        gravity: Its gravity torque in each sample (m,), as far as known.
-        motors: Of its servos; None where they do not measure their current.
+        motors: Of its servos.
         prior: Of its servos.
     """
-    if motors is None or np.abs(gravity).max() > _FREE_SHARE * motors.full_duty_nm:
+    swings = _swings(recording, joint)
+    if len(swings) < _MIN_SWINGS:
         return None
-    starts = _reversals(recording, joint)
-    lost = np.array([_lost_motion(recording, joint, start, motors, prior) for start in starts])
-    if len(lost) < _MIN_REVERSALS:
-        return None
-    spread = float(np.median(np.abs(lost - np.median(lost)))) * 1.48
-    value = float(np.clip(np.median(lost), 0.0, _MAX_BACKLASH_RAD))
-    return value, float(spread / np.sqrt(len(lost)) + _MIN_BACKLASH_ERROR_RAD)
+    kt = motors.back_emf_nm_s * prior.nominal_v / motors.full_duty_nm
+    R = kt * prior.nominal_v * prior.servos / motors.full_duty_nm
+    lost, other = (
+        _lost_motions(recording, joint, swings, kt, r)
+        for r in (R, R * (1.0 + motors.full_duty_error))
+    )
+    value, by_resistance = np.median(lost), np.median(other) - np.median(lost)
+    spread = 1.48 * np.median(np.abs(lost - value)) / np.sqrt(len(lost))
+    error = np.linalg.norm([spread, by_resistance, _MIN_BACKLASH_ERROR_RAD])
+    return float(np.clip(value, 0.0, _MAX_BACKLASH_RAD)), float(error)
 
 
-def _reversals(recording: DriveRecording, joint: int) -> list[slice]:
-    """Return the samples from each start of a leg in the other direction on."""
-    found: list[slice] = []
-    direction = 0.0
-    for leg in np.unique(recording.leg):
-        samples = np.flatnonzero(recording.leg == leg)
-        goals = recording.goal[samples, joint]
-        way = goals[-1] - goals[0]
-        if abs(way) < 2.0 * _REVERSAL_RAD:
-            direction = 0.0 if way else direction
-            continue
-        at = recording.position[samples, joint]
-        beyond = np.flatnonzero(np.abs(at - at[0]) > _REVERSAL_RAD)
-        if direction * way < 0.0 and len(beyond):
-            found.append(slice(int(samples[0]), int(samples[beyond[0]]) + 1))
-        direction = way
-    return found
+def _swings(recording: DriveRecording, joint: int) -> list[NDArray[np.intp]]:
+    """Return the samples of each leg in which a joint alone moves between two reversals."""
+    speed = np.abs(recording.speed)
+    legs = [np.flatnonzero(recording.leg == leg) for leg in np.unique(recording.leg)]
+    alone = [
+        leg for leg in legs
+        if speed[leg, joint].max() > _MOVING_RAD_S
+        and np.delete(speed[leg], joint, axis=1).max(initial=0.0) < _MOVING_RAD_S
+    ]  # fmt: skip
+    ways = [np.ptp(recording.goal[leg, joint]) for leg in alone]
+    return [leg for leg, way in zip(alone, ways, strict=True) if way > 0.75 * max(ways)]
 
 
-def _lost_motion(
-    recording: DriveRecording, joint: int, samples: slice, motors: MotorConstants, prior: JointPrior
-) -> float:
-    """Return by how much the motor turns further than the joint, rad at the joint."""
-    duty, volts = recording.duty[samples, joint, 0], recording.voltage_v[samples, joint, 0]
-    kt = motors.back_emf_nm_s * prior.nominal_v / motors.full_duty_nm * prior.per_horn_rad
-    R = kt * prior.nominal_v * prior.force / motors.full_duty_nm
-    current = np.copysign(recording.current_a[samples, joint, 0], duty)
-    speed = (duty * volts - R * current) / kt * prior.per_horn_rad
-    turned = np.trapezoid(speed, recording.time_s[samples])
-    position = recording.position[samples, joint]
-    moved = float(position[-1] - position[0])
-    return float(np.sign(moved) * (turned - moved))
+def _lost_motions(
+    recording: DriveRecording, joint: int, swings: Sequence[NDArray[np.intp]], kt: float, R: float
+) -> Vector:
+    """Return by how much the motor leads the joint in each swing, against those before and after.
+
+    What drifts evenly cancels.
+    """
+    time_s, position = recording.time_s, recording.position[:, joint]
+    volts = recording.duty[:, joint, 0] * recording.voltage_v[:, joint, 0]
+    speed = (volts - R * recording.current_a[:, joint, 0]) / kt
+    turned = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(time_s)))
+    samples = np.concatenate(swings)
+    ahead = turned - position
+    place = np.abs(position - np.median(position[samples])) / np.ptp(position[samples])
+    weights = np.where(place < _MIDDLE, 1.0, _TINY)
+    lead = np.array([np.average(ahead[swing], weights=weights[swing]) for swing in swings])
+    ends = recording.goal[:, joint]
+    ways = np.sign([ends[swing[-1]] - ends[swing[0]] for swing in swings])
+    lost: Vector = ways[1:-1] * (lead[1:-1] - 0.5 * (lead[:-2] + lead[2:]))
+    return lost

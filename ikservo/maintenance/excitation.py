@@ -5,7 +5,7 @@ from __future__ import annotations
 from bisect import bisect
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import count, islice
+from itertools import chain, count, islice, pairwise
 
 import numpy as np
 
@@ -37,13 +37,16 @@ _HALVINGS = 30
 _HEAVIER = 1.4  # links that are heavier than in the arm file, or hold something
 _PATH_STEP = 10  # samples of a path between two where gravity is evaluated
 _MAX_WAY = 1.5  # rad of each joint between two postures
-_PAUSE_S = 0.3  # at rest in every posture
+_PAUSE_S, _TURN_S = 0.3, 0.05  # at rest in every posture, and between two swings
 _SLOW = 0.3  # of the speed class: the speed of the last part of a tour
 # Between two readings: a reading delays the next goal, then some come in time again.
 _READ_PERIOD_S, _READ_CYCLES = 0.01, 2.5
 _PHASE_SHARE, _GOLDEN = 0.7, 0.6180339887498949  # of the cycle in which servos are read
 # Half a loop of the servo until a goal counts, and half of one since what it tells was measured.
 _SERVO_LOOP_S = 0.001
+_SWING_RAD = 0.07  # of the horn, to both sides
+# Postures drawn for the upright one, first anywhere, then around the best ones, ever nearer.
+_UPRIGHT_DRAWS, _UPRIGHT_SPREADS, _UNLOADED_SHARE = 1200, (0.1, 0.03, 0.01, 0.003), 0.01
 _PRIOR = 1e-3  # of the largest information: what is not excited yet counts most
 
 
@@ -54,10 +57,13 @@ class TourOptions:
     Attributes:
         postures: How many postures it has.
         slow_postures: How many of them are visited again, more slowly.
+        swings: How often each joint by itself then swings where gravity hardly loads it: that shows
+            its backlash.
     """
 
     postures: int = 8
     slow_postures: int = 3
+    swings: int = 4
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,30 +90,37 @@ class Excitation:
     Args:
         waypoints: The postures (k, n), rad or m; the first is where it starts.
         limits: The kinematic limits of the joints, for each motion between two of them.
+        pauses_s: The pause before each of them; another one follows the last.
     """
 
     def __init__(
-        self, waypoints: Sequence[Vector], limits: Sequence[Sequence[KinematicLimits]]
+        self,
+        waypoints: Sequence[Vector],
+        limits: Sequence[Sequence[KinematicLimits]],
+        pauses_s: Sequence[float],
     ) -> None:
-        self._waypoints, self._limits = list(waypoints), list(limits)
+        self._waypoints, self._limits, self._pauses_s = list(waypoints), list(limits), pauses_s
         self.legs: list[ExcitationLeg] = []
-        at_s = _PAUSE_S
-        for start, end, own in zip(waypoints[:-1], waypoints[1:], limits, strict=True):
-            leg = ExcitationLeg(at_s, JointMove(start, end, own))
+        at_s = 0.0
+        for (start, end), own, pause_s in zip(pairwise(waypoints), limits, pauses_s, strict=True):
+            leg = ExcitationLeg(at_s + pause_s, JointMove(start, end, own))
             self.legs.append(leg)
-            at_s = leg.end_s + _PAUSE_S
-        self.start, self.duration_s = waypoints[0], at_s
+            at_s = leg.end_s
+        self._ends_s = [leg.end_s for leg in self.legs]
+        self.start, self.duration_s = waypoints[0], at_s + _PAUSE_S
 
     def starting_at(self, start: Vector) -> Excitation:
         """Return the tour from another start (n,), near its own."""
-        return Excitation([start, *self._waypoints[1:]], self._limits)
+        return Excitation([start, *self._waypoints[1:]], self._limits, self._pauses_s)
 
     def state(self, time_s: float) -> TrajectoryPoint:
         """Return position, velocity and acceleration (n,) at a time."""
-        for leg in self.legs:
-            if time_s < leg.end_s + _PAUSE_S:
-                return leg.move.state(time_s - leg.start_s)
-        return self.legs[-1].move.state(time_s)
+        leg = self.legs[self.leg_at(time_s)]
+        return leg.move.state(time_s - leg.start_s)
+
+    def leg_at(self, time_s: float) -> int:
+        """Return the index of the leg at a time, the pause before it included."""
+        return min(bisect(self._ends_s, time_s), len(self.legs) - 1)
 
 
 def plan_excitation(
@@ -138,7 +151,11 @@ def plan_excitation(
               for x in usual]  # fmt: skip
     first_slow = 2 * len(there) - 1
     limits = [slower if k >= first_slow else usual for k in range(len(tour) - 1)]
-    excitation = Excitation(tour, limits)
+    swings = _swings(context, dynamics, start, options.swings)
+    tour += [*swings, start] if swings else []
+    pauses_s = [_PAUSE_S] * len(limits) + [_TURN_S] * (len(tour) - 1 - len(limits))
+    limits += [usual] * (len(tour) - 1 - len(limits))
+    excitation = Excitation(tour, limits, pauses_s)
     context.check_streamed_path(excitation, "slow")
     return excitation
 
@@ -166,6 +183,21 @@ def _draw_postures(
             "Clear its reach, or move it to another pose first: ikservo pose home",
         )
     return postures
+
+
+def _swings(context: ArmContext, dynamics: Dynamics, start: Vector, times: int) -> list[Vector]:
+    """Return postures (n,) between which one joint after the other swings, reached from the start.
+
+    Gears cross their backlash where the load changes its sign. Gravity loads no joint of an arm
+    that stands upright, whatever its links weigh. Empty where there is no room for it.
+    """
+    space = _FreeSpace.of(context, dynamics, start)
+    for upright in space.upright_postures(start, np.random.default_rng(_SEED)) if times else ():
+        ways = np.diag([fence.joint_map.unit_per_horn_rad for fence in context.servos.fences])
+        ends = [(upright + way, upright - way) for way in _SWING_RAD * ways[[*context.index.chain]]]
+        if all(space.is_way_free(*pair) for pair in [(start, upright), *ends]):
+            return [upright, *chain.from_iterable([*pair * times, upright] for pair in ends)]
+    return []
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -196,21 +228,46 @@ class _FreeSpace:
 
     def reachable_postures(self, at: Vector, random: np.random.Generator) -> Iterator[Vector]:
         """Yield postures (n,) with free ways to them from ``at``."""
-        lower, upper = self.context.chain.lower_rad, self.context.chain.upper_rad
-        lower, upper = np.maximum(lower, -np.pi), np.minimum(upper, np.pi)
-        margin, near = _LIMIT_MARGIN * (upper - lower), self.context.index.chain_joints(at)
-        lower = np.minimum(np.maximum(lower + margin, near - _MAX_WAY), near)
-        upper = np.maximum(np.minimum(upper - margin, near + _MAX_WAY), near)
+        (lower, upper), near = self._inner_limits(), self.context.index.chain_joints(at)
+        lower = np.minimum(np.maximum(lower, near - _MAX_WAY), near)
+        upper = np.maximum(np.minimum(upper, near + _MAX_WAY), near)
         for _ in range(_MAX_DRAWS):
             q = random.uniform(lower, upper)
             posture = self.context.index.with_chain(at, q)
-            if self._is_room_at(posture) and self._is_way_free(at, posture):
+            if self._is_room_at(posture) and self.is_way_free(at, posture):
                 yield posture
+
+    def upright_postures(self, at: Vector, random: np.random.Generator) -> Iterator[Vector]:
+        """Yield postures (n,) in which links load joints less than in most, best first."""
+        (lower, upper), near = self._inner_limits(), self.context.index.chain_joints(at)
+        pool = random.uniform(lower, upper, (_UPRIGHT_DRAWS, len(near)))
+        for spread in _UPRIGHT_SPREADS:
+            best = pool[np.argsort(self._loads(pool).sum(axis=1))[:_CANDIDATES]]
+            around = best.repeat(_UPRIGHT_DRAWS // _CANDIDATES, axis=0)
+            drawn = np.clip(random.normal(around, spread * (upper - lower)), lower, upper)
+            pool = np.vstack([pool, drawn])
+        loads = self._loads(pool)
+        # Joints that gravity does not load stay where they are.
+        pool = np.where(loads.max(axis=0) > _UNLOADED_SHARE * loads.max(), pool, near)
+        order = np.argsort(loads.sum(axis=1))
+        for k in range(int(np.log2(len(order)))):
+            yield self.context.index.with_chain(at, pool[order[2**k - 1]])
+
+    def _loads(self, q: Matrix) -> Matrix:
+        """Return the gravity torques of all links on each joint, all with one sign (k, dof)."""
+        return np.abs(gravity_columns(self.dynamics, q)).sum(axis=2)
+
+    def _inner_limits(self) -> tuple[Vector, Vector]:
+        lower, upper = self.context.chain.lower_rad, self.context.chain.upper_rad
+        lower, upper = np.maximum(lower, -np.pi), np.minimum(upper, np.pi)
+        margin = _LIMIT_MARGIN * (upper - lower)
+        return lower + margin, upper - margin
 
     def _is_room_at(self, posture: Vector) -> bool:
         return self.context.clearance_m(posture) > self.clearance_m
 
-    def _is_way_free(self, start: Vector, goal: Vector) -> bool:
+    def is_way_free(self, start: Vector, goal: Vector) -> bool:
+        """Return whether the arm may move between two postures (n,), there and back."""
         path = self.context.interpolate_joints(start, goal)[::_PATH_STEP]
         torques = np.abs(self.dynamics.gravity_torques(self.context.index.chain_joints(path)))
         if (torques > self.max_torque).any():
@@ -349,10 +406,9 @@ def _make_recording(
     # The motion's own time passes more slowly while a joint lags.
     rate = np.gradient(motion_s, clock_s)
     speeds = np.array([excitation.state(time_s).velocity for time_s in motion_s])
-    starts = [leg.start_s for leg in excitation.legs]
     return DriveRecording(
         time_s=clock_s - clock_s[0],
-        leg=np.array([bisect(starts, float(at_s) + _PAUSE_S) - 1 for at_s in motion_s]),
+        leg=np.array([excitation.leg_at(float(at_s)) for at_s in motion_s]),
         speed=smooth_samples(speeds[:, columns] * rate[:, None]),
         goal=goals[:, columns],
         position=drives[:, :, 0, 3],

@@ -16,7 +16,7 @@ determined.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +32,7 @@ from ikservo.maintenance.drive_fit import (
     fit_loop,
     fit_motors,
     mean_duties,
+    sign_currents,
 )
 from ikservo.maintenance.drive_recording import (
     Cube,
@@ -59,7 +60,7 @@ __all__ = [
 _N, _LOGARITHMIC = len(JOINT_PARAMETERS), (0, len(JOINT_PARAMETERS) - 1)
 _DETERMINED = 0.5
 """A parameter is determined where its standard error is below this share of that before."""
-_KEPT_ASIDE = 4  # every fourth leg
+_KEPT_ASIDE = 4  # every fourth pair of legs: there and back
 _MIN_WINDOWS = 12  # of a joint
 _BACKLASH_RAD = 0.02  # standard deviation before
 _TIGHT = 1e-3  # of what is not estimated
@@ -91,11 +92,16 @@ class Validation:
 
     Attributes:
         identified: Root mean square of the error with the parameters of the other legs, rad or m.
-        nominal: The same error with the parameters that were known before.
+        nominal: The same error with the parameters of the tables.
     """
 
     identified: float
     nominal: float
+
+    @property
+    def is_better(self) -> bool:
+        """Return whether identified parameters predict better than the tables."""
+        return self.identified < self.nominal
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,7 +115,8 @@ class Identification:
             ``backlash_rad``, all servos of the joint together, at the joint; ``BODY.mass_scale``;
             and ``payload_kg``. What was not measured at all is left out.
         motors: Of the joints whose servos measure their current.
-        validation: By joint.
+        validation: By joint. Where identified parameters predict no better, the joint's estimates
+            are the values of the tables.
     """
 
     joints: tuple[str, ...]
@@ -160,6 +167,7 @@ def identify(
     Raises:
         CalibrationError: A joint has not moved enough.
     """
+    recording = sign_currents(recording, priors)
     windows = _checked_windows(dynamics, recording)
     loops = [fit_loop(windows.of_joint(j), prior) for j, prior in enumerate(priors)]
     model = _make_model(dynamics, priors, windows, loops)
@@ -167,16 +175,23 @@ def identify(
     covariance = _sandwich(fitted, x)
     motors = _motors(dynamics, priors, windows)
     nominal = nominal_prior([(prior, None) for prior in priors], len(dynamics.bodies))
+    validation = _validate(dynamics.chain.names, model, loops, nominal)
+    for j, name in enumerate(dynamics.chain.names):
+        if name not in validation or not validation[name].is_better:
+            own = slice(_N * j, _N * (j + 1))
+            x[own], covariance[own, own] = nominal.mean[own], np.diag(nominal.deviation[own] ** 2)
     estimates = _joint_estimates(dynamics.chain.names, x, covariance, nominal)
     estimates |= _stiffness_estimates(dynamics.chain.names, estimates, loops, priors)
-    estimates |= _backlash_estimates(dynamics, recording, x, motors, priors)
+    estimates |= _backlash_estimates(
+        recording, estimates, motors, dict(zip(dynamics.chain.names, priors, strict=True))
+    )
     estimates |= _mass_estimates(dynamics.bodies, x, covariance, model.prior)
     return Identification(
         joints=dynamics.chain.names,
         bodies=dynamics.bodies,
         estimates=estimates,
         motors=motors,
-        validation=_validate(dynamics.chain.names, model, loops),
+        validation=validation,
     )
 
 
@@ -197,7 +212,7 @@ def identify_payload(
     Raises:
         CalibrationError: A joint has not moved enough.
     """
-    windows = _checked_windows(dynamics, recording)
+    windows = _checked_windows(dynamics, sign_currents(recording, priors))
     loops = [fit_loop(windows.of_joint(j), prior) for j, prior in enumerate(priors)]
     model = _make_model(dynamics, priors, windows, loops)
     if known is not None:
@@ -304,19 +319,20 @@ def _stiffness_estimates(
 
 
 def _backlash_estimates(
-    dynamics: Dynamics,
     recording: DriveRecording,
-    x: Vector,
+    estimates: Mapping[str, ParameterEstimate],
     motors: Mapping[str, MotorConstants],
-    priors: Sequence[JointPrior],
+    priors: Mapping[str, JointPrior],
 ) -> dict[str, ParameterEstimate]:
-    scales = _scales(x, len(dynamics.bodies))
-    gravity = gravity_columns(dynamics, recording.position) @ scales
     found: dict[str, ParameterEstimate] = {}
-    for j, (name, prior) in enumerate(zip(dynamics.chain.names, priors, strict=True)):
-        backlash = fit_backlash(recording, j, gravity[:, j], motors.get(name), prior)
-        if backlash is not None:
-            found[f"{name}.backlash_rad"] = ParameterEstimate(*backlash, _BACKLASH_RAD)
+    for j, (name, prior) in enumerate(priors.items()):
+        if name in motors:
+            full = estimates[f"{name}.full_duty_nm"]
+            share = min(full.error / full.value, motors[name].full_duty_error)
+            own = replace(motors[name], full_duty_error=share)
+            backlash = fit_backlash(recording, j, own, prior)
+            if backlash is not None:
+                found[f"{name}.backlash_rad"] = ParameterEstimate(*backlash, _BACKLASH_RAD)
     return found
 
 
@@ -344,16 +360,16 @@ def _mass_estimates(
 
 
 def _validate(
-    joints: Sequence[str], model: DutyModel, loops: Sequence[LoopFit]
+    joints: Sequence[str], model: DutyModel, loops: Sequence[LoopFit], nominal: ParameterPrior
 ) -> dict[str, Validation]:
     """Fit all legs but those kept aside, and predict these."""
-    aside = model.windows.leg % _KEPT_ASIDE == _KEPT_ASIDE - 1
+    aside = model.windows.leg // 2 % _KEPT_ASIDE == 1
     x, kept = _solve(model.only(~aside))[0], model.only(aside)
     found: dict[str, Validation] = {}
-    errors = kept.errors_by_joint(x), kept.errors_by_joint(model.prior.mean)
-    for name, loop, own, nominal in zip(joints, loops, *errors, strict=True):
+    errors = kept.errors_by_joint(x), kept.errors_by_joint(nominal.mean)
+    for name, loop, own, tables in zip(joints, loops, *errors, strict=True):
         if len(own):
-            lag, before = (np.sqrt(np.mean(e**2)) / loop.duty_per_rad for e in (own, nominal))
+            lag, before = (np.sqrt(np.mean(e**2)) / loop.duty_per_rad for e in (own, tables))
             found[name] = Validation(float(lag), float(before))
     return found
 

@@ -46,6 +46,19 @@ def stiffness_error(arm, name, found):
     return abs(found.estimates[f"{name}.stiffness_nm_rad"].value / true - 1.0)
 
 
+def play_error(arm, name, found):
+    """Return by how much the play is off, in units of 0.3° or 30 %; 0 where it is not determined.
+
+    Only servos that measure their current may leave it open.
+    """
+    motor = line_of(arm).world.joint(name).servos[0].motor.parameters
+    estimate = found.estimates.get(f"{name}.backlash_rad")
+    if estimate is None:
+        return np.inf if name in found.motors else 0.0
+    off = abs(estimate.value - motor.backlash_rad)
+    return off / max(np.radians(0.3), 0.3 * motor.backlash_rad)
+
+
 def _true_effort(servos, speed, gravity_nm, side):
     return sum(
         _effort_of(s.motor.parameters, speed, gravity_nm / len(servos), side) for s in servos

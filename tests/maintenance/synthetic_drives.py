@@ -84,3 +84,31 @@ def record(dynamics, drives, seed=0, legs=16, dead=(), d_gain_s=0.0):
         voltage_v=np.full((*q.shape, 1), SUPPLY_V),
         goal_age_s=age_s,
     )
+
+
+def swing(drive, backlash_rad, joints=2, swings=8, half_rad=0.07, rad_s=0.3, crossing_s=0.1):
+    """Return the recording of the first of some joints, which swings to both sides of zero.
+
+    Its motor crosses the backlash after each reversal while the joint stands still.
+    """
+    rest, way = np.zeros(round(crossing_s / DT_S)), np.full(round(2 * half_rad / rad_s / DT_S), 1.0)
+    side = np.tile(np.repeat([1.0, -1.0], len(rest) + len(way)), swings // 2)
+    speed = np.tile(np.append(rest, way), swings) * side * 2 * half_rad / (len(way) * DT_S)
+    crossing = np.tile(np.append(rest + 1.0, 0.0 * way), swings) * side
+    motor = speed + crossing * backlash_rad / crossing_s
+    current = drive.coulomb / drive.kt * np.sign(motor)
+    alone = np.eye(1, joints)
+    moved = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]))) * DT_S
+    position = (moved - half_rad)[:, None] * alone
+    duty = ((drive.ohm * current + drive.kt * motor) / SUPPLY_V)[:, None] * alone
+    return DriveRecording(
+        time_s=np.arange(len(side)) * DT_S,
+        leg=np.repeat(np.arange(swings), len(rest) + len(way)),
+        speed=speed[:, None] * alone,
+        goal=position,
+        position=position.copy(),
+        duty=duty[..., None],
+        current_a=(current[:, None] * alone)[..., None],
+        voltage_v=np.full((len(side), joints, 1), SUPPLY_V),
+        goal_age_s=np.zeros((len(side), joints)),
+    )

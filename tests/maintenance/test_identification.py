@@ -8,12 +8,19 @@ import pytest
 import ikservo
 from ikservo.errors import CalibrationError
 from ikservo.kinematics.dynamics import Dynamics
-from ikservo.maintenance.drive_fit import fit_loop, fit_motors, mean_duties
+from ikservo.maintenance.drive_fit import (
+    MotorConstants,
+    fit_backlash,
+    fit_loop,
+    fit_motors,
+    mean_duties,
+    sign_currents,
+)
 from ikservo.maintenance.drive_recording import smooth_samples, steady_windows
 from ikservo.maintenance.identification import gravity_columns, identify, identify_payload
 from ikservo.model.identified_drives import with_mass_scales
 from ikservo.model.sag import link_masses
-from tests.maintenance.synthetic_drives import Drive, prior_of, record
+from tests.maintenance.synthetic_drives import SUPPLY_V, Drive, prior_of, record, swing
 
 MODEL = ikservo.load_model("open_manipulator_x")
 DYNAMICS = Dynamics.from_masses(MODEL.chain, link_masses(MODEL, MODEL.chain))
@@ -51,9 +58,37 @@ def test_motors_that_measure_their_current_tell_their_torque(found):
 
 def test_a_size_of_the_current_is_as_good_as_its_direction():
     one = recorded()
-    other = replace(one, current_a=np.abs(one.current_a))
-    motors = [fit_motors(steady_windows(r).of_joint(1), prior_of()) for r in (one, other)]
+    other = sign_currents(replace(one, current_a=np.abs(one.current_a)), PRIORS)
+    motors = [motors_of(recording, 1) for recording in (one, other)]
     assert motors[1].full_duty_nm == pytest.approx(motors[0].full_duty_nm, rel=0.02)
+
+
+def test_the_motor_of_a_joint_that_swings_in_its_backlash_is_found_as_well():
+    # A motor that is faster than its joint by chance needs more current and more volts.
+    clean, true = recorded(), Drive()
+    faster = np.random.default_rng(0).normal(0.0, 0.15, (len(clean.time_s) // 20 + 1, DOF))
+    faster = np.repeat(faster, 20, axis=0)[: len(clean.time_s), :, None]
+    more_a = faster * 0.5 * true.kt / true.ohm
+    duty = clean.duty + (true.kt * faster + true.ohm * more_a) / SUPPLY_V
+    swinging = replace(clean, duty=duty, current_a=clean.current_a + more_a)
+    assert motors_of(swinging, 0).full_duty_nm == pytest.approx(true.full_nm, rel=0.08)
+
+
+def motors_of(recording, joint):
+    return fit_motors(steady_windows(recording).of_joint(joint), prior_of())
+
+
+@pytest.mark.parametrize("kt_error", [-0.05, 0.0, 0.05])
+@pytest.mark.parametrize("backlash_rad", [0.003, 0.03])
+def test_backlash_is_what_the_motor_turns_further_than_the_joint(backlash_rad, kt_error):
+    true, recording = Drive(), swing(Drive(), backlash_rad)
+    recording = sign_currents(replace(recording, current_a=np.abs(recording.current_a)), PRIORS[:2])
+    kt = true.kt * (1.0 + kt_error)
+    motors = MotorConstants(kt * SUPPLY_V / true.ohm, kt**2 / true.ohm, 0.02)
+    value, error = fit_backlash(recording, 0, motors, prior_of())
+    assert value == pytest.approx(backlash_rad, rel=0.08)
+    assert error < 0.2 * backlash_rad + 0.002
+    assert fit_backlash(recording, 1, motors, prior_of()) is None
 
 
 def test_friction_is_found(found):
