@@ -42,6 +42,8 @@ _LOOP_NOISE = 0.004  # of a window's mean duty, at least
 _NOISY_DUTY = 0.015  # of a window's mean: by more, duties say less than leads do
 _NOISE_ROUNDS = 3  # in which the noise is found
 _MOVING_RAD_S, _MIN_SWINGS = 0.05, 4
+# A joint whose gravity torque is below this share of that of the whole duty has its gears free.
+_FREE_SHARE = 0.01
 _MIDDLE, _TINY = 0.2, 1e-9  # of a swing, to both sides of its middle
 _MAX_BACKLASH_RAD = 0.2
 _MIN_BACKLASH_ERROR_RAD = 0.001  # a tick
@@ -238,9 +240,10 @@ def sign_currents(recording: DriveRecording, priors: Sequence[JointPrior]) -> Dr
 
 
 def fit_backlash(
-    recording: DriveRecording, joint: int, motors: MotorConstants, prior: JointPrior
-) -> tuple[float, float] | None:
-    """Return the backlash of a joint and its standard error, rad; None where it does not swing.
+    recording: DriveRecording, joint: int, gravity: Vector, motors: MotorConstants,
+    prior: JointPrior,
+) -> tuple[float, float] | None:  # fmt: skip
+    """Return the backlash of a joint and its standard error, rad; None where it does not show.
 
     Where it swings by itself, nearly without load, its gears cross their backlash: pushed one way
     the motor is ahead of the joint, pushed the other way behind it. Where the joint passes the same
@@ -249,11 +252,16 @@ def fit_backlash(
     Args:
         recording: Of the motion; its currents have a direction.
         joint: The joint.
+        gravity: Its gravity torque in each sample (m,), as far as known: one that keeps its sign
+            keeps the gears on one side.
         motors: Of its servos.
         prior: Of its servos.
     """
     swings = _swings(recording, joint)
     if len(swings) < _MIN_SWINGS:
+        return None
+    loads, free = gravity[np.concatenate(swings)], _FREE_SHARE * motors.full_duty_nm
+    if loads.min() > free or loads.max() < -free:
         return None
     kt = motors.back_emf_nm_s * prior.nominal_v / motors.full_duty_nm
     R = kt * prior.nominal_v * prior.servos / motors.full_duty_nm

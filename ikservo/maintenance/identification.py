@@ -183,7 +183,11 @@ def identify(
     estimates = _joint_estimates(dynamics.chain.names, x, covariance, nominal)
     estimates |= _stiffness_estimates(dynamics.chain.names, estimates, loops, priors)
     estimates |= _backlash_estimates(
-        recording, estimates, motors, dict(zip(dynamics.chain.names, priors, strict=True))
+        recording,
+        gravity_columns(dynamics, recording.position) @ _scales(x, len(dynamics.bodies)),
+        estimates,
+        motors,
+        dict(zip(dynamics.chain.names, priors, strict=True)),
     )
     estimates |= _mass_estimates(dynamics.bodies, x, covariance, model.prior)
     return Identification(
@@ -320,6 +324,7 @@ def _stiffness_estimates(
 
 def _backlash_estimates(
     recording: DriveRecording,
+    gravity: Matrix,
     estimates: Mapping[str, ParameterEstimate],
     motors: Mapping[str, MotorConstants],
     priors: Mapping[str, JointPrior],
@@ -330,7 +335,7 @@ def _backlash_estimates(
             full = estimates[f"{name}.full_duty_nm"]
             share = min(full.error / full.value, motors[name].full_duty_error)
             own = replace(motors[name], full_duty_error=share)
-            backlash = fit_backlash(recording, j, own, prior)
+            backlash = fit_backlash(recording, j, gravity[:, j], own, prior)
             if backlash is not None:
                 found[f"{name}.backlash_rad"] = ParameterEstimate(*backlash, _BACKLASH_RAD)
     return found

@@ -85,10 +85,13 @@ def test_backlash_is_what_the_motor_turns_further_than_the_joint(backlash_rad, k
     recording = sign_currents(replace(recording, current_a=np.abs(recording.current_a)), PRIORS[:2])
     kt = true.kt * (1.0 + kt_error)
     motors = MotorConstants(kt * SUPPLY_V / true.ohm, kt**2 / true.ohm, 0.02)
-    value, error = fit_backlash(recording, 0, motors, prior_of())
+    free = np.zeros(len(recording.time_s))
+    value, error = fit_backlash(recording, 0, free, motors, prior_of())
     assert value == pytest.approx(backlash_rad, rel=0.08)
     assert error < 0.2 * backlash_rad + 0.002
-    assert fit_backlash(recording, 1, motors, prior_of()) is None
+    assert fit_backlash(recording, 1, free, motors, prior_of()) is None
+    for pressed in (free + 0.1, free - 0.1):
+        assert fit_backlash(recording, 0, pressed, motors, prior_of()) is None
 
 
 def test_friction_is_found(found):
