@@ -128,9 +128,9 @@ class _EndStopSearch:
 
     def _pressing_lag_rad(self) -> float:
         """Return the lag behind the goal at which the servo presses as hard as it may."""
-        fence = self._context.servos.fences[self._column]
+        limits = self._context.servos.fences[self._column]
         speed = self._context.planner.motion_limits("slow")[self._column].speed_rad_s
-        lead_rad = fence.max_lead_ticks(speed) * fence.joint_map.horn_rad_per_tick
+        lead_rad = limits.max_lead_ticks(speed) * limits.joint_map.horn_rad_per_tick
         return _PRESSING_SHARE * lead_rad
 
     def start_trajectory(self, start: Vector) -> OnlineTrajectory:

@@ -149,12 +149,12 @@ def limited_context(
     own = CalibratedArm(bus, model, ZeroSource.CALIBRATED, known.calibration)
     subjects = {subject.name: subject for subject in state.subjects}
     lags = load_lags(model, model.chain)
-    fences = [
+    limits = [
         _search_limits(own, j, subjects[j.name], state, loose, lags.get(j.name, LoadLag()))
         for j in model.joints
     ]
     shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
-    servos = ServoGroup(bus, fences, shadows, bus.clock, model.health)
+    servos = ServoGroup(bus, limits, shadows, bus.clock, model.health)
     zeros = ZeroSource.CALIBRATED
     return ArmContext.build(model, model.chain, servos, bus.port, space, zeros)
 

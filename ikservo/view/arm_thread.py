@@ -111,7 +111,7 @@ class ArmThread:
         self._waiting_job: ArmJob | None = None
         self._running_job: ArmJob | None = None
         self._acknowledged = self._ending = self._lost = False
-        self._thread = threading.Thread(target=self._run_thread, name="ikservo pilot", daemon=True)
+        self._thread = threading.Thread(target=self._run_thread, name="ikservo arm", daemon=True)
 
     def __enter__(self) -> ArmThread:
         """Start the thread."""
@@ -400,7 +400,7 @@ class ArmThread:
 
     def _run_calibration(self, driver: CalibrationDriver) -> None:
         """Hand the port to the calibration, then reopen the arm."""
-        joint_maps = [fence.joint_map for fence in self.arm.context.servos.fences]
+        joint_maps = [limits.joint_map for limits in self.arm.context.servos.fences]
         picture = LimpPicture(joint_maps, self.snapshot.measured)
         self.arm.close("hold")
         self._lost = True

@@ -109,15 +109,15 @@ def test_an_implausible_zero_that_is_confirmed_is_saved(hidden):
     assert Path(screens["saved"]["lines"][0]).is_file()
 
 
-def test_a_second_press_does_not_answer_the_question_that_follows(hidden):
+def test_a_question_is_not_answered_by_a_second_press_or_a_word_it_does_not_offer(hidden):
     calibration = CalibrationDriver(load_model(hidden.name), "/dev/ttyBENCH", "home")
     script, reviewed = ScriptedAnswers(), 0
     calibration.request_start()
     for view in calibration.run():
         if view.item.stage == "review":
             reviewed += 1
-            if reviewed == 20:
-                calibration.put_answer("cancel")
+            if reviewed in (5, 20):
+                calibration.put_answer("remeasure joint1" if reviewed == 5 else "cancel")
         elif word := script.next_answer(view.item):
             calibration.put_answer(word)
             calibration.put_answer(word)
