@@ -5,13 +5,16 @@ BIN    := $(VENV)/bin
 PAGE   := ikservo/view/page
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 
-.PHONY: demo test test-oldest check check-release campaign mutate bench build docs sanitize pictures lerobot vendor clean
+.PHONY: demo test test-all test-oldest check check-release campaign mutate bench build docs sanitize pictures lerobot vendor clean
 
 demo: build  ## move the simulated SO-101 to a coordinate and print the report
 	@$(BIN)/ikservo move 0.25 0.05 0.15 --arm so101 --port sim --yes
 
-test: $(VENV)/tested build  ## the suite on the simulated bus, on every core
+test: $(VENV)/tested build  ## for every save: the tests that take little time, on every core
 	$(BIN)/python -m pytest -n auto --dist worksteal
+
+test-all: $(VENV)/tested build  ## before a commit: all tests but the campaigns
+	$(BIN)/python -m pytest -n auto --dist worksteal --all
 
 check: $(VENV)/checked  ## what a commit must pass besides the tests
 	$(BIN)/ruff check .

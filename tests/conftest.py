@@ -11,6 +11,7 @@ import sys
 import pytest
 from hypothesis import settings
 
+from tests import tiers
 from tests.sampling import leave_others_to_campaign
 
 # A busy machine may suspend a test at any place.
@@ -35,6 +36,7 @@ for name, usual in (("SIGINT", signal.default_int_handler), ("SIGHUP", signal.SI
 
 
 def pytest_addoption(parser):
+    tiers.add_option(parser)
     parser.addoption(
         "--real-port",
         help="serial port of a real arm, for `-m hardware`; its torque stays off",
@@ -48,13 +50,18 @@ def pytest_addoption(parser):
     parser.addoption("--real-arm", default="so101", help="which arm that is (default: so101)")
 
 
+def pytest_configure(config):
+    tiers.choose_tier(config)
+
+
 def pytest_sessionstart():
     gc.disable()  # collection makes thousands of objects, and all of them stay
 
 
 @pytest.hookimpl(tryfirst=True)  # before the markers are looked at
-def pytest_collection_modifyitems(items):
+def pytest_collection_modifyitems(config, items):
     leave_others_to_campaign(items)
+    tiers.leave_full_tests_out(config, items)
 
 
 def pytest_collection_finish():

@@ -4,6 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 FROZEN = """
 import gc
 from ruckig import Trajectory
@@ -15,6 +17,7 @@ def test_leaves_what_only_collection_frees():
 """
 
 
+@pytest.mark.full
 def test_the_last_line_of_a_run_is_that_of_pytest(tmp_path):
     (tmp_path / "test_frozen.py").write_text(FROZEN)
     command = [sys.executable, "-m", "pytest", "-q", "-n0", "-p", "tests.conftest", str(tmp_path)]

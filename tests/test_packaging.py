@@ -31,6 +31,7 @@ def wheel(tmp_path_factory):
     return zipfile.ZipFile(path)
 
 
+@pytest.mark.full
 def test_the_wheel_carries_every_arm(wheel):
     files = {f"ikservo/_configs/{arm}/{file}" for arm in ARMS for file in ("arm.toml", "arm.urdf")}
     assert files <= set(wheel.namelist())
@@ -79,6 +80,7 @@ def metadata(wheel, file):
     return next(name for name in wheel.namelist() if name.endswith(f".dist-info/{file}"))
 
 
+@pytest.mark.full
 def test_the_unpacked_wheel_moves_an_arm(wheel, tmp_path):
     wheel.extractall(tmp_path)
     script = (

@@ -78,6 +78,7 @@ def test_a_motion_in_the_background_ends_with_the_report_of_the_blocking_one(arm
     assert motion.wait() is report
 
 
+@pytest.mark.full
 def test_the_program_goes_on_while_the_arm_moves(arm):
     motion, gate = begun(arm)
     assert not motion.done
@@ -186,6 +187,7 @@ def test_cancelling_a_motion_that_is_over_changes_nothing(arm):
     assert arm.stopped_for == ""
 
 
+@pytest.mark.full
 def test_a_motion_that_was_cancelled_before_its_turn_never_moves(arm):
     first, gate = begun(arm)
     second = arm.move_joints({"wrist_roll": 1.0}, wait=False)
@@ -197,12 +199,14 @@ def test_a_motion_that_was_cancelled_before_its_turn_never_moves(arm):
     assert abs(true_joints(arm)["wrist_roll"]) < 0.01
 
 
+@pytest.mark.full
 def test_motions_in_the_background_run_one_after_the_other(arm):
     motions = [arm.move_joints({"shoulder_pan": pan}, wait=False) for pan in (0.1, -0.1, 0.05)]
     assert all(motion.wait().reached for motion in motions)
     assert true_joints(arm)["shoulder_pan"] == pytest.approx(0.05, abs=0.01)
 
 
+@pytest.mark.full
 def test_a_blocking_motion_waits_for_the_one_in_the_background(arm):
     motion, gate = begun(arm, pan=0.3)
     threading.Timer(0.1, gate.open).start()
@@ -225,6 +229,7 @@ def test_two_threads_move_one_arm_in_turn(arm):
     assert [report.reached for report in reports] == [True, True]
 
 
+@pytest.mark.full
 def test_where_answers_while_a_motion_runs(arm):
     motion, gate = begun(arm, pan=0.5)
     here = arm.where()
@@ -322,6 +327,7 @@ began.wait(60)
 """
 
 
+@pytest.mark.full
 def test_a_program_that_ends_in_mid_motion_brakes_it_first():
     ran = subprocess.run([sys.executable, "-c", LEFT_BEHIND], capture_output=True, text=True,
                          check=False, timeout=100)  # fmt: skip
@@ -356,6 +362,7 @@ def test_cancelling_a_task_cancels_its_motion(arm):
     assert motion.done
 
 
+@pytest.mark.full
 def test_an_error_that_was_not_waited_for_is_logged(arm, caplog):
     motion = arm.move_to((0.9, 0.0, 0.1), wait=False)
     motion.join()

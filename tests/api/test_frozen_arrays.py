@@ -55,6 +55,7 @@ VALUES = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("make", VALUES.values(), ids=VALUES)
 def test_arrays_of_returned_values_are_read_only(arm, make):
     assert list(writable_parts(make(arm), "value")) == []

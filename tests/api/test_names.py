@@ -41,6 +41,7 @@ def raised_in_the_packages_of_the_api():
                 yield path, node.name, node.name.startswith("_") and f"except {node.name}" in text
 
 
+@pytest.mark.full
 def test_every_error_that_a_method_of_an_arm_may_raise_is_one_of_them():
     own = {"cli", "view"}  # these have errors that no program ever sees
     missing = [

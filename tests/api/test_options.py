@@ -122,6 +122,7 @@ def test_each_option_is_explained_with_its_default():
             assert f"    {option}: " in explained
 
 
+@pytest.mark.full
 def test_options_reach_the_motion():
     goal_m, seen = (0.2, 0.04, 0.08), []
     options = {"speed": "fast", "stance": ToolOrientation(pitch_rad=-0.9)}

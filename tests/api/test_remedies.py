@@ -68,6 +68,7 @@ def texts():
                 yield place, node.value
 
 
+@pytest.mark.full
 def test_no_text_of_the_api_names_an_option_or_a_command_that_a_method_replaces():
     left = [
         (place, text)

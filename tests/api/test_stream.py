@@ -86,6 +86,7 @@ def test_a_jump_of_the_setpoint_is_shaped_to_the_arms_limits(arm):
     assert true_joints(arm)["shoulder_pan"] > 0.5
 
 
+@pytest.mark.full
 def test_a_setpoint_outside_the_limits_means_the_limit(arm):
     with arm.stream(rate_hz=20) as stream:
         for _ in range(40):
@@ -102,6 +103,7 @@ def test_what_would_collide_is_refused_and_counted_and_the_arm_stays(arm):
     assert true_tip_m(arm)[2] > 0.0
 
 
+@pytest.mark.full
 def test_it_holds_when_the_program_falls_silent_and_goes_on_with_the_next(arm):
     clock = clock_of(arm)
     with arm.stream(rate_hz=20) as stream:

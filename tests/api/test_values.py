@@ -52,6 +52,7 @@ def test_where_gives_joints_by_name(still):
         _ = here["elbow"]
 
 
+@pytest.mark.full
 def test_what_where_measures_can_be_gone_back_to(arm):
     there = arm.where().positions
     arm.move_to(NEAR)
@@ -72,6 +73,7 @@ def test_load_that_a_servo_does_not_tell_is_nan():
     assert math.isnan(ArmState(np.zeros(3), (state,)).loads_percent[0])
 
 
+@pytest.mark.full
 def test_progress_tells_measured_joints_and_setpoints(arm):
     seen = []
     arm.move_to(NEAR, on_progress=seen.append)
@@ -97,6 +99,7 @@ def test_every_motion_tells_its_joints(arm, motion):
     assert all(progress.joints_rad.shape == (6,) for progress in seen)
 
 
+@pytest.mark.full
 def test_the_arrays_of_progress_are_kept_as_they_were(arm):
     seen = []
     arm.move_joints({"shoulder_pan": 0.4}, on_progress=seen.append)

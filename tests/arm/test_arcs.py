@@ -42,6 +42,7 @@ def test_a_circle_ends_where_it_began_and_goes_around(name):
         assert 0.0 < report.path_error_rms_m <= report.path_error_max_m
 
 
+@pytest.mark.full
 def test_an_arc_passes_its_via_point():
     arm, tip_m = held("open_manipulator_x")
     with arm:
@@ -74,6 +75,7 @@ def test_a_speed_class_limits_the_tool_speed_and_is_named():
         assert plan.tool_speed.top_m_s <= 0.1 + 1e-6
 
 
+@pytest.mark.full
 def test_the_measured_tip_has_the_requested_speed():
     arm, tip_m = held("so101")
     with arm:

@@ -74,6 +74,7 @@ def left_by_us_m(name, count):
 LONG = [pytest.mark.campaign, pytest.mark.timeout(7200)]
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("name", "count"), [("so101", 4), *(pytest.param(name, 500, marks=LONG) for name in NAMES)]
 )
@@ -88,6 +89,7 @@ def test_the_true_tip_is_within_half_a_millimetre_and_nearer_than_by_plain_round
 SQUARE = ((0.40, 0.10, 0.20), (0.40, -0.10, 0.20), (0.40, -0.10, 0.30), (0.40, 0.10, 0.30))
 
 
+@pytest.mark.full
 def test_a_large_arm_settles_within_what_the_ticks_of_its_joints_hide():
     left_m = []
     for seed in (1, 2, 3, 4):
@@ -128,6 +130,7 @@ def arm():
         yield machine
 
 
+@pytest.mark.full
 def test_the_report_parts_motion_from_settling(arm):
     plan = arm.plan_to((0.25, 0.05, 0.15))
     report = arm.execute(plan)
@@ -135,6 +138,7 @@ def test_the_report_parts_motion_from_settling(arm):
     assert report.duration_s == pytest.approx(report.motion_s + report.settling_s)
 
 
+@pytest.mark.full
 def test_an_error_that_the_arm_has_not_settled_has_the_report(arm, monkeypatch):
     settle = execution.settle
     loose = lambda *args: replace(settle(*args), unsettled=("shoulder_pan",))  # noqa: E731
@@ -161,6 +165,7 @@ def test_joints_that_were_not_named_stay_where_they_were(arm):
         assert true_joints(arm)[name] == pytest.approx(before[name], abs=math.radians(0.3))
 
 
+@pytest.mark.full
 def test_a_gripper_that_was_not_named_keeps_its_goal(arm):
     gripper = servo_id("so101", "gripper")
     arm.move_joints({"gripper": 0.5}, speed="fast")
@@ -170,6 +175,7 @@ def test_a_gripper_that_was_not_named_keeps_its_goal(arm):
     assert registers(arm, "goal_position")[gripper] == goal
 
 
+@pytest.mark.full
 def test_a_joint_that_is_held_fast_is_led_no_further_than_at_rest_and_named(arm):
     arm.move_to((0.25, 0.05, 0.15), speed="fast")
     held = servo_id("so101", "wrist_flex")
@@ -183,6 +189,7 @@ def test_a_joint_that_is_held_fast_is_led_no_further_than_at_rest_and_named(arm)
     assert report.binding == ("wrist_flex is 3.0° short: load too high (correction limit reached)",)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("name", "joint", "by_rad"),
     [
@@ -221,6 +228,7 @@ def ending_at(arm, plan, positions):
     return replace(plan, goal=goal, trajectory=JointMove(plan.start, goal, limits))
 
 
+@pytest.mark.full
 def test_the_others_make_up_for_a_joint_that_cannot_be_led_past_its_limit(arm):
     home = dict(zip(arm.chain.names, arm.model.chain_pose("home"), strict=True))
     at_its_limit = home | {"elbow_flex": float(arm.chain.lower_rad[2]), "shoulder_lift": 0.6}

@@ -43,11 +43,13 @@ def test_without_a_word_of_its_play_a_joint_rests_on_either_flank():
         assert len(set(flanks(arm))) == 2
 
 
+@pytest.mark.full
 def test_a_joint_whose_play_is_known_rests_on_one_flank_from_wherever_it_comes(arm_file):
     with ikservo.open_arm(arm_file, port=PORT) as arm:
         assert set(flanks(arm)) == {False}
 
 
+@pytest.mark.full
 def test_it_does_not_go_below_its_limit_for_that(arm_file):
     with ikservo.open_arm(arm_file, port=PORT) as arm:
         lowest = servo_group(arm).fences[0].position_range[0]
@@ -68,6 +70,7 @@ def test_the_report_counts_the_time_that_this_takes_as_settling(arm_file):
     assert arrival.duration_s == pytest.approx(took_s, rel=0.1)
 
 
+@pytest.mark.full
 def test_a_line_ends_on_its_line_whatever_play_is_known(arm_file):
     with ikservo.open_arm(arm_file, port=PORT) as arm:
         arm.pose("home")

@@ -40,6 +40,7 @@ def test_a_stop_after_the_last_cycle_is_obeyed_and_stays(arm, monkeypatch):
     assert holds(arm)
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 def test_a_pause_after_the_last_cycle_is_no_reset_in_the_next_motion(arm, monkeypatch):
     disarm, clock = ServoRamLimits.disarm_watchdog, clock_of(arm)
@@ -78,6 +79,7 @@ def test_a_stop_between_two_streams_of_a_motion_is_a_stop_and_no_refusal(arm, mo
     assert holds(arm)
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 def test_after_a_release_that_failed_half_way_torque_is_read_again(arm):
     arm.pose("rest")

@@ -61,6 +61,7 @@ def assert_no_plan_goes_deeper(arm):
             assert (distances_m(arm, joints) >= lying_m - 0.0015).all()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["koch", "px100"])
 def test_an_arm_that_sank_onto_the_table_is_not_led_into_it(name):
     with open_limp(name) as arm:
@@ -76,6 +77,7 @@ def test_a_motion_down_from_the_table_is_refused_and_sends_nothing():
         assert registers(arm, "goal_position") == before
 
 
+@pytest.mark.full
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("degrees", SET_DOWN)
 @pytest.mark.parametrize("name", ["so101", "so100"])
@@ -98,6 +100,7 @@ def goes_home(name, seed):
             return False
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_a_limp_arm_leaves_the_table_for_its_home_pose(seed):
     assert goes_home("koch", seed)
@@ -135,6 +138,7 @@ def lowered(arm, joints, height_m):
     raise AssertionError("the arm does not reach the table")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("order", [slice(None), slice(None, None, -1)])
 def test_a_recording_that_begins_or_ends_in_the_table_is_refused(recorded, order):
     with ikservo.open_arm("so101", port="sim") as arm:

@@ -59,6 +59,7 @@ def test_a_drawing_is_executed_and_its_path_error_reported(arm):
     assert 0.0 < report.path_error_rms_m < report.path_error_max_m < 0.03
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 def test_a_single_point_is_touched_and_left(arm):
     plan = arm.plan_drawing([[CORNER]], lift_m=0.02)
@@ -83,6 +84,7 @@ def test_a_drawing_below_the_table_is_refused(arm):
         arm.draw([SQUARE - (0, 0, 0.2)])
 
 
+@pytest.mark.full
 def test_the_speed_of_all_strokes_is_told_as_one():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.pose("home")

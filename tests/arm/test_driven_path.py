@@ -43,6 +43,7 @@ def at_home():
         yield arm
 
 
+@pytest.mark.full
 def test_a_plan_is_looked_at_again_from_where_the_arm_has_moved_to(at_home):
     plan = at_home.plan_joints({"shoulder_pan": 0.8}, speed="fast")
     turned(at_home)

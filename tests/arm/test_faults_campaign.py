@@ -1,5 +1,7 @@
 """The promises about faults, over many seeded motions; the suite runs a few of each."""
 
+import pytest
+
 import ikservo
 from ikservo.errors import RefusedError
 from tests.arm.audit import Auditor
@@ -23,6 +25,7 @@ COMPLAINTS = [
 ]
 
 
+@pytest.mark.full
 @few_or_many(2, 60)
 def test_whatever_happens_goals_stay_sound_and_the_motion_ends_in_a_named_state(seeds, capsys):
     states = {}
@@ -49,6 +52,7 @@ def test_a_servo_that_falls_silent_stops_the_arm_within_three_cycles(seeds, caps
     assert most <= 5
 
 
+@pytest.mark.full
 @few_or_many(1, 50)
 def test_a_reset_is_noticed_within_half_a_second_and_torque_stays_off(seeds, capsys):
     worst_s = 0.0
@@ -64,6 +68,7 @@ def test_a_reset_is_noticed_within_half_a_second_and_torque_stays_off(seeds, cap
     assert worst_s <= 0.5
 
 
+@pytest.mark.full
 @few_or_many(1, 50)
 def test_after_a_brown_out_nothing_moves_without_a_person(seeds, capsys):
     for seed in seeds:
@@ -88,6 +93,7 @@ def test_whatever_a_servo_complains_about_is_noticed_within_half_a_second(seeds,
     assert worst_s <= 0.5
 
 
+@pytest.mark.full
 @few_or_many(1, 50)
 def test_a_pulled_cable_ends_the_motion_within_a_tenth_of_a_second(seeds, capsys):
     worst_s = 0.0
@@ -101,6 +107,7 @@ def test_a_pulled_cable_ends_the_motion_within_a_tenth_of_a_second(seeds, capsys
     assert worst_s <= 0.1
 
 
+@pytest.mark.full
 @few_or_many(1, 20)
 def test_motions_end_at_their_goals_though_one_instruction_in_ten_is_lost(seeds, capsys):
     states = {}

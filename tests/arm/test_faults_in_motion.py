@@ -68,11 +68,13 @@ def test_a_servo_that_falls_silent_stops_the_others_within_three_cycles_and_is_n
     assert all(registers(either, "torque_enable").values())
 
 
+@pytest.mark.full
 def test_one_lost_answer_in_ten_does_not_stop_a_motion(arm):
     inject(arm, "silent", after_s=0.0, probability=0.1)
     swing(arm)
 
 
+@pytest.mark.full
 def test_one_lost_instruction_in_ten_does_not_keep_the_arm_from_its_goal():
     with ikservo.open_arm("so101", port="sim") as arm:
         arm.enable()
@@ -95,6 +97,7 @@ def test_a_servo_that_starts_anew_is_noticed_and_never_switched_on_again_by_itse
     assert not auditor.torque_on_after(reset_s)
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 def test_after_a_brown_out_nothing_moves_until_a_person_says_so(either):
     auditor = Auditor(either)
@@ -117,6 +120,7 @@ def test_a_pulled_cable_is_said_at_once(arm):
     assert line_of(arm).world.time_s - pulled_s < 0.1
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 def test_after_the_cable_is_back_the_arm_goes_on_once_a_person_has_looked(either, monkeypatch):
     transport = transport_of(either)
@@ -152,6 +156,7 @@ def test_dynamixels_stop_by_themselves_without_further_packets():
         assert abs(goals[1] - present[1]) <= 12
 
 
+@pytest.mark.full
 def test_a_dynamixel_stopped_by_its_watchdog_moves_again_at_the_next_start():
     with ikservo.open_arm("koch", port="sim:?pose=home") as arm:
         arm.enable()
@@ -185,6 +190,7 @@ def test_a_servo_that_is_not_well_is_said_with_its_number(kind, details, words):
             swing(arm)
 
 
+@pytest.mark.full
 def test_a_motor_that_gives_no_torque_although_it_says_so_stops_the_arm():
     with ikservo.open_arm("so101", port="sim") as arm:
         swing(arm)
@@ -206,6 +212,7 @@ def test_a_jammed_joint_stops_the_motion_within_three_cycles_of_leading_too_far(
     assert pan.read("goal_position") == pan.read("present_position")
 
 
+@pytest.mark.full
 def test_what_was_stopped_moves_again_once_acknowledged(arm):
     inject(arm, "stuck", id=1, for_s=2.0)
     with pytest.raises(RefusedError, match="does not follow"):

@@ -46,6 +46,7 @@ def narrowed(name, **ranges_deg):
     return replace(model, joints=tuple(joints))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ARMS)
 def test_a_limp_arm_stays_in_its_rest_pose(name):
     with ikservo.open_arm(name, port="sim") as arm:
@@ -84,6 +85,7 @@ def test_a_plan_for_a_limp_arm_is_made_anew_where_it_has_sunk_since(name):
         np.testing.assert_allclose(true_tip_m(arm), plan.target_m, atol=2e-3)
 
 
+@pytest.mark.full
 def test_an_arm_that_was_moved_by_hand_starts_from_there():
     with ikservo.open_arm("so101", port="sim") as arm:
         plan = arm.plan_to(home_tip_m(arm.model))
@@ -92,6 +94,7 @@ def test_an_arm_that_was_moved_by_hand_starts_from_there():
         np.testing.assert_allclose(true_tip_m(arm), plan.target_m, atol=2e-3)
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("name", "joint"), [("koch", "elbow_flex"), ("wx250s", "shoulder")])
 def test_a_joint_on_its_end_stop_is_led_back_inside_its_limits(name, joint):
@@ -103,6 +106,7 @@ def test_a_joint_on_its_end_stop_is_led_back_inside_its_limits(name, joint):
 LIFTED = {"shoulder_lift": (-95.0, 95.0), "elbow_flex": (-90.0, 90.0)}
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("start", ["rest", "home"])
 def test_a_rest_pose_outside_its_limits_keeps_no_arm_from_being_released(start):
@@ -148,6 +152,7 @@ def test_an_arm_that_cannot_be_lowered_is_let_go_and_says_why():
         assert "shoulder_lift does not follow" in report.binding[0]
 
 
+@pytest.mark.full
 def test_what_was_stopped_and_not_acknowledged_is_not_let_go():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.pose("home")

@@ -38,6 +38,7 @@ def circle(centre_m, radius_m, count):
         yield centre_m + radius_m * np.array([0.0, math.sin(angle), 1.0 - math.cos(angle)])
 
 
+@pytest.mark.full
 def test_it_follows_points_around_a_circle_and_says_where_it_ended(arm):
     centre_m = arm.where().tip_m
     seen = []
@@ -79,6 +80,7 @@ print(*sorted(seen[-1] - seen[0]))
 """
 
 
+@pytest.mark.full
 def test_no_goal_waits_for_a_library_to_be_loaded():
     ran = subprocess.run([sys.executable, "-c", LOADED], capture_output=True, text=True, check=True)
     assert ran.stdout.split() == []
@@ -108,6 +110,7 @@ def test_a_stream_that_keeps_it_waiting_is_silence(arm):
     assert true_joints(arm)["shoulder_pan"] > -0.05
 
 
+@pytest.mark.full
 def test_a_delayed_program_is_no_silence_of_the_stream(arm):
     delays_s = iter([0.0, 0.0, 0.5])
 
@@ -124,6 +127,7 @@ def test_what_is_out_of_reach_is_gone_towards_and_counted(arm):
     assert report.unreached == 20
 
 
+@pytest.mark.full
 def test_a_limit_holds_whoever_pulls_past_it(arm):
     report = arm.follow([{"gripper": -5.0}] * cycle_count(arm, 2.5), speed="fast")
     lower = math.radians(-10.0)
@@ -147,6 +151,7 @@ def exact_tip_m(arm):
 
 
 # Friction of the koch's elbow, an XL330, grows with the square of its load: 1.04 mm are left.
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("name", "most_m"), [("so101", 1e-3), ("koch", 1.2e-3)])
 def test_a_stream_under_load_ends_about_a_millimetre_from_its_last_point(name, most_m):
@@ -160,6 +165,7 @@ def test_a_stream_under_load_ends_about_a_millimetre_from_its_last_point(name, m
         assert np.linalg.norm(exact_tip_m(arm) - last_m) < most_m
 
 
+@pytest.mark.full
 def test_after_a_refused_setpoint_it_ends_at_the_one_before(arm):
     point_m = np.add(arm.where().tip_m, (0.02, 0.0, 0.02))
     below_m = point_m * (1.0, 1.0, 0.0) - (0.0, 0.0, 0.05)
@@ -168,6 +174,7 @@ def test_after_a_refused_setpoint_it_ends_at_the_one_before(arm):
     assert np.linalg.norm(exact_tip_m(arm) - point_m) < 1e-3
 
 
+@pytest.mark.full
 def test_braked_on_its_way_it_does_not_sag(arm):
     arm.pose("home")
     start = true_joints(arm)
@@ -178,6 +185,7 @@ def test_braked_on_its_way_it_does_not_sag(arm):
         assert end[joint] == pytest.approx(start[joint], abs=math.radians(0.3)), joint
 
 
+@pytest.mark.full
 def test_joints_that_no_setpoint_named_stay_where_they_were(arm):
     arm.move_to((0.23, 0.02, 0.10))
     before = true_joints(arm)
@@ -193,6 +201,7 @@ def test_joints_that_no_setpoint_named_stay_where_they_were(arm):
         assert furthest[joint] < math.radians(0.6), joint
 
 
+@pytest.mark.full
 def test_a_stream_without_a_setpoint_moves_nothing(arm):
     arm.move_to((0.23, 0.02, 0.10))
     before = registers(arm, "goal_position")
@@ -254,6 +263,7 @@ def test_a_jog_without_news_ends_after_a_third_of_a_second(arm):
     assert report.duration_s < 1.0
 
 
+@pytest.mark.full
 def test_a_jog_ends_at_the_limit(arm):
     report = arm.jog("gripper", -1.0, wanted=lambda: True)
     assert report.ended == "gripper is at its limit"
@@ -331,6 +341,7 @@ def test_arms_without_a_joint_in_common_do_not_lead_each_other(arm):
         arm.follow_arm(other)
 
 
+@pytest.mark.full
 def test_a_recorded_motion_is_played_back(arm, leader, tmp_path):
     world = line_of(leader).world
     world.grasp("shoulder_pan", Hand(glide(0.0, 0.2, speed=0.5), limit=20.0))
@@ -407,6 +418,7 @@ MOTIONS = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
 def test_the_first_motion_after_torque_comes_on_is_slow(arm, motion):

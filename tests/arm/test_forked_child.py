@@ -54,6 +54,7 @@ def test_a_forked_child_is_refused_while_a_thread_of_its_parent_moves_the_arm(ar
     assert f"opened by process {os.getpid()}; a fork of it cannot use the arm" in answer
 
 
+@pytest.mark.full
 @pytest.mark.skipif(not hasattr(os, "fork"), reason="there is no fork")
 @pytest.mark.parametrize("use", [lambda motion: motion.wait(5.0), lambda motion: motion.cancel()])
 def test_a_forked_child_neither_waits_for_a_motion_nor_cancels_it(arm, use):

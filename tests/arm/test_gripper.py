@@ -77,6 +77,7 @@ CREEPING = [
 ]
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("name", "begun", "share"), CREEPING)
 def test_jaws_that_creep_with_the_least_force_shut_and_have_grasped_nothing(name, begun, share):
@@ -87,6 +88,7 @@ def test_jaws_that_creep_with_the_least_force_shut_and_have_grasped_nothing(name
         assert (report.reached, report.grasped) == (True, False)
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(
     "name", ["so101", *(pytest.param(name, marks=LONG) for name in ("koch", "px100"))]
@@ -110,6 +112,7 @@ def test_a_force_that_does_not_move_the_jaws_is_refused_with_the_least_that_does
         assert not any(registers(arm, "torque_enable").values())
 
 
+@pytest.mark.full
 def test_what_yields_is_pressed_until_it_yields_no_more(so101):
     open_jaws(so101)
     closed, opened = jaws(so101).closed, jaws(so101).open
@@ -134,6 +137,7 @@ def test_jaws_so_weak_that_they_creep_are_waited_for():
         assert arm.stopped_for == ""
 
 
+@pytest.mark.full
 def test_the_next_program_holds_on_with_no_more_than_the_force(so101):
     open_jaws(so101)
     put_between(so101, 0.2)
@@ -143,6 +147,7 @@ def test_the_next_program_holds_on_with_no_more_than_the_force(so101):
     assert abs(line_of(so101).servos[servo_id("so101", "gripper")].motor.pwm) <= 0.21
 
 
+@pytest.mark.full
 def test_it_goes_on_holding_while_other_joints_move_and_lets_go_when_it_opens(so101):
     put_between(so101, 0.3)
     held = so101.gripper("close").position_rad

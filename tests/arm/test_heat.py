@@ -36,6 +36,7 @@ def limp(arm):
     return not any(registers(arm, "torque_enable").values())
 
 
+@pytest.mark.full
 def test_an_arm_that_is_too_hot_to_go_on_holds_and_can_be_lowered_and_let_go():
     with opened() as arm:
         overheat(arm, 68.0)
@@ -45,6 +46,7 @@ def test_an_arm_that_is_too_hot_to_go_on_holds_and_can_be_lowered_and_let_go():
         assert limp(arm)
 
 
+@pytest.mark.full
 def test_an_arm_that_was_lowered_hot_is_not_moved_again_before_it_is_cool():
     with opened() as arm:
         overheat(arm, 68.0)
@@ -54,6 +56,7 @@ def test_an_arm_that_was_lowered_hot_is_not_moved_again_before_it_is_cool():
             arm.pose("home")
 
 
+@pytest.mark.full
 def test_an_arm_too_hot_to_hold_lowers_itself_lets_go_and_stays_stopped():
     with opened(release_c=66.5) as arm:
         overheat(arm, 69.0)
@@ -64,6 +67,7 @@ def test_an_arm_too_hot_to_hold_lowers_itself_lets_go_and_stays_stopped():
             arm.pose("home")
 
 
+@pytest.mark.full
 def test_where_it_cannot_be_lowered_it_holds_and_says_so():
     with opened(release_c=66.5) as arm:
         warnings = []

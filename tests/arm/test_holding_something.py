@@ -24,6 +24,7 @@ def lead(arm, gripper):
     )
 
 
+@pytest.mark.full
 def test_it_is_lowered_and_lets_go(holding):
     arm, _ = holding
     assert arm.relax().reached

@@ -41,6 +41,7 @@ def test_a_short_tour_finds_an_arm_with_hidden_masses_payload_and_play():
     assert found.payload_kg == pytest.approx(payload_kg, abs=0.01)
 
 
+@pytest.mark.full
 def test_the_tour_starts_at_the_reference_and_not_at_the_goals_that_lead_it():
     with ikservo.open_arm("so101", port="sim:") as arm:
         run = IdentificationRun.plan(arm, SHORT)
@@ -58,6 +59,7 @@ def test_the_tour_starts_at_the_reference_and_not_at_the_goals_that_lead_it():
     np.testing.assert_allclose(cycles[0].reference, reference, atol=math.radians(0.02))
 
 
+@pytest.mark.full
 def test_servos_turn_slowly_to_the_goals_of_the_tour_and_to_no_others():
     with ikservo.open_arm("koch", port="sim:") as arm:
         run = IdentificationRun.plan(arm, SHORT)

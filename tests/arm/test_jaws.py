@@ -103,6 +103,7 @@ def arm():
         yield machine
 
 
+@pytest.mark.full
 def test_jaws_that_would_touch_something_on_their_way_do_not_move(arm):
     before = true_joints(arm)
     with pytest.raises(RefusedError, match="jaw would touch the lamp"):
@@ -117,6 +118,7 @@ def test_jaws_under_the_lamp_open_where_the_arm_has_gone_aside(arm):
     assert arm.gripper("open").reached
 
 
+@pytest.mark.full
 def test_open_jaws_are_not_carried_into_what_closed_ones_pass(arm):
     arm.gripper("close")
     assert arm.move_joints({"shoulder_pan": -0.5}, speed="fast").reached
@@ -128,6 +130,7 @@ def test_open_jaws_are_not_carried_into_what_closed_ones_pass(arm):
     assert true_joints(arm)["shoulder_pan"] == pytest.approx(-0.5, abs=0.01)
 
 
+@pytest.mark.full
 def test_a_followed_arm_does_not_carry_its_open_jaws_into_it_either(arm):
     arm.move_joints({"shoulder_pan": -0.5}, speed="fast")
     arm.gripper("open")
@@ -136,12 +139,14 @@ def test_a_followed_arm_does_not_carry_its_open_jaws_into_it_either(arm):
     assert true_joints(arm)["shoulder_pan"] == pytest.approx(-0.5, abs=0.01)
 
 
+@pytest.mark.full
 def test_without_the_look_they_open_all_the_same():
     model = replace(load_model("so101"), keep_out=(LAMP,))
     with ikservo.open_arm(model, port="sim:?pose=home", collisions=False) as arm:
         assert arm.gripper("open").reached
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["omx_f", "koch"])
 def test_jaws_open_and_close_where_the_limp_arm_has_sunk_out_of_its_rest_pose(name):

@@ -20,11 +20,13 @@ class DeadError(BaseException):
     """The program is gone."""
 
 
+@pytest.mark.full
 @few_or_many(7, 70)
 def test_no_joint_travels_further_than_60_ticks_after_its_program_has_died(seeds, capsys):
     assert max(furthest(ARMS, seeds, 0, capsys).values()) <= MOST_TICKS
 
 
+@pytest.mark.full
 @few_or_many(6, 20)
 def test_no_loaded_joint_sinks_after_its_program_has_died(seeds, capsys):
     assert max(furthest(SUNK, seeds, 1, capsys).values()) <= MOST_TICKS

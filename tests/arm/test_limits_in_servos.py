@@ -45,6 +45,7 @@ def test_a_dynamixel_turns_by_itself_only_little_faster_than_its_speed_class(
     assert set(registers(x_series, "profile_acceleration").values()) == {0}  # no ramp either
 
 
+@pytest.mark.full
 def test_a_feetech_whose_speeds_count_in_fifties_is_told_in_fifties(sts):
     line_of(sts).servos[1].memory.put("phase", 8)
     sts.move_joints({joint(sts): 0.05})
@@ -58,6 +59,7 @@ def test_a_torque_limit_that_another_program_has_left_is_lifted(sts):
     assert registers(sts, "torque_limit") == registers(sts, "max_torque")
 
 
+@pytest.mark.full
 def test_the_watchdog_runs_while_goals_are_streamed_and_not_after(x_series):
     seen = []
 

@@ -36,6 +36,7 @@ def from_line_m(points, begin, end):
     return np.linalg.norm(gone - np.outer(gone @ along, along), axis=1)
 
 
+@pytest.mark.full
 def test_the_tip_goes_straight_as_the_servos_own_registers_say(ready):
     ready.move_to((0.22, 0.02, 0.12))  # the first motion lifts an arm that was limp
     begin, goal = true_tip_m(ready), np.array((0.22, -0.08, 0.18))
@@ -74,6 +75,7 @@ def test_a_line_that_leaves_what_is_reachable_moves_nothing_and_says_where(ready
     assert registers(ready, "goal_position") == before
 
 
+@pytest.mark.full
 def test_a_line_through_what_is_not_reachable_is_refused_before_it_begins(ready):
     ready.move_to((0.0, 0.22, 0.15))
     before = registers(ready, "goal_position")
@@ -88,6 +90,7 @@ def test_a_line_through_the_table_or_the_arm_itself_is_refused(ready):
         ready.move_line((0.25, 0.0, -0.05))
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("line", [True, False])
 def test_way_points_are_passed_without_a_stop(ready, line):
@@ -115,6 +118,7 @@ def test_points_that_are_none_move_nothing(arm, points):
     assert not any(registers(arm, "torque_enable").values())
 
 
+@pytest.mark.full
 def test_a_plan_is_not_carried_out_from_elsewhere(ready):
     plan = ready.plan_line((0.22, -0.08, 0.18))
     ready.move_joints({"shoulder_pan": 0.4}, speed="fast")
@@ -122,6 +126,7 @@ def test_a_plan_is_not_carried_out_from_elsewhere(ready):
         ready.execute(plan)
 
 
+@pytest.mark.full
 def test_the_first_motion_after_torque_comes_on_is_slow(arm):
     first = arm.plan_to((0.25, 0.05, 0.15), speed="fast")
     assert (first.speed, first.speed_reduced) == ("slow", True)

@@ -41,6 +41,7 @@ def elbow_limit(arm, *q):
     return None if chain is None else chain.lower_rad[arm.chain.names.index("elbow")]
 
 
+@pytest.mark.full
 def test_a_line_takes_a_way_on_which_no_goal_has_to_pass_a_limit(wx250s):
     start, names = leaning(wx250s, 0.4), wx250s.chain.names
     wx250s.move_joints(dict(zip(names, start, strict=True)), speed="fast")

@@ -69,6 +69,7 @@ def test_friction_that_falls_with_speed_does_not_swing_a_joint_that_lifts(monkey
         assert np.degrees(np.sqrt(np.mean(np.square(errors)))) < 0.15
 
 
+@pytest.mark.full
 def test_a_joint_lifts_the_payload_of_its_arm_file_at_slow():
     # the elbow of this Koch was taken for blocked: its goal led it by what lifts the empty arm
     payload_g = 1000.0 * ikservo.load_model("koch").payload_kg
@@ -80,6 +81,7 @@ def test_a_joint_lifts_the_payload_of_its_arm_file_at_slow():
             assert report.error_rad < np.radians(0.3)
 
 
+@pytest.mark.full
 def test_a_joint_that_sagged_and_sticks_is_lifted_well_within_the_maximum_lead():
     # the elbow of this Koch was taken for blocked when it had just broken loose
     shares = list[float]()

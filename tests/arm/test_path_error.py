@@ -51,6 +51,7 @@ def test_cycles_with_a_missing_reply_are_not_counted():
         assert recorder.error(arm.context.planner).max_m < 1e-5
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["so101", "open_manipulator_x"])
 def test_the_path_error_is_that_of_the_simulated_joints(name):

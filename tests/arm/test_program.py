@@ -121,6 +121,7 @@ def test_a_line_is_checked_from_where_the_step_before_ends(arm, tmp_path):
     assert through[-1].error is not None
 
 
+@pytest.mark.full
 def test_steps_are_made_in_order_and_the_joints_end_where_the_last_says(arm, tmp_path):
     write_wave_recording("so101", tmp_path / "wave.jsonl")
     steps = (*KINDS, {"tip_m": FAR, "path": "line"})
@@ -129,6 +130,7 @@ def test_steps_are_made_in_order_and_the_joints_end_where_the_last_says(arm, tmp
     assert np.linalg.norm(true_tip_m(arm) - FAR) < 0.003
 
 
+@pytest.mark.full
 def test_it_repeats_from_the_first_step_after_beginning_at_another(arm, tmp_path):
     steps = [{"deg": {"wrist_roll": angle}} for angle in (2.0, 4.0, 6.0)]
     made = list(run_of(arm, tmp_path, *steps, repeat=2).run(first=2))
@@ -143,6 +145,7 @@ def test_a_step_that_is_not_there_is_refused(arm, tmp_path, number):
         list(run_of(arm, tmp_path, *KINDS[:3]).run(first=number))
 
 
+@pytest.mark.full
 def test_a_stop_ends_a_wait(arm, tmp_path):
     run = run_of(arm, tmp_path, KINDS[1], {"wait_s": 3600.0}).run()
     next(run)
@@ -187,6 +190,7 @@ FAULTS = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_fault_in_a_program_of_twenty_steps_stops_it_until_it_is_acknowledged(

@@ -13,6 +13,7 @@ FAMILIES = ("so101", "koch")
 EACH = 10  # motions of one arm
 
 
+@pytest.mark.full
 @few_or_many(6, 500)
 def test_whatever_happens_in_a_brief_motion_its_goals_stay_sound(seeds, capsys):
     states = {}
@@ -45,6 +46,7 @@ END_STEP_TICKS = 2  # between two goals at the end of a motion
 MOST_LOST = 8  # in a row: one in ten lost makes that of one goal in a hundred million
 
 
+@pytest.mark.full
 @few_or_many(2, 50)
 def test_brief_motions_end_at_their_goals_though_one_instruction_in_ten_is_lost(seeds, capsys):
     missing = []

@@ -16,6 +16,7 @@ FAMILIES = ("so101", "koch")
 STANDS_S = 0.3
 
 
+@pytest.mark.full
 @few_or_many(6, 30)
 def test_whenever_a_signal_comes_the_arm_stands_within_0_3_s_and_holds(seeds, capsys):
     slowest_s = 0.0

@@ -1,5 +1,7 @@
 """M3, M8: a program that is held up anywhere goes on from where its goals were, without a leap."""
 
+import pytest
+
 from ikservo.errors import RefusedError
 from tests.arm.audit import Auditor
 from tests.arm.random_faults import SPEEDS, seeded
@@ -12,6 +14,7 @@ OFTEN = 0.01  # of what is sent
 MOST_RESTARTS = 10  # of Dynamixels that stopped themselves, in one motion
 
 
+@pytest.mark.full
 @few_or_many(2, 40)
 def test_a_program_that_stalls_for_up_to_five_seconds_never_makes_a_goal_leap(seeds, capsys):
     stalls = longest = 0

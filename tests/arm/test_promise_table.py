@@ -57,6 +57,7 @@ def campaign(name, speed, count, seed):
     return np.array(lowest_m), refused
 
 
+@pytest.mark.full
 def test_on_accepted_ways_near_the_table_the_true_body_stays_above_it():
     lowest_m, _ = campaign("so101", "normal", 6, seed=5)
     assert len(lowest_m) >= 3

@@ -4,6 +4,8 @@ import ast
 import time
 from pathlib import Path
 
+import pytest
+
 import ikservo
 from tests.arm.random_faults import seeded
 from tests.arm.seeds import few_or_many, log
@@ -21,6 +23,7 @@ DATED = {  # messages of ROS 2 bear the date
 }
 
 
+@pytest.mark.full
 def test_no_line_of_the_product_times_anything_by_the_wall_clock():
     found = {str(path.relative_to(PRODUCT)) for path in PRODUCT.rglob("*.py") if asks(path)}
     assert found == DATED
@@ -43,6 +46,7 @@ def _is_it(node):
     return node.attr in ("time", "time_ns") and getattr(node.value, "id", "") == "time"
 
 
+@pytest.mark.full
 @few_or_many(2, 10)
 def test_a_motion_is_the_same_to_the_last_packet_however_the_wall_clock_is_stepped(
     seeds, capsys, monkeypatch

@@ -65,6 +65,7 @@ def test_an_arm_at_rest_is_measured_on_request(arm):
     assert asked.joints[0].limit_from == here.joints[0].limit_from
 
 
+@pytest.mark.full
 def test_a_moving_arm_reports_where_it_was_in_the_last_cycle(arm, other_thread):
     seen, there, start = [], [], true_joints(arm)["gripper"]
 
@@ -79,6 +80,7 @@ def test_a_moving_arm_reports_where_it_was_in_the_last_cycle(arm, other_thread):
     assert seen[0].joints[-1].torque
 
 
+@pytest.mark.full
 def test_a_moving_arm_says_how_warm_its_servos_have_become_on_the_way(arm, other_thread):
     line, seen = line_of(arm), []
     servo = line.servos[3]
@@ -153,6 +155,7 @@ def test_stopping_a_limp_arm_switches_no_torque(arm):
     assert not any(registers(arm, "torque_enable").values())
 
 
+@pytest.mark.full
 def test_relaxing_lowers_the_arm_and_lets_go_for_good(arm):
     arm.hold()
     report = remote.request_relax(arm.model, None)
@@ -231,6 +234,7 @@ def test_a_servo_that_does_not_answer_is_named_and_the_others_are_stopped(arm):
     assert len(halted.held) == 5
 
 
+@pytest.mark.full
 def test_a_resting_arm_that_holds_a_payload_does_not_sink_when_it_is_stopped():
     # its goals lead it by more than 0.12 rad: without its masses known it counted as moving
     leaning = {"shoulder": 1.0, "elbow": -0.6}

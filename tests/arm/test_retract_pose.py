@@ -27,6 +27,7 @@ def folded():
         yield arm
 
 
+@pytest.mark.full
 def test_it_goes_where_it_is_told_by_way_of_a_pose_where_it_is_free(folded):
     plan = folded.plan_to(TARGET_M)
     assert plan.via_pose

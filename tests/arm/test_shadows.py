@@ -12,6 +12,7 @@ JOINT = next(joint for joint in arm_file("vx300s")["joints"] if joint.get("shado
 SHADOW = JOINT["shadows"][0]["id"]
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("fault", "words"),
@@ -30,6 +31,7 @@ def test_what_happens_to_the_second_servo_stops_the_arm_by_its_name(fault, words
         assert f"{JOINT['name']} (servo {SHADOW})" in str(caught.value)
 
 
+@pytest.mark.full
 def test_both_servos_carry_the_load_of_their_joint_whatever_their_play():
     with ikservo.open_arm("wx250s", port="sim:?pose=home&backlash_deg=0.5") as arm:
         arm.move_joints({"shoulder": 0.6, "elbow": -0.6}, speed="fast")

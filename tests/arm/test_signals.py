@@ -61,6 +61,7 @@ def test_the_arm_stands_within_0_3_s_of_a_signal(arm):
     assert abs(registers(arm, "present_position")[1] - before) <= 2
 
 
+@pytest.mark.full
 def test_a_program_that_has_its_own_handler_keeps_it(arm):
     handled = []
     before = signal.signal(signal.SIGTERM, lambda *_: handled.append(True))
@@ -77,6 +78,7 @@ def test_handlers_are_as_before_once_the_motion_is_over(arm):
     assert [signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)] == before
 
 
+@pytest.mark.full
 def test_what_a_signal_has_stopped_stays_stopped_in_this_program(arm):
     with pytest.raises(KeyboardInterrupt):
         arm.move_joints({"shoulder_pan": 1.2}, on_progress=strike(signal.SIGINT))

@@ -149,6 +149,7 @@ def test_steps_of_the_wall_clock_change_nothing(arm, monkeypatch):
     np.testing.assert_allclose(measured, course.goal, atol=0.16)
 
 
+@pytest.mark.full
 def test_goals_lead_the_joints_by_no_more_than_the_look_ahead(arm):
     auditor = Auditor(arm)
     line_of(arm).servos[1].motor.grip = 0.3
@@ -156,6 +157,7 @@ def test_goals_lead_the_joints_by_no_more_than_the_look_ahead(arm):
     assert auditor.faults() == []
 
 
+@pytest.mark.full
 def test_a_failure_in_any_line_of_the_loop_ends_with_the_arm_told_to_hold(arm):
     with LineTracer([control]) as traced:
         short_motion(arm, traced)

@@ -72,6 +72,7 @@ def pan_deg(arm):
     return degrees(arm.where().positions_rad[0])
 
 
+@pytest.mark.full
 def test_each_arm_moves_and_the_other_holds(arms):
     left, right = arms
     left.move_joints({"shoulder_pan": radians(20.0)})
@@ -80,6 +81,7 @@ def test_each_arm_moves_and_the_other_holds(arms):
         pytest.approx(20.0, abs=0.5), pytest.approx(-10.0, abs=0.5))  # fmt: skip
 
 
+@pytest.mark.full
 def test_one_is_measured_while_the_other_moves(arms):
     left, right = arms
     seen = []

@@ -109,6 +109,7 @@ def test_the_arm_is_seen_in_its_colour_where_the_server_picks_it_and_nowhere_els
     onlooker.wait_for("scene.hover === 'upper_arm'")
 
 
+@pytest.mark.smoke
 def test_a_drag_takes_the_tip_to_the_pointer(onlooker):
     start = onlooker.tip_px()
     x, y = start + np.array([40.0, -60.0])

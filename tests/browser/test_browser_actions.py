@@ -119,6 +119,7 @@ def test_the_wheel_beside_the_arm_zooms_at_the_pointer_and_fit_undoes_it(person)
     until(lambda: abs(person.pixels_per_metre / scale - 1) < 1e-3)
 
 
+@pytest.mark.smoke
 def test_release_asks_and_then_lets_go(person):
     page = person.page
     page.click("#release")

@@ -102,6 +102,7 @@ def test_the_list_is_legible_named_and_reached_in_order_by_a_finger_and_by_tab(p
     assert reached == expected
 
 
+@pytest.mark.smoke
 def test_space_stops_every_arm_and_a_fault_of_one_is_told_beside_its_name(page, two):
     operator = Operator(page, two)
     operator.enable_live()

@@ -598,6 +598,7 @@ def test_every_item_is_of_a_kind_that_the_drawing_knows_and_has_its_pixels(canva
         assert all(np.isfinite(np.array(ring, dtype=float)).all() for ring in rings)
 
 
+@pytest.mark.smoke
 def test_in_3d_only_marks_are_drawn_on_the_canvas(canvas):
     marker = TargetMarker(TIP, TIP, reached=True)
     state = SceneState(looked_at("so101", "orbit"), stage("so101").home, marker=marker)

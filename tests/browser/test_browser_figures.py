@@ -53,6 +53,7 @@ def test_two_links_say_when_a_point_is_out_of_reach(page):
     assert drag_to(page, "twoLinks", 0.99, 0.99).startswith("unreachable")
 
 
+@pytest.mark.smoke
 def test_the_wrist_of_three_links_leaves_some_directions(page):
     share = re.search(r"(\d+) % of all directions", drag_to(page, "threeLinks", 0.85, 0.6))
     assert 0 < int(share[1]) < 100

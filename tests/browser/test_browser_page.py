@@ -98,6 +98,7 @@ def test_all_controls_have_names_and_are_tabbed_through_from_top_to_bottom(reade
     assert names[:3] == ["To the arm", "Arms", "Side"]
 
 
+@pytest.mark.smoke
 def test_views_speeds_and_live_are_chosen_from_the_keyboard(reader):
     reader.page.focus("#views [aria-checked=true]")
     reader.page.keyboard.press("ArrowRight")

@@ -106,6 +106,7 @@ def test_a_page_that_is_loaded_anew_holds_the_arm_and_begins_with_a_slow_preview
     assert not live.served.view.arm_thread.command.live
 
 
+@pytest.mark.smoke
 def test_the_second_page_watches(live, visit):
     other = visit()
     assert other.status["controller"] == "other"
@@ -183,6 +184,7 @@ def test_the_key_leaves_no_trace_in_what_is_sent(browser, view):
     context.close()
 
 
+@pytest.mark.smoke
 def test_the_page_proves_its_key_as_the_server_does(operator):
     texts = ["", "abc", "ü" * 40, "x" * 200]
     script = "async (texts) => { const { hmac } = await import('/page/sha256.js');"

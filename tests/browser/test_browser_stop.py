@@ -43,6 +43,7 @@ def test_stop_is_in_sight_wherever_the_page_is_scrolled(visit, width, scheme):
     assert operator.page.locator("#acknowledge").bounding_box()["y"] < 844
 
 
+@pytest.mark.smoke
 @pytest.mark.parametrize(
     "width", [820, pytest.param(390, marks=pytest.mark.campaign)], ids="{} px".format
 )

@@ -94,6 +94,7 @@ def check_zeros_and_signs(arm, model):
                     assert abs(other - tick) <= 4, joint.name
 
 
+@pytest.mark.full
 @pytest.mark.sample(3)
 @pytest.mark.parametrize("name", ARMS)
 def test_a_hidden_arm_is_found_out(name):

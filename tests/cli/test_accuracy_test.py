@@ -23,6 +23,7 @@ def folder(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.full
 def test_poses_are_measured_and_the_page_holds_the_same_figures(run_cli, folder):
     result = run_cli(f"test planar2 {SIM} --parts poses --cycles 2 --html a.html --json --note 50g")
     assert result.code == 0
@@ -58,6 +59,7 @@ def judge_markup(answer):
     assert not any("Not complete" in text for text in statements(answer))
 
 
+@pytest.mark.full
 def test_the_table_says_what_is_shorter_than_in_the_standard(run_cli, folder):
     result = run_cli(f"test planar2 {SIM} --parts poses,drift --cycles 2 --drift 1s")
     assert result.code == 0

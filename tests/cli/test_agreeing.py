@@ -51,6 +51,7 @@ def test_a_real_gripper_does_not_close_unasked(run_cli, monkeypatch):
     assert (result.code, "input is not a terminal" in result.err) == (2, True), result.err
 
 
+@pytest.mark.full
 def test_with_yes_a_real_arm_moves(run_cli, arm):
     result = run_cli(f"joints joint1=5 {REAL} --yes --no-wiggle --no-collision")
     assert result.code == 0, result.err

@@ -7,6 +7,7 @@ import pytest
 SIM = "--arm so101 --port sim:?pose=home"
 
 
+@pytest.mark.full
 def test_an_arc_through_a_point_reports_like_a_move(run_cli):
     answer = run_cli(f"arc 0.20 -0.05 0.12 --via 0.23,0,120mm {SIM} --json").json
     assert answer["schema"] == "ikservo/move/1"
@@ -32,6 +33,7 @@ def test_a_preview_of_an_arc_says_its_length_and_its_tool_speed(run_cli):
     assert "tip      20.0 mm/s, constant but for the ramps at both ends" in text
 
 
+@pytest.mark.full
 def test_a_tool_speed_that_is_not_reached_is_announced(run_cli):
     result = run_cli(f"move 0.2 0.1 0.15 --line --tool-speed 400 {SIM}")
     assert result.code == 0

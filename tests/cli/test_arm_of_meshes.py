@@ -54,6 +54,7 @@ def words(folder):
     return f"--arm {folder} --port sim:{folder}/arm.toml?pose=home"
 
 
+@pytest.mark.full
 def test_it_moves(run_cli, words):
     result = run_cli(f"move 0.2 0.05 0.12 {words} --yes --json")
     assert (result.code, result.json["reached"]) == (0, True)

@@ -96,6 +96,7 @@ def spoil(path: Path, old: str, new: str):
     path.write_text(text.replace(old, new, 1))
 
 
+@pytest.mark.full
 def test_an_arm_of_ones_own_works_by_its_path(run_cli, own_arm):
     result = run_cli(f"move 0.25 0.05 0.15 --arm {own_arm}/arm.toml --port sim --json")
     assert result.json["reached"] is True
@@ -183,6 +184,7 @@ def test_a_reader_that_has_exited_ends_a_command_without_a_message(unbuffered, a
     assert run_for_a_reader_that_has_exited(f"where {SIM} {as_json}", unbuffered) == (1, "")
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("unbuffered", ["", "1"])
 def test_an_error_keeps_its_exit_code_for_a_reader_that_has_exited(unbuffered):

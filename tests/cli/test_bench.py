@@ -21,6 +21,7 @@ def rows():
     return {arm: result[arm].json for arm in arms}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("arm", ["so101", "koch"])
 def test_the_bytes_of_a_cycle_are_those_of_the_protocol(rows, arm):
     positions = rows[arm]["rows"][0]

@@ -125,6 +125,7 @@ def test_what_differs_from_the_file_before_is_shown(mount_arm, run_cli, home):
     assert f"joint1: zero was tick {spoiled.zero_tick:g}, is tick " in changed[1]
 
 
+@pytest.mark.full
 def test_a_damaged_file_is_said_to_be_replaced(mount_arm, run_cli, home):
     arm = mount_arm()
     calibrated(arm, run_cli)
@@ -279,6 +280,7 @@ def test_an_uncalibrated_arm_is_let_go_where_it_is_once_that_is_agreed(mount_arm
     assert arm.register(1, "torque_enable") == 0
 
 
+@pytest.mark.full
 def test_a_person_may_vouch_for_the_arm_files_zeros(mount_arm, run_cli):
     arm = mount_arm(zero=2048, sign=1, spoiled=False)
     words = f"move 0.18 0.05 0.05 --arm planar2 --port {PORT} --yes --no-collision"
@@ -315,6 +317,7 @@ def changed(arm, run_cli):
     return offset
 
 
+@pytest.mark.full
 def test_diff_lists_every_register_that_differs_and_exits_with_6(mount_arm, run_cli):
     arm = mount_arm()
     calibrated(arm, run_cli)

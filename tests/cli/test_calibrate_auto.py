@@ -69,6 +69,7 @@ def watch(arm):
     return seen
 
 
+@pytest.mark.full
 def test_every_stop_is_found_within_half_a_degree_and_the_limit_lies_inside(arm, narrow, run_cli):
     set_stops(arm, "joint1", -0.4, 0.4)  # inside the arm file's range
     arm.stops["joint1"] = (-0.4, 0.4)
@@ -93,6 +94,7 @@ def set_stops(arm, name, low, high):
     motor.lower_stop_rad, motor.upper_stop_rad = low, high
 
 
+@pytest.mark.full
 def test_something_half_way_is_no_stop_and_nothing_is_saved(arm, narrow, run_cli):
     set_stops(arm, "joint2", -0.1, 0.436)
     done = auto(run_cli, narrow)
@@ -106,6 +108,7 @@ def test_something_half_way_is_no_stop_and_nothing_is_saved(arm, narrow, run_cli
     assert {servo.read("torque_limit") for servo in arm.line.servos.values()} == {1000}
 
 
+@pytest.mark.full
 def test_what_was_measured_before_a_failure_is_kept_and_the_next_run_goes_on(arm, narrow, run_cli):
     set_stops(arm, "joint1", -0.1, 0.436)
     assert "Measured and kept for the next run: joint2." in auto(run_cli, narrow).err
@@ -141,6 +144,7 @@ def test_a_spoiled_file_of_measured_joints_is_no_trouble(arm, narrow, run_cli, t
     assert auto(run_cli, narrow, "--skip joint1").code == 0
 
 
+@pytest.mark.full
 def test_a_joint_without_a_stop_is_not_driven_on_for_ever(arm, narrow, run_cli):
     set_stops(arm, "joint2", -math.inf, math.inf)
     done = auto(run_cli, narrow)
@@ -149,6 +153,7 @@ def test_a_joint_without_a_stop_is_not_driven_on_for_ever(arm, narrow, run_cli):
     assert saved() is None
 
 
+@pytest.mark.full
 def test_ctrl_c_stops_the_arm_which_then_holds(arm, narrow, run_cli):
     arm.world.schedule(arm.world.time_s + 7.0, lambda: signal.raise_signal(signal.SIGINT))
     done = auto(run_cli, narrow)
@@ -161,6 +166,7 @@ def counts(arm):
     return [servo.read("homing_offset") for servo in arm.line.servos.values()]
 
 
+@pytest.mark.full
 def test_servos_get_back_what_they_held_where_nothing_is_saved(arm, narrow, run_cli, monkeypatch):
     before = counts(arm)
     agrees = lambda _, question: not question.text.startswith("Save")  # noqa: E731
@@ -170,6 +176,7 @@ def test_servos_get_back_what_they_held_where_nothing_is_saved(arm, narrow, run_
     assert counts(arm) == before
 
 
+@pytest.mark.full
 def test_an_arm_that_stopped_on_the_way_says_how_its_calibration_comes_back(arm, narrow, run_cli):
     write_calibration(arm)
     arm.world.schedule(arm.world.time_s + 3.0, lambda: signal.raise_signal(signal.SIGINT))
@@ -178,6 +185,7 @@ def test_an_arm_that_stopped_on_the_way_says_how_its_calibration_comes_back(arm,
     assert run_cli(f"where --arm {narrow} --port {PORT}").code == 0
 
 
+@pytest.mark.full
 def test_joints_that_turn_freely_are_not_driven_at_all(monkeypatch, run_cli):
     arm = connect_arm(monkeypatch, "planar2", sign=1)
     where = {joint.name: joint.position for joint in arm.world.joints}
@@ -248,6 +256,7 @@ def test_a_folded_arm_with_torque_off_first_makes_room_for_its_joints(run_cli, n
     assert swept == {**dict.fromkeys(left_out, "not swept"), "gripper": "by itself"}
 
 
+@pytest.mark.full
 def test_a_joint_is_not_driven_into_its_stop_to_show_its_direction(monkeypatch, run_cli):
     """The limp omx_f lies against the lower stops of its joint2, past the arm file's limit."""
     monkeypatch.setattr(

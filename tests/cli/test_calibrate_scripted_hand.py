@@ -19,6 +19,7 @@ def _home(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("arm", EVERY_ARM)
 def test_an_arm_is_calibrated_by_the_scripted_hands(run_cli, arm):
     done = run_cli(f"calibrate {arm} --port sim:?hand=calibrate --yes --json")

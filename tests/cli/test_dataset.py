@@ -84,6 +84,7 @@ def test_an_action_is_where_the_joints_are_in_the_next_frame(exported):
     np.testing.assert_allclose(action[-1], state[-1])
 
 
+@pytest.mark.full
 def test_what_was_exported_is_imported_and_replayed_through_the_guard(
     exported, wave, run_cli, tmp_path
 ):
@@ -211,6 +212,7 @@ def mounted(monkeypatch, tmp_path, run_cli):
     return arm, path
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("percent", [False, True])
 def test_lerobots_values_become_positions_of_the_geometry(

@@ -88,6 +88,7 @@ WRITERS = {
 WRITING_CALLS = {"write_text", "write_bytes", "mkdir", "touch", "savefig", "NamedTemporaryFile"}
 
 
+@pytest.mark.full
 def test_no_other_module_writes_files_itself():
     folder = Path(ikservo.__file__).parent
     found = {
@@ -163,6 +164,7 @@ def require_sentence(done, file, why, before, place):
     assert before.items() <= after.items()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("words", "file"), LINES, ids=NAMES)
 def test_a_full_disk_is_said_by(words, file, place, sources, tmp_path):
     before = content(place)
@@ -173,6 +175,7 @@ def test_a_full_disk_is_said_by(words, file, place, sources, tmp_path):
     require_sentence(done, file, "File too large", before, place)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("number", [errno.EROFS, errno.ENOENT], ids=errno.errorcode.get)
 @pytest.mark.parametrize(("words", "file"), LINES, ids=NAMES)
 def test_a_disk_that_is_read_only_or_gone_is_said_by(
@@ -202,6 +205,7 @@ def break_disk(monkeypatch, folder, number):
     monkeypatch.setattr(io, "open", failing(io.open, lambda mode="r", *_, **__: mode[0] != "r"))
 
 
+@pytest.mark.full
 def test_what_was_recorded_until_the_disk_was_full_is_read(place, tmp_path):
     done = run_limited(RECORDING.format(place / "a.jsonl"), BYTES, tmp_path)
     assert "What was recorded until then is in" in done.stderr
@@ -230,6 +234,7 @@ PRINTERS = [
 ]  # fmt: skip
 
 
+@pytest.mark.full
 @pytest.mark.skipif(sys.platform != "linux", reason="needs /dev/full")
 @pytest.mark.parametrize("words", PRINTERS)
 def test_a_full_stdout_is_said_of(words):

@@ -106,6 +106,7 @@ def test_a_slow_adapter_is_named(run_cli, monkeypatch):
     assert result.code == 0
 
 
+@pytest.mark.full
 def test_an_arm_at_another_rate_is_found_and_told(run_cli, monkeypatch):
     def change(line):
         for servo in line.world.servos:
@@ -119,6 +120,7 @@ def test_an_arm_at_another_rate_is_found_and_told(run_cli, monkeypatch):
     )
 
 
+@pytest.mark.full
 def test_a_dead_line_asks_for_the_power_supply(run_cli, monkeypatch):
     def change(line):
         for servo in line.world.servos:

@@ -13,6 +13,7 @@ def square(tmp_path):
     return path
 
 
+@pytest.mark.full
 def test_a_csv_is_drawn_and_reported_like_a_move(run_cli, square):
     result = run_cli(f"draw {square} {AT} --scale 0.5 --tool-speed 40 {SIM} --json")
     assert result.code == 0

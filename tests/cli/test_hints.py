@@ -4,6 +4,8 @@ import ast
 from functools import cache
 from pathlib import Path
 
+import pytest
+
 import ikservo
 from ikservo.cli.app import COMMANDS, app
 from ikservo.cli.entry_point import COMMAND, with_connection_options
@@ -53,6 +55,7 @@ def command_of(name):
     return group.get_command(None, name)
 
 
+@pytest.mark.full
 def test_commands_in_messages_exist():
     assert [(file, name) for file, name, _ in mentions() if name not in COMMANDS] == []
 

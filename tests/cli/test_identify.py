@@ -46,6 +46,7 @@ def home(identified, monkeypatch):
     return identified[1]
 
 
+@pytest.mark.full
 def test_it_reports_and_saves_what_it_found(identified, home):
     result = identified[0]
     assert result.code == 0, result.err
@@ -89,6 +90,7 @@ def test_the_simulator_has_the_masses_and_motors_of_the_file(home, monkeypatch):
     assert motor.friction_nm == pytest.approx(joint.coulomb_nm)
 
 
+@pytest.mark.full
 def test_the_jaws_weigh_what_they_hold(home):
     words = ["gripper", "--weigh", "--arm", ARM, "--json"]
     result = run_arguments([*words, "--port", "sim:?mass_scale=1.2&payload_g=80"])
@@ -129,6 +131,7 @@ def files_in(folder):
     return {path: path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
 
 
+@pytest.mark.full
 def test_ctrl_c_stops_the_tour_and_leaves_the_file_as_it_was(home, monkeypatch):
     record, before = IdentificationRun.record, files_in(home / "identified")
 

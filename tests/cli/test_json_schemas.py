@@ -71,6 +71,7 @@ def test_the_keys_in_the_sources_are_the_documented_ones(schema, keys):
     assert always <= keys <= always | maybe
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("words", QUIET)
 def test_the_keys_that_are_printed_are_the_documented_ones(run_cli, words):
     result = run_cli(words)

@@ -35,6 +35,7 @@ def imported(arm, run_cli, path):
     return done
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", ["so_follower", "so100_follower", "so101_follower"])
 def test_files_of_all_three_vintages_come_back_byte_for_byte(
@@ -52,6 +53,7 @@ def test_files_of_all_three_vintages_come_back_byte_for_byte(
     assert back.out.encode() == path.read_bytes()
 
 
+@pytest.mark.full
 def test_an_import_gives_lerobots_range_and_the_geometrys_zero(arm, run_cli, tmp_path):
     path = tmp_path / "black.json"
     path.write_text(lerobot_text(arm))
@@ -67,6 +69,7 @@ def test_an_import_gives_lerobots_range_and_the_geometrys_zero(arm, run_cli, tmp
     assert calibration.source(calibration.joint("elbow_flex")).startswith("LeRobot's sweep of")
 
 
+@pytest.mark.full
 def test_what_lerobot_cannot_say_is_said_beside_it(arm, run_cli, tmp_path):
     path = tmp_path / "black.json"
     path.write_text(lerobot_text(arm))
@@ -76,6 +79,7 @@ def test_what_lerobot_cannot_say_is_said_beside_it(arm, run_cli, tmp_path):
     assert "wrist_roll was not swept; LeRobot gets a whole turn." in result
 
 
+@pytest.mark.full
 def test_a_file_can_be_written_in_place(arm, run_cli, tmp_path):
     path = tmp_path / "black.json"
     path.write_text(lerobot_text(arm))
@@ -104,6 +108,7 @@ def test_a_joint_that_is_missing_is_named(arm, run_cli, tmp_path):
     assert "has no joint 'wrist_flex'" in done.err
 
 
+@pytest.mark.full
 def test_an_offset_that_was_lost_from_a_servo_is_written_again(arm, run_cli, tmp_path):
     path = tmp_path / "black.json"
     path.write_text(lerobot_text(arm))

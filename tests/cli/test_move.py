@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("arm", ["so101", "open_manipulator_x"])
 def test_the_measured_tip_is_within_2_mm_of_the_target(run_cli, arm):
@@ -25,6 +26,7 @@ def test_the_json_has_the_keys_that_others_rely_on(run_cli):
     }  # fmt: skip
 
 
+@pytest.mark.full
 def test_a_line_reports_its_path_error_and_a_motion_of_joints_none(run_cli):
     move = "move 0.23 0.02 0.10 --arm so101 --port sim:?pose=home"
     line = run_cli(f"{move} --line --json").json
@@ -66,6 +68,7 @@ def test_where_names_the_source_of_the_limits(run_cli):
     assert "arm file" in run_cli("where --arm so101 --port sim").out
 
 
+@pytest.mark.full
 def test_joints_are_told_in_degrees_or_radians(run_cli):
     result = run_cli("joints elbow_flex=30 gripper=0.5rad --arm so101 --port sim:?pose=home --json")
     assert result.code == 0
@@ -77,6 +80,7 @@ def test_a_negative_angle_is_no_option(run_cli):
     assert goal == pytest.approx({"shoulder_pan": math.radians(-5.0)})
 
 
+@pytest.mark.full
 def test_a_slide_is_told_in_metres(run_cli):
     goal = run_cli("joints gripper=10mm --arm open_manipulator_x --port sim --json").json[
         "goal_rad"
@@ -114,6 +118,7 @@ def test_a_plain_move_says_how_far_the_tool_turned_and_that_nothing_was_requeste
                      result.out, re.M)  # fmt: skip
 
 
+@pytest.mark.full
 def test_a_requested_orientation_is_reported_with_its_error(run_cli):
     result = run_cli("move 0.25 0.05 0.15 --pitch -60 --arm so101 --port sim:?pose=home")
     assert re.search(r"^tool       orientation error 0\.\d°$", result.out, re.M)

@@ -49,6 +49,7 @@ def port():
         yield name
 
 
+@pytest.mark.full
 def test_a_motion_is_seen_and_stopped_from_another_terminal(run_cli, port):
     with swaying(port) as process:
         seen = run_cli(f"where --arm so101 --port {port} --json")
@@ -63,6 +64,7 @@ def test_a_motion_is_seen_and_stopped_from_another_terminal(run_cli, port):
     assert "StoppedError: Stopped from another terminal; torque stays on." in result
 
 
+@pytest.mark.full
 def test_after_a_program_was_killed_the_arm_is_stopped_all_the_same(run_cli, port):
     with swaying(port) as process:
         process.send_signal(signal.SIGKILL)

@@ -84,6 +84,7 @@ def read_in_time(read, servo_id):
     return tick
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("arm", "target_m"), TARGETS_M.items())
 def test_the_tip_goes_to_the_point_and_stays_there(run_cli, port_of, arm, target_m):
@@ -112,6 +113,7 @@ def test_a_port_in_use_is_refused_and_its_holder_keeps_working(run_cli, port_of)
     assert "in use" in done.err
 
 
+@pytest.mark.full
 def test_when_the_server_ends_the_loss_is_named(run_cli):
     with served("so101") as (port, process):
         process.send_signal(signal.SIGTERM)

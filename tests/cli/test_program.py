@@ -39,6 +39,7 @@ def test_a_run_says_each_step_and_how_many_were_made(run_cli, file):
     assert result.out.split() == ["steps", "2", "done"]
 
 
+@pytest.mark.full
 def test_a_run_in_json_has_the_error_of_each_step(run_cli, file):
     result = run_cli(f"program run {file} {SIM} --yes --json")
     assert result.json["schema"] == "ikservo/program-run/1"

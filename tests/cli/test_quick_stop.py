@@ -82,6 +82,7 @@ def test_a_name_stops_the_arms_of_that_name_only(device, tmp_path):
     assert asked == ["who"]
 
 
+@pytest.mark.full
 def test_the_arms_of_another_packages_network_are_stopped_too(device, tmp_path, monkeypatch):
     package = tmp_path / "site" / "other-1.0.dist-info"
     package.mkdir(parents=True)

@@ -99,6 +99,7 @@ def test_a_rate_that_no_adapter_makes_is_refused_by_name(run_cli, rate):
     assert "--baud" in result.err
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("arm", ["so101", "koch"])
 def test_behind_an_adapter_that_holds_bytes_for_16_ms_models_are_known_all_the_same(run_cli, arm):
     slow = run_cli(f"scan sim:?latency_ms=16&usb_frame_ms=1 --arm {arm} --json").json["servos"]
@@ -182,6 +183,7 @@ def test_without_any_port_the_simulator_is_offered(run_cli, monkeypatch):
     assert "--port sim" in result.err
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("option", "is_said"), [("", True), ("--all", False)])
 def test_scan_says_that_it_left_out_the_rates_after_the_first(run_cli, option, is_said):
     result = run_cli(f"scan --port sim --arm so101 {option}")

@@ -17,6 +17,7 @@ def port():
         yield port
 
 
+@pytest.mark.full
 def test_253_silent_ids_take_less_than_two_seconds(port):
     started_s = time.monotonic()
     assert scan_port(port, [500_000]) == []

@@ -98,6 +98,7 @@ def set_up():
     return done
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("arm", ["so101", "koch"])
 def test_each_servo_becomes_what_the_arm_file_says_and_stays_so_without_power(set_up, arm):
@@ -145,6 +146,7 @@ def test_the_person_is_shown_the_joint_and_asked_to_unplug(set_up):
     )
 
 
+@pytest.mark.full
 def test_a_servo_plugged_in_too_early_is_not_taken_for_the_one_before(run_cli, monkeypatch):
     operators, _ = with_operator(monkeypatch, "so101", clumsy=True)
     result = run_cli("setup so101 --port sim --yes")
@@ -152,6 +154,7 @@ def test_a_servo_plugged_in_too_early_is_not_taken_for_the_one_before(run_cli, m
     assert [servo.id for servo in operators[0].servos] == [1, 2, 3, 4, 5, 6]
 
 
+@pytest.mark.full
 def test_a_whole_arm_plugged_in_is_refused_and_nothing_is_written(run_cli, monkeypatch):
     ports = change_bus(monkeypatch, lambda line: None)
     result = run_cli("setup so101 --port sim --yes --wait 5")
@@ -175,6 +178,7 @@ def all_but(number):
     return change
 
 
+@pytest.mark.full
 def test_two_servos_at_the_same_id_are_refused(run_cli, monkeypatch):
     def change(line):
         all_but(3)(line)
@@ -187,6 +191,7 @@ def test_two_servos_at_the_same_id_are_refused(run_cli, monkeypatch):
     assert "More than one servo answers: several servos at id 3" in result.err
 
 
+@pytest.mark.full
 def test_a_servo_that_is_right_already_is_not_written(run_cli, monkeypatch):
     ports = change_bus(monkeypatch, all_but(6))
     result = run_cli("setup so101 --port sim --start gripper --yes")
@@ -203,6 +208,7 @@ def test_another_model_is_refused_and_nothing_is_written(run_cli, monkeypatch):
     assert "shoulder_pan (id 1) must be a XL430-W250, but a XL330-M288 at id 3" in result.err
 
 
+@pytest.mark.full
 def test_nobody_came_and_it_says_how_to_go_on(run_cli, monkeypatch):
     change_bus(monkeypatch, all_but(99))
     result = run_cli("setup so101 --port sim --yes --start wrist_flex --wait 3")
@@ -211,6 +217,7 @@ def test_nobody_came_and_it_says_how_to_go_on(run_cli, monkeypatch):
     assert "Continue with: ikservo setup so101 --start wrist_flex" in result.err
 
 
+@pytest.mark.full
 def test_without_a_terminal_the_flag_is_named(run_cli, monkeypatch):
     def change(line):
         all_but(6)(line)
@@ -255,6 +262,7 @@ def test_bad_input_is_one_clear_error(run_cli, words, code, message):
     assert result.out == ""
 
 
+@pytest.mark.full
 def test_a_servo_that_stays_plugged_in_stops_it_at_the_next_joint(run_cli, monkeypatch):
     change_bus(monkeypatch, all_but(5))
     result = run_cli("setup so101 --port sim --start wrist_roll --yes --wait 3")
@@ -317,6 +325,7 @@ def test_a_servo_of_another_family_is_named(run_cli, monkeypatch, code, rate):
     assert f"must be a STS3215, but a XL330-M288 at id 3, {rate} baud is" in result.err
 
 
+@pytest.mark.full
 def test_a_servo_that_answers_only_now_and_then_is_not_called_absent(run_cli, monkeypatch):
     change_bus(monkeypatch, all_but(6))
     looks = itertools.count()

@@ -68,6 +68,7 @@ def test_a_comparison_out_of_reach_is_exit_7_with_how_far_each_came(run_cli):
         assert entry["position_error_m"] == pytest.approx(best, abs=1e-3)
 
 
+@pytest.mark.full
 def test_a_comparison_names_the_limits_that_bind_and_where_they_come_from(run_cli):
     question = "solve --arm so101 --json"
     compared, alone = (
@@ -240,6 +241,7 @@ def words_of(svg):
     return re.findall(r"<text[^>]*>([^<]*)</text>", svg.read_text())
 
 
+@pytest.mark.full
 def test_the_picture_of_a_comparison_names_every_method_and_has_units(run_cli, tmp_path):
     file = tmp_path / "methods.svg"
     result = run_cli(f"{POINT} --compare --plot {file}")

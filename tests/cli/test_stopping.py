@@ -164,6 +164,7 @@ def interrupt_a_motion(arm, clock):
         arm.move_joints({"shoulder_pan": 1.2}, on_progress=press_once)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("at_s", "torque"), [(0.9, 0), (1.1, 1)])
 def test_a_script_has_a_second_by_the_given_clock_to_say_it_again(at_s, torque):
     with open_arm("so101", port="sim:?pose=home") as arm:

@@ -76,6 +76,7 @@ def own_joint(name):
     return load_model(NAME).joint(name)
 
 
+@pytest.mark.full
 def test_fifteen_touches_bring_the_opened_arm_within_a_millimetre_and_a_half(
     arm, truth, tmp_path, run_cli
 ):
@@ -99,6 +100,7 @@ def test_fifteen_touches_bring_the_opened_arm_within_a_millimetre_and_a_half(
     np.testing.assert_allclose(true, (0.22, 0.03, 0.12), atol=2.5e-3)
 
 
+@pytest.mark.full
 def test_touching_moves_zeros_and_leaves_the_stops_where_they_are(arm, truth, tmp_path, run_cli):
     path = calibration_path(NAME, SERIAL)
     before = read_calibration(path)
@@ -111,6 +113,7 @@ def test_touching_moves_zeros_and_leaves_the_stops_where_they_are(arm, truth, tm
     assert path.with_name(f"{path.name}.bak").exists()
 
 
+@pytest.mark.full
 def test_a_script_skips_points_and_takes_answers_back(arm, truth, tmp_path, run_cli):
     points = guide(arm, truth, tmp_path, 8)
     script = tmp_path / "script"
@@ -172,6 +175,7 @@ def test_points_without_a_touch_off_are_a_slip(arm, run_cli):
     assert (done.code, "--touch" in done.err) == (2, True)
 
 
+@pytest.mark.full
 def test_a_person_touches_skips_and_takes_back_by_single_keys(
     arm, truth, tmp_path, run_cli, monkeypatch
 ):

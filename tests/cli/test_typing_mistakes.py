@@ -33,6 +33,7 @@ def test_a_decimal_comma_is_answered_with_a_point(run_cli, words):
     assert "'0,25' has a comma; use a decimal point: 0.25" in result.err
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("point", ["0.9 0 0.1", "0.35 0 -0.2", "-0.6 0.1 0.0", "0.1 0.1 0.9"])
 def test_a_suggested_point_is_one_that_is_accepted(run_cli, point):
     result = run_cli(f"move {point} {SIM}")

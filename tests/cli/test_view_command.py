@@ -23,6 +23,7 @@ def served(*options):
     return started("--port", "sim", *options)
 
 
+@pytest.mark.full
 def test_the_page_is_served_until_ctrl_c():
     serving = served()
     try:
@@ -70,6 +71,7 @@ def test_without_an_arm_a_real_port_asks_which(run_cli):
     assert "No arm given." in result.err
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("options", "expected"),
@@ -121,6 +123,7 @@ def test_no_other_command_loads_the_server():
 QR_CODES = ("to watch only", "to control the arm")
 
 
+@pytest.mark.full
 def test_each_address_has_its_label_and_the_one_to_watch_comes_first():
     serving = served()
     try:
@@ -136,6 +139,7 @@ def test_each_address_has_its_label_and_the_one_to_watch_comes_first():
     assert watch != url
 
 
+@pytest.mark.full
 def test_beyond_this_machine_the_terminal_shows_fingerprint_and_qr_code(own_address):
     serving = served("--listen", own_address)
     try:

@@ -71,6 +71,7 @@ def answer(seen):
     return read_answer
 
 
+@pytest.mark.full
 def test_the_first_move_after_a_change_shows_every_joint_and_the_second_none(arm, run_cli, watcher):
     watcher(arm)
     done = run_cli(MOVE)
@@ -80,6 +81,7 @@ def test_the_first_move_after_a_change_shows_every_joint_and_the_second_none(arm
     assert "then back" not in run_cli(MOVE).err
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(
     "words", ["joints joint1=2 --no-collision", "pose home", "jog joint1 --duration 0.2"]
@@ -108,6 +110,7 @@ def test_an_uncalibrated_arm_takes_its_confirmed_step_and_no_other(monkeypatch, 
     assert "then back" not in done.err
 
 
+@pytest.mark.full
 def test_a_changed_calibration_is_shown_again(arm, run_cli):
     assert run_cli(f"{MOVE} --yes").code == 0
     assert directions_confirmed(load_model(NAME), PORT)
@@ -125,6 +128,7 @@ def test_without_an_operator_an_arm_that_changed_does_not_move(arm, run_cli):
     assert arm.true_position("joint1") == pytest.approx(before, abs=1e-3)
 
 
+@pytest.mark.full
 def test_whoever_knows_may_do_without(arm, run_cli):
     done = run_cli(f"{MOVE} --no-wiggle --yes")
     assert done.code == 0
@@ -135,6 +139,7 @@ def test_a_dry_run_wiggles_nothing(arm, run_cli):
     assert "then back" not in run_cli(f"{MOVE} --dry-run --yes").err
 
 
+@pytest.mark.full
 def test_a_jammed_joint_is_named(arm, run_cli):
     arm.line.servos[2].motor.stuck = True
     done = run_cli(f"calibrate {NAME} --port {PORT} --wiggle --yes")
@@ -170,6 +175,7 @@ def test_a_mirrored_sign_is_seen(monkeypatch, run_cli, watcher):
     assert (done.code, "If it went the other way" in done.err) == (6, True)
 
 
+@pytest.mark.full
 def test_an_arm_that_lies_on_the_table_is_lifted_first_and_then_moves(monkeypatch):
     bench = place_arm(monkeypatch, "so101", "rest, sunk", "real, calibrated")
     done = run_arguments(["pose", "home", "--arm", "so101", "--port", bench.port, "--yes"])

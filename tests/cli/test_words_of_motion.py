@@ -98,6 +98,7 @@ def test_what_cannot_be_done_is_said_in_one_line_with_exit_2_or_1(run_cli, words
     assert "Traceback" not in result.err
 
 
+@pytest.mark.full
 def test_gripper_reports_what_it_holds(run_cli):
     result = run_cli(f"gripper close {SIM}")
     assert result.code == 0
@@ -107,6 +108,7 @@ def test_gripper_reports_what_it_holds(run_cli):
     )
 
 
+@pytest.mark.full
 def test_a_taught_pose_is_listed_and_gone_to(run_cli, home):
     taught = run_cli(f"teach cup --now {SIM} --json")
     assert taught.json["schema"] == "ikservo/teach/1"
@@ -117,6 +119,7 @@ def test_a_taught_pose_is_listed_and_gone_to(run_cli, home):
     assert run_cli(f"pose cup {SIM}").code == 0
 
 
+@pytest.mark.full
 def test_what_was_recorded_is_replayed(run_cli, home):
     recorded = run_cli(f"record wave.jsonl --duration 200ms {SIM} --json")
     assert recorded.json["samples"] in (10, 11)

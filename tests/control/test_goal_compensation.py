@@ -99,6 +99,7 @@ def test_a_gripper_has_no_offset(compensator, start):
     assert goals_of(compensator, start, 0.5, 0.3)[:, 5] == pytest.approx(start[5])
 
 
+@pytest.mark.full
 def test_a_joint_that_stays_behind_is_led_further_up_to_a_bound(compensator, start):
     compensator.begin(start, start)
     leads = []

@@ -103,6 +103,7 @@ def test_a_chunk_of_an_mcap_is_inflated_to_what_it_states_at_most(compression, t
         tracemalloc.stop()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("count", "words"), [(1, "a chunk of it inflates"), (20, "too much")])
 def test_a_large_chunk_or_many_of_an_mcap_are_refused(count, words, tmp_path):
     zstandard = pytest.importorskip("zstandard")
@@ -230,6 +231,7 @@ def sphere(triangles):
     return np.concatenate([each.reshape(-1, 3, 3) for each in pairs])
 
 
+@pytest.mark.full
 def test_a_mesh_with_many_corners_is_fitted_by_few_of_them_and_contained_whole(monkeypatch):
     spatial, seen = pytest.importorskip("scipy.spatial"), []
     hull = spatial.ConvexHull
@@ -274,6 +276,7 @@ def joint_states(path, messages):
     return path
 
 
+@pytest.mark.full
 def test_samples_of_an_mcap_need_eight_bytes_a_number_thrice(tmp_path):
     tracemalloc = pytest.importorskip("tracemalloc")
     names = [f"a_joint_with_a_name_{i}" for i in range(6)]
@@ -333,6 +336,7 @@ def test_triangles_are_counted_before_a_mesh_is_read(name, tmp_path, monkeypatch
         read_triangles(tmp_path / name, MESHES[name], "base")
 
 
+@pytest.mark.full
 def test_fitting_needs_no_memory_that_grows_with_the_square_of_the_points():
     tracemalloc = pytest.importorskip("tracemalloc")
     angles = np.linspace(0.0, np.pi, 6000)

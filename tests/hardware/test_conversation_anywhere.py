@@ -83,6 +83,7 @@ def ids(bus):
     return [servo_id for servo_id in bus.servos if servo_id != ABSENT.id]
 
 
+@pytest.mark.full
 def test_every_servo_says_that_it_is_the_model_of_the_arm_file(bus, ids):
     numbers = {i: bus.ping(i).model_number for i in ids}
     assert numbers == {i: bus.servos[i].table.number for i in ids}

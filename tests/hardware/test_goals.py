@@ -50,6 +50,7 @@ def test_a_goal_inside_or_on_the_way_back_is_written(bus, confirmed):
     assert [bus.read(i, RegisterName.GOAL_POSITION, raw=True) for i in (1, 2)] == [2048, 2130]
 
 
+@pytest.mark.full
 def test_nothing_else_writes_goals():
     package = Path(ikservo.__file__).parent
     found = {

@@ -60,24 +60,28 @@ def moved(folder, arm):
     return run(folder, f"{MOVES[arm]} --arm {arm} --port sim --yes")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("packages", [(FEETECH, FTSERVO), (FTSERVO, FEETECH)])
 def test_a_feetech_arm_moves_with_either_sdk_over_the_other(installed, packages):
     result = moved(installed(*packages), "so101")
     assert result.returncode == 0, result.stderr
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("package", ["ftservo-python-sdk==2.0.0", FTSERVO])
 def test_doctor_works_with_the_renamed_feetech_sdk(installed, package):
     result = run(installed(package), "doctor --arm so101 --port sim")
     assert result.returncode == 0, result.stderr
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("release", ["3.7.31", "3.8.4", "4.0.5"])
 def test_a_dynamixel_arm_moves_with_an_older_release_over_the_newest(installed, release):
     result = moved(installed(NEWEST_DYNAMIXEL, f"dynamixel-sdk=={release}"), "koch")
     assert result.returncode == 0, result.stderr
 
 
+@pytest.mark.full
 def test_the_package_serial_over_pyserial_is_named_with_the_line_that_repairs_it(installed):
     result = run(installed("pyserial==3.5", "serial==0.0.97"), "ports")
     assert result.stderr.splitlines() == [
@@ -86,11 +90,13 @@ def test_the_package_serial_over_pyserial_is_named_with_the_line_that_repairs_it
     ]
 
 
+@pytest.mark.full
 def test_pyserial_over_the_package_serial_works(installed):
     result = moved(installed("serial==0.0.97", "pyserial==3.5"), "so101")
     assert result.returncode == 0, result.stderr
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("package", "module", "arm"),
                          [(FEETECH, "scservo_sdk", "so101"),
                           (NEWEST_DYNAMIXEL, "dynamixel_sdk", "koch"),

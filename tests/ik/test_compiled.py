@@ -116,6 +116,7 @@ def test_they_give_the_same_bits_out_of_reach(kind, uncompiled):
     assert same_both_ways("so101", kind, 2, 1, **options) == 0.0
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @needs_extension
 @pytest.mark.parametrize("uncompiled", [with_numpy, without_numpy])
@@ -136,6 +137,7 @@ CHANGES = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.sample(2)
 @needs_extension
 @pytest.mark.parametrize("module", CHANGES)
@@ -322,6 +324,7 @@ def test_a_number_that_is_not_finite_names_its_problem(argument, value):
     assert not call.results.any()
 
 
+@pytest.mark.full
 @needs_extension
 def test_settings_that_make_no_sense_give_the_same_bits_where_python_gives_any():
     rng, same = np.random.default_rng(3), 0
@@ -359,6 +362,7 @@ def test_a_changed_kernel_is_run_as_python_with_a_warning(tmp_path):
     assert "make build" in done.stderr
 
 
+@pytest.mark.full
 def test_without_the_extension_the_same_code_gives_the_same_bits():
     code = (
         "import ikservo; m = ikservo.load_model('so101');"

@@ -77,6 +77,7 @@ HANDS = [
 ]
 
 
+@pytest.mark.full
 @pytest.mark.sample(2)
 @pytest.mark.parametrize(("name", "joint", "way_rad", "limit_nm"), HANDS)
 def test_a_light_hand_moves_the_arm_and_it_stays_where_it_is_left(name, joint, way_rad, limit_nm):
@@ -89,6 +90,7 @@ def test_a_light_hand_moves_the_arm_and_it_stays_where_it_is_left(name, joint, w
     assert (excess < 1.3 * ANCHOR_RAD * stiffness).all()
 
 
+@pytest.mark.full
 def test_an_arm_that_is_heavier_than_known_sinks_a_little_and_stays():
     hand, *_ = guided("so101", "elbow_flex", -0.3, 1.0, hidden="&mass_scale=1.2&payload_g=30")
     sunk = hand.between(0.0, AWAY_S)
@@ -113,6 +115,7 @@ def test_a_stop_ends_it_and_the_arm_holds():
             assert now.position_rad == pytest.approx(then.position_rad, abs=0.01)
 
 
+@pytest.mark.full
 def test_the_next_motion_starts_where_the_hand_left_the_arm():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         hand = Guided(arm, "elbow_flex", -0.5, 1.0)
@@ -123,6 +126,7 @@ def test_the_next_motion_starts_where_the_hand_left_the_arm():
         assert elbow == pytest.approx(found["elbow_flex"], abs=0.02)
 
 
+@pytest.mark.full
 def test_no_goal_leaves_the_limits_however_hard_the_hand_pushes():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         fence = servo_group(arm).fences[0]

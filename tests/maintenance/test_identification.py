@@ -156,6 +156,7 @@ def test_the_first_body_has_no_effect_on_torques_and_is_as_uncertain_as_all_mass
     assert errors[0] > max(errors[1:])
 
 
+@pytest.mark.full
 def test_standard_errors_cover_what_was_found():
     """Of eight recordings with other postures, two errors hold the payload of seven."""
     inside = 0

@@ -9,6 +9,7 @@ from ikservo.maintenance.iso_cube import EDGES_M, IsoCube, place_cube
 from tests.oracle import ARMS
 
 
+@pytest.mark.full
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("name", ARMS)
 def test_each_arm_has_a_free_cube_that_its_poses_are_in(name):

@@ -65,6 +65,7 @@ def read_or_refuse(read: Callable[[Path], object], path: Path, data: bytes) -> N
         read(path)
 
 
+@pytest.mark.full
 @seed(101)
 @SETTINGS
 @given(wounds=damages)
@@ -74,6 +75,7 @@ def test_a_damaged_urdf_never_raises_anything_else(
     read_or_refuse(read_urdf, a_path, damaged(urdf_text, wounds))
 
 
+@pytest.mark.full
 @seed(101)
 @SETTINGS
 @given(wounds=damages)

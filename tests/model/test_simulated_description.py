@@ -59,6 +59,7 @@ def test_an_arm_of_simple_shapes_is_simulated_from_its_own_file():
     assert description_for_simulator(load_model("so101")) is None
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("shape", SHAPES)
 def test_a_limp_arm_does_not_fall_through_the_table_with_a_forearm_of(shape, own_arm):
     path = own_arm(SHAPES[shape])

@@ -43,6 +43,7 @@ def test_a_full_circle_passes_all_three_and_ends_at_its_start():
     np.testing.assert_allclose(arc.at(arc.length)[0], X, atol=1e-12)
 
 
+@pytest.mark.full
 @given(start=points, via=points, end=points)
 def test_every_arc_goes_through_its_three_points_with_unit_speed(start, via, end):
     try:

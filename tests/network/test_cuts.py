@@ -41,6 +41,7 @@ def stream_until_cut(served, proxy, how, dice):
     return arm
 
 
+@pytest.mark.full
 @pytest.mark.sample(3)
 @pytest.mark.parametrize("how", CUTS)
 def test_a_cut_in_mid_motion_makes_the_arm_hold(served, proxy, how):

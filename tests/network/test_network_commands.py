@@ -274,6 +274,7 @@ def test_keys_without_the_library_for_them_are_one_clear_error(run, tmp_path, mo
     assert not (tmp_path / "keys").exists()
 
 
+@pytest.mark.full
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_serve_says_where_it_listens_and_ends_by_ctrl_c():
     port = find_free_port()

@@ -40,6 +40,7 @@ def again(served, follow, is_done=None):
             return result
 
 
+@pytest.mark.full
 def test_streamed_goals_move_the_arm(served):
     with served.open() as arm:
         start = arm.where()["shoulder_pan"].position_rad
@@ -169,6 +170,7 @@ def test_targets_are_followed_and_reported(served):
     assert result.measured_rad["wrist_roll"] == pytest.approx(goal, abs=0.04)
 
 
+@pytest.mark.full
 def test_an_arm_on_another_machine_follows_a_leader_here(served):
     there = joint_of(served, "wrist_roll") + 0.2
     with served.open() as arm, ikservo.open_arm("so101", port="sim:?pose=home") as leader:

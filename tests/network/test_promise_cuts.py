@@ -211,6 +211,7 @@ def serve_again(port, tcp_port, pipe):
     serve(port, tcp_port, pipe, start=False)
 
 
+@pytest.mark.full
 @few_or_many(1, 200)
 def test_whatever_is_lost_in_motion_the_arm_holds_until_it_is_acknowledged(seeds, tmp_path, capsys):
     figures, many = Figures(), len(seeds) > 1

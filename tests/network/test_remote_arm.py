@@ -51,6 +51,7 @@ def test_it_has_the_limits_the_chain_and_the_state_of_the_arm_there(served):
         assert served.server.lease.holder is None  # looking takes no control
 
 
+@pytest.mark.full
 def test_a_motion_reports_what_it_would_report_on_a_port(served):
     with served.open() as arm:
         there, here = arm.move_to(POINT_M), served.arm.move_to(POINT_M)

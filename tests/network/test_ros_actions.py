@@ -236,6 +236,7 @@ def test_the_hashes_that_all_actions_share_are_those_of_ros_2():
     assert type_hash("action_msgs/msg/GoalStatusArray") == status
 
 
+@pytest.mark.full
 def test_a_goal_is_carried_out_with_feedback_and_states(graph, client, start):
     number, accepted = client.send(goal_to((1.0, start + 0.2), (2.0, start + 0.3)))
     assert accepted
@@ -282,6 +283,7 @@ def test_an_old_goal_is_rejected(client):
     assert (accepted, client.result(number)[1]) == (False, ErrorCode.OLD_HEADER_TIMESTAMP)
 
 
+@pytest.mark.full
 def test_a_goal_that_comes_again_is_rejected_and_goes_on(client, start):
     number, _ = client.send(goal_to((1.0, start + 0.2)))
     assert client.send(goal_to((1.0, start - 0.2)), number) == (number, False)
@@ -329,6 +331,7 @@ def test_a_canceled_goal_ends_and_the_arm_holds(graph, client, start):
     assert client.cancel(os.urandom(16)).return_code == 2  # there is none
 
 
+@pytest.mark.full
 def test_a_newer_goal_replaces_the_one_before(graph, client, start):
     first, _ = client.send(goal_to((20.0, start + 1.0)))
     until(lambda: true_joints(graph.arm)[JOINT] > start + 0.05)
@@ -340,6 +343,7 @@ def test_a_newer_goal_replaces_the_one_before(graph, client, start):
     assert true_joints(graph.arm)[JOINT] == pytest.approx(start, abs=0.03)
 
 
+@pytest.mark.full
 def test_a_stop_aborts_the_goal_and_rejects_the_next(graph, client, start):
     number, _ = client.send(goal_to((20.0, start + 1.0)))
     until(lambda: true_joints(graph.arm)[JOINT] > start + 0.05)

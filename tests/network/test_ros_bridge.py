@@ -100,6 +100,7 @@ def test_joint_states_are_those_of_the_simulated_servos(graph):
     assert (length, abs(sent_ns - time.time_ns()) < 5e9) == (16, True)
 
 
+@pytest.mark.full
 def test_a_trajectory_moves_the_servos_along_its_points(graph):
     start = true_joints(graph.arm)["wrist_roll"]
     graph.publish("/joint_trajectory", trajectory("wrist_roll", (1.0, start + 0.3), (2.5, start)))
@@ -126,6 +127,7 @@ def test_an_empty_trajectory_ends_the_one_before(graph):
     assert graph.arm.stop_reason is None
 
 
+@pytest.mark.full
 def test_a_pose_is_reached(graph):
     pose = PoseStamped()
     pose.header.frame_id = "base"
@@ -137,6 +139,7 @@ def test_a_pose_is_reached(graph):
     np.testing.assert_allclose(true_tip_m(graph.arm), [0.22, 0.03, 0.12], atol=0.004)
 
 
+@pytest.mark.full
 def test_a_twist_moves_the_tip_until_it_is_silent(graph):
     start_m, twist = true_tip_m(graph.arm), TwistStamped()
     twist.twist.linear.z = 0.05
@@ -152,6 +155,7 @@ def test_a_twist_moves_the_tip_until_it_is_silent(graph):
     assert np.abs(moved_m[:2]).max() < 0.01
 
 
+@pytest.mark.full
 def test_a_stop_is_latched_until_it_is_acknowledged(graph):
     start = true_joints(graph.arm)["wrist_roll"]
     graph.publish("/joint_trajectory", trajectory("wrist_roll", (20.0, start + 1.0)))
@@ -296,6 +300,7 @@ def test_the_description_reaches_those_who_come_later(graph):
     assert text == graph.arm.model.path.with_suffix(".urdf").read_text()
 
 
+@pytest.mark.full
 def test_a_motion_ends_where_the_router_is_lost():
     port = find_free_port()
     with contextlib.ExitStack() as stack:
@@ -311,6 +316,7 @@ def test_a_motion_ends_where_the_router_is_lost():
         assert "router was lost" in graph.arm.stop_reason.text
 
 
+@pytest.mark.full
 def test_an_arm_of_another_machine_is_bridged(graph):
     own = Endpoint("tcp", HOST, graph.port)
     with (
@@ -360,6 +366,7 @@ def test_a_signal_while_the_command_announces_itself_ends_it_well(graph, monkeyp
     assert main(["ros", "so101", "--port", "sim", "--router", f"{HOST}:{graph.port}"]) == 0
 
 
+@pytest.mark.full
 @pytest.mark.skipif(sys.platform == "win32", reason="signals")
 def test_the_command_joins_the_graph_and_ends_by_ctrl_c(graph):
     argv = [sys.executable, "-c", CONSOLE, "ros", "so101", "--port", "sim", "--json",

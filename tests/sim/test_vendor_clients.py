@@ -254,6 +254,7 @@ def test_a_signal_ends_the_server_cleanly(server, number):
     assert (process.wait(10), link.is_symlink()) == (0, False)
 
 
+@pytest.mark.full
 def test_a_closed_server_looks_like_a_pulled_cable(server):
     process, link = server("so101")
     port = scservo_sdk.PortHandler(str(link))

@@ -135,6 +135,7 @@ def moved_by_hands(configs, joint, *spans_s):
     return ranges
 
 
+@pytest.mark.full
 def test_sweeping_hands_hold_the_pose_and_show_a_direction_before_they_sweep(configs):
     held, shown = moved_by_hands(configs, "wrist_flex", 8.0, 12.0)
     home, there = math.radians(60.0), math.radians(35.0)
@@ -145,6 +146,7 @@ def test_sweeping_hands_hold_the_pose_and_show_a_direction_before_they_sweep(con
     )
 
 
+@pytest.mark.full
 def test_sweeping_hands_start_over_when_a_program_begins_to_talk(configs):
     port = servosim.open_port(f"sim:{configs}/so101/arm.toml?pose=home&hand=calibrate")
     run(port, 26.0)

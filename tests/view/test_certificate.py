@@ -150,6 +150,7 @@ def test_the_origin_has_the_scheme_of_the_connection(origin, secure, allowed):
     assert is_allowed_origin(headers, local, upgrade=True, secure=secure) == allowed
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("listen", "insecure", "scheme"), [
     ("127.0.0.1", False, "http"), ("127.0.0.1", True, "http"), (None, False, "https"),
     (None, True, "http"),

@@ -73,6 +73,7 @@ def pair():
         yield Pair(arms)
 
 
+@pytest.mark.full
 def test_the_follower_goes_where_the_leader_is_led_and_says_how_far_behind_it_is(pair):
     pair.follow().until_followed()
     wanted = pair.guide("joint3", TURN_RAD)

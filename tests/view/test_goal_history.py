@@ -99,6 +99,7 @@ def test_in_live_undo_brings_the_arm_back(session):
     assert math.degrees(true_joints(session.arm)["wrist_roll"]) == pytest.approx(0.0, abs=1.0)
 
 
+@pytest.mark.full
 def test_what_was_previewed_is_what_is_carried_out(session):
     session.send_message(page_messages.SetSpeed, name="fast")
     set_roll(session, 35.0)
@@ -127,6 +128,7 @@ def test_a_refused_or_missing_target_is_not_carried_out(session):
     assert registers(session.arm, "goal_position") == before
 
 
+@pytest.mark.full
 def test_a_stop_on_the_way_holds_until_acknowledged(session):
     set_roll(session, 60.0)
 
@@ -145,6 +147,7 @@ def test_a_stop_on_the_way_holds_until_acknowledged(session):
             session.send_message(message, **fields)
 
 
+@pytest.mark.full
 def test_relax_lowers_the_arm_and_release_lets_go_and_neither_is_told_as_lost_torque(session):
     act(session, "release")
     assert not any(registers(session.arm, "torque_enable").values())

@@ -77,6 +77,7 @@ def test_before_the_pose_the_drawing_moves_as_much_as_the_joints(calibrated):
         assert np.abs(drawn - first) == pytest.approx(np.abs(at - start), abs=math.radians(0.5))
 
 
+@pytest.mark.full
 def test_frames_arrive_during_a_calibration_and_move_arm_ghost_and_joint_list():
     with ViewSession() as session:
         driver, frames = CalibrationDriver(session.arm.model, "sim:?pose=home"), []

@@ -68,6 +68,7 @@ def test_a_stop_on_its_way_is_told_with_what_to_do_on_the_page():
     assert "ikservo" not in notice.hint
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("arm", "celsius"), [("so101", 68), ("so101", 90), ("koch", 72), ("koch", 90)]
 )
@@ -80,6 +81,7 @@ def test_a_hot_servo_is_told_as_one_with_what_to_do_on_the_page(arm, celsius):
     assert "ikservo relax" not in snapshot.stop_notice.hint
 
 
+@pytest.mark.full
 def test_a_hot_arm_that_was_lowered_by_itself_is_said_to_be_limp():
     notice = told_of("koch", "hot", id=servo_id("koch", "shoulder_lift"), celsius=72)
     assert notice.message.endswith("torque is off, the arm is limp.")

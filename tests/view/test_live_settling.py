@@ -59,6 +59,7 @@ def test_the_true_tip_is_at_a_click_once_the_arm_has_settled(arm, near_m, monkey
         assert math.dist(true_tip_m(live.arm), live.target_m) < near_m
 
 
+@pytest.mark.full
 def test_an_arm_that_has_settled_stays_there_in_live(koch):
     tips_m = []
 
@@ -71,6 +72,7 @@ def test_an_arm_that_has_settled_stays_there_in_live(koch):
     assert koch.settled == 1
 
 
+@pytest.mark.full
 def test_another_click_ends_settling_and_is_followed(koch):
     times_s = []
 
@@ -87,6 +89,7 @@ def test_another_click_ends_settling_and_is_followed(koch):
     assert math.dist(true_tip_m(koch.arm), koch.target_m) < 1e-3
 
 
+@pytest.mark.full
 def test_a_page_that_falls_silent_while_the_arm_settles_ends_live(koch):
     def beat(_):
         if not koch.settling:
@@ -96,12 +99,14 @@ def test_a_page_that_falls_silent_while_the_arm_settles_ends_live(koch):
     assert not koch.latest_frames()["status"]["live"]
 
 
+@pytest.mark.full
 def test_a_stop_while_the_arm_settles_is_obeyed(koch):
     koch.run_until(lambda: koch.is_settling and koch.send_message(page_messages.Stop))
     koch.arm_thread.step()
     assert koch.latest_frames()["status"]["mode"] == "stopped"
 
 
+@pytest.mark.full
 def test_a_refused_target_is_told_once_however_long_the_arm_stands(koch):
     koch.run_until(lambda: koch.settled)
     koch.enable_live().send_message(page_messages.SetTool, what="z", value=-40.0)
@@ -109,6 +114,7 @@ def test_a_refused_target_is_told_once_however_long_the_arm_stands(koch):
     assert len(koch.arm_thread.snapshot.messages) == 1
 
 
+@pytest.mark.full
 def test_in_live_the_page_says_how_far_the_arm_is_off(koch):
     koch.run_until(lambda: koch.settled)
     koch.send_message(page_messages.SetLive, on=True)

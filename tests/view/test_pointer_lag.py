@@ -53,6 +53,7 @@ def largest_acceleration_deg_s2(seen):
     return max(np.degrees(np.abs(v1 - v0).max() / (t1 - t0)) for (t0, v0), (t1, v1) in neighbours)
 
 
+@pytest.mark.full
 def test_a_steeper_jerk_brings_the_arm_to_the_pointer_sooner_and_no_faster(monkeypatch):
     plain, _ = followed(monkeypatch, 1.0)
     steep, seen = followed(monkeypatch, STEEP)

@@ -77,6 +77,7 @@ def try_everything(session):
         session.click(450, 300)
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("kind", ["stop", *FAULTS])
 def test_a_fault_stops_the_program_and_nothing_moves_until_it_is_acknowledged(session, kind):

@@ -72,6 +72,7 @@ def degrees(session, joint):
     return math.degrees(true_joints(session.arm)[joint])
 
 
+@pytest.mark.full
 def test_taught_steps_are_played_in_their_order_and_the_gripper_moves(session):
     teach_target(session, "wrist_roll", 20.0)
     add(session, "open")
@@ -123,6 +124,7 @@ def test_the_step_that_cannot_be_made_is_named_before_anything_moves(session):
     assert registers(session.arm, "goal_position") == before
 
 
+@pytest.mark.full
 def test_a_stop_in_a_step_holds_until_acknowledged_and_then_it_goes_on_from_there(session):
     teach_target(session, "wrist_roll", 5.0)
     second = teach_target(session, "wrist_roll", 60.0)
@@ -219,6 +221,7 @@ def test_a_page_that_goes_away_stops_the_program(session):
     assert "closed" in session.arm_thread.snapshot.stop_notice.message
 
 
+@pytest.mark.full
 def test_while_it_plays_nothing_else_moves_the_arm_and_it_is_not_edited(session):
     teach_target(session, "wrist_roll", 40.0)
     refused = []
@@ -319,6 +322,7 @@ def record(session, on_cycle, cycles=60):
     return session.latest_frames()
 
 
+@pytest.mark.full
 def test_a_limp_arm_is_recorded_by_hand_and_its_step_plays_what_the_hand_did(session):
     session.arm.disable_torque()
     world = line_of(session.arm).world

@@ -66,6 +66,7 @@ def live(arm):
     return page
 
 
+@pytest.mark.full
 def test_one_arm_is_stopped_and_the_other_stays_live_until_all_are_stopped(desk):
     arms, listed = desk
     for arm in arms.all():
@@ -80,6 +81,7 @@ def test_one_arm_is_stopped_and_the_other_stays_live_until_all_are_stopped(desk)
     assert said(listed, client)["so101"]["text"].startswith("Stopped by Stop all on the page")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("key", ["Space", "Escape"])
 def test_every_arm_that_a_key_stopped_says_so(desk, key):
     arms, listed = desk
@@ -92,6 +94,7 @@ def test_every_arm_that_a_key_stopped_says_so(desk, key):
         assert row["text"].startswith(f"Stopped by the {key} key on the page")
 
 
+@pytest.mark.full
 def test_a_pulled_cable_stops_its_arm_alone(desk):
     arms, listed = desk
     for arm in arms.all():
@@ -104,6 +107,7 @@ def test_a_pulled_cable_stops_its_arm_alone(desk):
     assert arms.find("koch").arm_thread.arm.where().joints
 
 
+@pytest.mark.full
 def test_an_arm_is_opened_and_closed_without_power_and_its_pages_are_told(desk):
     arms, listed = desk
     client = listed.connect(Permission.CONTROL)
@@ -125,6 +129,7 @@ def test_an_arm_is_opened_and_closed_without_power_and_its_pages_are_told(desk):
     assert arms.find("").name == "so101"
 
 
+@pytest.mark.full
 def test_a_second_arm_of_a_kind_has_a_name_of_its_own(desk):
     arms, _ = desk
     arms.start_opening(ArmAtPort(load_model("koch"), "sim"))

@@ -80,6 +80,7 @@ def test_each_ring_turns_the_tool_about_its_axis_and_the_tip_stays(session):
         session.enable_live()
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("session", "keeps_heading"), [("so101", False), ("wx250s", True)], indirect=["session"]

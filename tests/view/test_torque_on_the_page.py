@@ -44,6 +44,7 @@ def go_there(session, on_progress):
     session.arm_thread.on_progress = original
 
 
+@pytest.mark.full
 def test_a_limp_arm_that_goes_somewhere_is_shown_as_holding_from_its_first_cycle(limp):
     said = []
     go_there(limp, lambda: said or said.append(torque(limp)))
@@ -70,6 +71,7 @@ def test_a_servo_that_lost_torque_is_named_by_a_stop_in_the_same_instant(session
     assert "the torque of wrist_flex is off" in session.arm_thread.snapshot.stop_notice.message
 
 
+@pytest.mark.full
 def test_an_arm_that_is_guided_by_hand_is_shown_as_limp_after_its_motions(session):
     go_there(session, lambda: None)
     session.arm.disable_torque()

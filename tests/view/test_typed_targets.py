@@ -25,6 +25,7 @@ def goal_of(session, joint):
     return session.interaction.goal[session.arm.joint_index.column(joint)]
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("joint", "value"), [("wrist_roll", 25.0), ("gripper", 12.0)])
 def test_in_live_a_typed_joint_goes_there_and_the_others_stay(session, joint, value):
@@ -77,6 +78,7 @@ def test_steps_of_a_joint_add_up_to_its_limit_and_end_there(session):
         session.send_message(page_messages.JogJoint, joint="elbow_flex", step=5.0)
 
 
+@pytest.mark.full
 def test_steps_of_the_tool_move_the_tip_along_one_axis(session):
     before_m = true_tip_m(session.arm)
     session.enable_live()

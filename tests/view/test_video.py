@@ -46,6 +46,7 @@ def picture_of(part):
     return cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
 
 
+@pytest.mark.full
 def test_a_page_sees_the_pictures_at_an_address_that_its_key_gives_once(film):
     app = ViewApp([ArmAtPort(load_model("planar2"), "sim")], camera=str(film))
     with app as urls, app.serve_in_thread():

@@ -166,6 +166,7 @@ def session():
         yield session
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("view", "webgl"), [("side", False), ("top", False), ("orbit", False), ("orbit", True)]
 )

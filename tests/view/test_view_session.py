@@ -45,6 +45,7 @@ def test_the_target_of_a_grabbed_link_is_called_so(session):
     assert "target of gripper" in [name for name, *_ in session.latest_frames()["status"]["tip"]]
 
 
+@pytest.mark.full
 def test_live_without_a_target_moves_nothing(session):
     session.enable_live().click(480, 300)
     session.run()  # goals lead the joints from here on
@@ -53,6 +54,7 @@ def test_live_without_a_target_moves_nothing(session):
     assert math.dist(true_tip_m(session.arm), before_m) < 0.0005
 
 
+@pytest.mark.full
 def test_after_a_cancelled_gesture_the_joints_stay(session):
     session.enable_live()
     session.point("down", 480, 300)
@@ -70,6 +72,7 @@ def test_without_live_a_click_moves_nothing(session):
     assert session.interaction.goal is not None
 
 
+@pytest.mark.full
 def test_every_goal_of_a_wild_drag_is_inside_the_limits(session):
     session.enable_live()
     session.point("down", 480, 300)
@@ -133,6 +136,7 @@ def test_a_page_that_leaves_holds(session):
     assert not session.arm_thread.command.live
 
 
+@pytest.mark.full
 def test_a_gesture_that_is_taken_back_holds_the_arm_where_it_is(session):
     session.enable_live()
     start = session.arm_thread.snapshot.measured
@@ -223,6 +227,7 @@ def test_the_limits_of_an_arm_that_was_opened_again_are_the_new_ones(session):
     session.arm_thread.arm.close()
 
 
+@pytest.mark.full
 def test_a_trigger_opens_the_gripper_and_lifting_it_stops_the_jaws(session):
     session.enable_live()
     before = session.arm_thread.snapshot.measured[-1]
@@ -271,6 +276,7 @@ def test_a_stop_without_words_is_a_stop(session):
     assert session.arm.stop_reason.kind is StopKind.CLIENT
 
 
+@pytest.mark.full
 def test_after_an_acknowledgement_the_arm_moves_again(session):
     session.send_message(page_messages.Stop)
     session.arm_thread.step()
@@ -351,6 +357,7 @@ def test_over_nothing_only_the_tip_can_come(session):
     ]
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("method", ["ccd", "transpose"])
 def test_a_drag_is_answered_by_the_chosen_method_and_goes_on_while_the_pointer_rests(

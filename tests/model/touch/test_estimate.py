@@ -115,6 +115,7 @@ def same_point(arm, count):
     return touches
 
 
+@pytest.mark.full
 def test_one_unmeasured_point_makes_an_arm_agree_with_itself_but_places_no_base():
     arm = hidden("koch", 7)
     found = select_and_fit(arm.chain, same_point(arm, 12))

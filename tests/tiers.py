@@ -1,0 +1,47 @@
+"""Which tests run at every save (``make test``), and which before a commit (``make test-all``).
+
+At every save: the pure layers, servos and the bus, each command, arms in motion on one Feetech and
+one Dynamixel arm, and a browser test of each screen (``smoke``). The others are marked ``full``, by
+hand where one test takes long, and here where a whole folder does or the case is another arm. A
+path on the command line runs all of what it names.
+"""
+
+import re
+
+import pytest
+
+FULL_FOLDERS = {
+    "browser", "docs", "examples", "integrations", "journeys", "portability", "tools",
+}  # fmt: skip
+MOVING_FOLDERS = {"api", "arm", "cli", "guard", "network", "view"}
+OTHER_ARM = re.compile(
+    r"(?<![a-z0-9])(open_manipulator_x|omx_f|px100|wx250s|vx300s|so100|planar2|planar3)(?![a-z0-9])"
+)
+
+
+def add_option(parser):
+    parser.addoption("--all", action="store_true", help="also what `make test` leaves out")
+
+
+def choose_tier(config):
+    """Run everything where paths are given; the workers of xdist get the option from here."""
+    if not hasattr(config, "workerinput"):
+        whole_suite = config.args_source is pytest.Config.ArgsSource.TESTPATHS
+        config.option.all = config.option.all or not whole_suite
+
+
+def leave_full_tests_out(config, items):
+    for item in items:
+        if _is_full(item):
+            item.add_marker(pytest.mark.full)
+    if not config.option.all:
+        left_out = [item for item in items if item.get_closest_marker("full")]
+        items[:] = [item for item in items if not item.get_closest_marker("full")]
+        config.hook.pytest_deselected(items=left_out)
+
+
+def _is_full(item):
+    folder = item.path.relative_to(item.config.rootpath).parts[1]
+    if folder in FULL_FOLDERS:
+        return not item.get_closest_marker("smoke")
+    return folder in MOVING_FOLDERS and OTHER_ARM.search(item.name.partition("[")[2]) is not None
