@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from ikservo.arm.arm import Arm, OnExit
-    from ikservo.arm.background_motion import Motion
+    from ikservo.arm.background_motion import Motion, RunningMotion
     from ikservo.arm.calibrated_arm import ZeroSource
     from ikservo.arm.following import check_followed_goal
     from ikservo.arm.opening import open_arm
@@ -40,6 +40,7 @@ __all__ = [
     "MoveResult",
     "OnExit",
     "Recording",
+    "RunningMotion",
     "SampledTrajectory",
     "SetpointStream",
     "StopKind",
@@ -63,6 +64,7 @@ _HOMES = {
     "MoveResult": "arm.reports",
     "OnExit": "arm.arm",
     "Recording": "arm.recording",
+    "RunningMotion": "arm.background_motion",
     "SampledTrajectory": "arm.reports",
     "SetpointStream": "arm.setpoint_stream",
     "StopKind": "guard",

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
-from typing import Literal, Unpack
+from typing import Any, Literal, TypeVar
 
-from numpy.typing import ArrayLike
-
-from ikservo.arm import following, goal_motions, jogging, leader_following
+from ikservo.arm import following, jogging, leader_following
 from ikservo.arm import replay as replaying
 from ikservo.arm.arguments import check_choice
 from ikservo.arm.background_motion import Background
@@ -16,22 +14,15 @@ from ikservo.arm.calibrated_arm import ZeroSource
 from ikservo.arm.context import ArmContext
 from ikservo.arm.control_server import CommandHandler, ControlServer, serve
 from ikservo.arm.execution import execute, lower, relax
-from ikservo.arm.goal_motions import Points, Positions
-from ikservo.arm.gripper import move_gripper
-from ikservo.arm.motion_options import (
-    PlanArcOptions,
-    PlanDrawOptions,
-    PlanLineOptions,
-    PlanOptions,
-    PlanThroughOptions,
-    parse_options,
-)
+from ikservo.arm.motion_methods import MotionMethods, Positions
 from ikservo.arm.motion_runner import MotionRunner
+from ikservo.arm.motions import MotionValue, check_motion
 from ikservo.arm.plan import MotionPlan, PoseWithinLimits
 from ikservo.arm.poses import PoseLibrary, teach
 from ikservo.arm.preflight import PreflightPlanner
 from ikservo.arm.recorder import RecordResult, RecordSettings, record_arm
 from ikservo.arm.reports import ArmState, JointMoveResult, MoveResult, OnProgress
+from ikservo.arm.running import run_motion
 from ikservo.arm.setpoint_stream import open_stream
 from ikservo.clock import Clock
 from ikservo.control.stopping import STOPPED_BY_PROGRAM
@@ -43,10 +34,12 @@ from ikservo.model import Model
 
 __all__ = ["Arm", "OnExit"]
 
+R = TypeVar("R")
+
 OnExit = Literal["hold", "relax"]
 
 
-class Arm:
+class Arm(MotionMethods):
     """An arm on an open port; see ``open_arm``.
 
     Metres and radians; points and orientations in the arm's base frame; vectors of all joints (n,)
@@ -57,9 +50,10 @@ class Arm:
 
     Motions (``move_to``, ``move_line``, ``move_arc``, ``move_through``, ``draw``, ``move_joints``,
     ``pose``, ``gripper``, ``replay``) block until the arm is at rest. With ``wait=False`` they
-    run in the background, after the ones before, and return a ``Motion`` with ``done``, ``wait``
-    and ``cancel``; its ``wait`` returns the result and raises the errors. Closing the arm cancels
-    it. The options of motions are documented in ``ikservo.arm.motion_options``.
+    run in the background, after the ones before, and return a ``RunningMotion`` with ``done``,
+    ``wait`` and ``cancel``; its ``wait`` returns the result and raises the errors. Closing the arm
+    cancels it. Each makes a motion of its arguments (``ikservo.arm.motions``, where the options
+    are explained), which ``plan``, ``execute`` and ``start`` take as well.
 
     Args:
         context: What the arm is made of.
@@ -219,7 +213,7 @@ class Arm:
             RefusedError: A motion is running, or a stop was not acknowledged; the arm holds.
             BusError: A servo does not answer; the torque of all others is off.
         """
-        return relax(self._context, self._runner, self.preflight, on_progress)
+        return relax(self, on_progress)
 
     def disable_torque(self) -> None:
         """Switch every servo's torque off; an arm that is not supported falls.
@@ -281,66 +275,9 @@ class Arm:
         """End a stop: the cause is gone, and the arm may be moved again; nothing moves yet."""
         self._runner.acknowledge()
 
-    def plan_to(self, position_m: ArrayLike, **options: Unpack[PlanOptions]) -> MotionPlan:
-        """Plan a motion of the tip to a point (3,) [m]; see ``move_to``.
-
-        Options: speed, stance, orientation; see ``PlanOptions``.
-
-        Raises:
-            UnreachableError: It is out of reach; carries the nearest point.
-        """
-        tip = parse_options("plan_to", PlanOptions, options)
-        return self.preflight.plan_to(position_m, tip)
-
-    def plan_line(self, position_m: ArrayLike, **options: Unpack[PlanLineOptions]) -> MotionPlan:
-        """Plan a straight line of the tip to a point; see ``move_line`` and ``PlanLineOptions``."""
-        tip = parse_options("plan_line", PlanLineOptions, options)
-        return self.preflight.plan_line(position_m, tip)
-
-    def plan_arc(
-        self,
-        via_m: ArrayLike | None = None,
-        end_m: ArrayLike | None = None,
-        **options: Unpack[PlanArcOptions],
-    ) -> MotionPlan:
-        """Plan an arc or a circle of the tip; see ``move_arc``.
-
-        Options: full_circle, center_m, normal, angle_rad, speed, tool_speed_m_s, stance,
-        orientation; see ``PlanArcOptions``.
-        """
-        tip = parse_options("plan_arc", PlanArcOptions, options)
-        return self.preflight.plan_arc(via_m, end_m, tip)
-
-    def plan_drawing(
-        self, strokes_m: Sequence[ArrayLike], **options: Unpack[PlanDrawOptions]
-    ) -> MotionPlan:
-        """Plan strokes of the tip, points (k, 3) [m] each; see ``draw``.
-
-        Options: lift_m, speed, tool_speed_m_s, stance, orientation; see ``PlanDrawOptions``.
-        """
-        tip = parse_options("plan_drawing", PlanDrawOptions, options)
-        return self.preflight.plan_drawing(strokes_m, tip)
-
-    def plan_through(self, points_m: Points, **options: Unpack[PlanThroughOptions]) -> MotionPlan:
-        """Plan a motion through points (k, 3) [m] without a stop; see ``move_through``.
-
-        Options: blend_m, line, speed, tool_speed_m_s, stance, orientation; see
-        ``PlanThroughOptions``.
-        """
-        tip = parse_options("plan_through", PlanThroughOptions, options)
-        return self.preflight.plan_through(points_m, tip)
-
-    def plan_joints(self, positions: Positions, *, speed: str = "normal") -> MotionPlan:
-        """Plan a motion of some joints; see ``move_joints``."""
-        return self.preflight.plan_joints(positions, speed)
-
-    def plan_rest(self) -> MotionPlan:
-        """Plan the slow motion to the rest pose, by another pose where the path is not free."""
-        return self.preflight.plan_rest()
-
-    def plan_lowering(self) -> MotionPlan:
-        """Plan the slow motion to the rest pose, or as much of it as is free."""
-        return self.preflight.plan_lowering()
+    def plan(self, motion: MotionValue[Any]) -> MotionPlan:
+        """Plan a motion from where the arm is; see ``MotionMethods.plan``."""
+        return self.preflight.plan(check_motion(motion))
 
     def pose_within_limits(self, pose: str, start: Vector | None = None) -> PoseWithinLimits:
         """Clamp a named pose to this arm's limits, which may be narrower than the pose.
@@ -355,30 +292,15 @@ class Arm:
         """
         return self.preflight.pose_within_limits(pose, start)
 
-    def execute(
-        self, plan: MotionPlan, on_progress: OnProgress | None = None
+    def _execute_plan(
+        self, plan: MotionPlan, on_progress: OnProgress | None
     ) -> MoveResult | JointMoveResult:
-        """Execute a plan, block until the arm is at rest, and report the measured result.
+        return execute(self, plan, on_progress)
 
-        Returns:
-            A ``MoveResult`` for a plan of ``plan_to``, ``plan_line`` or ``plan_through``; for a
-            plan of joints a ``JointMoveResult`` of those that it moves.
-
-        Raises:
-            RefusedError: The arm has moved since it was planned, or the guard stopped it.
-        """
-        return execute(self._context, self._runner, plan, on_progress)
+    def _make(self, motion: MotionValue[R], on_progress: OnProgress | None, own_stops: int) -> R:
+        return run_motion(self, motion, on_progress)
 
     # These are functions of an arm, in the modules of what they do.
-    move_to = goal_motions.move_to
-    move_line = goal_motions.move_line
-    move_arc = goal_motions.move_arc
-    move_through = goal_motions.move_through
-    draw = goal_motions.draw
-    move_joints = goal_motions.move_joints
-    pose = goal_motions.pose
-    gripper = move_gripper
-    replay = replaying.replay_recording
     load_replay = replaying.load_replay
     jog = jogging.jog
     follow = following.follow
@@ -437,7 +359,7 @@ class Arm:
         return teach(*arm, self.poses, name, until, self.relax, hold=hold)
 
     def _lower(self) -> None:
-        lower(self._context, self._runner, self.preflight)
+        lower(self)
 
     def _close_server(self) -> None:
         if self._server is not None:

@@ -9,21 +9,23 @@ import os
 import threading
 import weakref
 from collections.abc import Callable, Generator
-from contextlib import AbstractContextManager
-from typing import Generic, Protocol, TypeVar, cast
+from contextlib import AbstractContextManager, contextmanager
+from functools import partial
+from typing import Generic, ParamSpec, Protocol, TypeVar, cast
 
 from ikservo.arm.arguments import parse_number
 from ikservo.control.stopping import StopRequest, stop_on_signals
-from ikservo.errors import BadValueError, IkservoError, NotSettledError, RefusedError, StoppedError
+from ikservo.errors import IkservoError, NotSettledError, RefusedError, StoppedError
 from ikservo.guard import StopKind, StopReason
 
-__all__ = ["CANCELLED", "Background", "Motion", "Stoppable", "check_not_forked"]
+__all__ = ["CANCELLED", "Background", "Motion", "RunningMotion", "Stoppable", "check_not_forked"]
 
 
 CANCELLED = StopReason(StopKind.CANCELLED, "Cancelled by the program; torque stays on.")
 # Braking takes 0.3 s; a busy machine is given more.
 _BRAKE_TIMEOUT_S = 5.0
 
+P = ParamSpec("P")
 T = TypeVar("T")
 
 
@@ -47,7 +49,7 @@ class Stoppable(Protocol):
         ...
 
 
-class Motion(Generic[T]):
+class RunningMotion(Generic[T]):
     """A motion that runs in a thread of its own; ``wait`` returns its report.
 
     An error of the motion is raised by ``wait``, each time it is called. An ``async`` program may
@@ -202,7 +204,10 @@ class Motion(Generic[T]):
         return error if isinstance(error, StoppedError) else StoppedError(CANCELLED.text)
 
 
-_running_motions: weakref.WeakSet[Motion[object]] = weakref.WeakSet()
+Motion = RunningMotion
+"""Its name in version 0.1."""
+
+_running_motions: weakref.WeakSet[RunningMotion[object]] = weakref.WeakSet()
 
 
 class Background:
@@ -219,30 +224,36 @@ class Background:
         self._queue = threading.RLock()
         # A motion lives as long as its thread or its handle: an error that nobody waits for is
         # logged when the handle is dropped, not when the arm is.
-        self._motions: weakref.WeakSet[Motion[object]] = weakref.WeakSet()
-        self._stream: Motion[object] | None = None
+        self._motions: weakref.WeakSet[RunningMotion[object]] = weakref.WeakSet()
+        self._stream: RunningMotion[object] | None = None
         self._process_id = os.getpid()
 
-    def run(self, work: Callable[[], T], *, wait: bool) -> T | Motion[T]:
-        """Run a motion after the ones before it.
-
-        Args:
-            work: Plans and executes it.
-            wait: Whether it runs in this thread; else in the background.
+    @contextmanager
+    def turn(self) -> Generator[None]:
+        """Wait for the motions before, and mark the block as a motion that was requested now.
 
         Raises:
-            BadValueError: ``wait`` is no truth value.
             RefusedError: A stream of setpoints is open, or this process is a fork of the one that
                 opened the arm.
         """
-        if not isinstance(cast("object", wait), bool):
-            raise BadValueError("wait", repr(wait), "True or False")
         self._check_no_stream()
-        if not wait:
-            return self._start_thread(work, self._stop_request.count)
         count = self._stop_request.count_at_request
         with self._queue, self._stop_request.requested(count):
-            return work()
+            yield
+
+    def start(self, work: Callable[P, T], *args: P.args, **kwargs: P.kwargs) -> RunningMotion[T]:
+        """Start a motion that was requested now, in a thread, after the ones before it.
+
+        Args:
+            work: Plans and executes the motion, and returns its result.
+            args: Its arguments.
+            kwargs: Its arguments.
+
+        Raises:
+            RefusedError: As for ``turn``.
+        """
+        self._check_no_stream()
+        return self._start_thread(partial(work, *args, **kwargs), self._stop_request.count)
 
     @property
     def stop_count(self) -> int:
@@ -257,7 +268,7 @@ class Background:
         """
         return self._stop_request.requested(stop_count)
 
-    def start_stream(self, work: Callable[[], T]) -> Motion[T]:
+    def start_stream(self, work: Callable[[], T]) -> RunningMotion[T]:
         """Start a stream of setpoints; other motions are refused until it has ended.
 
         Raises:
@@ -278,12 +289,12 @@ class Background:
         for motion in motions:
             motion.join()
 
-    def _start_thread(self, work: Callable[[], T], count: int) -> Motion[T]:
+    def _start_thread(self, work: Callable[[], T], count: int) -> RunningMotion[T]:
         def requested_work() -> T:
             with self._stop_request.requested(count):
                 return work()
 
-        motion = Motion(requested_work, self._arm, self._queue)
+        motion = RunningMotion(requested_work, self._arm, self._queue)
         self._motions.add(motion)  # pyright: ignore[reportArgumentType]  # of whatever result
         _running_motions.add(motion)  # pyright: ignore[reportArgumentType]
         stop_on_signals(self._stop_request, lambda: not motion.done)

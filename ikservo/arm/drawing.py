@@ -2,23 +2,22 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
 
+from ikservo.arm.motions import Draw
 from ikservo.arm.plan import MotionPlan
 from ikservo.arm.planner import Planner
-from ikservo.arm.tool_orientation import ToolOrientation
 from ikservo.arm.tool_speed import ToolSpeed
-from ikservo.errors import BadValueError, UnreachableError
-from ikservo.kinematics.arrays import Matrix, Vector, finite_vectors
-from ikservo.motion import BlendedPath, ConcatenatedTrajectory, ToolPath, straight_lines
+from ikservo.errors import UnreachableError
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.motion import BlendedPath, ConcatenatedTrajectory
 
-__all__ = ["DrawingPlanner", "drawing_strokes"]
+__all__ = ["plan_drawing"]
 
 # By how much a corner of a stroke may be rounded.
 _CORNER_M = 2e-4
@@ -27,93 +26,44 @@ _PASSED = 0.1875
 _SAME_POINT_M = 1e-6
 
 
-def drawing_strokes(strokes_m: Sequence[object]) -> list[Matrix]:
-    """Return the strokes of a drawing, each (k, 3) [m], k at least 1.
-
-    Raises:
-        BadValueError: There is none, or one has no points, another shape or no finite numbers.
-    """
-    strokes = [finite_vectors(stroke, 3, "A stroke of the drawing") for stroke in strokes_m]  # pyright: ignore[reportArgumentType]
-    strokes = [stroke.reshape(-1, 3) for stroke in strokes]
-    if not strokes or not all(len(stroke) for stroke in strokes):
-        raise BadValueError("The drawing", "empty", "at least one stroke with a point")
-    return strokes
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class DrawingPlanner:
-    """Plans the strokes of one drawing.
+def plan_drawing(planner: Planner, drawing: Draw, start: Vector, speed: str) -> MotionPlan:
+    """Plan a whole drawing from the joints ``start`` (n,).
 
     The joints move to above the first point; the tip goes down, along each stroke, up, and above
     the next one, and ends above the last point.
 
-    Args:
-        planner: Plans the motions of the arm.
-        strokes_m: The points (k, 3) of each stroke, metres, base frame.
-        lift_m: How far above a stroke the tip goes between two; 0 for not at all.
-        stance: The orientation of the tool.
-        tool_speed_m_s: The speed of the tip along a stroke; None for the fastest.
-
     Raises:
-        BadValueError: The lift is negative.
+        UnreachableError: A point is out of reach; names the first one and its stroke.
+        OrientationError: The tool cannot have the requested orientation there.
     """
-
-    planner: Planner
-    strokes_m: Sequence[Matrix]
-    lift_m: float
-    stance: ToolOrientation
-    tool_speed_m_s: float | None
-
-    def __post_init__(self) -> None:
-        if not 0.0 <= self.lift_m < math.inf:
-            raise BadValueError("The lift of the tool", f"{self.lift_m:g} m", "0 m or more")
-
-    def plan(self, start: Vector, speed: str) -> MotionPlan:
-        """Plan the whole drawing from the joints ``start`` (n,).
-
-        Raises:
-            UnreachableError: A point is out of reach; names the first one and its stroke.
-            OrientationError: The tool cannot have the requested orientation there.
-        """
-        up = np.array([0.0, 0.0, self.lift_m])
-        with _at("stroke 1"):
-            plans = [self._plan_first(start, up, speed)]
-        self._check_reach(plans[0].goal)
-        for number, path_from, tool_speed_m_s in self._paths(up):
-            with _at(f"stroke {number + 1}"):
-                plans.append(
-                    self.planner.plan_path(
-                        plans[-1].goal, path_from, speed, self.stance, tool_speed_m_s
-                    )
-                )
-        return _join(plans)
-
-    def _plan_first(self, start: Vector, up: Vector, speed: str) -> MotionPlan:
-        stance = replace(self.stance, keep=False)  # the orientation above the paper is kept
-        return self.planner.plan_to_point(start, self.strokes_m[0][0] + up, speed, stance)
-
-    def _paths(
-        self, up: Vector
-    ) -> Iterator[tuple[int, Callable[[Vector], ToolPath], float | None]]:
-        """Yield the stroke's number, the path from where the tip is, and its tool speed."""
-        ends = [stroke[-1] for stroke in self.strokes_m]
-        blend_m = max(0.4 * self.lift_m, 1e-3)
-        for number, stroke in enumerate(self.strokes_m):
-            way = [stroke[0]]
-            if number:
-                way = [ends[number - 1] + up, stroke[0] + up, stroke[0]]
-            yield number, lambda tip_m, way=way: straight_lines(tip_m, way, blend_m), None
+    strokes = [np.array(stroke) for stroke in drawing.strokes_m]
+    stance, up = drawing.stance, np.array([0.0, 0.0, drawing.lift_m])
+    above = replace(stance, keep=False)  # the orientation above the paper is kept
+    with _at("stroke 1"):
+        plans = [planner.plan_to_point(start, strokes[0][0] + up, speed, above)]
+    _check_reach(planner, strokes, plans[0].goal)
+    blend_m = max(0.4 * drawing.lift_m, 1e-3)
+    for number, stroke in enumerate(strokes):
+        way = [stroke[0]]
+        if number:
+            way = [strokes[number - 1][-1] + up, stroke[0] + up, stroke[0]]
+        with _at(f"stroke {number + 1}"):
+            plans.append(planner.plan_linear(plans[-1].goal, way, speed, blend_m, stance))
             if len(stroke) > 1:
-                yield number, lambda _, stroke=stroke: _stroke_path(stroke), self.tool_speed_m_s
-        last = [ends[-1] + up]
-        yield len(ends) - 1, lambda tip_m: straight_lines(tip_m, last, blend_m), None
+                path, at = _stroke_path(stroke), plans[-1].goal
+                plans.append(planner.plan_path(at, path, speed, stance, drawing.tool_speed_m_s))
+    with _at(f"stroke {len(strokes)}"):
+        last = [strokes[-1][-1] + up]
+        plans.append(planner.plan_linear(plans[-1].goal, last, speed, blend_m, stance))
+    return _join(plans)
 
-    def _check_reach(self, at: Vector) -> None:
-        """Raise for the first point of all strokes that is out of reach, before paths are made."""
-        for number, stroke in enumerate(self.strokes_m):
-            for k, point_m in enumerate(stroke):
-                with _at(f"point {k + 1} of stroke {number + 1}"):
-                    at = self.planner.reach(at, point_m)
+
+def _check_reach(planner: Planner, strokes: Sequence[Matrix], at: Vector) -> None:
+    """Raise for the first point of all strokes that is out of reach, before paths are made."""
+    for number, stroke in enumerate(strokes):
+        for k, point_m in enumerate(stroke):
+            with _at(f"point {k + 1} of stroke {number + 1}"):
+                at = planner.reach(at, point_m)
 
 
 @contextmanager

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from math import degrees, radians
+from typing import Any, cast
 
 import numpy as np
 
 from ikservo.arm.arguments import check_callable
+from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_runner import MotionRunner
+from ikservo.arm.motions import Lower, MotionValue
 from ikservo.arm.path_error import PathDeviation, PathRecorder
 from ikservo.arm.plan import MotionPlan, has_moved, rebase_trajectory
-from ikservo.arm.preflight import PreflightPlanner
 from ikservo.arm.reports import JointMoveResult, MoveResult, OnProgress
 from ikservo.arm.settling import SettlingResult, settle
 from ikservo.arm.tick_rounding import SettlingTarget, backlash_approach
@@ -26,16 +28,16 @@ from ikservo.errors import (
     RefusedError,
     StoppedError,
 )
-from ikservo.ik import Result
 from ikservo.kinematics.arrays import Vector
 from ikservo.motion import Trajectory
 
 __all__ = [
     "ExecutedMotion",
+    "MoveReport",
+    "check_plan",
     "execute",
     "lower",
-    "move_joints",
-    "move_tip",
+    "plan_and_execute",
     "relax",
     "run_plan",
 ]
@@ -44,6 +46,9 @@ __all__ = [
 _POSITION_TOLERANCE_M = 0.002
 _JOINT_TOLERANCE_RAD = radians(0.5)
 _SAME_GOAL = 1e-6  # rad or m
+
+MoveReport = MoveResult | JointMoveResult
+"""How a plan of the tip, or of joints, has ended."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -61,73 +66,51 @@ class ExecutedMotion:
     path_error: PathDeviation | None
 
 
-def execute(
-    context: ArmContext, runner: MotionRunner, plan: MotionPlan, on_progress: OnProgress | None
-) -> MoveResult | JointMoveResult:
+def execute(arm: ArmParts, plan: MotionPlan, on_progress: OnProgress | None) -> MoveReport:
     """Execute a plan and report how it ended; see ``Arm.execute``."""
-    executed = run_plan(context, runner, plan, on_progress)
+    executed = run_plan(arm, plan, on_progress)
     plan = executed.plan
-    if plan.target_m is not None:
-        return _make_move_report(context, executed)
     ends = zip(plan.names, plan.start.tolist(), plan.goal.tolist(), strict=True)
     moved = {name: goal for name, start, goal in ends if goal != start}
-    return _make_joint_report(context, moved, executed.settled)
+    return _make_report(arm.context, executed, moved)
 
 
-def move_tip(
-    context: ArmContext, runner: MotionRunner, plan: MotionPlan, on_progress: OnProgress | None
-) -> MoveResult:
-    """Execute a plan of the tip.
-
-    Raises:
-        BadValueError: It is a plan of joints.
-    """
-    _check_plan(plan)
-    _require_target(plan)
-    return _make_move_report(context, run_plan(context, runner, plan, on_progress))
+def plan_and_execute(
+    arm: ArmParts, motion: MotionValue[Any], on_progress: OnProgress | None
+) -> MoveReport:
+    """Plan a motion of the tip or of joints from where the arm holds, execute it, report on it."""
+    executed = run_plan(arm, arm.preflight.plan_from_held(motion), on_progress)
+    return _make_report(arm.context, executed, executed.plan.requested)
 
 
-def move_joints(
-    context: ArmContext,
-    runner: MotionRunner,
-    positions: Mapping[str, float],
-    plan: MotionPlan,
-    on_progress: OnProgress | None,
-) -> JointMoveResult:
-    """Execute a plan of joints, and report on those of ``positions`` [rad or m]."""
-    result = run_plan(context, runner, plan, on_progress).settled
-    return _make_joint_report(context, positions, result)
-
-
-def run_plan(
-    context: ArmContext, runner: MotionRunner, plan: MotionPlan, on_progress: OnProgress | None
-) -> ExecutedMotion:
+def run_plan(arm: ArmParts, plan: MotionPlan, on_progress: OnProgress | None) -> ExecutedMotion:
     """Execute a plan.
 
     Raises:
         RefusedError: The arm has moved since it was planned, or the guard stopped it.
     """
-    _check_plan(plan)
+    check_plan(plan)
     check_callable("on_progress", on_progress)
+    context, runner = arm.context, arm.runner
     with runner.requested():
         runner.check_speed(plan.speed)
-        if not context.servos.torque.is_on and plan.again is None:  # refused before torque comes on
-            _checked_trajectory(context, plan, runner.start_position())
+        if not context.servos.torque.is_on and plan.limp_arm is None:
+            _checked_trajectory(context, plan, runner.start_position())  # before torque comes on
         with runner.motion():
-            plan = _replan_if_moved(context, plan)
+            plan = _replan_if_moved(arm, plan)
             return _run_motion(context, runner, plan, on_progress)
 
 
-def _replan_if_moved(context: ArmContext, plan: MotionPlan) -> MotionPlan:
+def _replan_if_moved(arm: ArmParts, plan: MotionPlan) -> MotionPlan:
     """Return a plan, made again where a limp arm has sunk since; its servos hold by now.
 
     Raises:
         RefusedError: No path is free from there.
     """
-    start, limits = context.servos.reference(), context.planner.motion_limits(plan.speed)
-    if plan.again is None or plan.names != context.servos.names:
+    servos, limits = arm.context.servos, arm.context.planner.motion_limits(plan.speed)
+    if plan.motion is None or plan.limp_arm is not arm.context:
         return plan
-    return plan.again(context) or plan if has_moved(plan, start, limits) else plan
+    return arm.preflight.plan(plan.motion) if has_moved(plan, servos.reference(), limits) else plan
 
 
 def _run_motion(
@@ -196,11 +179,15 @@ def _backlash_goals(context: ArmContext, plan: MotionPlan) -> Vector | None:
     return below
 
 
-def _make_move_report(context: ArmContext, executed: ExecutedMotion) -> MoveResult:
+def _make_report(
+    context: ArmContext, executed: ExecutedMotion, joints: Mapping[str, float]
+) -> MoveReport:
+    """Return the report of a motion of the tip, or of joints: on the goals ``joints``."""
     plan, result, path_error = executed.plan, executed.settled, executed.path_error
+    if plan.target_m is None or plan.solution is None:
+        return _make_joint_report(context, joints, plan, result)
     planner, measured = context.planner, result.measured
-    tip_m = planner.tip(measured)
-    target_m, solution = _require_target(plan)
+    tip_m, target_m, solution = planner.tip(measured), plan.target_m, plan.solution
     error_m = float(np.linalg.norm(target_m - tip_m))
     limits = tuple(str(limit) for limit in solution.binding)
     report = MoveResult(
@@ -225,7 +212,7 @@ def _make_move_report(context: ArmContext, executed: ExecutedMotion) -> MoveResu
 
 
 def _make_joint_report(
-    context: ArmContext, positions: Mapping[str, float], result: SettlingResult
+    context: ArmContext, positions: Mapping[str, float], plan: MotionPlan, result: SettlingResult
 ) -> JointMoveResult:
     by_name = context.index.by_name(result.measured)
     measured = {name: by_name[name] for name in positions}
@@ -237,7 +224,7 @@ def _make_joint_report(
         error_rad=error_rad,
         duration_s=result.duration_s,
         reached=error_rad <= _JOINT_TOLERANCE_RAD,
-        binding=result.residuals,
+        binding=plan.clamped + result.residuals,
     )
     _require_settled(result, report)
     return report
@@ -264,52 +251,35 @@ def _describe_errors(report: MoveResult | JointMoveResult) -> str:
     return f"{tip}, and was {1000 * report.path_error_max_m:.1f} mm beside its path at most"
 
 
-def relax(
-    context: ArmContext,
-    runner: MotionRunner,
-    preflight: PreflightPlanner,
-    on_progress: OnProgress | None = None,
-) -> JointMoveResult:
+def relax(arm: ArmParts, on_progress: OnProgress | None = None) -> JointMoveResult:
     """Lower the arm to its rest pose, then switch torque off; see ``Arm.relax``."""
+    context, runner = arm.context, arm.runner
     context.require_zeros()
     with runner.requested(), runner.lock:
         context.servos.torque.check_idle()
         context.servos.check_stop()
         context.servos.torque.invalidated()  # enabled again with limits that let it come down
-        report = _try_lower(context, runner, preflight, on_progress)
+        report = _try_lower(arm, on_progress)
         runner.disable_torque()
         if isinstance(report, IkservoError):
             return _make_released_report(context, runner, report)
         return report
 
 
-def lower(
-    context: ArmContext,
-    runner: MotionRunner,
-    preflight: PreflightPlanner,
-    on_progress: OnProgress | None = None,
-) -> JointMoveResult:
+def lower(arm: ArmParts, on_progress: OnProgress | None = None) -> JointMoveResult:
     """Lower the arm to its rest pose, or as far as the path is free; torque stays on."""
-    with context.servos.tolerate_heat():
-        plan = preflight.plan_from_held(preflight.plan_lowering)
-        inside = preflight.rest_pose()
-        report = move_joints(context, runner, inside.positions, plan, on_progress)
-    return replace(report, binding=inside.changed + report.binding)
+    with arm.context.servos.tolerate_heat():
+        return cast("JointMoveResult", plan_and_execute(arm, Lower(), on_progress))
 
 
-def _try_lower(
-    context: ArmContext,
-    runner: MotionRunner,
-    preflight: PreflightPlanner,
-    on_progress: OnProgress | None,
-) -> JointMoveResult | IkservoError:
+def _try_lower(arm: ArmParts, on_progress: OnProgress | None) -> JointMoveResult | IkservoError:
     """Lower the arm; return the error where it could not be lowered."""
     try:
-        return lower(context, runner, preflight, on_progress)
+        return lower(arm, on_progress)
     except (StoppedError, PortError):
         raise
     except IkservoError as error:
-        if context.servos.stop_request:
+        if arm.context.servos.stop_request:
             raise
         return error
 
@@ -335,14 +305,13 @@ def _max_error(measured: Mapping[str, float], goals: Mapping[str, float]) -> flo
     return max((abs(measured[name] - goal) for name, goal in goals.items()), default=0.0)
 
 
-def _check_plan(plan: object) -> None:
+def check_plan(plan: object) -> None:
+    """Refuse what is no plan.
+
+    Raises:
+        BadValueError: It is none.
+    """
     if not isinstance(plan, MotionPlan):
         raise BadValueError(
             "The plan", repr(plan), "a plan, such as arm.plan_to((0.25, 0.0, 0.15))"
         )
-
-
-def _require_target(plan: MotionPlan) -> tuple[Vector, Result]:
-    if plan.target_m is None or plan.solution is None:
-        raise BadValueError("The plan", "a motion of joints", "a plan of plan_to")
-    return plan.target_m, plan.solution

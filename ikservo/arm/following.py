@@ -6,14 +6,13 @@ import math
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from itertools import repeat
-from typing import Protocol, Unpack
+from typing import Protocol
 
 import numpy as np
 
-from ikservo.arm.arguments import check_iterable
+from ikservo.arm.arguments import check_callable, check_iterable
 from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.context import ArmContext
-from ikservo.arm.motion_options import FollowOptions, parse_options
 from ikservo.arm.reports import OnProgress
 from ikservo.arm.settling import settle_at
 from ikservo.arm.target_tracking import CartesianOrJointTarget, TargetTracker
@@ -301,7 +300,8 @@ class _TargetFollower:
 def follow(
     arm: ArmParts,
     targets: Iterable[CartesianOrJointTarget | None],
-    **options: Unpack[FollowOptions],
+    speed: str = "normal",
+    on_progress: OnProgress | None = None,
 ) -> FollowResult:
     """Follow a stream of targets, one in each control cycle, until it ends.
 
@@ -313,15 +313,16 @@ def follow(
     At the end the sag under load is corrected, as by ``move_to``, at the last target that the
     guard accepted, or where the arm was braked; not after a stop or an error of the stream.
 
-    Options: speed, on_progress; see ``FollowOptions``.
+    ``speed`` is the speed class; ``on_progress`` is called with a ``MotionProgress`` in every
+    cycle.
 
     Raises:
         BadValueError: An item is no target; the arm was braked first.
         StoppedError: ``stop`` was called; the arm holds.
     """
-    chosen = parse_options("follow", FollowOptions, options)
+    check_callable("on_progress", on_progress)
     check_iterable("The stream of targets", targets, "an iterable of targets")
-    return follow_targets(arm, targets, chosen.speed, chosen.on_progress)
+    return follow_targets(arm, targets, speed, on_progress)
 
 
 def follow_targets(

@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
-from typing import Literal, Unpack, overload
+from dataclasses import replace
 
-from ikservo.arm.arguments import check_callable, parse_number
 from ikservo.arm.arm_parts import ArmParts
-from ikservo.arm.background_motion import Motion
 from ikservo.arm.context import ArmContext
-from ikservo.arm.motion_options import GripperOptions, check_options
-from ikservo.arm.motion_runner import MotionRunner
-from ikservo.arm.reports import OnProgress
+from ikservo.arm.motions import MoveGripper
+from ikservo.arm.reports import GraspResult, OnProgress
 from ikservo.calibration.range_tracker import StillnessDetector
 from ikservo.control.loop import ControlCycle
-from ikservo.errors import BadValueError, IkservoError, UnknownNameError
+from ikservo.errors import BadValueError, IkservoError
 from ikservo.kinematics.arrays import Vector
 from ikservo.model.model import Gripper, Model
 from ikservo.model.servo_torque import find_servo_torque
 from ikservo.motion import KinematicLimits, OnlineTrajectory
 
-__all__ = ["GraspResult", "GripperCommand", "GripperMotion", "move_gripper", "plan_gripper"]
+__all__ = ["GripperMotion", "plan_gripper", "run_gripper"]
 
 
 _SPEED_FRACTION = 0.65  # of the speed class
@@ -129,11 +125,6 @@ class GripperMotion:
         return self._context.index.with_position(joints, self._joint, position)
 
 
-GripperCommand = Literal["open", "close"]
-
-JawGoal = GripperCommand | float | None
-"""open, close, or the distance between the jaws [m]."""
-
 _DEFAULT_FORCE = 0.3  # of a servo's torque: holds a full cup, for an hour without overheating
 # Jaws with less creep so slowly that they look blocked.
 _MIN_FORCE = 0.05
@@ -143,106 +134,35 @@ _FRICTION_MARGIN = 1.5
 _OPEN_FRACTION = 0.05
 
 
-@dataclass(frozen=True, slots=True)
-class GraspResult:
-    """How a motion of the gripper ended.
-
-    Attributes:
-        grasped: Whether the closing jaws were blocked short of their goal for half a second, mostly
-            by an object between them. Jaws whose friction exceeds their force look the same to the
-            servo: try more force where that may be.
-        reached: Whether they are at their goal.
-        position_rad: The position of the gripper's joint, rad or m.
-        width_m: The distance between the jaws; None where the arm file has no widths.
-        load_percent: The servo's load: of its torque or current.
-        force: The fraction of its torque that it may use.
-        duration_s: How long it took.
-    """
-
-    grasped: bool
-    reached: bool
-    position_rad: float
-    width_m: float | None
-    load_percent: float | None
-    force: float
-    duration_s: float
-
-
-@overload
-def move_gripper(
-    arm: ArmParts,
-    to: JawGoal = None,
-    *,
-    wait: Literal[True] = True,
-    **options: Unpack[GripperOptions],
-) -> GraspResult: ...
-
-
-@overload
-def move_gripper(
-    arm: ArmParts, to: JawGoal = None, *, wait: Literal[False], **options: Unpack[GripperOptions]
-) -> Motion[GraspResult]: ...
-
-
-def move_gripper(
-    arm: ArmParts, to: JawGoal = None, *, wait: bool = True, **options: Unpack[GripperOptions]
-) -> GraspResult | Motion[GraspResult]:
-    """Open or close the gripper, or move its jaws to a width.
-
-    ``to`` is open, close, or a width [m] where the arm file has widths. Where an object blocks
-    the jaws they stop, and hold it with no more than the given force.
-
-    Options: width_m, force, on_progress; see ``GripperOptions``.
-
-    Raises:
-        IkservoError: The arm has no gripper.
-        RefusedError: A jaw would touch something; nothing has moved.
-        BadValueError: The width is out of its range or unknown, or the force is no fraction.
-    """
-    check_options("gripper", GripperOptions, options)
-    force, on_progress = options.get("force"), options.get("on_progress")
-    check_callable("on_progress", on_progress)
-    goal = _resolve_goal(to, options.get("width_m"))
-
-    def run() -> GraspResult:
-        return _run_gripper(arm.context, arm.runner, goal, force, on_progress)
-
-    return arm.background.run(run, wait=wait)
-
-
-def _run_gripper(
-    context: ArmContext,
-    runner: MotionRunner,
-    to: GripperCommand | float,
-    force: float | None,
-    on_progress: OnProgress | None,
-) -> GraspResult:
-    gripper, fraction = _require_gripper(context), _torque_fraction(context, force)
-    goal = _goal_position(context, gripper, to)  # a refusal asks no servo anything
+def run_gripper(arm: ArmParts, motion: MoveGripper, on_progress: OnProgress | None) -> GraspResult:
+    """Move the jaws; see ``Arm.gripper``."""
+    context, runner = arm.context, arm.runner
+    gripper, fraction = _require_gripper(context), _torque_fraction(context, motion.force)
+    goal = _goal_position(context, gripper, motion)  # a refusal asks no servo anything
     start = context.servos.measure_positions()
     context.check_gripper_path(start, context.index.with_position(start, gripper.joint, goal))
-    motion = GripperMotion(context, runner.allowed_speed("normal"), gripper.joint, goal)
+    jaws = GripperMotion(context, runner.allowed_speed("normal"), gripper.joint, goal)
     report_progress = context.progress_reporter(on_progress)
     started_s = context.now_s()
     runner.return_within_limits()
 
     def start_trajectory(start: Vector) -> OnlineTrajectory:
         context.servos.limit_force(gripper.joint, fraction)  # after torque-on, which resets it
-        return motion.start_trajectory(start)
+        return jaws.start_trajectory(start)
 
     def on_cycle(cycle: ControlCycle) -> None:
-        motion.on_cycle(cycle)
+        jaws.on_cycle(cycle)
         if report_progress:
             report_progress(cycle)
 
-    runner.run(start_trajectory, on_cycle, motion.speed, compensated=False)
+    runner.run(start_trajectory, on_cycle, jaws.speed, compensated=False)
     state = context.servos.read_states()[context.index.column(gripper.joint)]
     at = state.position_rad
-    reached = motion.has_arrived(at)
+    reached = jaws.has_arrived(at)
     closed = (at - gripper.open) / (gripper.closed - gripper.open)
     closing = (goal - gripper.open) * (gripper.closed - gripper.open) > 0
     return GraspResult(
-        grasped=motion.blocked and closing and closed > _OPEN_FRACTION and not reached,
+        grasped=jaws.blocked and closing and closed > _OPEN_FRACTION and not reached,
         reached=reached,
         position_rad=at,
         width_m=gripper.width_m(at),
@@ -252,28 +172,14 @@ def _run_gripper(
     )
 
 
-def _resolve_goal(
-    to: GripperCommand | float | None, width_m: float | None
-) -> GripperCommand | float:
-    """Return the one goal of a gripper motion out of the two arguments of ``move_gripper``.
-
-    Raises:
-        BadValueError: Neither is given, or both.
-    """
-    goal = to if width_m is None else width_m
-    if goal is None or (to is not None and width_m is not None):
-        raise BadValueError("The motion of the gripper", "not clear", "open, close or a width")
-    return goal
-
-
-def plan_gripper(context: ArmContext, to: GripperCommand | float, start: Vector) -> Vector:
+def plan_gripper(context: ArmContext, motion: MoveGripper, start: Vector) -> Vector:
     """Return all joints (n,) after a motion of the gripper from ``start`` (n,); nothing moves.
 
     Raises:
-        IkservoError: As ``move_gripper``.
+        IkservoError: As ``run_gripper``.
     """
     gripper = _require_gripper(context)
-    goal = _goal_position(context, gripper, to)
+    goal = _goal_position(context, gripper, motion)
     end = context.index.with_position(start, gripper.joint, goal)
     context.check_gripper_path(start, end)
     return end
@@ -288,16 +194,13 @@ def _require_gripper(context: ArmContext) -> Gripper:
     return context.model.gripper
 
 
-def _goal_position(context: ArmContext, gripper: Gripper, to: GripperCommand | float) -> float:
+def _goal_position(context: ArmContext, gripper: Gripper, motion: MoveGripper) -> float:
     """Return the goal of the joint, inside this arm's limits."""
     column = context.index.column(gripper.joint)
     low, high = (float(side[column]) for side in context.limits())
-    if isinstance(to, str):
-        ends = {"open": gripper.open, "close": gripper.closed}
-        if to not in ends:
-            raise UnknownNameError("motion of the gripper", to, ends)
-        return min(max(ends[to], low), high)
-    width_m, known = parse_number("The width", to), gripper.range_m()
+    if motion.width_m is None:
+        return min(max(gripper.open if motion.to == "open" else gripper.closed, low), high)
+    width_m, known = motion.width_m, gripper.range_m()
     if known is None:
         raise BadValueError(
             "The width", f"{width_m:g} m", "open or close: the arm file has no widths ([gripper])"
@@ -308,7 +211,7 @@ def _goal_position(context: ArmContext, gripper: Gripper, to: GripperCommand | f
 
 
 def _torque_fraction(context: ArmContext, force: float | None) -> float:
-    fraction = _DEFAULT_FORCE if force is None else parse_number("The force", force)
+    fraction = _DEFAULT_FORCE if force is None else force
     least = _least_force(context.model)
     if not least <= fraction <= 1.0:
         servo = "" if least == _MIN_FORCE else ": less does not move its jaws"

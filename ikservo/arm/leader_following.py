@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager
-from typing import Protocol, Unpack, runtime_checkable
+from typing import Protocol, runtime_checkable
 
 from ikservo.arm.arguments import check_callable
 from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.context import ArmContext
 from ikservo.arm.following import FollowResult, follow_targets
-from ikservo.arm.motion_options import FollowOptions, parse_options
+from ikservo.arm.reports import OnProgress
 from ikservo.clock import Rate, RealClock
 from ikservo.errors import BadValueError, BusError, InputError
 
@@ -64,7 +64,8 @@ def follow_arm(
     leader: ArmParts | PublishingLeader,
     *,
     until: Callable[[], bool] | None = None,
-    **options: Unpack[FollowOptions],
+    speed: str = "normal",
+    on_progress: OnProgress | None = None,
 ) -> FollowResult:
     """Follow another arm, guided by hand, joint by joint of the same name.
 
@@ -72,13 +73,14 @@ def follow_arm(
     its gripper leads the gripper. This arm keeps its own limits, and brakes where the leader does
     not answer for 0.3 s. It ends when ``until``, called in every control cycle, returns True.
 
-    Options: speed (fast keeps closest), on_progress; see ``FollowOptions``.
+    ``speed`` is the speed class: fast keeps closest. ``on_progress`` is called with a
+    ``MotionProgress`` in every cycle.
 
     Raises:
         InputError: The arms have no joint in common.
         CalibrationError: One of the arms is not calibrated.
     """
-    chosen = parse_options("follow_arm", FollowOptions, options)
+    check_callable("on_progress", on_progress)
     check_callable("until", until)
     own = arm.context
     if isinstance(leader, PublishingLeader):
@@ -87,13 +89,13 @@ def follow_arm(
         cycle_time_s = arm.runner.loop.measure_cycle_time_s()
         with leader.published_positions() as newest:
             published = published_positions(newest, shared, cycle_time_s, until)
-            return follow_targets(arm, published, chosen.speed, chosen.on_progress)
+            return follow_targets(arm, published, speed, on_progress)
     leading = _leader_context(arm, leader)
     leading.require_zeros()
     cycle_time_s = arm.runner.loop.measure_cycle_time_s()
     shared = shared_joints(leading, own)
     positions = leader_positions(leading, shared, cycle_time_s, until)
-    return follow_targets(arm, positions, chosen.speed, chosen.on_progress)
+    return follow_targets(arm, positions, speed, on_progress)
 
 
 def _leader_context(arm: ArmParts, leader: object) -> ArmContext:

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from ikservo.arm.arguments import parse_number
+from ikservo.arm.motions import MotionValue
 from ikservo.arm.reports import SampledTrajectory, sample_trajectory
 from ikservo.arm.tool_speed import ToolSpeed
 from ikservo.errors import RefusedError
@@ -81,8 +83,12 @@ class MotionPlan:
         via_pose: The retract pose in between; empty where the path is direct.
         names: The joints, in the order of ``start`` and ``goal``.
         units: ``rad`` or ``m`` for each joint.
-        again: Makes the same plan from the arm's new start position; None for another arm's
-            context. Set where the arm was limp: it may sink until its torque comes on.
+        motion: What was requested.
+        requested: The goals of the joints that were requested, rad or m by name; empty for a
+            motion of the tip.
+        clamped: The joints that stop at a limit short of the requested pose, described.
+        limp_arm: The context of the arm for which it was made while that was limp; None where the
+            arm held. It may sink until its torque comes on: then the plan is made again.
     """
 
     start: Vector
@@ -106,7 +112,10 @@ class MotionPlan:
     via_pose: str = ""
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
-    again: Callable[[object], MotionPlan | None] | None = None
+    motion: MotionValue[Any] | None = None
+    requested: Mapping[str, float] = field(default_factory=dict[str, float])
+    clamped: tuple[str, ...] = ()
+    limp_arm: object | None = None
 
     def __post_init__(self) -> None:
         freeze_arrays(self)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -25,9 +25,9 @@ from ikservo.arm.tool_orientation import (
     solve_with_orientation,
 )
 from ikservo.arm.tool_speed import ToolSpeed, sample_times_s, tool_speed_between
-from ikservo.errors import BadValueError, CartesianPathError, RefusedError, UnreachableError
+from ikservo.errors import BadValueError, CartesianPathError, UnreachableError
 from ikservo.guard import MAX_TRAVEL_RAD, sample_path
-from ikservo.ik import Result, Target, in_millimetres
+from ikservo.ik import Result, Target
 from ikservo.kinematics import Chain, JointIndex
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.inertia import GRAVITY_M_S2
@@ -47,9 +47,7 @@ from ikservo.motion import (
     straight_lines,
 )
 
-__all__ = ["Planner", "unreachable_error", "with_suggested_point"]
-
-_STEPS_BACK = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
+__all__ = ["Planner", "unreachable_error"]
 
 
 def unreachable_error(target: Target, solution: Result) -> UnreachableError:
@@ -59,38 +57,6 @@ def unreachable_error(target: Target, solution: Result) -> UnreachableError:
         solution.nearest_m.tolist(),
         [str(limit) for limit in solution.binding],
     )
-
-
-def with_suggested_point(
-    error: UnreachableError, chain: Chain, tip_m: Vector, plan: Callable[[Vector], object]
-) -> UnreachableError:
-    """Return the error with a point in whole millimetres whose motion is accepted, if one is found.
-
-    Args:
-        error: The error of the requested point.
-        chain: The arm.
-        tip_m: Where the tip is now (3,).
-        plan: Plans the motion to a point (3,) with the same options and all checks.
-    """
-    instead_m = next(_accepted_points(np.array(error.nearest_m), tip_m, plan), None)
-    better = UnreachableError(error.target_m, error.nearest_m, error.binding, instead_m)
-    meant = in_millimetres(chain, error.target_m)
-    if meant:
-        better.command_hint = f"Did you mean millimetres? Try: ikservo move {meant}"
-    return better
-
-
-def _accepted_points(
-    nearest_m: Vector, tip_m: Vector, plan: Callable[[Vector], object]
-) -> Iterator[list[float]]:
-    """Yield round points that are accepted, from the edge of the workspace towards the tip."""
-    for fraction in _STEPS_BACK:
-        point_m = np.round(nearest_m + fraction * (tip_m - nearest_m), 3)
-        try:
-            plan(point_m)
-        except (UnreachableError, RefusedError):
-            continue
-        yield [float(x) for x in point_m]
 
 
 # No servo's joint goes further, many revolutions included.
@@ -147,7 +113,7 @@ class Planner:
         start: Vector,
         points_m: Sequence[ArrayLike],
         speed: str,
-        blend_m: float,
+        blend_m: float = 0.02,
         stance: ToolOrientation = KEEP_BEST_EFFORT,
         tool_speed_m_s: float | None = None,
     ) -> MotionPlan:
@@ -159,18 +125,13 @@ class Planner:
             BadValueError: No point, no finite numbers, or no positive blend; see ``plan_path``.
         """
         _last_target(points_m)
-        return self.plan_path(
-            start,
-            lambda tip_m: straight_lines(tip_m, points_m, blend_m),
-            speed,
-            stance,
-            tool_speed_m_s,
-        )
+        path = straight_lines(self.path_start(start), points_m, blend_m)
+        return self.plan_path(start, path, speed, stance, tool_speed_m_s)
 
     def plan_path(
         self,
         start: Vector,
-        path_from: Callable[[Vector], ToolPath],
+        path: ToolPath,
         speed: str,
         stance: ToolOrientation = KEEP_BEST_EFFORT,
         tool_speed_m_s: float | None = None,
@@ -179,7 +140,7 @@ class Planner:
 
         Args:
             start: All joints.
-            path_from: Returns the path that starts where the tip is (3,) [m].
+            path: The path, from ``path_start`` on.
             speed: slow, normal or fast.
             stance: The orientation of the tool at the end.
             tool_speed_m_s: The constant speed of the tip; as fast as the speed class allows if
@@ -195,7 +156,6 @@ class Planner:
             raise BadValueError("The stance on a line", "a posture", "a tool orientation, or none")
         limits, start = self.motion_limits(speed), self._clip_to_limits(start)
         q = self._index.chain_joints(start)
-        path = path_from(self.tip(start))
         target = Target(path.at(path.length)[0])
         solved = self._solve_orientation(start, target, replace(stance, keep=False))
         end = solved.solution.q if stance.constrains_more_than_keep else None
@@ -301,6 +261,13 @@ class Planner:
         """
         solved = self._solve_orientation(start, Target(point_m), KEEP_BEST_EFFORT)
         return self._index.with_chain(start, solved.solution.q)
+
+    def path_start(self, start: Vector) -> Vector:
+        """Return the tip (3,) [m] where a path begins for the joints ``start`` (n,).
+
+        Joints of the chain that are outside their limits begin at these.
+        """
+        return self.tip(self._clip_to_limits(start))
 
     def tip(self, joints: Vector) -> Vector:
         """Return the tip (3,) [m] for the joints (n,)."""

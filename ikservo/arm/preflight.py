@@ -3,20 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from math import radians
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.arm.arguments import parse_all_positions, parse_number, parse_points
+from ikservo.arm.arguments import parse_all_positions
 from ikservo.arm.calibrated_arm import MAX_UNCALIBRATED_STEP_RAD
 from ikservo.arm.context import ArmContext
-from ikservo.arm.drawing import DrawingPlanner, drawing_strokes
-from ikservo.arm.motion_options import MotionSettings
+from ikservo.arm.motions import (
+    Lower,
+    MotionValue,
+    MoveJoints,
+    MovePose,
+    MoveTo,
+    MoveToRest,
+    TipMotion,
+)
 from ikservo.arm.plan import (
     RETRACT_POSES,
     MotionPlan,
@@ -25,22 +32,21 @@ from ikservo.arm.plan import (
     clamp_positions,
     via_pose_plan,
 )
-from ikservo.arm.planner import with_suggested_point
+from ikservo.arm.planning import plan_motion
 from ikservo.arm.poses import PoseLibrary
 from ikservo.errors import BadValueError, OrientationError, RefusedError, UnreachableError
+from ikservo.ik import in_millimetres
 from ikservo.kinematics import finite_array, finite_vector
 from ikservo.kinematics.arrays import Vector
-from ikservo.motion import ArcPath, arc_about_axis, arc_through_points
 
-__all__ = ["MotionStart", "PlanFrom", "PreflightPlanner"]
+__all__ = ["MotionStart", "PreflightPlanner"]
 
 # A gripper's goal leads it by more than this at the horn where it presses on something.
 _PRESSING_LAG_RAD = 0.05
 # Where the whole path to the rest pose is not free, these fractions of it are tried.
 _PATH_FRACTIONS = (0.8, 0.6, 0.4, 0.2)
-
-PlanFrom = Callable[[Vector, str], MotionPlan]
-"""Makes a plan from a start position (n,), for a speed class."""
+# A point is suggested at these fractions of the line from the nearest one back to the tip.
+_STEPS_BACK = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
 
 
 class MotionStart(Protocol):
@@ -72,86 +78,76 @@ class PreflightPlanner:
         self._context, self._runner, self._poses = context, runner, poses
         self._model, self._planner, self._servos = context.model, context.planner, context.servos
 
-    def plan_to(self, position_m: ArrayLike, tip: MotionSettings) -> MotionPlan:
-        """Plan a motion of the tip to a point (3,) [m]; see ``Arm.plan_to``."""
+    def plan(self, motion: MotionValue[Any]) -> MotionPlan:
+        """Plan a motion of the tip or of joints from the start position and check its path.
 
-        def plan(point_m: ArrayLike) -> MotionPlan:
-            return self.plan_cartesian(
-                lambda start, allowed: self._planner.plan_to_point(
-                    start, point_m, allowed, tip.stance
-                ),
-                tip.speed,
-            )
+        A folded arm touches itself on nearly every path: it leaves that contact first, unless the
+        motion starts at the tip.
 
+        Raises:
+            UnreachableError: A point is out of reach; nothing has moved.
+            RefusedError: The arm would touch itself, the table or a box, or leave its limits.
+            CalibrationError: The arm is not calibrated.
+            BadValueError: The motion has no plan: it is none of the tip or of joints.
+        """
+        plan = replace(self._plan_checked(motion), motion=motion)
+        return plan if self._servos.torque.is_on else replace(plan, limp_arm=self._context)
+
+    def _plan_checked(self, motion: MotionValue[Any]) -> MotionPlan:
+        match motion:
+            case MoveTo():
+                return self._plan_to_point(motion)
+            case _ if isinstance(motion, TipMotion):
+                return self._plan_tip(motion)
+            case MoveJoints():
+                return self._plan_joints(motion)
+            case MovePose():
+                inside = self.pose_within_limits(motion.name)
+                plan = self._plan_joints(MoveJoints(inside.positions, speed=motion.speed))
+                return replace(plan, clamped=inside.changed)
+            case MoveToRest():
+                return self._plan_rest()
+            case Lower():
+                return self._plan_lowering()
+            case _:
+                expected = "a motion of the tip or of joints, such as MoveTo((0.25, 0.0, 0.15))"
+                raise BadValueError("The motion to plan", str(motion), expected)
+
+    def _plan_tip(self, motion: TipMotion) -> MotionPlan:
+        self._context.require_zeros()
+        start = self._runner.start_position()
+        if not motion.starts_at_tip:
+            return self._plan_clear_or_via(motion, start)
+        plan = plan_motion(self._planner, motion, start, self._runner.allowed_speed(motion.speed))
+        return self._check_clear(plan, motion.speed)
+
+    def _plan_to_point(self, motion: MoveTo) -> MotionPlan:
+        """Plan a motion to a point; where it is out of reach, name a point that is accepted."""
         try:
-            return plan(position_m)
+            return self._plan_tip(motion)
         except OrientationError:
             raise
         except UnreachableError as error:
-            tip_m = self._planner.tip(self._runner.start_position())
-            raise with_suggested_point(error, self._context.chain, tip_m, plan) from None
+            instead_m = self._find_accepted_point(motion, np.array(error.nearest_m))
+            better = UnreachableError(error.target_m, error.nearest_m, error.binding, instead_m)
+        meant = in_millimetres(self._context.chain, better.target_m)
+        if meant:
+            better.command_hint = f"Did you mean millimetres? Try: ikservo move {meant}"
+        raise better
 
-    def plan_line(self, position_m: ArrayLike, tip: MotionSettings) -> MotionPlan:
-        """Plan a straight line of the tip to a point (3,) [m]; see ``Arm.plan_line``."""
-        return self.plan_through([position_m], replace(tip, line=True))
+    def _find_accepted_point(self, motion: MoveTo, nearest_m: Vector) -> list[float] | None:
+        """Return a point (3,) in whole millimetres, from the edge of the workspace to the tip."""
+        tip_m = self._planner.tip(self._runner.start_position())
+        for fraction in _STEPS_BACK:
+            point_m = np.round(nearest_m + fraction * (tip_m - nearest_m), 3)
+            with suppress(UnreachableError, RefusedError):
+                self._plan_tip(replace(motion, position_m=point_m))
+                return point_m.tolist()
+        return None
 
-    def plan_through(self, points_m: Sequence[ArrayLike], tip: MotionSettings) -> MotionPlan:
-        """Plan a motion of the tip through points (k, 3) [m]; see ``Arm.plan_through``."""
-        blend_m, points_m = parse_number("The blend", tip.blend_m), parse_points(points_m)
-
-        def plan(start: Vector, allowed: str) -> MotionPlan:
-            passed = (start, points_m, allowed, blend_m, tip.stance)
-            if tip.line:
-                return self._planner.plan_linear(*passed, tip.tool_speed_m_s)
-            return self._planner.plan_waypoints(*passed)
-
-        if tip.tool_speed_m_s is not None and not tip.line:
-            raise BadValueError(
-                "The speed of the tool",
-                "given for a motion of the joints",
-                "a straight line, or the speed of the joints: slow, normal, fast",
-            )
-        return self.plan_cartesian(plan, tip.speed)
-
-    def plan_arc(
-        self, via_m: ArrayLike | None, end_m: ArrayLike | None, tip: MotionSettings
-    ) -> MotionPlan:
-        """Plan an arc or a circle of the tip; see ``Arm.plan_arc``.
-
-        From a retract pose it would be another arc, so a folded arm is refused.
-        """
-        arc_from = _arc_from(via_m, end_m, tip)
-        self._context.require_zeros()
-        start, allowed = self._runner.start_position(), self._runner.allowed_speed(tip.speed)
-        plan = self._planner.plan_path(start, arc_from, allowed, tip.stance, tip.tool_speed_m_s)
-        plan = self._check_clear(plan, tip.speed)
-        return self._make_replannable(plan, lambda: self.plan_arc(via_m, end_m, tip))
-
-    def plan_drawing(self, strokes_m: object, tip: MotionSettings) -> MotionPlan:
-        """Plan strokes of the tip, each (k, 3) [m]; see ``Arm.plan_drawing``."""
-        strokes = drawing_strokes(parse_points(strokes_m))
-        lift_m = parse_number("The lift of the tool", tip.lift_m)
-        drawing = DrawingPlanner(self._planner, strokes, lift_m, tip.stance, tip.tool_speed_m_s)
-        return self.plan_cartesian(drawing.plan, tip.speed)
-
-    def plan_cartesian(self, planning: PlanFrom, speed: str) -> MotionPlan:
-        """Plan a motion of the tip from the start position and check its path.
-
-        A folded arm touches itself on nearly every path: it leaves that contact first.
-
-        Raises:
-            RefusedError: The arm would touch itself, the table or a box.
-            CalibrationError: The arm is not calibrated.
-        """
-        self._context.require_zeros()
-        plan = self._plan_clear_or_via(planning, self._runner.start_position(), speed)
-        return self._make_replannable(plan, lambda: self.plan_cartesian(planning, speed))
-
-    def plan_joints(self, positions: Mapping[str, float] | ArrayLike, speed: str) -> MotionPlan:
-        """Plan a motion of some joints; see ``Arm.plan_joints``."""
-        start, zeros = self._runner.start_position(), self._context.zeros
-        goals = parse_all_positions(positions, self._servos.names)
-        plan = self._planner.plan_to_joints(start, goals, self._runner.allowed_speed(speed))
+    def _plan_joints(self, motion: MoveJoints) -> MotionPlan:
+        start, zeros, goals = self._runner.start_position(), self._context.zeros, motion.positions
+        plan = plan_motion(self._planner, motion, start, self._runner.allowed_speed(motion.speed))
         zeros.check_small_steps(self._model.name, start, plan.goal, self._max_steps())
         try:
             self._servos.check_goal(plan.goal, start)
@@ -159,12 +155,10 @@ class PreflightPlanner:
             error.python_hint = self._ask_about_degrees(goals)
             raise
         if zeros.are_known and set(self._context.chain.names) <= set(goals):  # the whole arm
-            plan = self._plan_clear_or_via(
-                lambda at, allowed: self._planner.plan_to_joints(at, goals, allowed), start, speed
-            )
+            plan = self._plan_clear_or_via(motion, start)
         else:
-            plan = self._check_clear(plan, speed)
-        return self._make_replannable(plan, lambda: self.plan_joints(positions, speed))
+            plan = self._check_clear(plan, motion.speed)
+        return replace(plan, requested=goals)
 
     def _ask_about_degrees(self, goals: Mapping[str, float]) -> str:
         """Return a hint where goals in radians are outside the limits and as degrees are inside."""
@@ -198,23 +192,20 @@ class PreflightPlanner:
             joints[index.column(name)] = position
         return self._context.clearance_m(finite_vector(joints, len(names), "The joints"))
 
-    def plan_rest(self) -> MotionPlan:
-        """Plan the slow motion to the rest pose; see ``Arm.plan_rest``."""
-        rest = self.rest_pose().positions
+    def _plan_rest(self) -> MotionPlan:
+        """Plan the slow motion to the rest pose, by another pose where the path is not free."""
+        rest = self.rest_pose()
+        motion = MoveJoints(rest.positions, speed="slow")
         try:
-            return self.plan_joints(rest, "slow")
+            plan = self._plan_joints(motion)
         except RefusedError:
-            found = self._plan_via_pose(
-                lambda start, allowed: self._planner.plan_to_joints(start, rest, allowed),
-                self._runner.start_position(),
-                "slow",
-                "slow",
-            )
+            found = self._plan_via_pose(motion, self._runner.start_position(), "slow")
             if found is None:
                 raise
-        return self._make_replannable(found, self.plan_rest)
+            plan = found
+        return replace(plan, requested=rest.positions, clamped=rest.changed)
 
-    def plan_lowering(self) -> MotionPlan:
+    def _plan_lowering(self) -> MotionPlan:
         """Plan the slow motion to the rest pose, or as much of it as is free.
 
         Raises:
@@ -225,14 +216,18 @@ class PreflightPlanner:
         with self._servos.tolerate_heat():
             self._servos.check_health()
         try:
-            return self.plan_rest()
+            return self._plan_rest()
         except RefusedError:
-            rest = self.rest_pose().positions
+            rest = self.rest_pose()
             start = self._context.index.by_name(self._runner.start_position())
             for fraction in _PATH_FRACTIONS:
-                part = {n: start[n] + fraction * (rest[n] - start[n]) for n in rest}
+                part = {
+                    name: start[name] + fraction * (goal - start[name])
+                    for name, goal in rest.positions.items()
+                }
                 with suppress(RefusedError):
-                    return self.plan_joints(part, "slow")
+                    plan = self._plan_joints(MoveJoints(part, speed="slow"))
+                    return replace(plan, requested=rest.positions, clamped=rest.changed)
             raise
 
     def rest_pose(self) -> PoseWithinLimits:
@@ -243,29 +238,20 @@ class PreflightPlanner:
             del rest[gripper.joint]
         return clamp_pose("rest", rest, self._servos.fences, start)
 
-    def plan_from_held(self, planning: Callable[[], MotionPlan]) -> MotionPlan:
+    def plan_from_held(self, motion: MotionValue[Any]) -> MotionPlan:
         """Plan from where the arm holds: a limp one may sink before its torque is on."""
-        plan = planning()
+        plan = self.plan(motion)
         if self._servos.torque.is_on:
             return plan
         self._runner.enable()
-        return plan if np.array_equal(plan.start, self._servos.reference()) else planning()
+        held = np.array_equal(plan.start, self._servos.reference())
+        return plan if held else self.plan(motion)
 
     def _is_pressing(self, joint: str, start: Vector) -> bool:
         column = self._context.index.column(joint)
         joint_map = self._servos.fences[column].joint_map
         lag = abs(start[column] - self._servos.measure_positions()[column])
         return lag / joint_map.unit_per_horn_rad > _PRESSING_LAG_RAD
-
-    def _make_replannable(self, plan: MotionPlan, again: Callable[[], MotionPlan]) -> MotionPlan:
-        """Return a plan that can be made again, if the arm may sink until its torque is on."""
-        if self._servos.torque.is_on:
-            return plan
-
-        def plan_again(context: object) -> MotionPlan | None:
-            return again() if context is self._context else None
-
-        return replace(plan, again=plan_again)
 
     def _max_steps(self) -> dict[str, float]:
         """Return the longest motion of each joint of an uncalibrated arm, rad or m."""
@@ -275,31 +261,32 @@ class PreflightPlanner:
             for joint in joints
         }
 
-    def _plan_clear_or_via(self, planning: PlanFrom, start: Vector, speed: str) -> MotionPlan:
+    def _plan_clear_or_via(self, motion: TipMotion | MoveJoints, start: Vector) -> MotionPlan:
         """Return a plan whose path is free: direct, or one that leaves a contact first.
 
         Raises:
             RefusedError: The arm would touch itself, the table or a box.
         """
-        allowed = self._runner.allowed_speed(speed)
+        allowed = self._runner.allowed_speed(motion.speed)
         try:
-            return self._check_clear(planning(start, allowed), speed)
+            plan = plan_motion(self._planner, motion, start, allowed)
+            return self._check_clear(plan, motion.speed)
         except RefusedError:
             if not self._context.is_in_contact(start):
                 raise
-            found = self._plan_via_pose(planning, start, allowed, speed)
+            found = self._plan_via_pose(motion, start, allowed)
             if found is None:
                 raise
             return found
 
     def _plan_via_pose(
-        self, planning: PlanFrom, start: Vector, allowed: str, requested: str
+        self, motion: TipMotion | MoveJoints, start: Vector, allowed: str
     ) -> MotionPlan | None:
         """Return a plan that leaves a contact first; None where there is no free path."""
         for pose, first in self._ways_out(start, allowed):
             with suppress(RefusedError):
-                then = planning(first.goal, allowed)
-                return self._check_clear(self._join(first, then, pose), requested)
+                then = plan_motion(self._planner, motion, first.goal, allowed)
+                return self._check_clear(self._join(first, then, pose), motion.speed)
         return None
 
     def _ways_out(self, start: Vector, allowed: str) -> Iterator[tuple[str, MotionPlan]]:
@@ -333,26 +320,3 @@ class PreflightPlanner:
         """Return the plan if its path is free, with whether it is slower than requested."""
         self._context.check_streamed_path(plan.trajectory, plan.speed)
         return replace(plan, speed_reduced=plan.speed != requested)
-
-
-def _arc_from(
-    via_m: ArrayLike | None, end_m: ArrayLike | None, tip: MotionSettings
-) -> Callable[[Vector], ArcPath]:
-    """Return a function that makes the requested arc from the present tip (3,) [m].
-
-    Raises:
-        BadValueError: Neither a via point with an end nor a centre is given, or both.
-    """
-    if tip.center_m is not None and via_m is None and end_m is None and not tip.full_circle:
-        center_m, angle_rad = tip.center_m, parse_number("The angle of the arc", tip.angle_rad)
-        return lambda tip_m: arc_about_axis(tip_m, center_m, tip.normal, angle_rad)
-    if tip.center_m is None and via_m is not None and end_m is not None:
-        closed = tip.full_circle
-        return lambda tip_m: arc_through_points(tip_m, via_m, end_m, full_circle=closed)
-    given = {"a via point": via_m, "an end": end_m, "a centre": tip.center_m}
-    names = [name for name, value in given.items() if value is not None]
-    raise BadValueError(
-        "The arc",
-        f"given by {' and '.join(names) or 'nothing'}",
-        "a via point and an end, or a centre alone",
-    )

@@ -26,31 +26,61 @@
 
     [[steps]]
     recording = "wave.jsonl"            # beside the program
+
+    [[steps]]                           # any motion of ``ikservo.arm.motions``, with its fields
+    motion.move_through = { points_m = [[0.25, 0.0, 0.1], [0.25, 0.05, 0.15]], blend_m = 0.03 }
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self, cast
 
 import tomli_w
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, PlainSerializer, PlainValidator, ValidationError, model_validator
 
-from ikservo.errors import FileFormatError
+from ikservo.arm.motions import (
+    KINDS,
+    MotionValue,
+    MoveArc,
+    MoveGripper,
+    MoveJoints,
+    MoveLine,
+    MovePose,
+    MoveTo,
+    Replay,
+    Wait,
+    motion_fields,
+    parse_motion,
+)
+from ikservo.errors import BadValueError, FileFormatError
 from ikservo.files.reading import read_toml
 from ikservo.files.validation import Location, StrictModel, format_key_path, validation_issues
 from ikservo.files.writing import write_atomic
+from ikservo.model import Model
 from ikservo.model.arm_schema import Name
 
 __all__ = ["ACTIONS", "Program", "ProgramStep", "read_program", "write_program"]
 
-ACTIONS = ("pose", "tip_m", "joints", "gripper", "wait_s", "recording")
+ACTIONS = ("pose", "tip_m", "joints", "gripper", "wait_s", "recording", "motion")
 """What a step can do; each step does one of them. ``joints`` are given by ``deg`` and ``m``."""
 
 _MAX_STEPS = 1000
 _POINT = "[x, y, z] in metres"
 
+
+def _parse_step_motion(value: object) -> MotionValue[Any]:
+    motion = parse_motion(value)
+    if "speed" in cast("Mapping[str, Any]", value)[motion.kind]:
+        raise ValueError("has a speed, which belongs to the step")
+    return motion
+
+
+StepMotion = Annotated[
+    MotionValue[Any], PlainValidator(_parse_step_motion), PlainSerializer(motion_fields)
+]
 Point = tuple[float, float, float]
 Speed = Literal["slow", "normal", "fast"]
 Label = Annotated[str, Field(min_length=1, max_length=80)]
@@ -80,6 +110,9 @@ class ProgramStep(StrictModel):
     tool_speed_m_s: Annotated[float, Field(gt=0, le=10)] | None = Field(
         default=None, description="m/s, of a line or an arc"
     )
+    motion: StepMotion | None = Field(
+        default=None, description=f"the fields of one of {', '.join(KINDS)}"
+    )
 
     @property
     def action(self) -> str:
@@ -89,21 +122,59 @@ class ProgramStep(StrictModel):
     @property
     def description(self) -> str:
         """Return what it does, in a few words."""
+        if self.action == "joints":
+            moved = [f"{name} {value:g}°" for name, value in self.deg.items()]
+            words = ", ".join(moved + [f"{name} {value:g} m" for name, value in self.m.items()])
+        else:
+            words = str(self._to_motion())
+        return f"{self.name}: {words}" if self.name else words
+
+    @property
+    def has_speed(self) -> bool:
+        """Whether what it does has a speed class."""
+        return self._to_motion().has_speed
+
+    def to_motion(self, model: Model, speed: str) -> MotionValue[Any]:
+        """Return the motion that it is.
+
+        Args:
+            model: The arm, which knows what joints slide.
+            speed: The speed class, of a motion that has one.
+
+        Raises:
+            BadValueError: A joint that turns is given in metres, or one that slides in degrees; or
+                the motion refuses a value.
+            UnknownNameError: There is no such joint.
+        """
+        for key, given in (("deg", self.deg), ("m", self.m)):
+            for name in given:
+                unit = model.joint(name).joint_map.unit
+                if (unit == "m") != (key == "m"):
+                    raise BadValueError(name, f"given by {key}", "m" if unit == "m" else "deg")
+        return self._to_motion().with_speed(speed)
+
+    def _to_motion(self) -> MotionValue[Any]:
         match self.action:
+            case "pose":
+                return MovePose(self.pose or "")
+            case "tip_m" if self.path == "arc":
+                return MoveArc(self.via_m, self.tip_m, tool_speed_m_s=self.tool_speed_m_s)
+            case "tip_m" if self.path == "line":
+                return MoveLine(self.tip_m or (), self.tool_speed_m_s)
             case "tip_m":
-                x, y, z = self.tip_m or (0.0, 0.0, 0.0)
-                words = f"{self.path or 'joints'} to ({x:.3f}, {y:.3f}, {z:.3f}) m"
+                return MoveTo(self.tip_m or ())
             case "joints":
-                moved = [f"{name} {value:g}°" for name, value in self.deg.items()]
-                words = ", ".join(moved + [f"{name} {value:g} m" for name, value in self.m.items()])
+                turned = {name: math.radians(value) for name, value in self.deg.items()}
+                return MoveJoints(turned | dict(self.m))
             case "gripper":
                 to = self.gripper
-                words = f"gripper {to if isinstance(to, str) else f'{to:g} m'}"
+                return MoveGripper(to) if isinstance(to, str) else MoveGripper(width_m=to)
             case "wait_s":
-                words = f"wait {self.wait_s:g} s"
-            case action:
-                words = f"{action} {getattr(self, action)}"
-        return f"{self.name}: {words}" if self.name else words
+                return Wait(self.wait_s or 0.0)
+            case "recording":
+                return Replay(self.recording or "")
+            case _:
+                return cast("MotionValue[Any]", self.motion)
 
     def _actions(self) -> list[str]:
         given = {name: getattr(self, name, None) is not None for name in ACTIONS}

@@ -2,28 +2,31 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
-from ikservo.arm import goal_motions
 from ikservo.arm.arm_parts import ArmParts
-from ikservo.arm.context import ArmContext
-from ikservo.arm.gripper import GraspResult, move_gripper, plan_gripper
-from ikservo.arm.motion_options import JointOptions, MotionSettings
-from ikservo.arm.plan import MotionPlan
+from ikservo.arm.motions import MotionValue, Replay, Wait
 from ikservo.arm.poses import PoseLibrary
 from ikservo.arm.preflight import PreflightPlanner
 from ikservo.arm.program import Program, ProgramStep
-from ikservo.arm.replay import ReplayResult, plan_replay, replay_recording
-from ikservo.arm.reports import JointMoveResult, MoveResult, OnProgress
+from ikservo.arm.reports import (
+    GraspResult,
+    JointMoveResult,
+    MoveResult,
+    OnProgress,
+    ReplayResult,
+)
+from ikservo.arm.running import end_of_motion, run_motion, wait
 from ikservo.errors import BadValueError, IkservoError
 from ikservo.kinematics.arrays import Vector
 
 __all__ = ["ProgramRun", "StepCheck", "StepResult"]
 
-_LONGEST_SLEEP_S = 0.05  # a wait notices a stop within this time
+StepReport = MoveResult | JointMoveResult | GraspResult | ReplayResult
+"""How the motion of a step has ended."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +58,7 @@ class StepResult:
     number: int
     repetition: int
     step: ProgramStep
-    report: MoveResult | JointMoveResult | GraspResult | ReplayResult | None
+    report: StepReport | None
 
 
 class _PlannedStart:
@@ -157,116 +160,32 @@ class ProgramRun:
         return number - 1
 
     def _find_error(self, step: ProgramStep, start: _PlannedStart) -> IkservoError | None:
+        """Plan a step, and let the next one start at its end; return why it cannot be made."""
+        context = self._arm.context
+        preflight = PreflightPlanner(context, start, self._poses)
         try:
-            start.joints = self._plan(step, start)
+            start.joints = end_of_motion(context, preflight, self._motion(step), start.joints)
         except IkservoError as error:
             return error
         return None
 
-    def _plan(self, step: ProgramStep, start: _PlannedStart) -> Vector:
-        """Return the joints (n,) after a step."""
-        context, speed = self._arm.context, self._program.speed_of(step)
-        preflight = PreflightPlanner(context, start, self._poses)
-        match step.action:
-            case "wait_s":
-                return start.joints
-            case "gripper":
-                return plan_gripper(context, step.gripper or 0.0, start.joints)
-            case "recording":
-                return plan_replay(self._arm, self._file(step), speed, start.joints)
-            case "tip_m":
-                return _plan_tip(preflight, step, speed).goal
-            case "pose":
-                inside = preflight.pose_within_limits(step.pose or "", start.joints)
-                return preflight.plan_joints(inside.positions, speed).goal
-            case _:
-                return preflight.plan_joints(_positions(context, step), speed).goal
+    def _make(self, step: ProgramStep, on_progress: OnProgress | None) -> StepReport | None:
+        motion = self._motion(step)
+        if isinstance(motion, Wait):
+            wait(self._arm.context, motion, self._on_wait, watch_health=self._has_moved)
+            return None
+        self._has_moved = True
+        with self._arm.background.turn():
+            return run_motion(self._arm, motion, on_progress)
 
-    def _make(
-        self, step: ProgramStep, on_progress: OnProgress | None
-    ) -> MoveResult | JointMoveResult | GraspResult | ReplayResult | None:
-        options = JointOptions(speed=self._program.speed_of(step), on_progress=on_progress)
-        match step.action:
-            case "wait_s":
-                self._wait(step.wait_s or 0.0)
-                return None
-            case _:
-                self._has_moved = True
-                return self._move(step, options, on_progress)
-
-    def _move(
-        self, step: ProgramStep, options: JointOptions, on_progress: OnProgress | None
-    ) -> MoveResult | JointMoveResult | GraspResult | ReplayResult:
-        arm = self._arm
-        match step.action:
-            case "gripper":
-                return move_gripper(arm, step.gripper, on_progress=on_progress)
-            case "recording":
-                return replay_recording(arm, self._file(step), **options)
-            case "tip_m":
-                return _move_tip(arm, step, options)
-            case "pose":
-                return goal_motions.pose(arm, step.pose or "", **options)
-            case _:
-                return goal_motions.move_joints(arm, _positions(arm.context, step), **options)
-
-    def _wait(self, seconds: float) -> None:
-        """Wait while the arm holds; a stop or a fault of a servo ends it.
+    def _motion(self, step: ProgramStep) -> MotionValue[Any]:
+        """Return the motion of a step; a recording is in the program's folder.
 
         Raises:
-            StoppedError, RefusedError: The arm was stopped.
-            BusError: A servo does not answer.
-            ServoAlarmError: One reports a fault, has a wrong supply, or was reset.
+            BadValueError: It cannot be used by this arm.
+            UnknownNameError: There is no such joint.
         """
-        context = self._arm.context
-        end_s = context.now_s() + seconds
-        while (left_s := end_s - context.now_s()) > 0.0:
-            context.servos.check_stop()
-            context.servos.stop_request.check_request()
-            if self._has_moved:
-                context.servos.check_health()
-            if self._on_wait is not None:
-                self._on_wait()
-            context.servos.clock.sleep_until(context.now_s() + min(left_s, _LONGEST_SLEEP_S))
-
-    def _file(self, step: ProgramStep) -> Path:
-        return self._folder / (step.recording or "")
-
-
-def _plan_tip(preflight: PreflightPlanner, step: ProgramStep, speed: str) -> MotionPlan:
-    settings = MotionSettings(speed=speed, tool_speed_m_s=step.tool_speed_m_s)
-    match step.path:
-        case "arc":
-            return preflight.plan_arc(step.via_m, step.tip_m, settings)
-        case "line":
-            return preflight.plan_line(step.tip_m or (), settings)
-        case _:
-            return preflight.plan_to(step.tip_m or (), settings)
-
-
-def _move_tip(arm: ArmParts, step: ProgramStep, options: JointOptions) -> MoveResult:
-    tip_m = step.tip_m or ()
-    match step.path:
-        case "arc":
-            return goal_motions.move_arc(
-                arm, step.via_m, tip_m, tool_speed_m_s=step.tool_speed_m_s, **options
-            )
-        case "line":
-            return goal_motions.move_line(arm, tip_m, tool_speed_m_s=step.tool_speed_m_s, **options)
-        case _:
-            return goal_motions.move_to(arm, tip_m, **options)
-
-
-def _positions(context: ArmContext, step: ProgramStep) -> dict[str, float]:
-    """Return the positions of a step's joints, rad or m by name.
-
-    Raises:
-        BadValueError: A joint that turns is given in metres, or one that slides in degrees.
-        UnknownNameError: There is no such joint.
-    """
-    for key, given in (("deg", step.deg), ("m", step.m)):
-        for name in given:
-            unit = context.model.joint(name).joint_map.unit
-            if (unit == "m") != (key == "m"):
-                raise BadValueError(name, f"given by {key}", "m" if unit == "m" else "deg")
-    return {name: math.radians(value) for name, value in step.deg.items()} | dict(step.m)
+        motion = step.to_motion(self._arm.context.model, self._program.speed_of(step))
+        if isinstance(motion, Replay):
+            return replace(motion, path=self._folder / motion.path)
+        return motion

@@ -4,29 +4,30 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from os import fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, Unpack, overload
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ikservo.arm.arguments import parse_path
 from ikservo.arm.arm_parts import ArmParts
-from ikservo.arm.background_motion import Motion
 from ikservo.arm.context import ArmContext
-from ikservo.arm.motion_options import JointOptions, MotionSettings, parse_options
+from ikservo.arm.motions import Replay
 from ikservo.arm.recorder import read_recording, recording_header
 from ikservo.arm.recording import Recording
+from ikservo.arm.reports import OnProgress, ReplayResult
 from ikservo.arm.settling import settle_at
 from ikservo.errors import FileFormatError, RefusedError
 from ikservo.guard import thin_path
-from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion import JointMove, KinematicLimits, TrajectoryPoint
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-__all__ = ["RecordedTrajectory", "ReplayResult", "load_replay", "plan_replay", "replay_recording"]
+__all__ = ["RecordedTrajectory", "load_replay", "plan_replay", "run_replay"]
 
 
 _GRID_S = 0.02
@@ -150,64 +151,6 @@ def _required_slowdown(
 _LIMIT_TOLERANCE_RAD = math.radians(3.0)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class ReplayResult:
-    """How a recording was played back.
-
-    Attributes:
-        samples: How many samples it has.
-        duration_s: How long the replay took.
-        slowdown: How many times slower than recorded, because it was faster than the limits.
-        error_rad: The largest error of a joint at the last sample, rad or m.
-        measured_rad: The joints in the end, rad or m by name.
-        measured_tip_m: The tip there (3,), metres.
-    """
-
-    samples: int
-    duration_s: float
-    slowdown: float
-    error_rad: float
-    measured_rad: dict[str, float]
-    measured_tip_m: Vector
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
-
-
-@overload
-def replay_recording(
-    arm: ArmParts, path: Path | str, *, wait: Literal[True] = True, **options: Unpack[JointOptions]
-) -> ReplayResult: ...
-
-
-@overload
-def replay_recording(
-    arm: ArmParts, path: Path | str, *, wait: Literal[False], **options: Unpack[JointOptions]
-) -> Motion[ReplayResult]: ...
-
-
-def replay_recording(
-    arm: ArmParts, path: Path | str, *, wait: bool = True, **options: Unpack[JointOptions]
-) -> ReplayResult | Motion[ReplayResult]:
-    """Move to the first pose of a recording of this arm, then along it.
-
-    It is as fast as recorded where that is within the speed class, else slowed down as a whole.
-
-    Options: speed, on_progress; see ``JointOptions``.
-
-    Raises:
-        FileFormatError: It is malformed, or another arm's; says in which line.
-        RefusedError: It leaves this arm's limits, or something is in the way; nothing moved.
-    """
-    chosen = parse_options("replay", JointOptions, options)
-    file = _check_replay(arm.context, path, chosen.speed)
-
-    def run() -> ReplayResult:
-        return _run_replay(arm, file, chosen)
-
-    return arm.background.run(run, wait=wait)
-
-
 def load_replay(
     arm: ArmParts, path: Path | str, *, speed: str = "normal"
 ) -> tuple[Recording, RecordedTrajectory]:
@@ -216,41 +159,38 @@ def load_replay(
     Raises:
         FileFormatError, RefusedError, CalibrationError: As ``replay``.
     """
-    file = _check_replay(arm.context, path, speed)
-    return _load(arm.context, file, speed, arm.runner.start_position())
+    motion = Replay(fspath(parse_path(path)), speed=speed)
+    return _load(arm.context, motion, arm.runner.start_position())
 
 
-def plan_replay(arm: ArmParts, path: Path | str, speed: str, start: Vector) -> Vector:
+def plan_replay(context: ArmContext, motion: Replay, start: Vector) -> Vector:
     """Return the joints (n,) after a replay from ``start`` (n,); nothing moves.
 
     Raises:
-        IkservoError: As ``replay_recording``.
+        IkservoError: As ``run_replay``.
     """
-    _, trajectory = _load(arm.context, _check_replay(arm.context, path, speed), speed, start)
+    _, trajectory = _load(context, motion, start)
     return trajectory.state(trajectory.duration_s).position
 
 
-def _check_replay(context: ArmContext, path: Path | str, speed: str) -> Path:
-    context.require_zeros()
-    context.model.speed(speed)
-    return parse_path(path)
-
-
 def _load(
-    context: ArmContext, path: Path, speed: str, start: Vector
+    context: ArmContext, motion: Replay, start: Vector
 ) -> tuple[Recording, RecordedTrajectory]:
+    context.require_zeros()
+    path = Path(motion.path)
     recording = _of_this_arm(context, read_recording(path), path)
     _check_limits(context, recording, path)
     lower, upper = context.limits()
-    limits = context.planner.motion_limits(speed)
+    limits = context.planner.motion_limits(motion.speed)
     trajectory = RecordedTrajectory(recording.times_s, recording.joints, limits, lower, upper)
     context.check_recorded_path(start, trajectory.sample_path())
     return recording, trajectory
 
 
-def _run_replay(arm: ArmParts, path: Path, chosen: MotionSettings) -> ReplayResult:
-    context, runner, speed = arm.context, arm.runner, chosen.speed
-    recording, trajectory = _load(context, path, speed, runner.start_position())
+def run_replay(arm: ArmParts, motion: Replay, on_progress: OnProgress | None) -> ReplayResult:
+    """Move to the first pose of a recording, then along it; see ``Arm.replay``."""
+    context, runner, speed = arm.context, arm.runner, motion.speed
+    recording, trajectory = _load(context, motion, runner.start_position())
     approach_speed = runner.allowed_speed(speed)
     limits = context.planner.motion_limits(approach_speed)
     started_s = context.now_s()
@@ -259,7 +199,7 @@ def _run_replay(arm: ArmParts, path: Path, chosen: MotionSettings) -> ReplayResu
         context.check_recorded_path(start, trajectory.sample_path())
         return JointMove(start, trajectory.start, limits)
 
-    reporter = context.progress_reporter(chosen.on_progress)
+    reporter = context.progress_reporter(on_progress)
     runner.run(approach, reporter, approach_speed)
     runner.run(lambda _: trajectory, reporter, speed)
     goal = trajectory.state(trajectory.duration_s).position

@@ -19,10 +19,12 @@ from ikservo.motion import Trajectory
 
 __all__ = [
     "ArmState",
+    "GraspResult",
     "JointMoveResult",
     "MotionProgress",
     "MoveResult",
     "OnProgress",
+    "ReplayResult",
     "SampledTrajectory",
     "describe_torque",
     "sample_trajectory",
@@ -219,6 +221,55 @@ class JointMoveResult:
     duration_s: float
     reached: bool
     binding: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+
+@dataclass(frozen=True, slots=True)
+class GraspResult:
+    """How a motion of the gripper ended.
+
+    Attributes:
+        grasped: Whether the closing jaws were blocked short of their goal for half a second, mostly
+            by an object between them. Jaws whose friction exceeds their force look the same to the
+            servo: try more force where that may be.
+        reached: Whether they are at their goal.
+        position_rad: The position of the gripper's joint, rad or m.
+        width_m: The distance between the jaws; None where the arm file has no widths.
+        load_percent: The servo's load: of its torque or current.
+        force: The fraction of its torque that it may use.
+        duration_s: How long it took.
+    """
+
+    grasped: bool
+    reached: bool
+    position_rad: float
+    width_m: float | None
+    load_percent: float | None
+    force: float
+    duration_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ReplayResult:
+    """How a recording was played back.
+
+    Attributes:
+        samples: How many samples it has.
+        duration_s: How long the replay took.
+        slowdown: How many times slower than recorded, because it was faster than the limits.
+        error_rad: The largest error of a joint at the last sample, rad or m.
+        measured_rad: The joints in the end, rad or m by name.
+        measured_tip_m: The tip there (3,), metres.
+    """
+
+    samples: int
+    duration_s: float
+    slowdown: float
+    error_rad: float
+    measured_rad: dict[str, float]
+    measured_tip_m: Vector
 
     def __post_init__(self) -> None:
         freeze_arrays(self)

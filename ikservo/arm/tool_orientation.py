@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -75,6 +76,8 @@ class ToolOrientation:
                     f"{math.degrees(angle):g}°",
                     f"at most ±{math.degrees(most):.0f}°",
                 )
+        if not isinstance(cast("object", self.keep), bool | np.bool_):
+            raise BadValueError("keep", repr(self.keep), "True or False")
         Target((0.0, 0.0, 0.0), direction=self.direction)
         Target((0.0, 0.0, 0.0), orientation=self.orientation)
         if self.orientation is not None and replace(self, orientation=None).is_constrained:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 import math
-from typing import Annotated, cast
+from typing import Annotated
 
 import typer
 
-from ikservo.arm import MoveResult
-from ikservo.arm.motion_options import PlanArcOptions
-from ikservo.cli.direction_check import check_directions_once
-from ikservo.cli.motion_report import print_move_report, print_preview
+from ikservo.arm.motions import MoveArc
+from ikservo.cli.motion_report import execute_tip_plan, print_move_report, print_preview
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
@@ -33,8 +31,7 @@ from ikservo.cli.options import (
     parse_length_m,
     parse_point_m,
 )
-from ikservo.cli.session import announce, motion_progress_bar, open_from_options
-from ikservo.errors import ExitCode
+from ikservo.cli.session import announce, open_from_options
 
 __all__ = ["command"]
 
@@ -103,31 +100,27 @@ def command(
 
     ikservo arc --center 0.2,0,0.15 --normal z --angle -180
     """
-    options: PlanArcOptions = {
-        "full_circle": full_circle,
-        "center_m": None if center is None else parse_point_m(center),
-        "normal": parse_axis(normal),
-        "angle_rad": math.tau if angle is None else angle,
-        "speed": speed,
-        "tool_speed_m_s": tool_speed,
-        "stance": orientation_from_options(pitch, roll, direction, keep=keep),
-    }
-    via_m, end_m = None if via is None else parse_point_m(via), _end_of(x, y, z)
+    motion = MoveArc(
+        None if via is None else parse_point_m(via),
+        _end_of(x, y, z),
+        full_circle=full_circle,
+        center_m=None if center is None else parse_point_m(center),
+        normal=parse_axis(normal),
+        angle_rad=math.tau if angle is None else angle,
+        tool_speed_m_s=tool_speed,
+        speed=speed,
+        stance=orientation_from_options(pitch, roll, direction, keep=keep),
+    )
     with open_from_options(
         arm, port, tip=tip, collisions=collision, uncalibrated=uncalibrated
     ) as machine:
-        plan = machine.plan_arc(via_m, end_m, **options)
+        plan = machine.plan(motion)
         announce(plan, machine, yes=yes or dry_run)
         if dry_run:
             print_preview(plan, machine, json=json)
             return
-        if not no_wiggle and check_directions_once(machine, yes=yes):
-            plan = machine.plan_arc(via_m, end_m, **options)
-        with motion_progress_bar() as on_progress:
-            report = cast("MoveResult", machine.execute(plan, on_progress))  # of a plan of the tip
+        report = execute_tip_plan(machine, plan, yes=yes, wiggle=not no_wiggle)
     print_move_report(report, json=json)
-    if not report.reached:
-        raise typer.Exit(ExitCode.FAILED)
 
 
 def _end_of(*coordinates: float | None) -> tuple[float, float, float] | None:

@@ -3,14 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated, cast
+from typing import Annotated
 
 import typer
 
-from ikservo.arm import MoveResult
-from ikservo.arm.motion_options import PlanDrawOptions
-from ikservo.cli.direction_check import check_directions_once
-from ikservo.cli.motion_report import print_move_report, print_preview
+from ikservo.arm.motions import Draw
+from ikservo.cli.motion_report import execute_tip_plan, print_move_report, print_preview
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
@@ -32,9 +30,9 @@ from ikservo.cli.options import (
     parse_length_m,
     parse_point_m,
 )
-from ikservo.cli.session import announce, motion_progress_bar, open_from_options
+from ikservo.cli.session import announce, open_from_options
 from ikservo.cli.terminal import print_status
-from ikservo.errors import BadValueError, ExitCode, format_point
+from ikservo.errors import BadValueError, format_point
 from ikservo.files.drawing import Drawing, read_drawing
 
 __all__ = ["command"]
@@ -122,31 +120,23 @@ def command(
     ikservo draw path.csv --unit mm --origin 0.2,0,0.1 --tool-speed 30 --dry-run
     """
     drawing = _read(file, unit, scale, width)
-    options: PlanDrawOptions = {
-        "lift_m": lift,
-        "speed": speed,
-        "tool_speed_m_s": tool_speed,
-        "stance": orientation_from_options(pitch, roll, direction, keep=keep),
-    }
+    orientation = orientation_from_options(pitch, roll, direction, keep=keep)
     origin_m = None if origin is None else parse_point_m(origin)
     with open_from_options(
         arm, port, tip=tip, collisions=collision, uncalibrated=uncalibrated
     ) as machine:
         origin_m = origin_m or tuple(machine.where().tip_m.tolist())
         placed = drawing.placed(origin_m, rotate or 0.0)
-        plan = machine.plan_drawing(placed.strokes_m, **options)
+        motion = Draw(placed.strokes_m, lift_m=lift, tool_speed_m_s=tool_speed,
+                      speed=speed, stance=orientation)  # fmt: skip
+        plan = machine.plan(motion)
         _announce_drawing(placed, origin_m)
         announce(plan, machine, yes=yes or dry_run)
         if dry_run:
             print_preview(plan, machine, json=json)
             return
-        if not no_wiggle and check_directions_once(machine, yes=yes):
-            plan = machine.plan_drawing(placed.strokes_m, **options)
-        with motion_progress_bar() as on_progress:
-            report = cast("MoveResult", machine.execute(plan, on_progress))  # of a plan of the tip
+        report = execute_tip_plan(machine, plan, yes=yes, wiggle=not no_wiggle)
     print_move_report(report, json=json)
-    if not report.reached:
-        raise typer.Exit(ExitCode.FAILED)
 
 
 def _read(file: Path, unit: str | None, scale: float | None, width: float | None) -> Drawing:

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, cast
+from typing import Annotated
 
 import typer
 
 from ikservo.arm import Arm
-from ikservo.arm.gripper import GraspResult, GripperCommand
+from ikservo.arm.motions import MoveGripper
+from ikservo.arm.reports import GraspResult
 from ikservo.cli.identify import announce_tour
 from ikservo.cli.options import (
     ArmOption,
@@ -76,12 +77,13 @@ def command(
     if to is None:
         _weigh(arm, port, yes=yes, json=json)
         return
-    goal = cast("GripperCommand", to) if to.isalpha() else parse_length_m(to)
+    width_m = None if to.isalpha() else parse_length_m(to)
+    motion = MoveGripper(to if width_m is None else None, width_m=width_m, force=force)
     with open_from_options(arm, port, uncalibrated=uncalibrated) as machine:
         print_status(f"{machine.model.title} on {format_port(machine.port_name)}: gripper {to}.")
         confirm_motion(machine, yes=yes)
         with motion_progress_bar() as on_progress:
-            report = machine.gripper(goal, force=force, on_progress=on_progress)
+            report = machine.execute(motion, on_progress)
     _print_grip_report(report, machine, json=json)
     if not (report.reached or report.grasped):
         raise typer.Exit(ExitCode.FAILED)

@@ -1,19 +1,24 @@
-"""Print the plan of a motion, and the result of one of the tip."""
+"""Print the plan of a motion; execute one of the tip, and print its result."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from typing import cast
+
+import typer
 
 from ikservo.arm import Arm, MotionPlan, MoveResult
 from ikservo.arm.plan import NearLimit
 from ikservo.calibration import JointUnit
+from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.posture_reports import joint_lines
+from ikservo.cli.session import motion_progress_bar
 from ikservo.cli.terminal import print_json, print_lines
-from ikservo.errors import format_point
+from ikservo.errors import ExitCode, format_point
 from ikservo.model import Model
 
-__all__ = ["print_move_report", "print_plan", "print_preview"]
+__all__ = ["execute_tip_plan", "print_move_report", "print_plan", "print_preview"]
 
 
 def print_plan(
@@ -47,8 +52,16 @@ def print_preview(plan: MotionPlan, machine: Arm, *, json: bool) -> None:
     print_plan(plan, machine.model, joints, plan.orientation_change_rad, json=json)
 
 
+def execute_tip_plan(machine: Arm, plan: MotionPlan, *, yes: bool, wiggle: bool) -> MoveResult:
+    """Execute a plan of the tip, made again where the directions of joints were tried first."""
+    if wiggle and check_directions_once(machine, yes=yes) and plan.motion is not None:
+        plan = machine.plan(plan.motion)
+    with motion_progress_bar() as on_progress:
+        return cast("MoveResult", machine.execute(plan, on_progress))
+
+
 def print_move_report(report: MoveResult, *, json: bool) -> None:
-    """Print how a motion of the tip ended."""
+    """Print how a motion of the tip ended; exit 1 if it is not where it should be."""
     if json:
         print_json(
             "move",
@@ -65,20 +78,22 @@ def print_move_report(report: MoveResult, *, json: bool) -> None:
             path_error_rms_m=report.path_error_rms_m,
             path_error_max_m=report.path_error_max_m,
         )
-        return
-    print_lines(
-        [
-            f"target     {format_point(report.target_m)}",
-            f"commanded  {format_point(report.commanded_tip_m)}",
-            f"measured   {format_point(report.measured_tip_m)}",
-            f"error      {report.error_m * 1000:.2f} mm",
-            *_path_error_lines(report),
-            f"tool       {_format_orientation(report)}",
-            f"duration   {report.duration_s:.2f} s",
-            f"reached    {'yes' if report.reached else 'no'}",
-            *(f"note       {text}" for text in report.binding),
-        ]
-    )
+    else:
+        print_lines(
+            [
+                f"target     {format_point(report.target_m)}",
+                f"commanded  {format_point(report.commanded_tip_m)}",
+                f"measured   {format_point(report.measured_tip_m)}",
+                f"error      {report.error_m * 1000:.2f} mm",
+                *_path_error_lines(report),
+                f"tool       {_format_orientation(report)}",
+                f"duration   {report.duration_s:.2f} s",
+                f"reached    {'yes' if report.reached else 'no'}",
+                *(f"note       {text}" for text in report.binding),
+            ]
+        )
+    if not report.reached:
+        raise typer.Exit(ExitCode.FAILED)
 
 
 def _describe_orientation_error(angle_rad: float, *, requested: bool) -> str:

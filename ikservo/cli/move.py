@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import Annotated, cast
+from typing import Annotated
 
 import typer
 
-from ikservo.arm import Arm, MotionPlan, MoveResult
-from ikservo.arm.motion_options import PlanOptions, PlanThroughOptions
-from ikservo.cli.direction_check import check_directions_once
+from ikservo.arm.motions import MoveThrough, MoveTo
 from ikservo.cli.model_options import (
     PreferOption,
     WeightOption,
     posture_from_options,
     report_missing_freedom,
 )
-from ikservo.cli.motion_report import print_move_report, print_preview
+from ikservo.cli.motion_report import execute_tip_plan, print_move_report, print_preview
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
@@ -38,8 +36,7 @@ from ikservo.cli.options import (
     parse_length_m,
     parse_point_m,
 )
-from ikservo.cli.session import announce, motion_progress_bar, open_from_options
-from ikservo.errors import ExitCode
+from ikservo.cli.session import announce, open_from_options
 
 __all__ = ["command"]
 
@@ -107,32 +104,17 @@ def command(
     ) as machine:
         posture = posture_from_options(machine.model, machine.chain, prefer, weight)
         orientation = orientation if posture is None else replace(orientation, posture=posture)
-        point = PlanOptions(speed=speed, stance=orientation)
-        through: PlanThroughOptions = {
-            **point, "blend_m": blend, "line": line, "tool_speed_m_s": tool_speed
-        }  # fmt: skip
-        plan = _plan_motion(machine, points, point, through)
+        if via or line or tool_speed is not None:
+            motion = MoveThrough(points, blend_m=blend, line=line, tool_speed_m_s=tool_speed,
+                                 speed=speed, stance=orientation)  # fmt: skip
+        else:
+            motion = MoveTo((x, y, z), speed=speed, stance=orientation)
+        plan = machine.plan(motion)
         if posture is not None and plan.solution is not None:
             report_missing_freedom(machine.chain, plan.solution.q, directed=False)
         announce(plan, machine, yes=yes or dry_run)
         if dry_run:
             print_preview(plan, machine, json=json)
             return
-        if not no_wiggle and check_directions_once(machine, yes=yes):
-            plan = _plan_motion(machine, points, point, through)
-        with motion_progress_bar() as on_progress:
-            report = cast("MoveResult", machine.execute(plan, on_progress))  # of a plan of the tip
+        report = execute_tip_plan(machine, plan, yes=yes, wiggle=not no_wiggle)
     print_move_report(report, json=json)
-    if not report.reached:
-        raise typer.Exit(ExitCode.FAILED)
-
-
-def _plan_motion(
-    machine: Arm,
-    points: list[tuple[float, float, float]],
-    point: PlanOptions,
-    through: PlanThroughOptions,
-) -> MotionPlan:
-    if len(points) > 1 or through.get("line") or through.get("tool_speed_m_s") is not None:
-        return machine.plan_through(points, **through)
-    return machine.plan_to(points[0], **point)

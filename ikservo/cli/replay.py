@@ -8,7 +8,7 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm.replay import ReplayResult
+from ikservo.arm.reports import ReplayResult
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.options import (
     ArmOption,

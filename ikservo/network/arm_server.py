@@ -32,11 +32,11 @@ from ikservo.network.remote_errors import SAME_VERSION
 from ikservo.network.request_queue import RequestQueue
 from ikservo.network.services import (
     MOTIONS,
-    PLANS,
     STREAMED,
     WATCH,
     AtSpeed,
     Jog,
+    OfMotion,
     OfPlan,
     parse_arguments,
 )
@@ -158,7 +158,7 @@ class ArmServer:
         Raises:
             RefusedError: It does.
         """
-        if service in (*MOTIONS, *STREAMED, "execute", "acknowledge", "disable_torque"):
+        if service in (*MOTIONS, *STREAMED, "move", "execute", "acknowledge", "disable_torque"):
             self.lease.check_request(request.lease, request.number, request.sent_s)
 
     def _answer_watch(self, service: str, request: ServiceRequest) -> object:
@@ -173,7 +173,7 @@ class ArmServer:
                 return self._arm.background.stop_count
             case _ if service in WATCH:
                 given = parse_arguments(WATCH[service].arguments, request.arguments)
-                return WATCH[service].method(self._arm, *given.positional(), **given.options())
+                return WATCH[service].method(self._arm, **given.given())
             case _:
                 raise _unknown(service)
 
@@ -206,48 +206,48 @@ class ArmServer:
             case "sample_plan":
                 of_plan = cast("OfPlan", parse_arguments(OfPlan, request.arguments))
                 return fields(self._plans.sample(of_plan.plan))
-            case _ if service in PLANS:
-                kind, method = PLANS[service]
-                given = parse_arguments(kind, request.arguments)
-                plan = method(self._arm, *given.positional(), **given.options())
+            case "plan":
+                of_motion = cast("OfMotion", parse_arguments(OfMotion, request.arguments))
+                plan = self._arm.plan(of_motion.parse())
                 return fields(self._plans.add(plan), exclude_none=False)
             case _:
                 return self._move(service, request)
 
     def _move(self, service: str, request: ServiceRequest) -> object:
+        """Do what may move the arm; what cannot be used is refused before the lease moves."""
         progress = bool(request.arguments.pop("progress", False))
-        run = self._prepare(service, request, progress=progress)
-        with self.lease.motion(request.lease):
-            return run()
-
-    def _prepare(
-        self, service: str, request: ServiceRequest, *, progress: bool
-    ) -> Callable[[], object]:
-        arm, on_progress = self._arm, self._publish_progress() if progress else None
-        if service == "execute":
-            plan = self._plans.get(cast("OfPlan", parse_arguments(OfPlan, request.arguments)).plan)
-            return lambda: arm.execute(plan, on_progress)
+        on_progress = self._publish_progress() if progress else None
+        if service in ("move", "execute"):
+            moved = self._motion_or_plan(service, request)
+            with self.lease.motion(request.lease):
+                return self._arm.execute(moved, on_progress)
         if service in STREAMED:
             streamed = parse_arguments(STREAMED[service], request.arguments)
             self._inbox.begin(request.lease, request.number)
-            return self._prepare_streamed(service, streamed)
+            with self.lease.motion(request.lease):
+                return self._run_streamed(service, streamed)
         if service not in MOTIONS:
             raise _unknown(service)
-        given = parse_arguments(MOTIONS[service].arguments, request.arguments)
-        options = given.options()
+        options = parse_arguments(MOTIONS[service].arguments, request.arguments).given()
         if MOTIONS[service].reports_progress:
             options["on_progress"] = on_progress
-        return lambda: MOTIONS[service].method(arm, *given.positional(), **options)
+        with self.lease.motion(request.lease):
+            return MOTIONS[service].method(self._arm, **options)
 
-    def _prepare_streamed(self, service: str, given: object) -> Callable[[], object]:
+    def _motion_or_plan(self, service: str, request: ServiceRequest) -> Any:  # noqa: ANN401
+        if service == "move":
+            return cast("OfMotion", parse_arguments(OfMotion, request.arguments)).parse()
+        return self._plans.get(cast("OfPlan", parse_arguments(OfPlan, request.arguments)).plan)
+
+    def _run_streamed(self, service: str, given: object) -> object:
         arm, inbox = self._arm, self._inbox
         if service == "jog":
             jog = cast("Jog", given)
-            return lambda: run_jog(arm, inbox, jog.what, jog.speed)
+            return run_jog(arm, inbox, jog.what, jog.speed)
         speed = cast("AtSpeed", given).speed
         if service == "follow":
-            return lambda: run_follow(arm, inbox, speed, self.lease.timeout_s)
-        return lambda: run_stream(arm, inbox, speed, self.lease.timeout_s)
+            return run_follow(arm, inbox, speed, self.lease.timeout_s)
+        return run_stream(arm, inbox, speed, self.lease.timeout_s)
 
     # the lease
 

@@ -9,9 +9,8 @@ from typing import Annotated, Literal, TypeVar, cast
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
-from ikservo.arm.tool_orientation import ToolOrientation
 from ikservo.errors import IkservoError, InputError
-from ikservo.ik import Posture, Target
+from ikservo.ik import Target
 from ikservo.kinematics.arrays import Vector
 from ikservo.network.remote_errors import (
     SAME_VERSION,
@@ -26,7 +25,6 @@ __all__ = [
     "MAX_REQUEST_BYTES",
     "MAX_SETPOINT_BYTES",
     "Announcement",
-    "OrientationFields",
     "ServiceReply",
     "ServiceRequest",
     "Setpoint",
@@ -165,50 +163,6 @@ class Announcement(_NetworkMessage):
     number: Number
     sent_s: Seconds
     value: JsonValue = None
-
-
-class PostureFields(_NetworkMessage):
-    """A preferred configuration."""
-
-    q: FloatArray
-    weights: FloatArray
-
-
-class OrientationFields(_NetworkMessage):
-    """The orientation of the tool that a motion has."""
-
-    pitch_rad: float | None = None
-    roll_rad: float | None = None
-    direction: FloatArray | None = None
-    keep: bool = False
-    posture: PostureFields | None = None
-    orientation: FloatArray | None = None
-
-    @classmethod
-    def of(cls, wanted: ToolOrientation) -> OrientationFields:
-        """Return the fields of an orientation."""
-        posture = wanted.posture and PostureFields(
-            q=np.asarray(wanted.posture.q, float), weights=np.asarray(wanted.posture.weights, float)
-        )
-        return cls(
-            pitch_rad=wanted.pitch_rad,
-            roll_rad=wanted.roll_rad,
-            direction=_array_or_none(wanted.direction),
-            keep=wanted.keep,
-            posture=posture,
-            orientation=_array_or_none(wanted.orientation),
-        )
-
-    def orientation_of_tool(self) -> ToolOrientation:
-        """Return the orientation.
-
-        Raises:
-            BadValueError: Its parts contradict each other.
-        """
-        posture = self.posture and Posture(self.posture.q, self.posture.weights)
-        return ToolOrientation(
-            self.pitch_rad, self.roll_rad, self.direction, self.keep, posture, self.orientation
-        )
 
 
 def _array_or_none(value: object) -> Vector | None:

@@ -2,22 +2,21 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from typing import Any, cast
 
 from ikservo.arm import MotionPlan, MotionProgress, StopKind, StopReason
-from ikservo.arm import motion_options as options_of
 from ikservo.arm.arguments import check_callable
-from ikservo.arm.motion_options import parse_options
+from ikservo.arm.motions import MotionValue, motion_fields
 from ikservo.arm.reports import OnProgress
 from ikservo.control.stopping import StopRequest
 from ikservo.errors import IkservoError
 from ikservo.network.connection import Connection, PendingCall
-from ikservo.network.messages import OrientationFields
 from ikservo.network.plan_fields import PlanFields, SampleFields, plan_from_fields
 
-__all__ = ["MotionCalls", "RemoteStopRequest", "joint_options", "tip_options"]
+__all__ = ["MotionCalls", "RemoteStopRequest"]
 
 _POLL_S = 0.02
 _STOP_TIMEOUT_S = 5.0
@@ -38,11 +37,11 @@ class MotionCalls:
         self.stop_request = RemoteStopRequest(connection)
         self._failures: list[Exception] = []
 
-    def plan(self, service: str, **arguments: object) -> MotionPlan:
+    def plan(self, motion: MotionValue[Any]) -> MotionPlan:
         """Request a plan, which stays there; its samples are fetched where they are needed."""
-        found = self._connection.plan(service, **arguments)
-        fields = PlanFields.model_validate(found)
-        return plan_from_fields(fields, self._fetch_samples)
+        found = self._connection.plan("plan", motion=motion_fields(motion))
+        plan = plan_from_fields(PlanFields.model_validate(found), self._fetch_samples)
+        return replace(plan, motion=motion)
 
     def run(self, service: str, on_progress: OnProgress | None, **arguments: object) -> object:
         """Request a motion and wait for its end; see ``await_result``."""
@@ -149,32 +148,3 @@ class RemoteStopRequest(StopRequest):
 def _failure_text(error: BaseException) -> str:
     why = error.message if isinstance(error, IkservoError) else str(error)
     return f"The program failed: {why or type(error).__name__}"
-
-
-def tip_options(method: str, known: type, options: Mapping[str, Any]) -> dict[str, object]:
-    """Return the options of a motion of the tip, as the arguments of a request.
-
-    Raises:
-        TypeError: There is no such option.
-        BadValueError: A value of one cannot be used.
-    """
-    settings = parse_options(method, known, options)
-    given = {
-        name: value
-        for name, value in options.items()
-        if name not in ("on_progress", "stance", "orientation") and value is not None
-    }
-    if options.get("stance") is not None or options.get("orientation") is not None:
-        given["stance"] = OrientationFields.of(settings.stance)
-    return given
-
-
-def joint_options(method: str, options: Mapping[str, Any]) -> dict[str, object]:
-    """Check the options of a motion of joints, and return those that are sent.
-
-    Raises:
-        TypeError: There is no such option.
-        BadValueError: A value of one cannot be used.
-    """
-    parse_options(method, options_of.JointOptions, options)
-    return {name: value for name, value in options.items() if name == "speed"}

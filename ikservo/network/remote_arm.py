@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, cast
+from typing import Any, TypeVar, cast
 
 from numpy.typing import ArrayLike
 
@@ -13,22 +13,18 @@ from ikservo.arm import (
     ArmState,
     JointMoveResult,
     MotionPlan,
+    MoveResult,
     OnExit,
     StopKind,
     StopReason,
     ZeroSource,
 )
-from ikservo.arm import motion_options as options_of
-from ikservo.arm.arguments import (
-    check_callable,
-    check_choice,
-    parse_all_positions,
-    parse_points,
-)
+from ikservo.arm.arguments import check_callable, check_choice, parse_all_positions
 from ikservo.arm.background_motion import Background
 from ikservo.arm.following import FollowResult
 from ikservo.arm.jogging import JogResult, KeepGoing
-from ikservo.arm.motion_options import check_options
+from ikservo.arm.motion_methods import MotionMethods
+from ikservo.arm.motions import MotionValue, check_motion, motion_fields
 from ikservo.arm.plan import PoseWithinLimits
 from ikservo.arm.recorder import RecordResult, RecordSettings, describe_arm, record
 from ikservo.arm.recording import ArmSample
@@ -41,7 +37,7 @@ from ikservo.kinematics import JointIndex
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
 from ikservo.network.connection import Connection
-from ikservo.network.motion_calls import MotionCalls, joint_options, tip_options
+from ikservo.network.motion_calls import MotionCalls
 from ikservo.network.plan_fields import RemoteTrajectory
 from ikservo.network.remote_description import ArmDescription, RemotePoses, describe
 from ikservo.network.remote_following import RemoteFollowing
@@ -49,8 +45,10 @@ from ikservo.network.remote_stream import RemoteStream
 
 __all__ = ["RemoteArm"]
 
+R = TypeVar("R")
 
-class RemoteArm:
+
+class RemoteArm(MotionMethods):
     """An open arm on another machine; see ``Arm``, whose methods it has.
 
     It takes control with its first motion and gives it back when it is closed. Plans stay beside
@@ -222,50 +220,9 @@ class RemoteArm:
 
     # plans
 
-    def plan_to(self, position_m: ArrayLike, **options: Any) -> MotionPlan:  # noqa: ANN401
-        """Plan a motion of the tip to a point (3,) [m]; see ``Arm.plan_to``."""
-        given = tip_options("plan_to", options_of.PlanOptions, options)
-        return self._calls.plan("plan_to", position_m=position_m, **given)
-
-    def plan_line(self, position_m: ArrayLike, **options: Any) -> MotionPlan:  # noqa: ANN401
-        """Plan a straight line of the tip to a point; see ``Arm.plan_line``."""
-        given = tip_options("plan_line", options_of.PlanLineOptions, options)
-        return self._calls.plan("plan_line", position_m=position_m, **given)
-
-    def plan_arc(
-        self,
-        via_m: ArrayLike | None = None,
-        end_m: ArrayLike | None = None,
-        **options: Any,  # noqa: ANN401
-    ) -> MotionPlan:
-        """Plan an arc or a circle of the tip; see ``Arm.plan_arc``."""
-        given = tip_options("plan_arc", options_of.PlanArcOptions, options)
-        return self._calls.plan("plan_arc", via_m=via_m, end_m=end_m, **given)
-
-    def plan_drawing(self, strokes_m: Sequence[ArrayLike], **options: Any) -> MotionPlan:  # noqa: ANN401
-        """Plan strokes of the tip; see ``Arm.plan_drawing``."""
-        given = tip_options("plan_drawing", options_of.PlanDrawOptions, options)
-        return self._calls.plan("plan_drawing", strokes_m=parse_points(strokes_m), **given)
-
-    def plan_through(self, points_m: Sequence[ArrayLike], **options: Any) -> MotionPlan:  # noqa: ANN401
-        """Plan a motion through points (k, 3) [m] without a stop; see ``Arm.plan_through``."""
-        given = tip_options("plan_through", options_of.PlanThroughOptions, options)
-        return self._calls.plan("plan_through", points_m=parse_points(points_m), **given)
-
-    def plan_joints(
-        self, positions: Mapping[str, float] | ArrayLike, *, speed: str = "normal"
-    ) -> MotionPlan:
-        """Plan a motion of some joints; see ``Arm.plan_joints``."""
-        goal = parse_all_positions(positions, self.joint_names)
-        return self._calls.plan("plan_joints", positions=goal, speed=speed)
-
-    def plan_rest(self) -> MotionPlan:
-        """Plan the slow motion to the rest pose; see ``Arm.plan_rest``."""
-        return self._calls.plan("plan_rest")
-
-    def plan_lowering(self) -> MotionPlan:
-        """Plan the slow motion to the rest pose, or as much of it as is free."""
-        return self._calls.plan("plan_lowering")
+    def plan(self, motion: MotionValue[Any]) -> MotionPlan:
+        """Plan a motion from where the arm is; see ``Arm.plan``."""
+        return self._calls.plan(check_motion(motion))
 
     def pose_within_limits(self, pose: str, start: Vector | None = None) -> PoseWithinLimits:
         """Clamp a named pose to this arm's limits; see ``Arm.pose_within_limits``."""
@@ -273,8 +230,10 @@ class RemoteArm:
         given = cast("Mapping[str, Any]", found)
         return PoseWithinLimits(dict(given["positions"]), tuple(given["changed"]))
 
-    def execute(self, plan: MotionPlan, on_progress: OnProgress | None = None) -> Any:  # noqa: ANN401
-        """Execute a plan of this arm; see ``Arm.execute``.
+    def _execute_plan(
+        self, plan: MotionPlan, on_progress: OnProgress | None
+    ) -> MoveResult | JointMoveResult:
+        """Execute a plan of this arm.
 
         Raises:
             BadValueError: It was planned by another program or for another arm.
@@ -282,73 +241,17 @@ class RemoteArm:
         path = getattr(plan, "trajectory", None)
         if not isinstance(path, RemoteTrajectory):
             raise BadValueError("The plan", repr(plan), "a plan of this arm")
-        return self._calls.run("execute", on_progress, plan=path.plan)
+        done = self._calls.run("execute", on_progress, plan=path.plan)
+        return cast("MoveResult | JointMoveResult", done)
 
-    # motions
+    @property
+    def _own_stops(self) -> int:
+        return self._calls.stop_request.count_here
 
-    def move_to(self, position_m: ArrayLike, *, wait: bool = True, **options: Any) -> Any:  # noqa: ANN401
-        """Move the tip to a point (3,) [m]; see ``Arm.move_to``."""
-        given = tip_options("move_to", options_of.PointOptions, options)
-        return self._start("move_to", options, wait=wait, position_m=position_m, **given)
-
-    def move_line(self, position_m: ArrayLike, *, wait: bool = True, **options: Any) -> Any:  # noqa: ANN401
-        """Move the tip to a point on a straight line; see ``Arm.move_line``."""
-        given = tip_options("move_line", options_of.LineOptions, options)
-        return self._start("move_line", options, wait=wait, position_m=position_m, **given)
-
-    def move_arc(
-        self,
-        via_m: ArrayLike | None = None,
-        end_m: ArrayLike | None = None,
-        *,
-        wait: bool = True,
-        **options: Any,  # noqa: ANN401
-    ) -> Any:  # noqa: ANN401
-        """Move the tip on an arc or a circle; see ``Arm.move_arc``."""
-        given = tip_options("move_arc", options_of.ArcOptions, options)
-        return self._start("move_arc", options, wait=wait, via_m=via_m, end_m=end_m, **given)
-
-    def move_through(
-        self,
-        points_m: Sequence[ArrayLike],
-        *,
-        wait: bool = True,
-        **options: Any,  # noqa: ANN401
-    ) -> Any:  # noqa: ANN401
-        """Move the tip through points without a stop; see ``Arm.move_through``."""
-        given = tip_options("move_through", options_of.ThroughOptions, options)
-        points = parse_points(points_m)
-        return self._start("move_through", options, wait=wait, points_m=points, **given)
-
-    def draw(self, strokes_m: Sequence[ArrayLike], *, wait: bool = True, **options: Any) -> Any:  # noqa: ANN401
-        """Draw strokes of the tip; see ``Arm.draw``."""
-        given = tip_options("draw", options_of.DrawOptions, options)
-        strokes = parse_points(strokes_m)
-        return self._start("draw", options, wait=wait, strokes_m=strokes, **given)
-
-    def move_joints(
-        self,
-        positions: Mapping[str, float] | ArrayLike,
-        *,
-        wait: bool = True,
-        **options: Any,  # noqa: ANN401
-    ) -> Any:  # noqa: ANN401
-        """Move some joints to positions; see ``Arm.move_joints``."""
-        given = joint_options("move_joints", options)
-        goal = parse_all_positions(positions, self.joint_names)
-        return self._start("move_joints", options, wait=wait, positions=goal, **given)
-
-    def pose(self, name: str, *, wait: bool = True, **options: Any) -> Any:  # noqa: ANN401
-        """Move to a named pose; see ``Arm.pose``."""
-        given = joint_options("pose", options)
-        return self._start("pose", options, wait=wait, name=name, **given)
-
-    def gripper(self, to: object = None, *, wait: bool = True, **options: Any) -> Any:  # noqa: ANN401
-        """Open or close the gripper, or move its jaws to a width; see ``Arm.gripper``."""
-        check_options("gripper", options_of.GripperOptions, options)
-        check_callable("on_progress", options.get("on_progress"))
-        given = {name: value for name, value in options.items() if name != "on_progress"}
-        return self._start("gripper", options, wait=wait, to=to, **given)
+    def _make(self, motion: MotionValue[R], on_progress: OnProgress | None, own_stops: int) -> R:
+        if self._own_stops != own_stops:
+            raise StoppedError(STOPPED_AFTER_REQUEST.text, REQUEST_HINT)
+        return cast("R", self._calls.run("move", on_progress, motion=motion_fields(motion)))
 
     def jog(self, what: str, speed: float | None = None, *, wanted: KeepGoing) -> JogResult:
         """Move a joint or the tip for as long as ``wanted`` returns True; see ``Arm.jog``."""
@@ -366,17 +269,20 @@ class RemoteArm:
     def follow(
         self,
         targets: Iterable[CartesianOrJointTarget | None],
-        **options: Any,  # noqa: ANN401
+        *,
+        speed: str = "normal",
+        on_progress: OnProgress | None = None,
     ) -> FollowResult:
         """Follow a stream of targets, a hundred a second, until it ends; see ``Arm.follow``."""
-        return self._following.follow(targets, **options)
+        return self._following.follow(targets, speed, on_progress)
 
     def follow_arm(
         self,
         leader: object,
         *,
         until: Callable[[], bool] | None = None,
-        **options: Any,  # noqa: ANN401
+        speed: str = "normal",
+        on_progress: OnProgress | None = None,
     ) -> FollowResult:
         """Follow another arm, guided by hand, on any machine; see ``Arm.follow_arm``.
 
@@ -385,7 +291,7 @@ class RemoteArm:
         """
         if leader is self:
             raise BadValueError("The leader", repr(leader), "another open arm")
-        return self._following.follow_arm(leader, until=until, **options)
+        return self._following.follow_arm(leader, until, speed, on_progress)
 
     @contextmanager
     def published_positions(self) -> Generator[Callable[[], dict[str, float] | None]]:
@@ -399,15 +305,13 @@ class RemoteArm:
         with self._connection.subscribed("state", keep):
             yield lambda: newest.pop().positions if newest else None
 
-    def replay(self, path: Path | str, **_: object) -> None:
+    def load_replay(self, path: Path | str, **_: object) -> None:
         """Refuse: a recording is replayed beside the arm.
 
         Raises:
             RefusedError: Always.
         """
         raise self._not_here(f"Replaying {path}")
-
-    load_replay = replay
 
     def stream(self, *, speed: str = "normal", rate_hz: float | None = None) -> RemoteStream:
         """Open a stream of setpoints; see ``Arm.stream``."""
@@ -440,19 +344,6 @@ class RemoteArm:
             until()
         taught = self._calls.run("teach", None, name=name, hold=hold)
         return dict(cast("Mapping[str, float]", taught))
-
-    def _start(
-        self, service: str, options: Mapping[str, Any], *, wait: bool, **arguments: object
-    ) -> object:
-        stops = self._calls.stop_request
-        count_here = stops.count_here
-
-        def run() -> object:
-            if stops.count_here != count_here:
-                raise StoppedError(STOPPED_AFTER_REQUEST.text, REQUEST_HINT)
-            return self._calls.run(service, options.get("on_progress"), **arguments)
-
-        return self.background.run(run, wait=wait)
 
     def _not_here(self, what: str) -> IkservoError:
         host = self._connection.address.endpoint.host

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, cast
+from typing import cast
 
 from ikservo.arm.arguments import check_callable, check_iterable
 from ikservo.arm.arm_parts import ArmParts
@@ -15,7 +15,7 @@ from ikservo.arm.leader_following import (
     published_positions,
     require_shared,
 )
-from ikservo.arm.motion_options import FollowOptions, parse_options
+from ikservo.arm.reports import OnProgress
 from ikservo.arm.target_tracking import CartesianOrJointTarget
 from ikservo.clock import RealClock
 from ikservo.errors import BadValueError
@@ -46,10 +46,10 @@ class RemoteFollowing:
     def follow(
         self,
         targets: Iterable[CartesianOrJointTarget | None],
-        **options: Any,  # noqa: ANN401
+        speed: str,
+        on_progress: OnProgress | None,
     ) -> FollowResult:
         """Follow a stream of targets until it ends; see ``Arm.follow``."""
-        chosen = parse_options("follow", FollowOptions, options)
         check_iterable("The stream of targets", targets, "an iterable of targets")
         items = next_items(RealClock(), targets, _PERIOD_S)
 
@@ -60,16 +60,16 @@ class RemoteFollowing:
             elif ended:
                 self._connection.send_setpoint(wanted=False)
 
-        with self._calls.reporting(chosen.on_progress):
-            pending = self._calls.start("follow", speed=chosen.speed)
+        with self._calls.reporting(on_progress):
+            pending = self._calls.start("follow", speed=speed)
             return cast("FollowResult", self._calls.await_result(pending, send_next, poll_s=0.0))
 
     def follow_arm(
         self,
         leader: object,
-        *,
-        until: Callable[[], bool] | None = None,
-        **options: Any,  # noqa: ANN401
+        until: Callable[[], bool] | None,
+        speed: str,
+        on_progress: OnProgress | None,
     ) -> FollowResult:
         """Follow another arm, guided by hand, on any machine; see ``Arm.follow_arm``.
 
@@ -77,10 +77,9 @@ class RemoteFollowing:
             BadValueError: The leader is no arm.
             InputError: The arms have no joint in common.
         """
-        parse_options("follow_arm", FollowOptions, options)
         check_callable("until", until)
         with self._positions_of(leader, until) as positions:
-            return self.follow(positions, **options)
+            return self.follow(positions, speed, on_progress)
 
     @contextmanager
     def _positions_of(

@@ -4,46 +4,31 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
-from ikservo.arm import Arm, MotionPlan
-from ikservo.errors import InputError
-from ikservo.network.messages import OrientationFields
+from ikservo.arm import Arm
+from ikservo.arm.motions import MotionValue, Replay, parse_motion
+from ikservo.errors import InputError, RefusedError
 from ikservo.network.remote_errors import SAME_VERSION
 from ikservo.network.values import FloatArray
 
-__all__ = ["MOTIONS", "PLANS", "STREAMED", "WATCH", "Arguments", "AtSpeed", "Jog", "OfPlan",
+__all__ = ["MOTIONS", "STREAMED", "WATCH", "Arguments", "AtSpeed", "Jog", "OfMotion", "OfPlan",
            "Service", "parse_arguments"]  # fmt: skip
 
 Name = Annotated[str, Field(max_length=64)]
 Positions = dict[str, float]
-Paths = Annotated[list[FloatArray], Field(max_length=10_000)]
 
 
 class Arguments(BaseModel):
-    """The arguments of a service; unknown ones are refused.
+    """The arguments of a service; unknown ones are refused."""
 
-    Attributes:
-        POSITIONAL: Those that the method takes by position.
-    """
-
-    POSITIONAL: ClassVar[tuple[str, ...]] = ()
     model_config = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
 
-    def positional(self) -> list[Any]:
-        """Return the arguments by position."""
-        return [getattr(self, name) for name in self.POSITIONAL]
-
-    def options(self) -> dict[str, Any]:
-        """Return the others, as far as they were given."""
-        names = self.model_fields_set - set(self.POSITIONAL)
-        given = {name: getattr(self, name) for name in names}
-        stance = given.pop("stance", None)
-        if isinstance(stance, OrientationFields):
-            given["stance"] = stance.orientation_of_tool()
-        return given
+    def given(self) -> dict[str, Any]:
+        """Return the arguments that were given, by name."""
+        return {name: getattr(self, name) for name in self.model_fields_set}
 
 
 class Nothing(Arguments):
@@ -56,82 +41,29 @@ class AtSpeed(Arguments):
     speed: Name = "normal"
 
 
-class _Tip(AtSpeed):
-    stance: OrientationFields | None = None
+class OfMotion(Arguments):
+    """Of a motion, see ``parse_motion``."""
 
+    motion: dict[str, JsonValue]
 
-class ToPoint(_Tip):
-    """To a point."""
+    def parse(self) -> MotionValue[Any]:
+        """Return the motion.
 
-    POSITIONAL = ("position_m",)
-    position_m: FloatArray
-
-
-class ToLine(ToPoint):
-    """On a line."""
-
-    tool_speed_m_s: float | None = None
-
-
-class OnArc(_Tip):
-    """On an arc or a circle."""
-
-    POSITIONAL = ("via_m", "end_m")
-    via_m: FloatArray | None = None
-    end_m: FloatArray | None = None
-    tool_speed_m_s: float | None = None
-    full_circle: bool = False
-    center_m: FloatArray | None = None
-    normal: FloatArray | None = None
-    angle_rad: float = 0.0
-
-
-class Strokes(_Tip):
-    """Along strokes."""
-
-    POSITIONAL = ("strokes_m",)
-    strokes_m: Paths
-    tool_speed_m_s: float | None = None
-    lift_m: float = 0.0
-
-
-class Through(_Tip):
-    """Through points."""
-
-    POSITIONAL = ("points_m",)
-    points_m: Paths
-    tool_speed_m_s: float | None = None
-    blend_m: float = 0.0
-    line: bool = False
-
-
-class ToJoints(AtSpeed):
-    """To joint positions."""
-
-    POSITIONAL = ("positions",)
-    positions: Positions
-
-
-class ToPose(AtSpeed):
-    """To a named pose."""
-
-    POSITIONAL = ("name",)
-    name: Name
-
-
-class GripperArguments(Arguments):
-    """Of the gripper."""
-
-    POSITIONAL = ("to",)
-    to: Literal["open", "close"] | float | None = None
-    width_m: float | None = None
-    force: float | None = None
+        Raises:
+            InputError: It cannot be used: the error that ``Arm`` raises for it.
+            RefusedError: It would read a file of this machine.
+        """
+        motion = parse_motion(self.motion)
+        if isinstance(motion, Replay):
+            raise RefusedError(
+                f"Replaying {motion.path} is possible beside the arm only.", "Run it there."
+            )
+        return motion
 
 
 class Jog(Arguments):
     """Of a joint or the tip."""
 
-    POSITIONAL = ("what", "speed")
     what: Name
     speed: float | None = None
 
@@ -145,14 +77,12 @@ class OfPlan(Arguments):
 class OfPositions(Arguments):
     """Joint positions."""
 
-    POSITIONAL = ("positions",)
     positions: Positions
 
 
 class Taught(Arguments):
     """A pose to teach."""
 
-    POSITIONAL = ("name",)
     name: Name
     hold: bool = False
 
@@ -160,7 +90,6 @@ class Taught(Arguments):
 class InPose(Arguments):
     """A pose, and where the arm would be."""
 
-    POSITIONAL = ("pose", "start")
     pose: Name
     start: FloatArray | None = None
 
@@ -205,7 +134,7 @@ def _poses(arm: Arm) -> object:
     }
 
 
-def _within_limits(arm: Arm, pose: str, start: Any) -> object:  # noqa: ANN401  # checked
+def _within_limits(arm: Arm, pose: str, start: Any = None) -> object:  # noqa: ANN401  # checked
     inside = arm.pose_within_limits(pose, start)
     return {"positions": inside.positions, "changed": list(inside.changed)}
 
@@ -219,35 +148,13 @@ WATCH: Mapping[str, Service] = {
 }
 """Requests that move nothing and need no lease."""
 
-_Planning = Callable[..., MotionPlan]
-
-PLANS: Mapping[str, tuple[type[Arguments], _Planning]] = {
-    "plan_to": (ToPoint, Arm.plan_to),
-    "plan_line": (ToLine, Arm.plan_line),
-    "plan_arc": (OnArc, Arm.plan_arc),
-    "plan_drawing": (Strokes, Arm.plan_drawing),
-    "plan_through": (Through, Arm.plan_through),
-    "plan_joints": (ToJoints, Arm.plan_joints),
-    "plan_rest": (Nothing, Arm.plan_rest),
-    "plan_lowering": (Nothing, Arm.plan_lowering),
-}
-"""Requests of the operator that move nothing: their plans stay beside the arm."""
-
 MOTIONS: Mapping[str, Service] = {
-    "move_to": Service(ToPoint, Arm.move_to, reports_progress=True),
-    "move_line": Service(ToLine, Arm.move_line, reports_progress=True),
-    "move_arc": Service(OnArc, Arm.move_arc, reports_progress=True),
-    "move_through": Service(Through, Arm.move_through, reports_progress=True),
-    "draw": Service(Strokes, Arm.draw, reports_progress=True),
-    "move_joints": Service(ToJoints, Arm.move_joints, reports_progress=True),
-    "pose": Service(ToPose, Arm.pose, reports_progress=True),
-    "gripper": Service(GripperArguments, Arm.gripper, reports_progress=True),
     "relax": Service(Nothing, Arm.relax, reports_progress=True),
     "enable": Service(Nothing, Arm.enable),
     "return_within_limits": Service(Nothing, Arm.return_within_limits),
     "teach": Service(Taught, Arm.teach),
 }
-"""Requests that may move the arm: one at a time, under the lease."""
+"""Requests, besides motions and plans, that may move the arm: one at a time, under the lease."""
 
 STREAMED: Mapping[str, type[Arguments]] = {"jog": Jog, "follow": AtSpeed, "stream": AtSpeed}
 """Motions that go on for as long as the operator sends setpoints."""

@@ -21,9 +21,8 @@ from pydantic import (
 from ikservo.arm import ArmState, JointMoveResult, MotionProgress, MoveResult
 from ikservo.arm.control_client import StopResult
 from ikservo.arm.following import FollowResult
-from ikservo.arm.gripper import GraspResult
 from ikservo.arm.jogging import JogResult
-from ikservo.arm.replay import ReplayResult
+from ikservo.arm.reports import GraspResult, ReplayResult
 from ikservo.errors import InputError
 
 __all__ = ["RESULT_TYPES", "FloatArray", "decode_value", "encode_value", "from_fields", "to_fields"]

@@ -109,6 +109,7 @@ class ProgramPanel:
             "text": self._describe_shortly(step),
             "title": step.description,
             "action": step.action,
+            "has_speed": step.has_speed,
             "speed": step.speed,
             "wait_s": step.wait_s,
         }

@@ -1,5 +1,6 @@
 """Options of motions: an unknown one is a TypeError that names it, and nothing moves."""
 
+import dataclasses
 import inspect
 from typing import get_args
 
@@ -7,29 +8,30 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm import Arm, MotionProgress, ToolOrientation, motion_options
+from ikservo.arm import Arm, MotionProgress, ToolOrientation, motions
+from ikservo.arm.motion_methods import MotionMethods
 from ikservo.model.tool import tool_frame
+from ikservo.network.remote_arm import RemoteArm
 from tests.arm.simulated import registers, true_joints, true_tip_m
 
 NEAR = (0.23, 0.02, 0.10)
-WITH_OPTIONS = {
-    "plan_to": (NEAR,),
-    "plan_line": (NEAR,),
-    "plan_drawing": ([[NEAR]],),
-    "plan_arc": ((0.22, 0.03, 0.1), NEAR),
-    "plan_through": ([NEAR],),
-    "move_to": (NEAR,),
-    "move_line": (NEAR,),
-    "draw": ([[NEAR]],),
-    "move_arc": ((0.22, 0.03, 0.1), NEAR),
-    "move_through": ([NEAR],),
-    "move_joints": ({"wrist_roll": 0.1},),
-    "pose": ("home",),
-    "gripper": ("open",),
-    "replay": ("wave.jsonl",),
-    "follow": ([NEAR],),
-    "follow_arm": (None,),
+OF_MOTION = {
+    "plan_to": ("move_to", (NEAR,)),
+    "plan_line": ("move_line", (NEAR,)),
+    "plan_drawing": ("draw", ([[NEAR]],)),
+    "plan_arc": ("move_arc", ((0.22, 0.03, 0.1), NEAR)),
+    "plan_through": ("move_through", ([NEAR],)),
+    "move_to": ("move_to", (NEAR,)),
+    "move_line": ("move_line", (NEAR,)),
+    "draw": ("draw", ([[NEAR]],)),
+    "move_arc": ("move_arc", ((0.22, 0.03, 0.1), NEAR)),
+    "move_through": ("move_through", ([NEAR],)),
+    "move_joints": ("move_joints", ({"wrist_roll": 0.1},)),
+    "pose": ("move_pose", ("home",)),
+    "gripper": ("move_gripper", ("open",)),
+    "replay": ("replay", ("wave.jsonl",)),
 }
+"""The methods that make a motion: its kind, and arguments that can be used."""
 
 
 @pytest.fixture(scope="module")
@@ -40,86 +42,60 @@ def limp():
         assert not any(registers(machine, "torque_enable").values())
 
 
-def options_type(method):
-    """Return the TypedDict of a method's options; None where it has none."""
+def listed_options(method):
+    """Return the options of a method; None where it lists its parameters one by one."""
     for parameter in inspect.signature(getattr(Arm, method), eval_str=True).parameters.values():
         if parameter.kind is inspect.Parameter.VAR_KEYWORD:
-            return get_args(parameter.annotation)[0]
+            return set(get_args(parameter.annotation)[0].__annotations__)
     return None
 
 
-def test_every_method_with_options_is_tried_here():
+def test_methods_with_options_are_all_tried_here():
     public = [name for name, _ in inspect.getmembers(Arm, inspect.isfunction) if name[0] != "_"]
-    assert {name for name in public if options_type(name)} == set(WITH_OPTIONS)
+    assert {name for name in public if listed_options(name)} == set(OF_MOTION)
 
 
-@pytest.mark.parametrize("method", WITH_OPTIONS)
-def test_an_unknown_option_is_named_with_all_that_there_are(limp, method):
-    known = options_type(method).__annotations__
-    with pytest.raises(TypeError, match=rf"Arm\.{method}\(\) got .* 'qqq'\. Options: ") as raised:
-        getattr(limp, method)(*WITH_OPTIONS[method], qqq=1)
-    assert all(name in str(raised.value) for name in known)
-    assert ("wait" in str(raised.value)) == (
-        "wait" in inspect.signature(getattr(Arm, method)).parameters
-    )
+@pytest.mark.parametrize("method", OF_MOTION)
+def test_options_of_a_method_are_fields_of_its_motion(method):
+    kind = motions.KINDS[OF_MOTION[method][0]]
+    names = {each.name for each in dataclasses.fields(kind)}
+    assert listed_options(method) - {"on_progress", "orientation"} <= names
+
+
+@pytest.mark.parametrize("kind", motions.KINDS.values(), ids=motions.KINDS)
+def test_fields_of_a_motion_are_explained_with_it(kind):
+    explained = inspect.getdoc(kind)
+    for each in dataclasses.fields(kind):
+        assert f"    {each.name}: " in explained
+
+
+BLOCKING = [*OF_MOTION, "follow", "follow_arm", "plan_joints"]
+WAITING = [name for name in OF_MOTION if "wait" in inspect.signature(getattr(Arm, name)).parameters]
 
 
 @pytest.mark.parametrize(
-    ("method", "slip", "meant"),
-    [
-        ("move_to", {"sped": "slow"}, "speed"),
-        ("move_to", {"waits": False}, "wait"),
-        ("move_line", {"orientaton": np.eye(3)}, "orientation"),
-        ("move_through", {"blend": 0.01}, "blend_m"),
-        ("move_joints", {"on_progres": print}, "on_progress"),
-        ("gripper", {"width": 0.03}, "width_m"),
-        ("plan_through", {"lines": True}, "line"),
-    ],
+    ("method", "wait"),
+    [*((name, {}) for name in BLOCKING), *((name, {"wait": False}) for name in WAITING)],
 )
-def test_a_slip_of_the_keys_is_told_the_closest_option(limp, method, slip, meant):
-    with pytest.raises(TypeError, match=f"Did you mean '{meant}'"):
-        getattr(limp, method)(*WITH_OPTIONS[method], **slip)
+def test_options_that_are_unknown_are_named_by_the_call(limp, method, wait):
+    arguments = OF_MOTION[method][1] if method in OF_MOTION else ({"wrist_roll": 0.1},)
+    with pytest.raises(TypeError, match="unexpected keyword argument 'qqq'"):
+        getattr(limp, method)(*arguments, **wait, qqq=1)
 
 
 @pytest.mark.parametrize(
     ("method", "option"),
     [("move_joints", "stance"), ("move_to", "line"), ("plan_to", "on_progress"), ("pose", "force")],
 )
-def test_the_option_of_another_motion_is_unknown(limp, method, option):
+def test_options_of_another_motion_are_unknown(limp, method, option):
     with pytest.raises(TypeError, match=option):
-        getattr(limp, method)(*WITH_OPTIONS[method], **{option: None})
+        getattr(limp, method)(*OF_MOTION[method][1], **{option: None})
 
 
-def test_an_unknown_option_of_a_background_motion_is_raised_by_the_call(limp):
-    with pytest.raises(TypeError, match="sped"):
-        limp.move_to(NEAR, wait=False, sped="slow")
-
-
-@pytest.mark.parametrize("method", WITH_OPTIONS)
-def test_the_help_of_a_method_names_each_option_and_where_it_is_explained(method):
-    text, known = " ".join(inspect.getdoc(getattr(Arm, method)).split()), options_type(method)
-    if method != "plan_line":  # "options as ``plan_to``"
-        assert f"``{known.__name__}``" in text
-        listed = text.split("Options: ")[1].split("; see")[0]
-        assert all(name in listed for name in known.__annotations__)
-    assert hasattr(motion_options, known.__name__)
-
-
-def test_each_option_is_explained_with_its_default():
-    explained = "".join(
-        inspect.getdoc(known)
-        for known in (
-            motion_options.PointOptions,
-            motion_options.LineOptions,
-            motion_options.ArcOptions,
-            motion_options.DrawOptions,
-            motion_options.ThroughOptions,
-            motion_options.GripperOptions,
-        )
-    )
-    for method in WITH_OPTIONS:
-        for option in options_type(method).__annotations__:
-            assert f"    {option}: " in explained
+def test_remote_arms_have_the_same_methods_with_the_same_parameters():
+    for name, method in inspect.getmembers(MotionMethods, inspect.isfunction):
+        for arm in (Arm, RemoteArm):
+            assert inspect.signature(getattr(arm, name)) == inspect.signature(method)
 
 
 @pytest.mark.full

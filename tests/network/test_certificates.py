@@ -14,20 +14,20 @@ from ikservo.network.address import ArmAddress, Endpoint, parse_host
 from ikservo.network.arm_server import ArmServer
 from ikservo.network.connection import Connection
 from ikservo.network.messages import ServiceRequest, Setpoint, encode, result_of
-from ikservo.network.services import MOTIONS, PLANS, STREAMED, WATCH
+from ikservo.network.services import MOTIONS, STREAMED, WATCH
 from ikservo.network.session import Certificate, ask, open_client, open_server
 from tests.arm.simulated import transport_of
 from tests.network.conftest import find_free_port
 
 DRIVE = ["lease", "release", "acknowledge", "disable_torque", "execute", "sample_plan", "*", "**",
-         *PLANS, *MOTIONS, *STREAMED]  # fmt: skip
+         "plan", "move", *MOTIONS, *STREAMED]  # fmt: skip
 REFUSED = ["foreign", "expired", "self-signed", "server", "none"]
 REQUEST = encode(ServiceRequest(schema="ikservo/net/1"))
 SETPOINT = encode(Setpoint(schema="ikservo/net/1", lease="ab", number=1, sent_s=0.0,
                            positions={"wrist_roll": 1.0}))  # fmt: skip
 PUBLISHED = [keys.setpoint("desk"), keys.setpoint("*"), keys.news("desk", "state"),
              keys.news("desk", "progress"), keys.server("desk"), keys.stop("desk"),
-             keys.drive("desk", "move_to"), "ikservo/desk/**", "**"]  # fmt: skip
+             keys.drive("desk", "move"), "ikservo/desk/**", "**"]  # fmt: skip
 DAY = datetime.timedelta(days=1)
 
 
@@ -117,7 +117,7 @@ def test_a_watcher_is_told_that_watching_is_all(served, certificates):
     connection = served.connect(certificates["watcher"])
     for ask_to_drive in (connection.drive, connection.plan):
         with pytest.raises(RefusedError, match="does not let this machine drive it"):
-            ask_to_drive("plan_rest")
+            ask_to_drive("plan")
     connection.close()
 
 

@@ -280,9 +280,12 @@ def goals_sent(arm):
 MALFORMED = [
     b"", b"\xff", b"{}", b"null", b"[]", b"1e999", b'{"schema":"ikservo/net/2"}',
     b"[" * 50_000, b'{"schema":"ikservo/net/1","lease":"../../etc"}',
-    b'{"schema":"ikservo/net/1","arguments":{"position_m":[0,0,"x"]}}',
+    b'{"schema":"ikservo/net/1","arguments":{"motion":{"move_to":{"position_m":[0,0,"x"]}}}}',
     b'{"schema":"ikservo/net/1","arguments":{"__class__":1},"more":2}',
-    b'{"schema":"ikservo/net/1","arguments":{"position_m":[0,0,1%s]}}' % (b"0" * 400),
+    b'{"schema":"ikservo/net/1","arguments":{"motion":{"move_to":{"position_m":[0,0,1%s]}}}}'
+    % (b"0" * 400),
+    b'{"schema":"ikservo/net/1","arguments":{"motion":{"hop":{}}}}',
+    b'{"schema":"ikservo/net/1","arguments":{"motion":{"replay":{"path":"/etc/passwd"}}}}',
     b'{"schema":"ikservo/net/1","arguments":{"positions":{"gripper":1%s}}}' % (b"0" * 400),
     b'{"schema":"ikservo/net/1","number":-1}', b"x" * 1_000_001,
     b"cposix\nsystem\n(S'true'\ntR.", b'{"schema":"ikservo/net/1","sent_s":1e30}',
@@ -293,7 +296,8 @@ MALFORMED = [
 def test_malformed_messages_are_refused_and_move_nothing(served, payload):
     client = served.connect()
     before = goals_sent(served.arm)
-    for key in (keys.drive("desk", "move_to"), keys.drive("desk", "nonsense"),
+    for key in (keys.drive("desk", "move"), keys.drive("desk", "plan"),
+                keys.drive("desk", "nonsense"),
                 keys.watch("desk", "clearance"), keys.watch("desk", "__init__")):  # fmt: skip
         answers = ask(client._session, key, payload, 5.0)
         assert len(answers) == 1
@@ -335,13 +339,21 @@ def test_a_goal_that_makes_no_sense_moves_nothing(served, service, goal):
 def test_a_motion_without_the_lease_is_refused(served):
     client = served.connect()
     with pytest.raises(LeaseLostError):
-        client.plan("move_to", position_m=[0.2, 0.0, 0.15])
+        client.plan("move", motion={"move_to": {"position_m": [0.2, 0.0, 0.15]}})
+    client.close()
+
+
+@pytest.mark.parametrize("service", ["plan", "move"])
+def test_a_recording_of_the_other_machine_is_not_replayed_from_here(served, service):
+    client = served.connect()
+    with pytest.raises(RefusedError, match="beside the arm only"):
+        client.drive(service, motion={"replay": {"path": "/etc/passwd"}})
     client.close()
 
 
 def test_a_motion_asked_of_every_arm_is_refused(served):
     client = served.connect()
-    answers = ask(client._session, keys.drive("*", "move_to"), client._request({}), 5.0)
+    answers = ask(client._session, keys.drive("*", "move"), client._request({}), 5.0)
     assert len(answers) == 1
     with pytest.raises(IkservoError, match="one arm"):
         result_of(answers[0][1])

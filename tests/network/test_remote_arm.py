@@ -6,10 +6,12 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm import Arm
+from ikservo.arm import Arm, ToolOrientation
+from ikservo.arm.motions import MoveArc, MoveGripper, MoveJoints, MovePose, MoveTo, Replay
 from ikservo.arm.recording_mcap import CALIBRATION_FILE, read_attachment
 from ikservo.errors import (
     BadValueError,
+    IkservoError,
     InputError,
     PortError,
     RefusedError,
@@ -36,7 +38,7 @@ def test_it_has_every_method_of_an_arm_with_the_same_parameters():
     here, there = public_methods(Arm), public_methods(RemoteArm)
     left_out = {"listen", "follow_goals"}
     assert here.keys() - there.keys() == left_out
-    for name in there.keys() & here.keys() - {"gripper", "replay", "load_replay"}:
+    for name in there.keys() & here.keys() - {"load_replay"}:
         assert there[name] == here[name], name
 
 
@@ -338,8 +340,33 @@ def test_a_start_of_another_length_is_named(served):
 
 
 def test_unknown_options_are_type_errors_as_on_a_port(served):
-    with served.open() as arm, pytest.raises(TypeError, match="Did you mean 'speed'"):
+    with served.open() as arm, pytest.raises(TypeError, match="argument 'sped'"):
         arm.move_to(POINT_M, sped="slow")
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [
+        MoveTo((0.9, 0.0, 0.1), stance=ToolOrientation(pitch_rad=-1.0)),
+        MoveArc(POINT_M, POINT_M),
+        MoveJoints({"elbow": 0.1}),
+        MovePose("nowhere"),
+        MoveGripper(width_m=9.0),
+        Replay("none.jsonl"),
+    ],
+    ids=str,
+)
+def test_motions_that_cannot_be_made_are_the_same_kind_of_error_here_and_there(served, motion):
+    with served.open() as arm:
+        with pytest.raises(IkservoError) as there:
+            arm.execute(motion)
+        if isinstance(motion, Replay):  # a file of that machine is none of this program's
+            assert isinstance(there.value, RefusedError)
+            return
+        with pytest.raises(IkservoError) as here:
+            served.arm.execute(motion)
+    assert type(there.value) is type(here.value)
+    assert there.value.message == here.value.message
 
 
 def test_an_unknown_joint_is_refused_before_it_is_sent(served):

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import inspect
-from dataclasses import fields
+import json
+from dataclasses import MISSING, fields
 from typing import get_args
 
 from pydantic import BaseModel
 
 from ikservo.arm import program, recording
+from ikservo.arm.motions import KINDS
 from ikservo.arm.program import Program
 from ikservo.arm.recording import RecordingHeader
 from ikservo.model.arm_schema import ArmFile
@@ -110,6 +112,10 @@ def programs_page() -> str:
                 "`ikservo program new FILE` writes a first one. An example:",
                 _example(program.__doc__, "toml"),
                 model_sections(Program, 3),
+                "### Motions",
+                "The key `motion` of a step has one of these, with its fields; `speed` is a key of "
+                "the step. Python makes them in `ikservo.arm.motions`.",
+                *(_motion_section(name, kind) for name, kind in KINDS.items()),
                 "## Recordings",
                 "JSON Lines, written by `ikservo record`: a header, then one line per sample.",
                 _example(recording.__doc__, "text"),
@@ -120,6 +126,17 @@ def programs_page() -> str:
         )
         + "\n"
     )
+
+
+def _motion_section(name: str, kind: type) -> str:
+    text = (inspect.getdoc(kind) or "").replace("``", "`").partition("\n\nRaises:")[0]
+    text, _, attributes = text.partition("\n\nAttributes:")
+    listed = _attributes(attributes)
+    for field in fields(kind):
+        if field.default is not MISSING and field.default is not None and field.name != "stance":
+            default = f"- `{field.name}`, else `{json.dumps(field.default)}`:"
+            listed = listed.replace(f"- `{field.name}`:", default)
+    return f"#### {name}\n\n{text}\n\n{listed}".rstrip()
 
 
 def _attribute(owner: type, name: str) -> str:

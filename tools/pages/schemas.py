@@ -123,4 +123,4 @@ def _collection(annotation: Any, origin: Any, arguments: tuple[Any, ...]) -> str
         return f"list of {len(arguments)} numbers"
     if origin in (tuple, list):
         return f"list of: {_words(arguments[0])}"
-    return f"table of: {_words(arguments[1])}"
+    return f"table of: {_words(arguments[1])}" if len(arguments) == 2 else "table"

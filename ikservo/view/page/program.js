@@ -6,7 +6,6 @@ import { $, createElement, setAttribute, setText, updateChoices } from "./elemen
 import { parseNumber } from "./number_field.js";
 
 const SPEEDS = ["slow", "normal", "fast"];
-const MOTIONS = new Set(["pose", "tip_m", "joints", "recording"]);
 const NAME = /^[A-Za-z0-9_-]{1,64}$/;
 const formatTitle = (name) => name[0].toUpperCase() + name.slice(1);
 
@@ -125,7 +124,7 @@ export class Program {
     if (focused) $("program-steps").querySelector(`li[data-step="${focused.step}"] [data-part="${focused.part}"]`)?.focus();
   }
 
-  createRow({ number, text, title, action, speed, wait_s }, i) {
+  createRow({ number, text, title, action, has_speed, speed, wait_s }, i) {
     const place = i + 1;
     const part = (name, attributes, content) => createElement("button", { type: "button", "data-part": name, ...attributes }, content);
     const grip = part("grip", { class: "grip", "aria-label": `Move step ${place}: arrow up, arrow down`, title: "Drag, or arrow keys" }, "⠿");
@@ -135,7 +134,7 @@ export class Program {
     const words = createElement("span", { class: "what", title }, text);
     const remove = part("delete", { class: "step", "aria-label": `Delete step ${place}`, onclick: () => this.send("delete_step", { step: number }) }, "×");
     const reason = createElement("span", { class: "reason", hidden: true });
-    const option = action === "wait_s" ? this.createWait(number, place, speed, wait_s) : MOTIONS.has(action) ? this.createSpeed(number, place, speed) : createElement("span");
+    const option = action === "wait_s" ? this.createWait(number, place, speed, wait_s) : has_speed ? this.createSpeed(number, place, speed) : createElement("span");
     return { number, place, begin, reason, element: createElement("li", { "data-step": number }, grip, begin, words, option, remove, reason) };
   }
 

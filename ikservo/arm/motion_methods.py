@@ -1,0 +1,517 @@
+"""The methods of an arm that move it or plan: each makes a motion of its arguments.
+
+``Arm`` and the arm on another machine inherit them; each has its own ``plan``, ``execute`` and
+``start``.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, Literal, TypedDict, TypeVar, Unpack, cast, overload
+
+from numpy.typing import ArrayLike
+
+from ikservo.arm.arguments import check_callable, parse_all_positions
+from ikservo.arm.background_motion import Background, RunningMotion
+from ikservo.arm.motions import (
+    Draw,
+    Lower,
+    MotionValue,
+    MoveArc,
+    MoveGripper,
+    MoveJoints,
+    MoveLine,
+    MovePose,
+    MoveThrough,
+    MoveTo,
+    MoveToRest,
+    Replay,
+    check_motion,
+)
+from ikservo.arm.plan import MotionPlan
+from ikservo.arm.reports import (
+    GraspResult,
+    JointMoveResult,
+    MoveResult,
+    OnProgress,
+    ReplayResult,
+)
+from ikservo.arm.tool_orientation import KEEP_BEST_EFFORT, ToolOrientation, check_orientation
+from ikservo.errors import BadValueError
+
+__all__ = ["GripperCommand", "JawGoal", "MotionMethods", "Points", "Positions"]
+
+R = TypeVar("R")
+
+Positions = Mapping[str, float] | ArrayLike
+"""Positions by joint, or of all joints (n,), rad or m."""
+
+Points = Iterable[ArrayLike]
+"""Points (k, 3) [m], base frame."""
+
+GripperCommand = Literal["open", "close"]
+
+JawGoal = GripperCommand | float | None
+"""open, close, or the distance between the jaws [m]."""
+
+
+class JointOptions(TypedDict, total=False):
+    """Options of motions of joints; methods that plan take no ``on_progress``."""
+
+    speed: str
+    on_progress: OnProgress | None
+
+
+class TipOptions(JointOptions, total=False):
+    """Options of every motion of the tip; see ``MoveTo``.
+
+    ``orientation`` is the whole orientation R_base_tip (3, 3) instead of a stance. Arms with fewer
+    than six joints have it at few points; they take a direction or a pitch.
+    """
+
+    stance: ToolOrientation
+    orientation: ArrayLike | None
+
+
+class LineOptions(TipOptions, total=False):
+    """Options of ``move_line``; see ``MoveLine``."""
+
+    tool_speed_m_s: float | None
+
+
+class ArcOptions(LineOptions, total=False):
+    """Options of ``move_arc``; see ``MoveArc``."""
+
+    full_circle: bool
+    center_m: ArrayLike | None
+    normal: ArrayLike
+    angle_rad: float
+
+
+class ThroughOptions(LineOptions, total=False):
+    """Options of ``move_through``; see ``MoveThrough``."""
+
+    blend_m: float
+    line: bool
+
+
+class DrawOptions(LineOptions, total=False):
+    """Options of ``draw``; see ``Draw``."""
+
+    lift_m: float
+
+
+class GripperOptions(TypedDict, total=False):
+    """Options of ``gripper``; see ``MoveGripper``."""
+
+    width_m: float | None
+    force: float | None
+    on_progress: OnProgress | None
+
+
+class MotionMethods(ABC):
+    """What moves an arm and plans its motions; options that are not given have their defaults.
+
+    Methods that move the arm block until it is at rest. With ``wait=False`` the motion runs in the
+    background, and they return a ``RunningMotion``. ``on_progress`` is called with a
+    ``MotionProgress`` in every control cycle, in the thread that moves the arm.
+    """
+
+    background: Background
+
+    @property
+    @abstractmethod
+    def joint_names(self) -> tuple[str, ...]:
+        """All joints, in the order of vectors (n,)."""
+
+    @abstractmethod
+    def plan(self, motion: MotionValue[Any]) -> MotionPlan:
+        """Plan a motion of the tip or of joints from where the arm is; nothing moves.
+
+        Raises:
+            UnreachableError: A point is out of reach.
+            RefusedError: Something is in the way, or a joint would leave its limits.
+            CalibrationError: The arm is not calibrated.
+            BadValueError: It is a motion without a plan: of the gripper, a replay, a wait.
+        """
+
+    @overload
+    def execute(
+        self, plan: MotionPlan, on_progress: OnProgress | None = None
+    ) -> MoveResult | JointMoveResult: ...
+
+    @overload
+    def execute(self, plan: MotionValue[R], on_progress: OnProgress | None = None) -> R: ...
+
+    def execute(
+        self, plan: MotionPlan | MotionValue[Any], on_progress: OnProgress | None = None
+    ) -> object:
+        """Execute a plan or a motion, block until the arm is at rest, and return the result.
+
+        A motion is planned from where the arm holds once those before it have ended.
+
+        Returns:
+            For a plan of the tip a ``MoveResult``; for a plan of joints a ``JointMoveResult`` of
+            those that it moves; for a motion its result.
+
+        Raises:
+            RefusedError: The arm has moved since it was planned, or the guard stopped it.
+        """
+        check_callable("on_progress", on_progress)
+        if not isinstance(plan, MotionValue):
+            return self._execute_plan(plan, on_progress)
+        own_stops = self._own_stops
+        with self.background.turn():
+            return self._make(plan, on_progress, own_stops)
+
+    def start(
+        self, motion: MotionValue[R], on_progress: OnProgress | None = None
+    ) -> RunningMotion[R]:
+        """Start a motion in the background, after the ones before it.
+
+        It is requested now: a stop from now on ends it, even before it has begun to move.
+        """
+        check_callable("on_progress", on_progress)
+        check_motion(motion)
+        return self.background.start(self._make, motion, on_progress, self._own_stops)
+
+    @property
+    def _own_stops(self) -> int:
+        """How often this program has stopped the arm, where its servos do not know that at once."""
+        return 0
+
+    @abstractmethod
+    def _execute_plan(
+        self, plan: MotionPlan, on_progress: OnProgress | None
+    ) -> MoveResult | JointMoveResult:
+        """Execute a plan of this arm."""
+
+    @abstractmethod
+    def _make(self, motion: MotionValue[R], on_progress: OnProgress | None, own_stops: int) -> R:
+        """Make a motion, which was requested when ``own_stops`` was what it is here."""
+
+    @overload
+    def move_to(
+        self, position_m: ArrayLike, *, wait: Literal[True] = True, **options: Unpack[TipOptions]
+    ) -> MoveResult: ...
+
+    @overload
+    def move_to(
+        self, position_m: ArrayLike, *, wait: Literal[False], **options: Unpack[TipOptions]
+    ) -> RunningMotion[MoveResult]: ...
+
+    def move_to(
+        self, position_m: ArrayLike, *, wait: bool = True, **options: Unpack[TipOptions]
+    ) -> MoveResult | RunningMotion[MoveResult]:
+        """Move the tip to a point (3,) [m]; options: see ``MoveTo`` and ``TipOptions``.
+
+        Raises:
+            UnreachableError: No joint positions within the limits reach it; nothing has moved.
+            OrientationError: The tool cannot have the orientation there; nothing has moved.
+            IkservoError: Those of every motion; see ``Arm``.
+        """
+        on_progress = options.pop("on_progress", None)
+        motion = MoveTo(position_m, **_fields(options))
+        return self._run(motion, on_progress, wait=wait)
+
+    @overload
+    def move_line(
+        self, position_m: ArrayLike, *, wait: Literal[True] = True, **options: Unpack[LineOptions]
+    ) -> MoveResult: ...
+
+    @overload
+    def move_line(
+        self, position_m: ArrayLike, *, wait: Literal[False], **options: Unpack[LineOptions]
+    ) -> RunningMotion[MoveResult]: ...
+
+    def move_line(
+        self, position_m: ArrayLike, *, wait: bool = True, **options: Unpack[LineOptions]
+    ) -> MoveResult | RunningMotion[MoveResult]:
+        """Move the tip to a point (3,) [m] on a straight line; options: see ``MoveLine``.
+
+        Raises:
+            UnreachableError: A point on the line is out of reach; nothing has moved. Others as for
+                ``move_to``.
+        """
+        on_progress = options.pop("on_progress", None)
+        motion = MoveLine(position_m, **_fields(options))
+        return self._run(motion, on_progress, wait=wait)
+
+    @overload
+    def move_arc(
+        self,
+        via_m: ArrayLike | None = None,
+        end_m: ArrayLike | None = None,
+        *,
+        wait: Literal[True] = True,
+        **options: Unpack[ArcOptions],
+    ) -> MoveResult: ...
+
+    @overload
+    def move_arc(
+        self,
+        via_m: ArrayLike | None = None,
+        end_m: ArrayLike | None = None,
+        *,
+        wait: Literal[False],
+        **options: Unpack[ArcOptions],
+    ) -> RunningMotion[MoveResult]: ...
+
+    def move_arc(
+        self,
+        via_m: ArrayLike | None = None,
+        end_m: ArrayLike | None = None,
+        *,
+        wait: bool = True,
+        **options: Unpack[ArcOptions],
+    ) -> MoveResult | RunningMotion[MoveResult]:
+        """Move the tip on an arc through a point (3,) [m] to an end (3,), or on a circle.
+
+        The arc begins where the tip is. Options: see ``MoveArc``.
+
+        Raises:
+            BadValueError: The points are on one line, or the radius is zero; nothing has moved.
+            UnreachableError: A point of the arc is out of reach; nothing has moved. Others as for
+                ``move_to``.
+        """
+        on_progress = options.pop("on_progress", None)
+        motion = MoveArc(via_m, end_m, **_fields(options))
+        return self._run(motion, on_progress, wait=wait)
+
+    @overload
+    def move_through(
+        self, points_m: Points, *, wait: Literal[True] = True, **options: Unpack[ThroughOptions]
+    ) -> MoveResult: ...
+
+    @overload
+    def move_through(
+        self, points_m: Points, *, wait: Literal[False], **options: Unpack[ThroughOptions]
+    ) -> RunningMotion[MoveResult]: ...
+
+    def move_through(
+        self, points_m: Points, *, wait: bool = True, **options: Unpack[ThroughOptions]
+    ) -> MoveResult | RunningMotion[MoveResult]:
+        """Move the tip through points (k, 3) [m] without a stop; options: see ``MoveThrough``.
+
+        Raises:
+            UnreachableError: A point, or a line to it, is out of reach; nothing has moved. Others
+                as for ``move_to``.
+        """
+        on_progress = options.pop("on_progress", None)
+        motion = MoveThrough(points_m, **_fields(options))
+        return self._run(motion, on_progress, wait=wait)
+
+    @overload
+    def draw(
+        self,
+        strokes_m: Iterable[ArrayLike],
+        *,
+        wait: Literal[True] = True,
+        **options: Unpack[DrawOptions],
+    ) -> MoveResult: ...
+
+    @overload
+    def draw(
+        self,
+        strokes_m: Iterable[ArrayLike],
+        *,
+        wait: Literal[False],
+        **options: Unpack[DrawOptions],
+    ) -> RunningMotion[MoveResult]: ...
+
+    def draw(
+        self, strokes_m: Iterable[ArrayLike], *, wait: bool = True, **options: Unpack[DrawOptions]
+    ) -> MoveResult | RunningMotion[MoveResult]:
+        """Move the tip along strokes, points (k, 3) [m] each; options: see ``Draw``.
+
+        ``ikservo.read_drawing`` reads strokes from SVG and CSV files.
+
+        Raises:
+            UnreachableError: A point is out of reach; names the first one. Nothing has moved.
+                Others as for ``move_to``.
+        """
+        on_progress = options.pop("on_progress", None)
+        motion = Draw(strokes_m, **_fields(options))
+        return self._run(motion, on_progress, wait=wait)
+
+    @overload
+    def move_joints(
+        self, positions: Positions, *, wait: Literal[True] = True, **options: Unpack[JointOptions]
+    ) -> JointMoveResult: ...
+
+    @overload
+    def move_joints(
+        self, positions: Positions, *, wait: Literal[False], **options: Unpack[JointOptions]
+    ) -> RunningMotion[JointMoveResult]: ...
+
+    def move_joints(
+        self, positions: Positions, *, wait: bool = True, **options: Unpack[JointOptions]
+    ) -> JointMoveResult | RunningMotion[JointMoveResult]:
+        """Move some joints, given by name [rad or m]; the others stay. Or all of them (n,).
+
+        Raises:
+            UnknownNameError: No such joint.
+            RefusedError: A position is outside the limits; nothing has moved. Others as for
+                ``move_to``.
+        """
+        on_progress = options.pop("on_progress", None)
+        motion = MoveJoints(parse_all_positions(positions, self.joint_names), **_fields(options))
+        return self._run(motion, on_progress, wait=wait)
+
+    @overload
+    def pose(
+        self, name: str, *, wait: Literal[True] = True, **options: Unpack[JointOptions]
+    ) -> JointMoveResult: ...
+
+    @overload
+    def pose(
+        self, name: str, *, wait: Literal[False], **options: Unpack[JointOptions]
+    ) -> RunningMotion[JointMoveResult]: ...
+
+    def pose(
+        self, name: str, *, wait: bool = True, **options: Unpack[JointOptions]
+    ) -> JointMoveResult | RunningMotion[JointMoveResult]:
+        """Move to a pose of the arm file, or to a taught one, clamped to the limits.
+
+        Returns:
+            The result; ``binding`` names the joints that were clamped.
+
+        Raises:
+            UnknownNameError: No such pose; suggests the closest.
+            RefusedError: It is outside this arm's limits, or something is in the way.
+        """
+        on_progress = options.pop("on_progress", None)
+        motion = MovePose(name, **_fields(options))
+        return self._run(motion, on_progress, wait=wait)
+
+    @overload
+    def gripper(
+        self, to: JawGoal = None, *, wait: Literal[True] = True, **options: Unpack[GripperOptions]
+    ) -> GraspResult: ...
+
+    @overload
+    def gripper(
+        self, to: JawGoal = None, *, wait: Literal[False], **options: Unpack[GripperOptions]
+    ) -> RunningMotion[GraspResult]: ...
+
+    def gripper(
+        self, to: JawGoal = None, *, wait: bool = True, **options: Unpack[GripperOptions]
+    ) -> GraspResult | RunningMotion[GraspResult]:
+        """Open or close the gripper, or move its jaws to a width; options: see ``MoveGripper``.
+
+        ``to`` is open, close, or a width [m] where the arm file has widths. Where an object blocks
+        the jaws they stop, and hold it with no more than the given force.
+
+        Raises:
+            IkservoError: The arm has no gripper.
+            RefusedError: A jaw would touch something; nothing has moved.
+            BadValueError: The width is out of its range or unknown, or the force is no fraction.
+        """
+        on_progress = options.pop("on_progress", None)
+        motion = _grip(to, _fields(options))
+        return self._run(motion, on_progress, wait=wait)
+
+    @overload
+    def replay(
+        self, path: Path | str, *, wait: Literal[True] = True, **options: Unpack[JointOptions]
+    ) -> ReplayResult: ...
+
+    @overload
+    def replay(
+        self, path: Path | str, *, wait: Literal[False], **options: Unpack[JointOptions]
+    ) -> RunningMotion[ReplayResult]: ...
+
+    def replay(
+        self, path: Path | str, *, wait: bool = True, **options: Unpack[JointOptions]
+    ) -> ReplayResult | RunningMotion[ReplayResult]:
+        """Move to the first pose of a recording of this arm, then along it.
+
+        It is as fast as recorded where that is within the speed class, else slowed down as a whole.
+
+        Raises:
+            FileFormatError: It is malformed, or another arm's; says in which line.
+            RefusedError: It leaves this arm's limits, or something is in the way; nothing moved.
+        """
+        on_progress = options.pop("on_progress", None)
+        motion = Replay(path, **_fields(options))
+        return self._run(motion, on_progress, wait=wait)
+
+    def plan_to(self, position_m: ArrayLike, **options: Unpack[TipOptions]) -> MotionPlan:
+        """Plan a motion of the tip to a point (3,) [m]; see ``move_to``.
+
+        Raises:
+            UnreachableError: It is out of reach; carries the nearest point.
+        """
+        return self.plan(MoveTo(position_m, **_fields(options)))
+
+    def plan_line(self, position_m: ArrayLike, **options: Unpack[LineOptions]) -> MotionPlan:
+        """Plan a straight line of the tip to a point (3,) [m]; see ``move_line``."""
+        return self.plan(MoveLine(position_m, **_fields(options)))
+
+    def plan_arc(
+        self,
+        via_m: ArrayLike | None = None,
+        end_m: ArrayLike | None = None,
+        **options: Unpack[ArcOptions],
+    ) -> MotionPlan:
+        """Plan an arc or a circle of the tip; see ``move_arc``."""
+        return self.plan(MoveArc(via_m, end_m, **_fields(options)))
+
+    def plan_through(self, points_m: Points, **options: Unpack[ThroughOptions]) -> MotionPlan:
+        """Plan a motion through points (k, 3) [m] without a stop; see ``move_through``."""
+        return self.plan(MoveThrough(points_m, **_fields(options)))
+
+    def plan_drawing(
+        self, strokes_m: Iterable[ArrayLike], **options: Unpack[DrawOptions]
+    ) -> MotionPlan:
+        """Plan strokes of the tip, points (k, 3) [m] each; see ``draw``."""
+        return self.plan(Draw(strokes_m, **_fields(options)))
+
+    def plan_joints(self, positions: Positions, *, speed: str = "normal") -> MotionPlan:
+        """Plan a motion of some joints; see ``move_joints``."""
+        goals = parse_all_positions(positions, self.joint_names)
+        return self.plan(MoveJoints(goals, speed=speed))
+
+    def plan_rest(self) -> MotionPlan:
+        """Plan the slow motion to the rest pose, by another pose where the path is not free."""
+        return self.plan(MoveToRest())
+
+    def plan_lowering(self) -> MotionPlan:
+        """Plan the slow motion to the rest pose, or as much of it as is free."""
+        return self.plan(Lower())
+
+    def _run(
+        self, motion: MotionValue[R], on_progress: OnProgress | None, *, wait: bool
+    ) -> R | RunningMotion[R]:
+        """Execute a motion, or start it.
+
+        Raises:
+            BadValueError: ``wait`` is no truth value.
+        """
+        if not isinstance(cast("object", wait), bool):
+            raise BadValueError("wait", repr(wait), "True or False")
+        return self.execute(motion, on_progress) if wait else self.start(motion, on_progress)
+
+
+def _fields(options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return options as fields of a motion: an orientation is a part of the stance."""
+    given = dict(options)
+    orientation = given.pop("orientation", None)
+    if orientation is not None:
+        given["stance"] = check_orientation(given.get("stance", KEEP_BEST_EFFORT), orientation)
+    return given
+
+
+def _grip(to: JawGoal, options: Mapping[str, Any]) -> MoveGripper:
+    """Return the motion of the gripper of the arguments of ``gripper``.
+
+    Raises:
+        BadValueError: Neither a motion nor a width is given, or both.
+    """
+    if to is None or isinstance(to, str):
+        return MoveGripper(to, **options)
+    if options.get("width_m") is not None:
+        raise BadValueError("The motion of the gripper", "not clear", "open, close or a width")
+    return MoveGripper(None, **{**options, "width_m": to})

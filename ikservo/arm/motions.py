@@ -1,0 +1,557 @@
+"""Motions as values: what an arm can be asked to do, and the one form of it in JSON and TOML.
+
+A motion is frozen and checked when it is made; points are metres in the arm's base frame. It is
+planned by ``Arm.plan``, made by ``Arm.execute``, and started in the background by ``Arm.start``.
+The methods of ``Arm`` (``move_to``, ``gripper``, …) make it of their arguments.
+
+As JSON or TOML a motion is a table with one key, its kind; fields that have their default are left
+out::
+
+    {"move_line": {"position_m": [0.25, 0.05, 0.15], "tool_speed_m_s": 0.05}}
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import KW_ONLY, MISSING, dataclass, fields, is_dataclass, replace
+from os import fspath
+from pathlib import Path
+from typing import Any, ClassVar, Generic, TypeVar, cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.arm.arguments import (
+    check_choice,
+    parse_joint_positions,
+    parse_number,
+    parse_path,
+    parse_points,
+)
+from ikservo.arm.reports import GraspResult, JointMoveResult, MoveResult, ReplayResult
+from ikservo.arm.tool_orientation import KEEP_BEST_EFFORT, ToolOrientation, check_orientation
+from ikservo.errors import BadValueError, InputError
+from ikservo.ik import Posture
+from ikservo.ik.problem import check_position
+from ikservo.kinematics.arrays import finite_vector, finite_vectors
+
+__all__ = [
+    "KINDS",
+    "SPEEDS",
+    "Draw",
+    "Lower",
+    "MotionValue",
+    "MoveArc",
+    "MoveGripper",
+    "MoveJoints",
+    "MoveLine",
+    "MovePose",
+    "MoveThrough",
+    "MoveTo",
+    "MoveToRest",
+    "Replay",
+    "TipMotion",
+    "Wait",
+    "check_motion",
+    "motion_fields",
+    "parse_motion",
+]
+
+SPEEDS = ("slow", "normal", "fast")
+"""The speed classes of every arm file."""
+
+R = TypeVar("R")
+Point = tuple[float, float, float]
+
+_MAX_WAIT_S = 3600.0
+_PLAIN = (str, bool, float, tuple)
+_SHOWN = 100  # characters of a value in an error
+
+
+@dataclass(frozen=True)
+class MotionValue(Generic[R]):
+    """A motion whose result is an ``R``: the common part of all kinds.
+
+    Attributes:
+        kind: The name of its kind in JSON and TOML, such as ``move_to``.
+        starts_at_tip: Whether its path begins where the tip is, so that an arm that is folded
+            cannot first unfold.
+    """
+
+    kind: ClassVar[str]
+    starts_at_tip: ClassVar[bool] = False
+
+    def __init_subclass__(cls) -> None:
+        cls.kind = re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
+
+    def __post_init__(self) -> None:
+        for each in fields(cast("type[Any]", type(self))):
+            parse, value = _PARSERS.get(each.name), getattr(self, each.name)
+            if parse is not None and not (value is None and each.default is None):
+                object.__setattr__(self, each.name, parse(value))
+        self._check()
+
+    @property
+    def has_speed(self) -> bool:
+        """Whether it has a speed class."""
+        return hasattr(self, "speed")
+
+    def with_speed(self, speed: str) -> MotionValue[R]:
+        """Return it at a speed class: slow, normal or fast; itself where it has none."""
+        return replace(self, speed=speed) if self.has_speed else self  # pyright: ignore[reportCallIssue]
+
+    def _check(self) -> None:
+        """Refuse fields that contradict each other."""
+
+    def __str__(self) -> str:
+        """Return what it does, in a few words."""
+        return self._words()
+
+    def _words(self) -> str:
+        return self.kind.replace("_", " ")
+
+
+@dataclass(frozen=True)
+class MoveTo(MotionValue[MoveResult]):
+    """The tip moves to a point, as the joints come there soonest.
+
+    Attributes:
+        position_m: The point (3,), metres, base frame.
+        speed: The speed class of the arm file: slow, normal or fast. The first motion after torque
+            comes on is slow.
+        stance: The orientation of the tool at the end. By default the arm keeps the present one as
+            well as it can.
+    """
+
+    position_m: ArrayLike
+    _: KW_ONLY
+    speed: str = "normal"
+    stance: ToolOrientation = KEEP_BEST_EFFORT
+
+    def _words(self) -> str:
+        return f"joints to {_format_point(self.position_m)}"
+
+
+@dataclass(frozen=True)
+class MoveLine(MotionValue[MoveResult]):
+    """The tip moves to a point on a straight line; the tool turns evenly along it.
+
+    Attributes:
+        position_m: The point (3,), metres, base frame.
+        tool_speed_m_s: The speed of the tip, constant but for the ramps at both ends, as far as
+            the joints and the speed class (0.1, 0.25 or 0.5 m/s) allow; the plan's ``tool_speed``
+            says what is reached. None: the fastest.
+        speed: As of ``MoveTo``.
+        stance: As of ``MoveTo``.
+    """
+
+    position_m: ArrayLike
+    tool_speed_m_s: float | None = None
+    _: KW_ONLY
+    speed: str = "normal"
+    stance: ToolOrientation = KEEP_BEST_EFFORT
+
+    def _words(self) -> str:
+        return f"line to {_format_point(self.position_m)}"
+
+
+@dataclass(frozen=True)
+class MoveArc(MotionValue[MoveResult]):
+    """The tip moves on an arc from where it is: through a point to an end, or about a centre.
+
+    Attributes:
+        via_m: A point (3,) [m] that the arc passes.
+        end_m: Its end (3,) [m].
+        full_circle: Whether the circle through the tip, the via point and the end is closed.
+        center_m: The centre (3,) [m] of a circle about which the tip goes, instead of a via point
+            and an end.
+        normal: The direction (3,) of that circle's axis, against which it is counter-clockwise.
+        angle_rad: How far the tip goes about it, negative for clockwise.
+        tool_speed_m_s: As of ``MoveLine``.
+        speed: As of ``MoveTo``.
+        stance: As of ``MoveTo``.
+
+    Raises:
+        BadValueError: Neither a via point with an end nor a centre is given, or both.
+    """
+
+    starts_at_tip = True
+
+    via_m: ArrayLike | None = None
+    end_m: ArrayLike | None = None
+    _: KW_ONLY
+    full_circle: bool = False
+    center_m: ArrayLike | None = None
+    normal: ArrayLike = (0.0, 0.0, 1.0)
+    angle_rad: float = math.tau
+    tool_speed_m_s: float | None = None
+    speed: str = "normal"
+    stance: ToolOrientation = KEEP_BEST_EFFORT
+
+    def _check(self) -> None:
+        given = {"a via point": self.via_m, "an end": self.end_m, "a centre": self.center_m}
+        names = [name for name, value in given.items() if value is not None]
+        through_points = names == ["a via point", "an end"]
+        about_axis = names == ["a centre"] and not self.full_circle
+        if not (through_points or about_axis):
+            raise BadValueError(
+                "The arc",
+                f"given by {' and '.join(names) or 'nothing'}",
+                "a via point and an end, or a centre alone",
+            )
+
+    def _words(self) -> str:
+        if self.center_m is not None:
+            angle_deg = math.degrees(self.angle_rad)
+            return f"arc of {angle_deg:.0f}° about {_format_point(self.center_m)}"
+        end_m = _format_point(cast("Point", self.end_m))
+        return f"{'circle' if self.full_circle else 'arc'} to {end_m}"
+
+
+@dataclass(frozen=True)
+class MoveThrough(MotionValue[MoveResult]):
+    """The tip moves through points without a stop, to rest at the last.
+
+    Attributes:
+        points_m: The points (k, 3), metres, base frame.
+        blend_m: Within which distance the tip passes each point but the last.
+        line: Whether the tip moves on straight lines, else the joints do.
+        tool_speed_m_s: As of ``MoveLine``, on lines only.
+        speed: As of ``MoveTo``.
+        stance: As of ``MoveTo``, at the last point.
+    """
+
+    points_m: Iterable[ArrayLike]
+    _: KW_ONLY
+    blend_m: float = 0.02
+    line: bool = False
+    tool_speed_m_s: float | None = None
+    speed: str = "normal"
+    stance: ToolOrientation = KEEP_BEST_EFFORT
+
+    def _check(self) -> None:
+        if not self.points_m:
+            raise BadValueError("The list of points", "empty", "at least one point")
+        if not 0.0 < self.blend_m < math.inf:
+            raise BadValueError("The blend", f"{self.blend_m} m", "a positive distance")
+        if self.tool_speed_m_s is not None and not self.line:
+            raise BadValueError(
+                "The speed of the tool",
+                "given for a motion of the joints",
+                "a straight line, or the speed of the joints: slow, normal, fast",
+            )
+
+    def _words(self) -> str:
+        points = cast("tuple[Point, ...]", self.points_m)
+        path = "lines" if self.line else "joints"
+        return f"{path} through {len(points)} points to {_format_point(points[-1])}"
+
+
+@dataclass(frozen=True)
+class Draw(MotionValue[MoveResult]):
+    """The tip moves along strokes, lifted between them.
+
+    Attributes:
+        strokes_m: The points (k, 3) of each stroke, metres, base frame.
+        lift_m: How far above a stroke the tip goes before the first, between two and after the
+            last.
+        tool_speed_m_s: As of ``MoveLine``, along a stroke.
+        speed: As of ``MoveTo``.
+        stance: As of ``MoveTo``.
+    """
+
+    strokes_m: Iterable[ArrayLike]
+    _: KW_ONLY
+    lift_m: float = 0.01
+    tool_speed_m_s: float | None = None
+    speed: str = "normal"
+    stance: ToolOrientation = KEEP_BEST_EFFORT
+
+    def _check(self) -> None:
+        if not self.strokes_m or not all(cast("tuple[tuple[Point, ...], ...]", self.strokes_m)):
+            raise BadValueError("The drawing", "empty", "at least one stroke with a point")
+        if not 0.0 <= self.lift_m < math.inf:
+            raise BadValueError("The lift of the tool", f"{self.lift_m:g} m", "0 m or more")
+
+    def _words(self) -> str:
+        count = len(cast("tuple[object, ...]", self.strokes_m))
+        return f"drawing of {count} stroke{'s' if count > 1 else ''}"
+
+
+TipMotion = MoveTo | MoveLine | MoveArc | MoveThrough | Draw
+"""Motions of the tip."""
+
+
+@dataclass(frozen=True)
+class MoveJoints(MotionValue[JointMoveResult]):
+    """Some joints move, the others stay.
+
+    Attributes:
+        positions: The goals by joint, rad or m.
+        speed: As of ``MoveTo``.
+    """
+
+    positions: Mapping[str, float]
+    _: KW_ONLY
+    speed: str = "normal"
+
+    def __hash__(self) -> int:
+        """Return a hash; a mapping has none of its own."""
+        return hash((tuple(self.positions.items()), self.speed))
+
+    def _words(self) -> str:
+        return ", ".join(f"{name} {value:.4g}" for name, value in self.positions.items())
+
+
+@dataclass(frozen=True)
+class MovePose(MotionValue[JointMoveResult]):
+    """The joints move to a pose, clamped to the limits.
+
+    Attributes:
+        name: Of a pose of the arm file, or of a taught one.
+        speed: As of ``MoveTo``.
+    """
+
+    name: str
+    _: KW_ONLY
+    speed: str = "normal"
+
+    def _words(self) -> str:
+        return f"pose {self.name}"
+
+
+@dataclass(frozen=True)
+class MoveToRest(MotionValue[JointMoveResult]):
+    """The joints move slowly to the rest pose, by another pose where the path is not free."""
+
+
+@dataclass(frozen=True)
+class Lower(MotionValue[JointMoveResult]):
+    """The joints move slowly to the rest pose, or as far as the path there is free."""
+
+
+@dataclass(frozen=True)
+class MoveGripper(MotionValue[GraspResult]):
+    """The jaws open, close, or move to a width; they stop at an object and hold it.
+
+    Attributes:
+        to: open or close; None where a width is given.
+        width_m: The distance between the jaws, metres.
+        force: The fraction of the servo's torque that it may use, to 1; None for 0.3. The least is
+            what overcomes the friction of its gears: 0.05, of an STS3215 for 7.4 V 0.1.
+    """
+
+    to: str | None = None
+    _: KW_ONLY
+    width_m: float | None = None
+    force: float | None = None
+
+    def _check(self) -> None:
+        if (self.to is None) == (self.width_m is None):
+            raise BadValueError("The motion of the gripper", "not clear", "open, close or a width")
+
+    def _words(self) -> str:
+        return f"gripper {self.to if self.width_m is None else f'{self.width_m:g} m'}"
+
+
+@dataclass(frozen=True)
+class Replay(MotionValue[ReplayResult]):
+    """The joints move to the first pose of a recording of this arm, then along it.
+
+    Attributes:
+        path: The file.
+        speed: The speed class within which it is as fast as it was recorded.
+    """
+
+    path: Path | str
+    _: KW_ONLY
+    speed: str = "normal"
+
+    def _words(self) -> str:
+        return f"recording {self.path}"
+
+
+@dataclass(frozen=True)
+class Wait(MotionValue[None]):
+    """The arm holds for a time.
+
+    Attributes:
+        duration_s: For how long, above 0 and at most an hour.
+    """
+
+    duration_s: float
+
+    def _check(self) -> None:
+        if not 0.0 < self.duration_s <= _MAX_WAIT_S:
+            raise BadValueError("The wait", f"{self.duration_s:g} s", "above 0 and at most 3600 s")
+
+    def _words(self) -> str:
+        return f"wait {self.duration_s:g} s"
+
+
+def _parse_speed(value: object) -> str:
+    return check_choice("speed", value if isinstance(value, str) else repr(value), SPEEDS)
+
+
+def _parse_tool_speed(value: object) -> float:
+    speed_m_s = parse_number("The speed of the tool", value)
+    if not 0.0 < speed_m_s < math.inf:
+        raise BadValueError("The speed of the tool", f"{speed_m_s:g} m/s", "more than 0 m/s")
+    return speed_m_s
+
+
+def _parse_point(value: object) -> Point:
+    return tuple(check_position(cast("ArrayLike", value), "The target position").tolist())
+
+
+def _parse_strokes(values: object) -> tuple[tuple[Point, ...], ...]:
+    strokes = [finite_vectors(each, 3, "A stroke of the drawing") for each in parse_points(values)]
+    return tuple(tuple((x, y, z) for x, y, z in each.reshape(-1, 3).tolist()) for each in strokes)
+
+
+def _vector(what: str) -> Callable[[object], Point]:
+    return lambda value: tuple(finite_vector(cast("ArrayLike", value), 3, what).tolist())
+
+
+def _number(what: str) -> Callable[[object], float]:
+    return lambda value: parse_number(what, value)
+
+
+def _flag(what: str) -> Callable[[object], bool]:
+    def parse(value: object) -> bool:
+        if not isinstance(value, bool | np.bool_):
+            raise BadValueError(what, repr(value), "True or False")
+        return bool(cast("object", value))
+
+    return parse
+
+
+def _parse_name(value: object) -> str:
+    if not isinstance(value, str):
+        raise BadValueError("The name of the pose", repr(value), "text")
+    return value
+
+
+_PARSERS: Mapping[str, Callable[[object], object]] = {
+    "speed": _parse_speed,
+    "stance": check_orientation,
+    "tool_speed_m_s": _parse_tool_speed,
+    "position_m": _parse_point,
+    "points_m": lambda values: tuple(map(_parse_point, parse_points(values))),
+    "strokes_m": _parse_strokes,
+    "via_m": _vector("The via point of the arc"),
+    "end_m": _vector("The end of the arc"),
+    "center_m": _vector("The centre of the circle"),
+    "normal": _vector("The normal of the circle"),
+    "angle_rad": _number("The angle of the arc"),
+    "full_circle": _flag("full_circle"),
+    "line": _flag("line"),
+    "blend_m": _number("The blend"),
+    "lift_m": _number("The lift of the tool"),
+    "positions": parse_joint_positions,
+    "name": _parse_name,
+    "to": lambda value: check_choice("motion of the gripper", value, ("open", "close")),
+    "width_m": _number("The width"),
+    "force": _number("The force"),
+    "path": lambda value: fspath(parse_path(value)),
+    "duration_s": _number("The wait"),
+}
+"""What checks a field of a motion, by its name, which means the same in every motion."""
+
+
+KINDS: Mapping[str, type[MotionValue[Any]]] = {
+    each.kind: each
+    for each in (MoveTo, MoveLine, MoveArc, MoveThrough, Draw, MoveJoints, MovePose, MoveToRest,
+                 Lower, MoveGripper, Replay, Wait)
+}  # fmt: skip
+"""All kinds of motions by their names in JSON and TOML."""
+
+
+def check_motion(motion: MotionValue[R]) -> MotionValue[R]:
+    """Return what is a motion.
+
+    Raises:
+        BadValueError: It is none.
+    """
+    if not isinstance(cast("object", motion), MotionValue):
+        raise BadValueError("The motion", repr(motion), "such as MoveTo((0.25, 0.0, 0.15))")
+    return motion
+
+
+def motion_fields(motion: MotionValue[Any]) -> dict[str, dict[str, Any]]:
+    """Return a motion as JSON values: its kind, and the fields that differ from their default."""
+    return {motion.kind: _fields_of(motion)}
+
+
+def parse_motion(value: object) -> MotionValue[Any]:
+    """Return the motion that ``motion_fields`` made these JSON values of.
+
+    Raises:
+        InputError: It is no table with one known kind, or a field is missing, unknown, or refused
+            by the motion itself, with the same error as for a program.
+    """
+    is_table = isinstance(value, Mapping)
+    table = dict(cast("Mapping[object, object]", value)) if is_table else {}
+    if len(table) != 1:
+        raise BadValueError("The motion", _shorten(value), f"a table of one of {', '.join(KINDS)}")
+    ((kind, fields_of_kind),) = table.items()
+    kind = str(check_choice("motion", kind, [*KINDS]))
+    return cast("MotionValue[Any]", _from_fields(kind, KINDS[kind], fields_of_kind))
+
+
+def _fields_of(value: Any) -> dict[str, Any]:  # noqa: ANN401  # a dataclass
+    found: dict[str, Any] = {}
+    for each in fields(value):
+        at, default = getattr(value, each.name), cast("object", each.default)
+        if at is None or at is default or (isinstance(default, _PLAIN) and at == default):
+            continue
+        found[each.name] = _fields_of(at) if is_dataclass(at) else _as_json(at)
+    return found
+
+
+def _as_json(value: object) -> object:
+    if isinstance(value, Mapping):
+        return dict(cast("Mapping[object, object]", value))
+    if isinstance(value, np.ndarray):
+        return cast("object", value.tolist())
+    if isinstance(value, tuple):
+        return [_as_json(each) for each in cast("tuple[object, ...]", value)]
+    return value
+
+
+def _shorten(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
+
+
+def _from_fields(what: str, kind: Callable[..., object], given: object) -> object:
+    """Return a dataclass from its fields as JSON values."""
+    if not isinstance(given, Mapping):
+        raise BadValueError(what, _shorten(given), "a table of its fields")
+    values, known = dict(cast("Mapping[str, object]", given)), fields(cast("type[Any]", kind))
+    names = [each.name for each in known]
+    for name in values:
+        if name not in names:
+            close = difflib.get_close_matches(str(name), names, n=1)
+            hint = f"Did you mean {close[0]}? " if close else ""
+            listed = ", ".join(names) or "none"
+            raise InputError(f"{what} has no field {str(name)!r}.", f"{hint}Fields: {listed}.")
+    for each in known:
+        if each.name not in values and each.default is MISSING:
+            raise InputError(f"{what} has no {each.name}.", f"Fields: {', '.join(names)}.")
+    for name, nested in _NESTED.items():
+        if values.get(name) is not None and name in names:
+            values[name] = _from_fields(name, nested, values[name])
+    return kind(**values)
+
+
+_NESTED: Mapping[str, Callable[..., object]] = {"stance": ToolOrientation, "posture": Posture}
+"""The fields that are dataclasses."""
+
+
+def _format_point(point_m: ArrayLike) -> str:
+    x, y, z = cast("Point", point_m)
+    return f"({x:.3f}, {y:.3f}, {z:.3f}) m"

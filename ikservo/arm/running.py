@@ -1,0 +1,94 @@
+"""What makes which motion, and where it would end."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+from ikservo.arm.arm_parts import ArmParts
+from ikservo.arm.context import ArmContext
+from ikservo.arm.execution import plan_and_execute
+from ikservo.arm.gripper import plan_gripper, run_gripper
+from ikservo.arm.motions import MotionValue, MoveGripper, MoveJoints, MovePose, Replay, Wait
+from ikservo.arm.preflight import PreflightPlanner
+from ikservo.arm.replay import plan_replay, run_replay
+from ikservo.arm.reports import OnProgress
+from ikservo.kinematics.arrays import Vector
+
+__all__ = ["end_of_motion", "run_motion", "wait"]
+
+R = TypeVar("R")
+_LONGEST_SLEEP_S = 0.05  # a wait notices a stop within this time
+
+
+def run_motion(arm: ArmParts, motion: MotionValue[R], on_progress: OnProgress | None) -> R:
+    """Make a motion from where the arm holds, and return its result; see ``Arm.execute``."""
+    match cast("MotionValue[Any]", motion):
+        case MoveGripper() as gripper:
+            result: object = run_gripper(arm, gripper, on_progress)
+        case Replay() as replay:
+            result = run_replay(arm, replay, on_progress)
+        case Wait() as pause:
+            result = wait(arm.context, pause, watch_health=arm.context.servos.torque.is_on)
+        case planned:
+            result = plan_and_execute(arm, planned, on_progress)
+    return cast("R", result)
+
+
+def end_of_motion(
+    context: ArmContext, preflight: PreflightPlanner, motion: MotionValue[Any], start: Vector
+) -> Vector:
+    """Return the joints (n,) after a motion that begins at ``start`` (n,); nothing moves.
+
+    Args:
+        context: The arm.
+        preflight: Plans from ``start``.
+        motion: The motion.
+        start: All joints, rad or m.
+
+    Raises:
+        IkservoError: It cannot be made from there.
+    """
+    match motion:
+        case Wait():
+            return start
+        case MoveGripper():
+            return plan_gripper(context, motion, start)
+        case Replay():
+            return plan_replay(context, motion, start)
+        case MovePose():
+            inside = preflight.pose_within_limits(motion.name, start)
+            return preflight.plan(MoveJoints(inside.positions, speed=motion.speed)).goal
+        case _:
+            return preflight.plan(motion).goal
+
+
+def wait(
+    context: ArmContext,
+    motion: Wait,
+    on_wait: Callable[[], object] | None = None,
+    *,
+    watch_health: bool,
+) -> None:
+    """Wait while the arm holds; a stop or a fault of a servo ends it.
+
+    Args:
+        context: The arm.
+        motion: For how long.
+        on_wait: Called now and then.
+        watch_health: Whether servos are read meanwhile.
+
+    Raises:
+        StoppedError, RefusedError: The arm was stopped.
+        BusError: A servo does not answer.
+        ServoAlarmError: One reports a fault, has a wrong supply, or was reset.
+    """
+    end_s = context.now_s() + motion.duration_s
+    while (left_s := end_s - context.now_s()) > 0.0:
+        context.servos.check_stop()
+        context.servos.stop_request.check_request()
+        if watch_health:
+            context.servos.check_health()
+        if on_wait is not None:
+            on_wait()
+        context.servos.clock.sleep_until(context.now_s() + min(left_s, _LONGEST_SLEEP_S))

@@ -1,0 +1,234 @@
+"""Motions as values: checked when they are made, one form in JSON, planned and made."""
+
+import contextlib
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import ikservo
+from ikservo.arm import ToolOrientation
+from ikservo.arm.motions import (
+    KINDS,
+    Draw,
+    Lower,
+    MotionValue,
+    MoveArc,
+    MoveGripper,
+    MoveJoints,
+    MoveLine,
+    MovePose,
+    MoveThrough,
+    MoveTo,
+    MoveToRest,
+    Replay,
+    Wait,
+    motion_fields,
+    parse_motion,
+)
+from ikservo.errors import BadValueError, InputError
+from ikservo.ik import Posture
+from tests.arm.simulated import registers, true_joints, true_tip_m
+
+NEAR, FAR = (0.23, 0.02, 0.10), (0.22, -0.04, 0.12)
+EXAMPLES = (
+    MoveTo(NEAR, speed="fast", stance=ToolOrientation(pitch_rad=-0.9, roll_rad=0.1)),
+    MoveTo(NEAR, stance=ToolOrientation(posture=Posture(np.zeros(5), np.ones(5)))),
+    MoveLine(np.array(NEAR), 0.05, stance=ToolOrientation(keep=True)),
+    MoveLine(NEAR, stance=ToolOrientation(direction=np.array([1.0, 0.0, -1.0]))),
+    MoveArc((0.22, 0.03, 0.1), NEAR, full_circle=True),
+    MoveArc(center_m=NEAR, normal=(1, 0, 0), angle_rad=-1.5, tool_speed_m_s=0.05),
+    MoveThrough([NEAR, FAR], blend_m=0.01, line=True),
+    Draw([[NEAR], [FAR, NEAR]], lift_m=0.02),
+    MoveJoints({"wrist_roll": 0.1}, speed="slow"),
+    MovePose("home"),
+    MoveToRest(),
+    Lower(),
+    MoveGripper("close", force=0.2),
+    MoveGripper(width_m=0.03),
+    Replay("wave.jsonl"),
+    Wait(0.5),
+)
+
+
+def test_examples_have_every_kind():
+    assert {type(each) for each in EXAMPLES} == set(KINDS.values())
+
+
+@pytest.mark.parametrize("motion", EXAMPLES, ids=str)
+def test_json_of_a_motion_is_read_as_the_same_motion(motion):
+    text = json.dumps(motion_fields(motion), allow_nan=False)
+    read = parse_motion(json.loads(text))
+    assert type(read) is type(motion)
+    assert motion_fields(read) == motion_fields(motion)
+
+
+def test_json_has_only_what_differs_from_the_defaults():
+    assert motion_fields(MoveTo(NEAR)) == {"move_to": {"position_m": list(NEAR)}}
+
+
+@pytest.mark.parametrize("motion", EXAMPLES, ids=str)
+def test_motions_are_said_in_a_few_words(motion):
+    assert 3 < len(str(motion)) < 80
+
+
+def test_motions_of_equal_numbers_are_equal_and_do_not_change_with_the_array():
+    point_m = np.array(NEAR)
+    motion = MoveTo(point_m)
+    point_m[:] = 0.0
+    assert motion == MoveTo(NEAR)
+    assert len({motion, MoveTo(NEAR), MoveTo(FAR)}) == 2
+
+
+MISTAKES = [
+    (MoveTo, {"position_m": [0.1, 0.2]}),
+    (MoveTo, {"position_m": None}),
+    (MoveTo, {"position_m": "near"}),
+    (MoveTo, {"position_m": [0.1, 0.2, 2000.0]}),
+    (MoveTo, {"position_m": NEAR, "speed": "warp"}),
+    (MoveTo, {"position_m": NEAR, "speed": None}),
+    (MoveLine, {"position_m": NEAR, "tool_speed_m_s": 0.0}),
+    (MoveArc, {}),
+    (MoveArc, {"via_m": NEAR, "end_m": FAR, "center_m": NEAR}),
+    (MoveArc, {"center_m": NEAR, "full_circle": True}),
+    (MoveArc, {"via_m": NEAR, "end_m": FAR, "full_circle": "yes"}),
+    (MoveThrough, {"points_m": []}),
+    (MoveThrough, {"points_m": [NEAR], "blend_m": 0.0}),
+    (MoveThrough, {"points_m": [NEAR], "tool_speed_m_s": 0.1}),
+    (Draw, {"strokes_m": [[]]}),
+    (Draw, {"strokes_m": [[NEAR]], "lift_m": -0.1}),
+    (MoveJoints, {"positions": [1.0]}),
+    (MoveJoints, {"positions": {"wrist_roll": True}}),
+    (MovePose, {"name": 3}),
+    (MoveGripper, {}),
+    (MoveGripper, {"to": "ajar"}),
+    (MoveGripper, {"to": "open", "width_m": 0.1}),
+    (Wait, {"duration_s": 0.0}),
+    (Wait, {"duration_s": 1e9}),
+]
+
+
+@pytest.mark.parametrize(("kind", "fields"), MISTAKES)
+def test_mistakes_are_the_same_error_in_python_and_in_json(kind, fields):
+    with pytest.raises(InputError) as made:
+        kind(**fields)
+    with pytest.raises(InputError) as read:
+        parse_motion({kind.kind: json.loads(json.dumps(fields))})
+    assert type(read.value) is type(made.value)
+    assert read.value.message.replace("[", "(").replace("]", ")") == made.value.message.replace(
+        "[", "("
+    ).replace("]", ")")
+
+
+@pytest.mark.parametrize(
+    ("value", "named"),
+    [
+        ([], "The motion"),
+        ({}, "The motion"),
+        ({"move_to": {"position_m": NEAR}, "wait": {}}, "The motion"),
+        ({"hop": {}}, "no motion named 'hop'"),
+        ({"move_to": 3}, "move_to"),
+        ({"move_to": {}}, "move_to has no position_m"),
+        ({"move_line": {"position_m": NEAR, "tool_sped_m_s": 1}}, "no field 'tool_sped_m_s'"),
+        ({"move_to": {"position_m": NEAR, "stance": {"pich_rad": 1}}}, "no field 'pich_rad'"),
+        ({"move_to": {"position_m": NEAR, "stance": {"keep": "yes"}}}, "keep"),
+    ],
+)
+def test_tables_that_are_no_motion_are_named(value, named):
+    with pytest.raises(InputError, match=named):
+        parse_motion(value)
+
+
+def test_a_slip_in_a_key_is_told_the_closest():
+    with pytest.raises(InputError) as raised:
+        parse_motion({"move_line": {"position_m": NEAR, "tool_sped_m_s": 1}})
+    assert "Did you mean tool_speed_m_s?" in raised.value.hint
+
+
+ANYTHING = st.recursive(
+    st.none() | st.booleans() | st.floats() | st.integers() | st.text(max_size=5),
+    lambda inner: st.lists(inner, max_size=4) | st.dictionaries(st.text(max_size=5), inner),
+    max_leaves=8,
+)
+
+
+@given(data=st.data(), motion=st.sampled_from(EXAMPLES))
+def test_json_with_any_value_in_a_field_is_a_motion_or_an_input_error(data, motion):
+    ((kind, fields),) = motion_fields(motion).items()
+    name = data.draw(st.sampled_from([*KINDS[kind].__dataclass_fields__, "other"]))
+    with contextlib.suppress(InputError):
+        parse_motion({kind: {**fields, name: data.draw(ANYTHING)}})
+
+
+@pytest.fixture
+def arm():
+    with ikservo.open_arm("so101", port="sim:?pose=home") as machine:
+        yield machine
+
+
+PLANNED = (
+    MoveTo(NEAR),
+    MoveLine(NEAR, 0.05),
+    MoveArc((0.22, 0.03, 0.1), NEAR),
+    MoveThrough([FAR, NEAR]),
+    Draw([[NEAR]]),
+    MoveJoints({"wrist_roll": 0.1}),
+    MovePose("home"),
+    MoveToRest(),
+    Lower(),
+)
+
+
+@pytest.mark.parametrize("motion", PLANNED, ids=str)
+def test_plans_keep_their_motion_and_move_nothing(arm, motion):
+    arm.enable()
+    before = registers(arm, "goal_position")
+    plan = arm.plan(motion)
+    assert plan.motion is motion
+    assert arm.plan(plan.motion).duration_s == plan.duration_s
+    assert registers(arm, "goal_position") == before
+
+
+def test_execute_makes_a_motion_and_start_returns_at_once(arm):
+    assert arm.execute(MoveTo(NEAR)).reached
+    np.testing.assert_allclose(true_tip_m(arm), NEAR, atol=2e-3)
+    running = arm.start(MoveJoints({"wrist_roll": 0.4}))
+    queued = arm.start(MoveGripper("open"))
+    assert running.wait().reached
+    assert queued.wait().reached
+    assert true_joints(arm)["wrist_roll"] == pytest.approx(0.4, abs=0.01)
+    assert arm.execute(Wait(0.1)) is None
+
+
+@pytest.mark.parametrize("motion", [MoveGripper("open"), Replay("wave.jsonl"), Wait(1.0)], ids=str)
+def test_motions_without_a_plan_are_refused_by_plan(arm, motion):
+    with pytest.raises(BadValueError, match="to plan"):
+        arm.plan(motion)
+
+
+@pytest.mark.parametrize("what", [None, NEAR, {"move_to": {"position_m": NEAR}}, MoveTo])
+def test_what_is_no_motion_is_refused(arm, what):
+    for method in (arm.plan, arm.execute, arm.start):
+        with pytest.raises(BadValueError):
+            method(what)
+    assert not any(registers(arm, "torque_enable").values())
+
+
+def test_a_plan_of_a_limp_arm_is_made_again_from_its_motion_where_it_has_sunk():
+    with ikservo.open_arm("so101", port="sim") as limp:
+        plan = limp.plan(MovePose("home"))
+        assert plan.limp_arm is not None
+        assert limp.execute(plan).reached
+        assert limp.plan(MoveTo(NEAR)).limp_arm is None
+
+
+def test_a_motion_is_changed_by_making_another():
+    motion = MoveTo(NEAR)
+    assert replace(motion, speed="slow") == MoveTo(NEAR, speed="slow") == motion.with_speed("slow")
+    assert Wait(1.0).with_speed("slow") == Wait(1.0)
+    with pytest.raises(AttributeError):
+        motion.speed = "fast"
+    assert isinstance(motion, MotionValue)
