@@ -122,9 +122,8 @@ class Planner:
         See ``plan_path``.
 
         Raises:
-            BadValueError: No point, no finite numbers, or no positive blend; see ``plan_path``.
+            BadValueError: As of ``plan_path``.
         """
-        _last_target(points_m)
         path = straight_lines(self.path_start(start), points_m, blend_m)
         return self.plan_path(start, path, speed, stance, tool_speed_m_s)
 
@@ -202,13 +201,10 @@ class Planner:
         Raises:
             UnreachableError: A point is out of reach.
             OrientationError: The tool cannot have the requested orientation at the last.
-            BadValueError: No point, no finite numbers, or no positive blend.
             UnknownNameError: No such speed.
         """
-        limits, target = self.motion_limits(speed), _last_target(points_m)
+        limits, target = self.motion_limits(speed), Target(points_m[-1])
         start = self._clip_to_limits(start)
-        if not 0.0 < blend_m < math.inf:
-            raise BadValueError("The blend", f"{blend_m} m", "a positive distance")
         goals, blends, at = list[Vector](), list[float](), start
         for point_m in points_m[:-1]:
             solved = self._solve_orientation(at, Target(point_m), KEEP_BEST_EFFORT)
@@ -392,9 +388,3 @@ def _with_target(
         orientation_error_rad=solved.error_rad,
         orientation_requested=stance.is_constrained,
     )
-
-
-def _last_target(points_m: Sequence[ArrayLike]) -> Target:
-    if len(points_m) == 0:
-        raise BadValueError("The list of points", "empty", "at least one point")
-    return Target(points_m[-1])

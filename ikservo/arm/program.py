@@ -62,12 +62,22 @@ from ikservo.files.writing import write_atomic
 from ikservo.model import Model
 from ikservo.model.arm_schema import Name
 
-__all__ = ["ACTIONS", "Program", "ProgramStep", "read_program", "write_program"]
+__all__ = [
+    "ACTIONS",
+    "MAX_STEPS",
+    "Program",
+    "ProgramStep",
+    "Speed",
+    "read_program",
+    "write_program",
+]
 
 ACTIONS = ("pose", "tip_m", "joints", "gripper", "wait_s", "recording", "motion")
 """What a step can do; each step does one of them. ``joints`` are given by ``deg`` and ``m``."""
 
-_MAX_STEPS = 1000
+MAX_STEPS = 1000
+"""The most steps of a program."""
+
 _POINT = "[x, y, z] in metres"
 
 
@@ -206,7 +216,7 @@ class Program(StrictModel):
         default=1, description="a whole number from 1 to 100000"
     )
     steps: tuple[ProgramStep, ...] = Field(
-        strict=False, min_length=1, max_length=_MAX_STEPS, description="tables [[steps]]"
+        strict=False, min_length=1, max_length=MAX_STEPS, description="tables [[steps]]"
     )
 
     def speed_of(self, step: ProgramStep) -> str:

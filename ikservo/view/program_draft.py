@@ -5,18 +5,20 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
 
-from ikservo.arm.program import Program, ProgramStep, read_program, write_program
+from ikservo.arm.program import (
+    MAX_STEPS,
+    Program,
+    ProgramStep,
+    Speed,
+    read_program,
+    write_program,
+)
 from ikservo.errors import BadValueError, InputError, UnknownNameError
 from ikservo.files.folders import config_dir
 from ikservo.view.record_job import SUFFIX
 
 __all__ = ["DraftStep", "ProgramDraft", "ProgramFolder"]
-
-Speed = Literal["slow", "normal", "fast"]
-
-_MAX_STEPS = 1000
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,8 +96,8 @@ class ProgramDraft:
         Raises:
             InputError: There are too many, or the other one is gone.
         """
-        if len(self.steps) >= _MAX_STEPS:
-            raise InputError(f"A program has at most {_MAX_STEPS} steps.", "Nothing was added.")
+        if len(self.steps) >= MAX_STEPS:
+            raise InputError(f"A program has at most {MAX_STEPS} steps.", "Nothing was added.")
         place = len(self.steps) if after is None else self.place_of(after) + 1
         added = self._number_step(step)
         self._set_steps((*self.steps[:place], added, *self.steps[place:]))

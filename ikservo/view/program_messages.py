@@ -9,6 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from ikservo.arm.program import Speed
 from ikservo.view.message_fields import Name, PageMessage
 
 __all__ = [
@@ -25,7 +26,6 @@ __all__ = [
 
 StepNumber = Annotated[int, Field(ge=1, le=2**31)]
 Place = Annotated[int, Field(ge=0, le=1000)]
-Speed = Literal["slow", "normal", "fast"]
 Wait = Annotated[float, Field(gt=0, le=3600, allow_inf_nan=False)]
 
 

@@ -80,6 +80,8 @@ def test_motions_of_equal_numbers_are_equal_and_do_not_change_with_the_array():
     motion = MoveTo(point_m)
     point_m[:] = 0.0
     assert motion == MoveTo(NEAR)
+    stances = [ToolOrientation(direction=np.array([0.0, 0.0, -1.0])) for _ in range(2)]
+    assert MoveTo(NEAR, stance=stances[0]) == MoveTo(NEAR, stance=stances[1]) != motion
     assert len({motion, MoveTo(NEAR), MoveTo(FAR)}) == 2
 
 

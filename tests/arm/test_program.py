@@ -31,6 +31,10 @@ KINDS = (
     {"gripper": "open"},
     {"wait_s": 0.4},
     {"recording": "wave.jsonl"},
+    {"motion": {"move_through": {"points_m": [FAR, NEAR], "blend_m": 0.01}}, "speed": "fast"},
+    {"motion": {"move_to": {"position_m": NEAR, "stance": {"pitch_rad": -0.9}}}},
+    {"motion": {"wait": {"duration_s": 0.1}}},
+    {"motion": {"lower": {}}},
 )
 
 
@@ -69,6 +73,12 @@ def test_every_kind_of_step_survives_being_written_and_read(tmp_path):
         ("[[steps]]\ntip_m = [0.1, 0.2, 0.3]\ntool_speed_m_s = 0.1", "without a line"),
         ("[[steps]]\ntip_m = [0.1, nan, 0.3]", r"step 1, tip_m"),
         ("[[steps]]\npose = 'home'\nspeeed = 'slow'", "speed"),
+        ("[[steps]]\npose = 'home'\nmotion.lower = {}", "does pose and motion"),
+        ("[[steps]]\nmotion.hop = {}", "step 1, motion: There is no motion named 'hop'"),
+        ("[[steps]]\nmotion.move_through = {}", "step 1, motion: move_through has no points_m"),
+        ("[[steps]]\nmotion.move_to = { position_m = [0.1] }", "target position"),
+        ("[[steps]]\nmotion.move_to = { position_m = [0.2, 0, 0.1], speed = 'slow' }", "the step"),
+        ("[[steps]]\nmotion.wait = { duration_s = 0.0 }", "step 1, motion: The wait is 0 s"),
     ],
 )
 def test_a_malformed_program_is_one_error_that_names_the_key(tmp_path, text, expected):
@@ -77,6 +87,22 @@ def test_a_malformed_program_is_one_error_that_names_the_key(tmp_path, text, exp
     path.write_text(head + text)
     with pytest.raises(FileFormatError, match=expected):
         read_program(path)
+
+
+def test_a_step_of_any_motion_has_its_speed_from_the_step_or_the_program(arm):
+    own, of_program, without = (
+        program({"motion": each, **more}, speed="slow")
+        for each, more in (
+            ({"draw": {"strokes_m": [[NEAR]]}}, {"speed": "fast"}),
+            ({"draw": {"strokes_m": [[NEAR]]}}, {}),
+            ({"wait": {"duration_s": 1.0}}, {}),
+        )
+    )
+    speeds = [
+        getattr(each.steps[0].to_motion(arm.model, each.speed_of(each.steps[0])), "speed", None)
+        for each in (own, of_program, without)
+    ]
+    assert speeds == ["fast", "slow", None]
 
 
 def test_a_program_of_another_arm_is_refused(arm, tmp_path):
@@ -124,7 +150,7 @@ def test_a_line_is_checked_from_where_the_step_before_ends(arm, tmp_path):
 @pytest.mark.full
 def test_steps_are_made_in_order_and_the_joints_end_where_the_last_says(arm, tmp_path):
     write_wave_recording("so101", tmp_path / "wave.jsonl")
-    steps = (*KINDS, {"tip_m": FAR, "path": "line"})
+    steps = (*KINDS, KINDS[0], {"tip_m": NEAR}, {"tip_m": FAR, "path": "line"})
     made = list(run_of(arm, tmp_path, *steps).run())
     assert [each.number for each in made] == list(range(1, len(steps) + 1))
     assert np.linalg.norm(true_tip_m(arm) - FAR) < 0.003

@@ -9,7 +9,7 @@ from tests.oracle import ARMS, tip_from_joints
 
 MOVING = ("move", "arc", "draw", "test", "joints", "jog", "gripper", "pose", "replay", "follow",
           "relax", "identify", "program")  # fmt: skip
-ONE_JOINT = ("joints", "jog", "gripper", "move_joints", "plan_joints", "stream")
+ONE_JOINT = ("joints", "jog", "gripper", "move_joints", "plan", "plan_joints", "stream")
 CARTESIAN = ("arc", "draw", "move_arc", "move_line", "plan_arc", "plan_line")
 PASSIVE = (  # methods that neither move the arm nor plan a motion, or disable its torque anyway
     "acknowledge", "close", "disable_torque", "enable", "hold", "pose_within_limits", "record",

@@ -10,6 +10,7 @@ import itertools
 import numpy as np
 
 from ikservo.arm import Arm
+from ikservo.arm.motions import MoveJoints, Wait
 from ikservo.guard import StopKind, StopReason
 from tests.journeys.command_arguments import usual_target_m
 from tests.journeys.recordings import write_wave_recording
@@ -96,6 +97,7 @@ _VALUES = {
     "points_m": _points,
     "strokes_m": lambda arm, _: [[_target(arm), _beside(arm)]],
     "positions": _some_joints,
+    "motion": lambda arm, folder: MoveJoints(_some_joints(arm, folder)),
     "plan": lambda arm, folder: arm.plan_joints(_some_joints(arm, folder)),
     "speed": lambda *_: "slow",
     "name": lambda *_: "home",
@@ -115,6 +117,7 @@ _OWN = {
     ("record", "duration_s"): lambda *_: 0.1,
     ("replay", "path"): _wave,
     ("load_replay", "path"): _wave,
+    ("start", "motion"): lambda *_: Wait(0.1),  # nothing moves after the call
     ("execute", "plan"): lambda arm, _: arm.plan_to(_target(arm)),
     ("request_stop", "reason"): lambda *_: StopReason(StopKind.PROGRAM, "enough"),
     ("teach", "name"): lambda *_: "cup",

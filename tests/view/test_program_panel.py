@@ -4,6 +4,7 @@ import math
 
 import pytest
 
+from ikservo.arm.motions import MoveJoints, Wait
 from ikservo.arm.program import read_program
 from ikservo.view import messages as page_messages
 from ikservo.view import program_messages as msg
@@ -360,3 +361,26 @@ def test_a_stop_ends_a_recording_without_a_step_and_it_can_be_added_from_the_lis
     assert panel(session).draft.steps[0].step.recording == "recording-1.jsonl"
     with pytest.raises(BadMessageError, match="no recording"):
         add(session, "recording", recording="elsewhere")
+
+
+def test_steps_of_any_motion_are_loaded_shown_played_and_saved(session, own_folder):
+    own_folder.mkdir(parents=True, exist_ok=True)
+    (own_folder / "mixed.toml").write_text(
+        'format = 1\narm = "so101"\n'
+        "[[steps]]\nmotion.move_joints = { positions = { wrist_roll = 0.3 } }\n"
+        "[[steps]]\nmotion.wait = { duration_s = 0.1 }\n"
+    )
+    session.send_message(msg.ProgramFile, action="load", name="mixed")
+    turn, wait = panel(session).fields()["steps"]
+    assert (turn["text"], turn["has_speed"]) == ("wrist_roll 0.3", True)
+    assert (wait["text"], wait["has_speed"]) == ("wait 0.1 s", False)
+    session.send_message(msg.ChangeStep, step=turn["number"], speed="fast")
+    assert run(session)["phase"] == "done"
+    assert true_joints(session.arm)["wrist_roll"] == pytest.approx(0.3, abs=0.01)
+    session.send_message(msg.ProgramFile, action="save", name="copy")
+    read = read_program(own_folder / "copy.toml").steps
+    assert [each.motion for each in read] == [
+        MoveJoints({"wrist_roll": 0.3}),
+        Wait(0.1),
+    ]
+    assert read[0].speed == "fast"
