@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -153,25 +153,12 @@ class Planner:
         """
         if stance.posture is not None:
             raise BadValueError("The stance on a line", "a posture", "a tool orientation, or none")
-        limits, start = self.motion_limits(speed), self._clip_to_limits(start)
+        start = self._clip_to_limits(start)
         q = self._index.chain_joints(start)
         target = Target(path.at(path.length)[0])
         solved = self._solve_orientation(start, target, replace(stance, keep=False))
         end = solved.solution.q if stance.constrains_more_than_keep else None
-
-        def follow(chain: Chain) -> CartesianTrajectory:
-            return CartesianTrajectory(
-                chain,
-                q,
-                path,
-                [limits[column] for column in self._index.chain],
-                speed_m_s=_TIP_M_S[speed],
-                tool_speed_m_s=tool_speed_m_s,
-                end=end,
-                strict=stance.keep,
-            )
-
-        line = self._follow_under_load(follow)
+        line = self._follow_under_load(q, path, speed, tool_speed_m_s, end, strict=stance.keep)
         solution = replace(
             solved.solution, q=line.goal, nearest_m=self._chain.forward(line.goal)[:3, 3]
         )
@@ -318,13 +305,36 @@ class Planner:
         return blend_m / (_PASSED * float(np.linalg.norm(J, axis=0).sum()))
 
     def _follow_under_load(
-        self, follow: Callable[[Chain], CartesianTrajectory]
+        self,
+        q: Vector,
+        path: ToolPath,
+        speed: str,
+        tool_speed_m_s: float | None,
+        end: Vector | None,
+        *,
+        strict: bool,
     ) -> CartesianTrajectory:
         """Follow a path inside limits that leave room for the goals which move the arm along it.
+
+        See ``CartesianTrajectory`` for ``q``, ``path``, ``tool_speed_m_s``, ``end``, ``strict``.
 
         Raises:
             CartesianPathError: The path cannot be followed; says so where the load is the cause.
         """
+        limits = self.motion_limits(speed)
+
+        def follow(chain: Chain) -> CartesianTrajectory:
+            return CartesianTrajectory(
+                chain,
+                q,
+                path,
+                [limits[column] for column in self._index.chain],
+                speed_m_s=_TIP_M_S[speed],
+                tool_speed_m_s=tool_speed_m_s,
+                end=end,
+                strict=strict,
+            )
+
         line = follow(self._chain)
         if self._parameters is None:
             return line

@@ -80,9 +80,11 @@ class ToolOrientation:
             raise BadValueError("keep", repr(self.keep), "True or False")
         Target((0.0, 0.0, 0.0), direction=self.direction)
         Target((0.0, 0.0, 0.0), orientation=self.orientation)
-        for name in ("direction", "orientation"):  # tuples, which can be compared
-            if (given := getattr(self, name)) is not None:
-                object.__setattr__(self, name, _as_tuples(np.asarray(given, float).tolist()))
+        if self.direction is not None:  # tuples, which can be compared
+            object.__setattr__(self, "direction", tuple(np.asarray(self.direction).tolist()))
+        if self.orientation is not None:
+            rows: list[list[float]] = np.asarray(self.orientation).tolist()
+            object.__setattr__(self, "orientation", tuple(tuple(row) for row in rows))
         if self.orientation is not None and replace(self, orientation=None).is_constrained:
             raise BadValueError(
                 "The tool orientation", "given twice", "an orientation, or parts of it"
@@ -119,12 +121,6 @@ class ToolOrientation:
             "the given orientation" if self.orientation is not None else "",
         ]
         return " and ".join(part for part in parts if part)
-
-
-def _as_tuples(values: object) -> object:
-    if isinstance(values, list):
-        return tuple(_as_tuples(each) for each in cast("list[object]", values))
-    return values
 
 
 KEEP_BEST_EFFORT = ToolOrientation()

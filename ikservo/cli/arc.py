@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ikservo.arm.motions import MoveArc
-from ikservo.cli.motion_report import execute_tip_plan, print_move_report, print_preview
+from ikservo.cli.motion_report import make_tip_motion, print_move_report
 from ikservo.cli.options import (
     ArmOption,
     CollisionOption,
@@ -31,7 +31,7 @@ from ikservo.cli.options import (
     parse_length_m,
     parse_point_m,
 )
-from ikservo.cli.session import announce, open_from_options
+from ikservo.cli.session import open_from_options
 
 __all__ = ["command"]
 
@@ -115,11 +115,9 @@ def command(
         arm, port, tip=tip, collisions=collision, uncalibrated=uncalibrated
     ) as machine:
         plan = machine.plan(motion)
-        announce(plan, machine, yes=yes or dry_run)
-        if dry_run:
-            print_preview(plan, machine, json=json)
-            return
-        report = execute_tip_plan(machine, plan, yes=yes, wiggle=not no_wiggle)
+        report = make_tip_motion(
+            machine, plan, yes=yes, dry_run=dry_run, wiggle=not no_wiggle, json=json
+        )
     print_move_report(report, json=json)
 
 

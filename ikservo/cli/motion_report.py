@@ -13,12 +13,12 @@ from ikservo.arm.plan import NearLimit
 from ikservo.calibration import JointUnit
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.posture_reports import joint_lines
-from ikservo.cli.session import motion_progress_bar
+from ikservo.cli.session import announce, motion_progress_bar
 from ikservo.cli.terminal import print_json, print_lines
 from ikservo.errors import ExitCode, format_point
 from ikservo.model import Model
 
-__all__ = ["execute_tip_plan", "print_move_report", "print_plan", "print_preview"]
+__all__ = ["make_tip_motion", "print_move_report", "print_plan"]
 
 
 def print_plan(
@@ -45,23 +45,29 @@ def print_plan(
     print_lines(_plan_lines(plan, change_rad), indent=9)
 
 
-def print_preview(plan: MotionPlan, machine: Arm, *, json: bool) -> None:
-    """Print a plan of the tip: the joints at its end, duration, limits."""
-    goals = machine.joint_index.by_name(plan.goal)
-    joints = {name: goals[name] for name in machine.chain.names}
-    print_plan(plan, machine.model, joints, plan.orientation_change_rad, json=json)
+def make_tip_motion(
+    machine: Arm, plan: MotionPlan, *, yes: bool, dry_run: bool, wiggle: bool, json: bool
+) -> MoveResult | None:
+    """Announce and execute a plan of the tip; a dry run prints it instead, and returns None.
 
-
-def execute_tip_plan(machine: Arm, plan: MotionPlan, *, yes: bool, wiggle: bool) -> MoveResult:
-    """Execute a plan of the tip, made again where the directions of joints were tried first."""
+    It is made again where the directions of joints were tried first.
+    """
+    announce(plan, machine, yes=yes or dry_run)
+    if dry_run:
+        goals = machine.joint_index.by_name(plan.goal)
+        joints = {name: goals[name] for name in machine.chain.names}
+        print_plan(plan, machine.model, joints, plan.orientation_change_rad, json=json)
+        return None
     if wiggle and check_directions_once(machine, yes=yes) and plan.motion is not None:
         plan = machine.plan(plan.motion)
     with motion_progress_bar() as on_progress:
         return cast("MoveResult", machine.execute(plan, on_progress))
 
 
-def print_move_report(report: MoveResult, *, json: bool) -> None:
-    """Print how a motion of the tip ended; exit 1 if it is not where it should be."""
+def print_move_report(report: MoveResult | None, *, json: bool) -> None:
+    """Print how a motion of the tip ended, if one was made; exit 1 if it is beside its goal."""
+    if report is None:
+        return
     if json:
         print_json(
             "move",
