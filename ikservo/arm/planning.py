@@ -43,22 +43,15 @@ def plan_motion(
         case MoveTo():
             return planner.plan_to_point(start, motion.position_m, speed, motion.stance)
         case MoveLine():
-            points, stance = [motion.position_m], motion.stance
+            points, tool_speed_m_s = [motion.position_m], motion.tool_speed_m_s
             return planner.plan_linear(
-                start, points, speed, stance=stance, tool_speed_m_s=motion.tool_speed_m_s
-            )
-        case MoveThrough(line=True):
-            return planner.plan_linear(
-                start,
-                list(motion.points_m),
-                speed,
-                motion.blend_m,
-                motion.stance,
-                motion.tool_speed_m_s,
+                start, points, speed, stance=motion.stance, tool_speed_m_s=tool_speed_m_s
             )
         case MoveThrough():
-            points = list(motion.points_m)
-            return planner.plan_waypoints(start, points, speed, motion.blend_m, motion.stance)
+            passed = (start, list(motion.points_m), speed, motion.blend_m, motion.stance)
+            if motion.line:
+                return planner.plan_linear(*passed, motion.tool_speed_m_s)
+            return planner.plan_waypoints(*passed)
         case MoveArc():
             return _plan_arc(planner, motion, start, speed)
         case Draw():
