@@ -146,9 +146,9 @@ class RunningMotion(Generic[T]):
     def __repr__(self) -> str:
         """Return whether it has ended, and its result."""
         if not self.done:
-            return "Motion(running)"
+            return "RunningMotion(running)"
         failed = self._error is not None
-        return f"Motion(done, {f'error {self._error!r}' if failed else repr(self._report)})"
+        return f"RunningMotion(done, {f'error {self._error!r}' if failed else repr(self._report)})"
 
     def __del__(self) -> None:
         """Log an error that no ``wait`` has raised."""

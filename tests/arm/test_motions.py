@@ -2,6 +2,7 @@
 
 import contextlib
 import json
+import sys
 from dataclasses import replace
 
 import numpy as np
@@ -31,7 +32,7 @@ from ikservo.arm.motions import (
 )
 from ikservo.errors import BadValueError, InputError
 from ikservo.ik import Posture
-from tests.arm.simulated import registers, true_joints, true_tip_m
+from tests.arm.simulated import context_of, registers, true_joints, true_tip_m
 
 NEAR, FAR = (0.23, 0.02, 0.10), (0.22, -0.04, 0.12)
 EXAMPLES = (
@@ -234,3 +235,33 @@ def test_a_motion_is_changed_by_making_another():
     with pytest.raises(AttributeError):
         motion.speed = "fast"
     assert isinstance(motion, MotionValue)
+
+
+@pytest.mark.parametrize(
+    ("move", "planned_by"),
+    [
+        (lambda arm: arm.move_to(NEAR), "plan_to_point"),
+        (lambda arm: arm.move_line(NEAR), "plan_path"),
+        (lambda arm: arm.move_arc((0.22, 0.03, 0.1), NEAR), "plan_path"),
+        (lambda arm: arm.move_through([FAR, NEAR]), "plan_waypoints"),
+        (lambda arm: arm.draw([[NEAR]]), "plan_to_point"),
+        (lambda arm: arm.pose("zero"), "plan_to_joints"),
+    ],
+)
+def test_from_a_method_to_its_planner_no_step_hides_in_a_closure(
+    arm, monkeypatch, move, planned_by
+):
+    names = []
+
+    def note(*_args, **_options):
+        frame = sys._getframe(1)
+        while frame.f_code.co_filename != __file__:
+            names.append(frame.f_code.co_qualname)
+            frame = frame.f_back
+        raise InterruptedError
+
+    monkeypatch.setattr(context_of(arm).planner, planned_by, note)
+    with pytest.raises(InterruptedError):
+        move(arm)
+    assert names[-1].startswith("MotionMethods.")
+    assert [name for name in names if "<" in name] == []
