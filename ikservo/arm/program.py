@@ -203,6 +203,7 @@ class ProgramStep(StrictModel):
             raise ValueError("needs both: path = arc, and via_m")
         if self.tool_speed_m_s is not None and self.path not in ("line", "arc"):
             raise ValueError("has tool_speed_m_s without a line or an arc")
+        self._to_motion()  # refuses what the motion refuses
         return self
 
 

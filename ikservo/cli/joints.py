@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from ikservo.arm import Arm, JointMoveResult
+from ikservo.arm.motions import MoveJoints
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.motion_report import print_plan
 from ikservo.cli.options import (
@@ -29,7 +30,7 @@ from ikservo.cli.terminal import print_json, print_lines
 from ikservo.errors import BadValueError, ExitCode, InputError, format_point
 from ikservo.model import Model
 
-__all__ = ["command", "move_joints", "preview", "print_report"]
+__all__ = ["command", "make_joint_motion", "print_report"]
 
 Goals = Annotated[
     list[str],
@@ -60,33 +61,39 @@ def command(
     """
     with open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
         positions = _parse_positions(goals, machine.model)
-        if dry_run:
-            preview(machine, positions, speed, json=json)
-            return
-        report = move_joints(machine, positions, speed, yes=yes, wiggle=not no_wiggle)
+        report = make_joint_motion(
+            machine, positions, speed, yes=yes, dry_run=dry_run, wiggle=not no_wiggle, json=json
+        )
     print_report(report, machine.model, json=json)
 
 
-def move_joints(
-    machine: Arm, positions: Mapping[str, float], speed: str, *, yes: bool, wiggle: bool
-) -> JointMoveResult:
-    """Announce a motion of joints, execute it and return its result."""
-    announce(machine.plan_joints(positions, speed=speed), machine, yes=yes)
+def make_joint_motion(
+    machine: Arm,
+    positions: Mapping[str, float],
+    speed: str,
+    *,
+    yes: bool,
+    dry_run: bool,
+    wiggle: bool,
+    json: bool,
+) -> JointMoveResult | None:
+    """Announce and execute a motion of joints; a dry run prints its plan, and returns None."""
+    motion = MoveJoints(positions, speed=speed)
+    plan = machine.plan(motion)
+    announce(plan, machine, yes=yes or dry_run)
+    if dry_run:
+        print_plan(plan, machine.model, positions, json=json)
+        return None
     if wiggle:
         check_directions_once(machine, yes=yes)
     with motion_progress_bar() as on_progress:
-        return machine.move_joints(positions, speed=speed, on_progress=on_progress)
+        return machine.execute(motion, on_progress)
 
 
-def preview(machine: Arm, positions: Mapping[str, float], speed: str, *, json: bool) -> None:
-    """Plan and print a motion of joints; nothing moves."""
-    plan = machine.plan_joints(positions, speed=speed)
-    announce(plan, machine, yes=True)
-    print_plan(plan, machine.model, positions, json=json)
-
-
-def print_report(report: JointMoveResult, model: Model, *, json: bool) -> None:
-    """Print the result of a motion of joints; exit 1 if a joint did not reach its goal."""
+def print_report(report: JointMoveResult | None, model: Model, *, json: bool) -> None:
+    """Print the result of a motion of joints, if one was made; exit 1 if one is off its goal."""
+    if report is None:
+        return
     if json:
         print_json("joints", **_report_fields(report))
     else:

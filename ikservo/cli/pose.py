@@ -10,7 +10,7 @@ import typer
 from ikservo.arm.networks import find_network
 from ikservo.arm.opening import resolve_port
 from ikservo.arm.poses import PoseLibrary
-from ikservo.cli.joints import move_joints, preview, print_report
+from ikservo.cli.joints import make_joint_motion, print_report
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import (
     ArmOption,
@@ -64,13 +64,10 @@ def command(
         return
     with open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
         inside = machine.pose_within_limits(name)
-        positions = inside.positions
         for words in inside.changed:
             print_status(f"{words}.")
-        if dry_run:
-            preview(machine, positions, speed, json=json)
-            return
-        report = move_joints(machine, positions, speed, yes=yes, wiggle=not no_wiggle)
+        report = make_joint_motion(machine, inside.positions, speed, yes=yes, dry_run=dry_run,
+                                   wiggle=not no_wiggle, json=json)  # fmt: skip
     print_report(report, machine.model, json=json)
 
 

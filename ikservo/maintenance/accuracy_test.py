@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ikservo.arm import Arm, MotionProgress
+from ikservo.arm.motions import MoveArc, MoveLine
 from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.maintenance.iso9283 import (
@@ -308,19 +309,16 @@ class AccuracyTest:
         tops: list[float] = []
         for shape in ("line", "circle"):
             self._move_to(self._path_start(shape))
-            if shape == "line":
-                plan = self._arm.plan_line(
-                    self.cube.poses_m["P4"], speed="fast", tool_speed_m_s=1.0
-                )
-            else:
-                plan = self._arm.plan_arc(
-                    center_m=self.cube.center_m,
-                    normal=self.cube.normal,
-                    speed="fast",
-                    tool_speed_m_s=1.0,
-                )
+            plan = self._arm.plan(self._path(shape, 1.0))
             tops.append(plan.tool_speed.top_m_s if plan.tool_speed else 0.0)
         return max(math.floor(1000.0 * min(tops)), 1.0) / 1000.0
+
+    def _path(self, shape: str, tool_speed_m_s: float) -> MoveLine | MoveArc:
+        cube = self.cube
+        if shape == "line":
+            return MoveLine(cube.poses_m["P4"], tool_speed_m_s, speed="fast")
+        return MoveArc(center_m=cube.center_m, normal=cube.normal,
+                       tool_speed_m_s=tool_speed_m_s, speed="fast")  # fmt: skip
 
     def _path_start(self, shape: str) -> Vector:
         return self.cube.poses_m["P2"] if shape == "line" else self.cube.circle_start_m
@@ -346,18 +344,7 @@ class AccuracyTest:
         def look(progress: MotionProgress) -> None:
             seen.append(progress.tip_m)
 
-        if shape == "line":
-            self._arm.move_line(
-                self.cube.poses_m["P4"], speed="fast", tool_speed_m_s=speed_m_s, on_progress=look
-            )
-        else:
-            self._arm.move_arc(
-                center_m=self.cube.center_m,
-                normal=self.cube.normal,
-                speed="fast",
-                tool_speed_m_s=speed_m_s,
-                on_progress=look,
-            )
+        self._arm.execute(self._path(shape, speed_m_s), look)
         return np.array(seen)
 
     def _measure_drift(self) -> None:

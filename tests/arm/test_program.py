@@ -74,6 +74,7 @@ def test_every_kind_of_step_survives_being_written_and_read(tmp_path):
         ("[[steps]]\ntip_m = [0.1, nan, 0.3]", r"step 1, tip_m"),
         ("[[steps]]\npose = 'home'\nspeeed = 'slow'", "speed"),
         ("[[steps]]\npose = 'home'\nmotion.lower = {}", "does pose and motion"),
+        ("[[steps]]\ntip_m = [2000.0, 0.2, 0.3]", "step 1: The target position"),
         ("[[steps]]\nmotion.hop = {}", "step 1, motion: There is no motion named 'hop'"),
         ("[[steps]]\nmotion.move_through = {}", "step 1, motion: move_through has no points_m"),
         ("[[steps]]\nmotion.move_to = { position_m = [0.1] }", "target position"),
