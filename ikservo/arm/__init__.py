@@ -15,18 +15,13 @@ if TYPE_CHECKING:
     from ikservo.arm.opening import open_arm
     from ikservo.arm.plan import MotionPlan
     from ikservo.arm.recorder import read_recording
-    from ikservo.arm.recording import Recording
-    from ikservo.arm.reports import (
-        ArmState,
-        JointMoveResult,
-        MotionProgress,
-        MoveResult,
-        SampledTrajectory,
-    )
+    from ikservo.arm.reports import ArmState, JointMoveResult, MotionProgress, MoveResult
     from ikservo.arm.setpoint_stream import SetpointStream
     from ikservo.arm.tool_orientation import ToolOrientation
     from ikservo.control.feedback import JointState
     from ikservo.guard import DEAD_MAN_TIMEOUT_S, StopKind, StopReason
+    from ikservo.recording.recording import Recording
+    from ikservo.recording.sampled_trajectory import SampledTrajectory
 
 __all__ = [
     "DEAD_MAN_TIMEOUT_S",
@@ -63,9 +58,9 @@ _HOMES = {
     "MotionProgress": "arm.reports",
     "MoveResult": "arm.reports",
     "OnExit": "arm.arm",
-    "Recording": "arm.recording",
+    "Recording": "recording.recording",
     "RunningMotion": "arm.background_motion",
-    "SampledTrajectory": "arm.reports",
+    "SampledTrajectory": "recording.sampled_trajectory",
     "SetpointStream": "arm.setpoint_stream",
     "StopKind": "guard",
     "StopReason": "guard",

@@ -12,7 +12,6 @@ import numpy as np
 
 from ikservo.arm.arguments import parse_number
 from ikservo.arm.motions import MotionValue
-from ikservo.arm.reports import SampledTrajectory, sample_trajectory
 from ikservo.arm.tool_speed import ToolSpeed
 from ikservo.errors import RefusedError
 from ikservo.guard import CommandLimits
@@ -21,6 +20,7 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.model.model import near_distance
 from ikservo.motion import ConcatenatedTrajectory, JointMove, KinematicLimits, Trajectory
+from ikservo.recording.sampled_trajectory import SampledTrajectory, sample_trajectory
 
 __all__ = [
     "RETRACT_POSES",

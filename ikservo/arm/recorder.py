@@ -12,16 +12,15 @@ from typing import Protocol
 from ikservo.arm.arguments import check_callable, parse_number, parse_path
 from ikservo.arm.calibrated_arm import ZeroSource
 from ikservo.arm.context import ArmContext
-from ikservo.arm.live_view import FoxgloveServer
 from ikservo.arm.motion_runner import MotionRunner
-from ikservo.arm.recording import (
-    ArmSample,
-    Recording,
-    RecordingHeader,
-    RecordingWriter,
-    read_json_lines,
-)
-from ikservo.arm.recording_mcap import (
+from ikservo.calibration.calibration_file import dump_calibration, load_calibration
+from ikservo.clock import Clock, Rate
+from ikservo.errors import BadValueError
+from ikservo.files.reading import require_file
+from ikservo.kinematics import Chain
+from ikservo.model import Model
+from ikservo.recording.live_view import FoxgloveServer
+from ikservo.recording.mcap_recording import (
     MAGIC,
     McapFile,
     MessageSink,
@@ -29,12 +28,13 @@ from ikservo.arm.recording_mcap import (
     RosRecordingWriter,
     read_mcap,
 )
-from ikservo.calibration.calibration_file import dump_calibration, load_calibration
-from ikservo.clock import Clock, Rate
-from ikservo.errors import BadValueError
-from ikservo.files.reading import require_file
-from ikservo.kinematics import Chain
-from ikservo.model import Model
+from ikservo.recording.recording import (
+    ArmSample,
+    Recording,
+    RecordingHeader,
+    RecordingWriter,
+    read_json_lines,
+)
 
 __all__ = [
     "RecordResult",

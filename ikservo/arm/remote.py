@@ -20,7 +20,6 @@ from ikservo.arm.control_client import (
 from ikservo.arm.networks import find_network, installed_networks
 from ikservo.arm.opening import open_bus, resolve_port
 from ikservo.arm.recorder import RecordResult, RecordSettings, describe_arm, record
-from ikservo.arm.recording import ArmSample
 from ikservo.arm.reports import ArmState, JointMoveResult
 from ikservo.calibration.paths import calibration_path
 from ikservo.clock import Clock, RealClock
@@ -32,6 +31,7 @@ from ikservo.hardware.remembered_port import is_simulated, serial_number_of
 from ikservo.kinematics.arrays import as_floats
 from ikservo.model import Model
 from ikservo.model.lifting import LoadLag, load_lags
+from ikservo.recording.recording import ArmSample
 
 __all__ = [
     "query_state",

@@ -16,13 +16,13 @@ from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.context import ArmContext
 from ikservo.arm.motions import Replay
 from ikservo.arm.recorder import read_recording, recording_header
-from ikservo.arm.recording import Recording
 from ikservo.arm.reports import OnProgress, ReplayResult
 from ikservo.arm.settling import settle_at
 from ikservo.errors import FileFormatError, RefusedError
 from ikservo.guard import thin_path
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion import JointMove, KinematicLimits, TrajectoryPoint
+from ikservo.recording.recording import Recording
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline

@@ -8,12 +8,12 @@ from ikservo.cli.calibrate_by_hand import print_servos
 from ikservo.cli.calibrate_touch import TouchOffOptions, make_targets
 from ikservo.cli.dialogue import Operator
 from ikservo.errors import CalibrationError, IkservoError
-from ikservo.maintenance.accuracy_test import PoseResult
+from ikservo.lab.accuracy_test import PoseResult
+from ikservo.lab.touched_accuracy import touched_poses
 from ikservo.maintenance.calibration_dialogue import switch_torque_off
 from ikservo.maintenance.calibration_session import open_torque_off
 from ikservo.maintenance.touch_dialogue import touch_points
 from ikservo.maintenance.touch_off import TouchOffSession
-from ikservo.maintenance.touched_accuracy import touched_poses
 from ikservo.model import Model
 from ikservo.model.kinematic_calibration import TouchPoint
 

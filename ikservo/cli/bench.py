@@ -10,7 +10,7 @@ import typer
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ArmOption, JsonOption, ServoPortOption
 from ikservo.cli.terminal import print_json, print_status, print_table, progress_bar
-from ikservo.maintenance.bus_benchmark import CYCLES, BusTiming, benchmark_bus
+from ikservo.lab.bus_benchmark import CYCLES, BusTiming, benchmark_bus
 from ikservo.model import Model
 
 __all__ = ["command"]

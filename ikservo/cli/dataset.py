@@ -9,11 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ikservo.arm import read_recording
-from ikservo.arm.dataset_reading import Dataset, read_dataset
-from ikservo.arm.dataset_writing import write_dataset
-from ikservo.arm.lerobot_positions import positions_of_lerobot
 from ikservo.arm.recorder import recording_header
-from ikservo.arm.recording import RecordingWriter
 from ikservo.calibration.calibration_file import read_calibration
 from ikservo.calibration.lerobot import find_lerobot, read_lerobot
 from ikservo.calibration.paths import calibrations_of
@@ -24,6 +20,10 @@ from ikservo.files.writing import FileWriteError, make_folder
 from ikservo.kinematics.arrays import Matrix
 from ikservo.model import Model
 from ikservo.model.lerobot_values import JointValues
+from ikservo.recording.dataset_reading import Dataset, read_dataset
+from ikservo.recording.dataset_writing import write_dataset
+from ikservo.recording.lerobot_positions import positions_of_lerobot
+from ikservo.recording.recording import RecordingWriter
 
 __all__ = ["DatasetOptions", "export_dataset", "import_dataset"]
 

@@ -22,7 +22,7 @@ from ikservo.cli.options import (
 from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import format_port, print_json, print_lines, print_status
 from ikservo.errors import ExitCode, InputError
-from ikservo.maintenance.arm_identification import IdentificationRun
+from ikservo.lab.arm_identification import IdentificationRun
 
 __all__ = ["command"]
 

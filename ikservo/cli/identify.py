@@ -23,9 +23,9 @@ from ikservo.cli.terminal import (
     print_table,
 )
 from ikservo.files.writing import check_writable
-from ikservo.maintenance.arm_identification import QUICK_TOUR, IdentificationRun
-from ikservo.maintenance.duty_model import JOINT_PARAMETERS
-from ikservo.maintenance.identification import Identification, ParameterEstimate
+from ikservo.lab.arm_identification import QUICK_TOUR, IdentificationRun
+from ikservo.lab.duty_model import JOINT_PARAMETERS
+from ikservo.lab.identification import Identification, ParameterEstimate
 from ikservo.model.identified_drives import body_joints
 
 __all__ = ["announce_tour", "command"]

@@ -10,7 +10,6 @@ from typing import Annotated
 import typer
 
 from ikservo.arm import Arm
-from ikservo.arm.live_view import FOXGLOVE_PORT
 from ikservo.arm.recorder import RecordResult, RecordSettings
 from ikservo.arm.remote import record_remote
 from ikservo.cli.model_options import model_from_option
@@ -18,6 +17,7 @@ from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedO
 from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import confirm, print_json, print_lines, print_status
 from ikservo.errors import InputError
+from ikservo.recording.live_view import FOXGLOVE_PORT
 
 __all__ = ["command"]
 

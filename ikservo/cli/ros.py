@@ -25,10 +25,10 @@ from ikservo.cli.terminal import format_port, print_json, print_status
 from ikservo.errors import BadValueError
 from ikservo.network.address import Endpoint, parse_host
 from ikservo.network.certificates import client_certificate
-from ikservo.network.ros.bridge import INPUTS, OUTPUTS, SERVICES, RosBridge
-from ikservo.network.ros.trajectory_action import ACTION
-from ikservo.network.ros.wire import MAX_DOMAIN, check_namespace
 from ikservo.network.session import open_router_client
+from ikservo.ros_bridge.bridge import INPUTS, OUTPUTS, SERVICES, RosBridge
+from ikservo.ros_bridge.trajectory_action import ACTION
+from ikservo.ros_bridge.wire import MAX_DOMAIN, check_namespace
 
 __all__ = ["command"]
 

@@ -36,14 +36,14 @@ from ikservo.cli.terminal import (
 )
 from ikservo.errors import BadValueError, IkservoError, InputError, format_point
 from ikservo.files.writing import FileWriteError, check_writable, write_atomic
-from ikservo.maintenance.accuracy_report import (
+from ikservo.lab.accuracy_report import (
     accuracy_fields,
     accuracy_page,
     statements,
     summary_rows,
     touched_fields,
 )
-from ikservo.maintenance.accuracy_test import PARTS, AccuracyTest, TestSettings
+from ikservo.lab.accuracy_test import PARTS, AccuracyTest, TestSettings
 from ikservo.model import Model
 
 __all__ = ["command"]

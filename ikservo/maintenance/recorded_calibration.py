@@ -4,11 +4,11 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from ikservo.arm.recording_mcap import CALIBRATION_FILE, read_attachment
 from ikservo.calibration.calibration_file import parse_calibration
 from ikservo.calibration.records import Calibration
 from ikservo.errors import CalibrationError
 from ikservo.maintenance.calibration_session import TorqueOffArm, find_mismatches
+from ikservo.recording.mcap_recording import CALIBRATION_FILE, read_attachment
 
 __all__ = ["check_adoptable", "read_recorded_calibration"]
 

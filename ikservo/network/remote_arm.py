@@ -27,7 +27,6 @@ from ikservo.arm.motion_methods import MotionMethods
 from ikservo.arm.motions import MotionValue, check_motion, motion_fields
 from ikservo.arm.plan import PoseWithinLimits
 from ikservo.arm.recorder import RecordResult, RecordSettings, describe_arm, record
-from ikservo.arm.recording import ArmSample
 from ikservo.arm.reports import OnProgress
 from ikservo.arm.target_tracking import CartesianOrJointTarget
 from ikservo.clock import Clock, RealClock
@@ -42,6 +41,7 @@ from ikservo.network.plan_fields import RemoteTrajectory
 from ikservo.network.remote_description import ArmDescription, RemotePoses, describe
 from ikservo.network.remote_following import RemoteFollowing
 from ikservo.network.remote_stream import RemoteStream
+from ikservo.recording.recording import ArmSample
 
 __all__ = ["RemoteArm"]
 

@@ -8,9 +8,9 @@ import pytest
 
 import ikservo
 from ikservo.arm.recorder import recording_header
-from ikservo.arm.recording import RecordingWriter
 from ikservo.errors import CollisionError
 from ikservo.guard import KeepOutBox
+from ikservo.recording.recording import RecordingWriter
 from tests.arm.simulated import clock_of, context_of, line_of, registers
 
 DOWN_M = np.array([0.0, 0.0, -0.03])

@@ -9,8 +9,8 @@ import pytest
 import ikservo
 from ikservo.calibration.identified_file import save_identified
 from ikservo.errors import IkservoError, StoppedError
-from ikservo.maintenance.arm_identification import IdentificationRun
-from ikservo.maintenance.excitation import TourOptions, record_excitation
+from ikservo.lab.arm_identification import IdentificationRun
+from ikservo.lab.excitation import TourOptions, record_excitation
 from tests.arm.identified_truth import (
     friction_error,
     gravity_errors,

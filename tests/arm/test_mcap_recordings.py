@@ -15,12 +15,12 @@ from rosbags.typesys import Stores, get_typestore
 from websockets.sync.client import connect
 
 import ikservo
-from ikservo.arm.live_view import FoxgloveServer
 from ikservo.arm.recorder import RecordSettings, describe_arm, read_recording, record
-from ikservo.arm.recording import ArmSample
-from ikservo.arm.recording_mcap import read_attachment
 from ikservo.errors import BadValueError, FileFormatError, InputError, PortError
 from ikservo.model import load_model
+from ikservo.recording.live_view import FoxgloveServer
+from ikservo.recording.mcap_recording import read_attachment
+from ikservo.recording.recording import ArmSample
 from ikservo.ros.arm_messages import DESCRIPTION, JOINT_STATES, ArmMessages
 from servosim.clock import VirtualClock
 from tests.oracle import tip_from_joints

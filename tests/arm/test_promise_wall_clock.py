@@ -15,11 +15,11 @@ from tests.arm.simulated import line_of, run_trajectory
 PRODUCT = Path(ikservo.__file__).parent
 FAMILIES = ("so101", "koch")
 DATED = {  # messages of ROS 2 bear the date
-    "arm/recording_mcap.py",  # the first of a file; the others count from there
-    "network/ros/action_server.py",
-    "network/ros/bridge.py",
-    "network/ros/node.py",
-    "network/ros/trajectory_action.py",  # goals bear it, too: an old one is refused
+    "recording/mcap_recording.py",  # the first of a file; the others count from there
+    "ros_bridge/action_server.py",
+    "ros_bridge/bridge.py",
+    "ros_bridge/node.py",
+    "ros_bridge/trajectory_action.py",  # goals bear it, too: an old one is refused
 }
 
 

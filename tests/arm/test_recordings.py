@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from ikservo.arm.recorder import read_recording
-from ikservo.arm.recording import RecordingHeader, RecordingWriter
 from ikservo.errors import FileFormatError, InputError
 from ikservo.files.writing import FileWriteError
+from ikservo.recording.recording import RecordingHeader, RecordingWriter
 
 HEADING = RecordingHeader("so101", ("a", "b"), ("rad", "m"), 0.02)
 HEADER = {"schema": "ikservo/recording/1", "arm": "so101", "joints": ["a", "b"],

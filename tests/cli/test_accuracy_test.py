@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from ikservo.errors import StoppedError
+from ikservo.lab.accuracy_report import accuracy_page, statements
 from ikservo.maintenance import accuracy_test
-from ikservo.maintenance.accuracy_report import accuracy_page, statements
 
 SIM = "--port sim:?pose=home"
 SHORT = "--cycles 2 --path-cycles 2 --drift 1s"
@@ -18,7 +18,7 @@ SHORT = "--cycles 2 --path-cycles 2 --drift 1s"
 def folder(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("ikservo.maintenance.iso_cube.EDGES_M", (0.04,))  # takes less time
+    monkeypatch.setattr("ikservo.lab.iso_cube.EDGES_M", (0.04,))  # takes less time
     monkeypatch.setattr(accuracy_test, "_DRIFT_CYCLES", 2)  # likewise
     return tmp_path
 

@@ -11,9 +11,9 @@ import pytest
 
 import ikservo
 from ikservo.arm.recorder import recording_header
-from ikservo.arm.recording import RecordingWriter
 from ikservo.calibration.calibration_file import read_calibration
 from ikservo.calibration.lerobot import parse_lerobot
+from ikservo.recording.recording import RecordingWriter
 from tests.arm.simulated import true_joints
 from tests.calibration.lerobot_files import lerobot_text
 from tests.calibration.mounted_arms import make_mounted_arm
@@ -168,7 +168,7 @@ def test_a_damaged_data_set_is_one_error_and_nothing_is_written(
 def test_without_pyarrow_the_error_says_what_to_install(exported, run_cli, monkeypatch, tmp_path):
     find = importlib.util.find_spec
     monkeypatch.setattr(
-        "ikservo.arm.dataset_reading.find_spec", lambda n: None if n == "pyarrow" else find(n)
+        "ikservo.recording.dataset_reading.find_spec", lambda n: None if n == "pyarrow" else find(n)
     )
     done = run_cli(f"import dataset {exported} --arm so101 --to {tmp_path / 'back'}")
     assert done.code == 1  # as for every extra

@@ -17,7 +17,7 @@ from ikservo.errors import (
     RefusedError,
     StoppedError,
 )
-from ikservo.maintenance.arm_identification import IdentificationRun
+from ikservo.lab.arm_identification import IdentificationRun
 from ikservo.model import find_arm, load_model
 from ikservo.model.identified_drives import identified_parameters
 from ikservo.model.joint_drive import nominal_parameters
@@ -163,7 +163,7 @@ def test_an_arm_without_a_calibration_is_not_moved(monkeypatch, tmp_path):
 
 
 def test_an_arm_without_masses_is_refused(home, monkeypatch):
-    monkeypatch.setattr("ikservo.maintenance.arm_identification.link_masses", lambda *_: [])
+    monkeypatch.setattr("ikservo.lab.arm_identification.link_masses", lambda *_: [])
     result = run_arguments(["identify", "--arm", ARM, "--port", "sim"])
     assert result.code == RefusedError("").exit_code
     assert "has no masses in its URDF" in result.err

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm.dataset_reading import MAX_FRAMES, read_dataset
-from ikservo.arm.mcap_records import MAGIC, MAX_CHUNK_BYTES
 from ikservo.arm.recorder import read_recording
 from ikservo.errors import FileFormatError
 from ikservo.files.drawing import read_drawing
 from ikservo.model.loading import read_description
 from ikservo.model.meshes import MAX_TRIANGLES, fit_capsules, read_triangles
+from ikservo.recording.dataset_reading import MAX_FRAMES, read_dataset
+from ikservo.recording.mcap_records import MAGIC, MAX_CHUNK_BYTES
 from servosim.arm_file import read_arm_file
 from servosim.errors import SimulatorError
 from servosim.faults import read_faults

@@ -73,7 +73,7 @@ def place_arm(monkeypatch, arm, posture, kind):
     set_ports(monkeypatch, [PortInfo(PORT)] if kind.startswith("real") else [])
     monkeypatch.setattr("ikservo.arm.calibrated_arm.is_pseudo_terminal", lambda name: name == PTY)
     monkeypatch.setattr("ikservo.hardware.port.open_transport", _reopened(mounted_arm))
-    monkeypatch.setattr("ikservo.maintenance.bus_benchmark.open_transport", _reopened(mounted_arm))
+    monkeypatch.setattr("ikservo.lab.bus_benchmark.open_transport", _reopened(mounted_arm))
     mounted_arm.port.name = bench.port
     if kind == "real, calibrated":
         shutil.copytree(_calibrated(arm), os.environ["IKSERVO_HOME"], dirs_exist_ok=True)

@@ -5,8 +5,8 @@ from itertools import pairwise
 
 import numpy as np
 
-from ikservo.maintenance.drive_fit import JointPrior
-from ikservo.maintenance.drive_recording import DriveRecording
+from ikservo.lab.drive_fit import JointPrior
+from ikservo.lab.drive_recording import DriveRecording
 from ikservo.model.servo_torque import find_servo_torque
 
 DT_S, LEG_S, SUPPLY_V = 0.01, 2.0, 12.0

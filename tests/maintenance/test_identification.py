@@ -8,7 +8,7 @@ import pytest
 import ikservo
 from ikservo.errors import CalibrationError
 from ikservo.kinematics.dynamics import Dynamics
-from ikservo.maintenance.drive_fit import (
+from ikservo.lab.drive_fit import (
     MotorConstants,
     fit_backlash,
     fit_loop,
@@ -16,8 +16,8 @@ from ikservo.maintenance.drive_fit import (
     mean_duties,
     sign_currents,
 )
-from ikservo.maintenance.drive_recording import smooth_samples, steady_windows
-from ikservo.maintenance.identification import gravity_columns, identify, identify_payload
+from ikservo.lab.drive_recording import smooth_samples, steady_windows
+from ikservo.lab.identification import gravity_columns, identify, identify_payload
 from ikservo.model.identified_drives import with_mass_scales
 from ikservo.model.sag import link_masses
 from tests.maintenance.synthetic_drives import SUPPLY_V, Drive, prior_of, record, swing

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ikservo.errors import BadValueError
-from ikservo.maintenance.iso9283 import (
+from ikservo.lab.iso9283 import (
     largest_drift,
     multidirectional_variation,
     path_accuracy,

@@ -5,7 +5,7 @@ import pytest
 
 import ikservo
 from ikservo.errors import RefusedError
-from ikservo.maintenance.iso_cube import EDGES_M, IsoCube, place_cube
+from ikservo.lab.iso_cube import EDGES_M, IsoCube, place_cube
 from tests.oracle import ARMS
 
 
@@ -35,8 +35,8 @@ def test_the_five_poses_are_in_one_plane_a_tenth_from_the_ends_of_its_diagonals(
 
 
 def test_an_arm_without_free_space_is_refused(monkeypatch):
-    monkeypatch.setattr("ikservo.maintenance.iso_cube._CLEARANCE_M", 5.0)
-    monkeypatch.setattr("ikservo.maintenance.iso_cube._OF_HOME", 50.0)
+    monkeypatch.setattr("ikservo.lab.iso_cube._CLEARANCE_M", 5.0)
+    monkeypatch.setattr("ikservo.lab.iso_cube._OF_HOME", 50.0)
     with (
         ikservo.open_arm("planar2", port="sim:?pose=home") as arm,
         pytest.raises(RefusedError, match="No cube of 40 mm"),

@@ -14,8 +14,8 @@ from zenoh_ros2_sdk.utils import ros2_to_dds_type
 
 import ikservo
 from ikservo.network.address import Endpoint
-from ikservo.network.ros.bridge import RosBridge
 from ikservo.network.session import open_router_client
+from ikservo.ros_bridge.bridge import RosBridge
 from tests.network.conftest import until
 
 HOST = "127.0.0.1"

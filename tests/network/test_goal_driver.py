@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from ikservo.errors import IkservoError
-from ikservo.network.ros.action_server import ActionGoal, GoalStatus
-from ikservo.network.ros.goal_driver import GoalDriver, GoalEnd
-from ikservo.network.ros.trajectory_action import ErrorCode, _Watch
+from ikservo.ros_bridge.action_server import ActionGoal, GoalStatus
+from ikservo.ros_bridge.goal_driver import GoalDriver, GoalEnd
+from ikservo.ros_bridge.trajectory_action import ErrorCode, _Watch
 
 WITHIN_S = 60.0
 
@@ -146,7 +146,7 @@ def test_a_goal_waits_for_rest_of_its_own_where_the_one_before_had_almost_arrive
     clock = SimpleNamespace(
         monotonic=lambda: now_s[0], sleep=lambda wait_s: now_s.append(now_s.pop() + wait_s)
     )
-    monkeypatch.setattr("ikservo.network.ros.goal_driver.time", clock)
+    monkeypatch.setattr("ikservo.ros_bridge.goal_driver.time", clock)
     watch = Watch(lambda: now_s[0] - began_s[0])
     arm.may_rest.set()
 

@@ -8,7 +8,6 @@ import pytest
 import ikservo
 from ikservo.arm import Arm, ToolOrientation
 from ikservo.arm.motions import MoveArc, MoveGripper, MoveJoints, MovePose, MoveTo, Replay
-from ikservo.arm.recording_mcap import CALIBRATION_FILE, read_attachment
 from ikservo.errors import (
     BadValueError,
     IkservoError,
@@ -20,6 +19,7 @@ from ikservo.errors import (
     UnreachableError,
 )
 from ikservo.network.remote_arm import RemoteArm
+from ikservo.recording.mcap_recording import CALIBRATION_FILE, read_attachment
 from tests.arm.simulated import call_before, registers
 from tests.network.conftest import until
 

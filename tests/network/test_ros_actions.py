@@ -20,10 +20,10 @@ from ros2_pyterfaces.cyclone.trajectory_msgs.msg import (
 )
 from ros2_pyterfaces.cyclone.unique_identifier_msgs.msg import UUID
 
-from ikservo.network.ros.action_server import GoalStatus
-from ikservo.network.ros.trajectory_action import ACTION, ErrorCode
 from ikservo.ros.messages import type_hash
 from ikservo.ros.service_types import CANCEL_GOAL, FOLLOW
+from ikservo.ros_bridge.action_server import GoalStatus
+from ikservo.ros_bridge.trajectory_action import ACTION, ErrorCode
 from tests.arm.simulated import true_joints
 from tests.network.conftest import until
 from tests.network.ros_graph import trajectory

@@ -26,9 +26,9 @@ from zenoh_ros2_sdk.session import ZenohSession
 
 from ikservo.cli import main
 from ikservo.network.address import Endpoint
-from ikservo.network.ros.bridge import RosBridge
-from ikservo.network.ros.trajectory_action import ACTION
 from ikservo.network.session import open_router_client
+from ikservo.ros_bridge.bridge import RosBridge
+from ikservo.ros_bridge.trajectory_action import ACTION
 from tests.arm.simulated import true_joints, true_tip_m
 from tests.network.conftest import PATIENCE_S, find_free_port, serve, until
 from tests.network.ros_graph import HOST, Graph, bridged, router, trajectory
@@ -202,7 +202,7 @@ def test_a_goal_that_waits_is_ended_by_the_stop_of_another_node(graph, monkeypat
     with open_router_client(Endpoint("tcp", HOST, graph.port), None) as session:
         other = Graph(graph.port, graph.arm, session, graph.warnings)
         with monkeypatch.context() as patch:
-            patch.setattr("ikservo.network.ros.bridge.check_age", wait)
+            patch.setattr("ikservo.ros_bridge.bridge.check_age", wait)
             graph.publish("/joint_trajectory", trajectory("wrist_roll", (0.5, 1.0)))
             assert waits.wait(60)
             assert other.call("/stop")[0].success

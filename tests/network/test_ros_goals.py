@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from ikservo.errors import IkservoError
-from ikservo.network.ros.goals import TwistGoal, check_age, pose_goal, trajectory_goal
-from ikservo.network.ros.wire import Attachment, NodeName, data_key, endpoint_token, node_token
-from ikservo.network.ros.wire import EndpointKind as Kind
 from ikservo.ros.messages import TRIGGER, make, type_hash
+from ikservo.ros_bridge.goals import TwistGoal, check_age, pose_goal, trajectory_goal
+from ikservo.ros_bridge.wire import Attachment, NodeName, data_key, endpoint_token, node_token
+from ikservo.ros_bridge.wire import EndpointKind as Kind
 
 PRESENT, LIMITS = {"a": 0.0, "b": 0.1}, {"a": (-1.0, 1.0), "b": (-2.0, 2.0)}
 NODE = NodeName(5, "1ce1ee", "", "arm")

@@ -12,8 +12,8 @@ from pydantic import BaseModel
 from ikservo.arm import program, recording
 from ikservo.arm.motions import KINDS
 from ikservo.arm.program import Program
-from ikservo.arm.recording import RecordingHeader
 from ikservo.model.arm_schema import ArmFile
+from ikservo.recording.recording import RecordingHeader
 from ikservo.view import arm_list, connection, messages
 from pages.markdown import code, table
 from pages.schemas import describe_type, model_sections

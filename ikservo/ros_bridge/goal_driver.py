@@ -14,7 +14,7 @@ import numpy as np
 from ikservo.arm import Arm, SetpointStream
 from ikservo.errors import IkservoError, RefusedError
 from ikservo.kinematics.arrays import Vector
-from ikservo.network.ros.goals import MotionGoal
+from ikservo.ros_bridge.goals import MotionGoal
 
 __all__ = ["GoalDriver", "GoalEnd", "GoalWatch"]
 

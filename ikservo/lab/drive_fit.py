@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.kinematics.arrays import Vector
-from ikservo.maintenance.drive_recording import DriveRecording, SteadyWindows
+from ikservo.lab.drive_recording import DriveRecording, SteadyWindows
 from ikservo.model.servo_torque import ServoTorque
 
 __all__ = [

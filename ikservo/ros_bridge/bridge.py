@@ -15,18 +15,6 @@ from ikservo.arm.reports import describe_torque
 from ikservo.errors import BadValueError, IkservoError, RefusedError
 from ikservo.kinematics.arrays import Matrix
 from ikservo.model.loading import description_text
-from ikservo.network.ros.goal_driver import GoalDriver
-from ikservo.network.ros.goals import (
-    MotionGoal,
-    TrajectoryGoal,
-    TwistGoal,
-    check_age,
-    pose_goal,
-    trajectory_goal,
-)
-from ikservo.network.ros.node import RosNode
-from ikservo.network.ros.trajectory_action import TrajectoryAction
-from ikservo.network.ros.wire import NodeName
 from ikservo.ros.arm_messages import (
     DESCRIPTION,
     DIAGNOSTICS,
@@ -36,6 +24,18 @@ from ikservo.ros.arm_messages import (
     RosMessage,
     Topic,
 )
+from ikservo.ros_bridge.goal_driver import GoalDriver
+from ikservo.ros_bridge.goals import (
+    MotionGoal,
+    TrajectoryGoal,
+    TwistGoal,
+    check_age,
+    pose_goal,
+    trajectory_goal,
+)
+from ikservo.ros_bridge.node import RosNode
+from ikservo.ros_bridge.trajectory_action import TrajectoryAction
+from ikservo.ros_bridge.wire import NodeName
 
 if TYPE_CHECKING:
     import zenoh

@@ -12,7 +12,7 @@ from ikservo.arm import Arm, MotionProgress
 from ikservo.arm.motions import MoveArc, MoveLine
 from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.maintenance.iso9283 import (
+from ikservo.lab.iso9283 import (
     largest_drift,
     multidirectional_variation,
     path_accuracy,
@@ -21,7 +21,7 @@ from ikservo.maintenance.iso9283 import (
     pose_accuracy,
     pose_repeatability,
 )
-from ikservo.maintenance.iso_cube import IsoCube, place_cube
+from ikservo.lab.iso_cube import IsoCube, place_cube
 
 __all__ = [
     "PARTS",

@@ -22,8 +22,14 @@ from typing import IO, TYPE_CHECKING, Any, Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo.arm.mcap_records import MAGIC, import_mcap, read_records
-from ikservo.arm.recording import (
+from ikservo.errors import FileFormatError, IkservoError
+from ikservo.files.reading import parse_json, read_text
+from ikservo.kinematics import Chain
+from ikservo.kinematics.arrays import Matrix
+from ikservo.model import Model
+from ikservo.model.loading import description_text
+from ikservo.recording.mcap_records import MAGIC, import_mcap, read_records
+from ikservo.recording.recording import (
     MAX_JOINTS,
     MAX_SAMPLES,
     MAX_SECONDS,
@@ -34,12 +40,6 @@ from ikservo.arm.recording import (
     RecordingHeader,
     check_header,
 )
-from ikservo.errors import FileFormatError, IkservoError
-from ikservo.files.reading import parse_json, read_text
-from ikservo.kinematics import Chain
-from ikservo.kinematics.arrays import Matrix
-from ikservo.model import Model
-from ikservo.model.loading import description_text
 from ikservo.ros.arm_messages import JOINT_STATES, ArmMessages, RosMessage, Topic
 from ikservo.ros.messages import decode, definition
 

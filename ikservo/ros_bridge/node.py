@@ -12,7 +12,9 @@ from contextlib import AbstractContextManager, ExitStack, nullcontext, suppress
 from typing import TYPE_CHECKING, Any, TypeVar, cast
 
 from ikservo.errors import IkservoError, InputError, RefusedError
-from ikservo.network.ros.wire import (
+from ikservo.ros.arm_messages import RosMessage, Topic
+from ikservo.ros.messages import TRIGGER, decode, encode, make
+from ikservo.ros_bridge.wire import (
     Attachment,
     EndpointKind,
     NodeName,
@@ -20,8 +22,6 @@ from ikservo.network.ros.wire import (
     endpoint_token,
     node_token,
 )
-from ikservo.ros.arm_messages import RosMessage, Topic
-from ikservo.ros.messages import TRIGGER, decode, encode, make
 
 if TYPE_CHECKING:
     import zenoh

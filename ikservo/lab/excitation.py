@@ -15,8 +15,8 @@ from ikservo.control.loop import ControlCycle
 from ikservo.errors import RefusedError
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.dynamics import Dynamics
-from ikservo.maintenance.drive_recording import DriveRecording, smooth_samples
-from ikservo.maintenance.identification import gravity_columns
+from ikservo.lab.drive_recording import DriveRecording, smooth_samples
+from ikservo.lab.identification import gravity_columns
 from ikservo.model import ModelJoint
 from ikservo.model.joint_drive import joint_drive
 from ikservo.model.lifting import sustained_lag

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from ikservo.kinematics import Chain
-from ikservo.maintenance.accuracy_test import PoseResult
+from ikservo.lab.accuracy_test import PoseResult
 from ikservo.model.kinematic_calibration import TouchPoint
 
 __all__ = ["touched_poses"]

@@ -21,8 +21,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.maintenance.drive_fit import JointPrior, MotorConstants
-from ikservo.maintenance.drive_recording import Cube, SteadyWindows
+from ikservo.lab.drive_fit import JointPrior, MotorConstants
+from ikservo.lab.drive_recording import Cube, SteadyWindows
 
 __all__ = ["COMMON_SCALE", "JOINT_PARAMETERS", "DutyModel", "ParameterPrior", "nominal_prior"]
 

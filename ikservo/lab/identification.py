@@ -2,7 +2,7 @@
 
 Torque is known only as far as the torque of the whole duty is: servos that measure their current
 say it, because duty, current and speed have the torque constant and the resistance (see
-`maintenance.drive_fit`); of others only the ratio of all torques to it is determined, and the
+`lab.drive_fit`); of others only the ratio of all torques to it is determined, and the
 nominal one decides.
 
 The parameters are those that explain the duties best (see `maintenance.duty_model`; nonlinear
@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from ikservo.errors import CalibrationError
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.dynamics import Dynamics
-from ikservo.maintenance.drive_fit import (
+from ikservo.lab.drive_fit import (
     JointPrior,
     LoopFit,
     MotorConstants,
@@ -34,13 +34,13 @@ from ikservo.maintenance.drive_fit import (
     mean_duties,
     sign_currents,
 )
-from ikservo.maintenance.drive_recording import (
+from ikservo.lab.drive_recording import (
     Cube,
     DriveRecording,
     SteadyWindows,
     steady_windows,
 )
-from ikservo.maintenance.duty_model import (
+from ikservo.lab.duty_model import (
     COMMON_SCALE,
     JOINT_PARAMETERS,
     DutyModel,

@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ikservo.arm.dataset_reading import require_pyarrow
-from ikservo.arm.recording import Recording
 from ikservo.errors import BadValueError, FileFormatError, InputError
 from ikservo.files.writing import write_all_atomic
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model import Model
 from ikservo.model.lerobot_values import JointValues
+from ikservo.recording.dataset_reading import require_pyarrow
+from ikservo.recording.recording import Recording
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -13,10 +13,10 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from ikservo.network.ros.node import Respond, RosNode
 from ikservo.ros.arm_messages import RosMessage, Topic
 from ikservo.ros.messages import encode, make
 from ikservo.ros.service_types import CANCEL_GOAL
+from ikservo.ros_bridge.node import Respond, RosNode
 
 __all__ = ["ActionGoal", "ActionServer", "Executor", "GoalStatus", "time_message"]
 

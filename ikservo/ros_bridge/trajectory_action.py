@@ -16,12 +16,12 @@ import numpy as np
 
 from ikservo.arm import Arm
 from ikservo.errors import BadValueError, IkservoError, InputError, RefusedError
-from ikservo.network.ros.action_server import ActionGoal, ActionServer, GoalStatus, time_message
-from ikservo.network.ros.goal_driver import GoalDriver, GoalEnd
-from ikservo.network.ros.goals import TrajectoryGoal, check_age
-from ikservo.network.ros.node import RosNode
 from ikservo.ros.messages import make
 from ikservo.ros.service_types import FOLLOW
+from ikservo.ros_bridge.action_server import ActionGoal, ActionServer, GoalStatus, time_message
+from ikservo.ros_bridge.goal_driver import GoalDriver, GoalEnd
+from ikservo.ros_bridge.goals import TrajectoryGoal, check_age
+from ikservo.ros_bridge.node import RosNode
 
 __all__ = ["ACTION", "ErrorCode", "TrajectoryAction"]
 

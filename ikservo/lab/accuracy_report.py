@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from ikservo.kinematics.arrays import Matrix
-from ikservo.maintenance.accuracy_test import (
+from ikservo.lab.accuracy_test import (
     STANDARD_CYCLES,
     STANDARD_DRIFT_S,
     STANDARD_PATH_CYCLES,

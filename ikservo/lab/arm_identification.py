@@ -18,16 +18,16 @@ from ikservo.calibration.identified_file import IdentifiedArm, IdentifiedJoint, 
 from ikservo.calibration.paths import identified_path
 from ikservo.errors import RefusedError
 from ikservo.kinematics.dynamics import Dynamics
-from ikservo.maintenance.drive_fit import JointPrior
-from ikservo.maintenance.drive_recording import DriveRecording
-from ikservo.maintenance.duty_model import JOINT_PARAMETERS
-from ikservo.maintenance.excitation import (
+from ikservo.lab.drive_fit import JointPrior
+from ikservo.lab.drive_recording import DriveRecording
+from ikservo.lab.duty_model import JOINT_PARAMETERS
+from ikservo.lab.excitation import (
     Excitation,
     TourOptions,
     plan_excitation,
     record_excitation,
 )
-from ikservo.maintenance.identification import (
+from ikservo.lab.identification import (
     Identification,
     ParameterEstimate,
     identify,

@@ -25,12 +25,12 @@ from typing import IO, Any, cast
 
 import numpy as np
 
-from ikservo.arm.reports import SampledTrajectory
 from ikservo.control.feedback import JointState
 from ikservo.errors import FileFormatError, InputError
 from ikservo.files.reading import parse_json, require_file
 from ikservo.files.writing import FileWriteError
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.recording.sampled_trajectory import SampledTrajectory
 
 __all__ = [
     "MAX_JOINTS",
