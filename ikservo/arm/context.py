@@ -101,7 +101,9 @@ class ArmContext:
 
     def limits(self) -> tuple[Vector, Vector]:
         """Return the lowest and the highest positions (n,) in whole ticks, read-only."""
-        low, high = zip(*(fence.position_range for fence in self.servos.fences), strict=True)
+        low, high = zip(
+            *(driven.position_range for driven in self.servos.driven_joints), strict=True
+        )
         return read_only(low), read_only(high)
 
     def progress(self, cycle: ControlCycle) -> MotionProgress:

@@ -120,7 +120,7 @@ def _run_motion(
     horn_rad_s = context.model.speed(plan.speed).rad_s
     trajectory = _checked_trajectory(context, plan, servos.reference())
     measured = servos.measure_positions()
-    target = SettlingTarget(context.chain, context.index, servos.fences, plan, measured)
+    target = SettlingTarget(context.chain, context.index, servos.driven_joints, plan, measured)
     started_s = context.now_s()
     recorder = PathRecorder(trajectory, plan.cartesian_s)
     reporter = _with_recorder(recorder, context.progress_reporter(on_progress))
@@ -164,11 +164,11 @@ def _backlash_goals(context: ArmContext, plan: MotionPlan) -> Vector | None:
 
     None on a line, on which the tool stays, and where something is in the way of that.
     """
-    goals, fences = context.servos.goals(), context.servos.fences
+    goals, driven_joints = context.servos.goals(), context.servos.driven_joints
     backlash = np.array([context.model.joint(name).backlash for name in context.servos.names])
     low, high = context.servos.compensator.stuck_offsets(context.servos.reference())
     stuck = np.where(backlash > 0.0, backlash + high - low, 0.0)
-    below = backlash_approach(goals, plan.goal != plan.start, stuck, fences)
+    below = backlash_approach(goals, plan.goal != plan.start, stuck, driven_joints)
     if below is None or plan.is_cartesian:
         return None
     try:

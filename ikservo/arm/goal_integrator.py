@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from enum import Enum, auto
 
 from ikservo.calibration import format_source
-from ikservo.guard import CommandLimits
+from ikservo.guard import DrivenJoint
 
 __all__ = ["GoalIntegrator", "Saturation", "SaturationReason"]
 
@@ -67,7 +67,7 @@ class GoalIntegrator:
     that swings stays.
 
     Args:
-        fence: The limits of its servo's commands.
+        driven: The joint with its servo and limits.
         goal: The goal, ticks.
         target: Where the joint should be, ticks; None where it only has to come to rest.
         acceleration: How fast the goal's speed may change, ticks/s².
@@ -84,18 +84,18 @@ class GoalIntegrator:
 
     def __init__(
         self,
-        fence: CommandLimits,
+        driven: DrivenJoint,
         goal: int,
         target: int | None,
         acceleration: float,
         stuck: tuple[float, float] = (0.0, 0.0),
     ) -> None:
-        self.fence, self.goal, self.target = fence, float(goal), target
-        low, high = fence.tick_range
+        self.driven, self.goal, self.target = driven, float(goal), target
+        low, high = driven.tick_range
         self._low, self._high = min(low, goal), max(high, goal)
         self._acceleration, self._stuck = acceleration, stuck
-        self._slowest = _MIN_RAD_S / fence.joint_map.horn_rad_per_tick
-        self._lead = fence.max_lead_ticks(0.0)
+        self._slowest = _MIN_RAD_S / driven.joint_map.horn_rad_per_tick
+        self._lead = driven.max_lead_ticks(0.0)
         self.at = self._before = self._anchor = goal if target is None else target
         self.moved_s, self.still_since_s = -math.inf, 0.0
         self._side, self._furthest, self._enough = 0, 0, 0
@@ -134,10 +134,10 @@ class GoalIntegrator:
         end = self._high if self._side > 0 else self._low
         if self.arrived or self._side * (end - self.goal) > 0:
             return None
-        limits = self.fence.limits
-        upper = self.fence.joint_map.sign * self._side > 0
+        limits = self.driven.limits
+        upper = self.driven.joint_map.sign * self._side > 0
         limit = limits.upper if upper else limits.lower
-        value, source = self.fence.joint_map.format(limit.value), format_source(limit.source)
+        value, source = self.driven.joint_map.format(limit.value), format_source(limit.source)
         return SaturationReason(Saturation.LIMIT, f"at its limit {value} ({source})")
 
     def moves_at(self, time_s: float) -> bool:

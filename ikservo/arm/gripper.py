@@ -49,7 +49,7 @@ class GripperMotion:
     def __init__(self, context: ArmContext, speed: str, joint: str, goal: float) -> None:
         self._context, self.speed, self._joint, self._goal = context, speed, joint, goal
         self._column = context.index.column(joint)
-        joint_map = context.servos.fences[self._column].joint_map
+        joint_map = context.servos.driven_joints[self._column].joint_map
         self._per_horn = joint_map.unit_per_horn_rad
         self._tolerance = _AT_REST_TICKS * joint_map.unit_per_tick
         self._blocking = self._resting = StillnessDetector(_AT_REST_S, self._tolerance)

@@ -110,8 +110,8 @@ def shared_joints(leader: ArmContext, follower: ArmContext) -> list[str]:
     Raises:
         InputError: There is none, or a joint is prismatic on one of them and revolute on the other.
     """
-    units = {fence.joint: fence.joint_map.unit for fence in follower.servos.fences}
-    own = {fence.joint: fence.joint_map.unit for fence in leader.servos.fences}
+    units = {driven.joint: driven.joint_map.unit for driven in follower.servos.driven_joints}
+    own = {driven.joint: driven.joint_map.unit for driven in leader.servos.driven_joints}
     shared = [name for name in own if name in units]
     require_shared(shared, own, units)
     for name in shared:

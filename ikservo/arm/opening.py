@@ -27,7 +27,7 @@ from ikservo.control.goal_compensation import GoalCompensator
 from ikservo.control.servo_group import ServoGroup
 from ikservo.errors import InputError
 from ikservo.files.writing import FileWriteError
-from ikservo.guard import CollisionChecker, CommandLimits, Weight, sag_of
+from ikservo.guard import CollisionChecker, DrivenJoint, Weight, sag_of
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.diagnostics import detecting_duplicate_ids, explaining_silence
 from ikservo.hardware.discovery import (
@@ -180,14 +180,14 @@ def open_arm(
             bus.load_return_delays()
             own = load_calibration_for(bus, model, uncalibrated=uncalibrated)
             _back_up_eeproms(bus, model, own)
-        fences = _make_limits(own, model)
+        driven_joints = _make_limits(own, model)
         shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
         gripper = model.gripper.joint if model.gripper else None
-        servos = ServoGroup(bus, fences, shadows, bus.port.clock, model.health, gripper)
+        servos = ServoGroup(bus, driven_joints, shadows, bus.port.clock, model.health, gripper)
         checker = _make_collision_checker(model) if collisions else None
-        chain = _narrow_chain(own.chain(), fences)
+        chain = _narrow_chain(own.chain(), driven_joints)
         serial_number = serial_number_of(opened_port.name)
-        servos.compensator = _make_compensator(own, model, chain, fences, serial_number)
+        servos.compensator = _make_compensator(own, model, chain, driven_joints, serial_number)
         context = ArmContext.build(model, chain, servos, opened_port, checker, own.zeros)
         opened = Arm(context, MotionRunner(context), on_exit)
         opened.listen()
@@ -221,18 +221,18 @@ def _back_up_eeproms(bus: ServoBus, model: Model, own: CalibratedArm) -> None:
             back_up_once(bus, f"{model.name}-{serial_number_of(bus.port.name)}")
 
 
-def _make_limits(own: CalibratedArm, model: Model) -> list[CommandLimits]:
+def _make_limits(own: CalibratedArm, model: Model) -> list[DrivenJoint]:
     lags = load_lags(model, model.chain, model.payload_kg)
     return [_make_joint_limits(own, model, j, lags.get(j.name, LoadLag())) for j in model.joints]
 
 
 def _make_joint_limits(
     own: CalibratedArm, model: Model, joint: ModelJoint, lag: LoadLag
-) -> CommandLimits:
+) -> DrivenJoint:
     joint_map = own.joint_map(joint)
     horn_rad_s = max(speed.rad_s for speed in model.speeds.values())
     speed = horn_rad_s * joint.travel_per_turn / math.tau
-    return CommandLimits(
+    return DrivenJoint(
         joint_map,
         own.limits(joint, joint_map),
         speed * _SPEED_MARGIN,
@@ -255,7 +255,7 @@ def _make_compensator(
     own: CalibratedArm,
     model: Model,
     chain: Chain,
-    fences: Sequence[CommandLimits],
+    driven_joints: Sequence[DrivenJoint],
     serial_number: str,
 ) -> GoalCompensator:
     """Return the compensator of goals: by masses only where the posture is known, identified first.
@@ -263,11 +263,11 @@ def _make_compensator(
     Raises:
         FileFormatError: The arm's identification is malformed.
     """
-    names = [fence.joint for fence in fences]
+    names = [driven.joint for driven in driven_joints]
     columns = [names.index(name) for name in chain.names]
     parameters = _arm_parameters(model, chain, serial_number) if own.zeros.are_known else None
     feed_forward = None if parameters is None else FeedForward(parameters, columns)
-    return GoalCompensator(fences, columns, feed_forward)
+    return GoalCompensator(driven_joints, columns, feed_forward)
 
 
 def _arm_parameters(model: Model, chain: Chain, serial_number: str) -> ArmParameters | None:
@@ -282,9 +282,9 @@ def make_collision_filter(model: Model) -> Callable[[Matrix], NDArray[np.bool_]]
     return CollisionChecker(collision_body(model), model.floor_m, model.keep_out).collision_free
 
 
-def _narrow_chain(chain: Chain, fences: Sequence[CommandLimits]) -> Chain:
+def _narrow_chain(chain: Chain, driven_joints: Sequence[DrivenJoint]) -> Chain:
     """Return the chain inside the command limits, so that every solution is a valid goal."""
-    by_joint: Mapping[str, CommandLimits] = {fence.joint: fence for fence in fences}
+    by_joint: Mapping[str, DrivenJoint] = {driven.joint: driven for driven in driven_joints}
     missing = [name for name in chain.names if name not in by_joint]
     if missing:
         raise InputError(

@@ -14,7 +14,7 @@ from ikservo.arm.arguments import parse_number
 from ikservo.arm.motions import MotionValue
 from ikservo.arm.tool_speed import ToolSpeed
 from ikservo.errors import RefusedError
-from ikservo.guard import CommandLimits
+from ikservo.guard import DrivenJoint
 from ikservo.ik import Result
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
@@ -314,7 +314,7 @@ class PoseWithinLimits:
 
 def clamp_positions(
     positions: Mapping[str, float],
-    fences: Sequence[CommandLimits],
+    driven_joints: Sequence[DrivenJoint],
     start: Vector,
     max_rad: float = _END_STOP_RAD,
 ) -> PoseWithinLimits:
@@ -324,30 +324,30 @@ def clamp_positions(
 
     Args:
         positions: By joint, rad or m; joints that are not named keep theirs.
-        fences: The limits, in the order of ``start``.
+        driven_joints: The joints, in the order of ``start``.
         start: The present joints (n,). One that is beyond its limit need not come inside.
         max_rad: A joint further beyond, at the horn, is left there for the guard to refuse.
     """
     clamped, changed = dict(positions), list[str]()
-    for fence, at in zip(fences, start.tolist(), strict=True):
-        if fence.joint not in positions or fence.limits.contains(positions[fence.joint]):
+    for driven, at in zip(driven_joints, start.tolist(), strict=True):
+        if driven.joint not in positions or driven.limits.contains(positions[driven.joint]):
             continue
-        requested, (low, high) = positions[fence.joint], fence.position_range
-        joint_map = fence.joint_map
+        requested, (low, high) = positions[driven.joint], driven.position_range
+        joint_map = driven.joint_map
         beyond = max(low - requested, requested - high)
         if beyond > joint_map.unit_per_tick:  # less is rounding
-            low, high = fence.settled_range
+            low, high = driven.settled_range
         inside = min(max(requested, min(low, at)), max(high, at))
         beyond_rad = beyond / joint_map.unit_per_horn_rad
         if inside != requested and beyond_rad <= max_rad:
-            clamped[fence.joint] = inside
+            clamped[driven.joint] = inside
             if joint_map.format(inside) != joint_map.format(requested):  # else it is rounding
-                changed.append(_describe_clamped(fence, requested, inside))
+                changed.append(_describe_clamped(driven, requested, inside))
     return PoseWithinLimits(clamped, tuple(changed))
 
 
 def clamp_pose(
-    name: str, pose: Mapping[str, float], fences: Sequence[CommandLimits], start: Vector
+    name: str, pose: Mapping[str, float], driven_joints: Sequence[DrivenJoint], start: Vector
 ) -> PoseWithinLimits:
     """Clamp a named pose to the limits; see ``clamp_positions``.
 
@@ -355,13 +355,13 @@ def clamp_pose(
     Another pose is where its joints are on their end stops, just beyond a limit.
     """
     max_rad = math.inf if name == "rest" else _END_STOP_RAD
-    return clamp_positions(pose, fences, start, max_rad)
+    return clamp_positions(pose, driven_joints, start, max_rad)
 
 
-def _describe_clamped(fence: CommandLimits, requested: float, inside: float) -> str:
-    limits, text = fence.limits, fence.joint_map.format
+def _describe_clamped(driven: DrivenJoint, requested: float, inside: float) -> str:
+    limits, text = driven.limits, driven.joint_map.format
     limit = limits.upper if requested > inside else limits.lower
     return (
-        f"{fence.joint} goes to {text(inside)}, not to {text(requested)}: "
+        f"{driven.joint} goes to {text(inside)}, not to {text(requested)}: "
         f"its limit is {text(limit.value)} ({limit.source})"
     )

@@ -162,10 +162,13 @@ class PreflightPlanner:
 
     def _ask_about_degrees(self, goals: Mapping[str, float]) -> str:
         """Return a hint where goals in radians are outside the limits and as degrees are inside."""
-        fences = {fence.joint: fence for fence in self._servos.fences}
+        driven_joints = {driven.joint: driven for driven in self._servos.driven_joints}
         for name, goal in goals.items():
-            lower, upper = fences[name].limits.lower.value, fences[name].limits.upper.value
-            turned = fences[name].limits.unit == "rad" and not lower <= goal <= upper
+            lower, upper = (
+                driven_joints[name].limits.lower.value,
+                driven_joints[name].limits.upper.value,
+            )
+            turned = driven_joints[name].limits.unit == "rad" and not lower <= goal <= upper
             if turned and lower <= radians(goal) <= upper:
                 meant = f"math.radians({goal:g}), which is {radians(goal):.4g}"
                 return f"Positions are radians. Did you mean {goal:g} degrees? Give {meant}."
@@ -180,7 +183,7 @@ class PreflightPlanner:
             start = self._runner.start_position()
         else:
             start = finite_array(start, (len(self._servos.names),), "The start")
-        return clamp_pose(pose, positions, self._servos.fences, start)
+        return clamp_pose(pose, positions, self._servos.driven_joints, start)
 
     def clearance_m(self, positions: Mapping[str, float] | ArrayLike) -> float:
         """Return the smallest distance of the body [m]; see ``Arm.clearance_m``."""
@@ -236,7 +239,7 @@ class PreflightPlanner:
         start = self._runner.start_position()
         if gripper is not None and self._is_pressing(gripper.joint, start):
             del rest[gripper.joint]
-        return clamp_pose("rest", rest, self._servos.fences, start)
+        return clamp_pose("rest", rest, self._servos.driven_joints, start)
 
     def plan_from_held(self, motion: MotionValue[Any]) -> MotionPlan:
         """Plan from where the arm holds: a limp one may sink before its torque is on."""
@@ -249,7 +252,7 @@ class PreflightPlanner:
 
     def _is_pressing(self, joint: str, start: Vector) -> bool:
         column = self._context.index.column(joint)
-        joint_map = self._servos.fences[column].joint_map
+        joint_map = self._servos.driven_joints[column].joint_map
         lag = abs(start[column] - self._servos.measure_positions()[column])
         return lag / joint_map.unit_per_horn_rad > _PRESSING_LAG_RAD
 
@@ -309,7 +312,7 @@ class PreflightPlanner:
     def _plan_to_pose(self, pose: str, start: Vector, allowed: str) -> MotionPlan:
         positions = self._model.pose(pose)
         named = {name: positions[name] for name in self._context.chain.names}
-        inside = clamp_positions(named, self._servos.fences, start, max_rad=math.inf)
+        inside = clamp_positions(named, self._servos.driven_joints, start, max_rad=math.inf)
         return self._planner.plan_to_joints(start, inside.positions, allowed)
 
     def _join(self, first: MotionPlan, then: MotionPlan, pose: str) -> MotionPlan:

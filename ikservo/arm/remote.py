@@ -26,7 +26,7 @@ from ikservo.clock import Clock, RealClock
 from ikservo.control.feedback import JointState
 from ikservo.control.stopping import StopOutcome, hold_servos
 from ikservo.errors import IkservoError, PortBusyError
-from ikservo.guard import CommandLimits
+from ikservo.guard import DrivenJoint
 from ikservo.hardware.remembered_port import is_simulated, serial_number_of
 from ikservo.kinematics.arrays import as_floats
 from ikservo.model import Model
@@ -198,11 +198,11 @@ def halt_line(model: Model, port: str | None) -> StopOutcome:
         return hold_servos(bus, _nominal_limits(model), bus.port.clock)
 
 
-def _nominal_limits(model: Model) -> list[CommandLimits]:
+def _nominal_limits(model: Model) -> list[DrivenJoint]:
     """Return the limits of an arm's servos by its arm file alone, at a speed of 1 rad/s or m/s."""
     lags = load_lags(model, model.chain, model.payload_kg)
     return [
-        CommandLimits(
+        DrivenJoint(
             joint.joint_map,
             joint.limits,
             speed=1.0,

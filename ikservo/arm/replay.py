@@ -240,15 +240,15 @@ def _of_this_arm(context: ArmContext, recording: Recording, path: Path) -> Recor
 
 def _check_limits(context: ArmContext, recording: Recording, path: Path) -> None:
     """Refuse a recording that leaves the limits by more than the tolerance."""
-    for column, fence in enumerate(context.servos.fences):
-        joint_map = fence.joint_map
+    for column, driven in enumerate(context.servos.driven_joints):
+        joint_map = driven.joint_map
         tolerance = _LIMIT_TOLERANCE_RAD * joint_map.unit_per_horn_rad
-        low, high = fence.position_range
+        low, high = driven.position_range
         values = recording.joints[:, column]
         beyond = np.flatnonzero((values < low - tolerance) | (values > high + tolerance))
         if len(beyond):
             first = int(beyond[0])
-            violation = fence.describe_violation(joint_map.tick(float(values[first])))
+            violation = driven.describe_violation(joint_map.tick(float(values[first])))
             raise RefusedError(
                 f"{path}, {recording.place(first)}: {violation}",
                 "Nothing moved. Remove the samples that cannot be replayed.",

@@ -14,7 +14,7 @@ from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.tick_rounding import SettlingTarget, chain_ticks
 from ikservo.control.loop import ControlCycle, ControlLoop
 from ikservo.control.servo_group import ServoGroup
-from ikservo.guard import CommandLimits
+from ikservo.guard import DrivenJoint
 from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.motion import JointMove, KinematicLimits, TrajectoryPoint
 
@@ -45,7 +45,7 @@ class SettlingTrajectory:
     """A trajectory from the arm's goals that ends when all joints have arrived and are at rest.
 
     Args:
-        fences: The limits of the servos' commands.
+        driven_joints: The joints, each with its servo, limits and speed.
         goals: Their goals (n,), ticks.
         targets: Where the joints should be, ticks; None for one that keeps its goal.
         limits: The kinematic limits of each.
@@ -56,24 +56,24 @@ class SettlingTrajectory:
 
     def __init__(
         self,
-        fences: Sequence[CommandLimits],
+        driven_joints: Sequence[DrivenJoint],
         goals: Sequence[int],
         targets: Sequence[int | None],
         limits: Sequence[KinematicLimits],
         stuck: tuple[Vector, Vector] | None = None,
         is_reached: Callable[[Vector], bool] = _never,
     ) -> None:
-        low, high = stuck or (np.zeros(len(fences)), np.zeros(len(fences)))
-        rows = zip(fences, goals, targets, limits, low, high, strict=True)
+        low, high = stuck or (np.zeros(len(driven_joints)), np.zeros(len(driven_joints)))
+        rows = zip(driven_joints, goals, targets, limits, low, high, strict=True)
         self._joints = [
             GoalIntegrator(
-                fence,
+                driven,
                 goal,
                 target,
-                _goal_acceleration(fence, limit),
-                _lead_ticks(fence, float(lowest), float(highest)),
+                _goal_acceleration(driven, limit),
+                _lead_ticks(driven, float(lowest), float(highest)),
             )
-            for fence, goal, target, limit, lowest, highest in rows
+            for driven, goal, target, limit, lowest, highest in rows
         ]
         self._is_reached, self._reached = is_reached, False
         self._updated_s = 0.0
@@ -88,7 +88,7 @@ class SettlingTrajectory:
         """Return the goals (n,) at a time since the last update."""
         after_s = max(0.0, min(time_s, self._end_s) - self._updated_s)
         return TrajectoryPoint.at_rest(
-            np.array([j.fence.joint_map.position(j.goal_at(after_s)) for j in self._joints])
+            np.array([j.driven.joint_map.position(j.goal_at(after_s)) for j in self._joints])
         )
 
     def update(self, time_s: float, measured: Vector, *, end: bool = False) -> None:
@@ -102,7 +102,7 @@ class SettlingTrajectory:
         self._reached = self._is_reached(measured)
         correcting = time_s < _MAX_DURATION_S and not (self._reached or end)
         for joint, position in zip(self._joints, measured, strict=True):
-            tick = joint.fence.joint_map.tick(float(position))
+            tick = joint.driven.joint_map.tick(float(position))
             joint.update(tick, time_s, time_s - self._updated_s, correcting=correcting)
         self._updated_s = time_s
         ended = not correcting or all(_has_ended(j) for j in self._joints)
@@ -113,22 +113,22 @@ class SettlingTrajectory:
     @property
     def moving_joints(self) -> tuple[str, ...]:
         """Return the joints that are not at rest."""
-        return tuple(j.fence.joint for j in self._joints if j.moves_at(self._updated_s))
+        return tuple(j.driven.joint for j in self._joints if j.moves_at(self._updated_s))
 
     @property
     def unsettled_joints(self) -> tuple[str, ...]:
         """Return the joints that move by more than the play of gears explains."""
-        return tuple(j.fence.joint for j in self._joints if not _is_trusted(j, self._updated_s))
+        return tuple(j.driven.joint for j in self._joints if not _is_trusted(j, self._updated_s))
 
     @property
     def measured(self) -> Vector:
         """Return the last measured joints (n,), rad or m."""
-        return np.array([j.fence.joint_map.position(j.at) for j in self._joints])
+        return np.array([j.driven.joint_map.position(j.at) for j in self._joints])
 
     @property
     def saturated(self) -> tuple[str, ...]:
         """Return the joints that did not arrive and whose goals go no further."""
-        return tuple(j.fence.joint for j in self._missed if j.saturation_reason is not None)
+        return tuple(j.driven.joint for j in self._missed if j.saturation_reason is not None)
 
     @property
     def residuals(self) -> tuple[str, ...]:
@@ -146,15 +146,15 @@ class SettlingTrajectory:
         ]
 
 
-def _goal_acceleration(fence: CommandLimits, limits: KinematicLimits) -> float:
+def _goal_acceleration(driven: DrivenJoint, limits: KinematicLimits) -> float:
     """Return how fast the speed of a joint's goal changes, ticks/s²."""
-    usual = limits.acceleration_rad_s2 / fence.joint_map.unit_per_tick
-    return max(usual, _MIN_RAD_S2 / fence.joint_map.horn_rad_per_tick)
+    usual = limits.acceleration_rad_s2 / driven.joint_map.unit_per_tick
+    return max(usual, _MIN_RAD_S2 / driven.joint_map.horn_rad_per_tick)
 
 
-def _lead_ticks(fence: CommandLimits, lowest: float, highest: float) -> tuple[float, float]:
+def _lead_ticks(driven: DrivenJoint, lowest: float, highest: float) -> tuple[float, float]:
     """Return two leads of a goal, rad or m, in ticks, the lower one first."""
-    per_unit = fence.joint_map.sign / fence.joint_map.unit_per_tick
+    per_unit = driven.joint_map.sign / driven.joint_map.unit_per_tick
     low, high = sorted((lowest * per_unit, highest * per_unit))
     return low, high
 
@@ -165,12 +165,12 @@ def _has_ended(joint: GoalIntegrator) -> bool:
 
 def _is_trusted(joint: GoalIntegrator, time_s: float) -> bool:
     """Return whether a joint rests, or swings no further than the play of its gears explains."""
-    swing_rad = joint.swing_ticks * joint.fence.joint_map.horn_rad_per_tick
+    swing_rad = joint.swing_ticks * joint.driven.joint_map.horn_rad_per_tick
     return not joint.moves_at(time_s) or (joint.swings and swing_rad <= _MAX_PLAY_SWING_RAD)
 
 
 def _describe_residual(joint: GoalIntegrator, time_s: float) -> str:
-    reason, joint_map = joint.saturation_reason, joint.fence.joint_map
+    reason, joint_map = joint.saturation_reason, joint.driven.joint_map
     missing = joint_map.format(abs(joint.error_ticks) * joint_map.unit_per_tick)
     if not joint.swings:
         return f"{joint_map.joint} is {missing} short: {reason.text if reason else 'timeout'}"
@@ -269,7 +269,9 @@ def settle_at(
     Returns:
         The measured joints (n,) of the last control cycle.
     """
-    ticks = chain_ticks(context.chain, context.index, context.servos.fences, goal, by_tip=by_tip)
+    ticks = chain_ticks(
+        context.chain, context.index, context.servos.driven_joints, goal, by_tip=by_tip
+    )
     limits, horn_rad_s = context.planner.motion_limits(speed), context.model.speed(speed).rad_s
     with runner.motion():
         return _run_settling(
@@ -286,9 +288,12 @@ def _run_settling(
     is_reached: Callable[[Vector], bool] = _never,
     is_over: Callable[[ControlCycle], bool] | None = None,
 ) -> SettlingTrajectory:
-    goals = [f.tick(float(goal)) for f, goal in zip(servos.fences, servos.goals(), strict=True)]
+    goals = [
+        driven.tick(float(goal))
+        for driven, goal in zip(servos.driven_joints, servos.goals(), strict=True)
+    ]
     stuck = servos.compensator.stuck_offsets(servos.reference())
-    trajectory = SettlingTrajectory(servos.fences, goals, ticks, limits, stuck, is_reached)
+    trajectory = SettlingTrajectory(servos.driven_joints, goals, ticks, limits, stuck, is_reached)
 
     def update(cycle: ControlCycle) -> None:
         over = is_over is not None and is_over(cycle)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from ikservo.arm.plan import MotionPlan
 from ikservo.calibration import Limits
-from ikservo.guard import CommandLimits
+from ikservo.guard import DrivenJoint
 from ikservo.kinematics import Chain, JointIndex
 from ikservo.kinematics.arrays import Matrix, Vector
 
@@ -39,7 +39,7 @@ _FINALISTS = 16
 
 
 def round_to_ticks(
-    chain: Chain, target_m: Vector, q: Vector, fences: Sequence[CommandLimits]
+    chain: Chain, target_m: Vector, q: Vector, driven_joints: Sequence[DrivenJoint]
 ) -> tuple[int, ...]:
     """Return the whole ticks near ``q`` with the smallest error of the tool.
 
@@ -54,14 +54,16 @@ def round_to_ticks(
         chain: Base to tool.
         target_m: The target of the tip (3,), metres.
         q: The solver's result (dof,), rad or m.
-        fences: The limits of each joint of the chain, in its order.
+        driven_joints: The joints of the chain, in its order.
 
     Returns:
         Ticks by joint, inside the limits, and never worse than the nearest ones.
     """
-    start = np.array([_nearest_tick_inside(f, float(v)) for f, v in zip(fences, q, strict=True)])
-    steps = _best_steps(chain, target_m, q, fences, start)
-    rounded = _positions_at(fences, start + steps)
+    start = np.array(
+        [_nearest_tick_inside(driven, float(v)) for driven, v in zip(driven_joints, q, strict=True)]
+    )
+    steps = _best_steps(chain, target_m, q, driven_joints, start)
+    rounded = _positions_at(driven_joints, start + steps)
     rotation = ROTATION_WEIGHT_M * (rounded - q) @ chain.jacobian(q)[3:].T
     position = chain.forward(rounded)[:, :3, 3] - target_m
     costs = (
@@ -73,37 +75,43 @@ def round_to_ticks(
 
 
 def chain_ticks(
-    chain: Chain, index: JointIndex, fences: Sequence[CommandLimits], goal: Vector, *, by_tip: bool
+    chain: Chain,
+    index: JointIndex,
+    driven_joints: Sequence[DrivenJoint],
+    goal: Vector,
+    *,
+    by_tip: bool,
 ) -> list[int | None]:
     """Return the ticks of a goal of all joints (n,); None for those besides the chain.
 
     Args:
         chain: Base to tool.
         index: The columns of the chain's joints.
-        fences: The limits of each joint's commands.
+        driven_joints: The joints, each with its servo, limits and speed.
         goal: The positions, rad or m.
         by_tip: Whether the tip shall be nearest to where it is at the goal, see ``round_to_ticks``;
             else each joint.
     """
-    q, own = index.chain_joints(goal), [fences[column] for column in index.chain]
-    found = [fence.tick(at) for fence, at in zip(own, q.tolist(), strict=True)]
+    q, own = index.chain_joints(goal), [driven_joints[column] for column in index.chain]
+    found = [driven.tick(at) for driven, at in zip(own, q.tolist(), strict=True)]
     if by_tip:
         found = round_to_ticks(chain, chain.forward(q)[:3, 3], q, own)
     ticks = dict(zip(index.chain, found, strict=True))
-    return [ticks.get(column) for column in range(len(fences))]
+    return [ticks.get(column) for column in range(len(driven_joints))]
 
 
 def _best_steps(
-    chain: Chain, target_m: Vector, q: Vector, fences: Sequence[CommandLimits], start: Vector
+    chain: Chain, target_m: Vector, q: Vector, driven_joints: Sequence[DrivenJoint], start: Vector
 ) -> Matrix:
     """Return the most promising steps (k, dof) from the nearest ticks, no step at all the first."""
-    nearest = _positions_at(fences, start[None])[0]
+    nearest = _positions_at(driven_joints, start[None])[0]
     T, J = chain.forward_and_jacobian(nearest)
     weights = np.array([1.0, 1.0, 1.0, ROTATION_WEIGHT_M, ROTATION_WEIGHT_M, ROTATION_WEIGHT_M])
-    A = weights[:, None] * J * _tick_units(fences, start)
+    A = weights[:, None] * J * _tick_units(driven_joints, start)
     E = np.concatenate([target_m - T[:3, 3], ROTATION_WEIGHT_M * J[3:] @ (q - nearest)])
     low, high = (
-        np.array(ends) - start for ends in zip(*(f.tick_range for f in fences), strict=True)
+        np.array(ends) - start
+        for ends in zip(*(driven.tick_range for driven in driven_joints), strict=True)
     )
     steps = _step_grid(A, low, high)
     lead = int(np.argmax(_squared_norms(A.T)))
@@ -135,26 +143,26 @@ def _search_span(joints: int) -> tuple[int, int]:
     return 0, 0
 
 
-def _nearest_tick_inside(fence: CommandLimits, position: float) -> int:
-    low, high = fence.tick_range
-    return min(max(fence.tick(position), low), high)
+def _nearest_tick_inside(driven: DrivenJoint, position: float) -> int:
+    low, high = driven.tick_range
+    return min(max(driven.tick(position), low), high)
 
 
-def _tick_units(fences: Sequence[CommandLimits], ticks: Vector) -> Vector:
+def _tick_units(driven_joints: Sequence[DrivenJoint], ticks: Vector) -> Vector:
     """Return by how much one tick moves each joint (dof,), rad or m, signed."""
     return np.array(
         [
-            f.joint_map.position(t + 0.5) - f.joint_map.position(t - 0.5)
-            for f, t in zip(fences, ticks.tolist(), strict=True)
+            driven.joint_map.position(t + 0.5) - driven.joint_map.position(t - 0.5)
+            for driven, t in zip(driven_joints, ticks.tolist(), strict=True)
         ]
     )
 
 
-def _positions_at(fences: Sequence[CommandLimits], ticks: Matrix) -> Matrix:
+def _positions_at(driven_joints: Sequence[DrivenJoint], ticks: Matrix) -> Matrix:
     """Return the joints (k, dof) at ticks (k, dof)."""
     return np.array(
         [
-            [f.joint_map.position(t) for f, t in zip(fences, row, strict=True)]
+            [driven.joint_map.position(t) for driven, t in zip(driven_joints, row, strict=True)]
             for row in ticks.tolist()
         ]
     )
@@ -214,7 +222,7 @@ class SettlingTarget:
     Args:
         chain: Base to tool.
         index: The columns of the chain's joints.
-        fences: The limits of each joint's commands.
+        driven_joints: The joints, each with its servo, limits and speed.
         plan: The motion.
         measured: The joints before it (n,), rad or m.
 
@@ -227,21 +235,25 @@ class SettlingTarget:
         self,
         chain: Chain,
         index: JointIndex,
-        fences: Sequence[CommandLimits],
+        driven_joints: Sequence[DrivenJoint],
         plan: MotionPlan,
         measured: Vector,
     ) -> None:
-        self._chain, self._index, self._fences = chain, index, fences
+        self._chain, self._index, self._driven_joints = chain, index, driven_joints
         self._target_m = plan.target_m
         self._goal = index.chain_joints(plan.goal)
-        self._tick = np.array([fences[column].joint_map.unit_per_tick for column in index.chain])
+        self._tick = np.array(
+            [driven_joints[column].joint_map.unit_per_tick for column in index.chain]
+        )
         steps = chain.jacobian(self._goal)[:3] * self._tick
         self._hidden_m = float(np.linalg.norm(steps)) / math.sqrt(12.0)
-        joints = zip(fences, plan.start, plan.goal, strict=True)
-        self.ticks = [None if start == goal else f.tick(float(goal)) for f, start, goal in joints]
+        joints = zip(driven_joints, plan.start, plan.goal, strict=True)
+        self.ticks = [
+            None if start == goal else driven.tick(float(goal)) for driven, start, goal in joints
+        ]
         for column in index.chain:
             if self.ticks[column] is None:
-                self.ticks[column] = fences[column].tick(float(measured[column]))
+                self.ticks[column] = driven_joints[column].tick(float(measured[column]))
         if plan.target_m is not None:
             q = index.chain_joints(plan.goal)
             self.ticks = self._round_to_nearest(plan.target_m, q, ())
@@ -277,12 +289,12 @@ class SettlingTarget:
     def _round_to_nearest(
         self, target_m: Vector, q: Vector, held: Collection[str]
     ) -> list[int | None]:
-        fences = [self._fences[column] for column in self._index.chain]
+        driven_joints = [self._driven_joints[column] for column in self._index.chain]
         narrowed = [
-            replace(f, limits=Limits.of(f.joint, float(x), float(x), "held"))
-            if f.joint in held
-            else f
-            for f, x in zip(fences, q, strict=True)
+            replace(driven, limits=Limits.of(driven.joint, float(x), float(x), "held"))
+            if driven.joint in held
+            else driven
+            for driven, x in zip(driven_joints, q, strict=True)
         ]
         ticks = list(self.ticks)
         found = round_to_ticks(self._chain, target_m, q, narrowed)
@@ -296,7 +308,7 @@ _MARGIN_TICKS = 3
 
 
 def backlash_approach(
-    goals: Vector, moved: NDArray[np.bool_], backlash: Vector, fences: Sequence[CommandLimits]
+    goals: Vector, moved: NDArray[np.bool_], backlash: Vector, driven_joints: Sequence[DrivenJoint]
 ) -> Vector | None:
     """Return goals (n,) from which each joint with known backlash approaches its goal from below.
 
@@ -309,7 +321,7 @@ def backlash_approach(
         moved: Whether each joint took part in it (n,).
         backlash: Of each joint (n,) and what friction keeps it from its goal, both ways together,
             rad or m; 0 where backlash is not known.
-        fences: The limits of each.
+        driven_joints: Each of them.
 
     Returns:
         The goals, inside the limits; None where no joint with known backlash has moved.
@@ -317,7 +329,7 @@ def backlash_approach(
     chosen = moved & (backlash > 0.0)
     if not chosen.any():
         return None
-    margin = np.array([_MARGIN_TICKS * fence.joint_map.unit_per_tick for fence in fences])
-    lowest = np.array([fence.position_range[0] for fence in fences])
+    margin = np.array([_MARGIN_TICKS * driven.joint_map.unit_per_tick for driven in driven_joints])
+    lowest = np.array([driven.position_range[0] for driven in driven_joints])
     below = np.maximum(goals - backlash - margin, np.minimum(lowest, goals))
     return np.where(chosen, below, goals)

@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from ikservo.calibration import JointMap
-from ikservo.guard import CommandLimits
+from ikservo.guard import DrivenJoint
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.servo import ServoSpec
 from ikservo.kinematics.arrays import Matrix
@@ -25,12 +25,10 @@ class DriveReader:
         joints: The command limits of each joint's leading servo, and the ids of its other servos.
     """
 
-    def __init__(
-        self, bus: ServoBus, joints: Sequence[tuple[CommandLimits, Sequence[int]]]
-    ) -> None:
+    def __init__(self, bus: ServoBus, joints: Sequence[tuple[DrivenJoint, Sequence[int]]]) -> None:
         self._bus = bus
-        self._ids = [(fence.servo_id, *others) for fence, others in joints]
-        self._maps = [fence.joint_map for fence, _ in joints]
+        self._ids = [(driven.servo_id, *others) for driven, others in joints]
+        self._maps = [driven.joint_map for driven, _ in joints]
         self._most = max(len(ids) for ids in self._ids)
         self._keys = {i: _drive_registers(bus.servos[i]) for ids in self._ids for i in ids}
 

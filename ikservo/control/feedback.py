@@ -11,7 +11,7 @@ import numpy as np
 
 from ikservo.clock import Clock
 from ikservo.errors import BusError, ServoSilentError
-from ikservo.guard import CommandLimits, CommunicationMonitor
+from ikservo.guard import CommunicationMonitor, DrivenJoint
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.servo import Readings, ServoSpec
 from ikservo.kinematics.arrays import Vector
@@ -89,15 +89,15 @@ class Feedback:
 
     Args:
         bus: The servos' bus.
-        fences: One for each joint.
+        driven_joints: One for each joint.
 
     Attributes:
         latest: The ticks of the last cycle, of the joints that replied.
     """
 
-    def __init__(self, bus: ServoBus, fences: Sequence[CommandLimits]) -> None:
-        self._bus, self._fences = bus, tuple(fences)
-        self._ids = [fence.servo_id for fence in fences]
+    def __init__(self, bus: ServoBus, driven_joints: Sequence[DrivenJoint]) -> None:
+        self._bus, self._driven_joints = bus, tuple(driven_joints)
+        self._ids = [driven.servo_id for driven in driven_joints]
         self._last: dict[int, int] = {}
         self.latest: dict[str, int] = {}
         self.reset_losses()
@@ -105,7 +105,7 @@ class Feedback:
     def reset_losses(self) -> None:
         """Start counting losses again: the arm was at rest."""
         self._losses = CommunicationMonitor(
-            [fence.joint for fence in self._fences], max_lost=_MAX_LOST
+            [driven.joint for driven in self._driven_joints], max_lost=_MAX_LOST
         )
 
     @property
@@ -166,7 +166,11 @@ class Feedback:
 
     def _store_ticks(self, ticks: Mapping[int, int]) -> None:
         self._last |= ticks
-        self.latest = {f.joint: ticks[f.servo_id] for f in self._fences if f.servo_id in ticks}
+        self.latest = {
+            driven.joint: ticks[driven.servo_id]
+            for driven in self._driven_joints
+            if driven.servo_id in ticks
+        }
         self._losses.update(self.latest)
 
     def _read_all(self) -> Mapping[int, int]:
@@ -176,10 +180,15 @@ class Feedback:
         return ticks
 
     def _ticks_by_joint(self, by_id: Mapping[int, int]) -> dict[str, int]:
-        return {fence.joint: by_id[fence.servo_id] for fence in self._fences}
+        return {driven.joint: by_id[driven.servo_id] for driven in self._driven_joints}
 
     def _latest_positions(self) -> Vector:
-        return np.array([f.joint_map.position(self._last[f.servo_id]) for f in self._fences])
+        return np.array(
+            [
+                driven.joint_map.position(self._last[driven.servo_id])
+                for driven in self._driven_joints
+            ]
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,38 +231,38 @@ _STATE_REGISTERS = (
 
 
 def read_joint_states(
-    bus: ServoBus, fences: Sequence[CommandLimits], ticks: Mapping[str, int]
+    bus: ServoBus, driven_joints: Sequence[DrivenJoint], ticks: Mapping[str, int]
 ) -> tuple[JointState, ...]:
     """Read every joint's limits, temperature, voltage, load and torque.
 
     Args:
         bus: The servos' bus.
-        fences: One for each joint.
+        driven_joints: One for each joint.
         ticks: The positions just measured.
 
     Raises:
         BusError: A servo does not answer.
     """
-    ids = [fence.servo_id for fence in fences]
+    ids = [driven.servo_id for driven in driven_joints]
     rows = read_registers(bus, {i: [*_STATE_REGISTERS, *_available_registers(bus, i)] for i in ids})
     return tuple(
         JointState(
-            name=fence.joint,
-            position_rad=fence.joint_map.position(ticks[fence.joint]),
-            lower_rad=fence.limits.lower.value,
-            upper_rad=fence.limits.upper.value,
-            limit_from=fence.limits.source,
-            temperature_c=_state_value(bus, fence, rows, RegisterName.PRESENT_TEMPERATURE),
-            voltage_v=_state_value(bus, fence, rows, RegisterName.PRESENT_VOLTAGE),
+            name=driven.joint,
+            position_rad=driven.joint_map.position(ticks[driven.joint]),
+            lower_rad=driven.limits.lower.value,
+            upper_rad=driven.limits.upper.value,
+            limit_from=driven.limits.source,
+            temperature_c=_state_value(bus, driven, rows, RegisterName.PRESENT_TEMPERATURE),
+            voltage_v=_state_value(bus, driven, rows, RegisterName.PRESENT_VOLTAGE),
             load_percent=load_percent(
-                bus.servos[fence.servo_id],
-                _state_value(bus, fence, rows, RegisterName.PRESENT_LOAD),
+                bus.servos[driven.servo_id],
+                _state_value(bus, driven, rows, RegisterName.PRESENT_LOAD),
             ),
-            torque=rows[fence.servo_id][RegisterName.TORQUE_ENABLE] != 0,
-            alarms=read_alarm_names(bus, fence.servo_id),
-            current_a=_current_a(bus.servos[fence.servo_id], rows[fence.servo_id]),
+            torque=rows[driven.servo_id][RegisterName.TORQUE_ENABLE] != 0,
+            alarms=read_alarm_names(bus, driven.servo_id),
+            current_a=_current_a(bus.servos[driven.servo_id], rows[driven.servo_id]),
         )
-        for fence in fences
+        for driven in driven_joints
     )
 
 
@@ -288,12 +297,12 @@ def _current_a(servo: ServoSpec, row: Mapping[Register | RegisterName, int]) -> 
 
 def _state_value(
     bus: ServoBus,
-    fence: CommandLimits,
+    driven: DrivenJoint,
     rows: Mapping[int, Mapping[Register | RegisterName, int]],
     name: RegisterName,
 ) -> float:
-    table = bus.servos[fence.servo_id].table
-    return table.find(name).to_value(rows[fence.servo_id][name])
+    table = bus.servos[driven.servo_id].table
+    return table.find(name).to_value(rows[driven.servo_id][name])
 
 
 def load_percent(servo: ServoSpec, load: float) -> float:

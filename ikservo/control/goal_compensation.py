@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from ikservo.control.feed_forward import FeedForward
 from ikservo.control.tracking_feedback import TrackingFeedback
-from ikservo.guard import CommandLimits
+from ikservo.guard import DrivenJoint
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion import TrajectoryPoint
 
@@ -50,25 +50,28 @@ class GoalCompensator:
     a gripper may press on something.
 
     Args:
-        fences: The limits of each joint's commands.
+        driven_joints: The joints, each with its servo, limits and speed.
         columns: Where the joints of the chain are among them.
         feed_forward: Of the chain's joints; None where masses or motors are not known.
     """
 
     def __init__(
         self,
-        fences: Sequence[CommandLimits],
+        driven_joints: Sequence[DrivenJoint],
         columns: Sequence[int] = (),
         feed_forward: FeedForward | None = None,
     ) -> None:
-        n = len(fences)
+        n = len(driven_joints)
         self.feed_forward = self._nominal = feed_forward
         self._chain = np.isin(np.arange(n), list(columns))
         self._low, self._high = (
-            np.array(ends) for ends in zip(*(f.position_range for f in fences), strict=True)
+            np.array(ends)
+            for ends in zip(*(driven.position_range for driven in driven_joints), strict=True)
         )
-        self._per_horn_rad = np.array([f.joint_map.unit_per_horn_rad for f in fences])
-        self._tick = np.array([f.joint_map.unit_per_tick for f in fences])
+        self._per_horn_rad = np.array(
+            [driven.joint_map.unit_per_horn_rad for driven in driven_joints]
+        )
+        self._tick = np.array([driven.joint_map.unit_per_tick for driven in driven_joints])
         self._load_step = _LOAD_STEP_RAD * self._per_horn_rad
         self._max_load_offset = _MAX_LOAD_OFFSET_RAD * self._per_horn_rad
         self._reference_range = self._goal_range = (self._low, self._high)

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 
 from ikservo.control.feedback import read_registers
-from ikservo.guard import CommandLimits
+from ikservo.guard import DrivenJoint
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.servo import ServoSpec
 from ikservo.model.servo_torque import GRIPPER_P_GAINS, find_servo_torque
@@ -47,7 +47,7 @@ def raise_gains(bus: ServoBus, servo_id: int, *, gripper: bool) -> None:
 _GAIN_NAMES = ("position_p_gain", "p_gain")
 
 
-def read_gain_shares(bus: ServoBus, fences: Sequence[CommandLimits]) -> list[float]:
+def read_gain_shares(bus: ServoBus, driven_joints: Sequence[DrivenJoint]) -> list[float]:
     """Read each joint's P gain, as a share of the one that the table of motors is for.
 
     1 where that, or the register, is not known.
@@ -56,11 +56,14 @@ def read_gain_shares(bus: ServoBus, fences: Sequence[CommandLimits]) -> list[flo
         BusError: A servo does not answer.
     """
     keys: dict[int, list[Register]] = {}
-    for fence in fences:
-        registers = bus.servos[fence.servo_id].table.registers
-        keys[fence.servo_id] = [registers[name] for name in _GAIN_NAMES if name in registers]
+    for driven in driven_joints:
+        registers = bus.servos[driven.servo_id].table.registers
+        keys[driven.servo_id] = [registers[name] for name in _GAIN_NAMES if name in registers]
     read = read_registers(bus, {i: found for i, found in keys.items() if found})
-    return [_gain_share(bus.servos[f.servo_id], read.get(f.servo_id, {})) for f in fences]
+    return [
+        _gain_share(bus.servos[driven.servo_id], read.get(driven.servo_id, {}))
+        for driven in driven_joints
+    ]
 
 
 def _gain_share(servo: ServoSpec, values: Mapping[Register, int]) -> float:

@@ -26,7 +26,7 @@ from ikservo.control.servo_limits import limit_torque
 from ikservo.control.stopping import StopOutcome, hold_servos
 from ikservo.control.streamed_servos import StreamedServos
 from ikservo.guard import (
-    CommandLimits,
+    DrivenJoint,
     HealthLimits,
     HealthMonitor,
     ServoTelemetry,
@@ -66,7 +66,7 @@ class ServoGroup(StreamedServos):
 
     Args:
         bus: The servos' bus.
-        fences: The command limits of each joint's servo.
+        driven_joints: The joints, each with its servo, limits and speed.
         shadows: Ids of further servos of a joint, by joint.
         clock: The bus's clock.
         health: The limits of temperature, load and supply.
@@ -76,13 +76,13 @@ class ServoGroup(StreamedServos):
     def __init__(
         self,
         bus: ServoBus,
-        fences: Sequence[CommandLimits],
+        driven_joints: Sequence[DrivenJoint],
         shadows: Mapping[str, Sequence[int]],
         clock: Clock,
         health: HealthLimits | None = None,
         gripper: str | None = None,
     ) -> None:
-        super().__init__(bus, fences, clock)
+        super().__init__(bus, driven_joints, clock)
         self._gripper, self._sink_time_s = gripper, _SINK_TIME_S
         self._shadow_ids = {name: tuple(ids) for name, ids in shadows.items()}
         self._shadows = {i: f"{n} (servo {i})" for n in self.names for i in shadows.get(n, ())}
@@ -105,12 +105,12 @@ class ServoGroup(StreamedServos):
         """
         torque = read_register(self._bus, self._ids, RegisterName.TORQUE_ENABLE)
         self.torque.enabling(was_on=all(torque.values()))
-        for fence in self.fences:
-            gripping = fence.joint == self._gripper and torque[fence.servo_id] != 0
-            with_retries(self.clock, partial(self._prepare_servo, fence, gripping=gripping))
+        for driven in self.driven_joints:
+            gripping = driven.joint == self._gripper and torque[driven.servo_id] != 0
+            with_retries(self.clock, partial(self._prepare_servo, driven, gripping=gripping))
         self._limits.invalidate()
         self._limits.set_speed(speed_rad_s)
-        start = self._switch_on(self.fences)
+        start = self._switch_on(self.driven_joints)
         if not all(torque.values()):
             self._catch_falling_joints(start)
         names = dict(zip(self._ids, self.names, strict=True)) | self._shadows
@@ -118,9 +118,9 @@ class ServoGroup(StreamedServos):
         self._health_poller = HealthPoller(
             self._bus, names, self._limits, health, self._log_warning
         )
-        held = np.array([torque[fence.servo_id] != 0 for fence in self.fences])
+        held = np.array([torque[driven.servo_id] != 0 for driven in self.driven_joints])
         self.set_reference(np.where(held, self.measure_positions(), self.goals()))
-        self.compensator.start(read_gain_shares(self._bus, self.fences))
+        self.compensator.start(read_gain_shares(self._bus, self.driven_joints))
         self.torque.enabled()
 
     def enable_joint(self, joint: str, speed_rad_s: float) -> None:
@@ -129,12 +129,12 @@ class ServoGroup(StreamedServos):
         Raises:
             ServoAlarmError, RefusedError, ServoRejectedError: As ``enable``.
         """
-        fence = self.fences[self.names.index(joint)]
+        driven = self.driven_joints[self.names.index(joint)]
         self.torque.enabling(was_on=False)  # the next motion is slow, and enables the others
-        with_retries(self.clock, partial(self._prepare_servo, fence, gripping=False))
+        with_retries(self.clock, partial(self._prepare_servo, driven, gripping=False))
         self._limits.invalidate()
         self._limits.set_speed(speed_rad_s)
-        self._switch_on((fence,))
+        self._switch_on((driven,))
 
     def disable_joint(self, joint: str) -> None:
         """Switch one joint's torque off; what it carries falls.
@@ -176,7 +176,7 @@ class ServoGroup(StreamedServos):
         """
         if self._sink_time_s > 0.0 and not self.read_torque_on():
             since_s = self.clock.now_s()
-            wait_until_still(self.fences, self._feedback, self.clock, self._sink_time_s)
+            wait_until_still(self.driven_joints, self._feedback, self.clock, self._sink_time_s)
             self._sink_time_s -= self.clock.now_s() - since_s
         held = self._to_positions(self._clamp_goals(*self._measure_hold_ticks()))
         return np.where(self.compensator.corrects, self.measure_positions(), held)
@@ -211,7 +211,7 @@ class ServoGroup(StreamedServos):
         Servos that another program has set in motion stop; torque is not switched.
         """
         self.latch_stop(reason)
-        return hold_servos(self._bus, self.fences, self.clock)
+        return hold_servos(self._bus, self.driven_joints, self.clock)
 
     def limit_force(self, joint: str, fraction: float) -> None:
         """Limit the torque of a joint's servo until its torque is switched on again.
@@ -244,18 +244,21 @@ class ServoGroup(StreamedServos):
             horn_rad_s: Top speed of the motion, or of the profile that was asked for, at the horns.
         """
         return np.array([
-            self._limits.profile_speed_rad_s(f.servo_id, horn_rad_s) * f.joint_map.unit_per_horn_rad
-            for f in self.fences
+            driven.joint_map.unit_per_horn_rad
+            * self._limits.profile_speed_rad_s(driven.servo_id, horn_rad_s)
+            for driven in self.driven_joints
         ])  # fmt: skip
 
     def drive_reader(self, names: Sequence[str]) -> DriveReader:
         """Return what reads the duty, the current and the supply of the servos of some joints."""
-        fences = {fence.joint: fence for fence in self.fences}
-        return DriveReader(self._bus, [(fences[n], self._shadow_ids.get(n, ())) for n in names])
+        driven_joints = {driven.joint: driven for driven in self.driven_joints}
+        return DriveReader(
+            self._bus, [(driven_joints[n], self._shadow_ids.get(n, ())) for n in names]
+        )
 
     def read_states(self) -> tuple[JointState, ...]:
         """Read every joint's position, limits, temperature, voltage, load and torque."""
-        return read_joint_states(self._bus, self.fences, self._feedback.measure_ticks())
+        return read_joint_states(self._bus, self.driven_joints, self._feedback.measure_ticks())
 
     def check_health(self) -> None:
         """Raise where a motion that starts now would end at once by what the servos report.
@@ -263,7 +266,10 @@ class ServoGroup(StreamedServos):
         Raises:
             ServoAlarmError: A servo reports an alarm, is too hot, or its supply is out of range.
         """
-        names, now_s = {fence.servo_id: fence.joint for fence in self.fences}, self.clock.now_s()
+        names, now_s = (
+            {driven.servo_id: driven.joint for driven in self.driven_joints},
+            self.clock.now_s(),
+        )
         monitor = HealthMonitor(self._health, read_supply_ranges(self._bus, names))
         for state in self.read_states():
             monitor.update(
@@ -282,43 +288,45 @@ class ServoGroup(StreamedServos):
     def _catch_falling_joints(self, start: dict[str, int]) -> None:
         """Wait until all joints are near their goals; where one fell past, it holds there."""
         for _ in range(_MAX_CATCHES):
-            if wait_until_settled(self.fences, start, self._feedback, self.clock):
+            if wait_until_settled(self.driven_joints, start, self._feedback, self.clock):
                 return
             start = self._clamp_goals(*self._measure_hold_ticks())
             self._gate.reset_goals(start)
 
-    def _switch_on(self, fences: Sequence[CommandLimits]) -> dict[str, int]:
+    def _switch_on(self, driven_joints: Sequence[DrivenJoint]) -> dict[str, int]:
         """Switch torque on where the joints are; return the goals."""
         ticks, ranges = self._measure_hold_ticks()
         held = self._clamp_goals(ticks, ranges)
-        start = {fence.joint: held[fence.joint] for fence in fences}
+        start = {driven.joint: held[driven.joint] for driven in driven_joints}
         self._gate.check_stop()
-        with self._bus.enabling({fence.servo_id: ticks[fence.joint] for fence in fences}):
+        with self._bus.enabling({driven.servo_id: ticks[driven.joint] for driven in driven_joints}):
             self._gate.reset_goals(start)
-            verify_goals(self._bus, {fence.servo_id: start[fence.joint] for fence in fences})
-            for fence in fences:
+            verify_goals(
+                self._bus, {driven.servo_id: start[driven.joint] for driven in driven_joints}
+            )
+            for driven in driven_joints:
                 switch_on = partial(
-                    self._bus.write, fence.servo_id, RegisterName.TORQUE_ENABLE, 1, raw=True
+                    self._bus.write, driven.servo_id, RegisterName.TORQUE_ENABLE, 1, raw=True
                 )
                 with_retries(self.clock, switch_on)
         return start
 
-    def _prepare_servo(self, fence: CommandLimits, *, gripping: bool) -> None:
+    def _prepare_servo(self, driven: DrivenJoint, *, gripping: bool) -> None:
         """Prepare one servo to hold; one that may hold something keeps its torque limit."""
-        check_supply_voltage(self._bus, fence.servo_id)
-        self._limits.prepare(fence.servo_id, keep_torque=gripping)
-        raise_gains(self._bus, fence.servo_id, gripper=fence.joint == self._gripper)
+        check_supply_voltage(self._bus, driven.servo_id)
+        self._limits.prepare(driven.servo_id, keep_torque=gripping)
+        raise_gains(self._bus, driven.servo_id, gripper=driven.joint == self._gripper)
 
     def _measure_hold_ticks(self) -> tuple[dict[str, int], dict[str, tuple[int, int]]]:
         """Read the hold position of each servo, and before that the goals that it accepts.
 
         Joints are measured last, for limp ones fall.
         """
-        servos = {f.joint: self._bus.servos[f.servo_id] for f in self.fences}
+        servos = {driven.joint: self._bus.servos[driven.servo_id] for driven in self.driven_joints}
         keys = {servo.id: goal_range_registers(servo.table) for servo in servos.values()}
         held = read_registers(self._bus, keys)
         ranges = {name: accepted_goal_range(s, held[s.id]) for name, s in servos.items()}
-        return hold_ticks(self._bus, self.fences, self._feedback), ranges
+        return hold_ticks(self._bus, self.driven_joints, self._feedback), ranges
 
     def _clamp_goals(
         self, ticks: Mapping[str, int], ranges: Mapping[str, tuple[int, int]]
@@ -338,7 +346,7 @@ _SINK_POLL_PERIOD_S, _NOISE_TICKS, _FALLS_RAD = 0.05, 1, 0.01
 
 
 def hold_ticks(
-    bus: ServoBus, fences: Sequence[CommandLimits], feedback: Feedback
+    bus: ServoBus, driven_joints: Sequence[DrivenJoint], feedback: Feedback
 ) -> dict[str, int]:
     """Read the tick at which each joint holds, or would if its torque came on.
 
@@ -348,18 +356,20 @@ def hold_ticks(
     Raises:
         BusError: A servo does not answer.
     """
-    ids = [fence.servo_id for fence in fences]
+    ids = [driven.servo_id for driven in driven_joints]
     torque = read_register(bus, ids, RegisterName.TORQUE_ENABLE)
     goals = read_register(bus, ids, RegisterName.GOAL_POSITION)
     present = feedback.measure_ticks()  # last, for limp joints fall
     return {
-        f.joint: _held_tick(f, torque[f.servo_id] != 0, present[f.joint], goals[f.servo_id])
-        for f in fences
+        driven.joint: _held_tick(
+            driven, torque[driven.servo_id] != 0, present[driven.joint], goals[driven.servo_id]
+        )
+        for driven in driven_joints
     }
 
 
 def wait_until_settled(
-    fences: Sequence[CommandLimits], goals: Mapping[str, int], feedback: Feedback, clock: Clock
+    driven_joints: Sequence[DrivenJoint], goals: Mapping[str, int], feedback: Feedback, clock: Clock
 ) -> bool:
     """Wait until the joints are at rest near their goals after torque came on.
 
@@ -370,22 +380,28 @@ def wait_until_settled(
     for _ in range(int(_MAX_WAIT_S / _POLL_PERIOD_S)):
         clock.sleep_until(clock.now_s() + _POLL_PERIOD_S)
         before, present = present, feedback.measure_ticks()
-        still = all(abs(present[f.joint] - before[f.joint]) <= _AT_REST_TICKS for f in fences)
-        near = all(abs(goals[f.joint] - present[f.joint]) <= f.max_lead_ticks(0.0) for f in fences)
+        still = all(
+            abs(present[driven.joint] - before[driven.joint]) <= _AT_REST_TICKS
+            for driven in driven_joints
+        )
+        near = all(
+            abs(goals[driven.joint] - present[driven.joint]) <= driven.max_lead_ticks(0.0)
+            for driven in driven_joints
+        )
         if still and near:
             return True
     return False
 
 
 def wait_until_still(
-    fences: Sequence[CommandLimits], feedback: Feedback, clock: Clock, timeout_s: float
+    driven_joints: Sequence[DrivenJoint], feedback: Feedback, clock: Clock, timeout_s: float
 ) -> None:
     """Wait until a limp arm that sinks is at rest, so that plans start there.
 
     Returns at once where the arm falls: torque must come on.
 
     Args:
-        fences: One for each joint.
+        driven_joints: One for each joint.
         feedback: Measures them.
         clock: The bus's clock.
         timeout_s: Waits no longer: a hand may be moving the arm.
@@ -398,17 +414,21 @@ def wait_until_still(
     while clock.now_s() < end_s:
         clock.sleep_until(clock.now_s() + _SINK_POLL_PERIOD_S)
         present = feedback.measure_ticks()
-        moved = {f: abs(present[f.joint] - before[f.joint]) for f in fences}
-        falls = any(by * f.joint_map.horn_rad_per_tick > _FALLS_RAD for f, by in moved.items())
+        moved = {
+            driven: abs(present[driven.joint] - before[driven.joint]) for driven in driven_joints
+        }
+        falls = any(
+            by * driven.joint_map.horn_rad_per_tick > _FALLS_RAD for driven, by in moved.items()
+        )
         if falls or all(by <= _NOISE_TICKS for by in moved.values()):
             return
         before = present
 
 
-def _held_tick(fence: CommandLimits, torque: bool, present: int, goal: int) -> int:
-    if not torque or abs(goal - present) > fence.max_lead_ticks(0.0):
+def _held_tick(driven: DrivenJoint, torque: bool, present: int, goal: int) -> int:
+    if not torque or abs(goal - present) > driven.max_lead_ticks(0.0):
         return present
-    low, high = fence.tick_range  # a goal of another program may be outside, and further out
+    low, high = driven.tick_range  # a goal of another program may be outside, and further out
     return min(max(goal, min(low, present)), max(high, present))
 
 

@@ -11,7 +11,7 @@ from types import FrameType
 
 from ikservo.clock import Clock
 from ikservo.errors import IkservoError, RefusedError, StoppedError
-from ikservo.guard import CommandLimits, Gate, StopKind, StopReason
+from ikservo.guard import DrivenJoint, Gate, StopKind, StopReason
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.goals import write_goals
 from ikservo.registers import RegisterName
@@ -334,9 +334,9 @@ class StopOutcome:
     silent: tuple[str, ...]
 
 
-def hold_servos(bus: ServoBus, fences: Sequence[CommandLimits], clock: Clock) -> StopOutcome:
+def hold_servos(bus: ServoBus, driven_joints: Sequence[DrivenJoint], clock: Clock) -> StopOutcome:
     """Hold every joint that has torque at its position; switches no torque."""
-    ids = {fence.servo_id: fence for fence in fences}
+    ids = {driven.servo_id: driven for driven in driven_joints}
     torque = bus.sync_read(ids, RegisterName.TORQUE_ENABLE, raw=True).values
     on = [i for i in torque if bus.is_torque_on(i)]
     before = bus.sync_read(on, RegisterName.PRESENT_POSITION, raw=True).values
@@ -348,8 +348,8 @@ def hold_servos(bus: ServoBus, fences: Sequence[CommandLimits], clock: Clock) ->
         for i, tick in present.items()
         if _is_approaching(ids[i], before.get(i), tick, goals.get(i))
     }
-    _send_goals(bus, fences, clock, moving)
-    names = {i: fence.joint for i, fence in ids.items()}
+    _send_goals(bus, driven_joints, clock, moving)
+    names = {i: driven.joint for i, driven in ids.items()}
     return StopOutcome(
         held=tuple(names[i] for i in present),
         limp=tuple(names[i] for i in torque if i not in on),
@@ -359,17 +359,17 @@ def hold_servos(bus: ServoBus, fences: Sequence[CommandLimits], clock: Clock) ->
     )
 
 
-def _is_approaching(fence: CommandLimits, before: int | None, tick: int, goal: int | None) -> bool:
+def _is_approaching(driven: DrivenJoint, before: int | None, tick: int, goal: int | None) -> bool:
     if before is None or goal is None or abs(tick - before) > _MOVED_TICKS:
         return True
-    return abs(goal - tick) > fence.max_lead_ticks(0.0)
+    return abs(goal - tick) > driven.max_lead_ticks(0.0)
 
 
 def _send_goals(
-    bus: ServoBus, fences: Sequence[CommandLimits], clock: Clock, ticks: Mapping[str, int]
+    bus: ServoBus, driven_joints: Sequence[DrivenJoint], clock: Clock, ticks: Mapping[str, int]
 ) -> None:
-    ids = {fence.joint: fence.servo_id for fence in fences}
-    ranges = {fence.servo_id: fence.tick_range for fence in fences}
+    ids = {driven.joint: driven.servo_id for driven in driven_joints}
+    ranges = {driven.servo_id: driven.tick_range for driven in driven_joints}
     measured = {ids[name]: tick for name, tick in ticks.items()}
 
     def send(goals: Mapping[int, int]) -> None:
@@ -378,7 +378,7 @@ def _send_goals(
     pending = dict(ticks)
     for _ in range(_ATTEMPTS):  # a sync write has no reply: goals are read back
         if pending:
-            Gate(fences, send, clock).reset_goals(pending)
+            Gate(driven_joints, send, clock).reset_goals(pending)
             goals = bus.sync_read(
                 [ids[name] for name in pending], RegisterName.GOAL_POSITION, raw=True
             ).values

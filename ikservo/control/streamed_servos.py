@@ -23,7 +23,7 @@ from ikservo.errors import (
     RegisterAccessError,
     StoppedError,
 )
-from ikservo.guard import CommandLimits, Gate, StopReason, TrackingMonitor, torque_lost_error
+from ikservo.guard import DrivenJoint, Gate, StopReason, TrackingMonitor, torque_lost_error
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.goals import write_goals
 from ikservo.kinematics.arrays import Vector
@@ -49,12 +49,12 @@ class StreamedServos:
 
     Args:
         bus: The servos' bus.
-        fences: The command limits of each joint's servo.
+        driven_joints: The joints, each with its servo, limits and speed.
         clock: The bus's clock.
 
     Attributes:
         clock: The bus's clock.
-        fences: The command limits of each joint's servo.
+        driven_joints: The joints, each with its servo, limits and speed.
         names: The joints, in the order of the vectors.
         stop_request: Requests that the running motion ends.
         torque: Whether the servos hold, and whether a control loop runs.
@@ -63,20 +63,22 @@ class StreamedServos:
         warn: Called with each warning for the user; ignores them by default.
     """
 
-    def __init__(self, bus: ServoBus, fences: Sequence[CommandLimits], clock: Clock) -> None:
+    def __init__(self, bus: ServoBus, driven_joints: Sequence[DrivenJoint], clock: Clock) -> None:
         self._bus, self.clock = bus, clock
-        self.fences = tuple(fences)
-        self.names = tuple(fence.joint for fence in fences)
-        self._ids = [fence.servo_id for fence in fences]
-        self._tick_ranges = {fence.servo_id: fence.tick_range for fence in fences}
-        self._gate = Gate(fences, self._write_goals, clock)
-        self._feedback = Feedback(bus, fences)
-        self.compensator = GoalCompensator(fences)
-        self._reference = self._measured = np.zeros(len(self.fences))
-        self._per_horn_rad = np.array([f.joint_map.unit_per_horn_rad for f in fences])
+        self.driven_joints = tuple(driven_joints)
+        self.names = tuple(driven.joint for driven in driven_joints)
+        self._ids = [driven.servo_id for driven in driven_joints]
+        self._tick_ranges = {driven.servo_id: driven.tick_range for driven in driven_joints}
+        self._gate = Gate(driven_joints, self._write_goals, clock)
+        self._feedback = Feedback(bus, driven_joints)
+        self.compensator = GoalCompensator(driven_joints)
+        self._reference = self._measured = np.zeros(len(self.driven_joints))
+        self._per_horn_rad = np.array(
+            [driven.joint_map.unit_per_horn_rad for driven in driven_joints]
+        )
         self._reference_s = 0.0
         self._uncut = True
-        unwatched = [fence.servo_id for fence in fences if fence.sinks_far]
+        unwatched = [driven.servo_id for driven in driven_joints if driven.sinks_far]
         self._limits = ServoRamLimits(bus, self._ids, unwatched)
         self._health_poller: HealthPoller | None = None
         self._cycle_at_s = self._horn_rad_s = 0.0
@@ -102,7 +104,7 @@ class StreamedServos:
             RefusedError: None was sent since torque was off.
         """
         known = self._gate.goals
-        if len(known) < len(self.fences):  # another thread acknowledged a stop in between
+        if len(known) < len(self.driven_joints):  # another thread acknowledged a stop in between
             self.stop_request.check_request()
             raise RefusedError("The servos have no goals.", "Nothing was sent. Request it again.")
         return self._to_positions(known)
@@ -232,7 +234,7 @@ class StreamedServos:
         """Prepare the servos for goals in every cycle; an error in the block stops the arm.
 
         Args:
-            speed_rad_s: The top speed of the motion at the horns; the fences' if None.
+            speed_rad_s: The top speed of the motion at the horns; the driven_joints' if None.
             profile_rad_s: With which speed the servos turn to each goal; that of the motion if
                 None.
 
@@ -382,7 +384,11 @@ class StreamedServos:
         return torque_lost_error(limp) if limp else error
 
     def _limp_joints(self) -> list[str]:
-        return [f.joint for f in self.fences if not self._bus.is_torque_on(f.servo_id)]
+        return [
+            driven.joint
+            for driven in self.driven_joints
+            if not self._bus.is_torque_on(driven.servo_id)
+        ]
 
     def hold(self, reason: StopReason) -> None:
         """Latch a stop and hold, until ``acknowledge``; never raises.
@@ -398,12 +404,12 @@ class StreamedServos:
                 step()
 
     def _prepare_streaming(self, speed_rad_s: float | None, profile_rad_s: float | None) -> None:
-        horns = {f.joint: f.joint_map.unit_per_horn_rad for f in self.fences}
-        speeds = {f.joint: f.speed for f in self.fences}
+        horns = {driven.joint: driven.joint_map.unit_per_horn_rad for driven in self.driven_joints}
+        speeds = {driven.joint: driven.speed for driven in self.driven_joints}
         if speed_rad_s is not None:
             speeds = {name: min(speed_rad_s * horns[name], speeds[name]) for name in speeds}
         self._gate.set_speeds(speeds)
-        self._following = TrackingMonitor.for_limits(self.fences, speeds)
+        self._following = TrackingMonitor.for_limits(self.driven_joints, speeds)
         self._feedback.reset_losses()
         fastest_rad_s = max(speeds[name] / horns[name] for name in speeds)
         self._horn_rad_s, self.restarts = profile_rad_s or fastest_rad_s, 0
@@ -424,15 +430,17 @@ class StreamedServos:
 
     def _hold_goals(self) -> None:
         """Send hold goals to the servos with torque: those without it stay limp."""
-        on = {f.joint for f in self.fences if self._bus.is_torque_on(f.servo_id)}
+        on = {
+            driven.joint for driven in self.driven_joints if self._bus.is_torque_on(driven.servo_id)
+        }
         self._gate.hold({name: self._hold_tick(name) for name in self._gate.goals if name in on})
 
     def _hold_tick(self, joint: str) -> int:
-        fence, goal = self.fences[self.names.index(joint)], self._gate.goals[joint]
+        driven, goal = self.driven_joints[self.names.index(joint)], self._gate.goals[joint]
         measured = self._gate.measured_ticks.get(joint, goal)
-        explained_rad = max(fence.at_rest_lead_rad, _PRESSING_LAG_RAD)
-        presses = abs(goal - measured) * fence.joint_map.horn_rad_per_tick > explained_rad
-        return measured if presses or self._bus.alarms.get(fence.servo_id) else goal
+        explained_rad = max(driven.at_rest_lead_rad, _PRESSING_LAG_RAD)
+        presses = abs(goal - measured) * driven.joint_map.horn_rad_per_tick > explained_rad
+        return measured if presses or self._bus.alarms.get(driven.servo_id) else goal
 
     def _reason_of(self, error: BaseException) -> StopReason:
         """Return the reason of a stop: the requested one, or the error."""
@@ -459,14 +467,16 @@ class StreamedServos:
         known = (self._feedback.latest.get(joint), self._gate.goals.get(joint))
         return [tick for tick in known if tick is not None]
 
-    def _limits_of(self, servo_id: int) -> CommandLimits:
-        return self.fences[self._ids.index(servo_id)]
+    def _limits_of(self, servo_id: int) -> DrivenJoint:
+        return self.driven_joints[self._ids.index(servo_id)]
 
     def _to_ticks(self, positions: Vector) -> dict[str, int]:
         return {
-            fence.joint: fence.tick(float(position))
-            for fence, position in zip(self.fences, positions, strict=True)
+            driven.joint: driven.tick(float(position))
+            for driven, position in zip(self.driven_joints, positions, strict=True)
         }
 
     def _to_positions(self, ticks: Mapping[str, int]) -> Vector:
-        return np.array([f.joint_map.position(ticks[f.joint]) for f in self.fences])
+        return np.array(
+            [driven.joint_map.position(ticks[driven.joint]) for driven in self.driven_joints]
+        )

@@ -9,7 +9,7 @@ from ikservo.guard.collision import (
 )
 from ikservo.guard.contact_release import nearest_free_posture
 from ikservo.guard.gate import Gate, StopKind, StopLatch, StopReason
-from ikservo.guard.limits import MAX_TRAVEL_RAD, CommandLimits, LeadLimiter
+from ikservo.guard.limits import MAX_TRAVEL_RAD, DrivenJoint, LeadLimiter
 from ikservo.guard.monitors import (
     DEAD_MAN_TIMEOUT_S,
     CommunicationMonitor,
@@ -28,9 +28,9 @@ __all__ = [
     "MAX_SAMPLE_STEP_RAD",
     "MAX_TRAVEL_RAD",
     "CollisionChecker",
-    "CommandLimits",
     "CommunicationMonitor",
     "DeadManSwitch",
+    "DrivenJoint",
     "Gate",
     "HealthLimits",
     "HealthMonitor",

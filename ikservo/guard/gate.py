@@ -10,7 +10,7 @@ from types import MappingProxyType
 
 from ikservo.clock import Clock
 from ikservo.errors import LatchedStopError, RefusedError
-from ikservo.guard.limits import CommandLimits, LeadLimiter, require_int_tick
+from ikservo.guard.limits import DrivenJoint, LeadLimiter, require_int_tick
 
 __all__ = ["MAX_ELAPSED_S", "Gate", "RateLimiter", "StopKind", "StopLatch", "StopReason"]
 
@@ -138,7 +138,7 @@ class Gate:
 
     def __init__(
         self,
-        limits: Sequence[CommandLimits],
+        limits: Sequence[DrivenJoint],
         send: Callable[[Mapping[int, int]], None],
         clock: Clock,
     ) -> None:
@@ -390,7 +390,7 @@ class Gate:
             )
         return self._goals[joint]
 
-    def _limits_of(self, joint: str) -> CommandLimits:
+    def _limits_of(self, joint: str) -> DrivenJoint:
         if joint not in self._limits:
             raise RefusedError(f"There is no joint {joint!r} on this arm.", "Nothing was sent.")
         return self._limits[joint]

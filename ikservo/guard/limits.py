@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from ikservo.calibration import JointMap, JointUnit, Limits, format_position, format_source
 from ikservo.errors import RefusedError
 
-__all__ = ["MAX_TRAVEL_RAD", "CommandLimits", "LeadLimiter", "require_int_tick"]
+__all__ = ["MAX_TRAVEL_RAD", "DrivenJoint", "LeadLimiter", "require_int_tick"]
 
 
 MAX_TRAVEL_RAD = 60 * math.tau / 4096
@@ -23,8 +23,8 @@ _AT_REST_LEAD_RAD, _MAX_AT_REST_LEAD_RAD = 0.12, 0.2
 
 
 @dataclass(frozen=True, slots=True)
-class CommandLimits:
-    """The range and speed of one joint, in the servo's ticks.
+class DrivenJoint:
+    """A joint, its servo, and the range and speed that its goals may have.
 
     Attributes:
         joint_map: The conversion of ticks and positions.
@@ -155,14 +155,14 @@ _EASE_FROM = 0.75
 class LeadLimiter:
     """Limits the lead of goals over the measured joints.
 
-    A goal further ahead than `CommandLimits.max_lead_ticks` is refused, unless it is the present
+    A goal further ahead than `DrivenJoint.max_lead_ticks` is refused, unless it is the present
     goal or on the path back from it; so is a goal of a joint that was not measured recently.
 
     Args:
         limits: One for each joint.
     """
 
-    def __init__(self, limits: Sequence[CommandLimits]) -> None:
+    def __init__(self, limits: Sequence[DrivenJoint]) -> None:
         self._limits = {limit.joint: limit for limit in limits}
         self._measured: dict[str, tuple[int, float]] = {}
         self.set_speeds({})
@@ -187,10 +187,12 @@ class LeadLimiter:
                     f"The speed of {joint} must be above zero, not {speed} rad/s.",
                     "Nothing was sent.",
                 )
-        self._leads = {j: f.max_lead_ticks(speeds_by_joint[j]) for j, f in self._limits.items()}
+        self._leads = {
+            j: driven.max_lead_ticks(speeds_by_joint[j]) for j, driven in self._limits.items()
+        }
         self._ticks_s = {
-            j: min(speeds_by_joint[j] / f.joint_map.unit_per_tick, f.max_ticks_s)
-            for j, f in self._limits.items()
+            j: min(speeds_by_joint[j] / driven.joint_map.unit_per_tick, driven.max_ticks_s)
+            for j, driven in self._limits.items()
         }
 
     def update_measured(self, ticks: Mapping[str, int], time_s: float) -> None:

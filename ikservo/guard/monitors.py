@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ikservo.errors import RefusedError, ServoAlarmError, ServoSilentError
-from ikservo.guard.limits import CommandLimits
+from ikservo.guard.limits import DrivenJoint
 from ikservo.kinematics.arrays import Vector
 from ikservo.model.model import HealthLimits
 from ikservo.registers import Alarm
@@ -46,7 +46,7 @@ class TrackingMonitor:
 
     @classmethod
     def for_limits(
-        cls, limits: Sequence[CommandLimits], speeds: Mapping[str, float] | None = None
+        cls, limits: Sequence[DrivenJoint], speeds: Mapping[str, float] | None = None
     ) -> TrackingMonitor:
         """Return a monitor of joints whose goals keep the gate's maximum lead.
 
@@ -57,9 +57,9 @@ class TrackingMonitor:
         speeds = speeds or {}
         max_error = [
             _ERROR_FRACTION
-            * f.max_lead_ticks(speeds.get(f.joint, f.speed))
-            * f.joint_map.unit_per_tick
-            for f in limits
+            * driven.max_lead_ticks(speeds.get(driven.joint, driven.speed))
+            * driven.joint_map.unit_per_tick
+            for driven in limits
         ]
         return cls([limit.joint for limit in limits], np.array(max_error))
 

@@ -193,7 +193,9 @@ def _swings(context: ArmContext, dynamics: Dynamics, start: Vector, times: int) 
     """
     space = _FreeSpace.of(context, dynamics, start)
     for upright in space.upright_postures(start, np.random.default_rng(_SEED)) if times else ():
-        ways = np.diag([fence.joint_map.unit_per_horn_rad for fence in context.servos.fences])
+        ways = np.diag(
+            [driven.joint_map.unit_per_horn_rad for driven in context.servos.driven_joints]
+        )
         ends = [(upright + way, upright - way) for way in _SWING_RAD * ways[[*context.index.chain]]]
         if all(space.is_way_free(*pair) for pair in [(start, upright), *ends]):
             return [upright, *chain.from_iterable([*pair * times, upright] for pair in ends)]
@@ -288,13 +290,13 @@ def _max_gravity(context: ArmContext, column: int) -> float:
     its loaded gears, while its goal leads the joint by no more than the guard allows and by no more
     than its motor can press for long.
     """
-    fence, model = context.servos.fences[column], context.model
-    drive = joint_drive(model.joint(fence.joint), model.supply_v)
+    driven, model = context.servos.driven_joints[column], context.model
+    drive = joint_drive(model.joint(driven.joint), model.supply_v)
     if drive is None:
         return np.inf
     speed = context.planner.motion_limits("slow")[column].speed_rad_s
     usual = context.planner.motion_limits(_SPEED_CLASS)[column].speed_rad_s
-    lead = _LEAD_SHARE * fence.max_lead_ticks(usual) * fence.joint_map.unit_per_tick
+    lead = _LEAD_SHARE * driven.max_lead_ticks(usual) * driven.joint_map.unit_per_tick
     pressed = drive.stiffness_nm_rad * min(lead, sustained_lag(drive)) - drive.damping_nm_s * speed
     low, high = 0.0, max(pressed, 0.0)
     for _ in range(_HALVINGS):

@@ -117,7 +117,7 @@ class _EndStopSearch:
         self._context, self._bus, self._joint, self._end = context, bus, joint, end
         self._fraction, self._on_positions = fraction, on_positions
         self._column = context.index.column(joint)
-        joint_map = context.servos.fences[self._column].joint_map
+        joint_map = context.servos.driven_joints[self._column].joint_map
         self._servo = bus.servos[joint_map.servo_id]
         self._per_horn = joint_map.unit_per_horn_rad
         self._trajectory: OnlineTrajectory | None = None
@@ -128,7 +128,7 @@ class _EndStopSearch:
 
     def _pressing_lag_rad(self) -> float:
         """Return the lag behind the goal at which the servo presses as hard as it may."""
-        limits = self._context.servos.fences[self._column]
+        limits = self._context.servos.driven_joints[self._column]
         speed = self._context.planner.motion_limits("slow")[self._column].speed_rad_s
         lead_rad = limits.max_lead_ticks(speed) * limits.joint_map.horn_rad_per_tick
         return _PRESSING_SHARE * lead_rad

@@ -37,7 +37,7 @@ from ikservo.calibration.transaction import commit, plan_changes
 from ikservo.control.servo_group import ServoGroup
 from ikservo.errors import BusError, CalibrationError, FileFormatError, RefusedError
 from ikservo.files.writing import remove_durably, write_atomic
-from ikservo.guard import CollisionChecker, CommandLimits, sample_line
+from ikservo.guard import CollisionChecker, DrivenJoint, sample_line
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.maintenance.calibration_session import TorqueOffArm
 from ikservo.model import Model, ModelJoint
@@ -166,10 +166,10 @@ def _search_limits(
     state: CalibrationState,
     loose: TorqueOffArm,
     lag: LoadLag,
-) -> CommandLimits:
+) -> DrivenJoint:
     limits = _widen_range(subject, state).expected
     speed = loose.model.speed("slow").rad_s * joint.travel_per_turn / math.tau
-    return CommandLimits(
+    return DrivenJoint(
         own.joint_map(joint),
         limits,
         speed * _SPEED_MARGIN,

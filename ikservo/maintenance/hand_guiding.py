@@ -48,7 +48,9 @@ class HandGuiding:
     def __init__(self, context: ArmContext, feed_forward: FeedForward, goals: Vector) -> None:
         self._context, self._feed_forward = context, feed_forward
         self._moved_by_hand = context.servos.compensator.corrects
-        horns = np.array([fence.joint_map.unit_per_horn_rad for fence in context.servos.fences])
+        horns = np.array(
+            [driven.joint_map.unit_per_horn_rad for driven in context.servos.driven_joints]
+        )
         self._tolerance = ANCHOR_RAD * horns
         self._speed = context.model.speed(_SPEED_CLASS).rad_s * horns
         self._goals = goals

@@ -400,7 +400,7 @@ class ArmThread:
 
     def _run_calibration(self, driver: CalibrationDriver) -> None:
         """Hand the port to the calibration, then reopen the arm."""
-        joint_maps = [limits.joint_map for limits in self.arm.context.servos.fences]
+        joint_maps = [limits.joint_map for limits in self.arm.context.servos.driven_joints]
         picture = LimpPicture(joint_maps, self.snapshot.measured)
         self.arm.close("hold")
         self._lost = True

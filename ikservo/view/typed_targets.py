@@ -33,7 +33,7 @@ class JointRanges:
 
     def __init__(self, arm: Arm) -> None:
         self._index = arm.joint_index
-        self._sources = [fence.limits.source for fence in arm.context.servos.fences]
+        self._sources = [driven.limits.source for driven in arm.context.servos.driven_joints]
         lower, upper = arm.limits()
         self._lower: list[float] = lower.tolist()
         self._upper: list[float] = upper.tolist()

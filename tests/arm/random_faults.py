@@ -45,9 +45,9 @@ def seeded(seed):
 def random_goals(arm, dice, speed=None):
     """Return random goals in the middle half of every joint's range, and a speed."""
     goals = {}
-    for fence in servo_group(arm).fences:
-        low, high = fence.position_range
-        goals[fence.joint] = low + (high - low) * dice.uniform(0.25, 0.75)
+    for driven in servo_group(arm).driven_joints:
+        low, high = driven.position_range
+        goals[driven.joint] = low + (high - low) * dice.uniform(0.25, 0.75)
     return goals, speed or dice.choice(SPEEDS)
 
 

@@ -19,9 +19,9 @@ def short_move(arm, dice, speed, max_rad=0.1):
     servos = servo_group(arm)
     start = servos.goals()
     goal = start.copy()
-    for i, fence in enumerate(servos.fences):
-        low, high = fence.position_range
-        distance = dice.uniform(-max_rad, max_rad) * fence.joint_map.unit_per_tick * 4096 / 6.2832
+    for i, driven in enumerate(servos.driven_joints):
+        low, high = driven.position_range
+        distance = dice.uniform(-max_rad, max_rad) * driven.joint_map.unit_per_tick * 4096 / 6.2832
         goal[i] = min(max(start[i] + distance, min(low, start[i])), max(high, start[i]))
     return JointMove(start, goal, motion_limits(arm, speed))
 

@@ -103,9 +103,9 @@ def test_a_large_arm_settles_within_what_the_ticks_of_its_joints_hide():
 
 def test_joints_are_left_that_are_within_two_ticks_of_where_they_should_be(arm):
     plan = arm.plan_to((0.25, 0.05, 0.15))
-    index, fences = arm.context.index, servo_group(arm).fences
-    target = SettlingTarget(arm.chain, index, fences, plan, plan.start)
-    tick = fences[0].joint_map.unit_per_tick
+    index, driven_joints = arm.context.index, servo_group(arm).driven_joints
+    target = SettlingTarget(arm.chain, index, driven_joints, plan, plan.start)
+    tick = driven_joints[0].joint_map.unit_per_tick
     near, far = plan.goal.copy(), plan.goal.copy()
     near[0] += 0.5 * tick
     near[4] += 2.0 * tick  # the wrist's roll hardly moves the tool
@@ -117,10 +117,10 @@ def test_joints_are_left_that_are_within_two_ticks_of_where_they_should_be(arm):
 
 def test_the_tool_is_not_where_it_should_be_though_each_joint_is_within_a_tick(arm):
     plan = arm.plan_to((0.25, 0.05, 0.15))
-    fences = servo_group(arm).fences
-    target = SettlingTarget(arm.chain, arm.context.index, fences, plan, plan.start)
+    driven_joints = servo_group(arm).driven_joints
+    target = SettlingTarget(arm.chain, arm.context.index, driven_joints, plan, plan.start)
     outward = np.sign(arm.chain.jacobian(plan.goal[: arm.chain.dof])[2])
-    steps = np.append(outward, 0.0) * fences[0].joint_map.unit_per_tick
+    steps = np.append(outward, 0.0) * driven_joints[0].joint_map.unit_per_tick
     assert not target.is_reached(plan.goal + steps)
 
 
@@ -184,7 +184,7 @@ def test_a_joint_that_is_held_fast_is_led_no_further_than_at_rest_and_named(arm)
     inwards = wrist - math.radians(3.0)  # 7° of lead would end at a limit outwards
     report = arm.move_joints({"wrist_flex": inwards}, speed="fast")
     lead = registers(arm, "goal_position")[held] - registers(arm, "present_position")[held]
-    assert abs(lead) <= servo_group(arm).fences[held - 1].max_lead_ticks(0.0) + 1
+    assert abs(lead) <= servo_group(arm).driven_joints[held - 1].max_lead_ticks(0.0) + 1
     assert not report.reached
     assert report.binding == ("wrist_flex is 3.0° short: load too high (correction limit reached)",)
 

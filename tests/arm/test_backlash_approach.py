@@ -52,11 +52,11 @@ def test_a_joint_whose_play_is_known_rests_on_one_flank_from_wherever_it_comes(a
 @pytest.mark.full
 def test_it_does_not_go_below_its_limit_for_that(arm_file):
     with ikservo.open_arm(arm_file, port=PORT) as arm:
-        lowest = servo_group(arm).fences[0].position_range[0]
+        lowest = servo_group(arm).driven_joints[0].position_range[0]
         report = arm.move_joints({PAN: lowest}, speed="fast")
         assert report.reached
         assert registers(arm, "goal_position")[ID] in range(
-            *sorted(servo_group(arm).fences[0].tick_range)
+            *sorted(servo_group(arm).driven_joints[0].tick_range)
         )
 
 

@@ -55,8 +55,8 @@ def test_a_pause_after_the_last_cycle_is_no_reset_in_the_next_motion(arm, monkey
         arm.move_joints({"shoulder_lift": -0.2})
     arm.where()
     group, held = servo_group(arm), registers(arm, "goal_position")
-    for fence, goal in zip(group.fences, group.goals(), strict=True):
-        assert held[fence.servo_id] == fence.tick(float(goal))
+    for driven, goal in zip(group.driven_joints, group.goals(), strict=True):
+        assert held[driven.servo_id] == driven.tick(float(goal))
     assert arm.move_joints({"shoulder_lift": -0.3}).reached
 
 

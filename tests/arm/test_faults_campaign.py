@@ -128,11 +128,11 @@ def test_torque_comes_on_where_a_hand_has_left_the_joints(seeds, capsys):
         dice, name = seeded(seed), FAMILIES[seed % 2]
         with ikservo.open_arm(name, port="sim", collisions=False) as arm:
             auditor, world = Auditor(arm), line_of(arm).world
-            for fence in servo_group(arm).fences:
-                low, high = fence.position_range
-                world.place(fence.joint, dice.uniform(low, high))
+            for driven in servo_group(arm).driven_joints:
+                low, high = driven.position_range
+                world.place(driven.joint, dice.uniform(low, high))
             arm.enable()
-            assert len(auditor.switched_on) == len(servo_group(arm).fences), seed
+            assert len(auditor.switched_on) == len(servo_group(arm).driven_joints), seed
             for on in auditor.switched_on:
                 away = abs(on.goal - on.present)
                 # a joint let go by the hand falls on from its reading to its servo's instruction

@@ -41,9 +41,12 @@ def inject(arm, kind, after_s=0.4, **details):
 
 def swing(arm, way_rad=0.4):
     """Move every joint of the arm a good way."""
-    here = zip(servo_group(arm).fences, servo_group(arm).measured_hold_positions(), strict=True)
+    here = zip(
+        servo_group(arm).driven_joints, servo_group(arm).measured_hold_positions(), strict=True
+    )
     goals = {
-        f.joint: at + (way_rad if at < sum(f.position_range) / 2 else -way_rad) for f, at in here
+        driven.joint: at + (way_rad if at < sum(driven.position_range) / 2 else -way_rad)
+        for driven, at in here
     }
     return arm.move_joints(goals)
 

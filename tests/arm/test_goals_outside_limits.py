@@ -30,10 +30,10 @@ class GoalWitness:
 def excess_ticks(arm, ticks):
     """Return by joint how far ticks by servo id are outside its limits."""
     found = {}
-    for fence in servo_group(arm).fences:
-        low, high = fence.tick_range
-        seen = ticks.get(fence.servo_id, ())
-        found[fence.joint] = max([0, *(max(low - tick, tick - high) for tick in seen)])
+    for driven in servo_group(arm).driven_joints:
+        low, high = driven.tick_range
+        seen = ticks.get(driven.servo_id, ())
+        found[driven.joint] = max([0, *(max(low - tick, tick - high) for tick in seen)])
     return found
 
 
@@ -66,20 +66,20 @@ def test_a_goal_of_another_program_outside_the_limits_is_not_held():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.enable()
         group = servo_group(arm)
-        ticks, fence = group._feedback.measure_ticks(), group.fences[0]
-        ticks[fence.joint] = high = fence.tick_range[1]
-        group._bus.sync_write(RegisterName.GOAL_POSITION, {fence.servo_id: high + 20}, raw=True)
+        ticks, driven = group._feedback.measure_ticks(), group.driven_joints[0]
+        ticks[driven.joint] = high = driven.tick_range[1]
+        group._bus.sync_write(RegisterName.GOAL_POSITION, {driven.servo_id: high + 20}, raw=True)
         still = SimpleNamespace(measure_ticks=lambda: ticks)
-        assert hold_ticks(group._bus, group.fences, still)[fence.joint] == high
+        assert hold_ticks(group._bus, group.driven_joints, still)[driven.joint] == high
 
 
 def test_the_last_check_refuses_a_goal_that_passed_the_gate():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.enable()
         group, sent = servo_group(arm), GoalWitness(arm)
-        fence = group.fences[1]
-        _, high = fence.tick_range
+        driven = group.driven_joints[1]
+        _, high = driven.tick_range
         with pytest.raises(RefusedError):
-            group._write_goals({fence.servo_id: high + 1})
+            group._write_goals({driven.servo_id: high + 1})
         arm.where()
         assert not sent.goals

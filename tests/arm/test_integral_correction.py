@@ -7,7 +7,7 @@ import pytest
 from ikservo.arm.goal_integrator import GoalIntegrator, Saturation, SaturationReason
 from ikservo.arm.settling import SettlingTrajectory
 from ikservo.calibration import JointMap, Limits
-from ikservo.guard import CommandLimits
+from ikservo.guard import DrivenJoint
 from ikservo.motion import KinematicLimits
 
 BEAT_S = 0.01
@@ -15,8 +15,8 @@ BEAT_S = 0.01
 
 def creep(goal=2000, wanted=2000, lower=-1.0, upper=1.0, stuck=(0.0, 0.0)):
     limits = Limits.of("elbow", lower, upper, "hand sweep of 2026-11-02")
-    fence = CommandLimits(JointMap.revolute("elbow", 3, 1, 2048, 4096), limits, speed=2.0)
-    return GoalIntegrator(fence, goal, wanted, acceleration=2000.0, stuck=stuck)
+    driven = DrivenJoint(JointMap.revolute("elbow", 3, 1, 2048, 4096), limits, speed=2.0)
+    return GoalIntegrator(driven, goal, wanted, acceleration=2000.0, stuck=stuck)
 
 
 def feed(joint, ticks, start_s=0.0):
@@ -47,7 +47,7 @@ def test_a_joint_that_only_has_to_stand_keeps_its_goal():
 def test_a_goal_never_leads_a_held_joint_further_than_the_guard_allows_at_rest():
     joint = creep()
     goals = feed(joint, [1990] * 2000)
-    assert max(goals) <= 1990 + joint.fence.max_lead_ticks(0.0) + 1
+    assert max(goals) <= 1990 + joint.driven.max_lead_ticks(0.0) + 1
     assert joint.saturation_reason == SaturationReason(
         Saturation.LOAD, "load too high (correction limit reached)"
     )
@@ -61,7 +61,7 @@ def test_a_lead_that_is_already_too_long_is_not_taken_back():
 def test_a_goal_stays_inside_the_limits_and_says_which_one_binds():
     joint = creep(goal=2690, wanted=2699, upper=1.0)
     goals = feed(joint, [2680] * 500)
-    assert max(goals) <= joint.fence.tick_range[1]
+    assert max(goals) <= joint.driven.tick_range[1]
     assert joint.saturation_reason == SaturationReason(
         Saturation.LIMIT, "at its limit 57.3° (hand sweep of 2026-11-02)"
     )
@@ -142,25 +142,25 @@ def settle_with(tick_at):
     Args:
         tick_at: Where the joint is at a time.
     """
-    fence = creep().fence
-    trajectory = SettlingTrajectory([fence], [2002], [2000], [KinematicLimits(2.0, 20.0, 200.0)])
+    driven = creep().driven
+    trajectory = SettlingTrajectory([driven], [2002], [2000], [KinematicLimits(2.0, 20.0, 200.0)])
     for cycle in range(1000):
         time_s = cycle * BEAT_S
-        trajectory.update(time_s, [fence.joint_map.position(tick_at(time_s))])
+        trajectory.update(time_s, [driven.joint_map.position(tick_at(time_s))])
         if trajectory.duration_s <= time_s:
             return trajectory
     pytest.fail("settling never ended")
 
 
 def test_goals_stay_where_the_arm_is_where_it_should_be_and_settling_ends_there():
-    fence, near = creep().fence, lambda measured: fence.joint_map.tick(measured[0]) == 2001
+    driven, near = creep().driven, lambda measured: driven.joint_map.tick(measured[0]) == 2001
     limits = [KinematicLimits(2.0, 20.0, 200.0)]
-    trajectory = SettlingTrajectory([fence], [2002], [2000], limits, is_reached=near)
+    trajectory = SettlingTrajectory([driven], [2002], [2000], limits, is_reached=near)
     ticks = [*[2003] * 10, *[2001] * 10]
     goals = []
     for cycle, tick in enumerate(ticks):
-        trajectory.update(cycle * BEAT_S, [fence.joint_map.position(tick)])
-        goals.append(fence.joint_map.tick(trajectory.state(cycle * BEAT_S).position[0]))
+        trajectory.update(cycle * BEAT_S, [driven.joint_map.position(tick)])
+        goals.append(driven.joint_map.tick(trajectory.state(cycle * BEAT_S).position[0]))
     assert goals[9] < goals[0]
     assert len(set(goals[12:])) == 1
     assert trajectory.duration_s <= (len(ticks) - 1) * BEAT_S
@@ -171,7 +171,7 @@ def test_a_joint_that_friction_lets_go_at_the_last_moment_comes_to_rest():
     # as an elbow of an so101 was: 2 ticks off, held by friction for 2.9 s while its goal crept on
     trajectory = settle_with(lambda time_s: 2002 if time_s < 2.97 else 1998)
     assert trajectory.moving_joints == ()
-    assert trajectory.measured == pytest.approx([creep().fence.joint_map.position(1998)])
+    assert trajectory.measured == pytest.approx([creep().driven.joint_map.position(1998)])
     assert trajectory.residuals
 
 

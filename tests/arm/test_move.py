@@ -211,8 +211,8 @@ def test_relaxing_goes_round_what_is_in_the_way():
 def test_an_arm_that_falls_when_its_torque_comes_on_is_caught_and_goes_on_from_there(name):
     dice = seeded(1)
     with ikservo.open_arm(name, port="sim", collisions=False) as arm:
-        for fence in servo_group(arm).fences:
-            line_of(arm).world.place(fence.joint, dice.uniform(*fence.position_range))
+        for driven in servo_group(arm).driven_joints:
+            line_of(arm).world.place(driven.joint, dice.uniform(*driven.position_range))
         arm.plan_joints({arm.chain.names[0]: 0.0})
         assert arm.move_joints({arm.chain.names[0]: 0.0}).reached
 

@@ -91,8 +91,13 @@ def test_a_joint_that_sagged_and_sticks_is_lifted_well_within_the_maximum_lead()
         assert dice.choice(SPEEDS) == "slow"
         speed_rad_s = arm.model.speed("slow").rad_s
         move = short_move(arm, dice, "slow", max_rad=1.0)
-        fences = servo_group(arm).fences
-        most = np.array([f.max_lead_ticks(speed_rad_s) * f.joint_map.unit_per_tick for f in fences])
+        driven_joints = servo_group(arm).driven_joints
+        most = np.array(
+            [
+                driven.max_lead_ticks(speed_rad_s) * driven.joint_map.unit_per_tick
+                for driven in driven_joints
+            ]
+        )
         run_trajectory(
             arm,
             lambda _: move,

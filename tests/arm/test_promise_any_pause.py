@@ -81,8 +81,8 @@ def check(name, pause_s, where, files=None):
         auditor = Auditor(arm, punctual=False)
         with PausedLines(clock_of(arm), pause_s, files=files) as traced:
             course = move(arm, traced)
-        fences = servo_group(arm).fences
-        units = np.array([fence.joint_map.unit_per_tick for fence in fences])
+        driven_joints = servo_group(arm).driven_joints
+        units = np.array([driven.joint_map.unit_per_tick for driven in driven_joints])
         left = np.abs(servo_group(arm).reference() - course.goal) / units
         assert (left <= 1.0).all(), (where, left)
         assert auditor.faults() == [], where

@@ -77,9 +77,9 @@ def last_goals_missing(arm, dice):
     assert servos.reference()[:-1] == pytest.approx(move.goal[:-1], abs=1e-9)
     servos.clock.sleep_until(servos.clock.now_s() + ON_THE_WIRE_S)
     held = registers(arm, "goal_position")
-    columns = zip(servos.fences, zip(*reversed(sent), strict=True), strict=True)
-    return [lost_at_the_end([fence.tick(float(goal)) for goal in goals], held[fence.servo_id])
-            for fence, goals in columns]  # fmt: skip
+    columns = zip(servos.driven_joints, zip(*reversed(sent), strict=True), strict=True)
+    return [lost_at_the_end([driven.tick(float(goal)) for goal in goals], held[driven.servo_id])
+            for driven, goals in columns]  # fmt: skip
 
 
 def lost_at_the_end(latest_first, held):

@@ -76,10 +76,10 @@ def joint(arm, dice):
 
 def beyond(arm, dice):
     """Ask for the first tick beyond a limit."""
-    fence = dice.choice(servo_group(arm).fences)
+    driven = dice.choice(servo_group(arm).driven_joints)
     end, outwards = dice.choice((0, 1)), dice.choice((1, 2, 50, 4096))
-    tick = fence.position_range[end] + (2 * end - 1) * outwards * fence.joint_map.unit_per_tick
-    return arm.move_joints({fence.joint: tick})
+    tick = driven.position_range[end] + (2 * end - 1) * outwards * driven.joint_map.unit_per_tick
+    return arm.move_joints({driven.joint: tick})
 
 
 def stranger(arm, dice):

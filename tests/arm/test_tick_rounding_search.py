@@ -10,16 +10,16 @@ from hypothesis import strategies as st
 import ikservo
 from ikservo.arm.tick_rounding import round_to_ticks
 from ikservo.calibration import JointMap, Limits
-from ikservo.guard import CommandLimits
+from ikservo.guard import DrivenJoint
 from tests.oracle import ARMS
 
 CHAINS = {name: ikservo.load_model(name).chain for name in ARMS}
 DRAWS = st.lists(st.floats(0.0, 1.0), min_size=8, max_size=8)
 
 
-def fences_of(chain):
+def driven_joints_of(chain):
     return [
-        CommandLimits(
+        DrivenJoint(
             JointMap.revolute(name, i, (-1) ** i, 2048 + 0.3 * i, 4096),
             Limits.of(name, float(low), float(high), "arm file"),
             speed=2.0,
@@ -36,8 +36,10 @@ def drawn(name, draws):
     return chain, chain.lower_rad + share * (chain.upper_rad - chain.lower_rad)
 
 
-def tip_m(chain, fences, ticks):
-    joints = [f.joint_map.position(tick) for f, tick in zip(fences, ticks, strict=True)]
+def tip_m(chain, driven_joints, ticks):
+    joints = [
+        driven.joint_map.position(tick) for driven, tick in zip(driven_joints, ticks, strict=True)
+    ]
     return chain.forward(joints)[:3, 3]
 
 
@@ -46,10 +48,10 @@ def tip_m(chain, fences, ticks):
 @given(draws=DRAWS)
 def test_they_stay_inside_the_limits(name, draws):
     chain, q = drawn(name, np.round(draws))  # every joint on one of its limits
-    fences = fences_of(chain)
-    ticks = round_to_ticks(chain, chain.forward(q)[:3, 3], q, fences)
-    for fence, tick in zip(fences, ticks, strict=True):
-        assert fence.tick_range[0] <= tick <= fence.tick_range[1]
+    driven_joints = driven_joints_of(chain)
+    ticks = round_to_ticks(chain, chain.forward(q)[:3, 3], q, driven_joints)
+    for driven, tick in zip(driven_joints, ticks, strict=True):
+        assert driven.tick_range[0] <= tick <= driven.tick_range[1]
 
 
 @pytest.mark.parametrize("name", ARMS)
@@ -57,43 +59,46 @@ def test_they_stay_inside_the_limits(name, draws):
 @given(draws=DRAWS)
 def test_they_are_never_worse_than_rounding(name, draws):
     chain, q = drawn(name, draws)
-    fences, target_m = fences_of(chain), chain.forward(q)[:3, 3]
+    driven_joints, target_m = driven_joints_of(chain), chain.forward(q)[:3, 3]
     inside = [
-        min(max(f.tick(x), f.tick_range[0]), f.tick_range[1])
-        for f, x in zip(fences, q, strict=True)
+        min(max(driven.tick(x), driven.tick_range[0]), driven.tick_range[1])
+        for driven, x in zip(driven_joints, q, strict=True)
     ]
-    ticks = round_to_ticks(chain, target_m, q, fences)
+    ticks = round_to_ticks(chain, target_m, q, driven_joints)
     turned_m = 0.01 * math.radians(1.0)  # rounding turns the tool by less than a degree
-    rounded = np.linalg.norm(tip_m(chain, fences, inside) - target_m)
-    assert np.linalg.norm(tip_m(chain, fences, ticks) - target_m) <= rounded + turned_m
+    rounded = np.linalg.norm(tip_m(chain, driven_joints, inside) - target_m)
+    assert np.linalg.norm(tip_m(chain, driven_joints, ticks) - target_m) <= rounded + turned_m
 
 
 @pytest.mark.parametrize("name", ["so101", "wx250s"])
 def test_they_leave_half_of_what_rounding_leaves_of_the_error(name):
     chain, rng = CHAINS[name], np.random.default_rng(5)
-    fences = fences_of(chain)
+    driven_joints = driven_joints_of(chain)
     ours, rounded = [], []
     for q in rng.uniform(chain.lower_rad, chain.upper_rad, (25, chain.dof)):
         target_m = chain.forward(q)[:3, 3]
-        nearest = [fence.tick(x) for fence, x in zip(fences, q, strict=True)]
-        rounded.append(np.linalg.norm(tip_m(chain, fences, nearest) - target_m))
-        ticks = round_to_ticks(chain, target_m, q, fences)
-        ours.append(np.linalg.norm(tip_m(chain, fences, ticks) - target_m))
+        nearest = [driven.tick(x) for driven, x in zip(driven_joints, q, strict=True)]
+        rounded.append(np.linalg.norm(tip_m(chain, driven_joints, nearest) - target_m))
+        ticks = round_to_ticks(chain, target_m, q, driven_joints)
+        ours.append(np.linalg.norm(tip_m(chain, driven_joints, ticks) - target_m))
     assert np.median(ours) < 0.5 * np.median(rounded)
 
 
 def test_the_tool_keeps_its_orientation_within_half_a_degree():
     chain, rng = CHAINS["wx250s"], np.random.default_rng(6)
-    fences = fences_of(chain)
+    driven_joints = driven_joints_of(chain)
     for q in rng.uniform(chain.lower_rad, chain.upper_rad, (10, chain.dof)):
         T = chain.forward(q)
-        ticks = round_to_ticks(chain, T[:3, 3], q, fences)
-        joints = [f.joint_map.position(tick) for f, tick in zip(fences, ticks, strict=True)]
+        ticks = round_to_ticks(chain, T[:3, 3], q, driven_joints)
+        joints = [
+            driven.joint_map.position(tick)
+            for driven, tick in zip(driven_joints, ticks, strict=True)
+        ]
         cos = (np.trace(chain.forward(joints)[:3, :3].T @ T[:3, :3]) - 1.0) / 2.0
         assert math.degrees(math.acos(min(1.0, cos))) < 0.5
 
 
 def test_the_same_question_has_the_same_answer():
     chain, q = drawn("so101", [0.3, 0.6, 0.4, 0.7, 0.2, 0.5, 0.5, 0.5])
-    asked = (chain, chain.forward(q)[:3, 3], q, fences_of(chain))
+    asked = (chain, chain.forward(q)[:3, 3], q, driven_joints_of(chain))
     assert round_to_ticks(*asked) == round_to_ticks(*asked)

@@ -216,7 +216,7 @@ def test_a_reference_outside_the_limits_is_passed_on_for_the_guard(arm, compensa
 
 
 def test_an_arm_whose_masses_are_not_known_has_feedback_only(arm, start):
-    bare = GoalCompensator(arm._context.servos.fences, range(5))
+    bare = GoalCompensator(arm._context.servos.driven_joints, range(5))
     bare.begin(start, start)
     np.testing.assert_allclose(bare.goals(gliding(start, 0.2, 0.0), CYCLE_S), start)
     bare.observe(start - 0.05, 0.0, CYCLE_S, grow=True)

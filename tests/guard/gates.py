@@ -3,7 +3,7 @@
 import math
 
 from ikservo.calibration import JointMap, Limits
-from ikservo.guard import CommandLimits, Gate
+from ikservo.guard import DrivenJoint, Gate
 
 TICK = 2 * math.pi / 4096
 CYCLE_S = 0.02
@@ -27,7 +27,7 @@ class Recorder:
 def make_limits(name="elbow", servo_id=3, *, low=1000, high=3000, speed_tick_s=10_000):
     joint_map = JointMap.revolute(name, servo_id, 1, 2048, 4096)
     limits = Limits.of(name, joint_map.position(low), joint_map.position(high), "hand sweep")
-    return CommandLimits(joint_map, limits, speed_tick_s * TICK)
+    return DrivenJoint(joint_map, limits, speed_tick_s * TICK)
 
 
 def make_gate_at(tick, **kwargs):

@@ -7,7 +7,7 @@ import pytest
 
 from ikservo.calibration import Crank, JointMap, Limits
 from ikservo.errors import BadValueError
-from ikservo.guard import CommandLimits
+from ikservo.guard import DrivenJoint
 from tests.guard.gates import TICK, make_limits
 
 RACK = JointMap.prismatic("jaw", 6, -1, 2048, 4096, 0.05)
@@ -16,14 +16,12 @@ RACK = JointMap.prismatic("jaw", 6, -1, 2048, 4096, 0.05)
 def test_the_range_is_the_whole_ticks_inside_the_limits():
     joint_map = JointMap.revolute("elbow", 3, 1, 2048, 4096)
     limits = Limits.of("elbow", -1.5 * TICK, 2.5 * TICK, "user")
-    assert CommandLimits(joint_map, limits, 1.0).tick_range == (2047, 2050)
+    assert DrivenJoint(joint_map, limits, 1.0).tick_range == (2047, 2050)
 
 
 def test_the_positions_are_those_of_the_outermost_ticks():
     limits = Limits.of("jaw", 0.0, 0.0101, "user", "m")
-    assert CommandLimits(RACK, limits, 1.0).position_range == pytest.approx(
-        (0.0, 827 * 0.05 / 4096)
-    )
+    assert DrivenJoint(RACK, limits, 1.0).position_range == pytest.approx((0.0, 827 * 0.05 / 4096))
 
 
 @pytest.mark.parametrize(("position", "tick"), [(0.4, 2048), (0.6, 2049), (2000.0, 4048)])
@@ -35,7 +33,7 @@ def test_a_position_is_the_nearest_tick_also_outside(position, tick):
 def test_a_position_inside_the_limits_is_a_tick_inside(position, tick):
     joint_map = JointMap.revolute("elbow", 3, 1, 2048, 4096)
     limits = Limits.of("elbow", -1.5 * TICK, 2.5 * TICK, "user")
-    assert CommandLimits(joint_map, limits, 1.0).tick(position * TICK) == tick
+    assert DrivenJoint(joint_map, limits, 1.0).tick(position * TICK) == tick
 
 
 def test_no_number_has_no_tick():
@@ -46,7 +44,7 @@ def test_no_number_has_no_tick():
 def test_speed_in_ticks_is_that_of_the_joint_and_not_of_its_horn():
     geared = JointMap.revolute("elbow", 3, 1, 2048, 4096, gear=2.0)
     limits = Limits.of("elbow", -1.0, 1.0, "user")
-    assert CommandLimits(geared, limits, 1.0).max_ticks_s == pytest.approx(2 * 4096 / math.tau)
+    assert DrivenJoint(geared, limits, 1.0).max_ticks_s == pytest.approx(2 * 4096 / math.tau)
 
 
 @pytest.mark.parametrize(
@@ -75,7 +73,7 @@ def test_a_joint_sinks_far_that_sags_by_more_than_a_dead_program_lets_it_travel(
 def test_a_finer_encoder_has_the_same_look_ahead():
     fine = JointMap.revolute("elbow", 3, 1, 0, 409_600)
     limits = Limits.of("elbow", -1.0, 1.0, "user")
-    assert CommandLimits(fine, limits, 5.0).max_lead_ticks(5.0) == 6000 + 7822
+    assert DrivenJoint(fine, limits, 5.0).max_lead_ticks(5.0) == 6000 + 7822
 
 
 def test_the_look_ahead_of_a_slow_joint_is_short_however_fast_the_motion():
@@ -88,9 +86,9 @@ def test_the_look_ahead_counts_on_the_horn():
     geared = JointMap.revolute("elbow", 3, 1, 2048, 4096, gear=2.0)
     cranked = JointMap.cranked("jaw", 6, 1, 2048, 4096, Crank(0.01, 0.03, math.radians(60)))
     slide = Limits.of("jaw", 0.0, 0.005, "user", "m")
-    assert CommandLimits(coarse, limits, 5.0).max_lead_ticks(5.0) == 18 + 23
-    assert CommandLimits(geared, limits, 5.0).max_lead_ticks(math.radians(10)) == 22 + 78
-    assert CommandLimits(cranked, slide, 1.0).max_lead_ticks(1.0) == 138
+    assert DrivenJoint(coarse, limits, 5.0).max_lead_ticks(5.0) == 18 + 23
+    assert DrivenJoint(geared, limits, 5.0).max_lead_ticks(math.radians(10)) == 22 + 78
+    assert DrivenJoint(cranked, slide, 1.0).max_lead_ticks(1.0) == 138
 
 
 @pytest.mark.parametrize(
@@ -110,7 +108,7 @@ def test_on_the_upper_limit_the_lower_one_is_never_named():
 
 def test_a_target_that_rounds_to_its_limit_is_shown_with_a_second_decimal():
     limits = Limits.of("lift", math.radians(-98.0), 1.5, "user")
-    lift = CommandLimits(JointMap.revolute("lift", 1, 1, 2048, 65536), limits, 1.0)
+    lift = DrivenJoint(JointMap.revolute("lift", 1, 1, 2048, 65536), limits, 1.0)
     assert lift.describe_violation(2048 - 17846) == (
         "lift target -98.03° is below its lower limit -98.00° (set by you)."
     )

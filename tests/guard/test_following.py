@@ -79,18 +79,19 @@ def steps_until_stopped(watch, behind):
 
 
 def test_over_a_look_ahead_nine_tenths_of_it_are_too_far():
-    fences = [make_limits(), make_limits("wrist", 4)]  # a look-ahead of 138 ticks
-    assert steps_until_stopped(TrackingMonitor.for_limits(fences), 124) is None
-    assert steps_until_stopped(TrackingMonitor.for_limits(fences), 125) == 3
+    driven_joints = [make_limits(), make_limits("wrist", 4)]  # a look-ahead of 138 ticks
+    assert steps_until_stopped(TrackingMonitor.for_limits(driven_joints), 124) is None
+    assert steps_until_stopped(TrackingMonitor.for_limits(driven_joints), 125) == 3
 
 
 def test_a_slow_motion_is_watched_more_closely():
-    fences = [make_limits(), make_limits("wrist", 4)]
+    driven_joints = [make_limits(), make_limits("wrist", 4)]
     slow = {"elbow": 284 * TICK}  # a look-ahead of 106 ticks
-    assert steps_until_stopped(TrackingMonitor.for_limits(fences, slow), 95) is None
-    assert steps_until_stopped(TrackingMonitor.for_limits(fences, slow), 96) == 3
+    assert steps_until_stopped(TrackingMonitor.for_limits(driven_joints, slow), 95) is None
+    assert steps_until_stopped(TrackingMonitor.for_limits(driven_joints, slow), 96) == 3
     assert (
-        steps_until_stopped(TrackingMonitor.for_limits(fences, {"wrist": 284 * TICK}), 96) is None
+        steps_until_stopped(TrackingMonitor.for_limits(driven_joints, {"wrist": 284 * TICK}), 96)
+        is None
     )
 
 

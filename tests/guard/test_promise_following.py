@@ -25,11 +25,14 @@ def jam(name, joint, after_s):
         servos, auditor = servo_group(arm), Auditor(arm)
         at, start = servos.names.index(joint), servos.goals()
         goal = start.copy()
-        middle = [(f.limits.lower.value + f.limits.upper.value) / 2 for f in servos.fences]
+        middle = [
+            (driven.limits.lower.value + driven.limits.upper.value) / 2
+            for driven in servos.driven_joints
+        ]
         goal[at] += 1.2 if start[at] < middle[at] else -1.2
-        fence, behind = servos.fences[at], []
-        most = 0.9 * fence.max_lead_ticks(PACE.speed_rad_s) * fence.joint_map.unit_per_tick
-        fault = Fault("stuck", id=fence.servo_id, at_s=servos.clock.now_s() + after_s, for_s=60.0)
+        driven, behind = servos.driven_joints[at], []
+        most = 0.9 * driven.max_lead_ticks(PACE.speed_rad_s) * driven.joint_map.unit_per_tick
+        fault = Fault("stuck", id=driven.servo_id, at_s=servos.clock.now_s() + after_s, for_s=60.0)
         line_of(arm).faults.add(fault)
         move = JointMove(start, goal, [PACE] * len(start))
         with pytest.raises(RefusedError) as caught:

@@ -62,7 +62,7 @@ def wire(arm):
 
 
 def inside(arm, goals):
-    ranges = {fence.servo_id: fence.tick_range for fence in servo_group(arm).fences}
+    ranges = {driven.servo_id: driven.tick_range for driven in servo_group(arm).driven_joints}
     return all(
         ranges[servo_id][0] <= tick <= ranges[servo_id][1]
         for servo_id, ticks in goals.items() for tick in ticks
@@ -111,12 +111,12 @@ def test_goals_from_any_program_go_through_the_gate_whole_or_not_at_all(arm, wir
 @pytest.mark.parametrize("side", ["lower", "upper"])
 @pytest.mark.parametrize("name", NAMES)
 def test_every_joint_stops_at_its_last_tick(arm, wire, name, side):
-    fence = next(f for f in servo_group(arm).fences if f.joint == name)
-    edge = fence.position_range[0 if side == "lower" else 1]
+    driven = next(driven for driven in servo_group(arm).driven_joints if driven.joint == name)
+    edge = driven.position_range[0 if side == "lower" else 1]
     outwards = -1 if side == "lower" else 1
     before = wire.packets
     assert sent_goals(
-        lambda: arm.move_joints({name: edge + outwards * fence.joint_map.unit_per_tick})
+        lambda: arm.move_joints({name: edge + outwards * driven.joint_map.unit_per_tick})
     )
     assert wire.packets == before
     assert inside(arm, wire.goals)

@@ -6,7 +6,7 @@ import pytest
 from ikservo.calibration import JointMap, Limits
 from ikservo.calibration.homing import TickRange, choose_homing
 from ikservo.calibration.joint_map import Encoder
-from ikservo.guard import CommandLimits
+from ikservo.guard import DrivenJoint
 from ikservo.registers import Family
 
 TURN, MAGNET = 4096, Encoder(4096, 4096.0)
@@ -55,7 +55,7 @@ def test_wherever_the_horn_sits_the_count_never_jumps():
 def test_every_tick_of_a_turn_comes_back_from_its_position_inside_and_only_inside(sign):
     joint_map = JointMap.revolute("elbow", 3, sign, 2048.37, TURN)
     ends = sorted((joint_map.position(1000), joint_map.position(3000)))
-    fence = CommandLimits(joint_map, Limits.of("elbow", *ends, "hand sweep"), 1.0)
-    ticks = [fence.tick(joint_map.position(tick)) for tick in range(TURN)]
+    driven = DrivenJoint(joint_map, Limits.of("elbow", *ends, "hand sweep"), 1.0)
+    ticks = [driven.tick(joint_map.position(tick)) for tick in range(TURN)]
     assert ticks == list(range(TURN))
-    assert fence.tick_range == (1000, 3000)
+    assert driven.tick_range == (1000, 3000)

@@ -129,20 +129,20 @@ def test_the_next_motion_starts_where_the_hand_left_the_arm():
 @pytest.mark.full
 def test_no_goal_leaves_the_limits_however_hard_the_hand_pushes():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
-        fence = servo_group(arm).fences[0]
+        driven = servo_group(arm).driven_joints[0]
         goals = []
 
         def push_on():
-            goals.append(registers(arm, "goal_position")[fence.servo_id])
+            goals.append(registers(arm, "goal_position")[driven.servo_id])
             if len(goals) == 20:
-                beyond = glide(0.0, fence.limits.upper.value + 0.3, 1.5)
+                beyond = glide(0.0, driven.limits.upper.value + 0.3, 1.5)
                 line_of(arm).world.grasp("shoulder_pan", Hand(beyond, limit=2.0))
             return len(goals) > 500
 
         with contextlib.suppress(RefusedError):  # it resists there, and may stop and hold
             guide_by_hand(arm, push_on)
-        assert max(goals) > fence.tick_range[1] - 20
-        low, high = fence.tick_range
+        assert max(goals) > driven.tick_range[1] - 20
+        low, high = driven.tick_range
         assert low <= min(goals)
         assert max(goals) <= high
 

@@ -139,7 +139,7 @@ class Observer:
             clock.sleep_until(clock.now_s() + SAMPLE_S)
             self._arm.where()  # the simulated line follows its host
             seen.append(self.joints())
-        maps = {f.joint: f.joint_map for f in self._arm.context.servos.fences}
+        maps = {driven.joint: driven.joint_map for driven in self._arm.context.servos.driven_joints}
         ticks = np.array([maps[name].unit_per_tick for name in self._arm.chain.names])
         return float(np.max(np.ptp(seen, axis=0) / ticks))
 
