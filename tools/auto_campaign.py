@@ -109,10 +109,10 @@ def campaign(name: str, load: int, *, whole: bool) -> bool:
             flush=True,
         )
         well = [run.code for run in runs] == ([0] if whole else [130, 0])
-        return all_known(name, home, runs[-1]) and well and (whole or told(runs[-1]))
+        return all_known(name, home, runs[-1]) and well and (whole or reported(runs[-1]))
 
 
-def told(run: Run) -> bool:
+def reported(run: Run) -> bool:
     """Return whether a run continued from the measurements of another."""
     return any(KEPT in line for line in run.lines)
 

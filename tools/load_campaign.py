@@ -80,13 +80,13 @@ def _there_and_back(arm: Arm) -> list[Vector]:
 
 def _circle(centre: Vector) -> Iterator[Vector | None]:
     """Yield a setpoint whenever the next one is due at 60 Hz, else None."""
-    begin_s, told = time.monotonic(), -1
+    begin_s, reported = time.monotonic(), -1
     while (now_s := time.monotonic() - begin_s) < FOLLOW_S:
         due = int(now_s * RATE_HZ)
         angle = math.tau * due / RATE_HZ / FOLLOW_S
         turned = np.array([0.0, math.sin(angle), 1.0 - math.cos(angle)])
-        yield centre + 0.5 * AWAY_M * turned if due != told else None
-        told = due
+        yield centre + 0.5 * AWAY_M * turned if due != reported else None
+        reported = due
 
 
 def attempt(arm: Served, task: Task) -> int:

@@ -3,8 +3,9 @@
     python tools/style_figures.py [--check]
 
 The check fails on a class name that is defined twice in a package, on a class that inherits
-through more than two classes of the project, and on a private word in a new name: words that
-mean something else in robotics, control, serial protocols or the web, or nothing at all.
+through more than two classes of the project, and on a private word in a name of any kind, in tests
+and tools, too: words that mean something else in robotics, control, serial protocols or the web,
+or nothing at all. The words of ``tools/odd_words.txt`` may not stand in docstrings and strings.
 """
 
 from __future__ import annotations
@@ -21,6 +22,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
 TREES = {"ikservo": ROOT / "ikservo", "servosim": ROOT / "sim" / "servosim"}
+BESIDE = {"tests": ROOT / "tests", "tools": ROOT / "tools"}
 MAX_DEPTH = 2
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
 _OUTSIDE = frozenset(
@@ -61,7 +63,7 @@ class Tree:
     @classmethod
     def read(cls, name: str) -> Tree:
         """Return a tree with all its modules parsed."""
-        paths = sorted(TREES[name].rglob("*.py"))
+        paths = sorted((TREES | BESIDE)[name].rglob("*.py"))
         return cls(name, {path: ast.parse(path.read_text("utf-8")) for path in paths})
 
     @property
@@ -133,12 +135,72 @@ def too_deep(tree: Tree) -> list[str]:
 
 
 def private_words(tree: Tree, forbidden: frozenset[str]) -> list[str]:
-    """Return ``file: name`` of every definition whose name contains a forbidden word."""
+    """Return ``file: name`` of every name that the tree gives and that has a forbidden word."""
+    found = {
+        f"{path.relative_to(ROOT)}: {name}"
+        for path, module in tree.modules.items()
+        for node in ast.walk(module)
+        for name in _given_names(node)
+        if forbidden & {word.lower() for word in _WORD.findall(name)}
+    }
+    return sorted(found)
+
+
+def _given_names(node: ast.AST) -> Iterator[str]:
+    """Yield the names that a node gives: to a definition, a parameter, a variable, an attribute."""
+    if isinstance(node, (ast.ClassDef, *_FUNCTIONS)):
+        yield node.name
+    elif isinstance(node, ast.arg):
+        yield node.arg
+    elif isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+        yield node.id
+    elif isinstance(node, ast.Attribute) and isinstance(node.ctx, ast.Store):
+        yield node.attr
+
+
+def odd_words(tree: Tree, words: frozenset[str]) -> list[str]:
+    """Return ``file:line: word`` of each string, docstrings included, with one of the words."""
+    pattern = re.compile(rf"\b({'|'.join(sorted(words))})\b", re.IGNORECASE)
     return [
-        f"{each.path.relative_to(ROOT)}: {each.node.name}"
-        for each in (*tree.classes, *tree.functions)
-        if forbidden & {word.lower() for word in _WORD.findall(each.name)}
+        f"{path.relative_to(ROOT)}:{node.lineno}: {found[0]}"
+        for path, module in tree.modules.items()
+        for node in ast.walk(module)
+        if isinstance(node, ast.Constant) and isinstance(node.value, str)
+        for found in pattern.finditer(node.value)
     ]
+
+
+def return_fraction(tree: Tree) -> float:
+    """Return the fraction of the functions' docstrings that begin with ``Return``."""
+    texts = [text for each in tree.functions if (text := ast.get_docstring(each.node))]
+    return sum(text.startswith("Return") for text in texts) / max(1, len(texts))
+
+
+def single_use_helpers(tree: Tree) -> list[str]:
+    """Return the private functions and methods that their module names once besides the definition.
+
+    Properties, overloads and functions that a decorator registers do not count.
+    """
+    found: list[str] = []
+    for path, module in tree.modules.items():
+        uses = Counter(_used_names(module))
+        found += [
+            f"{path.relative_to(ROOT)}: {node.name}"
+            for node in ast.walk(module)
+            if isinstance(node, _FUNCTIONS)
+            and re.match(r"_[a-z]", node.name)
+            and not node.decorator_list
+            and uses[node.name] == 1
+        ]
+    return found
+
+
+def _used_names(module: ast.Module) -> Iterator[str]:
+    for node in ast.walk(module):
+        if isinstance(node, ast.Name):
+            yield node.id
+        elif isinstance(node, ast.Attribute):
+            yield node.attr
 
 
 def figures(tree: Tree) -> list[tuple[str, str]]:
@@ -146,7 +208,10 @@ def figures(tree: Tree) -> list[tuple[str, str]]:
     lengths = tree.lengths
     bodies = [each.lines for each in tree.functions]
     packages = sum(path.name == "__init__.py" for path in tree.modules)
+    lines = sum(len(path.read_text("utf-8").splitlines()) for path in tree.modules)
+    helpers = 1000 * len(single_use_helpers(tree)) / lines
     return [
+        ("lines", f"{lines}"),
         ("modules", f"{len(tree.modules)}"),
         ("packages", f"{packages}"),
         ("lines of a module: median, 90 %, most", _spread(lengths)),
@@ -155,6 +220,8 @@ def figures(tree: Tree) -> list[tuple[str, str]]:
         ("class names of one word", f"{one_word_fraction(_names(tree.classes)):.0%}"),
         ("class names used twice", f"{len(repeated_names(tree))}"),
         ("depth of inheritance, most", f"{len(too_deep(tree))} over {MAX_DEPTH}"),
+        ("private helpers used once, a thousand lines", f"{helpers:.1f}"),
+        ("function docstrings that begin with Return", f"{return_fraction(tree):.0%}"),
     ]
 
 
@@ -167,13 +234,13 @@ def _spread(values: Sequence[int]) -> str:
     return f"{statistics.median(ordered):.0f}, {ordered[int(0.9 * len(ordered))]}, {ordered[-1]}"
 
 
-def drift(tree: Tree, forbidden: frozenset[str]) -> list[str]:
-    """Return what has drifted, one line each."""
+def drift(tree: Tree) -> list[str]:
+    """Return what has drifted in a tree of the product, one line each."""
     twice = repeated_names(tree).items()
     return [
         *(f"class {name} is defined in {_listed(paths)}" for name, paths in twice),
         *(f"class {name} inherits through more than {MAX_DEPTH}" for name in too_deep(tree)),
-        *(f"private word in {place}" for place in private_words(tree, forbidden)),
+        *(f"odd word in {place}" for place in odd_words(tree, _words("odd_words.txt"))),
     ]
 
 
@@ -181,9 +248,9 @@ def _listed(paths: Sequence[Path]) -> str:
     return ", ".join(f"{path.relative_to(ROOT)}" for path, _ in Counter(paths).items())
 
 
-def forbidden_words() -> frozenset[str]:
-    """Return the words of ``tools/private_words.txt``, one a line, comments aside."""
-    lines = (ROOT / "tools" / "private_words.txt").read_text("utf-8").splitlines()
+def _words(name: str) -> frozenset[str]:
+    """Return the words of a file in ``tools``, one a line, comments aside."""
+    lines = (ROOT / "tools" / name).read_text("utf-8").splitlines()
     return frozenset(word for line in lines if (word := line.partition("#")[0].strip()))
 
 
@@ -191,13 +258,29 @@ def main() -> int:
     """Print the figures, or what has drifted; return the exit code."""
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--check", action="store_true", help="fail on drift")
+    parser.add_argument("--helpers", action="store_true", help="list the helpers used once")
+    options = parser.parse_args()
     trees = [Tree.read(name) for name in TREES]
-    if parser.parse_args().check:
-        found = [line for tree in trees for line in drift(tree, forbidden_words())]
+    beside = [Tree.read(name) for name in BESIDE]
+    if options.check:
+        forbidden = _words("private_words.txt")
+        found = [line for tree in trees for line in drift(tree)]
+        for tree in trees + beside:
+            found += [f"private word in {place}" for place in private_words(tree, forbidden)]
         print(*found, sep="\n") if found else None
         return 1 if found else 0
+    if options.helpers:
+        print(*(line for tree in trees for line in single_use_helpers(tree)), sep="\n")
+        return 0
     for tree in trees:
-        print(tree.name, *(f"  {what:<42}{how_much}" for what, how_much in figures(tree)), sep="\n")
+        print(tree.name, *(f"  {what:<46}{how_much}" for what, how_much in figures(tree)), sep="\n")
+    for tree in beside:
+        print(tree.name, f"  {'lines':<46}{sum(tree.lengths)}", sep="\n")
+    print(
+        "README.md",
+        f"  {'words':<46}{len((ROOT / 'README.md').read_text('utf-8').split())}",
+        sep="\n",
+    )
     return 0
 
 

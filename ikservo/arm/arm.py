@@ -174,7 +174,7 @@ class Arm(MotionMethods):
 
         Raises:
             UnknownNameError: It is neither; the arm stays open.
-            RefusedError: The arm shall be relaxed, and a callback of its motion closes it.
+            RefusedError: The arm is to be relaxed, and a callback of its motion closes it.
         """
         chosen = check_choice("way to exit", on_exit or self._on_exit, ("hold", "relax"))
         if self._port.is_open:

@@ -245,7 +245,7 @@ class MotionRunner:
             close_server: Ends what serves other processes.
 
         Raises:
-            RefusedError: The arm shall be relaxed, and a callback of its motion closes it.
+            RefusedError: The arm is to be relaxed, and a callback of its motion closes it.
         """
         if os.getpid() != self._process_id:
             self._closed = True

@@ -167,9 +167,9 @@ def open_arm(
         FileFormatError: The arm's calibration is malformed.
     """
     model = arm if isinstance(arm, Model) else load_model(arm)
-    elsewhere = find_network(port)
-    if elsewhere is not None:
-        return _open_remote(model, elsewhere, on_exit, collisions, uncalibrated)
+    network_address = find_network(port)
+    if network_address is not None:
+        return _open_remote(model, network_address, on_exit, collisions, uncalibrated)
     bus = open_bus(model, port, contacts=collisions)
     opened_port = bus.port
     try:
@@ -199,12 +199,12 @@ def open_arm(
 
 def _open_remote(
     model: Model,
-    elsewhere: tuple[ArmNetwork, str],
+    network_address: tuple[ArmNetwork, str],
     on_exit: OnExit,
     collisions: bool,
     uncalibrated: bool,
 ) -> Arm:
-    network, address = elsewhere
+    network, address = network_address
     if uncalibrated or not collisions:
         option = "--uncalibrated" if uncalibrated else "--no-collision"
         raise InputError(

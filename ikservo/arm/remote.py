@@ -65,9 +65,9 @@ def stop_arm(model: Model, port: str | None, clock: Clock | None = None) -> Stop
     Raises:
         IkservoError: That program cannot, or the port cannot be opened.
     """
-    elsewhere = find_network(port)
-    if elsewhere is not None:
-        network, address = elsewhere
+    network_address = find_network(port)
+    if network_address is not None:
+        network, address = network_address
         return network.stop_arm(address)
     device = resolve_port(model, port)
     clock = clock or RealClock()

@@ -89,8 +89,8 @@ def chain_ticks(
         index: The columns of the chain's joints.
         driven_joints: The joints, each with its servo, limits and speed.
         goal: The positions, rad or m.
-        by_tip: Whether the tip shall be nearest to where it is at the goal, see ``round_to_ticks``;
-            else each joint.
+        by_tip: Whether the tip is to be nearest to its goal, see ``round_to_ticks``; otherwise
+            each joint is.
     """
     q, own = index.chain_joints(goal), [driven_joints[column] for column in index.chain]
     found = [driven.tick(at) for driven, at in zip(own, q.tolist(), strict=True)]

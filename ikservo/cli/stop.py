@@ -44,7 +44,7 @@ def command(
 
 def _stop_one(arm: str | None, port: str | None) -> StopResult:
     """Stop one arm; at an address it is known which."""
-    elsewhere = find_network(port)
-    if elsewhere is not None:
-        return elsewhere[0].stop_arm(elsewhere[1])
+    network_address = find_network(port)
+    if network_address is not None:
+        return network_address[0].stop_arm(network_address[1])
     return stop_arm(model_from_option(arm), port)

@@ -100,7 +100,7 @@ def solve_acos_bsin(a: float, b: float, c: float) -> tuple[float, ...] | None:
 
 @dataclass(frozen=True, slots=True)
 class CircleTrace:
-    """A circle: ``along(θ) = A0 + A1 cos θ + A2 sin θ``, across likewise with a0, a1, a2."""
+    """A circle: ``along(θ) = A0 + A1 cos θ + A2 sin θ``, across the same with a0, a1, a2."""
 
     A0: complex
     A1: complex

@@ -77,7 +77,7 @@ class Conditioning:
             principal directions, the largest first [m/rad]: the singular values of the linear
             rows. As many as the arm has at all, 2 in a plane.
         turns_rad_rad: The rotation of its link for a radian of joint motion that leaves the point
-            at rest, likewise [rad/rad]; empty if there is no such motion.
+            at rest, in the same way [rad/rad]; empty if there is no such motion.
     """
 
     manipulability: float

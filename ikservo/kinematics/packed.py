@@ -187,7 +187,7 @@ class PackedBody:
         overlap_m: By how much each pair may overlap (pairs,).
         reach_m: Maximum motion of a point of each link's capsules (links, dof) for each unit of
             a joint, m/rad or m/m.
-        pair_reach_m: Maximum approach of each pair (pairs, dof), likewise.
+        pair_reach_m: Maximum approach of each pair (pairs, dof), in the same way.
     """
 
     base: str

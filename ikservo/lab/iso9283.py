@@ -111,7 +111,7 @@ def path_repeatability(attained: ArrayLike) -> float:
 def largest_drift(values: Sequence[float]) -> float:
     """Return the drift of pose accuracy dAP_P, or of repeatability dRP_P, of ISO 9283.
 
-    ``dAP_P = max |AP_P(t=0) - AP_P(t)|``, and dRP_P likewise.
+    ``dAP_P = max |AP_P(t=0) - AP_P(t)|``, and dRP_P is computed in the same way.
 
     Args:
         values: AP_P or RP_l of one pose at successive times, at least one.

@@ -249,11 +249,11 @@ def expand_xacro(path: Path) -> str:
                 path, "", "its macros need xacro, which is not installed",
                 "xacro (pip install xacro), or plain URDF",
             )  # fmt: skip
-        text, complaint = (_read_start(file) for file in (out, err))
+        text, error_output = (_read_start(file) for file in (out, err))
     if code != 0 or len(text) >= MAX_URDF_BYTES:
-        lines = complaint.strip().splitlines()
+        lines = error_output.strip().splitlines()
         last = [line for line in lines if not line.startswith("when processing file")][-1:]
-        why = " ".join(complaint.split()) if len(complaint) <= _SHOWN_CHARS else "".join(last)
+        why = " ".join(error_output.split()) if len(error_output) <= _SHOWN_CHARS else "".join(last)
         found = f"xacro refuses it: {why[:_SHOWN_CHARS] or f'exit code {code}'}"
         raise FileFormatError(path, "", found, "a xacro file without errors")
     return text

@@ -145,7 +145,7 @@ def parse_host(text: str) -> Endpoint:
 
 
 def parse_listen(text: str) -> Endpoint:
-    """Return the endpoint at which an arm shall be served.
+    """Return the endpoint at which an arm is to be served.
 
     Raises:
         BadValueError: It is none.

@@ -60,7 +60,7 @@ class ArmLease:
         self._holder: Holder | None = None
         self._moving: Holder | None = None
         self._closed = False
-        self._heard_s = 0.0
+        self._received_s = 0.0
         self._setpoint_number = self._request_number = -1
         self.dropped = 0
 
@@ -111,7 +111,7 @@ class ArmLease:
                 )
             now_s = self._clock.now_s()
             self._holder = Holder(secrets.token_hex(16), operator, now_s)
-            self._heard_s = now_s
+            self._received_s = now_s
             self._setpoint_number = self._request_number = -1
             return self._holder
 
@@ -126,7 +126,7 @@ class ArmLease:
     def silence_s(self) -> float:
         """Return for how long the holder was not heard; 0 where nobody has the lease."""
         with self._lock:
-            return 0.0 if self._holder is None else self._clock.now_s() - self._heard_s
+            return 0.0 if self._holder is None else self._clock.now_s() - self._received_s
 
     def accept_setpoint(self, lease: str, number: int, sent_s: float) -> bool:
         """Return whether a setpoint counts: the holder's, newer than the last one, and not old."""
@@ -135,7 +135,7 @@ class ArmLease:
             if not (known and number > self._setpoint_number and self._is_fresh(sent_s)):
                 self.dropped += 1
                 return False
-            self._setpoint_number, self._heard_s = number, self._clock.now_s()
+            self._setpoint_number, self._received_s = number, self._clock.now_s()
             return True
 
     def check_request(self, lease: str, number: int, sent_s: float) -> None:
@@ -155,7 +155,7 @@ class ArmLease:
                     f"A request came {late_s:.1f} s after it was made.",
                     "Nothing was sent. The network delays messages; try again.",
                 )
-            self._request_number, self._heard_s = number, self._clock.now_s()
+            self._request_number, self._received_s = number, self._clock.now_s()
 
     def _is_fresh(self, sent_s: float) -> bool:
         return is_fresh(sent_s, self._clock.now_s(), self.timeout_s)

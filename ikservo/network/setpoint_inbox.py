@@ -78,7 +78,7 @@ class SetpointInbox:
             return found[1]
 
     def wait(self) -> None:
-        """Return when there is a new goal or the motion shall end, or after a while."""
+        """Return when there is a new goal or the motion is to end, or after a while."""
         with self._changed:
             self._changed.wait_for(lambda: self._goal is not None or not self.wanted, _POLL_S)
 

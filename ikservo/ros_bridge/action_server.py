@@ -23,7 +23,7 @@ __all__ = ["ActionGoal", "ActionServer", "Executor", "GoalStatus", "time_message
 _STATUS = "action_msgs/msg/GoalStatusArray"
 _MAX_ENDED = 64  # goals whose results are kept
 _NS = 1_000_000_000
-_NOBODY = bytes(16)
+_ANY_GOAL = bytes(16)
 
 
 class GoalStatus(IntEnum):
@@ -172,7 +172,7 @@ class ActionServer:
                 goal.status = GoalStatus.CANCELING
             self._say_status()
         code = _CancelCode.NONE
-        if not running and wanted != _NOBODY:
+        if not running and wanted != _ANY_GOAL:
             code = _CancelCode.GOAL_TERMINATED if chosen else _CancelCode.UNKNOWN_GOAL_ID
         for goal in running:
             self._executor.cancel(goal)
@@ -196,7 +196,7 @@ class ActionServer:
 
 def _is_meant(goal: ActionGoal, wanted: bytes, until_ns: int) -> bool:
     """Return whether a request to cancel means a goal: by its id, by its time, or all of them."""
-    if wanted == _NOBODY and until_ns == 0:
+    if wanted == _ANY_GOAL and until_ns == 0:
         return True
     return goal.id == wanted or 0 < goal.time_ns <= until_ns
 

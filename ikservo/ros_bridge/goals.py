@@ -30,7 +30,7 @@ class MotionGoal(Protocol):
     """Gives setpoints until it has ended.
 
     Attributes:
-        arrives: Whether its last setpoint is where the arm shall be; else it is braked there.
+        arrives: Whether the arm is to stop at its last setpoint; otherwise it is braked there.
     """
 
     arrives: ClassVar[bool]
@@ -205,7 +205,7 @@ class TwistGoal:
     arrives: ClassVar[bool] = False
 
     def __init__(self, T: Matrix, now_s: float) -> None:
-        self._T, self._last_s, self._heard_s = T.copy(), now_s, -math.inf
+        self._T, self._last_s, self._received_s = T.copy(), now_s, -math.inf
         self._linear_m_s, self._angular_rad_s = np.zeros(3), np.zeros(3)
         self._turns = False
 
@@ -230,11 +230,11 @@ class TwistGoal:
         R = self._T[:3, :3] if of_tool else np.eye(3)
         self._linear_m_s, self._angular_rad_s = R @ linear_m_s, R @ angular_rad_s
         self._turns = self._turns or bool(self._angular_rad_s.any())
-        self._heard_s = now_s
+        self._received_s = now_s
 
     def setpoint(self, now_s: float, tip_m: Vector) -> CartesianOrJointTarget:
         """Return where the tool should be: a point, or a pose once it has turned."""
-        until_s = min(now_s, self._heard_s + DEAD_MAN_TIMEOUT_S)
+        until_s = min(now_s, self._received_s + DEAD_MAN_TIMEOUT_S)
         dt_s, self._last_s = max(0.0, until_s - self._last_s), now_s
         speed_m_s = float(np.linalg.norm(self._linear_m_s))
         moved_m = self._T[:3, 3] + dt_s * self._linear_m_s
@@ -245,7 +245,7 @@ class TwistGoal:
 
     def has_ended(self, now_s: float) -> bool:
         """Return whether nothing was said for too long."""
-        return now_s - self._heard_s > DEAD_MAN_TIMEOUT_S
+        return now_s - self._received_s > DEAD_MAN_TIMEOUT_S
 
 
 class PoseGoal:

@@ -112,8 +112,8 @@ class TrajectoryAction:
                  for name in names}  # fmt: skip
         at_end = _tolerances(message.goal_tolerance, usual)
         on_path = _tolerances(message.path_tolerance, dict.fromkeys(names, math.inf))
-        patience_s = _seconds(message.goal_time_tolerance)
-        return _Watch(self, goal, self._arm, self._parse(trajectory), on_path, at_end, patience_s)
+        timeout_s = _seconds(message.goal_time_tolerance)
+        return _Watch(self, goal, self._arm, self._parse(trajectory), on_path, at_end, timeout_s)
 
 
 class _InvalidJointsError(InputError):
@@ -177,11 +177,11 @@ class _Watch:
         trajectory: TrajectoryGoal,
         on_path: Mapping[str, float],
         at_end: Mapping[str, float],
-        patience_s: float,
+        timeout_s: float,
     ) -> None:
         self._action, self._goal, self._arm = action, goal, arm
         self.trajectory = trajectory
-        self._on_path, self._at_end, self._patience_s = on_path, at_end, patience_s
+        self._on_path, self._at_end, self._timeout_s = on_path, at_end, timeout_s
         self._violation: tuple[ErrorCode, str] | None = None
         self._said_s = self._late_s = -math.inf
 
@@ -195,7 +195,7 @@ class _Watch:
             self._violation = self._check(
                 ErrorCode.PATH_TOLERANCE_VIOLATED, desired, positions, self._on_path
             )
-        elif 0.0 < self._patience_s <= self.trajectory.late_s(now_s):
+        elif 0.0 < self._timeout_s <= self.trajectory.late_s(now_s):
             self._violation = self._check_end(positions)
         return self._violation is None
 

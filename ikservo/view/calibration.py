@@ -41,7 +41,7 @@ class CalibrationDriver:
         pose: The named reference pose.
 
     Attributes:
-        requested: Whether a calibration shall run now.
+        requested: Whether a calibration is to run now.
     """
 
     def __init__(self, model: Model, port: str | None, pose: str = REFERENCE_POSE) -> None:

@@ -38,7 +38,7 @@ class FollowPanel:
         self._arm_thread, self._clock, self._find_arm = arm_thread, clock, find_arm
         self._job: FollowLeader | None = None
         self._fields: Frame = {"kind": "following", "leader": None}
-        self._told_s = -math.inf
+        self._reported_s = -math.inf
 
     def start(self, leader_name: str) -> None:
         """Follow another arm of the page; this one goes to where that one is, then with it.
@@ -82,10 +82,10 @@ class FollowPanel:
     def _update(self) -> None:
         job, now_s = self._job, self._clock.now_s()
         if job is not None and self._arm_thread.job is not job:
-            self._job, self._told_s = None, -math.inf
+            self._job, self._reported_s = None, -math.inf
             self._fields = {"kind": "following", "leader": None}
-        elif job is not None and now_s - self._told_s >= _PERIOD_S:
-            self._told_s = now_s
+        elif job is not None and now_s - self._reported_s >= _PERIOD_S:
+            self._reported_s = now_s
             rows = _lag_rows(self._arm_thread.arm, job)
             self._fields = {"kind": "following", "leader": job.feed.name, "lag": rows}
 

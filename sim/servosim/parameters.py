@@ -34,13 +34,13 @@ class MotorParameters:
         stribeck_nm: ks: dry friction that a slow shaft has besides.
         stribeck_rad_s: ws: velocity at which that has fallen to 37 %.
         load_friction: kl: dry friction for each N m of load in the gears.
-        load_stribeck: kls: likewise, of a slow shaft besides.
+        load_stribeck: kls: the same, added for a slow shaft.
         load_square_per_nm: kq: dry friction for the square of that load.
         armature_kg_m2: Inertia of rotor and gears, at the shaft.
         gear_ratio: Revolutions of the motor for one of the shaft.
         backlash_rad: Free play of the gears, from one tooth face to the other.
         output_friction_nm: The part of the dry friction that is on the output side of the play.
-        output_viscous_nm_s: Likewise of kv: what brakes the output inside the play.
+        output_viscous_nm_s: The same for kv: what brakes the output inside the play.
         mass_kg: Mass of the whole servo.
         heat_capacity_j_k: Heat that warms the whole servo by one kelvin.
         thermal_resistance_k_w: Kelvin above ambient for each watt, at rest.

@@ -146,7 +146,7 @@ def test_waiting_no_longer_than_a_time_lets_the_motion_go_on(arm):
     assert motion.wait(60.0).reached
 
 
-def test_a_cancelled_motion_brakes_within_0_3_s_holds_and_is_told_as_stopped(arm):
+def test_a_cancelled_motion_brakes_within_0_3_s_holds_and_is_reported_as_stopped(arm):
     clock, times = clock_of(arm), []
     motion, gate = begun(arm, pan=1.6, at_s=0.6)
     times.append(clock.now_s())

@@ -74,7 +74,7 @@ def test_what_is_no_rotation_is_refused_before_anything_moves(five, orientation)
         five.move_to((0.23, 0.02, 0.10), orientation=orientation)
 
 
-def test_an_orientation_and_a_stance_are_one_question_too_many(five):
+def test_an_orientation_and_a_direction_are_one_question_too_many(five):
     with pytest.raises(ikservo.BadValueError, match="given twice"):
         five.plan_to(
             (0.23, 0, 0.1), orientation=np.eye(3), stance=ikservo.ToolOrientation(keep=True)

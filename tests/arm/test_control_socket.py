@@ -212,7 +212,7 @@ def test_callers_who_say_nothing_do_not_keep_others_waiting(device, owner):
         connection.close()
 
 
-def test_too_many_callers_are_sent_away_and_told(device, kind):
+def test_too_many_callers_are_sent_away_with_the_reason(device, kind):
     entered, leave = threading.Semaphore(0), threading.Event()
 
     def wait(request):

@@ -85,7 +85,7 @@ def test_a_drawing_below_the_table_is_refused(arm):
 
 
 @pytest.mark.full
-def test_the_speed_of_all_strokes_is_told_as_one():
+def test_the_speed_of_all_strokes_is_reported_as_one():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.pose("home")
         speed = arm.plan_drawing([SQUARE, DASH], tool_speed_m_s=0.03).tool_speed

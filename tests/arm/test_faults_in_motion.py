@@ -171,7 +171,7 @@ def test_a_dynamixel_stopped_by_its_watchdog_moves_again_at_the_next_start():
 
 
 @pytest.mark.sample(1)
-def test_an_overloaded_joint_is_told_to_stay_where_it_is(either):
+def test_an_overloaded_joint_is_made_to_stay_where_it_is(either):
     inject(either, "alarm", id=2, bits=0x20)
     with pytest.raises(ServoAlarmError, match=rf"{joint_of(either, 2)} .*overload") as caught:
         swing(either)

@@ -238,7 +238,7 @@ def test_a_joint_it_does_not_have_is_named(arm):
         arm.follow([{"elbow_flexx": 0.1}])
 
 
-def test_a_stream_that_stumbles_is_told_after_the_arm_was_braked(arm):
+def test_a_stream_that_stumbles_is_reported_after_the_arm_was_braked(arm):
     def stream():
         yield {"shoulder_pan": 0.5}
         raise ZeroDivisionError

@@ -205,7 +205,7 @@ def test_a_force_that_is_no_share_is_refused(so101, force):
 
 
 @pytest.mark.parametrize(("to", "width_m"), [(None, None), ("open", 0.02)])
-def test_it_is_told_one_thing_at_a_time(so101, to, width_m):
+def test_it_is_reported_one_thing_at_a_time(so101, to, width_m):
     with pytest.raises(BadValueError, match="open, close or a width"):
         so101.gripper(to, width_m=width_m)
 

@@ -10,7 +10,7 @@ from ikservo.calibration import JointMap, Limits
 from ikservo.guard import DrivenJoint
 from ikservo.motion import KinematicLimits
 
-BEAT_S = 0.01
+CYCLE_S = 0.01
 
 
 def creep(goal=2000, wanted=2000, lower=-1.0, upper=1.0, stuck=(0.0, 0.0)):
@@ -23,7 +23,7 @@ def feed(joint, ticks, start_s=0.0):
     """Let the joint be seen at these ticks, a cycle apart; return its goals."""
     goals = []
     for cycle, tick in enumerate(ticks):
-        joint.update(tick, start_s + cycle * BEAT_S, BEAT_S)
+        joint.update(tick, start_s + cycle * CYCLE_S, CYCLE_S)
         goals.append(joint.goal)
     return goals
 
@@ -133,7 +133,7 @@ def test_a_flickering_sensor_does_not_hold_the_goal_up():
 def test_a_flickering_sensor_counts_as_standing(ticks):
     joint = creep()
     feed(joint, ticks)
-    assert joint.still_since_s <= BEAT_S
+    assert joint.still_since_s <= CYCLE_S
 
 
 def settle_with(tick_at):
@@ -145,7 +145,7 @@ def settle_with(tick_at):
     driven = creep().driven
     trajectory = SettlingTrajectory([driven], [2002], [2000], [KinematicLimits(2.0, 20.0, 200.0)])
     for cycle in range(1000):
-        time_s = cycle * BEAT_S
+        time_s = cycle * CYCLE_S
         trajectory.update(time_s, [driven.joint_map.position(tick_at(time_s))])
         if trajectory.duration_s <= time_s:
             return trajectory
@@ -159,11 +159,11 @@ def test_goals_stay_where_the_arm_is_where_it_should_be_and_settling_ends_there(
     ticks = [*[2003] * 10, *[2001] * 10]
     goals = []
     for cycle, tick in enumerate(ticks):
-        trajectory.update(cycle * BEAT_S, [driven.joint_map.position(tick)])
-        goals.append(driven.joint_map.tick(trajectory.state(cycle * BEAT_S).position[0]))
+        trajectory.update(cycle * CYCLE_S, [driven.joint_map.position(tick)])
+        goals.append(driven.joint_map.tick(trajectory.state(cycle * CYCLE_S).position[0]))
     assert goals[9] < goals[0]
     assert len(set(goals[12:])) == 1
-    assert trajectory.duration_s <= (len(ticks) - 1) * BEAT_S
+    assert trajectory.duration_s <= (len(ticks) - 1) * CYCLE_S
     assert trajectory.residuals == ()
 
 
@@ -179,7 +179,7 @@ def test_a_joint_that_slides_onto_its_target_has_not_settled_there():
     # as a waist of a vx300s: held a tick beside it, let go, over it at 40 ticks a second
     at = iter([*[2002] * 2, *[2001] * 38, *[2000] * 4, *[1999] * 4, *[1998] * 900])
     trajectory = settle_with(lambda _: next(at))
-    assert trajectory.duration_s >= (48 + 8) * BEAT_S
+    assert trajectory.duration_s >= (48 + 8) * CYCLE_S
 
 
 def swing(ticks):
@@ -208,7 +208,7 @@ def test_a_joint_that_swings_further_than_play_explains_has_not_settled():
 def test_the_goal_of_a_swinging_joint_stays_and_it_is_corrected_again_at_rest_twice():
     joint, corrected, time_s = creep(), [], 0.0
     for _ in range(4):
-        goals = feed(joint, [swing(12)(cycle * BEAT_S) for cycle in range(100)], time_s)
+        goals = feed(joint, [swing(12)(cycle * CYCLE_S) for cycle in range(100)], time_s)
         assert joint.swings
         assert len(set(goals[-20:])) == 1
         goals = feed(joint, [round(joint.goal) - 70] * 60, time_s + 1.0)

@@ -46,7 +46,7 @@ def test_a_dynamixel_turns_by_itself_only_little_faster_than_its_speed_class(
 
 
 @pytest.mark.full
-def test_a_feetech_whose_speeds_count_in_fifties_is_told_in_fifties(sts):
+def test_a_feetech_whose_speeds_count_in_fifties_is_reported_in_fifties(sts):
     line_of(sts).servos[1].memory.put("phase", 8)
     sts.move_joints({joint(sts): 0.05})
     sts.move_joints({joint(sts): 0.0}, speed="fast")

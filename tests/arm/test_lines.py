@@ -119,7 +119,7 @@ def test_points_that_are_none_move_nothing(arm, points):
 
 
 @pytest.mark.full
-def test_a_plan_is_not_carried_out_from_elsewhere(ready):
+def test_a_plan_is_not_executed_from_another_posture(ready):
     plan = ready.plan_line((0.22, -0.08, 0.18))
     ready.move_joints({"shoulder_pan": 0.4}, speed="fast")
     with pytest.raises(RefusedError, match="not at the start of the plan"):

@@ -145,7 +145,7 @@ def test_tables_that_are_no_motion_are_named(value, named):
         parse_motion(value)
 
 
-def test_a_slip_in_a_key_is_told_the_closest():
+def test_a_slip_in_a_key_is_shown_the_closest():
     with pytest.raises(InputError) as raised:
         parse_motion({"move_line": {"position_m": NEAR, "tool_sped_m_s": 1}})
     assert "Did you mean tool_speed_m_s?" in raised.value.hint

@@ -28,7 +28,7 @@ def arm():
 
 @pytest.mark.sample(4)
 @pytest.mark.parametrize("name", ARMS)
-def test_every_arm_goes_where_it_is_told_within_2_mm(name):
+def test_every_arm_goes_where_it_is_sent_within_2_mm(name):
     model = ikservo.load_model(name)
     target = model.chain.forward(0.7 * model.chain_pose("home") + 0.05)[:3, 3]
     with ikservo.open_arm(model, port="sim:?pose=home") as arm:
@@ -104,7 +104,7 @@ def test_an_unknown_speed_moves_nothing(arm):
     assert not any(registers(arm, "torque_enable").values())
 
 
-def test_progress_is_told_on_the_way(arm):
+def test_progress_is_reported_on_the_way(arm):
     seen = []
     arm.move_to(NEAR, on_progress=seen.append)
     assert [p.elapsed_s for p in seen] == sorted(p.elapsed_s for p in seen)
@@ -239,7 +239,7 @@ def test_an_unknown_way_to_exit_is_refused():
         ikservo.open_arm("so101", port="sim", on_exit="drop")
 
 
-def test_a_prismatic_gripper_is_told_in_metres():
+def test_a_prismatic_gripper_is_reported_in_metres():
     with ikservo.open_arm("open_manipulator_x", port="sim") as arm:
         assert arm.move_joints({"gripper": 0.01}).reached
         assert true_joints(arm)["gripper"] == pytest.approx(0.01, abs=2e-4)

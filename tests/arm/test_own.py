@@ -59,7 +59,7 @@ def test_joints_are_where_they_truly_are(mount_arm):
             assert state.position_rad == pytest.approx(truth, abs=math.radians(0.2)), state.name
 
 
-def test_a_joint_goes_where_it_is_told_whatever_its_mounting(mount_arm):
+def test_a_joint_goes_where_it_is_sent_whatever_its_mounting(mount_arm):
     arm = mount_arm("koch", 6)
     with opened(arm) as machine:
         here = {state.name: state.position_rad for state in machine.where().joints}

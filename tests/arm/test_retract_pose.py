@@ -28,7 +28,7 @@ def folded():
 
 
 @pytest.mark.full
-def test_it_goes_where_it_is_told_by_way_of_a_pose_where_it_is_free(folded):
+def test_it_goes_where_it_is_sent_by_way_of_a_pose_where_it_is_free(folded):
     plan = folded.plan_to(TARGET_M)
     assert plan.via_pose
     assert folded.execute(plan).reached

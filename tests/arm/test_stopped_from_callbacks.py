@@ -112,7 +112,7 @@ def test_relaxing_in_a_callback_is_refused_and_nothing_is_closed(arm):
         (ValueError("bad frame"), "ValueError: bad frame"),
     ],
 )
-def test_a_callback_that_fails_is_told_in_words(arm, error, words):
+def test_a_callback_that_fails_is_reported_in_words(arm, error, words):
     def fail():
         raise error
 

@@ -158,7 +158,7 @@ def test_goals_lead_the_joints_by_no_more_than_the_look_ahead(arm):
 
 
 @pytest.mark.full
-def test_a_failure_in_any_line_of_the_loop_ends_with_the_arm_told_to_hold(arm):
+def test_a_failure_in_any_line_of_the_loop_ends_with_the_arm_made_to_hold(arm):
     with LineTracer([control]) as traced:
         short_motion(arm, traced)
     lines = sorted(traced.hits)[::8]

@@ -121,7 +121,7 @@ def test_a_point_out_of_reach_is_that_and_no_matter_of_orientation():
     {"direction": (0, 0, 0)}, {"direction": (1, math.nan, 0)}, {"direction": (1, 0)},
     {"keep": True, "pitch_rad": 0.1}, {"direction": (1, 0, 0), "pitch_rad": 0.1},
 ])  # fmt: skip
-def test_a_stance_that_is_none_is_refused(asked):
+def test_an_orientation_that_is_none_is_refused(asked):
     with pytest.raises(BadValueError):
         ToolOrientation(**asked)
 
@@ -141,7 +141,7 @@ def arm():
 
 
 @pytest.mark.parametrize("stance", [None, "down", (0.0, 0.0, -1.0)])
-def test_what_is_no_stance_is_refused_in_words(arm, stance):
+def test_what_is_no_orientation_is_refused_in_words(arm, stance):
     with pytest.raises(BadValueError, match="ToolOrientation"):
         arm.move_to((0.2, 0.0, 0.15), stance=stance)
     with pytest.raises(BadValueError, match="ToolOrientation"):

@@ -17,7 +17,7 @@ from ikservo.view.served_arms import ArmAtPort
 from tests.arm.simulated import line_of, registers, true_joints, true_tip_m, without_zeros
 from tests.oracle import pinocchio_model
 
-PATIENCE_MS = 15_000
+TIMEOUT_MS = 15_000
 SHOWN = "Boolean(window.ikservo?.scene && window.ikservo.status)"
 LOOK_MS = 40  # between two looks at the servos
 STILL = 8  # looks: longer than an arm that sags waits before it lifts itself
@@ -134,7 +134,7 @@ class Operator:
         self.page, self.served = page, served
         self.errors = []
         self.before = served.ticks()
-        page.set_default_timeout(PATIENCE_MS)
+        page.set_default_timeout(TIMEOUT_MS)
         page.on("pageerror", lambda error: self.errors.append(str(error)))
         page.goto((served.urls.watch if watch else served.urls.control) + options)
         self.until(SHOWN)
@@ -148,11 +148,11 @@ class Operator:
 
     def until(self, words):
         """Wait until an expression is true in the page."""
-        for _ in range(PATIENCE_MS // 20):
+        for _ in range(TIMEOUT_MS // 20):
             if self.page.evaluate(words):
                 return self
             self.page.wait_for_timeout(20)
-        raise AssertionError(f"never in {PATIENCE_MS} ms: {words}\n{self.status}")
+        raise AssertionError(f"never in {TIMEOUT_MS} ms: {words}\n{self.status}")
 
     def wait_for(self, words):
         """Wait for an expression over `status`, `scene` and the drawn `items`."""
@@ -231,7 +231,7 @@ class Operator:
     def until_still(self):
         """Wait until the servos have come to rest, where the page sent them."""
         still, last = 0, None
-        for _ in range(PATIENCE_MS // LOOK_MS):
+        for _ in range(TIMEOUT_MS // LOOK_MS):
             self.page.wait_for_timeout(LOOK_MS)
             now = (self.served.ticks(), self.served.goals())
             still, last = (still + 1 if now == last else 0), now
@@ -242,7 +242,7 @@ class Operator:
     def until_near(self, place_m, wanted_m, near_mm):
         """Wait until a place of the arm is where it should be, and stays there."""
         there = 0
-        for _ in range(PATIENCE_MS // LOOK_MS):
+        for _ in range(TIMEOUT_MS // LOOK_MS):
             self.page.wait_for_timeout(LOOK_MS)
             there = there + 1 if apart_mm(place_m(), wanted_m) < near_mm else 0
             if there >= THERE:
@@ -251,7 +251,7 @@ class Operator:
 
     def until_moving(self):
         """Wait until the servos have moved since the last gesture began."""
-        for _ in range(PATIENCE_MS // 20):
+        for _ in range(TIMEOUT_MS // 20):
             self.page.wait_for_timeout(20)
             moved = max(abs(self.served.ticks()[i] - self.before[i]) for i in self.before)
             if moved > 5:
@@ -265,7 +265,7 @@ GO_HOME = [{"kind": "set_speed", "name": "fast"}, {"kind": "set_live", "on": Tru
 
 def until(true, what=lambda: ""):
     """Wait until something is true; if it never is, tell what is instead."""
-    for _ in range(PATIENCE_MS // LOOK_MS):
+    for _ in range(TIMEOUT_MS // LOOK_MS):
         if true():
             return
         threading.Event().wait(LOOK_MS / 1000)

@@ -151,7 +151,7 @@ HANDLE_PX = """([kind, axis]) => {
 MOVES = 100
 
 
-def press_until_heard(onlooker, x, y):
+def press_until_received(onlooker, x, y):
     """Press at a pixel until the server has heard it: it ignores what refers to an old picture.
 
     Where a frame takes a second, as software WebGL does on a busy machine, that is most of it.
@@ -179,7 +179,7 @@ def test_an_arrow_shifts_the_target_and_a_ring_turns_it_and_nothing_else(
     onlooker.wait_for("scene.handles && !scene.goal")
     before = onlooker.status["tool"]
     x, y = page.evaluate(HANDLE_PX, [kind, axis])
-    press_until_heard(onlooker, x, y)
+    press_until_received(onlooker, x, y)
     shifted = f"Math.abs(window.ikservo.status.tool.{moved} - {before[moved]}) > 5"
     for wobble in itertools.islice(itertools.cycle((0, 1)), MOVES):
         page.mouse.move(x + 12, y - 24 - wobble, steps=3)

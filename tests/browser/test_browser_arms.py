@@ -24,7 +24,7 @@ IS_FOCUSED = """() => document.activeElement.getAttribute("aria-label")
 
 
 @contextmanager
-def desk(*places, **options):
+def opened_panel(*places, **options):
     arms = [ArmAtPort(load_model(arm), port) for arm, port in places]
     app = HoldingView(arms, dead_man_s=5.0, **options)
     with app as urls, app.serve_in_thread() as server:
@@ -43,7 +43,7 @@ def page(browser):
 @pytest.fixture(scope="module")
 def two():
     """Two arms that hold, for the tests that leave them open."""
-    with desk(("so101", "sim:?pose=home"), ("koch", "sim:?pose=home")) as served:
+    with opened_panel(("so101", "sim:?pose=home"), ("koch", "sim:?pose=home")) as served:
         yield served
 
 
@@ -52,7 +52,7 @@ def row(page, name):
 
 
 def test_without_an_arm_the_page_lists_what_there_is_and_opens_and_changes_it(page):
-    with desk() as served:
+    with opened_panel() as served:
         page.goto(served.urls.control)
         page.wait_for_selector("#arms-port [value=sim]", state="attached")
         assert page.is_visible("#arms")
@@ -103,7 +103,7 @@ def test_the_list_is_legible_named_and_reached_in_order_by_a_finger_and_by_tab(p
 
 
 @pytest.mark.smoke
-def test_space_stops_every_arm_and_a_fault_of_one_is_told_beside_its_name(page, two):
+def test_space_stops_every_arm_and_a_fault_of_one_is_reported_beside_its_name(page, two):
     operator = Operator(page, two)
     operator.enable_live()
     koch = two.app.arms.find("koch").arm_thread
@@ -138,7 +138,7 @@ def test_a_camera_is_shown_beside_the_arm_or_behind_it_and_says_when_it_is_unplu
     monkeypatch.setattr(
         "ikservo.view.app.VideoSource", partial(VideoSource, open_source=webcam.open)
     )
-    with desk(("planar2", "sim"), camera="0") as served:
+    with opened_panel(("planar2", "sim"), camera="0") as served:
         operator = Operator(page, served)
         operator.until("document.getElementById('camera-picture').naturalWidth === 32")
         page.wait_for_selector("#camera-note:text-is('camera 0')")

@@ -23,7 +23,7 @@ HIDE = """(hidden) => {
 }"""  # noqa: E501
 
 
-class Desk:
+class Pages:
     """A page in control of an arm, a second one that looks on, and the arm's simulated line."""
 
     def __init__(self, browser, served, arm, width, scheme):
@@ -86,86 +86,86 @@ class Desk:
             assert max(abs(after[i] - held[i]) for i in held) <= 4
 
 
-def stop(desk):
-    desk.under_way()
-    desk.page.click("#stop")
-    desk.expect_stop("Stopped from the page")
+def stop(pages):
+    pages.under_way()
+    pages.page.click("#stop")
+    pages.expect_stop("Stopped from the page")
 
 
-def silent_servo(desk):
-    desk.under_way()
-    desk.add("silent", id=servo_id(desk.arm, desk.joint))
-    desk.expect_stop(desk.joint)
+def silent_servo(pages):
+    pages.under_way()
+    pages.add("silent", id=servo_id(pages.arm, pages.joint))
+    pages.expect_stop(pages.joint)
 
 
-def reset(desk):
-    desk.under_way()
-    desk.add("reset", id=servo_id(desk.arm, desk.joint))
-    desk.expect_stop("was reset", "does not answer")  # it is silent while it starts
+def reset(pages):
+    pages.under_way()
+    pages.add("reset", id=servo_id(pages.arm, pages.joint))
+    pages.expect_stop("was reset", "does not answer")  # it is silent while it starts
 
 
-def brown_out(desk):
-    desk.under_way()
-    desk.add("brownout", for_s=0.4)
-    desk.expect_stop("was reset", "were reset", "does not answer", "supply")
+def brown_out(pages):
+    pages.under_way()
+    pages.add("brownout", for_s=0.4)
+    pages.expect_stop("was reset", "were reset", "does not answer", "supply")
 
 
-def low_supply(desk):
-    desk.under_way()
-    desk.add("voltage", volts=3.0, for_s=3.0)
-    desk.expect_stop("supply", "voltage")
-    desk.operator.wait_for("!status.health.supply.startsWith('3.0')")
+def low_supply(pages):
+    pages.under_way()
+    pages.add("voltage", volts=3.0, for_s=3.0)
+    pages.expect_stop("supply", "voltage")
+    pages.operator.wait_for("!status.health.supply.startsWith('3.0')")
 
 
-def pulled_cable(desk):
-    desk.under_way()
-    desk.line.plugged = False
-    desk.expect_stop("Lost connection")
+def pulled_cable(pages):
+    pages.under_way()
+    pages.line.plugged = False
+    pages.expect_stop("Lost connection")
 
 
-def limp_servo(desk):
-    desk.operator.wait_for("status.mode === 'preview'")
-    desk.line.servos[servo_id(desk.arm, desk.joint)].write("torque_enable", 0)
-    for tab in (desk.operator, desk.watcher):
-        tab.until(f"document.getElementById('mode').textContent.includes('limp: {desk.joint}')")
-    desk.page.locator(f"[data-joint={desk.joint}] .torque").click()
-    for tab in (desk.operator, desk.watcher):
+def limp_servo(pages):
+    pages.operator.wait_for("status.mode === 'preview'")
+    pages.line.servos[servo_id(pages.arm, pages.joint)].write("torque_enable", 0)
+    for tab in (pages.operator, pages.watcher):
+        tab.until(f"document.getElementById('mode').textContent.includes('limp: {pages.joint}')")
+    pages.page.locator(f"[data-joint={pages.joint}] .torque").click()
+    for tab in (pages.operator, pages.watcher):
         tab.until("!document.getElementById('mode').textContent.includes('limp')")
 
 
-def refused_goal(desk):
-    desk.operator.wait_for("status.mode === 'preview'")
-    before = desk.served.goals()
-    desk.type_joint(1e4)
-    desk.page.wait_for_selector("#banner:not([hidden])")
-    assert desk.joint in desk.page.inner_text("#banner")
-    assert desk.served.goals() == before
+def refused_goal(pages):
+    pages.operator.wait_for("status.mode === 'preview'")
+    before = pages.served.goals()
+    pages.type_joint(1e4)
+    pages.page.wait_for_selector("#banner:not([hidden])")
+    assert pages.joint in pages.page.inner_text("#banner")
+    assert pages.served.goals() == before
 
 
-def hidden_page(desk):
-    desk.under_way()
-    desk.page.evaluate(HIDE, True)
-    desk.operator.wait_for("status.mode === 'preview' && status.banner?.action === 'go_live'")
-    desk.page.evaluate(HIDE, False)
-    assert "the page was hidden" in desk.page.inner_text("#banner-message")
-    desk.page.click("#dismiss")
-    desk.operator.wait_for("!status.banner")
+def hidden_page(pages):
+    pages.under_way()
+    pages.page.evaluate(HIDE, True)
+    pages.operator.wait_for("status.mode === 'preview' && status.banner?.action === 'go_live'")
+    pages.page.evaluate(HIDE, False)
+    assert "the page was hidden" in pages.page.inner_text("#banner-message")
+    pages.page.click("#dismiss")
+    pages.operator.wait_for("!status.banner")
 
 
-def other_tab(desk):
+def other_tab(pages):
     """The second tab cannot move the arm, and takes control by one button: the arm holds."""
-    desk.under_way()
-    assert desk.watcher.page.is_disabled("#live")
-    desk.watcher.page.click("#take")
-    desk.watcher.wait_for("status.controller === 'you' && status.mode === 'preview'")
-    desk.operator.wait_for("status.controller === 'other' && !status.live")
-    desk.page.click("#take")
-    desk.operator.wait_for("status.controller === 'you'")
+    pages.under_way()
+    assert pages.watcher.page.is_disabled("#live")
+    pages.watcher.page.click("#take")
+    pages.watcher.wait_for("status.controller === 'you' && status.mode === 'preview'")
+    pages.operator.wait_for("status.controller === 'other' && !status.live")
+    pages.page.click("#take")
+    pages.operator.wait_for("status.controller === 'you'")
 
 
-def dead_server(desk):
-    desk.served.server.close()
-    for tab in (desk.operator, desk.watcher):
+def dead_server(pages):
+    pages.served.server.close()
+    for tab in (pages.operator, pages.watcher):
         tab.until("document.body.dataset.mode === 'lost'")
         assert tab.page.is_disabled("#stop")
         assert "Stop cannot reach the arm" in tab.page.inner_text("#banner")
@@ -190,14 +190,14 @@ def cells():
 
 
 @pytest.mark.parametrize(("arm", "width", "scheme", "faults"), list(cells()))
-def test_a_fault_is_told_in_both_tabs_and_nothing_moves_until_somebody_has_looked(
+def test_a_fault_is_reported_in_both_tabs_and_nothing_moves_until_somebody_has_looked(
     browser, arm, width, scheme, faults
 ):
     with serve_view(arm) as served:
-        desk = Desk(browser, served, arm, width, scheme)
+        pages = Pages(browser, served, arm, width, scheme)
         try:
             for fault in faults:
-                fault(desk)
-            assert desk.operator.errors + desk.watcher.errors == []
+                fault(pages)
+            assert pages.operator.errors + pages.watcher.errors == []
         finally:
-            desk.close()
+            pages.close()

@@ -152,7 +152,7 @@ def test_an_arm_that_holds_is_calibrated_by_a_second_press_only(newcomer):
     assert {joint["torque"] for joint in newcomer.status["health"]["joints"]} == {"on"}
 
 
-def test_a_stop_is_told_with_its_button_inside_the_banner(newcomer):
+def test_a_stop_is_reported_with_its_button_inside_the_banner(newcomer):
     page = newcomer.page
     page.click("#stop")
     page.wait_for_selector("#acknowledge")

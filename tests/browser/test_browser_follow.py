@@ -5,7 +5,7 @@ import pytest
 from servosim.joint import Hand, glide
 from tests.arm.simulated import line_of, registers, true_joints
 from tests.browser.page_operator import Operator, until
-from tests.browser.test_browser_arms import desk
+from tests.browser.test_browser_arms import opened_panel
 from tests.browser.test_browser_page import CONTRAST, NAMES, SMALL
 
 pytestmark = pytest.mark.browser
@@ -15,7 +15,7 @@ TURN_RAD = 0.4
 
 @pytest.fixture
 def two():
-    with desk(("planar3", "sim:?pose=home"), ("planar3", "sim:?pose=home")) as served:
+    with opened_panel(("planar3", "sim:?pose=home"), ("planar3", "sim:?pose=home")) as served:
         yield served
 
 

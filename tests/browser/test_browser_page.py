@@ -80,7 +80,7 @@ def test_every_word_stands_out_from_what_is_behind_it(reader, scheme):
     reader.wait_for("status.mode === 'preview'")
 
 
-def test_on_a_desk_every_button_is_in_sight(reader):
+def test_on_a_desktop_every_button_is_in_sight(reader):
     reader.page.set_viewport_size({"width": 1280, "height": 800})
     reader.wait_for_picture()
     assert reader.page.evaluate(BELOW) == []

@@ -56,7 +56,7 @@ def test_a_stop_stays_until_somebody_has_looked(live):
 
 
 @OWN
-def test_a_servo_that_is_unplugged_is_told_in_the_words_of_the_command_line(live):
+def test_a_servo_that_is_unplugged_is_reported_in_the_words_of_the_command_line(live):
     under_way(live)
     live.served.line.faults.add(Fault("silent", id=4, at_s=live.served.line.world.time_s))
     live.page.wait_for_selector("#banner:not([hidden])")
@@ -68,7 +68,7 @@ def test_a_servo_that_is_unplugged_is_told_in_the_words_of_the_command_line(live
 
 @OWN
 @pytest.mark.campaign
-def test_an_adapter_that_is_unplugged_is_told(live):
+def test_an_adapter_that_is_unplugged_is_reported(live):
     live.served.line.plugged = False
     live.page.wait_for_selector("#banner:not([hidden])")
     assert "Lost connection" in live.page.inner_text("#banner-message")
@@ -117,7 +117,7 @@ def test_the_second_page_watches(live, visit):
 
 
 @pytest.mark.campaign
-def test_what_cannot_be_done_is_told_and_then_forgotten(operator, visit):
+def test_what_cannot_be_done_is_reported_and_then_forgotten(operator, visit):
     other = visit()
     other.click(other.tip_px())
     other.page.wait_for_selector("#banner:not([hidden])")
@@ -142,7 +142,7 @@ def test_who_only_watches_cannot_even_ask(visit, operator):
     assert watcher.page.is_hidden("#take")
 
 
-KNOCK = """(address) => new Promise((say) => {
+CONNECT = """(address) => new Promise((say) => {
   const socket = new WebSocket(address);
   socket.onopen = () => say("open");
   socket.onerror = () => say("refused");
@@ -155,12 +155,12 @@ def test_a_page_of_another_origin_is_refused(operator, browser):
     page = context.new_page()
     page.route("http://evil.example/", lambda route: route.fulfill(body="<p>harmless</p>"))
     page.goto("http://evil.example/")
-    assert page.evaluate(KNOCK, address) == "refused"
+    assert page.evaluate(CONNECT, address) == "refused"
     context.close()
 
 
 @pytest.mark.campaign
-def test_the_wrong_key_is_told(operator):
+def test_the_wrong_key_is_reported(operator):
     page = operator.page.context.new_page()
     page.goto(operator.served.urls.control.partition("#")[0] + "#token=wrong")
     page.wait_for_selector("#banner:not([hidden])")

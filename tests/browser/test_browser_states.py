@@ -47,11 +47,11 @@ SLOW_FRAMES = """(frame_ms) => {
 def test_a_press_on_a_picture_too_old_to_act_on_is_answered_with_why_nothing_happens(operator):
     page, before = operator.page, operator.served.goals()
     page.evaluate(SLOW_FRAMES, 1300)
-    told = page.locator("#banner-message", has_text="more than 1 s old: nothing was done")
+    reported = page.locator("#banner-message", has_text="more than 1 s old: nothing was done")
     for _ in range(5):  # the pictures that were on their way are drawn first
         page.wait_for_timeout(1300)
         operator.click(operator.tip_px() + FAR / 2)
-        if told.is_visible():
+        if reported.is_visible():
             break
     assert "Press again" in page.inner_text("#banner-hint")
     assert operator.served.goals() == before
@@ -123,7 +123,7 @@ def test_live_that_fell_back_says_why_and_goes_on_by_one_button(live):
 
 
 @OWN
-def test_a_limp_servo_and_a_wrong_supply_are_told_and_not_that_the_arm_holds(operator):
+def test_a_limp_servo_and_a_wrong_supply_are_reported_and_not_that_the_arm_holds(operator):
     assert operator.page.inner_text("#mode") == "Preview – the arm holds"
     operator.served.line.servos[servo_id("so101", "elbow_flex")].write("torque_enable", 0)
     operator.until("document.getElementById('mode').textContent.includes('limp: elbow_flex')")

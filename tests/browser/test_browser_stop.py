@@ -78,7 +78,7 @@ def test_without_a_server_stop_and_all_controls_say_so_and_what_is_shown_gets_an
 
 
 @OWN
-def test_a_server_that_hangs_is_told_until_it_answers_again(operator):
+def test_a_server_that_hangs_is_reported_until_it_answers_again(operator):
     controller = operator.served.view.controller
     controller.frames = lambda _: []
     operator.until("document.body.dataset.mode === 'silent'")

@@ -51,7 +51,7 @@ def test_the_wait_must_be_over(up, down, wait_s):
     assert answers == [None, None, "accept"]
 
 
-def test_patience_ends_after_more_than_a_minute():
+def test_timeout_is_longer_than_a_minute():
     state, script = Hand(subject()).rest().accept().state, ScriptedAnswers()
     assert [answer_at(script, state, at_s) for at_s in (5.0, 65.0)] == [
         None,

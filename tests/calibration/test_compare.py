@@ -22,20 +22,20 @@ def test_nothing_is_said_of_servos_that_hold_what_the_file_says():
     assert messages_of([facts(1), facts(2)], joint(), joint("wrist", 2)) == []
 
 
-def test_a_register_that_was_changed_is_told_with_both_values():
+def test_a_register_that_was_changed_is_reported_with_both_values():
     assert messages_of([facts(1, homing_offset=7)], joint()) == [
         "homing_offset of elbow (id 1) is 7 in the servo and 0 in the calibration"
     ]
 
 
-def test_a_servo_that_the_arm_does_not_have_is_told():
+def test_a_servo_that_the_arm_does_not_have_is_reported():
     (mismatch,) = register_mismatches(calibration_of(joint()), {})
     assert (mismatch.joint, mismatch.register, mismatch.expected, mismatch.found) == (
         "elbow", "id", "1", "not this arm's",
     )  # fmt: skip
 
 
-def test_of_a_servo_of_another_model_the_model_alone_is_told():
+def test_of_a_servo_of_another_model_the_model_alone_is_reported():
     assert messages_of([facts(1, "STS3250", homing_offset=7)], joint()) == [
         "model of elbow (id 1) is STS3250 in the servo and STS3215 in the calibration"
     ]
@@ -59,7 +59,7 @@ def test_servos_that_agree_are_not_refused():
 
 
 @pytest.mark.parametrize(("count", "rest"), [(1, "."), (2, ", and 1 more."), (4, ", and 3 more.")])
-def test_the_first_contradiction_is_told_and_the_others_are_counted(count, rest):
+def test_the_first_contradiction_is_reported_and_the_others_are_counted(count, rest):
     joints = [joint(f"j{i}", i) for i in range(1, count + 1)]
     found = {i: facts(i, homing_offset=9) for i in range(1, count + 1)}
     with pytest.raises(CalibrationError) as caught:

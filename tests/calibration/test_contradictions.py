@@ -18,7 +18,7 @@ def test_nothing_is_said_of_a_joint_in_order(model):
     assert issues_of(joint(model=model, travel_ticks=travel)) == {}
 
 
-def test_times_without_an_offset_are_told():
+def test_times_without_an_offset_are_reported():
     naive = "2026-11-02T14:03:22"
     issues = issues_of(joint(), written=naive, geometry=GEOMETRY | {"touched": naive})
     assert {place: found for place, (found, _) in issues.items()} == {
@@ -26,7 +26,7 @@ def test_times_without_an_offset_are_told():
     }  # fmt: skip
 
 
-def test_a_register_that_the_model_does_not_have_and_one_that_is_missing_are_told():
+def test_a_register_that_the_model_does_not_have_and_one_that_is_missing_are_reported():
     held = joint(holds={"homing_ofset": 0})
     del held["servo"]["holds"]["homing_offset"]
     place = ("joints", 0, "servo", "holds")
@@ -36,11 +36,11 @@ def test_a_register_that_the_model_does_not_have_and_one_that_is_missing_are_tol
     }
 
 
-def test_of_a_joint_with_an_unknown_model_only_that_is_told():
+def test_of_a_joint_with_an_unknown_model_only_that_is_reported():
     assert [*issues_of(joint(model="STS9999"))] == [("joints", 0, "servo", "model")]
 
 
-def test_an_origin_that_a_touch_off_moved_twice_is_told():
+def test_an_origin_that_a_touch_off_moved_twice_is_reported():
     origins = [{"joint": name, "moved_mm": [1.0, 0.0, 0.0]} for name in ("a", "b", "a", "b")]
     issues = issues_of(joint(), geometry=GEOMETRY | {"origins": origins})
     assert {place[2]: found for place, (found, _) in issues.items()} == {
@@ -49,7 +49,7 @@ def test_an_origin_that_a_touch_off_moved_twice_is_told():
     assert issues_of(joint(), geometry=GEOMETRY | {"origins": origins[:2]}) == {}
 
 
-def test_a_name_and_an_id_given_twice_are_told_of_the_second_joint():
+def test_a_name_and_an_id_given_twice_are_informed_of_the_second_joint():
     issues = issues_of(joint(), joint("wrist", 2), joint("elbow", 1))
     assert issues == {
         ("joints", 2, "name"): ('is "elbow" a second time', "a unique name"),
@@ -69,7 +69,7 @@ def test_the_ends_of_a_registers_range_can_be_held(tick):
 
 
 @pytest.mark.parametrize("tick", [-1, 4096])
-def test_what_a_register_cannot_hold_is_told_with_its_range(tick):
+def test_what_a_register_cannot_hold_is_reported_with_its_range(tick):
     issues = issues_of(joint(holds={"max_position_limit": tick}))
     place = ("joints", 0, "servo", "holds", "max_position_limit")
     assert issues == {place: (f"is {tick}", "0 to 4095")}
@@ -94,7 +94,7 @@ def test_a_travel_may_be_as_narrow_as_fifty_ticks_and_as_wide_as_the_sensor(trav
         ([4000, 4096], ON_THE_SENSOR),
     ],
 )
-def test_a_travel_that_no_joint_has_is_told_with_what_one_has(travel, expected):
+def test_a_travel_that_no_joint_has_is_reported_with_what_one_has(travel, expected):
     issues = issues_of(joint(travel_ticks=travel))
     assert issues == {PLACE: (f"is [{travel[0]}, {travel[1]}]", expected)}
 
@@ -106,7 +106,7 @@ def test_a_servo_that_counts_on_may_travel_beyond_its_sensor():
 
 
 @pytest.mark.parametrize("offset", [1025, -1025])
-def test_an_offset_that_a_dynamixel_ignores_is_told(offset):
+def test_an_offset_that_a_dynamixel_ignores_is_reported(offset):
     issues = issues_of(joint(model="XM430-W350", holds={"homing_offset": offset}))
     assert issues == {
         ("joints", 0, "servo", "holds", "homing_offset"): (f"is {offset}", "-1024 to 1024")
@@ -124,7 +124,7 @@ def test_a_dynamixel_that_counts_on_obeys_any_offset():
 
 
 @pytest.mark.parametrize(("lower_deg", "upper_deg"), [(10.0, 10.0), (10.0, -10.0)])
-def test_a_range_without_an_inside_is_told(lower_deg, upper_deg):
+def test_a_range_without_an_inside_is_reported(lower_deg, upper_deg):
     issues = issues_of(joint(lower_deg=lower_deg, upper_deg=upper_deg))
     place = ("joints", 0, "lower_deg")
     assert issues == {place: ("is not below the upper limit", "lower < upper")}

@@ -35,7 +35,7 @@ def test_a_joint_that_creeps_on_under_load_is_not_stopped():
     assert after(creeping) is ContactState.MOVING
 
 
-def test_a_joint_that_is_where_it_was_told_to_go_stands_against_nothing():
+def test_a_joint_that_is_at_its_goal_stands_against_nothing():
     assert after(standing(1.0, goal=0.01)) is ContactState.MOVING
 
 

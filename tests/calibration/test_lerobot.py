@@ -78,7 +78,7 @@ def test_a_leaders_calibration_is_found_as_well(tmp_path):
     assert find_lerobot("blue") == path
 
 
-def test_two_devices_of_one_id_must_be_told_apart(tmp_path):
+def test_two_devices_of_one_id_must_be_distinguished(tmp_path):
     root = tmp_path / ".cache/huggingface/lerobot/calibration"
     put(root, "so_follower"), put(root, "so101_follower")
     with pytest.raises(InputError, match=r"(?s)Several devices.*so101_follower.*so_follower"):
@@ -236,7 +236,7 @@ UNSWEPT = {"swept": "not swept", "lower_deg": None, "upper_deg": None}
         ({"user_upper_deg": 3.0}, ["elbow has limits of your own, which LeRobot does not get."]),
     ],
 )
-def test_what_lerobots_file_cannot_say_is_told_joint_by_joint(changes, warning):
+def test_what_lerobots_file_cannot_say_is_reported_joint_by_joint(changes, warning):
     assert [*lost_in_lerobot(calibration_of(joint(**changes)))] == [ZEROS, *warning]
 
 

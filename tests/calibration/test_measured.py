@@ -112,7 +112,7 @@ def test_a_travel_that_its_servos_found_earlier_says_so():
     assert measure_joint(driven, driven.subjects[0]).swept == "by itself"
 
 
-def test_limits_lie_two_degrees_inside_what_a_hand_found_unless_told_otherwise():
+def test_limits_lie_two_degrees_inside_what_a_hand_found_unless_set_otherwise():
     state = CalibrationState.begin([subject()])
     (low, high) = measured().range_inside_margin(state.margin_rad)
     assert (math.degrees(low), math.degrees(high)) == pytest.approx((-88.0, 88.0))

@@ -82,23 +82,25 @@ def swept_deg(lower_deg, upper_deg, low_deg, high_deg):
     return replace(state, tracks={1: replace(state.tracks[1], low=low, high=high)})
 
 
-def is_told_the_wrong_way(state):
+def is_reported_mirrored(state):
     return any("the sign or the pose is wrong" in each for each in messages_of(state))
 
 
-@pytest.mark.parametrize(("apart_deg", "told"), [(14.5, False), (15.5, True)])
-def test_a_mirrored_range_is_told_where_both_ends_together_are_off_by_30_degrees(apart_deg, told):
+@pytest.mark.parametrize(("apart_deg", "reported"), [(14.5, False), (15.5, True)])
+def test_a_mirrored_range_is_reported_where_both_ends_together_are_off_by_30_degrees(
+    apart_deg, reported
+):
     near_deg, far_deg = 60.0, 60.0 + apart_deg
-    assert is_told_the_wrong_way(swept_deg(-near_deg, far_deg, -far_deg, near_deg)) is told
+    assert is_reported_mirrored(swept_deg(-near_deg, far_deg, -far_deg, near_deg)) is reported
 
 
-@pytest.mark.parametrize(("short_deg", "told"), [(29.0, True), (31.0, False)])
-def test_a_range_is_mirrored_where_that_fits_three_times_as_well(short_deg, told):
+@pytest.mark.parametrize(("short_deg", "reported"), [(29.0, True), (31.0, False)])
+def test_a_range_is_mirrored_where_that_fits_three_times_as_well(short_deg, reported):
     # off by 120 less what is missing of the sweep; mirrored only by what is missing
-    assert is_told_the_wrong_way(swept_deg(-40, 100, short_deg - 100, 40)) is told
+    assert is_reported_mirrored(swept_deg(-40, 100, short_deg - 100, 40)) is reported
 
 
-def test_a_range_that_lies_off_the_arm_files_is_told_with_both():
+def test_a_range_that_lies_off_the_arm_files_is_reported_with_both():
     lopsided = subject(pose=-1.4, lower=-1.5, upper=1.5)
     hand = Hand(lopsided).rest().accept()
     hand.move(-400).move(400).move(-400).move(400).move(1900)  # both times the wrong way

@@ -41,7 +41,7 @@ def test_a_turn_may_be_off_by_ten_degrees(way, shift_deg, reported):
 
 
 @pytest.mark.parametrize("way", [1, -1])
-def test_how_far_a_zero_seems_to_be_off_is_told_without_a_sign(way):
+def test_how_far_a_zero_seems_to_be_off_is_reported_without_a_sign(way):
     hand = Hand(subject(), start=0).rest().accept()
     shifted = [round(way * 20 / 360 * TURN + end / math.tau * TURN) for end in (-1.5, 1.5)]
     tracks = {1: replace(hand.state.tracks[1], low=shifted[0], high=shifted[1])}

@@ -168,7 +168,7 @@ def test_a_skipped_joint_is_not_asked_for_and_keeps_the_arm_file():
     assert "a was skipped" in " ".join(warnings(hand.state))
 
 
-def test_a_joint_that_could_not_be_measured_is_told_with_the_reason():
+def test_a_joint_that_could_not_be_measured_is_reported_with_the_reason():
     hand = Hand(subject("a", 1)).rest().accept()
     assert [*warnings(hand.state.skip("a", "its end stop is beyond the table"))] == [
         "a: its end stop is beyond the table"
@@ -349,7 +349,7 @@ def scripted(hand, script, moves):
     return messages
 
 
-def test_patience_accepts_a_still_pose_and_a_whole_sweep():
+def test_timeout_passes_with_a_still_pose_and_a_whole_sweep():
     hand = Hand(subject())
     moves = [None] * 60 + [900, -1900, 900]
     assert scripted(hand, ScriptedAnswers(), moves) == ["accept", "accept"]
@@ -362,7 +362,7 @@ def test_a_script_is_answered_in_its_order():
     assert scripted(hand, script, moves) == ["accept", "skip a", "continuous b", "accept"]
 
 
-def test_patience_ends_after_a_minute_in_which_nothing_changes():
+def test_timeout_ends_a_sweep_after_a_minute_without_change():
     with pytest.raises(CalibrationError, match="elbow has not been moved yet"):
         scripted(Hand(subject()), ScriptedAnswers(), [])
 

@@ -42,7 +42,7 @@ def test_the_calibration_of_the_old_adapter_holds_on_the_new_one(arm, run_cli):
     assert run_cli(f"calibration diff {NAME} --port {PORT}").code == 0
 
 
-def test_an_arm_without_a_calibration_is_told_of_the_other_adapters(arm, run_cli):
+def test_an_arm_without_a_calibration_is_informed_of_the_other_adapters(arm, run_cli):
     done = run_cli(f"calibration diff {NAME} --port {PORT}")
     assert f"ikservo calibration adopt {NAME}" in done.err
 

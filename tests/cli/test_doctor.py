@@ -107,7 +107,7 @@ def test_a_slow_adapter_is_named(run_cli, monkeypatch):
 
 
 @pytest.mark.full
-def test_an_arm_at_another_rate_is_found_and_told(run_cli, monkeypatch):
+def test_an_arm_at_another_rate_is_found_and_reported(run_cli, monkeypatch):
     def change(line):
         for servo in line.world.servos:
             servo.memory.put("baud_rate", 4)

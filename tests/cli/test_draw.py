@@ -30,7 +30,7 @@ def test_size_and_origin_are_announced_before_it_moves(run_cli, square):
     assert "path" in result.out
 
 
-def test_an_svg_is_scaled_to_a_width_and_text_is_told(run_cli, tmp_path):
+def test_an_svg_is_scaled_to_a_width_and_text_is_reported(run_cli, tmp_path):
     path = tmp_path / "a.svg"
     path.write_text(
         '<svg xmlns="http://www.w3.org/2000/svg"><rect width="30" height="60"/><text>x</text></svg>'

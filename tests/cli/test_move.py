@@ -69,7 +69,7 @@ def test_where_names_the_source_of_the_limits(run_cli):
 
 
 @pytest.mark.full
-def test_joints_are_told_in_degrees_or_radians(run_cli):
+def test_joints_are_reported_in_degrees_or_radians(run_cli):
     result = run_cli("joints elbow_flex=30 gripper=0.5rad --arm so101 --port sim:?pose=home --json")
     assert result.code == 0
     assert result.json["goal_rad"] == pytest.approx({"elbow_flex": math.pi / 6, "gripper": 0.5})
@@ -81,7 +81,7 @@ def test_a_negative_angle_is_no_option(run_cli):
 
 
 @pytest.mark.full
-def test_a_slide_is_told_in_metres(run_cli):
+def test_a_slide_is_reported_in_metres(run_cli):
     goal = run_cli("joints gripper=10mm --arm open_manipulator_x --port sim --json").json[
         "goal_rad"
     ]

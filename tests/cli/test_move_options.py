@@ -57,7 +57,7 @@ def test_a_pitch_in_degrees_may_be_negative(run_cli):
     assert abs(result.json["orientation_error_rad"]) < math.radians(0.5)
 
 
-def test_a_stance_that_the_arm_has_not_moves_nothing_and_exits_7(run_cli):
+def test_an_orientation_that_the_arm_has_not_moves_nothing_and_exits_7(run_cli):
     result = run_cli(f"move 0.25 0.05 0.15 --pitch 40 {SO101}")
     assert result.code == 7
     assert result.out == ""

@@ -85,7 +85,7 @@ def test_the_tool_keeps_how_it_stands_at_home(run_cli):
     np.testing.assert_allclose(turned, home, atol=1e-2)
 
 
-def test_a_stance_that_cannot_be_had_is_exit_7_and_says_what_can(run_cli):
+def test_an_orientation_that_cannot_be_had_is_exit_7_and_says_what_can(run_cli):
     result = run_cli("solve 0.3 0 0.1 --arm so101 --pitch 89")
     assert result.code == 7
     assert "pitch 89.0° is not possible at" in result.err
@@ -100,7 +100,7 @@ def test_what_points_in_a_direction_is_the_tool_of_the_arm(run_cli):
 @pytest.mark.parametrize(
     "other", ["--all", "--compare", "--trace", "--method ccd", "--tool-axis z"]
 )
-def test_a_stance_is_solved_in_one_way_only(run_cli, other):
+def test_an_orientation_is_solved_in_one_way_only(run_cli, other):
     result = run_cli(f"solve 0.2 0.05 0.1 --arm so101 --pitch -60 {other}")
     assert result.code == 2
     assert "cannot be combined" in result.err

@@ -103,7 +103,7 @@ def test_a_direction_may_begin_with_a_minus(run_cli):
     assert sum(run_cli(words).json["q_rad"]) == pytest.approx(math.atan2(1.0, -0.5), abs=1e-4)
 
 
-def test_a_direction_that_cannot_be_had_is_told_in_degrees(run_cli):
+def test_a_direction_that_cannot_be_had_is_reported_in_degrees(run_cli):
     result = run_cli(f"{FLAT} --direction 0,0,1 --tool-axis x")
     assert result.code == 7
     assert "out of reach: the links are too short" in result.out
@@ -128,11 +128,11 @@ def test_all_solutions_are_a_table_in_degrees(run_cli):
     assert re.fullmatch(r"1( +-?[\d.]+°){3} +0\.0000 mm", lines[1].strip())
 
 
-def test_where_the_last_link_is_free_its_directions_are_told(run_cli):
+def test_where_the_last_link_is_free_its_directions_are_reported(run_cli):
     assert "one-parameter family" in run_cli(f"{FLAT} --all").out
 
 
-def test_without_any_solution_the_nearest_point_is_told(run_cli):
+def test_without_any_solution_the_nearest_point_is_reported(run_cli):
     result = run_cli("solve 0.9 0 0.05 --arm planar3 --all")
     assert result.code == 7
     assert "mm away" in result.out

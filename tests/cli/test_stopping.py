@@ -64,7 +64,7 @@ def test_ctrl_c_leaves_the_arm_holding_and_says_how_to_release_it(servos, monkey
 
 
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
-def test_being_told_to_end_leaves_the_arm_holding(servos, monkeypatch, number):
+def test_being_asked_to_end_leaves_the_arm_holding(servos, monkeypatch, number):
     press(monkeypatch, [number])
     assert move() == 130
     assert torques(servos) == {1}

@@ -43,7 +43,7 @@ def test_a_suggested_point_is_one_that_is_accepted(run_cli, point):
         assert main([*words, "--dry-run"]) == 0
 
 
-def test_an_angle_beyond_its_range_is_told_in_degrees(run_cli):
+def test_an_angle_beyond_its_range_is_reported_in_degrees(run_cli):
     assert "The pitch is 100°." in run_cli(f"move 0.25 0.05 0.15 --pitch 100 {SIM}").err
 
 

@@ -86,12 +86,12 @@ def test_no_arm_or_one_that_cannot_be_opened_leaves_the_page_open(options, expec
         url = serving.stdout.readline().strip()
         assert "<canvas" in httpx.get(url).text
         serving.send_signal(signal.SIGINT)
-        _, told = serving.communicate(timeout=30)
+        _, reported = serving.communicate(timeout=30)
     finally:
         serving.kill()
         serving.communicate()
     assert serving.returncode == 0
-    assert expected in told
+    assert expected in reported
 
 
 @pytest.mark.parametrize(
@@ -129,11 +129,11 @@ def test_each_address_has_its_label_and_the_one_to_watch_comes_first():
     try:
         url = serving.stdout.readline().strip()
         serving.send_signal(signal.SIGINT)
-        _, told = serving.communicate(timeout=30)
+        _, reported = serving.communicate(timeout=30)
     finally:
         serving.kill()
         serving.communicate()
-    first, watch, last = told.splitlines()[:3]
+    first, watch, last = reported.splitlines()[:3]
     assert (first, last) == ("To watch only:", "To control the arm:")
     assert watch.partition("#token=")[0] == url.partition("#token=")[0]
     assert watch != url
@@ -147,12 +147,12 @@ def test_beyond_this_machine_the_terminal_shows_fingerprint_and_qr_code(own_addr
         port = int(url.partition("/#")[0].rpartition(":")[2])
         der = ssl.PEM_cert_to_DER_cert(ssl.get_server_certificate((own_address, port)))
         serving.send_signal(signal.SIGINT)
-        _, told = serving.communicate(timeout=30)
+        _, reported = serving.communicate(timeout=30)
     finally:
         serving.kill()
         serving.communicate()
     assert url.startswith(f"https://{own_address}:")
-    lines = told.splitlines()
+    lines = reported.splitlines()
     assert hashlib.sha256(der).digest().hex(":").upper() in lines
     watch, control = (lines.index(f"QR code {who}:") for who in QR_CODES)
     assert watch < control
@@ -160,7 +160,7 @@ def test_beyond_this_machine_the_terminal_shows_fingerprint_and_qr_code(own_addr
         assert sum("█" in line or "▄" in line for line in lines[label + 1 : label + 16]) == 15
 
 
-def test_a_damaged_certificate_is_told_before_the_arm_is_opened(
+def test_a_damaged_certificate_is_reported_before_the_arm_is_opened(
     run_cli, own_address, tmp_path, monkeypatch
 ):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))

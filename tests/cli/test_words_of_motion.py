@@ -320,5 +320,5 @@ def test_teach_says_what_it_will_do_before_it_waits(run_cli, monkeypatch, tmp_pa
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     monkeypatch.setattr("ikservo.cli.teach.wait_for_enter", lambda _: None)
     first = run_cli("teach cup --arm so101 --port sim").err.splitlines()[0]
-    told = 'move it by hand. Enter saves its pose as "cup", and torque stays off.'
-    assert first == f"Torque stays off; {told}"
+    reported = 'move it by hand. Enter saves its pose as "cup", and torque stays off.'
+    assert first == f"Torque stays off; {reported}"

@@ -9,7 +9,7 @@ import pytest
 P2 = "workspace --arm planar2 --slice top --cell 20mm"
 
 
-def test_a_slice_is_told_in_cells_and_square_metres(run_cli):
+def test_a_slice_is_reported_in_cells_and_square_metres(run_cli):
     lines = run_cli(P2).out.splitlines()
     assert lines[0] == "Two servos in a plane, top: the plane at a height of 0.050 m"
     assert "cells of 20 mm" in lines[1]

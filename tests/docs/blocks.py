@@ -14,7 +14,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 
-_FENCE = re.compile(
+_MARKER = re.compile(
     r"^(?P<indent> *)```(?P<info>[^\n]*)\n(?P<text>.*?)^(?P=indent)```$", re.S | re.M
 )
 _INFO = re.compile(
@@ -61,7 +61,7 @@ class Block:
 def blocks(page):
     """Return the blocks of a page in their order."""
     text = page.read_text("utf-8")
-    return [_block(page, text, found) for found in _FENCE.finditer(text)]
+    return [_block(page, text, found) for found in _MARKER.finditer(text)]
 
 
 def _block(page, text, found):

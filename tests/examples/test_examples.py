@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.network.conftest import PATIENCE_S, find_free_port, serve
+from tests.network.conftest import TIMEOUT_S, find_free_port, serve
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
@@ -54,9 +54,9 @@ def test_an_example_runs(run, name, tmp_path):
 
 
 def test_an_arm_on_another_machine_is_driven(run, monkeypatch):
-    monkeypatch.setattr("ikservo.network.connection._MAX_ROUND_TRIP_S", PATIENCE_S)
+    monkeypatch.setattr("ikservo.network.connection._MAX_ROUND_TRIP_S", TIMEOUT_S)
     with serve(find_free_port()) as served:
-        served.server.lease.timeout_s = PATIENCE_S
+        served.server.lease.timeout_s = TIMEOUT_S
         assert re.search(PRINTED["network"], run("network", served.address))
         assert abs(served.arm.where().positions["wrist_roll"] - 0.2) < 0.02
 

@@ -167,7 +167,7 @@ def test_a_nanometre_is_deep_enough():
         space.check_path([np.array([0.5, 1.0]), q])
 
 
-def test_boxes_are_told_apart_by_their_names():
+def test_boxes_are_distinguished_by_their_names():
     cups = [
         KeepOutBox("the cup", np.array([0.5, -0.1, 0.5]), np.array([0.7, 0.1, 0.7])),
         KeepOutBox("the jug", np.array([1.5, -0.1, 0.5]), np.array([1.7, 0.1, 0.7])),

@@ -21,7 +21,7 @@ def test_a_servo_that_is_well_gives_nothing_to_say():
 
 
 @pytest.mark.parametrize("celsius", [60.0, 64.0])
-def test_from_60_degrees_on_a_person_is_told(celsius):
+def test_from_60_degrees_on_a_person_is_informed(celsius):
     assert see(temperature_c=celsius) == (f"elbow is at {celsius:.0f} °C; motion stops at 65 °C.",)
 
 

@@ -151,12 +151,12 @@ def test_a_joint_that_was_never_seen_lets_nothing_go_on():
     assert ahead.allowed_advance_s({"elbow": 2048, "wrist": 2048}, 0.01) == 0.0
 
 
-def test_where_nothing_was_told_nothing_waits():
+def test_where_nothing_was_sent_nothing_waits():
     assert seen_at(2048).allowed_advance_s({}, 0.01) == 0.01
 
 
 @given(st.integers(-LEAD, LEAD), st.floats(0.0, 0.05), st.floats(0.0, 0.9999))
-def test_goals_that_advance_as_told_always_pass(ahead_by, elapsed_s, phase):
+def test_goals_that_advance_as_allowed_always_pass(ahead_by, elapsed_s, phase):
     ahead = seen_at(2048)
     goal = 2048 + ahead_by
     further = math.floor(2000 * ahead.allowed_advance_s({"elbow": goal}, elapsed_s) + phase)

@@ -233,7 +233,7 @@ def test_models_of_one_family_share_a_question(port, line):
     }
 
 
-def test_families_on_one_line_are_asked_each_in_its_own_dialect(port, line):
+def test_families_on_one_line_are_asked_each_in_its_own_protocol(port, line):
     bus = ServoBus(port, [ServoSpec(1, XL430W250), ServoSpec(2, STS3215)])
     line.expect(
         "FF FF FD 00 FE 08 00 82 84 00 04 00 01 FE CF",

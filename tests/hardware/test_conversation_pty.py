@@ -51,7 +51,7 @@ def test_a_served_arm_answers_takes_torque_and_reports(served, arm, model, ids):
         )
 
 
-def test_a_second_program_is_told_who_holds_the_port(served):
+def test_a_second_program_is_shown_who_holds_the_port(served):
     name, _ = served("so101")
     with open_port(name, 1_000_000), pytest.raises(PortBusyError):
         open_port(name, 1_000_000)

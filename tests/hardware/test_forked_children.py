@@ -91,13 +91,13 @@ FORKED = "opened before this process was forked"
 
 @pytest.mark.parametrize("use", USES.values(), ids=USES)
 @pytest.mark.parametrize("name", ["pty", "sim"])
-def test_a_forked_child_cannot_use_the_port_and_is_told_why(pty_name, name, use):
+def test_a_forked_child_cannot_use_the_port_and_is_shown_why(pty_name, name, use):
     with open_port(pty_name if name == "pty" else SIM, 1_000_000) as port:
         assert FORKED in in_fork(lambda: message_of(lambda: use(port)))
         assert message_of(lambda: use(port)) == "done"
 
 
-def test_a_child_forked_while_a_thread_uses_the_bus_is_told_at_once_and_closes_nothing():
+def test_a_child_forked_while_a_thread_uses_the_bus_is_reported_at_once_and_closes_nothing():
     servos = [ServoSpec(1, STS3215, "shoulder_pan")]
     held, done = threading.Event(), threading.Event()
     with open_port(SIM, 1_000_000) as port:

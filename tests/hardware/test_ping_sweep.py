@@ -71,7 +71,7 @@ def test_two_at_once_make_their_neighbours_suspect(on_line):
     assert found_ids.junk
 
 
-def test_progress_is_told_for_each_ping(on_line):
+def test_progress_is_reported_for_each_ping(on_line):
     counts = []
     ping_ids(on_line("so101"), ONE, range(10), counts.append)
     assert counts == list(range(1, 11))

@@ -62,7 +62,7 @@ class TestOpening:
         with pytest.raises(PortError, match="No permission"):
             open_port("COM3", 1_000_000)
 
-    def test_a_lock_held_elsewhere_is_busy(self, pty_name):
+    def test_a_lock_held_in_another_place_is_busy(self, pty_name):
         with serial.Serial(pty_name, exclusive=True), pytest.raises(PortBusyError):
             open_port(pty_name, 1_000_000)
 

@@ -44,7 +44,7 @@ def holder(pty_name):
     process.communicate("")
 
 
-def test_the_second_is_told_process_and_command_of_the_first(pty_name, holder):
+def test_the_second_is_reported_process_and_command_of_the_first(pty_name, holder):
     with pytest.raises(PortBusyError, match=rf"in use by python.* \(process {holder.pid}\)"):
         open_port(pty_name, 1_000_000)
 

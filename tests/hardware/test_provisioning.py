@@ -56,7 +56,7 @@ def test_what_holds_already_is_not_written(alone):
     assert servo.memory.eeprom_writes == writes
 
 
-def test_settings_of_the_arm_are_written_and_told(alone):
+def test_settings_of_the_arm_are_written_and_reported(alone):
     port, servo, table = alone
     before = servo.read("max_position_limit")
     written = provision(port, found(table), settings(table, max_position_limit=3000))

@@ -223,7 +223,7 @@ def test_a_prepared_solver_answers_as_solve_does():
     np.testing.assert_array_equal(q, expected.q)
 
 
-def test_a_prepared_solver_writes_where_it_is_told():
+def test_a_prepared_solver_writes_where_it_is_sent():
     chain, out = planar(0.3, 0.2), np.zeros(2)
     q, _ = Solver(chain)(chain.forward([0.3, 0.5]), [0.0, 0.1], out)
     assert q is out

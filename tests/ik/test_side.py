@@ -39,7 +39,7 @@ def test_a_redundant_arm_reaches_again_what_it_reached(name, q0):
     there_and_back(chain, q0, 0.2 * np.array([0.53, 0.66, 0.53]))
 
 
-def test_another_path_begins_where_it_is_told():
+def test_another_path_begins_where_it_is_sent():
     arm, T = planar(0.3, 0.2), np.eye(4)
     solver = Solver(arm)
     T[:3, 3] = arm.forward([0.2, 0.6])[:3, 3]

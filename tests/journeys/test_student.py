@@ -38,7 +38,7 @@ def test_draws_the_iterations_to_a_file(terminal, tmp_path):
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-def test_is_told_what_to_do_about_a_point_out_of_reach(terminal):
+def test_is_shown_what_to_do_about_a_point_out_of_reach(terminal):
     ended = terminal.run("solve", "0.9", "0", "0.05", "--arm", "planar2")
     assert ended.code == 7
     assert not ended.long

@@ -145,7 +145,7 @@ def test_limits_of_another_number_of_joints_are_refused(limits):
         planar(0.3, 0.2).with_limits(limits, [1.0, 1.0])
 
 
-def test_a_joint_can_be_put_elsewhere_and_the_others_stay():
+def test_a_joint_can_be_put_in_another_place_and_the_others_stay():
     chain, q = planar(0.3, 0.2), [0.0, math.pi / 2]
     moved = chain.with_origins({"j2": make_pose(np.array([0.4, 0.0, 0.1]))})
     np.testing.assert_allclose(moved.forward(q)[:3, 3], [0.4, 0.2, 0.1], atol=1e-15)

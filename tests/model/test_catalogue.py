@@ -88,7 +88,7 @@ def test_an_arm_reached_by_a_relative_path_knows_its_name(
     assert catalogue_name(Path("arm.toml")) == "so101"
 
 
-def test_an_arm_elsewhere_has_no_name_in_the_catalogue(tmp_path: Path) -> None:
+def test_an_arm_outside_it_has_no_name_in_the_catalogue(tmp_path: Path) -> None:
     assert catalogue_name(tmp_path / "so101" / "arm.toml") is None
 
 

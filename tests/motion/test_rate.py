@@ -20,7 +20,7 @@ class HandClock:
         self.time_s = max(self.time_s, deadline_s)
 
 
-def test_beats_are_multiples_of_the_period():
+def test_cycles_are_multiples_of_the_period():
     times_s = list(itertools.islice(Rate(HandClock(), 0.01), 4))
     assert times_s == pytest.approx([0.0, 0.01, 0.02, 0.03])
 

@@ -28,11 +28,11 @@ def find_free_port():
         return probe.getsockname()[1]
 
 
-PATIENCE_S = 60.0
+TIMEOUT_S = 60.0
 """Long beside any delay of a busy machine: only tests of the timeout wait for it."""
 
 
-def until(condition, timeout_s=PATIENCE_S):
+def until(condition, timeout_s=TIMEOUT_S):
     end_s = time.monotonic() + timeout_s
     while not condition():
         assert time.monotonic() < end_s, "it does not happen"
@@ -76,7 +76,7 @@ def serve(port, arm="so101", name="desk", pose="home"):
 def served_once(_own_folder):
     """A served arm that has moved once: the first motion of an arm is slow."""
     with serve(find_free_port()) as it:
-        it.server.lease.timeout_s = PATIENCE_S
+        it.server.lease.timeout_s = TIMEOUT_S
         it.arm.pose("home")
         yield it
 
@@ -84,9 +84,9 @@ def served_once(_own_folder):
 @pytest.fixture
 def served(served_once, monkeypatch):
     """A served arm that holds, that nobody controls, and that is not stopped."""
-    monkeypatch.setattr("ikservo.network.connection._MAX_ROUND_TRIP_S", PATIENCE_S)
+    monkeypatch.setattr("ikservo.network.connection._MAX_ROUND_TRIP_S", TIMEOUT_S)
     served_once.arm.acknowledge()
-    served_once.server.lease.timeout_s = PATIENCE_S
+    served_once.server.lease.timeout_s = TIMEOUT_S
     yield served_once
     until(lambda: served_once.server.lease.holder is None)  # a client waits 1 s for that
 

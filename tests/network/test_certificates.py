@@ -113,7 +113,7 @@ def test_a_watcher_looks_and_stops(served, certificates):
     connection.close()
 
 
-def test_a_watcher_is_told_that_watching_is_all(served, certificates):
+def test_a_watcher_is_shown_that_watching_is_all(served, certificates):
     connection = served.connect(certificates["watcher"])
     for ask_to_drive in (connection.drive, connection.plan):
         with pytest.raises(RefusedError, match="does not let this machine drive it"):
@@ -208,7 +208,7 @@ def test_an_arm_served_without_tls_is_named_as_such(certificates):
     ("host", "why"),
     [("no-such-host.invalid", "no machine named"), ("127.0.0.1", "nothing listens there")],
 )
-def test_an_unknown_machine_is_told_from_one_that_serves_nothing(host, why):
+def test_an_unknown_machine_is_distinguished_from_one_that_serves_nothing(host, why):
     with socket.create_server(("127.0.0.1", 0)) as server:
         free_port = server.getsockname()[1]
     with pytest.raises(PortError, match=why), open_client([Endpoint("tcp", host, free_port)], None):

@@ -22,7 +22,7 @@ def after(clock, seconds):
     return clock.now_s()
 
 
-def test_a_second_operator_is_refused_and_told_who_controls_the_arm(lease):
+def test_a_second_operator_is_refused_and_reported_who_controls_the_arm(lease):
     lease.acquire("ada on laptop")
     with pytest.raises(RefusedError, match="ada on laptop controls the arm"):
         lease.acquire("bob on desk")

@@ -19,7 +19,7 @@ from ikservo.network.session import ask
 from ikservo.network.setpoint_inbox import SetpointInbox
 from servosim.faults import Fault
 from tests.arm.simulated import line_of, registers, true_joints
-from tests.network.conftest import PATIENCE_S, until
+from tests.network.conftest import TIMEOUT_S, until
 
 HOLD_S = 0.3
 
@@ -240,7 +240,7 @@ def test_a_silent_operator_loses_the_arm_which_holds(served):
 
     arm = lose(served, fall_silent)
     assert "was not heard for 0.3 s" in served.arm.stopped_for
-    served.server.lease.timeout_s = PATIENCE_S
+    served.server.lease.timeout_s = TIMEOUT_S
     with pytest.raises(LeaseLostError):
         arm.acknowledge()
     arm._connection.__class__.send_setpoint(arm._connection)

@@ -64,7 +64,7 @@ class Lab:
         self.server.send(what)
         return self.server.recv()
 
-    def told(self, name):
+    def reported(self, name):
         """Return the answer of an operator without the proxy."""
         self._answer.unlink(missing_ok=True)
         self.run(name, self._address, str(self._answer))
@@ -173,11 +173,11 @@ def check_return(lab, kind, held, figures):
     moving, stopped_for, _ = lab.ask("state")
     if moving or not stopped_for:
         figures.faults.append(f"{kind}: not latched: {stopped_for!r}")
-    refused = lab.told("try_to_move")
+    refused = lab.reported("try_to_move")
     moved = max((abs(tick - held) for _, tick in lab.ask("log")), default=0)
     if refused != 3 or moved > STILL_TICKS:
         figures.faults.append(f"{kind}: refused {refused} of 3, moved {moved} ticks")
-    if not lab.told("acknowledge_and_return"):
+    if not lab.reported("acknowledge_and_return"):
         figures.faults.append(f"{kind}: it does not move again")
 
 

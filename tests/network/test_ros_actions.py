@@ -311,8 +311,8 @@ def test_a_motion_that_ends_beside_its_goal_is_aborted(client, start):
 
 def test_a_motion_that_is_late_is_aborted(client, start):
     far = start - 1.5 if start > 0 else start + 1.5
-    patience = Duration(sec=0, nanosec=100_000_000)
-    number, _ = client.send(goal_to((0.1, far), goal_time_tolerance=patience))
+    tolerance = Duration(sec=0, nanosec=100_000_000)
+    number, _ = client.send(goal_to((0.1, far), goal_time_tolerance=tolerance))
     assert client.result(number)[:2] == (GoalStatus.ABORTED, ErrorCode.GOAL_TOLERANCE_VIOLATED)
 
 

@@ -30,7 +30,7 @@ from ikservo.network.session import open_router_client
 from ikservo.ros_bridge.bridge import RosBridge
 from ikservo.ros_bridge.trajectory_action import ACTION
 from tests.arm.simulated import true_joints, true_tip_m
-from tests.network.conftest import PATIENCE_S, find_free_port, serve, until
+from tests.network.conftest import TIMEOUT_S, find_free_port, serve, until
 from tests.network.ros_graph import HOST, Graph, bridged, router, trajectory
 
 CONSOLE = "import sys; from ikservo.cli.entry_point import console; console()"
@@ -325,7 +325,7 @@ def test_an_arm_of_another_machine_is_bridged(graph):
         served.open() as remote,
         RosBridge(session, remote, namespace="/far", speed="fast") as bridge,
     ):
-        served.server.lease.timeout_s = PATIENCE_S
+        served.server.lease.timeout_s = TIMEOUT_S
         start = true_joints(served.arm)["wrist_roll"]
         message = trajectory("wrist_roll", (1.0, start + 0.3))
         graph.publish("/far/joint_trajectory", message)

@@ -119,7 +119,7 @@ def test_present_speed_agrees_with_the_positions(make_port):
 
 
 @pytest.mark.parametrize(("threshold", "moving"), [(50, 1), (150, 0)])
-def test_moving_is_told_from_the_threshold_on(make_port, threshold, moving):
+def test_moving_is_reported_from_the_threshold_on(make_port, threshold, moving):
     port = make_port("STS3215")
     servo = port.line.servos[1]
     servo.write("moving_threshold", threshold)

@@ -13,7 +13,7 @@ rustypot = pytest.importorskip("rustypot")
 
 CONFIGS = Path(__file__).parents[2] / "configs"
 SERVE = "import sys, servosim; sys.exit(servosim.serve(sys.argv[1:]))"
-PATIENCE_S = 0.2  # of each answer: the machine of a test may be busy
+TIMEOUT_S = 0.2  # of each answer: the machine of a test may be busy
 
 
 @pytest.fixture
@@ -45,7 +45,7 @@ def wait_until_at(read, goal_rad):
 
 def test_pings_reads_and_moves_sts_servos(server):
     path = server(CONFIGS / "so101" / "arm.toml", "--pose", "home")
-    bus = rustypot.Sts3215PyController(path, 1_000_000, PATIENCE_S)
+    bus = rustypot.Sts3215PyController(path, 1_000_000, TIMEOUT_S)
     assert [bus.ping(id_) for id_ in (1, 6)] == [True, True]
     assert len(bus.sync_read_present_position([1, 2, 3, 4, 5, 6])) == 6
     bus.write_goal_position(1, 0.0)
@@ -58,7 +58,7 @@ def test_pings_reads_and_moves_sts_servos(server):
 
 def test_pings_reads_and_reboots_x_servos(server):
     path = server(CONFIGS / "koch" / "arm.toml", "--pose", "home")
-    bus = rustypot.Xl430PyController(path, 1_000_000, PATIENCE_S)
+    bus = rustypot.Xl430PyController(path, 1_000_000, TIMEOUT_S)
     assert [bus.ping(id_) for id_ in (1, 2)] == [True, True]
     assert bus.sync_read_present_position([1])[0] == pytest.approx(2048, abs=3)
     assert bus.reboot(2)
@@ -66,7 +66,7 @@ def test_pings_reads_and_reboots_x_servos(server):
 
 def test_moves_an_scs_servo(server):
     path = server("--servo", "1:scs0009")
-    bus = rustypot.Scs0009PyController(path, 1_000_000, PATIENCE_S)
+    bus = rustypot.Scs0009PyController(path, 1_000_000, TIMEOUT_S)
     bus.write_torque_enable(1, 1)
     bus.write_goal_position(1, 0.5)
     assert wait_until_at(lambda: bus.read_present_position(1)[0], 0.5) == pytest.approx(
@@ -76,7 +76,7 @@ def test_moves_an_scs_servo(server):
 
 def test_moves_an_mx_servo(server):
     path = server("--servo", "1:mx-28", "--baud", "1000000")
-    bus = rustypot.MxPyController(path, 1_000_000, PATIENCE_S)
+    bus = rustypot.MxPyController(path, 1_000_000, TIMEOUT_S)
     bus.write_torque_enable(1, True)
     bus.write_goal_position(1, 0.5)
     assert wait_until_at(lambda: bus.read_present_position(1)[0], 0.5) == pytest.approx(

@@ -280,7 +280,7 @@ def test_loose_servos_answer_at_the_rate_of_the_factory(server):
     assert answers == [(1060, 0, 0), (1060, 0, 0), (1200, 0, 0)]
 
 
-def test_loose_servos_speak_protocol_1_when_told_to(server):
+def test_loose_servos_speak_protocol_1_when_asked_to(server):
     _, path = server("--servo", "1:xl430-w250", "--baud", "1000000", "--protocol", "1")
     port = dynamixel(path)
     answer = first_reply(dynamixel_sdk.PacketHandler(1.0).ping, port, 1)

@@ -54,7 +54,7 @@ def arm_with(tmp_path, name, old, new):
 
 
 @pytest.mark.full
-def test_a_geared_joint_goes_where_it_is_told_and_its_horn_further(tmp_path):
+def test_a_geared_joint_goes_where_it_is_sent_and_its_horn_further(tmp_path):
     path = arm_with(tmp_path, "planar2", "zero_tick = 2048 }", "zero_tick = 2048, gear = 1.5 }")
     with ikservo.open_arm(path, port="sim", collisions=False) as arm:
         arm.move_joints({"joint1": 0.6})

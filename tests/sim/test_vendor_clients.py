@@ -55,12 +55,12 @@ def dynamixel(server):
     port.closePort()
 
 
-PATIENCE_S = 10.0  # the SDKs give up after 34 ms and less; a busy machine is away for longer
+TIMEOUT_S = 10.0  # the SDKs give up after 34 ms and less; a busy machine is away for longer
 
 
 def first_reply(ask, *request):
     """Ask until the answer comes: the machine of a test may be busy."""
-    end_s, tries = time.monotonic() + PATIENCE_S, 0
+    end_s, tries = time.monotonic() + TIMEOUT_S, 0
     while tries < 5 or time.monotonic() < end_s:
         answer = ask(*request)
         if succeeded(answer):

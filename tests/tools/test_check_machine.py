@@ -14,11 +14,11 @@ def headers(tmp_path):
 
 
 @pytest.mark.parametrize("machine", ["Linux aarch64", "Linux armv7l"])
-def test_a_raspberry_pi_without_a_compiler_is_told_what_to_install(machine, headers):
+def test_a_raspberry_pi_without_a_compiler_is_shown_what_to_install(machine, headers):
     assert missing_text(machine, None, headers).endswith(ADVICE)
 
 
-def test_a_raspberry_pi_without_pythons_headers_is_told_what_to_install(tmp_path):
+def test_a_raspberry_pi_without_pythons_headers_is_shown_what_to_install(tmp_path):
     assert missing_text("Linux aarch64", "/usr/bin/c++", tmp_path).endswith(ADVICE)
 
 

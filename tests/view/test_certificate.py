@@ -76,17 +76,17 @@ def damage(path, kind):
 
 
 @pytest.mark.parametrize("kind", ["empty", "garbage", "without key", "another key", "cut off"])
-def test_a_damaged_one_is_told_with_the_way_out_and_is_not_replaced(tmp_path, kind):
+def test_a_damaged_one_is_reported_with_the_way_out_and_is_not_replaced(tmp_path, kind):
     made = load_or_make_certificate(ADDRESS, tmp_path)
     damage(made.path, kind)
     before = made.path.read_bytes()
-    with pytest.raises(CertificateError, match="cannot be used: it holds no") as told:
+    with pytest.raises(CertificateError, match="cannot be used: it holds no") as reported:
         load_or_make_certificate(ADDRESS, tmp_path)
-    assert "Delete the file" in told.value.command_hint
+    assert "Delete the file" in reported.value.command_hint
     assert made.path.read_bytes() == before
 
 
-def test_an_expired_one_is_told(tmp_path, monkeypatch):
+def test_an_expired_one_is_reported(tmp_path, monkeypatch):
     class Later(datetime):
         @classmethod
         def now(cls, tz=UTC):
@@ -98,7 +98,7 @@ def test_an_expired_one_is_told(tmp_path, monkeypatch):
         load_or_make_certificate(ADDRESS, tmp_path)
 
 
-def test_a_folder_that_cannot_be_written_is_told(tmp_path):
+def test_a_folder_that_cannot_be_written_is_reported(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(FileWriteError, match="cannot be written"):
         load_or_make_certificate(ADDRESS, tmp_path / "file")
@@ -165,9 +165,9 @@ def test_beyond_this_machine_plain_http_has_to_be_asked_for(
     with app as urls:
         assert urls.control.startswith(f"{scheme}://")
         assert bool(urls.fingerprint) == (scheme == "https")
-        told = " ".join(urls.warnings)
-    assert ("alter it" in told) == (listen is None and insecure)
-    assert ("fingerprint" in told) == (scheme == "https")
+        reported = " ".join(urls.warnings)
+    assert ("alter it" in reported) == (listen is None and insecure)
+    assert ("fingerprint" in reported) == (scheme == "https")
 
 
 def test_an_address_that_is_none_makes_no_certificate(tmp_path, monkeypatch):

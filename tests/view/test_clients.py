@@ -74,7 +74,7 @@ def test_a_person_may_open_the_page():
     assert server(upgrade=False)
 
 
-def test_a_link_from_elsewhere_may_be_followed():
+def test_a_link_from_in_another_place_may_be_followed():
     assert server(upgrade=False, sec_fetch_site="cross-site", sec_fetch_mode="navigate",
                 sec_fetch_dest="document")  # fmt: skip
 

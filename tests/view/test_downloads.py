@@ -50,7 +50,7 @@ def test_a_file_is_served_once(url, offers):
     assert httpx.get(address).status_code == 404
 
 
-def test_an_address_that_nobody_was_told_serves_nothing(url):
+def test_an_address_that_nobody_was_given_serves_nothing(url):
     assert httpx.get(f"{url}/download/{'A' * 32}").status_code == 404
 
 

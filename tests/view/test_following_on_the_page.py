@@ -38,7 +38,7 @@ class Pair:
         self.say(FollowArm, "follow_arm", leader=leader)
         return self
 
-    def told(self):
+    def reported(self):
         """Return what the page is told of the following, at each call with a heartbeat."""
         self.say(Heartbeat, "heartbeat", visible=True)
         for frame in self.follower.frames(self.page):
@@ -53,7 +53,7 @@ class Pair:
         return here + by_rad
 
     def until(self, true):
-        until(lambda: self.told() and true(), lambda: (self.following, self.notices()))
+        until(lambda: self.reported() and true(), lambda: (self.following, self.notices()))
         return self
 
     def until_followed(self):
@@ -87,7 +87,7 @@ def test_the_follower_goes_where_the_leader_is_led_and_says_how_far_behind_it_is
     assert pair.notices() == [None, None]
 
 
-def test_a_refused_target_is_told_and_the_follower_keeps_the_one_before(pair, monkeypatch):
+def test_a_refused_target_is_reported_and_the_follower_keeps_the_one_before(pair, monkeypatch):
     def refuse(*_):
         raise RefusedError("The cup is in the way.")
 
@@ -125,12 +125,12 @@ def silence_servo(pair):
     ids=["leader's cable", "leader's stop", "follower's servo", "follower's stop"],
 )
 def test_a_fault_of_either_ends_it_and_nothing_moves_until_it_is_acknowledged(
-    pair, fault, told, leader_too
+    pair, fault, reported, leader_too
 ):
     pair.follow().until_followed()
     fault(pair)
     pair.until(lambda: pair.notices()[0] and pair.following["leader"] is None)
-    assert told in pair.notices()[0].message
+    assert reported in pair.notices()[0].message
     until(lambda: pair.leader.arm_thread.job is None)
     until(lambda: bool(pair.notices()[1]) == leader_too)
     goals = registers(pair.follower.arm_thread.arm, "goal_position")

@@ -38,11 +38,11 @@ def act(session, action, on_progress=None):
     """Start an action and let the arm thread carry it out, with heartbeats."""
     session.send_message(page_messages.Heartbeat, visible=True)
     session.send_message(page_messages.ArmAction, action=action)
-    arm_thread, told = session.arm_thread, session.arm_thread.on_progress
+    arm_thread, reported = session.arm_thread, session.arm_thread.on_progress
 
     def tell(progress):
         session.send_message(page_messages.Heartbeat, visible=True)
-        told(progress)
+        reported(progress)
         if on_progress:
             on_progress()
 
@@ -148,7 +148,7 @@ def test_a_stop_on_the_way_holds_until_acknowledged(session):
 
 
 @pytest.mark.full
-def test_relax_lowers_the_arm_and_release_lets_go_and_neither_is_told_as_lost_torque(session):
+def test_relax_lowers_the_arm_and_release_lets_go_and_neither_is_reported_as_lost_torque(session):
     act(session, "release")
     assert not any(registers(session.arm, "torque_enable").values())
     session.arm_thread.step()
@@ -157,8 +157,8 @@ def test_relax_lowers_the_arm_and_release_lets_go_and_neither_is_told_as_lost_to
     act(session, "relax")
     assert not any(registers(session.arm, "torque_enable").values())
     session.arm_thread.step()
-    told = [entry.message for entry in session.arm_thread.snapshot.messages]
-    assert told == [
+    reported = [entry.message for entry in session.arm_thread.snapshot.messages]
+    assert reported == [
         "Torque of all servos switched off from the page.",
         "The arm was lowered to its rest pose; torque is off.",
     ]

@@ -52,7 +52,7 @@ def test_positions_and_goals_are_kept_in_degrees_and_millimetres():
     assert column(history, "error", "slide") == pytest.approx([10.0])
 
 
-def test_what_was_not_measured_is_told_apart_from_zero():
+def test_what_was_not_measured_is_distinguished_from_zero():
     history = make_history()
     history.record(snapshot(load_percent=None), LinkStatistics(0, None), 0.0)
     for quantity in ("goal", "error", "load", "current"):
@@ -199,7 +199,7 @@ def test_the_seconds_before_a_stop_are_sent_once_and_with_the_reason():
         (chosen("position", stopped=True), "Nothing has stopped"),
     ],
 )
-def test_what_cannot_be_plotted_is_told(message, words):
+def test_what_cannot_be_plotted_is_reported(message, words):
     with pytest.raises(BadMessageError, match=words):
         PlotFeed().choose(1, message, make_history())
 

@@ -56,26 +56,26 @@ def test_a_page_that_lags_is_not_taken_for_an_attack(intake):
 @pytest.mark.parametrize(
     "press", [POINTER | {"phase": "down"}, {"kind": "drag_tool", "phase": "down"}]
 )
-def test_of_a_press_on_an_old_picture_its_person_is_told(intake, press):
+def test_of_a_press_on_an_old_picture_its_person_is_informed(intake, press):
     intake.record_sent(0.0)
     with pytest.raises(StalePressError, match="more than 1 s old: nothing was done"):
         intake.accept(text(1, 0, **press), 9.0)
 
 
 @pytest.mark.parametrize("phase", ["hover", "move", "up"])
-def test_of_a_pointer_that_only_passes_over_an_old_picture_nobody_is_told(intake, phase):
+def test_of_a_pointer_that_only_passes_over_an_old_picture_nobody_is_informed(intake, phase):
     intake.record_sent(0.0)
     with pytest.raises(StaleMessageError) as caught:
         intake.accept(text(1, 0, **POINTER | {"phase": phase}), 9.0)
     assert not isinstance(caught.value, StalePressError)
 
 
-def test_a_page_that_says_too_late_that_it_is_hidden_is_heard(intake):
+def test_a_page_that_says_too_late_that_it_is_hidden_is_believed(intake):
     intake.record_sent(0.0)
     assert not intake.accept(text(1, kind="heartbeat", visible=False), 9.0).visible
 
 
-def test_a_page_that_is_slow_to_be_laid_out_is_still_heard_about_its_size(intake):
+def test_a_page_that_is_slow_to_be_laid_out_is_still_asked_about_its_size(intake):
     intake.record_sent(0.0)
     view_state = {"kind": "viewport", "w": 640, "h": 480, "dpr": 1.0, "view": "side"}
     assert intake.accept(text(1, **view_state), 9.0).h == 480

@@ -12,7 +12,7 @@ from tests.view.view_session import ViewSession
 UNDER_WAY = 24  # cycles
 
 
-def told_of(arm, kind, **fields):
+def reported_of(arm, kind, **fields):
     """Return the notice of a page whose arm has a fault on its way."""
     return snapshot_after(arm, kind, **fields).stop_notice
 
@@ -34,25 +34,25 @@ def snapshot_after(arm, kind, **fields):
 
 
 @pytest.mark.parametrize("arm", ["koch", "wx250s"])
-def test_a_brown_out_that_ends_before_servos_count_as_silent_is_told_as_one(arm):
-    notice = told_of(arm, "brownout", for_s=0.15)
+def test_a_brown_out_that_ends_before_servos_count_as_silent_is_reported_as_one(arm):
+    notice = reported_of(arm, "brownout", for_s=0.15)
     assert "reset: torque is off" in notice.message
     assert notice.hint.startswith("Its supply voltage may have dropped.")
 
 
 @pytest.mark.parametrize("arm", ["so101", "koch"])
-def test_a_low_supply_is_told_with_what_to_do_about_a_supply(arm):
-    notice = told_of(arm, "voltage", volts=3.0)
+def test_a_low_supply_is_reported_with_what_to_do_about_a_supply(arm):
+    notice = reported_of(arm, "voltage", volts=3.0)
     assert "supply" in notice.message
     assert notice.hint.startswith("Check the power supply")
 
 
-def test_a_blocked_joint_is_still_told_as_one_that_does_not_follow():
-    notice = told_of("koch", "stuck")
+def test_a_blocked_joint_is_still_reported_as_one_that_does_not_follow():
+    notice = reported_of("koch", "stuck")
     assert "does not follow" in notice.message
 
 
-def test_a_stop_on_its_way_is_told_with_what_to_do_on_the_page():
+def test_a_stop_on_its_way_is_reported_with_what_to_do_on_the_page():
     with ViewSession() as session:
         session.enable_live()
         session.send_message(page_messages.SetJoint, joint="wrist_roll", value=25.0)
@@ -72,22 +72,22 @@ def test_a_stop_on_its_way_is_told_with_what_to_do_on_the_page():
 @pytest.mark.parametrize(
     ("arm", "celsius"), [("so101", 68), ("so101", 90), ("koch", 72), ("koch", 90)]
 )
-def test_a_hot_servo_is_told_as_one_with_what_to_do_on_the_page(arm, celsius):
+def test_a_hot_servo_is_reported_as_one_with_what_to_do_on_the_page(arm, celsius):
     joint = servo_id(arm, "shoulder_lift")
     snapshot = snapshot_after(arm, "hot", id=joint, celsius=celsius)
-    told = [entry.message for entry in snapshot.messages]
-    assert not [message for message in told if "without being told to" in message]
-    assert told[0].startswith("shoulder_lift ")
+    reported = [entry.message for entry in snapshot.messages]
+    assert not [message for message in reported if "without being told to" in message]
+    assert reported[0].startswith("shoulder_lift ")
     assert "ikservo relax" not in snapshot.stop_notice.hint
 
 
 @pytest.mark.full
 def test_a_hot_arm_that_was_lowered_by_itself_is_said_to_be_limp():
-    notice = told_of("koch", "hot", id=servo_id("koch", "shoulder_lift"), celsius=72)
+    notice = reported_of("koch", "hot", id=servo_id("koch", "shoulder_lift"), celsius=72)
     assert notice.message.endswith("torque is off, the arm is limp.")
 
 
-def test_a_pulled_cable_is_told_as_one_until_the_port_is_back(monkeypatch):
+def test_a_pulled_cable_is_reported_as_one_until_the_port_is_back(monkeypatch):
     with ViewSession() as session:
         line_of(session.arm).plugged = False
         session.arm_thread.step()

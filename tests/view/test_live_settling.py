@@ -91,11 +91,11 @@ def test_another_click_ends_settling_and_is_followed(koch):
 
 @pytest.mark.full
 def test_a_page_that_falls_silent_while_the_arm_settles_ends_live(koch):
-    def beat(_):
+    def on_cycle(_):
         if not koch.settling:
             koch.send_message(page_messages.Heartbeat, visible=True)
 
-    koch.run(4000, beat, heartbeats=False)
+    koch.run(4000, on_cycle, heartbeats=False)
     assert not koch.latest_frames()["status"]["live"]
 
 
@@ -107,7 +107,7 @@ def test_a_stop_while_the_arm_settles_is_obeyed(koch):
 
 
 @pytest.mark.full
-def test_a_refused_target_is_told_once_however_long_the_arm_stands(koch):
+def test_a_refused_target_is_reported_once_however_long_the_arm_stands(koch):
     koch.run_until(lambda: koch.settled)
     koch.enable_live().send_message(page_messages.SetTool, what="z", value=-40.0)
     koch.run(300)

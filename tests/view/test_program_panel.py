@@ -50,7 +50,7 @@ def run(session, action="play", step=None, on_cycle=lambda _count: None):
     arm_thread, count = session.arm_thread, 0
     before = {name: getattr(arm_thread, name) for name in ("on_progress", "on_idle")}
 
-    def told(name):
+    def reported(name):
         def tell(*progress):
             nonlocal count
             count += 1
@@ -61,7 +61,7 @@ def run(session, action="play", step=None, on_cycle=lambda _count: None):
         return tell
 
     for name in before:
-        setattr(arm_thread, name, told(name))
+        setattr(arm_thread, name, reported(name))
     session.send_message(page_messages.Heartbeat, visible=True)
     arm_thread.step()
     for name in before:
@@ -307,7 +307,7 @@ def record(session, on_cycle, cycles=60):
     session.send_message(msg.RecordStep, on=True)
     idle, count = session.arm_thread.on_idle, 0
 
-    def told():
+    def reported():
         nonlocal count
         count += 1
         session.send_message(page_messages.Heartbeat, visible=True)
@@ -316,7 +316,7 @@ def record(session, on_cycle, cycles=60):
         if count == cycles // 5:
             session.send_message(msg.RecordStep, on=False)
 
-    session.arm_thread.on_idle = told
+    session.arm_thread.on_idle = reported
     session.send_message(page_messages.Heartbeat, visible=True)
     session.arm_thread.step()
     session.arm_thread.on_idle = idle

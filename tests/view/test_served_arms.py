@@ -38,7 +38,7 @@ def served(*places):
 
 
 @pytest.fixture
-def desk():
+def two_arms():
     """Two simulated arms that hold, and a client of the list who may move them."""
     with served(("so101", "sim:?pose=home"), ("koch", "sim:?pose=home")) as (arms, listed):
         for arm in arms.all():
@@ -67,8 +67,8 @@ def live(arm):
 
 
 @pytest.mark.full
-def test_one_arm_is_stopped_and_the_other_stays_live_until_all_are_stopped(desk):
-    arms, listed = desk
+def test_one_arm_is_stopped_and_the_other_stays_live_until_all_are_stopped(two_arms):
+    arms, listed = two_arms
     for arm in arms.all():
         live(arm)
     client = listed.connect(Permission.CONTROL)
@@ -83,8 +83,8 @@ def test_one_arm_is_stopped_and_the_other_stays_live_until_all_are_stopped(desk)
 
 @pytest.mark.full
 @pytest.mark.parametrize("key", ["Space", "Escape"])
-def test_every_arm_that_a_key_stopped_says_so(desk, key):
-    arms, listed = desk
+def test_every_arm_that_a_key_stopped_says_so(two_arms, key):
+    arms, listed = two_arms
     client = listed.connect(Permission.CONTROL)
     for arm in arms.all():
         live(arm)
@@ -95,8 +95,8 @@ def test_every_arm_that_a_key_stopped_says_so(desk, key):
 
 
 @pytest.mark.full
-def test_a_pulled_cable_stops_its_arm_alone(desk):
-    arms, listed = desk
+def test_a_pulled_cable_stops_its_arm_alone(two_arms):
+    arms, listed = two_arms
     for arm in arms.all():
         live(arm)
     client = listed.connect(Permission.WATCH)
@@ -108,8 +108,8 @@ def test_a_pulled_cable_stops_its_arm_alone(desk):
 
 
 @pytest.mark.full
-def test_an_arm_is_opened_and_closed_without_power_and_its_pages_are_told(desk):
-    arms, listed = desk
+def test_an_arm_is_opened_and_closed_without_power_and_its_pages_are_reported(two_arms):
+    arms, listed = two_arms
     client = listed.connect(Permission.CONTROL)
     listed._choices.start()
     listed._choices.wait()
@@ -130,8 +130,8 @@ def test_an_arm_is_opened_and_closed_without_power_and_its_pages_are_told(desk):
 
 
 @pytest.mark.full
-def test_a_second_arm_of_a_kind_has_a_name_of_its_own(desk):
-    arms, _ = desk
+def test_a_second_arm_of_a_kind_has_a_name_of_its_own(two_arms):
+    arms, _ = two_arms
     arms.start_opening(ArmAtPort(load_model("koch"), "sim"))
     until(lambda: arms.find("koch-2"))
     assert [arm.name for arm in arms.all()] == ["so101", "koch", "koch-2"]
@@ -149,8 +149,8 @@ def test_an_arm_that_cannot_be_opened_says_why_and_leaves_the_others_alone():
         until(lambda: "koch" not in said(listed, client))
 
 
-def test_a_port_that_is_not_offered_or_in_use_is_refused(desk, monkeypatch):
-    arms, listed = desk
+def test_a_port_that_is_not_offered_or_in_use_is_refused(two_arms, monkeypatch):
+    arms, listed = two_arms
     client = listed.connect(Permission.CONTROL)
     listed._choices.start()
     listed._choices.wait()
@@ -164,8 +164,8 @@ def test_a_port_that_is_not_offered_or_in_use_is_refused(desk, monkeypatch):
     assert [arm.name for arm in arms.all()] == ["so101", "koch"]
 
 
-def test_who_may_only_watch_sees_the_arms_and_opens_stops_and_closes_none(desk):
-    arms, listed = desk
+def test_who_may_only_watch_sees_the_arms_and_opens_stops_and_closes_none(two_arms):
+    arms, listed = two_arms
     client = listed.connect(Permission.WATCH)
     assert set(said(listed, client)) == {"so101", "koch"}
     for kind, fields in [("find_choices", {}), ("open_arm", {"arm": "koch", "port": "sim"}),

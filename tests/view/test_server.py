@@ -64,7 +64,7 @@ def test_the_page_is_served(url):
 
 
 @pytest.mark.parametrize("path", PAGES)
-def test_nothing_is_loaded_from_elsewhere(url, path):
+def test_nothing_is_loaded_from_in_another_place(url, path):
     policy = httpx.get(url + path).headers["content-security-policy"]
     assert "default-src 'none'" in policy
     assert "http" not in policy
@@ -121,7 +121,7 @@ def test_the_key_in_the_query_of_a_url_opens_nothing(url, keys, visit):
     assert client.closing_code() == 4401
 
 
-def test_a_visitor_with_a_key_is_let_in(visit, controller, keys):
+def test_a_client_with_a_key_is_let_in(visit, controller, keys):
     visit().prove(keys.control).receive_kind("scene")
     assert controller.rights == [Permission.CONTROL]
 
@@ -170,7 +170,7 @@ def test_a_proof_that_was_overheard_opens_nothing(visit, keys, controller):
     assert not controller.rights
 
 
-def test_what_a_visitor_says_is_heard(visit, controller, keys):
+def test_a_message_of_a_client_is_received(visit, controller, keys):
     client = visit().prove(keys.control)
     scene = client.receive_kind("scene")["seq"]
     client.send_message("stop", scene)
@@ -179,7 +179,7 @@ def test_what_a_visitor_says_is_heard(visit, controller, keys):
     assert [message.kind for message in controller.received] == ["stop"]
 
 
-def test_a_replayed_message_is_refused_and_not_heard_again(visit, controller, keys):
+def test_a_replayed_message_is_refused_and_not_received_again(visit, controller, keys):
     client = visit().prove(keys.control)
     client.send_message("stop")
     client.seq -= 1
@@ -234,14 +234,14 @@ def test_who_leaves_is_forgotten(visit, controller, keys, url):
 
 
 @pytest.mark.parametrize(("full", "free"), [("watch", "control"), ("control", "watch")])
-def test_sixteen_visitors_of_one_key_lock_out_none_of_the_other(visit, keys, full, free):
+def test_sixteen_clients_of_one_key_lock_out_none_of_the_other(visit, keys, full, free):
     for _ in range(16):
         visit().prove(getattr(keys, full)).receive_kind("scene")
     assert visit().prove(getattr(keys, full)).closing_code() == 1013
     assert visit().prove(getattr(keys, free)).receive_kind("scene")
 
 
-def test_a_crowd_of_strangers_keeps_nobody_out(visit, keys):
+def test_a_flood_of_unknown_clients_keeps_nobody_out(visit, keys):
     strangers = [visit() for _ in range(16)]
     visit().prove(keys.control).receive_kind("scene")
     assert strangers[0].closing_code() == 1013
@@ -292,7 +292,7 @@ def is_open(waiting):
         return False
 
 
-def test_an_address_in_use_is_told(url):
+def test_an_address_in_use_is_reported(url):
     from ikservo.errors import PortError
 
     port = int(url.rpartition(":")[2])

@@ -115,8 +115,8 @@ def test_a_turn_past_the_joints_is_said_and_its_target_is_not_reached(session):
     for _ in range(60):
         session.latest_frames()
     assert not session.interaction.marker.reached
-    told = session.interaction.messages[-1].message
-    assert told.startswith("The tool cannot be turned like that here (")
+    reported = session.interaction.messages[-1].message
+    assert reported.startswith("The tool cannot be turned like that here (")
 
 
 def test_moves_without_a_press_and_after_a_stop_change_nothing(session):

@@ -110,8 +110,10 @@ def test_one_servo_is_released_and_held_again_without_moving_and_the_others_hold
     session.arm_thread.step()
     assert all(registers(session.arm, "torque_enable").values())
     assert abs(session.ticks()[elbow] - before[elbow]) <= 1
-    told = [entry.message for entry in session.arm_thread.snapshot.messages]
-    assert told == [f"Torque of wrist_roll switched {to} from the page." for to in ("off", "on")]
+    reported = [entry.message for entry in session.arm_thread.snapshot.messages]
+    assert reported == [
+        f"Torque of wrist_roll switched {to} from the page." for to in ("off", "on")
+    ]
 
 
 def test_torque_is_not_switched_while_the_arm_follows_or_was_stopped(session):

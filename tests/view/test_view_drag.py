@@ -649,7 +649,7 @@ def test_after_a_drag_the_nearest_is_first_again():
     assert drag.hover(px, view_state) == names[0]
 
 
-def test_elsewhere_the_nearest_is_first_again():
+def test_in_another_place_the_nearest_is_first_again():
     px, view_state, names = behind_each_other()
     drag = drag_of("so101")
     drag.select_next(px, view_state)

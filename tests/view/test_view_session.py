@@ -207,7 +207,7 @@ def test_a_stop_after_an_acknowledgement_stands(session):
     assert session.latest_frames()["status"]["mode"] == "stopped"
 
 
-def test_a_fault_of_the_view_itself_is_told(session):
+def test_a_fault_of_the_view_itself_is_reported(session):
     def fail():
         raise ZeroDivisionError
 
@@ -322,7 +322,7 @@ def pixel_of_hub(session, joint):
     return session.camera().project(dial.hub(link_poses(chain, q, {}), q))[0].tolist()
 
 
-def test_what_is_under_the_pointer_is_told_by_depth(session):
+def test_what_is_under_the_pointer_is_reported_by_depth(session):
     session.point("hover", *pixel_of_hub(session, "elbow_flex"))
     under = session.latest_frames()["status"]["under"]
     links = [row for row in under if row["depth"]]
@@ -374,7 +374,7 @@ def test_a_drag_is_answered_by_the_chosen_method_and_goes_on_while_the_pointer_r
     assert session.interaction.marker.gap_m < 2e-3
 
 
-def test_the_preferred_posture_is_told_and_leans_where_the_tip_leaves_freedom(session):
+def test_the_preferred_posture_is_reported_and_leans_where_the_tip_leaves_freedom(session):
     session.send_message(page_messages.PreferPosture, pose="rest", weights={"shoulder_pan": 0.0})
     session.click(480, 300)
     leaning, gestures = session.interaction.goal, session.interaction
@@ -406,7 +406,7 @@ def test_a_preference_that_makes_no_sense_is_refused(session, fields, why):
     assert session.latest_frames()["status"]["preference"]["pose"] == "none"
 
 
-def test_an_iteration_that_ends_elsewhere_does_not_call_it_the_nearest_point(session):
+def test_an_iteration_that_ends_at_another_point_does_not_call_it_the_nearest_point(session):
     session.send_message(page_messages.SetSolver, name="transpose")
     session.click(60, 60)
     assert "transpose ended" in session.latest_frames()["status"]["messages"][-1]["message"]
@@ -434,7 +434,7 @@ def test_manipulability_is_that_of_the_jacobian(session):
     assert unit == "m³"
 
 
-def test_the_nearest_singularity_and_hidden_links_are_told_once_the_arm_rests(session):
+def test_the_nearest_singularity_and_hidden_links_are_reported_once_the_arm_rests(session):
     assert later(session, "singularity").endswith(("inside the limits", "elbow_flex"))
     session.send_message(page_messages.SetViewport, w=900, h=700, dpr=1, view="top")
     assert "shoulder (by " in later(session, "hidden here")
@@ -488,7 +488,7 @@ def test_an_unknown_pose_is_refused_with_the_known_ones(session):
 @pytest.mark.parametrize(
     ("pose", "joint", "upper_deg"), [("rest", "elbow_flex", 80.0), ("home", "wrist_flex", 57.0)]
 )
-def test_a_pose_beyond_narrower_limits_is_gone_to_at_the_limit_and_told(pose, joint, upper_deg):
+def test_a_pose_beyond_narrower_limits_is_gone_to_at_the_limit_and_reported(pose, joint, upper_deg):
     model = narrowed("so101", **{joint: (-90.0, upper_deg)})
     with ViewSession(open_arm(model, f"sim:{model.path}?pose=zero")) as session:
         session.send_message(page_messages.GoToPose, name=pose)
@@ -511,7 +511,7 @@ def test_the_goal_of_a_wheel_is_a_degree_a_notch(session):
     assert math.degrees(np.abs(turned).max()) == pytest.approx(3.0, abs=0.3)
 
 
-def test_commands_to_the_pilot_are_posted_whole(session):
+def test_commands_to_the_arm_thread_are_posted_whole(session):
     command = replace(session.arm_thread.command, speed="fast")
     session.arm_thread.post(command)
     assert session.arm_thread.command is command
@@ -519,7 +519,7 @@ def test_commands_to_the_pilot_are_posted_whole(session):
         session.arm_thread.command = command
 
 
-def test_a_page_that_has_told_no_size_has_no_camera(session):
+def test_a_page_that_has_sent_no_size_has_no_camera(session):
     client = Client(9, Permission.WATCH, Viewpoint("side"))
     with pytest.raises(BadMessageError, match="size of its drawing"):
         FrameComposer(
@@ -527,7 +527,7 @@ def test_a_page_that_has_told_no_size_has_no_camera(session):
         ).camera(client)
 
 
-def test_a_gesture_before_the_size_is_told_is_no_gesture(session):
+def test_a_gesture_before_the_size_is_reported_is_no_gesture(session):
     client = session.controller.connect(Permission.CONTROL)
     session.send_message(page_messages.TakeControl, client, on=True)
     session.point("down", 400, 300, client)

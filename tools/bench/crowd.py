@@ -36,7 +36,7 @@ def say(s, words):
 crowd = [one() for _ in range(200)]
 print("there", flush=True)
 """
-_CROWDS = {
+_CLIENT_COUNTS = {
     "200 idle sockets": "time.sleep(1000)",
     "200 sockets, a byte a second each": """
 while True:
@@ -62,10 +62,10 @@ while True:
 
 
 @contextmanager
-def crowded(crowd: str, url: str) -> Generator[None]:
+def crowded(clients: str, url: str) -> Generator[None]:
     """Keep a crowd of clients connected as long as the block lasts."""
     host, port = url.removeprefix("http://").split(":")
-    command = [sys.executable, "-c", _OPEN + _CROWDS[crowd], host, port]
+    command = [sys.executable, "-c", _OPEN + _CLIENT_COUNTS[clients], host, port]
     with subprocess.Popen(command, stdout=subprocess.PIPE) as process:
         if process.stdout is not None:
             process.stdout.readline()
@@ -75,7 +75,7 @@ def crowded(crowd: str, url: str) -> Generator[None]:
             process.kill()
 
 
-def beats_ms(house: ServedArm, page: Page) -> list[float]:
+def cycles_ms(house: ServedArm, page: Page) -> list[float]:
     """Return the cycle times while the arm is dragged by a page that draws."""
     at_s: list[float] = []
     on_cycle = house.arm_thread.on_cycle
@@ -104,14 +104,14 @@ def main() -> None:
     """Measure and print."""
     print(f"{os.cpu_count()} cores, load {os.getloadavg()[0]:.1f}")
     with served("so101", "home") as (house, page):
-        for crowd in _CROWDS:
+        for clients in _CLIENT_COUNTS:
             alone: list[float] = []
             among: list[float] = []
             for _ in range(ROUNDS):
-                alone += beats_ms(house, page)
-                with crowded(crowd, page.url):
-                    among += beats_ms(house, page)
-            print(f"{crowd}: cycle p50 {median(alone):.2f} -> {median(among):.2f} ms, "
+                alone += cycles_ms(house, page)
+                with crowded(clients, page.url):
+                    among += cycles_ms(house, page)
+            print(f"{clients}: cycle p50 {median(alone):.2f} -> {median(among):.2f} ms, "
                   f"p99 {p99(alone):.2f} -> {p99(among):.2f} ms "
                   f"({100 * (p99(among) / p99(alone) - 1):+.0f} %)")  # fmt: skip
     print(f"load {os.getloadavg()[0]:.1f}")

@@ -95,8 +95,12 @@ def _obeyed_s(
 ) -> float:
     deadline_s = said_s + 1.0
     while time.perf_counter() < deadline_s:
-        for at_s, wish in out[-20:]:
-            if at_s > said_s and wish is not before and wish is house.arm_thread.command.goal:
+        for at_s, setpoint in out[-20:]:
+            if (
+                at_s > said_s
+                and setpoint is not before
+                and setpoint is house.arm_thread.command.goal
+            ):
                 return at_s
         time.sleep(0.0005)
     return deadline_s
@@ -143,23 +147,23 @@ def _note_arrivals(house: ServedArm, times: dict[str, float], said_s: float) -> 
 def drag() -> tuple[int, int]:
     """Return how many moves of a drag were received, and the maximum lag."""
     with served("so101", "home") as (house, page):
-        heard: list[int] = []
-        hear: Callable[..., None] = house.controller.receive
+        received: list[int] = []
+        receive: Callable[..., None] = house.controller.receive
         said = 0
 
-        def receive(client_id: int, message: Any) -> None:  # noqa: ANN401
-            hear(client_id, message)
+        def receive_counted(client_id: int, message: Any) -> None:  # noqa: ANN401
+            receive(client_id, message)
             if isinstance(message, Pointer) and message.phase == "move":
-                heard.append(said - len(heard) - 1)
+                received.append(said - len(received) - 1)
 
-        house.controller.receive = receive
+        house.controller.receive = receive_counted
         grab(house, page, 560, 250)
         for count in range(MOVES):
             said += 1
             page.point("move", 560 - count / 2, 250 + count / 4)
             page.live_for(1 / 60)
         page.live_for(0.5)
-        return len(heard), max(heard)
+        return len(received), max(received)
 
 
 def traffic_kb_s(view: str, *, webgl: bool) -> tuple[float, float]:
@@ -300,8 +304,8 @@ def print_arrivals() -> None:
 
 def print_drag() -> None:
     """Count moves that are lost."""
-    heard, lag = drag()
-    print(f"one drag of {MOVES} moves: {MOVES - heard} lost, at most {lag} behind")
+    received, lag = drag()
+    print(f"one drag of {MOVES} moves: {MOVES - received} lost, at most {lag} behind")
 
 
 def print_frames() -> None:

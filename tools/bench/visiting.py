@@ -32,11 +32,11 @@ class Page:
         self._socket, self._seq, self._seen = socket, 0, 0
         self.received_bytes = 0
         socket.send(
-            json.dumps({"kind": "hello", "proof": challenge_response(key, self.hear()["nonce"])})
+            json.dumps({"kind": "hello", "proof": challenge_response(key, self.receive()["nonce"])})
         )
         self.say("viewport", w=900, h=700, dpr=1, view="side")
 
-    def hear(self, timeout_s: float = 10.0) -> dict[str, Any]:
+    def receive(self, timeout_s: float = 10.0) -> dict[str, Any]:
         """Return the next message."""
         text = str(self._socket.recv(timeout=timeout_s))
         self.received_bytes += len(text.encode())
@@ -60,14 +60,14 @@ class Page:
         end_s = time.monotonic() + seconds
         with contextlib.suppress(TimeoutError):
             while True:
-                self.hear(max(0.0, end_s - time.monotonic()))
+                self.receive(max(0.0, end_s - time.monotonic()))
 
     def live_for(self, seconds: float) -> None:
         """Receive scenes and send heartbeats, as a page does."""
         end_s = time.monotonic() + seconds
         while True:
             try:
-                if self.hear(max(0.0, end_s - time.monotonic()))["kind"] == "scene":
+                if self.receive(max(0.0, end_s - time.monotonic()))["kind"] == "scene":
                     self.say("heartbeat", visible=True)
             except TimeoutError:
                 return

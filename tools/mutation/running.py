@@ -38,7 +38,7 @@ __all__ = ["is_entered", "preload", "run"]
 _POLL_S = 0.005
 _SURVIVED, _KILLED, _NOT_LOADED = 1, 0, 2
 # A mutant may make a loop run on: a test then has this many times as long as without it.
-_PATIENCE, _GRACE_S = 3.0, 2.0
+_TIMEOUT_S, _GRACE_S = 3.0, 2.0
 # Importing everything again takes a few seconds, and kernels as plain Python are slow.
 _IMPORT_S, _PLAIN = 10.0, 30.0
 # A mutant may also wait for what never comes, which takes no time of the processor; others may
@@ -149,7 +149,7 @@ class _Module:
         for i, following in itertools.zip_longest(entering, entering[1:]):
             item = self.tests.items[i]
             item.config.pluginmanager.register(failures)
-            _limit(_PATIENCE * self.tests.cost_s[i] + _GRACE_S)
+            _limit(_TIMEOUT_S * self.tests.cost_s[i] + _GRACE_S)
             after = None if following is None else self.tests.items[following]
             item.ihook.pytest_runtest_protocol(item=item, nextitem=after)
             item.config.pluginmanager.unregister(failures)
@@ -165,7 +165,7 @@ class _Module:
             using = sorted(self.own)
         using = self._likeliest(using)
         cost_s = sum(self.tests.cost_s[i] for i in using)
-        slower = _PLAIN if mutant.package.is_plain(mutant.module) else _PATIENCE
+        slower = _PLAIN if mutant.package.is_plain(mutant.module) else _TIMEOUT_S
         _limit(slower * cost_s + _IMPORT_S)
         import_anew(mutant)
         rounds = [i for i in using if i in self.own], [i for i in using if i not in self.own]

@@ -61,7 +61,7 @@ def ldl_solve(work: Matrix, L: int, n: int, y: int) -> None:
 def hessian(problem: Vector, kind: int, weight: float, n: int, work: Matrix) -> float:
     """Fill H (n, n) above its diagonal, and that into column n; return the largest entry there.
 
-    Joint i rotates the column of every later joint j, d²p/dq_i dq_j = w_i x J_j, and likewise
+    Joint i rotates the column of every later joint j, d²p/dq_i dq_j = w_i x J_j, and so it does
     every axis r of the tool, d²r/dq_i dq_j = w_i x (w_j x r). With M = Σ r_k d_kᵀ over the axes
     that are compared, the orientation's term is ``w_i · (tr(M) - M) w_j``.
     """
