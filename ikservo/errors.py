@@ -87,7 +87,7 @@ class ExitCode(IntEnum):
 
     @property
     def meaning(self) -> str:
-        """Return the text that ``--help`` prints beside the number."""
+        """The text that ``--help`` prints beside the number."""
         return _MEANINGS[self]
 
 
@@ -125,12 +125,12 @@ class IkservoError(Exception):
 
     @property
     def message(self) -> str:
-        """Return what happened in terms of the Python interface, one line."""
+        """What happened in terms of the Python interface, one line."""
         return in_python(self.command_message)
 
     @property
     def hint(self) -> str:
-        """Return what to do in terms of the Python interface, ``arm.relax()``; may be empty."""
+        """What to do in terms of the Python interface, ``arm.relax()``; may be empty."""
         return self.python_hint or in_python(self.command_hint)
 
     def __str__(self) -> str:
@@ -253,7 +253,7 @@ class BusError(IkservoError):
 
     @property
     def detail(self) -> str:
-        """Return the bytes of request and reply in hex, for a bug report."""
+        """The bytes of request and reply in hex, for a bug report."""
         if not self.sent:
             return ""
         received = self.received.hex(" ").upper() or "nothing"

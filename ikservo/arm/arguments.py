@@ -75,7 +75,7 @@ def check_iterable(what: str, value: object, expected: str) -> None:
 
 
 def parse_path(value: object) -> Path:
-    """Return the path of a file.
+    """Parse the path of a file.
 
     Raises:
         BadValueError: It is neither text nor a path.
@@ -86,7 +86,7 @@ def parse_path(value: object) -> Path:
 
 
 def parse_points(values: object) -> list[ArrayLike]:
-    """Return points one after another, from any iterable.
+    """Parse points one after another, from any iterable.
 
     Raises:
         BadValueError: It is none.
@@ -113,7 +113,7 @@ def parse_joint_positions(positions: object) -> dict[str, float]:
 
 
 def parse_number(what: str, value: object) -> float:
-    """Return a number as a float.
+    """Parse a number as a float.
 
     Raises:
         BadValueError: It is none; text that reads like one is none either, nor is a truth.
@@ -127,7 +127,7 @@ def parse_number(what: str, value: object) -> float:
 
 
 def parse_period_s(rate_hz: object) -> float | None:
-    """Return the time between two setpoints of a stream [s]; None for one without a rate.
+    """Parse the time between two setpoints of a stream [s]; None for one without a rate.
 
     Raises:
         BadValueError: The rate is no number, or out of its range [Hz].
@@ -142,7 +142,7 @@ def parse_period_s(rate_hz: object) -> float | None:
 
 
 def parse_port(port: object) -> str | None:
-    """Return the name of a port, or None where none is given.
+    """Parse the name of a port, or None where none is given.
 
     Raises:
         BadValueError: It is neither a name nor a path.

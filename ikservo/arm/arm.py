@@ -126,17 +126,17 @@ class Arm(MotionMethods):
 
     @property
     def port_name(self) -> str:
-        """Return the name of the port the arm is on."""
+        """The name of the port the arm is on."""
         return self._port.name
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Return all joints, in the order of vectors (n,)."""
+        """All joints, in the order of vectors (n,)."""
         return self._context.servos.names
 
     @property
     def clock(self) -> Clock:
-        """Return the clock of the port: simulated time on a simulated bus."""
+        """The clock of the port: simulated time on a simulated bus."""
         return self._context.servos.clock
 
     def limits(self) -> tuple[Vector, Vector]:
@@ -258,7 +258,7 @@ class Arm(MotionMethods):
 
     @property
     def stop_requests(self) -> int:
-        """Return how often a stop was requested since the last ``acknowledge``."""
+        """How often a stop was requested since the last ``acknowledge``."""
         return self._runner.stop_requests
 
     @property

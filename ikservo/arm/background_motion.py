@@ -45,7 +45,7 @@ class Stoppable(Protocol):
 
     @property
     def stop_requests(self) -> int:
-        """Return how often a stop was requested since the last ``acknowledge``."""
+        """How often a stop was requested since the last ``acknowledge``."""
         ...
 
 
@@ -76,12 +76,12 @@ class RunningMotion(Generic[T]):
 
     @property
     def done(self) -> bool:
-        """Return whether the motion has ended; never waits."""
+        """Whether the motion has ended; never waits."""
         return self._finished.is_set()
 
     @property
     def cancelled(self) -> bool:
-        """Return whether ``cancel`` was called before the motion had ended."""
+        """Whether ``cancel`` was called before the motion had ended."""
         return self._cancelled
 
     def wait(self, timeout_s: float | None = None) -> T:
@@ -144,7 +144,7 @@ class RunningMotion(Generic[T]):
         return self._result_or_raise().__await__()
 
     def __repr__(self) -> str:
-        """Return whether it has ended, and its result."""
+        """Check whether it has ended, and its result."""
         if not self.done:
             return "RunningMotion(running)"
         failed = self._error is not None

@@ -68,7 +68,7 @@ class ZeroSource(Enum):
 
     @property
     def are_known(self) -> bool:
-        """Return whether joint positions are calibrated."""
+        """Whether joint positions are calibrated."""
         return self is not ZeroSource.UNKNOWN
 
     def require_known(self, arm: str) -> None:
@@ -216,7 +216,7 @@ class CalibratedArm:
         return None if low == high == 0 else (low, high)  # Feetech: several revolutions, no limits
 
     def _map_for_present_turn(self, own: CalibratedJoint, joint_map: JointMap) -> JointMap:
-        """Return the map for the revolution on which a multi-turn servo started this time."""
+        """Compute the map for the revolution on which a multi-turn servo started this time."""
         if not own.extended:
             return joint_map
         turn = round(self._bus.servos[own.servo.id].table.ticks_per_turn)
@@ -297,7 +297,7 @@ def _limits_from_registers(joint_map: JointMap, registers: tuple[int, int]) -> L
 
 
 def registers_allow(joint_map: JointMap, limits: Limits, registers: tuple[int, int]) -> bool:
-    """Return whether a servo's own limits leave every whole tick of a range free."""
+    """Check whether a servo's own limits leave every whole tick of a range free."""
     low, high = joint_map.ticks_inside(limits.lower.value, limits.upper.value)
     return registers[0] <= low and high <= registers[1]
 

@@ -131,7 +131,7 @@ class ArmContext:
                 self.collision.check_path([joints, joints])
 
     def clearance_m(self, joints: Vector) -> float:
-        """Return the smallest distance of the body [m] to itself, the table and the boxes.
+        """Compute the smallest distance of the body [m] to itself, the table and the boxes.
 
         Args:
             joints: All joints (n,).
@@ -145,7 +145,7 @@ class ArmContext:
         return float(checker.distances([self.index.body_joints(joints)]).min())
 
     def is_in_contact(self, joints: Vector) -> bool:
-        """Return whether the body touches itself, the table or a box at joints (n,), or nearly.
+        """Check whether the body touches itself, the table or a box at joints (n,), or nearly.
 
         An arm that would touch if it sagged counts, too.
         """
@@ -155,7 +155,7 @@ class ArmContext:
         return float(self.checked_collision.distances_with_sag(body).min()) < _CONTACT_M
 
     def nearest_free_joints(self, joints: Vector) -> Vector | None:
-        """Return joints (n,) near ``joints`` (n,) where the body touches nothing.
+        """Find joints (n,) near ``joints`` (n,) where the body touches nothing.
 
         The gripper, which may hold something, keeps its position.
 
@@ -221,7 +221,7 @@ class ArmContext:
             checker.check_path(samples)
 
     def interpolate_joints(self, start: Vector, goal: Vector) -> Matrix:
-        """Return the straight path (k, n) between joints (n,), dense enough for checks."""
+        """Compute the straight path (k, n) between joints (n,), dense enough for checks."""
         joints = [self.model.joint(name) for name in self.servos.names]
         units = np.array([joint.travel_per_turn / math.tau for joint in joints])
         return sample_line(start, goal, units)

@@ -120,7 +120,7 @@ class ListeningSocket:
         self.socket.close()
 
     def authenticate(self, connection: socket.socket, secret: str) -> bool:
-        """Return whether the client of a connection is this user."""
+        """Check whether the client of a connection is this user."""
         if self.secret:
             return secrets.compare_digest(secret.encode(), self.secret.encode())
         return _peer_user(connection) in (None, os.getuid())

@@ -88,7 +88,7 @@ def _stroke_path(stroke: Matrix) -> BlendedPath:
 
 
 def _join(plans: Sequence[MotionPlan]) -> MotionPlan:
-    """Return one plan of several, each of which starts where the one before ends."""
+    """Join one plan of several, each of which starts where the one before ends."""
     trajectory = plans[0].trajectory
     for plan in plans[1:]:
         trajectory = ConcatenatedTrajectory(trajectory, plan.trajectory)
@@ -110,7 +110,7 @@ def _join(plans: Sequence[MotionPlan]) -> MotionPlan:
 
 
 def _slowest(speeds: Sequence[ToolSpeed]) -> ToolSpeed:
-    """Return the speeds of all strokes as one, with how many of them are slower than requested."""
+    """Find the speeds of all strokes as one, with how many of them are slower than requested."""
     slower = [speed for speed in speeds if not speed.is_constant]
     why = dict.fromkeys(text for speed in slower for text in speed.limited_by)
     count = f"{len(slower)} of {len(speeds)} strokes are slower"

@@ -160,7 +160,7 @@ def _with_recorder(recorder: PathRecorder, reporter: OnCycle | None) -> OnCycle:
 
 
 def _backlash_goals(context: ArmContext, plan: MotionPlan) -> Vector | None:
-    """Return the goals (n,) from which joints with known backlash approach theirs from below.
+    """Compute the goals (n,) from which joints with known backlash approach theirs from below.
 
     None on a line, on which the tool stays, and where something is in the way of that.
     """
@@ -182,7 +182,7 @@ def _backlash_goals(context: ArmContext, plan: MotionPlan) -> Vector | None:
 def _make_report(
     context: ArmContext, executed: ExecutedMotion, joints: Mapping[str, float]
 ) -> MoveReport:
-    """Return the report of a motion of the tip, or of joints: on the goals ``joints``."""
+    """Make the report of a motion of the tip, or of joints: on the goals ``joints``."""
     plan, result, path_error = executed.plan, executed.settled, executed.path_error
     if plan.target_m is None or plan.solution is None:
         return _make_joint_report(context, joints, plan, result)
@@ -287,7 +287,7 @@ def _try_lower(arm: ArmParts, on_progress: OnProgress | None) -> JointMoveResult
 def _make_released_report(
     context: ArmContext, runner: MotionRunner, error: IkservoError
 ) -> JointMoveResult:
-    """Return the report of an arm whose torque was switched off without lowering it."""
+    """Make the report of an arm whose torque was switched off without lowering it."""
     rest, state = dict(context.model.pose("rest")), runner.state()
     measured = {name: state.positions[name] for name in rest}
     return JointMoveResult(

@@ -165,7 +165,7 @@ class _OnlineController:
             self._apply_speed(trajectory, cycle.time_s)
 
     def is_settling_over(self, cycle: ControlCycle) -> bool:
-        """Return whether settling is to end: there is another goal, or none any more."""
+        """Check whether settling is to end: there is another goal, or none any more."""
         goal = self._next_goal(replace(cycle, reference=self._accepted))
         if goal is None:
             self.has_ended = True

@@ -108,12 +108,12 @@ class GoalIntegrator:
 
     @property
     def error_ticks(self) -> int:
-        """Return the error of the joint in ticks, signed."""
+        """The error of the joint in ticks, signed."""
         return 0 if self.target is None else self.target - self.at
 
     @property
     def arrived(self) -> bool:
-        """Return whether the joint is as near to its target as it gets."""
+        """Whether the joint is as near to its target as it gets."""
         beside = abs(self.error_ticks)
         return beside <= self._enough or (beside == 1 and self._would_cross_backlash())
 
@@ -123,7 +123,7 @@ class GoalIntegrator:
         return self._turns >= _MAX_TURNS
 
     def has_swung_at(self, time_s: float) -> bool:
-        """Return whether the joint has swung for so long that it is left swinging."""
+        """Check whether the joint has swung for so long that it is left swinging."""
         return time_s - self._swings_since_s >= _MAX_SWING_S
 
     @property
@@ -141,14 +141,14 @@ class GoalIntegrator:
         return SaturationReason(Saturation.LIMIT, f"at its limit {value} ({source})")
 
     def moves_at(self, time_s: float) -> bool:
-        """Return whether the joint is not at rest at the time of the last update.
+        """Check whether the joint is not at rest at the time of the last update.
 
         One that friction has just let go may be no further than noise so far.
         """
         return self.still_since_s > time_s - _AT_REST_S or self.moved_s > time_s - _MIN_WAIT_S
 
     def goal_at(self, after_s: float) -> float:
-        """Return the goal's tick a time after the last update."""
+        """Compute the goal's tick a time after the last update."""
         return self._inside(self.goal + self._rate * after_s - self._brake)
 
     def update(
@@ -208,7 +208,7 @@ class GoalIntegrator:
         return min(max(goal, self._low), self._high)
 
     def _desired_speed(self, time_s: float) -> float:
-        """Return the desired speed of the goal, ticks/s, signed."""
+        """Compute the desired speed of the goal, ticks/s, signed."""
         if self.arrived or self.swings or self._is_lead_limited():
             return 0.0
         if abs(self.error_ticks) <= _NEAR_TICKS and time_s - self.moved_s < _MIN_WAIT_S:
@@ -217,12 +217,12 @@ class GoalIntegrator:
         return math.copysign(max(slowly, self._speed_while_stuck()), self.error_ticks)
 
     def _would_cross_backlash(self) -> bool:
-        """Return whether gears without load have to change their flank on the way to the target."""
+        """Check whether gears without load have to change their flank on the way to the target."""
         low, high = self._stuck
         return low < 0.0 < high and self._side * (self.goal - self.at) < 0.0
 
     def _speed_while_stuck(self) -> float:
-        """Return the speed with which the goal comes to rest before friction lets the joint go."""
+        """Compute the speed with which the goal comes to rest before friction lets the joint go."""
         low, high = self._stuck
         lead = self._side * (self.goal - self.at)
         end = max(self._side * low, self._side * high) - _FRICTION_MARGIN * (high - low)

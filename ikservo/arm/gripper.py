@@ -82,7 +82,7 @@ class GripperMotion:
             trajectory.stop(cycle.time_s)
 
     def has_arrived(self, at: float) -> bool:
-        """Return whether the joint is at its goal."""
+        """Check whether the joint is at its goal."""
         return abs(at - self._goal) <= _ARRIVED_RAD * self._per_horn
 
     def _update_contact(self, at: float, goal: float) -> None:
@@ -90,7 +90,7 @@ class GripperMotion:
         self._pressing = self._pressing.restarted()
 
     def _update_rest(self, at: float) -> bool:
-        """Return whether the joint is at rest, and where it presses has been for longer."""
+        """Check whether the joint is at rest, and where it presses has been for longer."""
         now_s = self._context.now_s()
         if self.blocked:
             self._pressing = self._pressing.add_reading(now_s, {0: at})
@@ -107,13 +107,13 @@ class GripperMotion:
         ]
 
     def _choose_goal(self, at: float, goal: float) -> float:
-        """Return the next goal: no further ahead of a jaw than it can follow."""
+        """Choose the next goal: no further ahead of a jaw than it can follow."""
         if not self.blocked and abs(goal - at) <= _MAX_LAG_RAD * self._per_horn:
             return self._goal
         return at + math.copysign(_SQUEEZE_RAD * self._per_horn, goal - at)
 
     def _update_blocking(self, at: float, goal: float) -> bool:
-        """Return whether the jaw has not moved while its goal was well ahead of it."""
+        """Check whether the jaw has not moved while its goal was well ahead of it."""
         ahead = (goal - at) * math.copysign(1.0, self._goal - at)
         if ahead <= _MIN_LAG_RAD * self._per_horn:
             self._blocking = self._blocking.restarted()
@@ -195,7 +195,7 @@ def _require_gripper(context: ArmContext) -> Gripper:
 
 
 def _goal_position(context: ArmContext, gripper: Gripper, motion: MoveGripper) -> float:
-    """Return the goal of the joint, inside this arm's limits."""
+    """Compute the goal of the joint, inside this arm's limits."""
     column = context.index.column(gripper.joint)
     low, high = (float(side[column]) for side in context.limits())
     if motion.width_m is None:
@@ -222,7 +222,7 @@ def _torque_fraction(context: ArmContext, force: float | None) -> float:
 
 
 def _least_force(model: Model) -> float:
-    """Return the share of its torque that moves an arm's gripper, in whole percent."""
+    """Compute the share of its torque that moves an arm's gripper, in whole percent."""
     joint = next(joint for joint in model.joints if joint.role == "gripper")
     torque = find_servo_torque(joint.servo.model, model.supply_v)
     friction = torque.friction_share if torque else 0.0

@@ -46,7 +46,7 @@ def limits_under_load(
 
 
 def goal_leads(parameters: ArmParameters, joints: Matrix, directions: Matrix) -> Matrix:
-    """Return by how much goals lead slowly moving joints against gravity and friction, rad or m.
+    """Compute by how much goals lead slowly moving joints against gravity and friction, rad or m.
 
     Args:
         parameters: Masses and drives of the arm.
@@ -62,7 +62,7 @@ def goal_leads(parameters: ArmParameters, joints: Matrix, directions: Matrix) ->
 
 
 def _directions(joints: Matrix) -> Matrix:
-    """Return where joints (k, dof) along a path move, at its end where they came from."""
+    """Compute where joints (k, dof) along a path move, at its end where they came from."""
     if len(joints) < 2:
         return np.zeros_like(joints)
     moved = np.ptp(joints, axis=0) > _REST_TRAVEL

@@ -363,7 +363,7 @@ class MotionRunner:
             )
 
     def _read_first_motion(self) -> bool:
-        """Return whether no motion has completed since torque came on, or torque is off.
+        """Check whether no motion has completed since torque came on, or torque is off.
 
         Where that is not known the servos are read.
         """

@@ -487,7 +487,7 @@ def motion_fields(motion: MotionValue[Any]) -> dict[str, dict[str, Any]]:
 
 
 def parse_motion(value: object) -> MotionValue[Any]:
-    """Return the motion that ``motion_fields`` made these JSON values of.
+    """Parse the motion that ``motion_fields`` made these JSON values of.
 
     Raises:
         InputError: It is no table with one known kind, or a field is missing, unknown, or refused

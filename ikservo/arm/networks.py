@@ -45,7 +45,7 @@ class ArmNetwork(Protocol):
 
 
 def find_network(port: object) -> tuple[ArmNetwork, str] | None:
-    """Return the network of a port, and the address there; None for a port of this machine.
+    """Find the network of a port, and the address there; None for a port of this machine.
 
     Args:
         port: Given by the user; ``IKSERVO_PORT`` if None.

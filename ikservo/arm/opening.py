@@ -258,7 +258,7 @@ def _make_compensator(
     driven_joints: Sequence[DrivenJoint],
     serial_number: str,
 ) -> GoalCompensator:
-    """Return the compensator of goals: by masses only where the posture is known, identified first.
+    """Make the compensator of goals: by masses only where the posture is known, identified first.
 
     Raises:
         FileFormatError: The arm's identification is malformed.
@@ -278,7 +278,7 @@ def _arm_parameters(model: Model, chain: Chain, serial_number: str) -> ArmParame
 
 
 def make_collision_filter(model: Model) -> Callable[[Matrix], NDArray[np.bool_]]:
-    """Return a function from configurations (n, dof) to whether each is collision-free (n,)."""
+    """Make a function from configurations (n, dof) to whether each is collision-free (n,)."""
     return CollisionChecker(collision_body(model), model.floor_m, model.keep_out).collision_free
 
 

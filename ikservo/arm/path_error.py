@@ -74,7 +74,7 @@ class PathRecorder:
 
 
 def path_deviations_m(measured: tuple[Vector, Matrix], commanded: tuple[Vector, Matrix]) -> Vector:
-    """Return the distances (k,) [m] of measured points from a commanded path.
+    """Compute the distances (k,) [m] of measured points from a commanded path.
 
     The distance is that to the nearest point of the part of the path that was commanded from one
     second before the measurement: lagging along the path is no path error, as in ISO 9283, and a
@@ -99,7 +99,7 @@ def path_deviations_m(measured: tuple[Vector, Matrix], commanded: tuple[Vector, 
 
 
 def _distances_m(points_m: Matrix, path_m: Matrix, windows: IntMatrix) -> Vector:
-    """Return the distance (k,) of each point to the segments of its window (k, w) of the path."""
+    """Compute the distance (k,) of each point to the segments of its window (k, w) of the path."""
     begin, along = path_m[windows], np.diff(path_m, axis=0)[windows]
     apart = points_m[:, None, :] - begin
     length2 = np.maximum((along**2).sum(axis=2), 1e-300)

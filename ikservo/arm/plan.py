@@ -121,7 +121,7 @@ class MotionPlan:
         freeze_arrays(self)
 
     def sample(self, dt_s: float = 0.01) -> SampledTrajectory:
-        """Return the motion as arrays: times (k,), positions and velocities (k, n).
+        """Sample the motion as arrays: times (k,), positions and velocities (k, n).
 
         Args:
             dt_s: Between two samples; the last is at the motion's end.
@@ -159,7 +159,7 @@ _FULL = 0.98
 
 
 def sample_states(trajectory: Trajectory) -> tuple[Matrix, Matrix, Matrix]:
-    """Return positions, velocities and accelerations (k, n) along a trajectory."""
+    """Sample positions, velocities and accelerations (k, n) along a trajectory."""
     times_s = np.linspace(0.0, trajectory.duration_s, _SAMPLES)
     states = [trajectory.state(time_s) for time_s in times_s]
     return (
@@ -170,7 +170,7 @@ def sample_states(trajectory: Trajectory) -> tuple[Matrix, Matrix, Matrix]:
 
 
 def path_length_m(chain: Chain, joints: Matrix) -> float:
-    """Return the length of the tip's path along the chain's joints (k, dof)."""
+    """Compute the length of the tip's path along the chain's joints (k, dof)."""
     tips = chain.forward(joints)[:, :3, 3]
     return float(np.linalg.norm(np.diff(tips, axis=0), axis=1).sum())
 
@@ -258,7 +258,7 @@ def rebase_trajectory(
 
 
 def has_moved(plan: MotionPlan, goals: Vector, limits: Sequence[KinematicLimits]) -> bool:
-    """Return whether the goals (n,) are further than a tick or two from the start of a plan."""
+    """Check whether the goals (n,) are further than a tick or two from the start of a plan."""
     return bool(_time_apart_s(plan, goals, limits).max() > _STEP_S)
 
 

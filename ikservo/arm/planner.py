@@ -222,14 +222,14 @@ class Planner:
         return self._make_plan(start, JointMove(start, goal, self.motion_limits(speed)), speed)
 
     def sample_trajectory(self, trajectory: Trajectory, speed: str) -> Matrix:
-        """Return all joints (k, n) along a trajectory, close enough for collision checks."""
+        """Sample all joints (k, n) along a trajectory, close enough for collision checks."""
         fastest = max(limits.speed_rad_s for limits in self.motion_limits(speed))
         return sample_path(
             lambda time_s: trajectory.state(time_s).position, trajectory.duration_s, fastest
         )
 
     def dynamic_load_factor(self, speed: str) -> float:
-        """Return the load in multiples of the arm's weight where it brakes at a speed class."""
+        """Compute the load in multiples of the arm's weight where it brakes at a speed class."""
         reach_m = max(
             float(np.linalg.norm(self._chain.forward(self._model.chain_pose(pose))[:2, 3]))
             for pose in self._model.poses
@@ -265,7 +265,7 @@ class Planner:
         return self._chain.forward(self._index.chain_joints(joints))
 
     def rotation_between(self, a: Vector, b: Vector) -> float:
-        """Return the angle between the tool's orientations at joints ``a`` and ``b`` (n,), rad."""
+        """Compute the angle between the tool's orientations at joints ``a`` and ``b`` (n,), rad."""
         R_a, R_b = (self.tip_pose(joints)[:3, :3] for joints in (a, b))
         return float(np.linalg.norm(log_so3(R_b @ R_a.T)))
 
@@ -300,7 +300,7 @@ class Planner:
         return self._index.with_chain(joints, self._chain.clip(self._index.chain_joints(joints)))
 
     def _joint_blend(self, joints: Vector, blend_m: float) -> float:
-        """Return the blend of the joints with which the tip passes a point within a distance."""
+        """Compute the blend of the joints with which the tip passes a point within a distance."""
         J = self._chain.jacobian(self._index.chain_joints(joints))[:3]
         return blend_m / (_PASSED * float(np.linalg.norm(J, axis=0).sum()))
 

@@ -136,7 +136,7 @@ class PreflightPlanner:
         raise better
 
     def _find_accepted_point(self, motion: MoveTo, nearest_m: Vector) -> list[float] | None:
-        """Return a point (3,) in whole millimetres, from the edge of the workspace to the tip."""
+        """Find a point (3,) in whole millimetres, from the edge of the workspace to the tip."""
         tip_m = self._planner.tip(self._runner.start_position())
         for fraction in _STEPS_BACK:
             point_m = np.round(nearest_m + fraction * (tip_m - nearest_m), 3)
@@ -186,7 +186,7 @@ class PreflightPlanner:
         return clamp_pose(pose, positions, self._servos.driven_joints, start)
 
     def clearance_m(self, positions: Mapping[str, float] | ArrayLike) -> float:
-        """Return the smallest distance of the body [m]; see ``Arm.clearance_m``."""
+        """Compute the smallest distance of the body [m]; see ``Arm.clearance_m``."""
         names, index = self._servos.names, self._context.index
         by_name = parse_all_positions(positions, names)
         complete = len(by_name) == len(names)
@@ -257,7 +257,7 @@ class PreflightPlanner:
         return lag / joint_map.unit_per_horn_rad > _PRESSING_LAG_RAD
 
     def _max_steps(self) -> dict[str, float]:
-        """Return the longest motion of each joint of an uncalibrated arm, rad or m."""
+        """Compute the longest motion of each joint of an uncalibrated arm, rad or m."""
         joints = [self._model.joint(name) for name in self._servos.names]
         return {
             joint.name: MAX_UNCALIBRATED_STEP_RAD * joint.travel_per_turn / math.tau

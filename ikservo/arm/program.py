@@ -126,12 +126,12 @@ class ProgramStep(StrictModel):
 
     @property
     def action(self) -> str:
-        """Return which of ``ACTIONS`` it does."""
+        """Which of ``ACTIONS`` it does."""
         return self._actions()[0]
 
     @property
     def description(self) -> str:
-        """Return what it does, in a few words."""
+        """What it does, in a few words."""
         if self.action == "joints":
             moved = [f"{name} {value:g}°" for name, value in self.deg.items()]
             words = ", ".join(moved + [f"{name} {value:g} m" for name, value in self.m.items()])

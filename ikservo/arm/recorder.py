@@ -78,7 +78,7 @@ class RecordSettings:
 
     @property
     def max_s(self) -> float:
-        """Return the longest duration.
+        """The longest duration.
 
         Raises:
             BadValueError: There is no end, or it is not after the start.

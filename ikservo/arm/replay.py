@@ -77,12 +77,12 @@ class RecordedTrajectory:
 
     @property
     def start(self) -> Vector:
-        """Return the first position (n,)."""
+        """The first position (n,)."""
         return self.state(0.0).position
 
     @property
     def duration_s(self) -> float:
-        """Return the duration, fading in and out included."""
+        """The duration, fading in and out included."""
         return self._law.duration_s
 
     def state(self, time_s: float) -> TrajectoryPoint:
@@ -97,14 +97,14 @@ class RecordedTrajectory:
         )
 
     def sample_path(self) -> Matrix:
-        """Return joints (k, n) along it, close enough for collision checks."""
+        """Sample joints (k, n) along it, close enough for collision checks."""
         if self._spline is None:
             return self._still[None, :]
         return thin_path(np.clip(self._spline(_time_grid(self._span_s)), *self._limits))
 
 
 def _fit_spline(times_s: Vector, joints: Matrix, span_s: float) -> CubicSpline:
-    """Return the motion (n,) over the seconds since its first sample."""
+    """Fit the motion (n,) over the seconds since its first sample."""
     from scipy.interpolate import CubicSpline  # noqa: PLC0415  # slow to import, rarely needed
     from scipy.ndimage import gaussian_filter1d  # noqa: PLC0415
 
@@ -127,7 +127,7 @@ def _time_grid(span_s: float) -> Vector:
 def _required_slowdown(
     spline: CubicSpline, span_s: float, limits: Sequence[KinematicLimits]
 ) -> float:
-    """Return how many times slower the recording has to be played within the limits."""
+    """Compute how many times slower the recording has to be played within the limits."""
     grid = _time_grid(span_s)
     middles = (grid[:-1] + grid[1:]) / 2
     speed, bend, twist = (

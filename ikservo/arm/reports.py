@@ -61,53 +61,53 @@ class ArmState:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return the joints' names, in the order of the arrays."""
+        """The joints' names, in the order of the arrays."""
         return tuple(joint.name for joint in self.joints)
 
     @property
     def by_name(self) -> dict[str, JointState]:
-        """Return the joints' states by name."""
+        """The joints' states by name."""
         return {joint.name: joint for joint in self.joints}
 
     @property
     def positions(self) -> dict[str, float]:
-        """Return the measured positions by joint, rad or m: what ``move_joints`` takes."""
+        """The measured positions by joint, rad or m: what ``move_joints`` takes."""
         return {joint.name: joint.position_rad for joint in self.joints}
 
     @property
     def positions_rad(self) -> Vector:
-        """Return the measured positions (n,)."""
+        """The measured positions (n,)."""
         return np.array([joint.position_rad for joint in self.joints])
 
     @property
     def lower_rad(self) -> Vector:
-        """Return the lower limits (n,)."""
+        """The lower limits (n,)."""
         return np.array([joint.lower_rad for joint in self.joints])
 
     @property
     def upper_rad(self) -> Vector:
-        """Return the upper limits (n,)."""
+        """The upper limits (n,)."""
         return np.array([joint.upper_rad for joint in self.joints])
 
     @property
     def temperatures_c(self) -> Vector:
-        """Return the servos' temperatures (n,), °C."""
+        """The servos' temperatures (n,), °C."""
         return np.array([joint.temperature_c for joint in self.joints])
 
     @property
     def voltages_v(self) -> Vector:
-        """Return the servos' supply (n,), volts."""
+        """The servos' supply (n,), volts."""
         return np.array([joint.voltage_v for joint in self.joints])
 
     @property
     def loads_percent(self) -> Vector:
-        """Return the servos' loads (n,), see ``JointState``; NaN where a servo has none."""
+        """The servos' loads (n,), see ``JointState``; NaN where a servo has none."""
         loads = (joint.load_percent for joint in self.joints)
         return np.array([np.nan if load is None else load for load in loads])
 
     @property
     def torque(self) -> NDArray[np.bool_]:
-        """Return whether each servo holds (n,)."""
+        """Whether each servo holds (n,)."""
         return np.array([joint.torque for joint in self.joints])
 
     def __repr__(self) -> str:
@@ -143,7 +143,7 @@ class MotionProgress:
 
     @property
     def positions(self) -> dict[str, float]:
-        """Return the measured joints by name, rad or m."""
+        """The measured joints by name, rad or m."""
         return dict(zip(self.names, self.joints_rad.tolist(), strict=True))
 
 

@@ -99,12 +99,12 @@ class SetpointMailbox:
             return setpoint
 
     def _pauses_clock(self, now_s: float) -> bool:
-        """Return whether simulated time is paused until the next setpoint."""
+        """Check whether simulated time is paused until the next setpoint."""
         due = self._period_s is not None and now_s - self._taken_s >= self._period_s
         return due and not (self._real or self._late or self._has_update())
 
     def _cycle_instant(self, now_s: float) -> float:
-        """Return the nominal time of a setpoint taken now, by the sender's rate."""
+        """Compute the nominal time of a setpoint taken now, by the sender's rate."""
         planned_s = self._taken_s + (self._period_s or 0.0)
         on_time = self._period_s is not None and now_s - planned_s < self._period_s
         return planned_s if on_time else now_s
@@ -204,17 +204,17 @@ class SetpointStream:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return the joints, in the order of arrays (n,)."""
+        """The joints, in the order of arrays (n,)."""
         return self._context.servos.names
 
     @property
     def progress(self) -> MotionProgress | None:
-        """Return the last control cycle: measured joints, setpoints, tip; None before the first."""
+        """The last control cycle: measured joints, setpoints, tip; None before the first."""
         return self._progress
 
     @property
     def sent(self) -> int:
-        """Return how many setpoints were sent."""
+        """How many setpoints were sent."""
         return self._mailbox.put_count
 
     def __repr__(self) -> str:

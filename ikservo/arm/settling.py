@@ -81,11 +81,11 @@ class SettlingTrajectory:
 
     @property
     def duration_s(self) -> float:
-        """Return when it ended; infinite until all joints have settled."""
+        """When it ended; infinite until all joints have settled."""
         return self._end_s
 
     def state(self, time_s: float) -> TrajectoryPoint:
-        """Return the goals (n,) at a time since the last update."""
+        """Compute the goals (n,) at a time since the last update."""
         after_s = max(0.0, min(time_s, self._end_s) - self._updated_s)
         return TrajectoryPoint.at_rest(
             np.array([j.driven.joint_map.position(j.goal_at(after_s)) for j in self._joints])
@@ -112,22 +112,22 @@ class SettlingTrajectory:
 
     @property
     def moving_joints(self) -> tuple[str, ...]:
-        """Return the joints that are not at rest."""
+        """The joints that are not at rest."""
         return tuple(j.driven.joint for j in self._joints if j.moves_at(self._updated_s))
 
     @property
     def unsettled_joints(self) -> tuple[str, ...]:
-        """Return the joints that move by more than the play of gears explains."""
+        """The joints that move by more than the play of gears explains."""
         return tuple(j.driven.joint for j in self._joints if not _is_trusted(j, self._updated_s))
 
     @property
     def measured(self) -> Vector:
-        """Return the last measured joints (n,), rad or m."""
+        """The last measured joints (n,), rad or m."""
         return np.array([j.driven.joint_map.position(j.at) for j in self._joints])
 
     @property
     def saturated(self) -> tuple[str, ...]:
-        """Return the joints that did not arrive and whose goals go no further."""
+        """The joints that did not arrive and whose goals go no further."""
         return tuple(j.driven.joint for j in self._missed if j.saturation_reason is not None)
 
     @property
@@ -147,13 +147,13 @@ class SettlingTrajectory:
 
 
 def _goal_acceleration(driven: DrivenJoint, limits: KinematicLimits) -> float:
-    """Return how fast the speed of a joint's goal changes, ticks/s²."""
+    """Compute how fast the speed of a joint's goal changes, ticks/s²."""
     usual = limits.acceleration_rad_s2 / driven.joint_map.unit_per_tick
     return max(usual, _MIN_RAD_S2 / driven.joint_map.horn_rad_per_tick)
 
 
 def _lead_ticks(driven: DrivenJoint, lowest: float, highest: float) -> tuple[float, float]:
-    """Return two leads of a goal, rad or m, in ticks, the lower one first."""
+    """Compute two leads of a goal, rad or m, in ticks, the lower one first."""
     per_unit = driven.joint_map.sign / driven.joint_map.unit_per_tick
     low, high = sorted((lowest * per_unit, highest * per_unit))
     return low, high
@@ -164,7 +164,7 @@ def _has_ended(joint: GoalIntegrator) -> bool:
 
 
 def _is_trusted(joint: GoalIntegrator, time_s: float) -> bool:
-    """Return whether a joint rests, or swings no further than the play of its gears explains."""
+    """Check whether a joint rests, or swings no further than the play of its gears explains."""
     swing_rad = joint.swing_ticks * joint.driven.joint_map.horn_rad_per_tick
     return not joint.moves_at(time_s) or (joint.swings and swing_rad <= _MAX_PLAY_SWING_RAD)
 
@@ -202,7 +202,7 @@ class SettlingResult:
 
     @property
     def duration_s(self) -> float:
-        """Return the time from the first goal to rest."""
+        """The time from the first goal to rest."""
         return self.motion_s + self.settling_s
 
 

@@ -59,7 +59,7 @@ class TargetTracker:
         return goal
 
     def _target_and_pose(self, target: Target | ArrayLike) -> tuple[Target, Matrix]:
-        """Return a target and the pose (4, 4) for the solver."""
+        """Compute a target and the pose (4, 4) for the solver."""
         target = target if isinstance(target, Target) else _parse_target(target)
         T = np.eye(4)
         T[:3, 3] = target.position
@@ -84,7 +84,7 @@ class TargetTracker:
 
 
 def _parse_target(target: ArrayLike) -> Target:
-    """Return the target that an array is.
+    """Parse the target that an array is.
 
     Raises:
         BadValueError: It is none.

@@ -41,7 +41,7 @@ _FINALISTS = 16
 def round_to_ticks(
     chain: Chain, target_m: Vector, q: Vector, driven_joints: Sequence[DrivenJoint]
 ) -> tuple[int, ...]:
-    """Return the whole ticks near ``q`` with the smallest error of the tool.
+    """Compute the whole ticks near ``q`` with the smallest error of the tool.
 
     Every joint's rounding moves the tool a little; a few ticks more in one joint compensate
     another's. The search is for the whole numbers d with the least ``|E - A d|²``, where A is how
@@ -103,7 +103,7 @@ def chain_ticks(
 def _best_steps(
     chain: Chain, target_m: Vector, q: Vector, driven_joints: Sequence[DrivenJoint], start: Vector
 ) -> Matrix:
-    """Return the most promising steps (k, dof) from the nearest ticks, no step at all the first."""
+    """Find the most promising steps (k, dof) from the nearest ticks, no step at all the first."""
     nearest = _positions_at(driven_joints, start[None])[0]
     T, J = chain.forward_and_jacobian(nearest)
     weights = np.array([1.0, 1.0, 1.0, ROTATION_WEIGHT_M, ROTATION_WEIGHT_M, ROTATION_WEIGHT_M])
@@ -125,7 +125,7 @@ def _best_steps(
 
 
 def _step_grid(A: Matrix, low: Vector, high: Vector) -> Matrix:
-    """Return all steps (k, dof) of all joints but the one that moves the tool most."""
+    """Compute all steps (k, dof) of all joints but the one that moves the tool most."""
     order = np.argsort(-_squared_norms(A.T), kind="stable")[1:]
     axes = [np.zeros(1)] * A.shape[1]
     span, tried = _search_span(len(order))
@@ -135,7 +135,7 @@ def _step_grid(A: Matrix, low: Vector, high: Vector) -> Matrix:
 
 
 def _search_span(joints: int) -> tuple[int, int]:
-    """Return how many ticks to each side are tried, and in how many of so many joints."""
+    """Find how many ticks to each side are tried, and in how many of so many joints."""
     for tried in range(joints, 0, -1):
         for span in range(_MAX_TICKS, 0, -1):
             if (2 * span + 1) ** tried <= _MAX_COMBINATIONS:
@@ -149,7 +149,7 @@ def _nearest_tick_inside(driven: DrivenJoint, position: float) -> int:
 
 
 def _tick_units(driven_joints: Sequence[DrivenJoint], ticks: Vector) -> Vector:
-    """Return by how much one tick moves each joint (dof,), rad or m, signed."""
+    """Compute by how much one tick moves each joint (dof,), rad or m, signed."""
     return np.array(
         [
             driven.joint_map.position(t + 0.5) - driven.joint_map.position(t - 0.5)
@@ -159,7 +159,7 @@ def _tick_units(driven_joints: Sequence[DrivenJoint], ticks: Vector) -> Vector:
 
 
 def _positions_at(driven_joints: Sequence[DrivenJoint], ticks: Matrix) -> Matrix:
-    """Return the joints (k, dof) at ticks (k, dof)."""
+    """Compute the joints (k, dof) at ticks (k, dof)."""
     return np.array(
         [
             [driven.joint_map.position(t) for driven, t in zip(driven_joints, row, strict=True)]
@@ -259,7 +259,7 @@ class SettlingTarget:
             self.ticks = self._round_to_nearest(plan.target_m, q, ())
 
     def is_reached(self, measured: Vector) -> bool:
-        """Return whether the tool is where it should be, as far as the joints' sensors tell.
+        """Check whether the tool is where it should be, as far as the joints' sensors tell.
 
         Never for a motion of joints: they have targets of their own.
 
@@ -275,7 +275,7 @@ class SettlingTarget:
         return error_m <= _REACHED_ERRORS * self._hidden_m
 
     def retarget_without(self, held: Collection[str], measured: Vector) -> list[int | None] | None:
-        """Return the ticks of all joints when some can go no further; None if that is no help.
+        """Compute the ticks of all joints when some can go no further; None if that is no help.
 
         Args:
             held: The joints that stay where they are.

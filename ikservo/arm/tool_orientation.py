@@ -100,13 +100,13 @@ class ToolOrientation:
 
     @property
     def constrains_more_than_keep(self) -> bool:
-        """Return whether there is a constraint other than ``keep``."""
+        """Whether there is a constraint other than ``keep``."""
         parts = (self.pitch_rad, self.roll_rad, self.direction, self.orientation)
         return any(part is not None for part in parts)
 
     @property
     def is_constrained(self) -> bool:
-        """Return whether there is a constraint."""
+        """Whether there is a constraint."""
         return self.keep or self.constrains_more_than_keep
 
     def __str__(self) -> str:
@@ -312,7 +312,7 @@ class OrientationSolver:
                 yield self.evaluate(replace(result, reached=True))
 
     def _orientation_error_rad(self, q: Vector) -> float:
-        """Return the largest angle to the requested orientation at joints (dof,), rad."""
+        """Compute the largest angle to the requested orientation at joints (dof,), rad."""
         R, stance, errors = self._tool_rotation(q), self._stance, [0.0]
         if stance.pitch_rad is not None:
             errors.append(abs(self._tool.pitch_rad(R) - stance.pitch_rad))
@@ -337,7 +337,7 @@ class OrientationSolver:
         return self._outward_rad(q) if own is None else own
 
     def _outward_rad(self, q: Vector) -> float:
-        """Return the heading from the axis of the first joint to the tip."""
+        """Compute the heading from the axis of the first joint to the tip."""
         T, J = self._chain.forward_and_jacobian(q)
         away = np.cross(J[:3, 0], J[3:, 0])
         x, y = (away if abs(float(J[5, 0])) > _UPRIGHT else T[:3, 3])[:2].tolist()

@@ -69,7 +69,7 @@ class ToolSpeed:
 
 
 def sample_times_s(trajectory: Trajectory) -> list[float]:
-    """Return times [s], equally spaced over a trajectory, at which its speed is evaluated."""
+    """Sample times [s], equally spaced over a trajectory, at which its speed is evaluated."""
     count = max(_MIN_SAMPLES, 1 + math.ceil(trajectory.duration_s / _STEP_S))
     return np.linspace(0.0, trajectory.duration_s, count).tolist()
 

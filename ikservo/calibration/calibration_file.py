@@ -167,7 +167,7 @@ def read_calibration(path: Path) -> Calibration:
 
 
 def parse_calibration(path: Path, text: str) -> Calibration:
-    """Return the calibration in a text; ``path`` is its origin, for messages."""
+    """Parse the calibration in a text; ``path`` is its origin, for messages."""
     tables = parse_toml(path, strip_checksum(path, text))
     _check_format(path, tables)
     try:
@@ -198,7 +198,7 @@ def _check_format(path: Path, tables: Mapping[str, Any]) -> None:
 
 
 def load_calibration(arm: str, usb_serial_number: str) -> Calibration | None:
-    """Return the calibration of an arm on an adapter, or None if there is none.
+    """Load the calibration of an arm on an adapter, or None if there is none.
 
     Raises:
         FileFormatError: It is damaged; names the ways out.
@@ -207,7 +207,7 @@ def load_calibration(arm: str, usb_serial_number: str) -> Calibration | None:
 
 
 def load_calibration_file(path: Path, arm: str) -> Calibration | None:
-    """Return the calibration in a file of an arm, or None if there is none.
+    """Load the calibration in a file of an arm, or None if there is none.
 
     Raises:
         FileFormatError: It is damaged; names the ways out.

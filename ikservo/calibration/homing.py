@@ -35,7 +35,7 @@ class TickRange:
 
     @property
     def width(self) -> int:
-        """Return the number of ticks between the ends."""
+        """The number of ticks between the ends."""
         return self.high - self.low
 
 
@@ -55,7 +55,7 @@ class Homing:
 
 
 def encoder_tick(family: Family, present: int, offset: int, encoder: Encoder) -> int:
-    """Return the bare sensor tick, from a servo's present position and homing offset."""
+    """Compute the bare sensor tick, from a servo's present position and homing offset."""
     if not encoder.wraps:
         return present
     return (present + offset if family is Family.FEETECH_STS else present - offset) % encoder.ticks
@@ -70,7 +70,7 @@ def choose_homing(
     *,
     counts_on: bool = False,
 ) -> Homing:
-    """Return the homing settings for a travel; the present ones are kept if they suffice.
+    """Choose the homing settings for a travel; the present ones are kept if they suffice.
 
     Args:
         joint: Its name, for messages.

@@ -102,7 +102,7 @@ def read_identified(path: Path) -> IdentifiedArm:
 
 
 def load_identified(arm: str, usb_serial_number: str) -> IdentifiedArm | None:
-    """Return what is known of an arm on an adapter, or None if it was not identified.
+    """Load what is known of an arm on an adapter, or None if it was not identified.
 
     Raises:
         FileFormatError: The file is damaged.

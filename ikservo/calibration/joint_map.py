@@ -47,22 +47,22 @@ class Crank:
             raise BadValueError("The crank's zero", self.zero_rad, "between 0 and pi")
 
     def position(self, horn_rad: float) -> float:
-        """Return the slider's position [m] at a rotation of the horn from zero."""
+        """Compute the slider's position [m] at a rotation of the horn from zero."""
         return self._slide_reach(self.zero_rad - horn_rad) - self._slide_reach(self.zero_rad)
 
     def horn_rad(self, position: float) -> float:
-        """Return the rotation of the horn from zero [rad] at a position [m]."""
+        """Compute the rotation of the horn from zero [rad] at a position [m]."""
         x, r, rod = position + self._slide_reach(self.zero_rad), self.radius_m, self.rod_m
         cosine = (x * x + r * r - rod * rod) / (2.0 * r * x)
         return self.zero_rad - math.acos(min(1.0, max(-1.0, cosine)))
 
     def clamp_to_dead_centre(self, horn_rad: float) -> float:
-        """Return a rotation of the horn from zero, clamped where the slider would reverse."""
+        """Compute a rotation of the horn from zero, clamped where the slider would reverse."""
         return min(self.zero_rad, max(self.zero_rad - math.pi, horn_rad))
 
     @property
     def max_m_per_rad(self) -> float:
-        """Return the maximum slider motion per radian of the horn, m/rad."""
+        """The maximum slider motion per radian of the horn, m/rad."""
         angles = (math.pi * k / 180.0 for k in range(181))
         return max(-self._slide_slope(angle) for angle in angles)
 
@@ -128,7 +128,7 @@ class JointMap:
         ticks_per_turn: float,
         gear: float = 1.0,
     ) -> JointMap:
-        """Return the map of a revolute joint; its servo's horn makes ``gear`` turns for one."""
+        """Compute the map of a revolute joint; its servo's horn makes ``gear`` turns for one."""
         horn = math.tau / ticks_per_turn
         return cls(joint, servo_id, sign, zero_tick, horn / gear, horn_rad_per_tick=horn)
 
@@ -142,7 +142,7 @@ class JointMap:
         ticks_per_turn: float,
         m_per_turn: float,
     ) -> JointMap:
-        """Return the map of a prismatic joint that its servo drives by a rack or pinion."""
+        """Compute the map of a prismatic joint that its servo drives by a rack or pinion."""
         unit, horn = m_per_turn / ticks_per_turn, math.tau / ticks_per_turn
         return cls(joint, servo_id, sign, zero_tick, unit, "m", horn_rad_per_tick=horn)
 
@@ -156,7 +156,7 @@ class JointMap:
         ticks_per_turn: float,
         crank: Crank,
     ) -> JointMap:
-        """Return the map of a prismatic joint that its servo drives by a crank and a rod."""
+        """Compute the map of a prismatic joint that its servo drives by a crank and a rod."""
         horn = math.tau / ticks_per_turn
         unit = crank.max_m_per_rad * horn
         return cls(joint, servo_id, sign, zero_tick, unit, "m", crank, horn)
@@ -167,39 +167,39 @@ class JointMap:
 
     @property
     def unit_per_horn_rad(self) -> float:
-        """Return the travel [rad or m] for each radian of the horn, with a crank the most of it."""
+        """The travel [rad or m] for each radian of the horn, with a crank the most of it."""
         return self.unit_per_tick / self.horn_rad_per_tick
 
     @property
     def gear(self) -> float:
-        """Return the horn's turns for one of a revolute joint; 1 for a prismatic one."""
+        """The horn's turns for one of a revolute joint; 1 for a prismatic one."""
         return self.horn_rad_per_tick / self.unit_per_tick if self.unit == "rad" else 1.0
 
     def position(self, tick: float) -> float:
-        """Return the joint position [rad or m] at a tick."""
+        """Compute the joint position [rad or m] at a tick."""
         if self.crank:
             return self.crank.position(self.sign * (tick - self.zero_tick) * self.horn_rad_per_tick)
         return self.sign * (tick - self.zero_tick) * self.unit_per_tick
 
     def position_clamped(self, tick: float) -> float:
-        """Return the position [rad or m] at a tick, clamped to the crank's dead centres."""
+        """Compute the position [rad or m] at a tick, clamped to the crank's dead centres."""
         if self.crank:
             horn_rad = self.sign * (tick - self.zero_tick) * self.horn_rad_per_tick
             return self.crank.position(self.crank.clamp_to_dead_centre(horn_rad))
         return self.position(tick)
 
     def exact_tick(self, position: float) -> float:
-        """Return the tick, with its fraction, at a joint position [rad or m]."""
+        """Compute the tick, with its fraction, at a joint position [rad or m]."""
         return self.zero_tick + self.ticks_from_zero(position)
 
     def ticks_from_zero(self, position: float) -> float:
-        """Return the signed number of ticks from position zero to a position [rad or m]."""
+        """Compute the signed number of ticks from position zero to a position [rad or m]."""
         if self.crank:
             return self.sign * self.crank.horn_rad(position) / self.horn_rad_per_tick
         return self.sign * position / self.unit_per_tick
 
     def tick(self, position: float) -> int:
-        """Return the nearest integer tick to a joint position [rad or m].
+        """Compute the nearest integer tick to a joint position [rad or m].
 
         Raises:
             BadValueError: The position is not finite.
@@ -213,7 +213,7 @@ class JointMap:
         return format_position(position, self.unit)
 
     def ticks_inside(self, lower: float, upper: float) -> tuple[int, int]:
-        """Return the lowest and the highest tick whose positions are in [lower, upper].
+        """Compute the lowest and the highest tick whose positions are in [lower, upper].
 
         Raises:
             BadValueError: There is no tick inside.
@@ -244,7 +244,7 @@ class Encoder:
 
     @property
     def wraps(self) -> bool:
-        """Return whether the count wraps around after a revolution."""
+        """Whether the count wraps around after a revolution."""
         return self.ticks == self.ticks_per_turn
 
 
@@ -255,7 +255,7 @@ def encoder_of(table: type[ControlTable]) -> Encoder:
 
 
 def wrapped_difference(start: int, end: int, ticks_per_turn: int) -> int:
-    """Return the shorter signed difference of two ticks modulo ``ticks_per_turn``.
+    """Compute the shorter signed difference of two ticks modulo ``ticks_per_turn``.
 
     Half a revolution counts as negative: the result is in [-ticks_per_turn/2, ticks_per_turn/2).
     """
@@ -263,7 +263,7 @@ def wrapped_difference(start: int, end: int, ticks_per_turn: int) -> int:
 
 
 def unwrap(last: int, reading: int, ticks_per_turn: int) -> int:
-    """Return a reading unwrapped relative to the last one, over any number of revolutions."""
+    """Compute a reading unwrapped relative to the last one, over any number of revolutions."""
     return last + wrapped_difference(last, reading, ticks_per_turn)
 
 

@@ -51,7 +51,7 @@ class LerobotJoint:
 
     @property
     def is_continuous(self) -> bool:
-        """Return whether the joint has a full revolution instead of a range."""
+        """Whether the joint has a full revolution instead of a range."""
         return (self.range_min, self.range_max) == _FULL_TURN
 
 
@@ -65,7 +65,7 @@ def read_lerobot(path: Path) -> tuple[LerobotJoint, ...]:
 
 
 def parse_lerobot(path: Path, text: str) -> tuple[LerobotJoint, ...]:
-    """Return the joints of a text in the order of the file; ``path`` is for messages."""
+    """Parse the joints of a text in the order of the file; ``path`` is for messages."""
     table = _parse_json(path, text)
     if not isinstance(table, dict) or not table:
         raise FileFormatError(path, "", "is not a table of joints", "joint: {id, drive_mode, …}")
@@ -179,7 +179,7 @@ _KINDS = ("robots", "teleoperators")
 
 
 def find_lerobot(id_or_path: str) -> Path:
-    """Return the file of an id or a path.
+    """Find the file of an id or a path.
 
     Ids are searched below ``robots/<type>`` and ``teleoperators/<type>`` for every type, for
     LeRobot has renamed them: so100_follower, so101_follower, today so_follower.

@@ -62,12 +62,12 @@ class Limits:
         )
 
     def contains(self, value: float) -> bool:
-        """Return whether a joint position [rad or m] is inside."""
+        """Check whether a joint position [rad or m] is inside."""
         return self.lower.value <= value <= self.upper.value
 
     @property
     def source(self) -> str:
-        """Return the source of both ends, or both sources when they differ."""
+        """The source of both ends, or both sources when they differ."""
         low, high = self.lower.source, self.upper.source
         return low if low == high else f"{low} / {high}"
 

@@ -41,7 +41,7 @@ _SHADOW_TICKS = 40
 
 
 def is_full_turn(state: CalibrationState, subject: JointUnderCalibration) -> bool:
-    """Return whether a joint was moved so far that its range has no stops."""
+    """Check whether a joint was moved so far that its range has no stops."""
     track = state.tracks[subject.servo_id]
     return subject.ticks_per_turn != 0 and track.width >= subject.ticks_per_turn * (
         1.0 - _ALMOST_FULL_TURN
@@ -49,7 +49,7 @@ def is_full_turn(state: CalibrationState, subject: JointUnderCalibration) -> boo
 
 
 def range_complete(state: CalibrationState, subject: JointUnderCalibration) -> bool:
-    """Return whether a joint's range seems complete."""
+    """Check whether a joint's range seems complete."""
     if not state.is_measured(subject) or subject.name in state.free:
         return True
     width = state.tracks[subject.servo_id].width
@@ -149,7 +149,7 @@ def _exceeds_expected_range(subject: JointUnderCalibration) -> bool:
 
 
 def _fits_better_mirrored(state: CalibrationState, subject: JointUnderCalibration) -> bool:
-    """Return whether the range would fit much better with the opposite sign."""
+    """Check whether the range would fit much better with the opposite sign."""
     track = state.tracks[subject.servo_id]
     if is_full_turn(state, subject) or subject.joint_map.unit != "rad":
         return False
@@ -163,7 +163,7 @@ def _fits_better_mirrored(state: CalibrationState, subject: JointUnderCalibratio
 def _range_mismatch(
     subject: JointUnderCalibration, sign: int, anchor: float, ticks: tuple[int, int]
 ) -> float:
-    """Return the distance of a recorded range from the expected one, for a sign."""
+    """Compute the distance of a recorded range from the expected one, for a sign."""
     placed = subject.with_mounting(sign, anchor)
     low, high = sorted(placed.position(tick) for tick in ticks)
     return abs(low - subject.expected.lower.value) + abs(high - subject.expected.upper.value)
@@ -247,7 +247,7 @@ class CalibrationState:
 
     @property
     def current_joint(self) -> JointUnderCalibration | None:
-        """Return the joint to move in its shown direction now, if any."""
+        """The joint to move in its shown direction now, if any."""
         if self.stage is not CalibrationStage.SWEEP:
             return None
         known = self.signs.keys() | self.skipped | self.known_signs
@@ -255,16 +255,16 @@ class CalibrationState:
 
     @property
     def is_second_trial(self) -> bool:
-        """Return whether the current joint must be moved a second time to confirm its sign."""
+        """Whether the current joint must be moved a second time to confirm its sign."""
         return self.current_joint is not None and self.current_joint.name in self.unconfirmed_signs
 
     @property
     def is_at_rest(self) -> bool:
-        """Return whether nothing has moved for half a second."""
+        """Whether nothing has moved for half a second."""
         return self.stillness.is_at_rest()
 
     def find_joint(self, joint: str) -> JointUnderCalibration:
-        """Return the joint of that name.
+        """Find the joint of that name.
 
         Raises:
             UnknownNameError: The arm has no such joint.
@@ -279,7 +279,7 @@ class CalibrationState:
         return self.signs.get(subject.name, subject.joint_map.sign)
 
     def is_measured(self, subject: JointUnderCalibration) -> bool:
-        """Return whether the joint's range is to be recorded by hand."""
+        """Check whether the joint's range is to be recorded by hand."""
         return subject.name not in self.skipped and subject.known is None
 
     def position(self, subject: JointUnderCalibration, tick: float) -> float:
@@ -431,7 +431,7 @@ class JointReadout:
 
     @property
     def name(self) -> str:
-        """Return the joint's name."""
+        """The joint's name."""
         return self.subject.name
 
 

@@ -58,7 +58,7 @@ class RangeTracker:
 
     @property
     def width(self) -> int:
-        """Return the ticks between the recorded ends."""
+        """The ticks between the recorded ends."""
         return self.high - self.low
 
     def update(self, reading: int, at_s: float) -> RangeTracker:
@@ -121,13 +121,13 @@ class StillnessDetector:
         return replace(self, readings=())
 
     def is_at_rest(self) -> bool:
-        """Return whether nothing has moved within the window."""
+        """Check whether nothing has moved within the window."""
         if len(self.readings) < 3 or self.readings[-1][0] - self.readings[0][0] < self.window_s:
             return False
         return all(max(column) - min(column) <= self.tolerance for column in self._columns())
 
     def mean_ticks(self) -> dict[int, float]:
-        """Return the mean position of each servo over the window."""
+        """Compute the mean position of each servo over the window."""
         means = (sum(column) / len(column) for column in self._columns())
         return dict(zip(self.readings[-1][1], means, strict=True))
 
@@ -160,35 +160,35 @@ class JointUnderCalibration:
 
     @property
     def name(self) -> str:
-        """Return the joint's name."""
+        """The joint's name."""
         return self.joint_map.joint
 
     @property
     def servo_id(self) -> int:
-        """Return the id of the joint's first servo."""
+        """The id of the joint's first servo."""
         return self.joint_map.servo_id
 
     @property
     def free_direction(self) -> int:
-        """Return the direction, +1 or -1, with the larger range from the reference pose."""
+        """The direction, +1 or -1, with the larger range from the reference pose."""
         above = self.expected.upper.value - self.pose
         return 1 if above >= self.pose - self.expected.lower.value else -1
 
     @property
     def expected_ticks(self) -> float:
-        """Return how many ticks wide the arm file's range is."""
+        """How many ticks wide the arm file's range is."""
         low, high = self.expected.lower.value, self.expected.upper.value
         return abs(self.joint_map.ticks_from_zero(high) - self.joint_map.ticks_from_zero(low))
 
     @property
     def min_motion_ticks(self) -> float:
-        """Return how far the joint must move to show its direction."""
+        """How far the joint must move to show its direction."""
         return min(
             _MIN_MOTION_DEG / 360.0 * (self.ticks_per_turn or 1229), 0.25 * self.expected_ticks
         )
 
     def zero_tick(self, sign: int, anchor_tick: float) -> float:
-        """Return the tick at position zero, given the tick in the reference pose."""
+        """Compute the tick at position zero, given the tick in the reference pose."""
         return anchor_tick - self.joint_map.with_mounting(sign, 0.0).ticks_from_zero(self.pose)
 
     def with_mounting(self, sign: int, anchor_tick: float) -> JointMap:
@@ -232,7 +232,7 @@ class EndStopDetector:
     at_rad: float = 0.0
 
     def may_be_blocked(self, at_s: float, at_rad: float, goal_rad: float) -> bool:
-        """Return whether the load must be checked: at rest behind its goal for long enough."""
+        """Check whether the load must be checked: at rest behind its goal for long enough."""
         at_rest_s = at_s - self.update(at_s, at_rad).since_s
         return at_rest_s >= _BLOCKED_S and abs(goal_rad - at_rad) >= self.min_lag_rad
 

@@ -215,7 +215,7 @@ def dump_partial(partial: PartialCalibration) -> str:
 
 
 def read_partial(path: Path) -> PartialCalibration | None:
-    """Return the stored measurements; None if there is no file.
+    """Read the stored measurements; None if there is no file.
 
     Raises:
         FileFormatError: The file is damaged.

@@ -51,13 +51,13 @@ class MeasuredJoint:
     swept: RangeSource
 
     def shift_ticks(self, shift: int) -> MeasuredJoint:
-        """Return the same joint with ticks counted from ``shift``."""
+        """Compute the same joint with ticks counted from ``shift``."""
         moved = self.joint_map.with_mounting(self.joint_map.sign, self.joint_map.zero_tick - shift)
         travel = TickRange(self.travel.low - shift, self.travel.high - shift)
         return MeasuredJoint(moved, travel, self.swept)
 
     def range_inside_margin(self, margin_rad: float) -> tuple[float, float] | None:
-        """Return the range less a margin at both ends; None if it was not recorded."""
+        """Compute the range less a margin at both ends; None if it was not recorded."""
         if self.swept == "not swept":
             return None
         margin = margin_rad / self.joint_map.horn_rad_per_tick
@@ -79,7 +79,7 @@ class MeasuredJoint:
 
 
 def measure_joint(state: CalibrationState, subject: JointUnderCalibration) -> MeasuredJoint:
-    """Return the mounting and travel of a joint, in bare ticks.
+    """Measure the mounting and travel of a joint, in bare ticks.
 
     Raises:
         CalibrationError: A range that was known before does not contain the reference pose.
@@ -199,7 +199,7 @@ def _make_calibration(
 def _apply_homing(
     state: CalibrationState, subject: JointUnderCalibration, configs: ServoConfigs
 ) -> tuple[Homing, MeasuredJoint]:
-    """Return the homing of the joint's servo, and the joint in the ticks it then reports."""
+    """Compute the homing of the joint's servo, and the joint in the ticks it then reports."""
     lead, found = configs[subject.servo_id], measure_joint(state, subject)
     homing = choose_homing(
         subject.name,
@@ -225,7 +225,7 @@ def _choose_offsets(
     homing: Homing,
     travel: TickRange,
 ) -> list[tuple[int, int]]:
-    """Return the offset of each servo of a joint: shadows report the ticks of the first one."""
+    """Choose the offset of each servo of a joint: shadows report the ticks of the first one."""
     rows = [(subject.servo_id, homing.offset)]
     reported = round(state.reference_ticks[subject.servo_id] - homing.shift)
     for shadow_id in subject.shadow_ids:

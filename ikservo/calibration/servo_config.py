@@ -74,7 +74,7 @@ class ServoConfig:
 
     @property
     def offset(self) -> int:
-        """Return the effective homing offset."""
+        """The effective homing offset."""
         offset = self.registers.get("homing_offset", 0)
         one_turn = self.registers.get("operating_mode") == OperatingMode.POSITION
         ignored = one_turn and abs(offset) > MAX_X_OFFSET
@@ -82,12 +82,12 @@ class ServoConfig:
 
     @property
     def is_multi_turn(self) -> bool:
-        """Return whether the servo counts beyond one revolution."""
+        """Whether the servo counts beyond one revolution."""
         return is_multi_turn(self.registers)
 
 
 def same_direction(config: ServoConfig, held: Mapping[str, int]) -> bool:
-    """Return whether a servo counts in the direction of ``held``, in a position mode.
+    """Check whether a servo counts in the direction of ``held``, in a position mode.
 
     An offset that the servo ignores makes the result False, too.
     """
@@ -100,7 +100,7 @@ def same_direction(config: ServoConfig, held: Mapping[str, int]) -> bool:
 
 
 def is_multi_turn(held: Mapping[str, int]) -> bool:
-    """Return whether a servo with these registers counts beyond one revolution."""
+    """Check whether a servo with these registers counts beyond one revolution."""
     dynamixel = "drive_mode" in held
     return dynamixel and held["operating_mode"] in _MULTI_TURN_MODES
 
@@ -125,14 +125,14 @@ def read_servo_config(bus: ServoBus, servo_id: int) -> ServoConfig:
 
 
 def registers_differ(register: str, one: int, other: int) -> bool:
-    """Return whether two raw numbers of a register differ in the bits that matter."""
+    """Check whether two raw numbers of a register differ in the bits that matter."""
     return bool((one ^ other) & _BITS.get(register, -1))
 
 
 def expected_registers(
     config: ServoConfig, offset: int, limits: tuple[int, int] | None, *, extended: bool
 ) -> dict[str, int]:
-    """Return the expected registers of a servo.
+    """Compute the expected registers of a servo.
 
     Args:
         config: Its present configuration; kept where possible.

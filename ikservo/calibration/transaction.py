@@ -82,7 +82,7 @@ def dump_journal(journal: Journal) -> str:
 
 
 def read_journal(path: Path) -> Journal | None:
-    """Return the interrupted transaction, or None if there is none.
+    """Read the interrupted transaction, or None if there is none.
 
     Raises:
         FileFormatError: The journal is damaged.
@@ -220,7 +220,7 @@ def _end_interrupted(
 
 
 def _find_interrupted(bus: ServoBus, journal_path: Path) -> Journal | None:
-    """Return the interrupted transaction on this port's servos.
+    """Find the interrupted transaction on this port's servos.
 
     Raises:
         CalibrationError: It is of a servo that the arm file does not have, or has as another.

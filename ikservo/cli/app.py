@@ -95,11 +95,11 @@ class LazyCommandGroup(TyperGroup):
     _listing = False
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401  # typer hides click's types
-        """Return the names in the order of the help."""
+        """List the names in the order of the help."""
         return list(COMMANDS)
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ANN401
-        """Return the command, or only its name and help while the list is printed."""
+        """Get the command, or only its name and help while the list is printed."""
         if cmd_name not in COMMANDS:
             return None
         if self._listing:

@@ -96,7 +96,7 @@ def print_servos(limp_arm: TorqueOffArm, pose: str) -> None:
 
 
 def parse_limits(model: Model, texts: Sequence[str]) -> Mapping[str, Limits]:
-    """Return the ranges of ``--limit``, by joint.
+    """Parse the ranges of ``--limit``, by joint.
 
     Raises:
         BadValueError: One is not a range.

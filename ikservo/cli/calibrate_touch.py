@@ -30,7 +30,7 @@ _EXPECTED = "NAME X Y Z, in metres or like 120mm, the arm's base frame"
 
 
 def read_points(path: Path) -> list[TouchTarget]:
-    """Return the points in a file; ``#`` starts a comment.
+    """Read the points in a file; ``#`` starts a comment.
 
     Raises:
         FileFormatError: The file cannot be read, or a line is not a point; names the line.
@@ -99,7 +99,7 @@ def run_touch_off(
 
 
 def make_targets(model: Model, options: TouchOffOptions) -> list[TouchTarget]:
-    """Return the points to touch, and print where to put the sheet."""
+    """Make the points to touch, and print where to put the sheet."""
     if options.same_point:
         print_status(
             "Put the tip on one fixed point again and again, each time in another posture."

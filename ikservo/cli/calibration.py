@@ -135,7 +135,7 @@ def _show_or_restore(model: Model, port: str | None, action: str, *, json: bool)
 
 
 def _find_file(model: Model, port: str | None) -> Path:
-    """Return the calibration of the arm at a port, or else the only one there is of it."""
+    """Find the calibration of the arm at a port, or else the only one there is of it."""
     if port is not None:
         refuse_other_machines(port)
         return calibration_path(model.name, serial_number_of(resolve_port(model, port)))

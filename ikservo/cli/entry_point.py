@@ -207,7 +207,7 @@ def _report_failure(error: BaseException, args: Sequence[str]) -> int:
 
 
 def _is_interrupt(error: BaseException) -> bool:
-    """Return whether Ctrl-C caused an error, and not the end of the input at a prompt."""
+    """Check whether Ctrl-C caused an error, and not the end of the input at a prompt."""
     chain = list(_error_chain(error))
     at_prompt = any(isinstance(each, EOFError) for each in chain)
     return not at_prompt and any(isinstance(each, KeyboardInterrupt) for each in chain)

@@ -97,7 +97,7 @@ def _write_output(text: str, to: Path | None) -> None:
 
 
 def _find_calibration_file(model: Model, port: str | None) -> Path:
-    """Return the calibration of the arm on a port, or the only one that exists."""
+    """Find the calibration of the arm on a port, or the only one that exists."""
     found = calibrations_of(model.name)
     if port:
         found = [

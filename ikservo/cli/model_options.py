@@ -168,7 +168,7 @@ def _pose_joints(model: Model, chain: Chain, name: str) -> Vector:
 def _parse_pairs(
     chain: Chain, texts: Sequence[str] | None, option: str, example: str
 ) -> list[tuple[int, str]]:
-    """Return the joint columns and the texts given for them."""
+    """Parse the joint columns and the texts given for them."""
     pairs, named = list[tuple[int, str]](), set[str]()
     for each in texts or ():
         name, equals, text = each.partition("=")

@@ -62,22 +62,22 @@ _RADIANS = {"": math.pi / 180, "deg": math.pi / 180, "°": math.pi / 180, "rad":
 
 
 def parse_length_m(text: str | float) -> float:
-    """Return metres from ``0.25``, ``0.25m``, ``25cm`` or ``250mm``."""
+    """Parse metres from ``0.25``, ``0.25m``, ``25cm`` or ``250mm``."""
     return _parse_quantity(str(text), _METRES, "a length like 0.25, 250mm or 25cm")
 
 
 def parse_angle_rad(text: str) -> float:
-    """Return radians from degrees, ``30`` or ``30deg``, or from ``0.2rad``."""
+    """Parse radians from degrees, ``30`` or ``30deg``, or from ``0.2rad``."""
     return _parse_quantity(text, _RADIANS, "an angle like 30, 30deg or 0.2rad")
 
 
 def parse_force_n(text: str) -> float:
-    """Return newtons from ``5``, ``5N`` or ``500mN``."""
+    """Parse newtons from ``5``, ``5N`` or ``500mN``."""
     return _parse_quantity(text, _NEWTONS, "a force like 5, 5N or 500mN")
 
 
 def parse_time_s(text: str | float) -> float:
-    """Return seconds above 0 from ``2``, ``2s``, ``500ms`` or ``1min``."""
+    """Parse seconds above 0 from ``2``, ``2s``, ``500ms`` or ``1min``."""
     time_s = _parse_quantity(str(text), _SECONDS, "a time like 2, 2s, 500ms or 1min")
     if time_s <= 0.0:
         raise typer.BadParameter(f"{text!r} is not a time above 0.")
@@ -95,7 +95,7 @@ def parse_tool_speed_m_s(text: str) -> float:
 
 
 def parse_axis(text: str) -> tuple[float, float, float]:
-    """Return a direction from ``x``, ``y`` or ``z``, or from three numbers like ``0,0,-1``."""
+    """Parse a direction from ``x``, ``y`` or ``z``, or from three numbers like ``0,0,-1``."""
     if text.lower() in _AXES:
         return _AXES[text.lower()]
     parts = [
@@ -108,7 +108,7 @@ def parse_axis(text: str) -> tuple[float, float, float]:
 
 
 def parse_point_m(text: str) -> tuple[float, float, float]:
-    """Return a point from three lengths like ``0.25,-50mm,0.1``, metres."""
+    """Parse a point from three lengths like ``0.25,-50mm,0.1``, metres."""
     parts = text.split(",")
     if len(parts) != 3:
         raise typer.BadParameter(f"{text!r} is not a point like 0.25,-50mm,0.1.")

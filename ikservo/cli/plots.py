@@ -69,7 +69,7 @@ def check_plot_file(file: Path) -> None:
 
 
 def new_figure(width_in: float, height_in: float) -> Figure:
-    """Return an empty figure without a window."""
+    """Make an empty figure without a window."""
     from matplotlib.figure import Figure  # noqa: PLC0415
 
     return Figure(figsize=(width_in, height_in), layout="constrained")

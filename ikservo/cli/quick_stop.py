@@ -131,7 +131,7 @@ def report_stop(found: StopAllResult, *, as_json: bool) -> int:
 
 
 def _read_options(args: Sequence[str]) -> Mapping[str, str] | None:
-    """Return the options of a command line; None where the whole command has to read it."""
+    """Read the options of a command line; None where the whole command has to read it."""
     options, rest = dict[str, str](), list(args)
     while rest:
         name, equals, value = rest.pop(0).partition("=")
@@ -145,7 +145,7 @@ def _read_options(args: Sequence[str]) -> Mapping[str, str] | None:
 
 
 def _others_may_be_open() -> bool:
-    """Return whether a machine is listed, or an arm served here, perhaps by another user."""
+    """Check whether a machine is listed, or an arm served here, perhaps by another user."""
     listed = os.environ.get("IKSERVO_FLEET") or ":" in os.environ.get("IKSERVO_PORT", "")
     return bool(listed) or listens(parse_host("127.0.0.1"))
 
@@ -171,7 +171,7 @@ def _stop_others() -> StopAllResult:
 
 
 def _has_other_networks() -> bool:
-    """Return whether another package opens arms on other machines, too.
+    """Check whether another package opens arms on other machines, too.
 
     ``importlib.metadata`` would say so, but takes longer to load than an arm takes to brake.
     """

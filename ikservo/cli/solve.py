@@ -198,7 +198,7 @@ def _force_n(force: tuple[str, str, str] | None, *, single: bool) -> Vector | No
 def _make_target(
     position_m: tuple[float, float, float], model: Model, direction: str | None, axis: str | None
 ) -> Target:
-    """Return the target; its direction applies to the tool's axis unless another is given."""
+    """Make the target; its direction applies to the tool's axis unless another is given."""
     tool_axis = tool_frame(model).approach_axis if axis is None else parse_axis(axis)
     direction_vector = None if direction is None else parse_axis(direction)
     return Target(position_m, direction=direction_vector, tool_axis=tool_axis)

@@ -165,7 +165,7 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 def _count_fitting_columns(
     columns: Sequence[str], rows: Sequence[Sequence[str]], width: int
 ) -> int:
-    """Return how many columns fit a width, two spaces between them; at least one."""
+    """Count how many columns fit a width, two spaces between them; at least one."""
     used = 0
     for i, column in enumerate(columns):
         used += max(len(text) for text in (column, *(row[i] for row in rows))) + 2 * (i > 0)
@@ -329,7 +329,7 @@ def _discard_input() -> None:
 
 
 def _read_line() -> str:
-    """Return a line with its end; empty at the end of the input."""
+    """Read a line with its end; empty at the end of the input."""
     if sys.platform == "win32":
         return sys.stdin.readline()
     # Read from the descriptor itself: `sys.stdin` would keep a second typed line for later.

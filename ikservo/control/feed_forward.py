@@ -66,7 +66,7 @@ class FeedForward:
         return FeedForward(replace(self.parameters, drives=drives), self.columns)
 
     def inertia_s2(self, positions: Vector) -> Vector:
-        """Return the inertia of each joint with its motor over its stiffness (dof,), s².
+        """Compute the inertia of each joint with its motor over its stiffness (dof,), s².
 
         0 where a motor is not known.
 
@@ -78,7 +78,7 @@ class FeedForward:
         return np.where(self._known, inertia / self._stiffness, 0.0)
 
     def pressed(self, positions: Vector) -> Vector:
-        """Return how surely weight keeps the gears of each joint on one flank (dof,), 0 to 1.
+        """Compute how surely weight keeps the gears of each joint on one flank (dof,), 0 to 1.
 
         Args:
             positions: Of all joints (n,), rad or m.
@@ -93,7 +93,7 @@ class FeedForward:
         held_s: float = 0.0,
         unmodelled: Vector | None = None,
     ) -> Vector:
-        """Return by how much goals lead the positions of a reference (n,), rad or m.
+        """Compute by how much goals lead the positions of a reference (n,), rad or m.
 
         Args:
             point: The reference: positions, velocities and accelerations (n,) of all joints.
@@ -135,7 +135,7 @@ class _FrictionArrays:
         self._square = np.array([each.square_per_nm for each in gears])
 
     def torque(self, direction: Vector, qd: Vector, frictionless: Vector) -> Vector:
-        """Return the motor torque that friction takes (dof,), in the direction of the motion.
+        """Compute the motor torque that friction takes (dof,), in the direction of the motion.
 
         The gears' load g holds the friction itself: ``g = |a + d f|, f = c + l g + s g^2`` with
         the load a without friction and the direction d.

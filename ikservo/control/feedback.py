@@ -110,7 +110,7 @@ class Feedback:
 
     @property
     def lost_joints(self) -> tuple[str, ...]:
-        """Return the joints whose last reply is missing."""
+        """The joints whose last reply is missing."""
         return self._losses.lost_joints
 
     def measure_ticks(self) -> dict[str, int]:
@@ -267,7 +267,7 @@ def read_joint_states(
 
 
 def read_alarm_names(bus: ServoBus, servo_id: int) -> tuple[str, ...]:
-    """Return a servo's alarms; they are read where its replies only flag that it has some."""
+    """Read a servo's alarms; they are read where its replies only flag that it has some."""
     if not bus.alarms.get(servo_id):
         return ()
     with contextlib.suppress(BusError):

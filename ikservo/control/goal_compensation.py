@@ -84,7 +84,7 @@ class GoalCompensator:
 
     @property
     def corrects(self) -> NDArray[np.bool_]:
-        """Return which joints (n,) have an offset."""
+        """Which joints (n,) have an offset."""
         return self._chain
 
     def start(self, gain_shares: Sequence[float]) -> None:
@@ -128,7 +128,7 @@ class GoalCompensator:
         self._clamped = np.zeros_like(self._chain)
 
     def stuck_offsets(self, positions: Vector) -> tuple[Vector, Vector]:
-        """Return the lowest and the highest offset (n,) with which friction keeps joints at rest.
+        """Compute the lowest and the highest offset (n,) with which friction keeps joints at rest.
 
         Args:
             positions: Where they are (n,), rad or m.
@@ -144,7 +144,7 @@ class GoalCompensator:
         rate: float = 1.0,
         ease: Vector | float = 1.0,
     ) -> Vector:
-        """Return the goals (n,) for a reference, inside the limits.
+        """Compute the goals (n,) for a reference, inside the limits.
 
         Args:
             point: The reference (n,), by the time of the motion.
@@ -226,7 +226,7 @@ class GoalCompensator:
         return self._offset(self._feed_forwards(point, direction), direction)
 
     def _offset(self, rows: Matrix, direction: Vector | float) -> Vector:
-        """Return the feed-forward (n,), the load within its bound, with the friction learned."""
+        """Compute the feed-forward (n,), the load within its bound, with the friction learned."""
         nominal, loaded, _ = rows
         load = np.clip(loaded - nominal, -self._max_load_offset, self._max_load_offset)
         return nominal + load + direction * self._feedback.friction
@@ -238,7 +238,7 @@ class GoalCompensator:
         self._is_load_bounded = np.abs(loaded - nominal) >= self._max_load_offset
 
     def _feed_forwards(self, point: TrajectoryPoint, direction: Vector | float) -> Matrix:
-        """Return the feed-forward (3, n) without the load, with it and with a little more."""
+        """Compute the feed-forward (3, n) without the load, with it and with a little more."""
         load = self._feedback.integral
         loads = np.stack([np.zeros_like(load), load, load + self._load_step])
         if self.feed_forward is None:
@@ -247,7 +247,7 @@ class GoalCompensator:
         return self.feed_forward.offsets(point, directions, self._held_s, loads)
 
     def _resting_direction(self, offset: Vector) -> Vector:
-        """Return the share of its friction (n,), signed, that each resting joint presses against.
+        """Compute the share of its friction (n,), signed, that each resting joint presses against.
 
         Args:
             offset: Of the goals in force.
@@ -258,7 +258,7 @@ class GoalCompensator:
         return np.clip(share, -1.0, 1.0)
 
     def _sag(self, reference: Vector, measured: Vector | None) -> Vector:
-        """Return how far joints (n,) are behind their reference where they are far from it."""
+        """Compute how far joints (n,) are behind their reference where they are far from it."""
         if measured is None:
             return np.zeros_like(reference)
         lag = np.where(self._chain, reference - measured, 0.0)

@@ -67,7 +67,7 @@ class HealthPoller:
 
     @property
     def is_overheated(self) -> bool:
-        """Return whether a servo was too hot to hold any longer."""
+        """Whether a servo was too hot to hold any longer."""
         return self._health.release
 
     def poll_all(self) -> None:

@@ -87,7 +87,7 @@ class TimeScaler:
 
     @property
     def stopped(self) -> bool:
-        """Return whether the motion has been braked to a stop."""
+        """Whether the motion has been braked to a stop."""
         return self.rate <= 0.0
 
     def step(self, elapsed_s: float, *, braking: bool) -> float:
@@ -180,7 +180,7 @@ class SetpointSampler:
 
     @property
     def has_ended(self) -> bool:
-        """Return whether the trajectory is at its end."""
+        """Whether the trajectory is at its end."""
         return self._start is None and self.time_s >= self._trajectory.duration_s
 
     def restart_from(self, position: Vector) -> None:
@@ -242,7 +242,7 @@ class ControlLoop:
 
     @property
     def last_cycle(self) -> ControlCycle | None:
-        """Return the last cycle of the running motion, or of the last one."""
+        """The last cycle of the running motion, or of the last one."""
         return self._last_cycle
 
     def request_stop(self, reason: StopReason) -> None:

@@ -161,7 +161,7 @@ class ServoGroup(StreamedServos):
 
     @property
     def overheated(self) -> bool:
-        """Return whether a servo was too hot in the last motion to hold any longer."""
+        """Whether a servo was too hot in the last motion to hold any longer."""
         return self._health_poller is not None and self._health_poller.is_overheated
 
     def measured_hold_positions(self) -> Vector:

@@ -88,7 +88,7 @@ class ServoRamLimits:
 
     @property
     def watchdog_ids(self) -> list[int]:
-        """Return the servos whose bus watchdog is used."""
+        """The servos whose bus watchdog is used."""
         return [i for i in self._watched if "bus_watchdog" in self._limit_registers(i)]
 
     def invalidate(self) -> None:
@@ -133,7 +133,7 @@ class ServoRamLimits:
         self._speed_rad_s = speed_rad_s
 
     def profile_speed_rad_s(self, servo_id: int, speed_rad_s: float) -> float:
-        """Return the speed of a servo on its way to a goal in a motion of some top speed, rad/s.
+        """Compute the speed of a servo on its way to a goal in a motion of some top speed, rad/s.
 
         Infinite where its profile is a time: it has none then.
         """
@@ -165,7 +165,7 @@ class ServoRamLimits:
         self._armed = False
 
     def may_have_tripped(self, elapsed_s: float) -> bool:
-        """Return whether a watchdog stops its servo after so long without packets."""
+        """Check whether a watchdog stops its servo after so long without packets."""
         return elapsed_s > _WATCHDOG_S and bool(self.watchdog_ids)
 
     def check_watchdog_gap(self, elapsed_s: float) -> None:
@@ -189,7 +189,7 @@ class ServoRamLimits:
             raise _pause_error()
 
     def reset_markers(self, servo_id: int) -> Mapping[Register, int]:
-        """Return the RAM registers of a servo, and their values unless it was reset."""
+        """Compute the RAM registers of a servo, and their values unless it was reset."""
         if servo_id not in self._expected:
             return {}
         registers, expected = self._limit_registers(servo_id), self._expected[servo_id]

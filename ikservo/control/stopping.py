@@ -65,7 +65,7 @@ class StopRequest:
         self._without_braking, self._hint = False, RELAX_HINT
 
     def __bool__(self) -> bool:
-        """Return whether a stop was requested."""
+        """Check whether a stop was requested."""
         return self.times > 0
 
     @property

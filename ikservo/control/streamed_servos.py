@@ -110,7 +110,7 @@ class StreamedServos:
         return self._to_positions(known)
 
     def reference(self) -> Vector:
-        """Return where the joints are, or should be (n,), rad or m; motions start there.
+        """Compute where the joints are, or should be (n,), rad or m; motions start there.
 
         Goals lead it by what load and friction take. A joint besides the chain, such as a gripper,
         is referred to by its goal: it may press on something.
@@ -175,14 +175,14 @@ class StreamedServos:
 
     @property
     def goals_wire_s(self) -> float:
-        """Return how long the goals of all servos are on the wire; they have no replies."""
+        """How long the goals of all servos are on the wire; they have no replies."""
         header = 14
         each = 1 + next(iter(self._bus.servos.values())).table.goal_position.size
         return self._bus.port.wire_s(header + each * len(self._bus.servos))
 
     @property
     def lost_joints(self) -> tuple[str, ...]:
-        """Return the joints whose reply was missing in the last cycle."""
+        """The joints whose reply was missing in the last cycle."""
         return self._feedback.lost_joints
 
     @property

@@ -56,7 +56,7 @@ class Drawing:
 
     @property
     def size_m(self) -> tuple[float, float]:
-        """Return the extent along x and along y."""
+        """The extent along x and along y."""
         points = np.concatenate(self.strokes_m)
         along_x, along_y = np.ptp(points[:, :2], axis=0).tolist()
         return along_x, along_y
@@ -301,7 +301,7 @@ def _count_points(segment: PathSegment) -> int:
 
 
 def _sample_segments(segments: Sequence[PathSegment]) -> Matrix:
-    """Return the points (k, 2) [px] along a part of a path, drawn without lifting the pen."""
+    """Sample the points (k, 2) [px] along a part of a path, drawn without lifting the pen."""
     points: list[tuple[float, float]] = []
     for segment in segments:
         count = _count_points(segment)

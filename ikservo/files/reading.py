@@ -29,7 +29,7 @@ _MAX_NAME_CHARS = 1024
 
 
 def read_text(path: Path, limit_bytes: int) -> str:
-    """Return the text of a regular file in UTF-8, with or without byte order mark.
+    """Read the text of a regular file in UTF-8, with or without byte order mark.
 
     Raises:
         FileFormatError: It is missing, not a file, unreadable, too large, empty or not UTF-8.
@@ -57,7 +57,7 @@ def require_file(path: Path) -> None:
 
 
 def parse_json(text: str | bytes, parse_int: Callable[[str], int] | None = None) -> Any:  # noqa: ANN401
-    """Return the value of a JSON text; a key that appears twice, NaN and Infinity are refused.
+    """Parse the value of a JSON text; a key that appears twice, NaN and Infinity are refused.
 
     Args:
         text: The text.
@@ -134,7 +134,7 @@ _PLACE = re.compile(r"(.*) \(at (line \d+, column \d+|end of document)\)", re.DO
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the tables of a TOML file.
+    """Read the tables of a TOML file.
 
     Raises:
         FileFormatError: The file cannot be read or is not TOML.
@@ -143,7 +143,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def parse_toml(path: Path, text: str) -> dict[str, Any]:
-    """Return the tables of a TOML text; ``path`` is its origin, for messages.
+    """Parse the tables of a TOML text; ``path`` is its origin, for messages.
 
     Raises:
         FileFormatError: The text is not TOML, or would be too expensive to parse.

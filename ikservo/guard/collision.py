@@ -38,7 +38,7 @@ _DEEPER_M, _DEEPER_AT_END_M = 5e-4, 1e-6
 def sample_path(
     positions_at: Callable[[float], Vector], duration_s: float, top_speed_rad_s: float
 ) -> Matrix:
-    """Return joints (k, n) along a path in time, close enough for collision checks.
+    """Sample joints (k, n) along a path in time, close enough for collision checks.
 
     Args:
         positions_at: The joints (n,) at a time.
@@ -50,7 +50,7 @@ def sample_path(
 
 
 def sample_line(start: Vector, goal: Vector, unit_per_rad: Vector | float = 1.0) -> Matrix:
-    """Return joints (k, n) on the straight line from a start to a goal, both included.
+    """Sample joints (k, n) on the straight line from a start to a goal, both included.
 
     Args:
         start: Where it begins (n,), rad or m.
@@ -124,7 +124,7 @@ class CollisionChecker:
 
     @property
     def dof(self) -> int:
-        """Return the length of the joint vectors."""
+        """The length of the joint vectors."""
         return self._body.dof
 
     def check_path(
@@ -176,7 +176,7 @@ class CollisionChecker:
         return free
 
     def distances(self, path: Sequence[Vector] | Matrix) -> Matrix:
-        """Return the distance of each pair (n, pairs) [m] in postures (n, dof)."""
+        """Compute the distance of each pair (n, pairs) [m] in postures (n, dof)."""
         from ikservo.guard.collision_kernel import min_distances  # noqa: PLC0415
 
         body, q = self._body, finite_vectors(np.array(path), self._body.dof, "q")
@@ -215,7 +215,7 @@ class CollisionChecker:
         return fractions, gap_m
 
     def _unresolved_intervals(self, path: Matrix, gap_m: Matrix) -> NDArray[np.intp]:
-        """Return the samples between which and the next a collision is possible."""
+        """Compute the samples between which and the next a collision is possible."""
         nearer_m = np.abs(np.diff(path, axis=0)) @ self._reach_m.T
         slack_m = gap_m - self._allowed_gaps(gap_m)
         free = np.minimum(slack_m[:-1], slack_m[1:]) >= -_TOUCH_M
@@ -223,7 +223,7 @@ class CollisionChecker:
         return np.flatnonzero((free & may_touch & (nearer_m > 2 * _MAX_UNCHECKED_M)).any(axis=1))
 
     def distances_with_sag(self, path: Matrix, load: float = 1.0) -> Matrix:
-        """Return the distances (n, pairs + sagging) [m] in postures (n, dof).
+        """Compute the distances (n, pairs + sagging) [m] in postures (n, dof).
 
         First those of every pair, then those to the surroundings where gravity moves the joints:
         an arm that lies on the table sags in this computation only, so that a contact of the one
@@ -236,7 +236,7 @@ class CollisionChecker:
         return np.hstack([gap_m, sagged_m[:, len(self._body.pairs) :]])
 
     def _allowed_gaps(self, gap_m: Matrix) -> Matrix:
-        """Return the smallest allowed distance at each sample, of ``distances_with_sag`` [m].
+        """Compute the smallest allowed distance at each sample, of ``distances_with_sag`` [m].
 
         A contact of the start ends where its pair is free for the first time.
         """
@@ -248,7 +248,7 @@ class CollisionChecker:
         return np.where(been_free, again_m, np.minimum(gap_m[0], 0.0) - self._deeper_m(gap_m[0]))
 
     def _deeper_m(self, start_m: Vector) -> Vector:
-        """Return how much deeper than at the start each distance may become [m].
+        """Compute how much deeper than at the start each distance may become [m].
 
         Where only the sagged arm touches, it may use up half of the distance that the arm itself
         has at the start.

@@ -46,7 +46,7 @@ def distances_fit(
     ends: Matrix,
     distances: Matrix,
 ) -> bool:
-    """Return whether arrays have the shapes that ``min_distances`` needs, and indices exist."""
+    """Check whether arrays have the shapes that ``min_distances`` needs, and indices exist."""
     if not _is_tree(links, postures.shape[1]) or capsules.shape[1] != CAPSULE_WIDTH:
         return False
     between = distances.shape[1] - len(links) * (1 + len(boxes))
@@ -121,7 +121,7 @@ def min_distances(
 def torques_fit(
     links: Matrix, masses: Matrix, postures: Matrix, places: Matrix, torques: Matrix
 ) -> bool:
-    """Return whether arrays have the shapes that ``gravity_torques_kernel`` needs."""
+    """Check whether arrays have the shapes that ``gravity_torques_kernel`` needs."""
     return (
         _is_tree(links, postures.shape[1])
         and len(masses) == len(links)
@@ -134,7 +134,7 @@ def torques_fit(
 
 
 def _is_tree(links: Matrix, dof: int) -> bool:
-    """Return whether links have their parents before them, and joints a column of q."""
+    """Check whether links have their parents before them, and joints a column of q."""
     if links.shape[1] != LINK_WIDTH:
         return False
     for i in range(len(links)):
@@ -186,7 +186,7 @@ def _mass_centre_xy(places: Matrix, i: int, masses: Matrix) -> tuple[float, floa
 
 
 def _height_derivative(links: Matrix, places: Matrix, j: int, x: float, y: float) -> float:
-    """Return the height change of a point per rad or m of the joint of link ``j``."""
+    """Compute the height change of a point per rad or m of the joint of link ``j``."""
     ax = ay = az = 0.0
     for k in range(3):
         ax += places[j, k] * links[j, AXIS + k]
@@ -266,7 +266,7 @@ def _place_capsules(capsules: Matrix, places: Matrix, ends: Matrix) -> None:
 
 
 def _segment_distance(ends: Matrix, i: int, j: int) -> float:
-    """Return the distance of two segments; see ``kinematics.capsules.segment_distance``."""
+    """Compute the distance of two segments; see ``kinematics.capsules.segment_distance``."""
     a = e = b = c = f = 0.0
     for k in range(3):
         d1, d2 = ends[i, 3 + k] - ends[i, k], ends[j, 3 + k] - ends[j, k]
@@ -286,7 +286,7 @@ def _segment_distance(ends: Matrix, i: int, j: int) -> float:
 
 
 def _segment_box_distance(ends: Matrix, i: int, boxes: Matrix, b: int) -> float:
-    """Return the distance of a segment from a box; 0 inside. The distance is convex along it."""
+    """Compute the distance of a segment from a box; 0 inside. The distance is convex along it."""
     low, high = 0.0, 1.0
     for _ in range(_SECTIONS):
         s, t = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)

@@ -21,7 +21,7 @@ _DISTANCES_M = (0.003, 0.02, 0.05)
 def nearest_free_posture(
     checker: CollisionChecker, q: Vector, lower: Vector, upper: Vector
 ) -> Vector | None:
-    """Return joints (dof,) near ``q`` (dof,) in which nothing is touched, rad or m.
+    """Find joints (dof,) near ``q`` (dof,) in which nothing is touched, rad or m.
 
     A joint outside its limits (dof,) may come back.
 

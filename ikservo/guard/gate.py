@@ -34,7 +34,7 @@ class RateLimiter:
         self._spare = 1.0
 
     def max_step(self, elapsed_s: float) -> int:
-        """Return the maximum step for the time since the last one, ticks."""
+        """Compute the maximum step for the time since the last one, ticks."""
         return math.floor(self._remaining_step(elapsed_s) + 1e-6)
 
     def consume(self, step: int, elapsed_s: float) -> None:
@@ -209,7 +209,7 @@ class Gate:
         return self._lead.stale_joints(now_s)
 
     def shorten_goals(self, goals: Mapping[str, int], now_s: float) -> dict[str, int]:
-        """Return the goals nearest to the given ones, on the straight path to them, that may pass.
+        """Compute the goals nearest to the given ones, on the straight path to them, that may pass.
 
         Steps that are too long for the time since the last command, or for the maximum lead, are
         reduced, all joints by the same fraction. A goal that the joint could not reach within 50 ms
@@ -293,12 +293,12 @@ class Gate:
 
     @property
     def goals(self) -> Mapping[str, int]:
-        """Return the goal tick of each joint that was last sent."""
+        """The goal tick of each joint that was last sent."""
         return MappingProxyType(self._goals)
 
     @property
     def measured_ticks(self) -> Mapping[str, int]:
-        """Return the last measured tick of each joint."""
+        """The last measured tick of each joint."""
         return self._lead.measured_ticks
 
     def check_range(self, goals: Mapping[str, int], start: Mapping[str, int]) -> None:
@@ -325,7 +325,7 @@ class Gate:
         return min(max(tick, low), high)
 
     def _command_time_s(self, given_s: float | None) -> float:
-        """Return the time for which a command is checked."""
+        """Compute the time for which a command is checked."""
         now_s = self._clock.now_s()
         if given_s is None:
             return now_s
@@ -339,7 +339,7 @@ class Gate:
         return given_s
 
     def _step_fraction(self, joint: str, tick: int, now_s: float) -> float:
-        """Return the allowed fraction of a joint's step; 1 where `send` decides."""
+        """Compute the allowed fraction of a joint's step; 1 where `send` decides."""
         last, limiter = self._last_goal(joint), self._rate_limiters[joint]
         self._check_range(joint, tick, last)
         step = abs(tick - last)

@@ -44,28 +44,28 @@ class DrivenJoint:
 
     @property
     def joint(self) -> str:
-        """Return the joint's name."""
+        """The joint's name."""
         return self.joint_map.joint
 
     @property
     def servo_id(self) -> int:
-        """Return the id of the joint's servo."""
+        """The id of the joint's servo."""
         return self.joint_map.servo_id
 
     @property
     def tick_range(self) -> tuple[int, int]:
-        """Return the lowest and the highest tick inside the limits."""
+        """The lowest and the highest tick inside the limits."""
         return self.joint_map.ticks_inside(self.limits.lower.value, self.limits.upper.value)
 
     @property
     def position_range(self) -> tuple[float, float]:
-        """Return the lowest and the highest position that is an integer tick inside the limits."""
+        """The lowest and the highest position that is an integer tick inside the limits."""
         low, high = sorted(self.joint_map.position(tick) for tick in self.tick_range)
         return low, high
 
     @property
     def settled_range(self) -> tuple[float, float]:
-        """Return the lowest and the highest position to which friction lets the joint settle.
+        """The lowest and the highest position to which friction lets the joint settle.
 
         No goal may pass a limit, and a joint stops short of its goal.
         """
@@ -75,7 +75,7 @@ class DrivenJoint:
 
     @property
     def sinks_far(self) -> bool:
-        """Return whether a servo that takes its position for its goal sinks far under the arm.
+        """Whether a servo that takes its position for its goal sinks far under the arm.
 
         That is by more than ``MAX_TRAVEL_RAD``, with its payload in the heaviest posture.
         """
@@ -83,11 +83,11 @@ class DrivenJoint:
 
     @property
     def at_rest_lead_rad(self) -> float:
-        """Return how far a goal may be ahead of the measured horn when nothing moves."""
+        """How far a goal may be ahead of the measured horn when nothing moves."""
         return min(max(self.lifting_lag_rad, _AT_REST_LEAD_RAD), _MAX_AT_REST_LEAD_RAD)
 
     def tick(self, position: float) -> int:
-        """Return the tick nearest to a position, inside the limits if the position is.
+        """Compute the tick nearest to a position, inside the limits if the position is.
 
         Raises:
             BadValueError: The position is not finite.
@@ -100,11 +100,11 @@ class DrivenJoint:
 
     @property
     def max_ticks_s(self) -> float:
-        """Return the maximum speed of goals, ticks a second."""
+        """The maximum speed of goals, ticks a second."""
         return self.speed / self.joint_map.unit_per_tick
 
     def max_lead_ticks(self, speed: float) -> int:
-        """Return how far a goal may be ahead of the measured joint in a motion.
+        """Compute how far a goal may be ahead of the measured joint in a motion.
 
         That is the distance in 0.1 s at this speed [rad/s or m/s], but no more than 60 ticks of
         4096 on the horn; plus the steady-state error of a servo under load: 0.12 rad on the horn,
@@ -169,7 +169,7 @@ class LeadLimiter:
 
     @property
     def measured_ticks(self) -> dict[str, int]:
-        """Return the last measured tick of each joint."""
+        """The last measured tick of each joint."""
         return {joint: tick for joint, (tick, _) in self._measured.items()}
 
     def set_speeds(self, speeds: Mapping[str, float]) -> None:
@@ -232,7 +232,7 @@ class LeadLimiter:
         return tuple(joint for joint in self._limits if self._recent_tick(joint, now_s) is None)
 
     def remaining_lead(self, joint: str, last: int, direction: int, now_s: float) -> int:
-        """Return how many ticks a goal may move on from ``last`` in a direction, +1 or -1.
+        """Compute how many ticks a goal may move on from ``last`` in a direction, +1 or -1.
 
         Raises:
             RefusedError: The joint was not measured recently.
@@ -255,7 +255,7 @@ class LeadLimiter:
         )
 
     def ease(self, joint: str, goal: int) -> float:
-        """Return how fast goals may go on, 0 to 1: less from three quarters of the lead on.
+        """Compute how fast goals may go on, 0 to 1: less from three quarters of the lead on.
 
         Args:
             joint: Its name.

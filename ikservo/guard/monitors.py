@@ -97,7 +97,7 @@ class CommunicationMonitor:
 
     @property
     def lost_joints(self) -> tuple[str, ...]:
-        """Return the joints whose last reply is missing."""
+        """The joints whose last reply is missing."""
         return tuple(name for name, row in self._row.items() if row)
 
     def update(self, replied: Container[str]) -> None:
@@ -140,7 +140,7 @@ class DeadManSwitch:
         self._fresh_s += delay_s
 
     def expired(self, time_s: float) -> bool:
-        """Return whether the switch has expired; it has until the first command."""
+        """Check whether the switch has expired; it has until the first command."""
         return not time_s - self._fresh_s <= self._timeout_s
 
 

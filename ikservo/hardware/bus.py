@@ -146,7 +146,7 @@ class ServoBus(RegisterAccess):
     def _decode_reply(
         self, servo_id: int, block: bytes, layout: ReplyLayout, *, raw: bool
     ) -> Mapping[RegisterRef, float]:
-        """Return the values of a reply; update the known torque state and alarms."""
+        """Decode the values of a reply; update the known torque state and alarms."""
         numbers = layout.decode_raw(block)
         for key, register in layout.state_registers.items():
             self._track_state(self.servos[servo_id], register, numbers[key])
@@ -182,7 +182,7 @@ class ServoBus(RegisterAccess):
                 )
 
     def _encode_cell(self, cell: WriteTarget, value: float, *, raw: bool) -> bytes:
-        """Return the bytes of a value; the short path is for the goals of every cycle."""
+        """Encode the bytes of a value; the short path is for the goals of every cycle."""
         register = cell.register
         if raw and cell.plain and type(value) is int:
             lower, upper = register.range

@@ -74,7 +74,7 @@ def raise_on_duplicate_ids(bus: ServoBus) -> None:
 
 
 def find_duplicate_ids(bus: ServoBus) -> list[ServoSpec]:
-    """Return the servos at whose ids more than one replies.
+    """Find the servos at whose ids more than one replies.
 
     Each is pinged a few times, and more often if a reply is damaged or doubled. This takes
     about 10 ms a servo, whatever the adapter's latency, and writes nothing.

@@ -41,12 +41,12 @@ _SIMULATED = "sim"
 
 
 def list_ports() -> list[str]:
-    """Return the serial ports with a USB adapter behind them, by device name."""
+    """List the serial ports with a USB adapter behind them, by device name."""
     return [adapter.device for adapter in list_adapters()]
 
 
 def choose_port(name: str | None, arm: str = "") -> str:
-    """Return the port to use.
+    """Choose the port to use.
 
     In this order: the named one, ``IKSERVO_PORT``, the one on which this arm was last found, by
     its USB serial number, the only one there is.
@@ -77,7 +77,7 @@ def remember_port(arm: str, port: str) -> None:
 
 
 def is_simulator(name: str) -> bool:
-    """Return whether a port's name is that of a simulated arm."""
+    """Check whether a port's name is that of a simulated arm."""
     return name.partition(":")[0] == _SIMULATED
 
 

@@ -134,7 +134,7 @@ class DynamixelDriver:
         return {servo_id: span.extract(reply, window) for servo_id, reply in replies.items()}
 
     def _fast_sync_read(self, servo_ids: tuple[int, ...], span: MemoryRange) -> dict[int, Reply]:
-        """Return every servo's reply, or nothing if fast sync read failed."""
+        """Compute every servo's reply, or nothing if fast sync read failed."""
         count = len(servo_ids)
         window = self._combined.choose_window(
             (BROADCAST_ID,), span, lambda size: fast_sync_size(count, size)

@@ -65,7 +65,7 @@ def eeprom_registers(table: type[ControlTable]) -> list[Register]:
 
 
 def read_eeprom(bus: ServoBus, servo_id: int) -> dict[str, int]:
-    """Return every EEPROM register of a servo by name, raw: a backup.
+    """Read every EEPROM register of a servo by name, raw: a backup.
 
     Raises:
         BusError: The servo does not reply.
@@ -228,7 +228,7 @@ def back_up_once(bus: ServoBus, owner: str, servo_ids: Iterable[int] | None = No
 
 
 def read_backup(path: Path) -> Backup:
-    """Return the contents of a copy.
+    """Read the contents of a copy.
 
     Raises:
         FileFormatError: It is no such file, or damaged.
@@ -251,7 +251,7 @@ def read_backup(path: Path) -> Backup:
 
 
 def _checked(path: Path, table: type[ControlTable], rows: Mapping[str, object]) -> dict[str, int]:
-    """Return the numbers of a copy, which must be those of the model's whole EEPROM."""
+    """Compute the numbers of a copy, which must be those of the model's whole EEPROM."""
     registers = eeprom_registers(table)
     names = {register.name for register in registers}
     for name in rows.keys() - names:
@@ -271,7 +271,7 @@ def _checked(path: Path, table: type[ControlTable], rows: Mapping[str, object]) 
 
 
 def _fits(register: Register, number: int) -> bool:
-    """Return whether a register can hold a number; servos may hold more than may be written."""
+    """Check whether a register can hold a number; servos may hold more than may be written."""
     lower, upper = register.codec.span(register.size)
     return lower <= number <= upper
 

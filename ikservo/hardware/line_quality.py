@@ -37,7 +37,7 @@ class LineQuality:
         return sum(self.lost.values()) / self.reads
 
     def round_trip_s(self, quantile: float) -> float:
-        """Return the quantile of the round trips, seconds."""
+        """Compute the quantile of the round trips, seconds."""
         last = len(self.round_trips_s) - 1
         return self.round_trips_s[min(int(quantile * (last + 1)), last)]
 
@@ -104,7 +104,7 @@ class MeteredTransport:
 
     @property
     def timeout(self) -> float | None:
-        """Return the seconds that ``read`` waits."""
+        """The seconds that ``read`` waits."""
         return self._transport.timeout
 
     @timeout.setter
@@ -114,7 +114,7 @@ class MeteredTransport:
 
     @property
     def in_waiting(self) -> int:
-        """Return how many bytes wait."""
+        """How many bytes wait."""
         with self._timed_transfer():
             return self._transport.in_waiting
 

@@ -84,11 +84,11 @@ class MemoryRange:
 
     @property
     def end(self) -> int:
-        """Return the first address after it."""
+        """The first address after it."""
         return self.address + self.size
 
     def overlaps(self, other: MemoryRange) -> bool:
-        """Return whether the two have a byte in common."""
+        """Check whether the two have a byte in common."""
         return self.address < other.end and other.address < self.end
 
     def grown(self, by: int) -> MemoryRange:
@@ -150,7 +150,7 @@ class PacketCodec(Protocol):
 
     @property
     def too_long(self) -> int:
-        """Return the vendor SDK's result code for a packet that is too long to send."""
+        """The vendor SDK's result code for a packet that is too long to send."""
         ...
 
     def frame_size(self, size: int) -> int:
@@ -168,7 +168,7 @@ class PacketCodec(Protocol):
         ...
 
     def parse_in_order(self, data: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
-        """Return the replies, if the bytes are those of healthy servos in order and nothing else.
+        """Parse the replies, if the bytes are those of healthy servos in order and nothing else.
 
         This is the fast path for a healthy line; ``scan`` handles everything else.
 

@@ -66,7 +66,7 @@ class ByteRateCheck:
         self._on_time = 0
 
     def excess_bytes(self, count: int, since_s: float, byte_s: float) -> int:
-        """Return how many of the received bytes are older than the request.
+        """Compute how many of the received bytes are older than the request.
 
         Args:
             count: Bytes received.
@@ -161,13 +161,13 @@ class PendingReplies:
         return max(pending_s, max(received, default=now_s - MAX_REPLY_DELAY_S) + MAX_REPLY_DELAY_S)
 
     def is_pending(self, servo_id: int, size: int, now_s: float) -> bool:
-        """Return whether a reply of this length is pending from a servo."""
+        """Check whether a reply of this length is pending from a servo."""
         return any(size == pending for pending, _ in self._pending_of(servo_id, now_s))
 
     def is_ambiguous(
         self, servo_ids: _Ids, size: int, request: object, now_s: float, health: LineHealth
     ) -> bool:
-        """Return whether an older reply could be taken for the reply to this request.
+        """Check whether an older reply could be taken for the reply to this request.
 
         Args:
             servo_ids: The servos that will reply.
@@ -276,14 +276,14 @@ class AdaptiveTimeout:
 
     @property
     def typical_s(self) -> float:
-        """Return the recent maximum delay of replies beyond wire time and return delays."""
+        """The recent maximum delay of replies beyond wire time and return delays."""
         if self._learned < _LEARNED_REPLIES:
             return self.max_s
         return min(max(self._slowest_s, self._slowest_before_s), self.max_s)
 
     @property
     def timeout_s(self) -> float:
-        """Return how long to wait beyond wire time and return delays, seconds."""
+        """How long to wait beyond wire time and return delays, seconds."""
         if self._learned < _LEARNED_REPLIES:
             return self.max_s
         learned_s = max(self.min_s, _MARGIN * self.typical_s)

@@ -52,12 +52,12 @@ class Framing:
 
     @property
     def baud_rates(self) -> frozenset[int]:
-        """Return every rate that a known model of these families can be set to."""
+        """Every rate that a known model of these families can be set to."""
         tables = [table for table in MODELS.values() if table.family in self.families]
         return frozenset(rate for table in tables for rate in table.baud_rates.values())
 
     def make_scanner(self) -> _PacketScanner:
-        """Return its encoder and decoder."""
+        """Make its encoder and decoder."""
         return _Protocol2Framing() if Family.DYNAMIXEL_2 in self.families else _Protocol1Framing()
 
 
@@ -181,7 +181,7 @@ def _receive_until_slot_end(port: Port, framing: Framing, *, one_by_one: bool) -
 
 
 def ping_slot_s(port: Port, framing: Framing) -> float:
-    """Return after what time the next ping cannot collide with the reply to this one."""
+    """Compute after what time the next ping cannot collide with the reply to this one."""
     on_wire_s = port.wire_s(framing.ping_bytes + framing.reply_bytes)
     return on_wire_s + MAX_RETURN_DELAY_S + _USB_FRAME_S
 
@@ -217,7 +217,7 @@ class _ScanReceiver:
             self._results.suspects.update(self._recent_ids)
 
     def make_results(self, ids: list[int], echoes: bool | None) -> PingResults:
-        """Return the replies, without our own echoes."""
+        """Make the replies, without our own echoes."""
         pinged, results = Counter(ids), self._results
         results.echoes = self._echoes_own_pings(pinged) if echoes is None else echoes
         if results.echoes:

@@ -72,7 +72,7 @@ class SdkPort:
         self.sent_all_s = self._packet_deadline_s = 0.0
 
     def wire_s(self, count: int) -> float:
-        """Return how long bytes take on the wire, seconds."""
+        """Compute how long bytes take on the wire, seconds."""
         return count * _BITS_PER_BYTE / self.baudrate
 
     def expected_at_s(self, expected: int, delays_s: float) -> float:
@@ -107,7 +107,7 @@ class SdkPort:
             raise self._port_lost_error(error) from error
 
     def read_some(self, size: int, deadline_s: float) -> bytes:
-        """Return what comes first, up to ``size`` bytes; nothing once the deadline has passed."""
+        """Read what comes first, up to ``size`` bytes; nothing once the deadline has passed."""
         first = self.read_until(1, deadline_s)
         return first + self.read_until(min(size - 1, self.getBytesAvailable()), 0.0)
 
@@ -123,7 +123,7 @@ class SdkPort:
             self.clock.sleep_until(due_s)
 
     def openPort(self) -> bool:
-        """Return whether the port is open; it is opened by ``open_port``."""
+        """Check whether the port is open; it is opened by ``open_port``."""
         return self.is_open
 
     def closePort(self) -> None:
@@ -209,7 +209,7 @@ class SdkPort:
         self._packet_deadline_s = self.clock.now_s() + msec / 1000
 
     def isPacketTimeout(self) -> bool:
-        """Return whether the expected packet is overdue."""
+        """Check whether the expected packet is overdue."""
         return self.clock.now_s() > self._packet_deadline_s
 
     def _set_read_timeout(self, left_s: float) -> None:
@@ -282,7 +282,7 @@ class Port(SdkPort):
                 self.is_using = False
 
     def stale_bytes(self, count: int) -> int:
-        """Return how many of the bytes received since the request are older than it."""
+        """Compute how many of the bytes received since the request are older than it."""
         since_s = self.clock.now_s() - self.sent_all_s
         return self.byte_rate.excess_bytes(count - self._echo_bytes, since_s, self.wire_s(1))
 
@@ -308,7 +308,7 @@ class Port(SdkPort):
 
     @property
     def _echo_bytes(self) -> int:
-        """Return how many of the received bytes may be our own."""
+        """How many of the received bytes may be our own."""
         return 0 if self.echoes is False else len(self.sent)
 
     def reopen(self) -> Port:
@@ -422,7 +422,7 @@ def open_port(name: str, baud_rate: int, arm: str = "", servo_ids: Collection[in
 
 
 def _is_same_line(port: Port, other: _Opening, own: _Opening) -> bool:
-    """Return whether a port is open, and of the same device."""
+    """Check whether a port is open, and of the same device."""
     return port.is_open and other.device == own.device
 
 

@@ -34,17 +34,17 @@ _HIGHEST_ID = 0xFD
 
 
 def packet_size(size: int) -> int:
-    """Return the bytes of a status packet with ``size`` bytes of data."""
+    """Compute the bytes of a status packet with ``size`` bytes of data."""
     return size + 6
 
 
 def checksum(body: bytes) -> int:
-    """Return the inverted sum of everything between header and checksum."""
+    """Compute the inverted sum of everything between header and checksum."""
     return ~sum(body) & 0xFF
 
 
 def parse_in_order(data: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
-    """Return the replies, if the bytes are those of healthy servos in order and nothing else."""
+    """Parse the replies, if the bytes are those of healthy servos in order and nothing else."""
     replies: dict[int, Reply] = {}
     at = 0
     for servo_id, size in sizes.items():
@@ -93,7 +93,7 @@ def _has_valid_checksum(data: bytes, at: int, length: int) -> bool:
 
 
 def _is_spliced(data: bytes, at: int, end: int, sizes: Collection[int]) -> bool:
-    """Return whether an expected packet begins inside this one and ends after it.
+    """Check whether an expected packet begins inside this one and ends after it.
 
     Then this is the beginning of a truncated packet, followed by the next: one checksum in 256 is
     right by chance.
@@ -113,7 +113,7 @@ def _continues_behind(data: bytes, at: int, length: int, end: int, sizes: Collec
 
 
 def _packet_length(data: bytes, at: int) -> int | None:
-    """Return the length of the packet that seems to begin here, None if none does."""
+    """Compute the length of the packet that seems to begin here, None if none does."""
     if data[at : at + 2] != _HEADER or len(data) <= at + _LEN:
         return None
     if data[at + 2] > _HIGHEST_ID or data[at + _LEN] < 2:
@@ -122,7 +122,7 @@ def _packet_length(data: bytes, at: int) -> int | None:
 
 
 def _may_continue(data: bytes, at: int, sizes: Collection[int]) -> bool:
-    """Return whether the bytes from here on may become an expected packet."""
+    """Check whether the bytes from here on may become an expected packet."""
     start = data[at : at + 4]
     if start[:2] != _HEADER[: len(start[:2])]:
         return False
@@ -162,7 +162,7 @@ class Protocol1Codec:
         return scan_packets(data, tuple(sizes), final=final)
 
     def parse_in_order(self, data: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
-        """Return the replies, if the bytes are those of healthy servos in order, nothing else."""
+        """Parse the replies, if the bytes are those of healthy servos in order, nothing else."""
         return parse_in_order(data, sizes)
 
     def interpret(self, frame: StatusPacket, size: int) -> Reply | None:

@@ -80,13 +80,13 @@ _CRCS = tuple(map(_byte_crc, range(256)))
 
 @cache
 def _word_crc_table() -> Sequence[int]:
-    """Return the CRC of every two bytes, so that two need one lookup; built when first needed."""
+    """Compute the CRC of every two bytes, so that two need one lookup; built when first needed."""
     with_zero_behind = [(crc << 8 & 0xFF00) ^ _CRCS[crc >> 8] for crc in _CRCS]
     return array("H", [before ^ last for before in with_zero_behind for last in _CRCS])
 
 
 def crc(start: int, packet: Sequence[int], count: int) -> int:
-    """Return the CRC-16 of a packet's first bytes: highest bit first, nothing reflected."""
+    """Compute the CRC-16 of a packet's first bytes: highest bit first, nothing reflected."""
     value, crcs = start, _word_crc_table()
     words = unpack(f">{count // 2}H", bytes(packet[: count & ~1]))
     for word in cast("Sequence[int]", words):
@@ -109,7 +109,7 @@ class Protocol2Codec:
         self.too_long = too_long
 
     def frame_size(self, size: int) -> int:
-        """Return the bytes of a status packet with ``size`` bytes of data, unstuffed."""
+        """Compute the bytes of a status packet with ``size`` bytes of data, unstuffed."""
         return size + 11
 
     def scan(self, data: bytes, sizes: Collection[int], *, final: bool) -> ScanResult:
@@ -128,7 +128,7 @@ class Protocol2Codec:
         return ScanResult(tuple(frames), 0, junk)
 
     def parse_in_order(self, data: bytes, sizes: Mapping[int, int]) -> dict[int, Reply] | None:
-        """Return the replies, if the bytes are those of healthy servos in order, nothing else."""
+        """Parse the replies, if the bytes are those of healthy servos in order, nothing else."""
         replies: dict[int, Reply] = {}
         at = 0
         for servo_id, size in sizes.items():
@@ -141,7 +141,7 @@ class Protocol2Codec:
         return replies
 
     def _parse_plain_status(self, packet: bytes, servo_id: int, size: int) -> Status | None:
-        """Return the reply in a packet without stuffing and without error; None for others."""
+        """Parse the reply in a packet without stuffing and without error; None for others."""
         expected = _HEADER + bytes((servo_id, size + 4 & 0xFF, size + 4 >> 8, _STATUS, 0))
         if packet[: _INSIDE + 2] != expected or _STUFFED in packet[_INSIDE:]:
             return None
@@ -161,7 +161,7 @@ class Protocol2Codec:
         return Status(frame.servo_id, frame.data, alert)
 
     def _packet_length(self, data: bytes, at: int) -> int:
-        """Return the length of the packet that begins here: 0 if none does, a lot if unknown."""
+        """Compute the length of the packet that begins here: 0 if none does, a lot if unknown."""
         start = data[at : at + _INSIDE]
         if start[:4] != _HEADER[: len(start)]:
             return 0
@@ -174,7 +174,7 @@ class Protocol2Codec:
         return crc(0, packet, len(packet) - 2) == int.from_bytes(packet[-2:], "little")
 
     def _may_continue(self, data: bytes, at: int, sizes: Collection[int]) -> bool:
-        """Return whether the bytes from here on may become an expected packet."""
+        """Check whether the bytes from here on may become an expected packet."""
         start = data[at : at + _INSIDE + 1]
         if len(start) > 4 and start[4] > self.highest_id:
             return False
@@ -250,12 +250,12 @@ _OVERHEAD_BYTES = 4  # ERR, ID and CRC around each servo's data
 
 
 def fast_sync_size(count: int, size: int) -> int:
-    """Return the data bytes of the combined packet: without its first ERR and its last CRC."""
+    """Compute the data bytes of the combined packet: without its first ERR and its last CRC."""
     return count * (size + _OVERHEAD_BYTES) - 3
 
 
 def split_fast_sync(data: bytes, servo_ids: Sequence[int], size: int) -> list[StatusPacket]:
-    """Return each servo's reply; nothing, if they are not in the requested order.
+    """Split each servo's reply; nothing, if they are not in the requested order.
 
     Args:
         data: From the first ERR to the last data byte; one checksum covers all of it.

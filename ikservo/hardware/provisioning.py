@@ -42,7 +42,7 @@ class ServoSettings:
 
     @property
     def baud_code(self) -> int:
-        """Return the code of this rate in the baud rate register.
+        """The code of this rate in the baud rate register.
 
         Raises:
             BadValueError: The model does not support this rate.
@@ -95,7 +95,7 @@ def check_model(found: FoundServo, settings: ServoSettings) -> None:
 
 
 def _expected_registers(settings: ServoSettings) -> dict[RegisterRef, int]:
-    """Return the expected registers except id and baud rate.
+    """Compute the expected registers except id and baud rate.
 
     Raises:
         BadValueError: The model has no register of some name.
@@ -196,7 +196,7 @@ def wait_for_servo(
     rate: int,
     wait_s: float,
 ) -> Generator[int | Sequence[FoundServo], None, FoundServo]:
-    """Return the one servo that replies, once the same has replied twice in a row.
+    """Compute the one servo that replies, once the same has replied twice in a row.
 
     It may have any known baud rate and be of any family. While several reply, which two servos
     at one id do as well, the wait continues. Each baud rate is yielded before it is tried, and
@@ -252,7 +252,7 @@ def wait_until_unplugged(port: Port, found: FoundServo, wait_s: float) -> None:
 def _search_places(
     table: type[ControlTable], rate: int, before: Sequence[FoundServo], attempt: int
 ) -> list[Place]:
-    """Return the rates and framings to scan next: first where a servo replied the last time.
+    """Find the rates and framings to scan next: first where a servo replied the last time.
 
     That one is confirmed at once, without the long search through all rates.
     """

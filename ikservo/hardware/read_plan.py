@@ -82,7 +82,7 @@ def batches(
 
 
 def join_bytes(data: Mapping[Register, bytes], run: Sequence[Register]) -> bytes:
-    """Return the bytes of one write to a run of registers."""
+    """Join the bytes of one write to a run of registers."""
     return b"".join(data[register] for register in run)
 
 
@@ -104,7 +104,7 @@ def resolve_register(servo: ServoSpec, ref: RegisterRef) -> Register:
 
 
 def encode_value(servo: ServoSpec, register: Register, value: float, *, raw: bool) -> bytes:
-    """Return the bytes that write a value.
+    """Encode the bytes that write a value.
 
     Args:
         servo: Whose register it is, for messages.
@@ -167,7 +167,7 @@ class ReplyLayout:
         self._coded = [(at, register) for at, register in enumerate(run) if _needs_codec(register)]
 
     def decode_raw(self, block: bytes) -> dict[Any, int]:
-        """Return the raw number of each key in a reply."""
+        """Decode the raw number of each key in a reply."""
         numbers = list(self._unpack(block))
         for at, register in self._coded:
             numbers[at] = register.codec.to_number(numbers[at], register.size)
@@ -175,7 +175,7 @@ class ReplyLayout:
 
 
 def tracks_state(servo: ServoSpec, register: Register) -> bool:
-    """Return whether a register contains torque state or alarms."""
+    """Check whether a register contains torque state or alarms."""
     table = servo.table
     if register is table.torque_enable:
         return True
@@ -183,7 +183,7 @@ def tracks_state(servo: ServoSpec, register: Register) -> bool:
 
 
 def is_goal(servo: ServoSpec, register: Register) -> bool:
-    """Return whether a register is the goal position, which can switch torque on."""
+    """Check whether a register is the goal position, which can switch torque on."""
     return register is servo.table.goal_position
 
 
@@ -199,7 +199,7 @@ def _struct_format(run: Sequence[Register]) -> str:
 
 
 def _needs_codec(register: Register) -> bool:
-    """Return whether ``struct`` does not support the register's encoding."""
+    """Check whether ``struct`` does not support the register's encoding."""
     return not isinstance(register.codec, Unsigned | TwosComplement)
 
 

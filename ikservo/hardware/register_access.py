@@ -52,17 +52,17 @@ class RegisterAccess:
 
     @property
     def clock(self) -> Clock:
-        """Return the clock of the line; virtual where the servos are simulated."""
+        """The clock of the line; virtual where the servos are simulated."""
         return self.port.clock
 
     @property
     def statistics(self) -> Mapping[int, ServoStatistics]:
-        """Return the reply statistics of each servo."""
+        """The reply statistics of each servo."""
         return self._requester.statistics
 
     @property
     def alarms(self) -> Mapping[int, frozenset[Alarm]]:
-        """Return the alarms in the latest reply of each servo that has replied."""
+        """The alarms in the latest reply of each servo that has replied."""
         return self._requester.alarms
 
     def ping(self, servo_id: int) -> PingResult:
@@ -83,7 +83,7 @@ class RegisterAccess:
     @overload
     def read(self, servo_id: int, ref: RegisterRef, *, raw: bool = False) -> float: ...
     def read(self, servo_id: int, ref: RegisterRef, *, raw: bool = False) -> float:
-        """Return a register of one servo.
+        """Read a register of one servo.
 
         Raises:
             BusError: No usable reply, after retries.
@@ -189,7 +189,7 @@ class RegisterAccess:
         self._torque_on.discard(servo_id)
 
     def is_torque_on(self, servo_id: int) -> bool:
-        """Return whether a servo's torque was on when it was last read or written."""
+        """Check whether a servo's torque was on when it was last read or written."""
         return servo_id in self._torque_on
 
     @contextlib.contextmanager
@@ -217,7 +217,7 @@ class RegisterAccess:
                         self.write(servo_id, RegisterName.TORQUE_ENABLE, 0, raw=True)
 
     def read_alarms(self, servo_id: int) -> frozenset[Alarm]:
-        """Return a servo's alarms, from its alarm register or from its status packet.
+        """Read a servo's alarms, from its alarm register or from its status packet.
 
         Raises:
             BusError: No usable reply, after retries.

@@ -75,7 +75,7 @@ _SIMULATED = "sim"
 
 
 def is_simulated(port_name: str) -> bool:
-    """Return whether a port is the simulated bus in this process, fresh at each opening."""
+    """Check whether a port is the simulated bus in this process, fresh at each opening."""
     return port_name.partition(":")[0] == _SIMULATED
 
 

@@ -33,7 +33,7 @@ class SilenceBackoff:
         self._requested_s: dict[int, float] = {}
 
     def __bool__(self) -> bool:
-        """Return whether any servo has lost a reply recently."""
+        """Check whether any servo has lost a reply recently."""
         return bool(self._lost)
 
     def cached_fault(self, servo_id: int, now_s: float) -> ReplyFault | None:
@@ -45,7 +45,7 @@ class SilenceBackoff:
         return self._last[servo_id]
 
     def is_unresponsive(self, servo_id: int) -> bool:
-        """Return whether it has been silent for so long that a retry is a waste of time."""
+        """Check whether it has been silent for so long that a retry is a waste of time."""
         return bool(self._lost) and self._lost.get(servo_id, 0) >= _UNRESPONSIVE_AFTER
 
     def record(self, reply: Reply, clock: Clock) -> None:
@@ -60,7 +60,7 @@ class SilenceBackoff:
 def make_driver(
     family: Family, port: Port, *, fast: bool = True, bulk_ids: Collection[int] = ()
 ) -> ProtocolDriver:
-    """Return a driver for a family of servos; its vendor's SDK is imported only now.
+    """Make a driver for a family of servos; its vendor's SDK is imported only now.
 
     Args:
         family: The protocol family.
@@ -235,7 +235,7 @@ class Requester:
         return self._request_all_confirmed(step.restricted_to(retried))
 
     def make_error(self, servo: ServoSpec, fault: ReplyFault, request: str) -> BusError:
-        """Return the error that names servo, request and fault."""
+        """Make the error that names servo, request and fault."""
         silent = fault.kind is FaultKind.SILENT
         return _ERRORS[fault.kind](
             fault.found,
@@ -340,7 +340,7 @@ def _is_lost(reply: Reply) -> bool:
 
 
 def _merge_readings(first: Reply, second: Reply) -> Reply:
-    """Return two readings of the same bytes if they are equal, else a fault."""
+    """Merge two readings of the same bytes if they are equal, else a fault."""
     if isinstance(first, ReplyFault) or isinstance(second, ReplyFault) or first.data == second.data:
         return second
     return ReplyFault(first.servo_id, FaultKind.GARBLED, "sent two different replies")

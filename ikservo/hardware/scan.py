@@ -62,7 +62,7 @@ class FoundServo:
 
     @property
     def model(self) -> str:
-        """Return the model's name, or its number where no table is known."""
+        """The model's name, or its number where no table is known."""
         if self.table:
             return self.table.model_name
         return "" if self.model_number is None else f"unknown model {self.model_number}"
@@ -122,7 +122,7 @@ def _identify_model(port: Port, framing: Framing, found: FoundServo, data: bytes
 
 
 def _read_first_registers(port: Port, servo_id: int) -> bytes | None:
-    """Return the first registers; all families of protocol 1 are read in the same way."""
+    """Read the first registers; all families of protocol 1 are read in the same way."""
     driver = make_driver(Family.FEETECH_STS, port)
     for _ in range(_READS):
         reply = driver.read(servo_id, 0, _HEAD_BYTES)
@@ -143,7 +143,7 @@ def _decode_identity(head: bytes, table: type[ControlTable]) -> tuple[int, int]:
 def _guess_model_number(
     head: bytes, servo_id: int, tables: Iterable[type[ControlTable]]
 ) -> int | None:
-    """Return an unknown model's number, by the family whose id register holds the id."""
+    """Guess an unknown model's number, by the family whose id register holds the id."""
     readings = [_decode_identity(head, table) for table in tables]
     return next((number for number, own_id in readings if own_id == servo_id), None)
 
@@ -274,7 +274,7 @@ def scan_rate(
 
 
 def _supports_rate(framing: Framing, rate: int) -> bool:
-    """Return whether a framing may use a rate; one of no table may be used by any."""
+    """Check whether a framing may use a rate; one of no table may be used by any."""
     return rate in framing.baud_rates or not any(rate in f.baud_rates for f in FRAMINGS)
 
 

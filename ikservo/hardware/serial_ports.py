@@ -107,7 +107,7 @@ class SerialAdapter:
 
     @property
     def chip(self) -> str:
-        """Return the chip by vendor and product, or the adapter's own description."""
+        """The chip by vendor and product, or the adapter's own description."""
         return chip_name(self.vid, self.pid) or self.description or "unknown"
 
     @property
@@ -117,7 +117,7 @@ class SerialAdapter:
 
     @property
     def used_by(self) -> str:
-        """Return the process that has it open right now, if known."""
+        """The process that has it open right now, if known."""
         return process_using(self.device)
 
 
@@ -130,7 +130,7 @@ class AdapterEvent:
 
 
 def list_adapters() -> list[SerialAdapter]:
-    """Return the adapters that are plugged in, by device name."""
+    """List the adapters that are plugged in, by device name."""
     links = _list_by_id_links()
     found = [
         SerialAdapter(
@@ -148,7 +148,7 @@ def list_adapters() -> list[SerialAdapter]:
 
 
 def find_adapter(name: str, among: Sequence[SerialAdapter] | None = None) -> SerialAdapter | None:
-    """Return the adapter behind a port's name, which may be a link to it; None if there is none."""
+    """Find the adapter behind a port's name, which may be a link to it; None if there is none."""
     if ":" in name and not name.upper().startswith("COM"):
         return None  # a URL or the simulator
     device = str(Path(name).resolve()) if name.startswith("/") else name
@@ -178,7 +178,7 @@ def chip_name(vid: int, pid: int) -> str:
 
 
 def _list_by_id_links() -> dict[str, str]:
-    """Return the by-id name of every device that has one."""
+    """List the by-id name of every device that has one."""
     try:
         return {str(link.resolve()): str(link) for link in _BY_ID.iterdir()}
     except OSError:  # no such folder: no adapter, or not Linux
@@ -190,7 +190,7 @@ _FOLDERS = (Path("/etc/udev/rules.d"), Path("/usr/lib/udev/rules.d"), Path("/run
 
 
 def read_rules() -> str:
-    """Return the rules: ``tools/60-ikservo.rules`` of the source, which the wheel carries too."""
+    """Read the rules: ``tools/60-ikservo.rules`` of the source, which the wheel carries too."""
     package = Path(__file__).absolute().parents[1]
     shipped = package / "_rules"
     folder = shipped if shipped.is_dir() else package.parent / "tools"
@@ -203,7 +203,7 @@ def installed_rules() -> Path | None:
 
 
 def has_udev() -> bool:
-    """Return whether this system uses such rules at all."""
+    """Check whether this system uses such rules at all."""
     return sys.platform == "linux"
 
 
@@ -212,7 +212,7 @@ _MACOS_NAME = re.compile(r"/dev/ttys\d+")
 
 
 def is_pseudo_terminal(port_name: str) -> bool:
-    """Return whether a port's name, links followed, is one end of a pseudo-terminal."""
+    """Check whether a port's name, links followed, is one end of a pseudo-terminal."""
     path = Path(port_name)
     try:
         device, mode = path.stat().st_rdev, path.stat().st_mode
@@ -262,7 +262,7 @@ def open_error(name: str, baud_rate: int, error: Exception) -> PortError:
 
 
 def _is_address(name: str) -> bool:
-    """Return whether a URL has a known scheme, and host and port where required."""
+    """Check whether a URL has a known scheme, and host and port where required."""
     scheme = name.partition("://")[0]
     try:
         parts = urlsplit(name)
@@ -297,6 +297,6 @@ def _permission_hint(name: str) -> str:
 
 
 def list_devices() -> list[str]:
-    """Return the serial ports to which an arm may be connected: not those of the mainboard."""
+    """List the serial ports to which an arm may be connected: not those of the mainboard."""
     devices = sorted(port.device for port in list_ports.comports())
     return [device for device in devices if not device.startswith("/dev/ttyS")]

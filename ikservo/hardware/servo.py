@@ -83,7 +83,7 @@ class ServoStatistics:
         self.round_trips_s.append(took_s)
 
     def round_trip_s(self, quantile: float) -> float | None:
-        """Return the quantile of the latest round trips, seconds; None if there are none."""
+        """Compute the quantile of the latest round trips, seconds; None if there are none."""
         ordered = sorted(self.round_trips_s)
         return ordered[min(int(quantile * len(ordered)), len(ordered) - 1)] if ordered else None
 
@@ -129,7 +129,7 @@ class Readings(Generic[T_co]):
     hint: str = ""
 
     def require_all(self) -> Mapping[int, T_co]:
-        """Return the values, if every servo gave one.
+        """Compute the values, if every servo gave one.
 
         Raises:
             BusError: The one that is missing, or one error that names all that are.

@@ -66,7 +66,7 @@ def check_kept_goal(bus: ServoBus, servo_id: int, kept_tick: int, goal_tick: int
 
 
 def nearest_goal(joint: str, tick: int, accepted: tuple[int, int]) -> int:
-    """Return the tick nearest to ``tick`` that a servo accepts as a goal.
+    """Find the tick nearest to ``tick`` that a servo accepts as a goal.
 
     Args:
         joint: For messages.

@@ -61,7 +61,7 @@ class ReplyReader:
         return self._read_remaining(chunk, due_s) if replies is None else replies
 
     def _parse_in_order(self, chunk: bytes) -> dict[int, Reply] | None:
-        """Return the replies if nothing else came, which is the normal case."""
+        """Parse the replies if nothing else came, which is the normal case."""
         port = self._port
         if len(chunk) != self._expected or port.echoes is not False or port.stale_bytes(len(chunk)):
             return None
@@ -90,7 +90,7 @@ class ReplyReader:
             chunk = port.read_some(self._missing_bytes(), deadline_s)
 
     def _missing_bytes(self) -> int:
-        """Return how many more bytes are needed, at least 1."""
+        """Compute how many more bytes are needed, at least 1."""
         frame_size = self._codec.frame_size
         there = sum(frame_size(self._sizes[i]) for i in self._replies) + self._scan.pending
         return max(self._expected - there, 1)
@@ -105,7 +105,7 @@ class ReplyReader:
         return early <= 0
 
     def _last_slot_passed(self) -> bool:
-        """Return whether the last servo has replied, so that no earlier one still can."""
+        """Check whether the last servo has replied, so that no earlier one still can."""
         last, now_s = next(reversed(self._sizes)), self._port.clock.now_s()
         return last in self._replies and not self._port.pending.pending_until_s((last,), now_s)
 
@@ -143,7 +143,7 @@ class ReplyReader:
         return replies
 
     def _may_be_stale(self, reply: Reply) -> bool:
-        """Return whether a refusal may belong to an earlier request."""
+        """Check whether a refusal may belong to an earlier request."""
         if isinstance(reply, Status) or self._sizes[reply.servo_id] == 0:
             return False
         now_s = self._port.clock.now_s()
@@ -166,7 +166,7 @@ class ReplyReader:
         return self._replies
 
     def _finish_at_deadline(self) -> dict[int, Reply]:
-        """Return the replies and faults once the deadline has passed."""
+        """Compute the replies and faults once the deadline has passed."""
         self._parse_received(final=True)
         if not self._replies:
             self._update_line_health()
@@ -213,7 +213,7 @@ class Transceiver:
 
     @property
     def return_delay_s(self) -> float:
-        """Return the longest delay of a servo before it replies, seconds."""
+        """The longest delay of a servo before it replies, seconds."""
         return self._return_delay_s
 
     def set_return_delay(self, return_delay_s: float) -> None:
@@ -223,7 +223,7 @@ class Transceiver:
     def choose_window(
         self, servo_ids: tuple[int, ...], span: MemoryRange, size_of: Callable[[int], int] = int
     ) -> MemoryRange:
-        """Return the window through which a span is best read now.
+        """Choose the window through which a span is best read now.
 
         It is the span itself unless a reply of that length is still pending from one of the servos;
         see ``PendingReplies``. If replies of every length are pending, it waits until none is.
@@ -297,7 +297,7 @@ class Transceiver:
         return replies
 
     def _ambiguous_ids(self, sizes: Mapping[int, int]) -> list[int]:
-        """Return the servos whose replies cannot be distinguished from older ones."""
+        """Compute the servos whose replies cannot be distinguished from older ones."""
         port, now_s = self.port, self.port.clock.now_s()
         pending, health = port.pending, port.health
         if not health.suspect:

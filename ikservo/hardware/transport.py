@@ -82,7 +82,7 @@ class _PosixSerial(Protocol):
 
 
 def has_descriptor(port: object) -> bool:
-    """Return whether a pyserial port is a file of the system, not of Windows or a network."""
+    """Check whether a pyserial port is a file of the system, not of Windows or a network."""
     return os.name == "posix" and isinstance(getattr(port, "fd", None), int)
 
 
@@ -218,7 +218,7 @@ class Transport(Protocol):
 
     @property
     def in_waiting(self) -> int:
-        """Return how many bytes have arrived and wait."""
+        """How many bytes have arrived and wait."""
         ...
 
     def read(self, size: int = 1, /) -> bytes:
@@ -283,7 +283,7 @@ def refuse_other_machines(name: str) -> None:
 
 @cache
 def _find_plug_ins(name: str, group: str = ENTRY_POINT_GROUP) -> tuple[EntryPoint, ...]:
-    """Return the installed plug-ins of a name; looking through all packages takes milliseconds."""
+    """Find the installed plug-ins of a name; looking through all packages takes milliseconds."""
     return tuple(entry_points(group=group, name=name))
 
 

@@ -18,7 +18,7 @@ ArmLike = Chain | Model | str | Path
 
 
 def chain_and_start(arm: ArmLike, q0: ArrayLike | None = None) -> tuple[Chain, ArrayLike | None]:
-    """Return the chain of an arm, and the start where none is given: a model's initial joints.
+    """Compute the chain of an arm, and the start where none is given: a model's initial joints.
 
     Raises:
         BadValueError: It is no arm.

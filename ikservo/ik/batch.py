@@ -134,7 +134,7 @@ def solve_batch(
 def _problem_rows(
     targets: ArrayLike, kind: TargetKindName | None, axis: Vector
 ) -> tuple[Matrix, TargetKind]:
-    """Return the kernels' target rows (m, 12), and the kind of target."""
+    """Compute the kernels' target rows (m, 12), and the kind of target."""
     array = as_floats(targets, "targets", "numbers of shape (m, 3) or (m, 4, 4)")
     count = len(array) if array.ndim else 0
     questions = np.zeros((count, 12))

@@ -134,7 +134,7 @@ class Search:
         return unpack_result(chain, self._answer, "bounded", trace)
 
     def _read_trace(self, chain: Chain, q0: Vector) -> tuple[Vector, ...]:
-        """Return the start, then the iterates of the attempt that led to the result."""
+        """Read the start, then the iterates of the attempt that led to the result."""
         count = int(self._answer[2 * chain.dof + TRACE_LENGTH_OUT])
         steps = [chain.clip(row) for row in self._trace[_TRACED // 2 :][:count]]
         start = chain.clip(q0)
@@ -152,7 +152,7 @@ class _Searches(threading.local):
         self._prepared = WeakKeyDictionary[Chain, dict[_Key, Search]]()
 
     def find(self, chain: Chain, target: Target, options: Options) -> Search:
-        """Return the search for such targets, prepared now if it was not before."""
+        """Find the search for such targets, prepared now if it was not before."""
         offset = _offset_array(target)
         point = b"" if offset is None else offset.tobytes()
         axis = b"" if target.direction is None else target.axis.tobytes()

@@ -42,7 +42,7 @@ def ccd(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
 
 
 def best_rotation(E: Vector, v: Vector, axis: Vector) -> float:
-    """Return the angle [rad] about a joint's axis that brings the tip nearest to the target.
+    """Find the angle [rad] about a joint's axis that brings the tip nearest to the target.
 
     Rotating by t moves a point of velocity v by ``v sin t + n (1 - cos t)`` with ``n = axis × v``,
     which leads to the circle's centre. Seen from there the target is at ``F = E - n``, and what
@@ -60,13 +60,13 @@ def best_rotation(E: Vector, v: Vector, axis: Vector) -> float:
 
 
 def best_translation(E: Vector, v: Vector) -> float:
-    """Return how far along v (m,) the tip is nearest to the target: ``(E·v) / (v·v)``."""
+    """Find how far along v (m,) the tip is nearest to the target: ``(E·v) / (v·v)``."""
     size = float(v @ v)
     return float(E @ v) / size if size > _MIN_LEVER else 0.0
 
 
 def clamp_angle_to_range(angle_rad: float, low_rad: float, high_rad: float) -> float:
-    """Return the angle of an arc, no longer than a revolution, nearest on the circle."""
+    """Compute the angle of an arc, no longer than a revolution, nearest on the circle."""
     if low_rad <= angle_rad <= high_rad:
         return angle_rad
     return max(low_rad, high_rad, key=lambda end: math.cos(end - angle_rad))

@@ -41,7 +41,7 @@ _TRUNCATE = 1e-5
 
 
 def refine_newton(chain: Chain, target: Target, q: Vector) -> Vector | None:
-    """Return the joints (dof,) near q that meet the target; None if the limits prevent it."""
+    """Compute the joints (dof,) near q that meet the target; None if the limits prevent it."""
     for _ in range(_STEPS):
         T, J = chain.forward_and_jacobian(q, target.frame, target.offset_m)
         E, rows = target.position - T[:3, 3], J[:3]
@@ -66,7 +66,7 @@ def _newton_update(chain: Chain, q: Vector, J: Matrix, E: Vector) -> Vector:
 
 
 def _rotation_rows(angular: Matrix, T: Matrix, target: Target) -> Matrix:
-    """Return the rows that rotate the tool; for a direction without rotations about it."""
+    """Compute the rows that rotate the tool; for a direction without rotations about it."""
     if target.rotation is not None:
         return angular
     axis = T[:3, :3] @ target.axis
@@ -112,7 +112,7 @@ def solutions(chain: Chain, target: Target, q0: ArrayLike | None = None) -> tupl
 
 
 def approximate_solutions(chain: Chain, target: Target, problem: AnalyticProblem) -> list[Vector]:
-    """Return the solutions of the recognised structure, in no order.
+    """Compute the solutions of the recognised structure, in no order.
 
     They are the arm's own where the structure is exact.
     """
@@ -147,7 +147,7 @@ def _with_another_wrist(
 
 
 def rank_by_distance(found: Iterable[Vector], start: Vector) -> tuple[Vector, ...]:
-    """Return the solutions (dof,) by distance to the start, each once."""
+    """Compute the solutions (dof,) by distance to the start, each once."""
     kept: list[Vector] = []
     for q in sorted(found, key=lambda q: float((q - start) @ (q - start))):
         if not any(_is_same_solution(q, other) for other in kept):
@@ -156,7 +156,7 @@ def rank_by_distance(found: Iterable[Vector], start: Vector) -> tuple[Vector, ..
 
 
 def _is_same_solution(a: Vector, b: Vector) -> bool:
-    """Return whether two joint vectors (dof,) differ by full revolutions at most."""
+    """Check whether two joint vectors (dof,) differ by full revolutions at most."""
     apart = a - b
     apart -= FULL_TURN_RAD * np.round(apart / FULL_TURN_RAD)
     return float(np.abs(apart).max()) < _ONE_SOLUTION_RAD
@@ -201,7 +201,7 @@ def direction_intervals(
 def closest_solution(
     chain: Chain, target: Target, q0: ArrayLike | None = None
 ) -> tuple[Vector, ...]:
-    """Return joints (dof,) that come closest to an unreachable target, if that is known.
+    """Find joints (dof,) that come closest to an unreachable target, if that is known.
 
     Known in closed form are the nearest point of a planar arm, and the nearest direction of an
     arm whose wrist cannot help: it meets the point, and rotates the tool as far as the limits
@@ -220,7 +220,7 @@ def closest_solution(
 
 
 def _has_redundancy(problem: AnalyticProblem) -> bool:
-    """Return whether roll or yaw can trade the point against the direction."""
+    """Check whether roll or yaw can trade the point against the direction."""
     amplitudes = [aim.tool.amplitude for aim in problem.aims]
     on_yaw_axis = (
         problem.point.angles_at_normal(problem.tip.normal_part(problem.start_roll)) is None
@@ -250,7 +250,7 @@ def analytic_seeds(chain: Chain, target: Target, q0: ArrayLike | None = None) ->
 
 
 def _nearest_stretched(problem: AnalyticProblem, yaw: float) -> tuple[Vector, ...]:
-    """Return the joints whose planar links come nearest, best first."""
+    """Find the joints whose planar links come nearest, best first."""
     plane = problem.arm.plane
     found = nearest_planar_angles(
         plane.links(problem.tip.in_plane_part(problem.start_roll)),

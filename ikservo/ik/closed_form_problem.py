@@ -49,7 +49,7 @@ class AxisConstraint:
         return self.target.in_plane_part(yaw_rad) * self.tool.in_plane_part(roll_rad).conjugate()
 
     def angle_error(self, yaw_rad: float, roll_rad: float, alpha_rad: float) -> float:
-        """Return the distance of a, rotated by α, from d (about the angle in rad)."""
+        """Compute the distance of a, rotated by α, from d (about the angle in rad)."""
         along = self.target.in_plane_part(yaw_rad)
         along -= cmath.rect(1.0, alpha_rad) * self.tool.in_plane_part(roll_rad)
         across = self.target.normal_part(yaw_rad) - self.tool.normal_part(roll_rad)
@@ -65,7 +65,7 @@ def axis_constraints(target: Target, arm: ArmStructure, tool: Matrix) -> tuple[A
 
 
 def tool_at_zero(arm: ArmStructure, target: Target) -> Matrix:
-    """Return the pose (4, 4) of the target's point while all joints are zero."""
+    """Compute the pose (4, 4) of the target's point while all joints are zero."""
     if target.offset_m is None:
         return arm.tool
     return arm.tool @ make_pose(target.offset_m)
@@ -113,12 +113,12 @@ class AnalyticProblem:
 
     @property
     def start_yaw(self) -> float:
-        """Return the yaw of the start inside the limits, 0 for arms without."""
+        """The yaw of the start inside the limits, 0 for arms without."""
         return float(self.held[self.arm.yaw.column]) if self.arm.yaw else 0.0
 
     @property
     def start_roll(self) -> float:
-        """Return the roll of the start inside the limits, 0 for arms without."""
+        """The roll of the start inside the limits, 0 for arms without."""
         return float(self.held[self.arm.wrist[0].column]) if self.arm.wrist else 0.0
 
     def yaws(self, across: float) -> Iterator[float]:
@@ -199,7 +199,7 @@ class AnalyticProblem:
 def make_problem(
     chain: Chain, arm: ArmStructure, target: Target, q0: Vector, wrist_rad: Sequence[float] = ()
 ) -> AnalyticProblem:
-    """Return the target in the circles of the arm; wrist joints behind the roll are held.
+    """Make the target in the circles of the arm; wrist joints behind the roll are held.
 
     They are held as at the start, or the first ones at ``wrist_rad``.
     """

@@ -45,13 +45,13 @@ class RevoluteAxis:
     upper: float
 
     def sample_range(self, parts: Sequence[float]) -> tuple[float, ...]:
-        """Return angles at the given fractions of the range, of a revolution if unlimited."""
+        """Sample angles at the given fractions of the range, of a revolution if unlimited."""
         lower = self.lower if math.isfinite(self.lower) else min(-math.pi, self.upper)
         upper = self.upper if math.isfinite(self.upper) else max(math.pi, lower)
         return tuple(min(lower + part * (upper - lower), upper) for part in parts)
 
     def rotate_pose(self, angle_rad: float, T: Matrix) -> Matrix:
-        """Return the pose (4, 4) rotated by this joint."""
+        """Compute the pose (4, 4) rotated by this joint."""
         R = exp_so3(angle_rad * self.axis)
         return make_pose(R @ (T[:3, 3] - self.point) + self.point, R @ T[:3, :3])
 
@@ -80,7 +80,7 @@ class PlanarSubchain:
         return tuple(end - start for start, end in zip(self.pivots, ends, strict=True))
 
     def angles(self, q: Vector) -> tuple[float, ...]:
-        """Return the angles about n of joints (dof,)."""
+        """Compute the angles about n of joints (dof,)."""
         return tuple(s * float(q[c]) for s, c in zip(self.signs, self.columns, strict=True))
 
 
@@ -117,7 +117,7 @@ class ArmStructure:
 
     @property
     def is_exact(self) -> bool:
-        """Return whether the closed form is exact for the arm; else it is a good seed."""
+        """Whether the closed form is exact for the arm; else it is a good seed."""
         return self.deviation < _EXACT
 
     def __str__(self) -> str:
@@ -233,7 +233,7 @@ def _revolute_axes(chain: Chain, frame: str | None) -> tuple[RevoluteAxis, ...] 
 def _matches_chain(
     joints: tuple[RevoluteAxis, ...], tool: Matrix, chain: Chain, frame: str | None
 ) -> bool:
-    """Return whether the joints move the frame as the chain does; a mimic joint would not."""
+    """Check whether the joints move the frame as the chain does; a mimic joint would not."""
     for seed in (0.3, -1.1):
         q = seed + 0.7 * np.arange(chain.dof)
         T = tool
@@ -250,13 +250,13 @@ def _are_parallel(a: RevoluteAxis, b: RevoluteAxis) -> bool:
 
 
 def _parallel_run(joints: tuple[RevoluteAxis, ...]) -> int:
-    """Return how many joints from the first on are parallel to it."""
+    """Compute how many joints from the first on are parallel to it."""
     different = (i for i, joint in enumerate(joints) if not _are_parallel(joints[0], joint))
     return next(different, len(joints))
 
 
 def _fit_plane(joints: tuple[RevoluteAxis, ...]) -> tuple[PlanarSubchain, float]:
-    """Return the plane across parallel joints, and the largest deviation from parallel [rad]."""
+    """Find the plane across parallel joints, and the largest deviation from parallel [rad]."""
     n = joints[0].axis
     frame = plane_frame(n)
     signs = tuple(1 if float(joint.axis @ n) > 0 else -1 for joint in joints)
@@ -276,7 +276,7 @@ def _signed_limits(joint: RevoluteAxis, sign: int) -> tuple[float, float]:
 
 
 def _meeting_point(joints: tuple[RevoluteAxis, ...]) -> tuple[Vector | None, float]:
-    """Return the meeting point (3,) of the axes of two or three joints, and its error [m]."""
+    """Compute the meeting point (3,) of the axes of two or three joints, and its error [m]."""
     if len(joints) not in (2, 3) or _are_parallel(joints[0], joints[1]):
         return None, 0.0
     beside = [np.eye(3) - np.outer(joint.axis, joint.axis) for joint in joints]

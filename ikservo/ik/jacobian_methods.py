@@ -95,7 +95,7 @@ class ResidualFunction:
         return Linearisation(q, self._M - f, np.vstack([J[:3], *swings]), J[3:])
 
     def is_met(self, current: Linearisation, tolerance: Tolerance) -> bool:
-        """Return whether the residual is at most half the tolerance.
+        """Check whether the residual is at most half the tolerance.
 
         Half, so that rounding before the result is returned makes no miss of it.
         """
@@ -109,12 +109,12 @@ class ResidualFunction:
 
 
 def active_limits(chain: Chain, q: Vector, tau: Vector) -> NDArray[np.bool_]:
-    """Return the joints (dof,) at a limit that tau (dof,) pulls against it."""
+    """Compute the joints (dof,) at a limit that tau (dof,) pulls against it."""
     return ((q <= chain.lower_rad) & (tau < 0.0)) | ((q >= chain.upper_rad) & (tau > 0.0))
 
 
 def _watched_axes(target: Target) -> tuple[Matrix, Matrix]:
-    """Return the axes (k, 3), in the tool's coordinates, and their target directions."""
+    """Compute the axes (k, 3), in the tool's coordinates, and their target directions."""
     if target.rotation is not None:
         # A small rotation moves two of three axes: the weight is divided between them.
         weight_m = ORIENTATION_LEVER_M / math.sqrt(2.0)
@@ -145,7 +145,7 @@ Step = Callable[[Linearisation], Linearisation]
 
 
 def scale_step(step: Vector) -> Vector:
-    """Return the step (dof,), scaled as a whole so that no joint moves further than 2°."""
+    """Compute the step (dof,), scaled as a whole so that no joint moves further than 2°."""
     largest = float(np.abs(step).max(initial=0.0))
     return step if largest <= MAX_STEP_RAD else step * (MAX_STEP_RAD / largest)
 
@@ -262,7 +262,7 @@ _NOTHING = 1e-150  # below it even the reciprocal is no number
 
 
 def pinv(J: Matrix, epsilon: float = EPSILON) -> Matrix:
-    """Return the pseudo-inverse (n, m) of J (m, n) by truncated SVD.
+    """Compute the pseudo-inverse (n, m) of J (m, n) by truncated SVD.
 
     ``J = U S Vᵀ``, ``J⁺ = V S⁻¹ Uᵀ`` with ``1/s := 0`` where ``s < ε s_max``. ``Δ = J⁺ E`` is the
     least-squares solution of ``J Δ = E`` where there is none, the least norm where there are many.
@@ -282,7 +282,7 @@ def nullspace_step(J: Matrix, E: Vector, C: Vector) -> Vector:
 
 
 def limited_step(current: Linearisation, chain: Chain, C: Vector) -> Vector:
-    """Return the step (dof,): no joint over 2°, none beyond its limits.
+    """Compute the step (dof,): no joint over 2°, none beyond its limits.
 
     The step of a joint that would leave its range ends on the limit. Its column is removed, and
     the others are solved again for the remaining error, until no joint leaves. A joint at its
@@ -335,7 +335,7 @@ def gradient_torque(current: Linearisation, chain: Chain) -> Vector:
 
 
 def step_length(J: Matrix, E: Vector, tau: Vector) -> float:
-    """Return the α that makes the linearised error ``|E - α J τ|`` smallest.
+    """Compute the α that makes the linearised error ``|E - α J τ|`` smallest.
 
     ``α = (E · J τ) / |J τ|²``; zero where τ does not move the tip.
     """

@@ -104,7 +104,7 @@ def _numerical_rank(J: Matrix, tolerance_ratio: float) -> int:
 
 
 def _null_space(J: Matrix) -> Matrix:
-    """Return the directions (k, n) in which joints move without moving the target point."""
+    """Compute the directions (k, n) in which joints move without moving the target point."""
     _, _, Vt = np.linalg.svd(J)
     return Vt[_numerical_rank(J, _SINGULAR) :]
 
@@ -120,7 +120,7 @@ def _is_planar_3r(chain: Chain, target: Target, freedom: int) -> bool:
 def _continues_along(
     task: ResidualFunction, tolerance: Tolerance, q: Vector, moving: list[int], direction: Vector
 ) -> bool:
-    """Return whether there are solutions beside q along a direction (n,) of the moving joints."""
+    """Check whether there are solutions beside q along a direction (n,) of the moving joints."""
     chain, nearby = task.chain, q.copy()
     nearby[moving] += _OFFSET_RAD * direction
     nearby = chain.clip(nearby)
@@ -148,7 +148,7 @@ def _is_same_solution(a: Vector, b: Vector) -> bool:
 def nearest_solution(
     chain: Chain, target: Target, q0: Vector, options: Options, found: Result
 ) -> Result:
-    """Return a solution that is nearer to the start than the one found, or that one.
+    """Find a solution that is nearer to the start than the one found, or that one.
 
     Args:
         chain: The arm.
@@ -178,7 +178,7 @@ def _other_solutions(
 
 
 def _solutions_around(chain: Chain, target: Target, q0: Vector, options: Options) -> Matrix:
-    """Return the solutions (m, dof) of searches from around the start."""
+    """Compute the solutions (m, dof) of searches from around the start."""
     aside = _START_OFFSET_RAD * np.eye(chain.dof)
     starts = np.ascontiguousarray(chain.clip(np.vstack([q0 + aside, q0 - aside])))
     kind, ready = target_kind_of(target), problem_for_target(chain, target)
@@ -214,7 +214,7 @@ def _single_start_options(options: Options) -> Options:
 def _make_result(
     chain: Chain, target: Target, q0: Vector, q: Vector, options: Options, found: Result
 ) -> Result:
-    """Return the result of joints (dof,) that the search itself did not find."""
+    """Make the result of joints (dof,) that the search itself did not find."""
     exact = recognise_structure(chain, target.frame) is not None
     return evaluate(
         chain,

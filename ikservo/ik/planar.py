@@ -135,7 +135,7 @@ class DirectionArc:
     upper_rad: float
 
     def clamp_direction(self, alpha_rad: float) -> float:
-        """Return the direction inside that is nearest α on the circle."""
+        """Compute the direction inside that is nearest α on the circle."""
         margin = min(_MARGIN_RAD, 0.5 * (self.upper_rad - self.lower_rad))
         low, high = self.lower_rad + margin, self.upper_rad - margin
         if (equivalent := nearest_equivalent_angle(alpha_rad, low, high, alpha_rad)) is not None:
@@ -233,7 +233,7 @@ def _possible_ends(links: Sequence[complex], limits: Limits, m: complex) -> Iter
 
 
 def _third_joint_at(reach: float, l3: complex, m: complex) -> tuple[float, ...]:
-    """Return the directions that put the third joint at a distance from the first."""
+    """Compute the directions that put the third joint at a distance from the first."""
     d, L3 = abs(m), abs(l3)
     if d * L3 == 0.0:
         return ()
@@ -309,7 +309,7 @@ def _nearest_on_arc(
 
 
 def _step_towards(links: Sequence[complex], angles: Angles, start: Angles) -> float:
-    """Return the change of α that brings the angles nearest the start, to first order.
+    """Compute the change of α that brings the angles nearest the start, to first order.
 
     The rotated links v1, v2, v3 close with the target point; keeping it, the angles change
     along ``t = (v2×v3, -v1×v3 - v2×v3, v1×v2 + v1×v3)``, and α with the sum of t, v1×v2.
@@ -336,7 +336,7 @@ def _squared_distance(angles: Angles, start: Angles) -> float:
 def nearest_planar_angles(
     links: Sequence[complex], limits: Limits, m: complex, start: Angles
 ) -> tuple[Angles, ...]:
-    """Return the angles inside the limits, best first, whose tip may be the nearest to ``m``.
+    """Find the angles inside the limits, best first, whose tip may be the nearest to ``m``.
 
     Args:
         links: The links while all angles are zero.
@@ -354,7 +354,7 @@ def nearest_planar_angles(
 
 
 def _fixed_positions(limit: tuple[float, float]) -> tuple[float | None, ...]:
-    """Return the possible positions of a joint: free (None), or at one of its limits."""
+    """Compute the possible positions of a joint: free (None), or at one of its limits."""
     return (None, *filter(math.isfinite, limit))
 
 

@@ -98,7 +98,7 @@ def prepare_seeds(
 
 
 def _half_range(lower_rad: float, upper_rad: float) -> tuple[float, float]:
-    """Return the middle of a joint's range and half its width, at most half a revolution."""
+    """Compute the middle of a joint's range and half its width, at most half a revolution."""
     if upper_rad - lower_rad >= 2.0 * math.pi:
         return min(max(0.0, lower_rad + math.pi), upper_rad - math.pi), math.pi
     return 0.5 * (lower_rad + upper_rad), 0.5 * (upper_rad - lower_rad)
@@ -116,7 +116,7 @@ def seeds(chain: Chain, count: int) -> Matrix:
 
 
 def _sampling_limits(chain: Chain) -> tuple[Vector, Vector]:
-    """Return the limits (dof,) each, of more than a revolution the one nearest to zero."""
+    """Compute the limits (dof,) each, of more than a revolution the one nearest to zero."""
     low, high = chain.lower_rad.copy(), chain.upper_rad.copy()
     wide = (high - low > math.tau) & [kind is not JointType.PRISMATIC for kind in chain.kinds]
     wide |= ~np.isfinite(low) | ~np.isfinite(high)
@@ -186,7 +186,7 @@ def target_kind(name: str) -> TargetKind:
 
 @cache
 def load_kernel() -> Callable[..., int]:
-    """Return the search, compiled where that is possible."""
+    """Load the search, compiled where that is possible."""
     from ikservo.ik.kernel.search import solve_all  # noqa: PLC0415  # loads with the first solve
 
     return solve_all
@@ -233,7 +233,7 @@ class IdleJoint:
     period: float
 
     def resting_position(self, start: float) -> float:
-        """Return the start, or the equivalent or nearest value inside the limits."""
+        """Compute the start, or the equivalent or nearest value inside the limits."""
         if start > self.upper and math.isfinite(self.period):
             equivalent = start - self.period * math.ceil((start - self.upper) / self.period)
             return equivalent if equivalent >= self.lower else self.upper
@@ -251,7 +251,7 @@ def idle_joints(
     *,
     orientation: bool,
 ) -> tuple[IdleJoint, ...]:
-    """Return the joints that move neither the point nor its target orientation.
+    """Compute the joints that move neither the point nor its target orientation.
 
     Args:
         chain: The arm.
@@ -301,7 +301,7 @@ class PackedProblem:
     idle: Mapping[TargetKind, tuple[IdleJoint, ...]]
 
     def make_seeds(self, chain: Chain, q: Matrix, *, swinging: bool = True) -> Matrix:
-        """Return joints (m, dof) as seeds (dof + SEED_SIZE, m), see ``kernel.layout``."""
+        """Make joints (m, dof) as seeds (dof + SEED_SIZE, m), see ``kernel.layout``."""
         R_frame_tool = np.eye(3) if self.tool_axis is None else rotation_z_to(self.tool_axis)
         return prepare_seeds(
             chain, self.arm, q, self.frame, self.offset_m, R_frame_tool, swinging=swinging
@@ -342,7 +342,7 @@ def _find_idle_joints(
 
 
 def pack_settings(kind: TargetKind, dof: int, options: Options) -> Vector:
-    """Return the settings of a search as the kernels read them, see ``kernel.layout``."""
+    """Compute the settings of a search as the kernels read them, see ``kernel.layout``."""
     tolerance = options.tolerance
     return np.array(
         [

@@ -97,26 +97,26 @@ class Target:
 
     @property
     def position(self) -> Vector:
-        """Return the target position (3,), metres, as an array of its own."""
+        """The target position (3,), metres, as an array of its own."""
         return self.packed[0]
 
     @property
     def target_axis(self) -> Vector | None:
-        """Return the target direction (3,) as a unit vector, or None."""
+        """The target direction (3,) as a unit vector, or None."""
         return None if self.direction is None else self.packed[1:, 2]
 
     @property
     def rotation(self) -> Matrix | None:
-        """Return the target orientation (3, 3) as an array of its own, or None."""
+        """The target orientation (3, 3) as an array of its own, or None."""
         return None if self.orientation is None else self.packed[1:]
 
     @property
     def only_position(self) -> bool:
-        """Return whether the orientation of the tool is free."""
+        """Whether the orientation of the tool is free."""
         return self.direction is None and self.orientation is None
 
     def orientation_error(self, R_world_tool: Matrix) -> Vector:
-        """Return the rotation vector (3,) [rad] from the tool's orientation to the target."""
+        """Compute the rotation vector (3,) [rad] from the tool's orientation to the target."""
         if self.rotation is not None:
             return log_so3(self.rotation @ R_world_tool.T)
         if self.target_axis is not None:
@@ -125,7 +125,7 @@ class Target:
 
 
 def _rotation_between(a: Vector, b: Vector) -> Vector:
-    """Return the shortest rotation vector (3,) that rotates unit vector a to unit vector b."""
+    """Compute the shortest rotation vector (3,) that rotates unit vector a to unit vector b."""
     normal = np.cross(a, b)
     sin, cos = math.sqrt(float(normal @ normal)), float(a @ b)
     if sin < 1e-12:
@@ -153,7 +153,7 @@ def check_position(v: ArrayLike, what: str) -> Vector:
 
 
 def normalise(v: ArrayLike, what: str) -> Vector:
-    """Return a direction (3,) with length one; BadValueError if it has none."""
+    """Compute a direction (3,) with length one; BadValueError if it has none."""
     vector = finite_vector(v, 3, what)
     length = math.hypot(*vector.tolist())
     if length < 1e-12:
@@ -182,7 +182,7 @@ def _pack_target(
 
 @cache
 def _load_check() -> Callable[[Matrix, bool], bool]:
-    """Return the check of a packed target, compiled where that is possible."""
+    """Load the check of a packed target, compiled where that is possible."""
     from ikservo.ik.kernel.single import is_target  # noqa: PLC0415  # loads with the first target
 
     return is_target
@@ -274,7 +274,7 @@ class Options:
             _check_kind("The posture", self.posture, Posture)
 
     def puts_position_first(self, dof: int) -> bool:
-        """Return whether an arm with so many joints meets the position before all else."""
+        """Check whether an arm with so many joints meets the position before all else."""
         return dof < _FULL_POSE_DOF if self.position_first is None else self.position_first
 
 

@@ -215,7 +215,7 @@ def evaluate(
 
 
 def is_closer(a: Result, b: Result, tolerance: Tolerance) -> bool:
-    """Return whether a is the better result: by position first, then by orientation."""
+    """Check whether a is the better result: by position first, then by orientation."""
     return _rank_result(a, tolerance) < _rank_result(b, tolerance)
 
 

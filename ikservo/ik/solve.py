@@ -60,7 +60,7 @@ def auto(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
 
 
 def get_method(name: str) -> Method:
-    """Return the method of that name; ``auto`` selects by arm and result.
+    """Get the method of that name; ``auto`` selects by arm and result.
 
     Raises:
         UnknownNameError: There is none; the existing ones are listed.

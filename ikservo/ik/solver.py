@@ -68,11 +68,11 @@ class BranchMemory:
         self._out = False
 
     def is_beyond_reach(self, q0: ArrayLike) -> bool:
-        """Return whether a path at ``q0`` (dof,) is out of reach at present."""
+        """Check whether a path at ``q0`` (dof,) is out of reach at present."""
         return self._out and self._is_same_path(q0)
 
     def start_joints(self) -> Vector:
-        """Return the start (dof,) for a target that is within reach again."""
+        """Compute the start (dof,) for a target that is within reach again."""
         back: Vector = np.clip(self._bent - self._last, -_MIN_BEND_RAD, _MIN_BEND_RAD)
         return self._last + back
 
@@ -177,7 +177,7 @@ class Solver:
     def track(
         self, T_world_tool: ArrayLike, q0: ArrayLike, out: Vector | None = None
     ) -> tuple[Vector, bool]:
-        """Return the joints that ``q0`` leads to on its own branch, and whether they reach.
+        """Compute the joints that ``q0`` leads to on its own branch, and whether they reach.
 
         Args and errors are those of a call; where a limit blocks, ``result`` names it.
         """
@@ -191,7 +191,7 @@ class Solver:
 
     @property
     def result(self) -> Result:
-        """Return the whole result of the last call: errors and active limits.
+        """The whole result of the last call: errors and active limits.
 
         Raises:
             BadValueError: There was no call yet.

@@ -54,12 +54,12 @@ _NEAR_ZERO = 1e-9
 
 
 def wrap_angle(angle_rad: float) -> float:
-    """Return the same angle between -π and π."""
+    """Compute the same angle between -π and π."""
     return math.remainder(angle_rad, FULL_TURN_RAD)
 
 
 def clamped_acos(cosine: float) -> float | None:
-    """Return acos, also just past ±1 where rounding put it; None where there is no angle."""
+    """Compute acos, also just past ±1 where rounding put it; None where there is no angle."""
     if not abs(cosine) <= 1.0 + _EDGE:
         return None
     return math.acos(min(max(cosine, -1.0), 1.0))
@@ -68,7 +68,7 @@ def clamped_acos(cosine: float) -> float | None:
 def nearest_equivalent_angle(
     angle_rad: float, lower: float, upper: float, near_rad: float
 ) -> float | None:
-    """Return the equivalent angle, angle + 2πk, inside the limits and nearest ``near_rad``.
+    """Find the equivalent angle, angle + 2πk, inside the limits and nearest ``near_rad``.
 
     None if there is none inside.
     """
@@ -87,7 +87,7 @@ def nearest_equivalent_angle(
 
 
 def solve_acos_bsin(a: float, b: float, c: float) -> tuple[float, ...] | None:
-    """Return the angles θ with ``a cos θ + b sin θ = c``: two, none, or None if any will do."""
+    """Compute the angles θ with ``a cos θ + b sin θ = c``: two, none, or None if any will do."""
     amplitude = math.hypot(a, b)
     if amplitude < _NEAR_ZERO:
         return None if abs(c) < _NEAR_ZERO else ()
@@ -114,20 +114,20 @@ class CircleTrace:
         return self.A0 + self.A1 * math.cos(theta_rad) + self.A2 * math.sin(theta_rad)
 
     def normal_part(self, theta_rad: float) -> float:
-        """Return the part along the plane's normal."""
+        """Compute the part along the plane's normal."""
         return self.a0 + self.a1 * math.cos(theta_rad) + self.a2 * math.sin(theta_rad)
 
     def slope(self, theta_rad: float) -> float:
-        """Return the derivative of ``across`` by θ."""
+        """Compute the derivative of ``across`` by θ."""
         return self.a2 * math.cos(theta_rad) - self.a1 * math.sin(theta_rad)
 
     def angles_at_normal(self, value: float) -> tuple[float, ...] | None:
-        """Return the angles at which ``across`` has the value; None if every angle has it."""
+        """Compute the angles at which ``across`` has the value; None if every angle has it."""
         return solve_acos_bsin(self.a1, self.a2, value - self.a0)
 
     @property
     def amplitude(self) -> float:
-        """Return the amplitude of the circle across the plane."""
+        """The amplitude of the circle across the plane."""
         return math.hypot(self.a1, self.a2)
 
 
@@ -247,7 +247,7 @@ def _yaws_for_roll(
 def refine_angle_pair(
     M: CircleTrace, w: CircleTrace, d: CircleTrace, a: CircleTrace, phi: float, psi: float
 ) -> tuple[float, float] | None:
-    """Return the pair after Newton steps on both equations, or None if they do not hold there."""
+    """Compute the pair after Newton steps on both equations, or None if they do not hold there."""
     for _ in range(_NEWTON_STEPS):
         e, f = w.normal_part(psi) - M.normal_part(phi), a.normal_part(psi) - d.normal_part(phi)
         if math.hypot(e, f) < _RESIDUAL:

@@ -41,17 +41,17 @@ class Workspace:
 
     @property
     def count(self) -> int:
-        """Return how many cells are reachable."""
+        """How many cells are reachable."""
         return int(self.reachable.sum())
 
     @property
     def size(self) -> float:
-        """Return the area [m²] of a slice or the volume [m³], all reachable cells in full."""
+        """The area [m²] of a slice or the volume [m³], all reachable cells in full."""
         return self.count * self.grid.cell_m ** (2 if self.is_slice else 3)
 
     @property
     def extent_m(self) -> tuple[Vector, Vector] | None:
-        """Return the corners (3,) of the box around the reachable cells, in the grid's frame.
+        """The corners (3,) of the box around the reachable cells, in the grid's frame.
 
         None where no cell is reachable.
         """
@@ -62,7 +62,7 @@ class Workspace:
         return corner + cells.min(axis=0) * cell_m, corner + (cells.max(axis=0) + 1) * cell_m
 
     def contains(self, point_m: ArrayLike) -> bool:
-        """Return whether a point (3,) of the base frame is in a reachable cell.
+        """Check whether a point (3,) of the base frame is in a reachable cell.
 
         A point farther than half a cell from the plane of a slice is in no cell of it.
         """
@@ -78,7 +78,7 @@ class Workspace:
         return np.any(self.reachable, axis=along)
 
     def outline(self, along: int = 2) -> tuple[Matrix, ...]:
-        """Return the borders of ``mask`` as closed polygons (k, 2) along its axes, metres.
+        """Compute the borders of ``mask`` as closed polygons (k, 2) along its axes, metres.
 
         Islands run counterclockwise, holes clockwise.
         """

@@ -64,13 +64,13 @@ class VoxelGrid:
         return world
 
     def cells_of(self, points_m: ArrayLike) -> tuple[Cells, NDArray[np.bool_]]:
-        """Return the cells (n, 3) of points (n, 3), and which of them exist (n,)."""
+        """Compute the cells (n, 3) of points (n, 3), and which of them exist (n,)."""
         places = np.floor((self.to_grid(points_m) - self.first_m) / self.cell_m)
         exist: NDArray[np.bool_] = np.all((places >= 0) & (places < self.shape), axis=1)
         return np.where(exist[:, None], places, 0).astype(np.intp), exist
 
     def centres(self, cells: Cells) -> Matrix:
-        """Return the middles (n, 3) of cells in the base frame, metres."""
+        """Compute the middles (n, 3) of cells in the base frame, metres."""
         return self.to_world(self.first_m + (cells + 0.5) * self.cell_m)
 
 
@@ -187,7 +187,7 @@ def side_plane(chain: Chain, home: ArrayLike, yaw_rad: float | None = None) -> M
 
 
 def front_plane(chain: Chain, home: ArrayLike, yaw_rad: float | None = None) -> Matrix:
-    """Return the vertical plane through the first axis across the arm: u left, v up."""
+    """Compute the vertical plane through the first axis across the arm: u left, v up."""
     pivot, forward_rad = _first_axis(chain, home)
     return _vertical_plane(pivot, (forward_rad if yaw_rad is None else yaw_rad) + math.pi / 2)
 
@@ -199,7 +199,7 @@ def top_plane(chain: Chain, home: ArrayLike, height_m: float | None = None) -> M
 
 
 def _vertical_plane(through: Vector, yaw_rad: float) -> Matrix:
-    """Return a vertical plane through a point; its origin is the one nearest the base's."""
+    """Compute a vertical plane through a point; its origin is the one nearest the base's."""
     u = np.array([math.cos(yaw_rad), math.sin(yaw_rad), 0.0])
     v = np.array([0.0, 0.0, 1.0])
     w = np.cross(u, v)
@@ -207,7 +207,7 @@ def _vertical_plane(through: Vector, yaw_rad: float) -> Matrix:
 
 
 def _first_axis(chain: Chain, home: ArrayLike) -> tuple[Vector, float]:
-    """Return a point (3,) on the first axis and the direction in which the tip is from there."""
+    """Compute a point (3,) on the first axis and the direction in which the tip is from there."""
     T, J = chain.forward_and_jacobian(home)
     tip: Vector = T[:3, 3]
     pivot = np.zeros(3)

@@ -44,7 +44,7 @@ def finite_vector(values: ArrayLike, size: int, what: str) -> Vector:
 
 
 def finite_vectors(values: ArrayLike, size: int, what: str) -> Vector:
-    """Return one vector (size,) or many (n, size) as floats; see ``finite_array``."""
+    """Compute one vector (size,) or many (n, size) as floats; see ``finite_array``."""
     array = as_floats(values, what, f"numbers of shape ({size},) or (n, {size})")
     if array.ndim not in (1, 2) or array.shape[-1] != size:
         raise BadValueError(what, f"of shape {array.shape}", f"shape ({size},) or (n, {size})")
@@ -105,7 +105,7 @@ def as_floats(values: ArrayLike, what: str, expected: str) -> Vector:
 
 
 def read_only(values: ArrayLike) -> Vector:
-    """Return a copy (any shape) that cannot be written to."""
+    """Read a copy (any shape) that cannot be written to."""
     array = np.array(values, dtype=np.float64)
     array.flags.writeable = False
     return array

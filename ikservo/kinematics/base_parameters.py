@@ -57,7 +57,7 @@ class BaseParameters:
         return regressor[..., self.columns]
 
     def combine(self, parameters: ArrayLike) -> Vector:
-        """Return the base parameters (b,) of parameters (p,).
+        """Compute the base parameters (b,) of parameters (p,).
 
         Raises:
             BadValueError: Not as many, or not finite.
@@ -148,7 +148,7 @@ def independent_columns(
 
 
 def _select_columns(Y: Matrix, least: float) -> IntVector:
-    """Return the columns of which a part longer than ``least`` is independent of those before."""
+    """Select the columns of which a part longer than ``least`` is independent of those before."""
     basis = np.empty((0, len(Y)))
     columns: list[int] = []
     for column in range(Y.shape[1]):
@@ -161,7 +161,7 @@ def _select_columns(Y: Matrix, least: float) -> IntVector:
 
 
 def _finite_limits(chain: Chain) -> tuple[Vector, Vector]:
-    """Return the limits (dof,) each, a full turn for continuous joints."""
+    """Compute the limits (dof,) each, a full turn for continuous joints."""
     low, high = chain.lower_rad, chain.upper_rad
     return np.where(np.isfinite(low), low, -np.pi), np.where(np.isfinite(high), high, np.pi)
 

@@ -91,7 +91,7 @@ class BodyTree:
         return T
 
     def twists(self, T: Matrix) -> Matrix:
-        """Return the twist D (n, samples, 4, 4) of each joint in the base frame.
+        """Compute the twist D (n, samples, 4, 4) of each joint in the base frame.
 
         A small motion of the joint's value moves each point x (4,) of what it carries by
         ``D x``: ``D = T twist T⁻¹``.
@@ -111,7 +111,7 @@ class BodyTree:
         return (self.carries.T @ X.reshape(len(X), -1)).reshape(X.shape)
 
     def joint_rates(self, qd: Matrix) -> Matrix:
-        """Return the rates (n, samples, 1, 1) of all joints at the rates (samples, dof) of q."""
+        """Compute the rates (n, samples, 1, 1) of all joints at the rates (samples, dof) of q."""
         return (self.gears @ qd.T)[..., None, None]
 
 
@@ -122,7 +122,7 @@ class _MovingJoint(NamedTuple):
 
 
 def _place_links(chain: Chain) -> tuple[dict[str, tuple[int, Matrix]], list[_MovingJoint]]:
-    """Return the body of each link and its pose in it, and the joint of each body."""
+    """Compute the body of each link and its pose in it, and the joint of each body."""
     links: dict[str, tuple[int, Matrix]] = {chain.base: (BASE, read_only(np.eye(4)))}
     joints: list[_MovingJoint] = []
     for link in chain.frames[1:]:

@@ -40,7 +40,7 @@ class Capsule:
 
 
 def segment_distance(p1: Vector, q1: Vector, p2: Vector, q2: Vector) -> Vector:
-    """Return the distances (…) between segments p1 q1 and p2 q2, each end (…, 3), metres.
+    """Compute the distances (…) between segments p1 q1 and p2 q2, each end (…, 3), metres.
 
     The closest points are where the gradient of the squared distance over both parameters
     vanishes, or on an end; after Ericson, Real-Time Collision Detection, 5.1.9.
@@ -58,7 +58,7 @@ def segment_distance(p1: Vector, q1: Vector, p2: Vector, q2: Vector) -> Vector:
 
 
 def segment_box_distance(a: Vector, b: Vector, low_m: Vector, high_m: Vector) -> Vector:
-    """Return the distances (…) from segments a b, each end (…, 3), to an upright box; 0 inside.
+    """Compute the distances (…) from segments a b, each end (…, 3), to an upright box; 0 inside.
 
     The distance to a convex body is a convex function along the segment, so that golden section
     search finds its minimum.

@@ -90,12 +90,12 @@ class Chain:
 
     @property
     def dof(self) -> int:
-        """Return the number of joints that move the tip."""
+        """The number of joints that move the tip."""
         return len(self.names)
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """Return the names of all links; each can be a ``frame``."""
+        """The names of all links; each can be a ``frame``."""
         return tuple(self._paths)
 
     def joints_to(self, frame: str | None = None) -> tuple[ChainJoint, ...]:
@@ -162,7 +162,7 @@ class Chain:
     def forward(
         self, q: ArrayLike, frame: str | None = None, offset_m: ArrayLike | None = None
     ) -> Matrix:
-        """Return the pose of a link, or of a point fixed to it.
+        """Compute the pose of a link, or of a point fixed to it.
 
         ``f(q) = O1 M1(q1) O2 M2(q2) … offset`` with the fixed origins O and joint motions M.
 
@@ -271,7 +271,7 @@ def joint_torques(
     frame: str | None = None,
     offset_m: ArrayLike | None = None,
 ) -> Vector:
-    """Return the joint torques of a force at a point of the arm: ``tau = Jᵀ F``.
+    """Compute the joint torques of a force at a point of the arm: ``tau = Jᵀ F``.
 
     A small motion dq of the joints moves the point by ``J dq``, and the force does the work
     ``Fᵀ J dq``; torques that do the same work, ``tauᵀ dq``, are ``tau = Jᵀ F``. A force that pulls

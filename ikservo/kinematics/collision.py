@@ -45,7 +45,7 @@ class LinkTravelBounds:
         return self._sum_steps(link, self._chain.joints_to(link))
 
     def relative_bound(self, a: str, b: str) -> Vector:
-        """Return the bound of the approach of two links (dof,), without joints that move both."""
+        """Compute the bound of the approach of two links (dof,), without joints that move both."""
         paths = self._chain.joints_to(a), self._chain.joints_to(b)
         common = {step.joint.name for step in paths[0]} & {step.joint.name for step in paths[1]}
         own = [[step for step in path if step.joint.name not in common] for path in paths]
@@ -61,7 +61,7 @@ class LinkTravelBounds:
         return reach_m
 
     def _max_slide_offset_m(self, step: ChainJoint) -> float:
-        """Return the maximum offset of a prismatic joint from its origin."""
+        """Compute the maximum offset of a prismatic joint from its origin."""
         if not step.scale:
             return abs(step.shift)
         ends = self._chain.lower_rad[step.column], self._chain.upper_rad[step.column]
@@ -114,7 +114,7 @@ class CollisionBody:
 
     @property
     def chain(self) -> Chain:
-        """Return the chain whose joint vectors place the capsules."""
+        """The chain whose joint vectors place the capsules."""
         return self._chain
 
     def link_distances(self, q: ArrayLike) -> PairDistances:
@@ -193,7 +193,7 @@ class CollisionBody:
 
 
 def _are_neighbours(chain: Chain, a: str, b: str) -> bool:
-    """Return whether at most one moving joint is between two links."""
+    """Check whether at most one moving joint is between two links."""
     paths = [{step.joint.name: step.joint for step in chain.joints_to(link)} for link in (a, b)]
     between = [*(paths[0].keys() ^ paths[1].keys())]
     joints = paths[0] | paths[1]

@@ -89,12 +89,12 @@ class Conditioning:
 
     @property
     def slowest_m_rad(self) -> float:
-        """Return the motion of the point in its worst direction [m/rad]; 0 where singular."""
+        """The motion of the point in its worst direction [m/rad]; 0 where singular."""
         return float(self.moves_m_rad.min(initial=math.inf))
 
     @property
     def slowest_rotation_rad_rad(self) -> float:
-        """Return the minimum rotation of the link with the point at rest; inf if there is none."""
+        """The minimum rotation of the link with the point at rest; inf if there is none."""
         return float(self.turns_rad_rad.min(initial=math.inf))
 
 
@@ -197,14 +197,14 @@ def _singularity_measures(
 
 
 def _start_postures(chain: Chain, q: Vector) -> Matrix:
-    """Return the start postures (2 dof + 1, dof): q, and with one joint moved either way."""
+    """Compute the start postures (2 dof + 1, dof): q, and with one joint moved either way."""
     aside = _START_OFFSET_RAD * np.eye(chain.dof)
     starts: Matrix = chain.clip(np.vstack([q[None], q + aside, q - aside]))
     return starts
 
 
 def _find_zeros(chain: Chain, q: Matrix, measure: Measure) -> Matrix:
-    """Return the zeros (n, dof) of a measure found by searches from joints (m, dof)."""
+    """Find the zeros (n, dof) of a measure found by searches from joints (m, dof)."""
     values = measure(q)
     ends: list[Matrix] = []
     for _ in range(_STEPS):
@@ -233,7 +233,7 @@ def _newton_step(
 
 
 def _measure_gradient(chain: Chain, q: Matrix, values: Vector, measure: Measure) -> Matrix:
-    """Return the derivative (n, dof); 0 for joints at a limit that would move outside."""
+    """Compute the derivative (n, dof); 0 for joints at a limit that would move outside."""
     aside = _DIFFERENCE_RAD * np.eye(chain.dof)
     beside = measure((q[:, None] + aside).reshape(q.size, chain.dof)).reshape(q.shape)
     slope = (beside - values[:, None]) / _DIFFERENCE_RAD
@@ -258,7 +258,7 @@ def _singular_values(matrices: Matrix) -> Matrix:
 
 
 def ordinary_postures(dof: int) -> Matrix:
-    """Return a few postures (n, dof) that are singular for no arm.
+    """Compute a few postures (n, dof) that are singular for no arm.
 
     Each joint is at another whole number of radians, which is no fraction of a revolution.
     """
@@ -266,7 +266,7 @@ def ordinary_postures(dof: int) -> Matrix:
 
 
 def _count_freedoms(chain: Chain, frame: str | None, offset_m: ArrayLike | None) -> tuple[int, int]:
-    """Return the numbers of directions of the point, and of rotations of the link about it."""
+    """Count the numbers of directions of the point, and of rotations of the link about it."""
     J = chain.jacobian(ordinary_postures(chain.dof), frame, offset_m)
     moves = _numerical_rank(_linear_singular_values(J))
     return moves, _numerical_rank(_angular_singular_values(J, moves))

@@ -106,7 +106,7 @@ class Dynamics:
 
     @property
     def bodies(self) -> tuple[str, ...]:
-        """Return the moving bodies, each as the link whose frame is the body's.
+        """The moving bodies, each as the link whose frame is the body's.
 
         Links that are fixed to a body, or that q does not move, are part of it.
         """
@@ -157,7 +157,7 @@ class Dynamics:
         return self.with_parameters(np.concatenate([parameters_of(each) for each in P]))
 
     def gravity_torques(self, q: ArrayLike) -> Vector:
-        """Return the torques g(q) that hold the arm at rest.
+        """Compute the torques g(q) that hold the arm at rest.
 
         Args:
             q: (dof,) or (n, dof).
@@ -176,7 +176,7 @@ class Dynamics:
         return self._generalized(-moved @ self.gravity_m_s2, q)
 
     def inverse_dynamics(self, q: ArrayLike, qd: ArrayLike, qdd: ArrayLike) -> Vector:
-        """Return the torques that give the joints an acceleration (recursive Newton-Euler).
+        """Compute the torques that give the joints an acceleration (recursive Newton-Euler).
 
         Args:
             q: (dof,) or (n, dof).
@@ -251,7 +251,7 @@ class Dynamics:
         return Y if q.ndim == 2 else Y[0]
 
     def _accelerations(self, D: Matrix, qd: Matrix, qdd: Matrix) -> Matrix:
-        """Return the matrices A (bodies, n, 4, 4) of the module's equations."""
+        """Compute the matrices A (bodies, n, 4, 4) of the module's equations."""
         tree, rates = self._tree, self._tree.joint_rates(qd)
         V = tree.sum_to_tips(D * rates)
         A = tree.sum_to_tips(D * tree.joint_rates(qdd) + (V @ D - D @ V) * rates) + V @ V
@@ -259,11 +259,11 @@ class Dynamics:
         return A
 
     def _pseudo_inertias_at(self, T: Matrix) -> Matrix:
-        """Return the pseudo-inertia matrices (bodies, n, 4, 4) in the base frame."""
+        """Compute the pseudo-inertia matrices (bodies, n, 4, 4) in the base frame."""
         return T @ self._pseudo_inertias @ T.swapaxes(-1, -2)
 
     def _generalized(self, torques: Matrix, q: Vector) -> Vector:
-        """Return the torques of q, shaped as it, from those of all joints (bodies, n)."""
+        """Compute the torques of q, shaped as it, from those of all joints (bodies, n)."""
         return (self._tree.gears.T @ torques).T.reshape(q.shape)
 
     def _check(self, values: ArrayLike, what: str) -> Vector:

@@ -50,7 +50,7 @@ class GeometricErrors:
 
     @property
     def T_world_base(self) -> Matrix:  # noqa: N802  # the name is the mathematics
-        """Return the pose (4, 4) of the described base."""
+        """The pose (4, 4) of the described base."""
         return make_pose(self.base_m, exp_so3(self.base_rad))
 
 
@@ -83,7 +83,7 @@ def identifiable_origins(chain: Chain) -> tuple[str, ...]:
 def calibration_jacobian(
     chain: Chain, q: Matrix, geometry: GeometricErrors, origins: Sequence[str]
 ) -> tuple[Matrix, Matrix]:
-    """Return the tips of a corrected chain and their Jacobian for joints, base and origins.
+    """Compute the tips of a corrected chain and their Jacobian for joints, base and origins.
 
     Args:
         chain: As described.
@@ -113,7 +113,7 @@ def _parent_rotations(chain: Chain, q: Matrix, names: Sequence[str]) -> dict[str
 
 
 def _rotation_derivatives(arms_m: Matrix, base_rad: Vector) -> Matrix:
-    """Return the derivatives of points (n, 3) by the base's rotation vector (n, 3, 3)."""
+    """Compute the derivatives of points (n, 3) by the base's rotation vector (n, 3, 3)."""
     W = skew(base_rad)
     left_jacobian = (
         np.eye(3) + W / 2.0 + W @ W / 6.0 + W @ W @ W / 24.0

@@ -74,7 +74,7 @@ class LinkMass:
 
 
 def pseudo_inertia(mass: LinkMass) -> Matrix:
-    """Return the pseudo-inertia matrix (4, 4) of a mass in the frame of its link."""
+    """Compute the pseudo-inertia matrix (4, 4) of a mass in the frame of its link."""
     h = mass.mass_kg * mass.centre_m
     tensor = mass.inertia_kg_m2
     P = np.empty((4, 4))
@@ -85,18 +85,18 @@ def pseudo_inertia(mass: LinkMass) -> Matrix:
 
 
 def parameters_of(P: Matrix) -> Vector:
-    """Return the ten parameters (10,) of a pseudo-inertia matrix (4, 4); see ``PARAMETERS``."""
+    """Compute the ten parameters (10,) of a pseudo-inertia matrix (4, 4); see ``PARAMETERS``."""
     tensor = np.diag(P)[:3].sum() * np.eye(3) - P[:3, :3]
     return np.array([P[3, 3], *P[:3, 3], *tensor[np.triu_indices(3)]])
 
 
 def pseudo_inertias(parameters: Vector) -> Matrix:
-    """Return the pseudo-inertia matrices (n, 4, 4) of the parameters (10 n,) of n bodies."""
+    """Compute the pseudo-inertia matrices (n, 4, 4) of the parameters (10 n,) of n bodies."""
     return np.tensordot(parameters.reshape(-1, len(PARAMETERS)), PSEUDO_INERTIA_BASIS, axes=1)
 
 
 def _basis() -> Matrix:
-    """Return the derivative (10, 4, 4) of the pseudo-inertia matrix by each parameter."""
+    """Compute the derivative (10, 4, 4) of the pseudo-inertia matrix by each parameter."""
     basis = np.zeros((10, 4, 4))
     basis[0, 3, 3] = 1.0
     for i in range(3):

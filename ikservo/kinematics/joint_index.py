@@ -66,11 +66,11 @@ class JointIndex:
         return self.names.index(joint)
 
     def chain_joints(self, joints: Matrix) -> Matrix:
-        """Return the chain's columns (…, dof) of all joints (…, n)."""
+        """Compute the chain's columns (…, dof) of all joints (…, n)."""
         return joints.take(self._chain_columns, axis=-1)
 
     def body_joints(self, joints: Matrix) -> Matrix:
-        """Return the collision body's columns of all joints (…, n)."""
+        """Compute the collision body's columns of all joints (…, n)."""
         return joints.take(self._body_columns, axis=-1)
 
     def with_chain(self, joints: Vector, q: Vector) -> Vector:

@@ -97,11 +97,11 @@ class ChainJoint:
         object.__setattr__(self, "_twist_squared", read_only(twist @ twist))
 
     def value(self, q: Vector) -> Vector:
-        """Return the joint's value () or (n,) for q (dof,) or (n, dof)."""
+        """Compute the joint's value () or (n,) for q (dof,) or (n, dof)."""
         return self.scale * q[..., self.column] + self.shift
 
     def motion(self, q: Vector) -> Matrix:
-        """Return the joint's own motion (4, 4) or (n, 4, 4): ``exp(value * twist)``.
+        """Compute the joint's own motion (4, 4) or (n, 4, 4): ``exp(value * twist)``.
 
         For a rotation this is Rodrigues' formula I + sin W + (1 - cos) W².
         """
@@ -146,7 +146,7 @@ def joints_to_each_link(joints: Sequence[Joint], base: str) -> dict[str, tuple[J
 def make_chain_joint(
     joint: Joint, columns: Mapping[str, int], by_name: Mapping[str, Joint]
 ) -> ChainJoint:
-    """Return the joint with the entry of q that moves it, following mimics; none if held."""
+    """Make the joint with the entry of q that moves it, following mimics; none if held."""
     leader, scale, shift = _resolve_mimic(joint, by_name)
     if leader.name in columns:
         return ChainJoint(joint, columns[leader.name], scale, shift)
@@ -154,7 +154,7 @@ def make_chain_joint(
 
 
 def effective_limits(moving: Joint, joints: Sequence[Joint]) -> tuple[float, float]:
-    """Return the range of a joint that keeps it and all its mimics inside their limits.
+    """Compute the range of a joint that keeps it and all its mimics inside their limits.
 
     Raises:
         InputError: A follower's limits leave it no value at all.
@@ -175,7 +175,7 @@ def effective_limits(moving: Joint, joints: Sequence[Joint]) -> tuple[float, flo
 
 
 def _resolve_mimic(joint: Joint, by_name: Mapping[str, Joint]) -> tuple[Joint, float, float]:
-    """Return the leading joint, and scale and shift: ``value = scale * its value + shift``."""
+    """Compute the leading joint, and scale and shift: ``value = scale * its value + shift``."""
     scale, shift, leader = 1.0, 0.0, joint
     for _ in by_name:
         if leader.mimic is None:
@@ -193,7 +193,7 @@ def _clamp_zero(joint: Joint) -> float:
 
 
 def _cross_product(a: Vector, b: Vector) -> Vector:
-    """Return a x b over the last axis; numpy's own is slow for single vectors."""
+    """Compute a x b over the last axis; numpy's own is slow for single vectors."""
     ax, ay, az = a[..., 0], a[..., 1], a[..., 2]
     bx, by, bz = b[..., 0], b[..., 1], b[..., 2]
     return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=-1)

@@ -77,7 +77,7 @@ def pack_chain(
     offset_m: Vector | None = None,
     tool_axis: Vector | None = None,
 ) -> Matrix:
-    """Return the joints to a point of a link as one array (2 + joints + dof, WIDTH).
+    """Compute the joints to a point of a link as one array (2 + joints + dof, WIDTH).
 
     Args:
         chain: The arm.
@@ -102,7 +102,7 @@ def pack_chain(
 
 
 def rotation_z_to(axis: Vector) -> Matrix:
-    """Return a rotation (3, 3) whose third column is the unit vector ``axis`` (3,)."""
+    """Compute a rotation (3, 3) whose third column is the unit vector ``axis`` (3,)."""
     z = np.asarray(axis, dtype=np.float64)
     helper = np.eye(3)[0 if abs(z[0]) < 0.9 else 1]
     y = skew(z) @ helper
@@ -111,7 +111,7 @@ def rotation_z_to(axis: Vector) -> Matrix:
 
 
 def _joint_rows(path: tuple[ChainJoint, ...]) -> tuple[list[Vector], Matrix]:
-    """Return a row for each joint that q moves, and the fixed pose behind the last (4, 4)."""
+    """Compute a row for each joint that q moves, and the fixed pose behind the last (4, 4)."""
     rows: list[Vector] = []
     rest = make_pose(np.zeros(3))
     for step in path:
@@ -153,7 +153,7 @@ def _limit_rows(chain: Chain) -> list[Vector]:
 
 
 def _has_mimics(chain: Chain, column: int) -> bool:
-    """Return whether other joints mimic this one: then a full revolution changes the pose."""
+    """Check whether other joints mimic this one: then a full revolution changes the pose."""
     followers = {
         step.joint.name
         for frame in chain.frames
@@ -203,7 +203,7 @@ class PackedBody:
 
 
 def pack_links(chain: Chain) -> tuple[tuple[str, ...], Matrix]:
-    """Return the names of all links, parents first, and a row for each (links, 20)."""
+    """Compute the names of all links, parents first, and a row for each (links, 20)."""
     names = chain.frames
     rows = np.zeros((len(names), LINK_WIDTH))
     for row, name in zip(rows, names, strict=True):
@@ -215,7 +215,7 @@ def pack_links(chain: Chain) -> tuple[tuple[str, ...], Matrix]:
 
 
 def pack_capsules(capsules: Sequence[Capsule], links: Sequence[str]) -> Matrix:
-    """Return a row for each capsule (n, 8)."""
+    """Compute a row for each capsule (n, 8)."""
     rows = [[*c.start_m, *c.end_m, c.radius_m, links.index(c.link)] for c in capsules]
     return np.array(rows, dtype=np.float64).reshape(len(rows), CAPSULE_WIDTH)
 

@@ -31,13 +31,13 @@ _NEAR_PI_RAD = 1e-3
 
 
 def skew(v: ArrayLike) -> Matrix:
-    """Return the (3, 3) matrix with ``skew(v) @ w == cross(v, w)``."""
+    """Compute the (3, 3) matrix with ``skew(v) @ w == cross(v, w)``."""
     x, y, z = np.asarray(v, dtype=np.float64)
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def exp_so3(w_rad: ArrayLike) -> Matrix:
-    """Return the rotation (3, 3) about the vector ``w_rad`` (3,) by its length (Rodrigues)."""
+    """Compute the rotation (3, 3) about the vector ``w_rad`` (3,) by its length (Rodrigues)."""
     w = np.asarray(w_rad, dtype=np.float64)
     theta = math.sqrt(float(w @ w))
     a, b = _rodrigues(theta)
@@ -46,7 +46,7 @@ def exp_so3(w_rad: ArrayLike) -> Matrix:
 
 
 def log_so3(R: ArrayLike) -> Vector:
-    """Return the rotation vector (3,) [rad] with ``exp_so3(log_so3(R)) == R``, length <= pi."""
+    """Compute the rotation vector (3,) [rad] with ``exp_so3(log_so3(R)) == R``, length <= pi."""
     R = np.asarray(R, dtype=np.float64)
     axis_sin = 0.5 * np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
     sin = math.sqrt(float(axis_sin @ axis_sin))
@@ -59,7 +59,7 @@ def log_so3(R: ArrayLike) -> Vector:
 
 
 def make_pose(position_m: ArrayLike, rotation: ArrayLike | None = None) -> Matrix:
-    """Return the pose (4, 4) from a position (3,) [m] and a rotation (3, 3), default identity."""
+    """Make the pose (4, 4) from a position (3,) [m] and a rotation (3, 3), default identity."""
     T = np.eye(4)
     T[:3, 3] = position_m
     if rotation is not None:
@@ -68,7 +68,7 @@ def make_pose(position_m: ArrayLike, rotation: ArrayLike | None = None) -> Matri
 
 
 def rotation_rpy(roll_rad: float, pitch_rad: float, yaw_rad: float) -> Matrix:
-    """Return the rotation (3, 3) of URDF's ``rpy``: Rz(yaw) Ry(pitch) Rx(roll), fixed axes."""
+    """Compute the rotation (3, 3) of URDF's ``rpy``: Rz(yaw) Ry(pitch) Rx(roll), fixed axes."""
     cr, sr = math.cos(roll_rad), math.sin(roll_rad)
     cp, sp = math.cos(pitch_rad), math.sin(pitch_rad)
     cy, sy = math.cos(yaw_rad), math.sin(yaw_rad)
@@ -90,7 +90,7 @@ def _rodrigues(theta: float) -> tuple[float, float]:
 
 
 def _axis_near_pi(R: Matrix, axis_sin: Vector, cos: float) -> Vector:
-    """Return the axis of a rotation by pi: the largest column of (R + Rᵀ)/2 - cos θ I."""
+    """Compute the axis of a rotation by pi: the largest column of (R + Rᵀ)/2 - cos θ I."""
     S = 0.5 * (R + R.T) - cos * np.eye(3)
     column = S[:, int(np.argmax(np.diag(S)))]
     axis = column / math.sqrt(float(column @ column))

@@ -389,7 +389,7 @@ def _figure(parts: str, text: str, height: int) -> str:
 
 
 def _round_up(value: float) -> float:
-    """Return the next of 1, 2, 4, 5, 10 times a power of ten."""
+    """Compute the next of 1, 2, 4, 5, 10 times a power of ten."""
     value = max(value, 0.01)
     power = 10.0 ** math.floor(math.log10(value))
     return next(power * step for step in (1, 2, 4, 5, 10) if value <= power * step * (1 + 1e-9))

@@ -169,7 +169,7 @@ class PathResult:
 
     @property
     def deviations_m(self) -> Vector:
-        """Return the distance (m,) of the mean path from the commanded one at each point."""
+        """The distance (m,) of the mean path from the commanded one at each point."""
         mean = np.mean(self.attained_m, axis=0)
         return np.linalg.norm(mean - self.points_m, axis=1)
 
@@ -305,7 +305,7 @@ class AccuracyTest:
                     self.on_step("path accuracy and repeatability", done, total)
 
     def _top_speed_m_s(self) -> float:
-        """Return the speed that the joints allow on both paths, in whole mm/s."""
+        """Compute the speed that the joints allow on both paths, in whole mm/s."""
         tops: list[float] = []
         for shape in ("line", "circle"):
             self._move_to(self._path_start(shape))

@@ -101,13 +101,13 @@ class IdentificationRun:
 
     @property
     def path(self) -> Path:
-        """Return the arm's file."""
+        """The arm's file."""
         context = self.arm.context
         return identified_path(context.model.name, context.serial_number)
 
     @property
     def duration_s(self) -> float:
-        """Return how long the tour takes, without the way to its start."""
+        """How long the tour takes, without the way to its start."""
         return self.excitation.duration_s
 
     def go_to_start(self, on_progress: OnProgress | None = None) -> None:
@@ -199,7 +199,7 @@ def _require_dynamics(context: ArmContext) -> Dynamics:
 
 
 def _factors(prior: JointPrior) -> Mapping[str, float]:
-    """Return the figures of a joint for those of each of its servos, at the horn."""
+    """Compute the figures of a joint for those of each of its servos, at the horn."""
     force, per_horn_rad = prior.force, prior.per_horn_rad
     return {
         "full_duty_nm": force,

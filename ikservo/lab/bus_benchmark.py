@@ -66,7 +66,7 @@ class BusTiming:
 
     @property
     def limit_hz(self) -> float:
-        """Return the cycles a second that the wire allows."""
+        """The cycles a second that the wire allows."""
         return 1.0 / self.wire_s
 
     def cycle_s(self, quantile: float) -> float:
@@ -156,7 +156,7 @@ class _Benchmark:
         return sent, received, wire_s + self._delays_s(bytes(self._meter.captured))
 
     def _delays_s(self, received: bytes) -> float:
-        """Return the return delays of one cycle: one for each packet received."""
+        """Compute the return delays of one cycle: one for each packet received."""
         ids = [
             i
             for i in self._ids

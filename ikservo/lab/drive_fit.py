@@ -71,17 +71,17 @@ class JointPrior:
 
     @property
     def full_duty_nm(self) -> float:
-        """Return the torque of the whole duty of all servos, at the joint."""
+        """The torque of the whole duty of all servos, at the joint."""
         return self.force * self.servo.full_duty_nm
 
     @property
     def kt(self) -> float:
-        """Return the torque constant of one of its motors, N m/A at the horn."""
+        """The torque constant of one of its motors, N m/A at the horn."""
         return self.servo.damping_nm_s * self.nominal_v / self.servo.full_duty_nm
 
     @property
     def force(self) -> float:
-        """Return the torque at the joint for each N m at the horn of each servo."""
+        """The torque at the joint for each N m at the horn of each servo."""
         return self.servos / self.per_horn_rad
 
 
@@ -123,7 +123,7 @@ class LoopFit:
 
 
 def fit_motors(windows: SteadyWindows, prior: JointPrior) -> MotorConstants | None:
-    """Return the motors of a joint; None where one of its servos does not measure its current.
+    """Fit the motors of a joint; None where one of its servos does not measure its current.
 
     Args:
         windows: Of the joint; its currents have a direction.
@@ -173,7 +173,7 @@ def _winding(
 
 
 def fit_loop(windows: SteadyWindows, prior: JointPrior) -> LoopFit:
-    """Return the position loop of a joint from its windows."""
+    """Fit the position loop of a joint from its windows."""
     servo, lead, speed = prior.servo, windows.lead, windows.speed
     share = _KNOWN_GAIN_SHARE if prior.gain else _GAIN_SHARE
     k = (prior.gain or 1.0) * servo.stiffness_nm_rad / servo.full_duty_nm / prior.per_horn_rad
@@ -243,7 +243,7 @@ def fit_backlash(
     recording: DriveRecording, joint: int, gravity: Vector, motors: MotorConstants,
     prior: JointPrior,
 ) -> tuple[float, float] | None:  # fmt: skip
-    """Return the backlash of a joint and its standard error, rad; None where it does not show.
+    """Fit the backlash of a joint and its standard error, rad; None where it does not show.
 
     Where it swings by itself, nearly without load, its gears cross their backlash: pushed one way
     the motor is ahead of the joint, pushed the other way behind it. Where the joint passes the same
@@ -276,7 +276,7 @@ def fit_backlash(
 
 
 def _swings(recording: DriveRecording, joint: int) -> list[NDArray[np.intp]]:
-    """Return the samples of each leg in which a joint alone moves between two reversals."""
+    """Compute the samples of each leg in which a joint alone moves between two reversals."""
     speed = np.abs(recording.speed)
     legs = [np.flatnonzero(recording.leg == leg) for leg in np.unique(recording.leg)]
     alone = [
@@ -291,7 +291,7 @@ def _swings(recording: DriveRecording, joint: int) -> list[NDArray[np.intp]]:
 def _lost_motions(
     recording: DriveRecording, joint: int, swings: Sequence[NDArray[np.intp]], kt: float, R: float
 ) -> Vector:
-    """Return by how much the motor leads the joint in each swing, against those before and after.
+    """Compute by how much the motor leads the joint in each swing, against those before and after.
 
     What drifts evenly cancels.
     """

@@ -82,7 +82,7 @@ class SteadyWindows:
 
     @property
     def joint_duty(self) -> Vector:
-        """Return the mean duty of the servos of the joint (k,)."""
+        """The mean duty of the servos of the joint (k,)."""
         duty: Vector = np.nanmean(self.duty, axis=1)
         return duty
 
@@ -109,7 +109,7 @@ def steady_windows(recording: DriveRecording) -> SteadyWindows:
 
 
 def smooth_samples(samples: Matrix) -> Matrix:
-    """Return the mean of nine samples around each (m, n)."""
+    """Compute the mean of nine samples around each (m, n)."""
     padded = np.pad(samples, ((4, 4), (0, 0)), mode="edge")
     kernel = np.ones(9) / 9.0
     return np.column_stack([np.convolve(column, kernel, "valid") for column in padded.T])
@@ -134,7 +134,7 @@ def _windows_of(recording: DriveRecording, joint: int) -> list[slice]:
 
 
 def _follows(recording: DriveRecording, joint: int, window: slice) -> bool:
-    """Return whether a joint has moved as its goals have; at a reversal it sticks for a while."""
+    """Check whether a joint has moved as its goals have; at a reversal it sticks for a while."""
     moved = np.ptp(recording.position[window, joint])
     asked = np.ptp(recording.goal[window, joint])
     return bool(abs(moved - asked) < _MAX_LAG * asked)

@@ -149,7 +149,7 @@ class DutyModel:
         return (load - g + brake * w.speed) / full * volts
 
     def residuals(self, x: Vector) -> Vector:
-        """Return the weighted residuals of the duties, then those of what is known before."""
+        """Compute the weighted residuals of the duties, then those of what is known before."""
         w = self.windows
         return np.concatenate(
             [
@@ -159,7 +159,7 @@ class DutyModel:
         )
 
     def jacobian(self, x: Vector) -> Matrix:
-        """Return the derivative of the residuals; a window depends on its own joint and gravity."""
+        """Compute the derivative of the residuals; a window depends on its joint and gravity."""
         w, joints = self.windows, len(self.noise)
         rows, at = np.arange(len(w.joint)), _N * joints
         J = np.zeros((len(rows), len(x)))
@@ -180,7 +180,7 @@ class DutyModel:
         return self.gravity @ np.append(x[at] + x[at + 1 : -1], x[-1])
 
     def errors_by_joint(self, x: Vector) -> list[Vector]:
-        """Return the errors of the duties, of each joint its own."""
+        """Compute the errors of the duties, of each joint its own."""
         w = self.windows
         errors = self.duties(x) - w.joint_duty
         return [errors[w.joint == j] for j in range(len(self.noise))]

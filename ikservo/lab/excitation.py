@@ -80,7 +80,7 @@ class ExcitationLeg:
 
     @property
     def end_s(self) -> float:
-        """Return when the motion ends."""
+        """When the motion ends."""
         return self.start_s + self.move.duration_s
 
 
@@ -119,7 +119,7 @@ class Excitation:
         return leg.move.state(time_s - leg.start_s)
 
     def leg_at(self, time_s: float) -> int:
-        """Return the index of the leg at a time, the pause before it included."""
+        """Compute the index of the leg at a time, the pause before it included."""
         return min(bisect(self._ends_s, time_s), len(self.legs) - 1)
 
 
@@ -163,7 +163,7 @@ def plan_excitation(
 def _draw_postures(
     context: ArmContext, dynamics: Dynamics, start: Vector, most: int
 ) -> list[Vector]:
-    """Return the start and the postures (n,) of a tour, each reached freely from the one before."""
+    """Compute start and postures (n,) of a tour, each reached freely from the one before."""
     random, space = np.random.default_rng(_SEED), _FreeSpace.of(context, dynamics, start)
     postures, way = [start], [start]
     information = np.zeros((len(dynamics.bodies) + 1,) * 2)
@@ -256,7 +256,7 @@ class _FreeSpace:
             yield self.context.index.with_chain(at, pool[order[2**k - 1]])
 
     def _loads(self, q: Matrix) -> Matrix:
-        """Return the gravity torques of all links on each joint, all with one sign (k, dof)."""
+        """Compute the gravity torques of all links on each joint, all with one sign (k, dof)."""
         return np.abs(gravity_columns(self.dynamics, q)).sum(axis=2)
 
     def _inner_limits(self) -> tuple[Vector, Vector]:
@@ -269,7 +269,7 @@ class _FreeSpace:
         return self.context.clearance_m(posture) > self.clearance_m
 
     def is_way_free(self, start: Vector, goal: Vector) -> bool:
-        """Return whether the arm may move between two postures (n,), there and back."""
+        """Check whether the arm may move between two postures (n,), there and back."""
         path = self.context.interpolate_joints(start, goal)[::_PATH_STEP]
         torques = np.abs(self.dynamics.gravity_torques(self.context.index.chain_joints(path)))
         if (torques > self.max_torque).any():
@@ -284,7 +284,7 @@ class _FreeSpace:
 
 
 def _max_gravity(context: ArmContext, column: int) -> float:
-    """Return the nominal gravity torque up to which a joint is moved; no limit if not known.
+    """Compute the nominal gravity torque up to which a joint is moved; no limit if not known.
 
     It is that of links heavier by `_HEAVIER` that the servo still lifts, against the friction of
     its loaded gears, while its goal leads the joint by no more than the guard allows and by no more
@@ -307,7 +307,7 @@ def _max_gravity(context: ArmContext, column: int) -> float:
 
 
 def _information(context: ArmContext, dynamics: Dynamics, posture: Vector) -> Matrix:
-    """Return the information of a posture about the scale of each mass and the payload."""
+    """Compute the information of a posture about the scale of each mass and the payload."""
     torques = gravity_columns(dynamics, context.index.chain_joints(posture)[None])[0]
     return torques.T @ torques
 
@@ -370,7 +370,7 @@ def record_excitation(
 
 
 def _sample_ages(replies: Matrix, drive: Matrix) -> Matrix:
-    """Return the time from the goals to the sample of each joint's servos (m, joints), seconds.
+    """Sample the time from the goals to the sample of each joint's servos (m, joints), seconds.
 
     No manual says whether a servo takes it when the instruction comes or when its turn to reply
     has: the middle is assumed, which is off by at most half of the time between the two.
@@ -385,7 +385,7 @@ def _sample_ages(replies: Matrix, drive: Matrix) -> Matrix:
 
 
 def _mean_age_s(goals_s: Vector) -> float:
-    """Return the age of a goal in the mean over time, of goals that came at some times (k,)."""
+    """Compute the age of a goal in the mean over time, of goals that came at some times (k,)."""
     held_s = np.diff(goals_s)
     return float(0.5 * (held_s @ held_s) / held_s.sum())
 

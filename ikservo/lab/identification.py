@@ -82,7 +82,7 @@ class ParameterEstimate:
 
     @property
     def determined(self) -> bool:
-        """Return whether the data say more about it than was known before."""
+        """Whether the data say more about it than was known before."""
         return self.error < _DETERMINED * self.error_before
 
 
@@ -100,7 +100,7 @@ class Validation:
 
     @property
     def is_better(self) -> bool:
-        """Return whether identified parameters predict better than the tables."""
+        """Whether identified parameters predict better than the tables."""
         return self.identified < self.nominal
 
 
@@ -126,17 +126,17 @@ class Identification:
     validation: Mapping[str, Validation]
 
     def joint(self, name: str) -> Vector:
-        """Return the parameters of a joint, in the order of `JOINT_PARAMETERS`."""
+        """Compute the parameters of a joint, in the order of `JOINT_PARAMETERS`."""
         return np.array([self.estimates[f"{name}.{key}"].value for key in JOINT_PARAMETERS])
 
     @property
     def mass_scales(self) -> Vector:
-        """Return the scale of each body's mass (bodies,)."""
+        """The scale of each body's mass (bodies,)."""
         return np.array([self.estimates[f"{body}.mass_scale"].value for body in self.bodies])
 
     @property
     def payload_kg(self) -> float:
-        """Return the mass at the tip."""
+        """The mass at the tip."""
         return self.estimates["payload_kg"].value
 
 
@@ -259,7 +259,7 @@ def _motors(
 
 
 def _solve(model: DutyModel) -> tuple[Vector, DutyModel]:
-    """Return the parameters x, and the model with the noise that was found."""
+    """Compute the parameters x, and the model with the noise that was found."""
     from scipy.optimize import least_squares  # noqa: PLC0415  # slow to import, seldom needed
 
     prior = model.prior
@@ -275,7 +275,7 @@ def _solve(model: DutyModel) -> tuple[Vector, DutyModel]:
 
 
 def _sandwich(model: DutyModel, x: Vector) -> Matrix:
-    """Return the covariance of x, with the residuals of a leg and a joint as one group."""
+    """Compute the covariance of x, with the residuals of a leg and a joint as one group."""
     windows, J, residuals = model.windows, model.jacobian(x), model.residuals(x)
     H = np.linalg.pinv(J.T @ J, hermitian=True)
     rows = len(windows.joint)
@@ -342,7 +342,7 @@ def _backlash_estimates(
 
 
 def _scales(x: Vector, bodies: int) -> Vector:
-    """Return the scale of each body and the payload (bodies + 1,)."""
+    """Compute the scale of each body and the payload (bodies + 1,)."""
     scales: Vector = np.append(x[-bodies - 2] + x[-bodies - 1 : -1], x[-1])
     return scales
 

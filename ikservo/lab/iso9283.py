@@ -27,7 +27,7 @@ __all__ = [
 
 
 def pose_accuracy(attained: ArrayLike, commanded: ArrayLike) -> float:
-    """Return the positioning accuracy AP_P of ISO 9283.
+    """Compute the positioning accuracy AP_P of ISO 9283.
 
     ``AP_P = √((x̄ - x_c)² + (ȳ - y_c)² + (z̄ - z_c)²)``, with x̄, ȳ, z̄ the barycentre of the cluster.
 
@@ -59,7 +59,7 @@ def pose_repeatability(attained: ArrayLike) -> float:
 
 
 def multidirectional_variation(clusters: Sequence[ArrayLike]) -> float:
-    """Return the multi-directional pose accuracy variation vAP_P of ISO 9283.
+    """Compute the multi-directional pose accuracy variation vAP_P of ISO 9283.
 
     ``vAP_P = max √((x̄_h - x̄_k)² + (ȳ_h - ȳ_k)² + (z̄_h - z̄_k)²)`` over the directions h and k.
 
@@ -76,7 +76,7 @@ def multidirectional_variation(clusters: Sequence[ArrayLike]) -> float:
 
 
 def path_accuracy(attained: ArrayLike, commanded: ArrayLike) -> float:
-    """Return the positioning path accuracy AT_P of ISO 9283.
+    """Compute the positioning path accuracy AT_P of ISO 9283.
 
     ``AT_P = max_i √((x̄_i - x_ci)² + (ȳ_i - y_ci)² + (z̄_i - z_ci)²)`` over m points of the path,
     with x̄_i, ȳ_i, z̄_i the barycentre of the points in which n attained paths cross the plane normal
@@ -109,7 +109,7 @@ def path_repeatability(attained: ArrayLike) -> float:
 
 
 def largest_drift(values: Sequence[float]) -> float:
-    """Return the drift of pose accuracy dAP_P, or of repeatability dRP_P, of ISO 9283.
+    """Find the drift of pose accuracy dAP_P, or of repeatability dRP_P, of ISO 9283.
 
     ``dAP_P = max |AP_P(t=0) - AP_P(t)|``, and dRP_P is computed in the same way.
 
@@ -120,7 +120,7 @@ def largest_drift(values: Sequence[float]) -> float:
 
 
 def path_crossings(measured: ArrayLike, points: ArrayLike, tangents: ArrayLike) -> Matrix:
-    """Return where a measured path crosses the planes normal to a commanded one.
+    """Compute where a measured path crosses the planes normal to a commanded one.
 
     Where it crosses a plane several times, as a circle does, the crossing nearest to the commanded
     point counts.
@@ -142,7 +142,7 @@ def path_crossings(measured: ArrayLike, points: ArrayLike, tangents: ArrayLike) 
 
 
 def _crossing(path: Matrix, point: Vector, tangent: Vector) -> Vector:
-    """Return the crossing (3,) nearest to a point with the plane through it."""
+    """Compute the crossing (3,) nearest to a point with the plane through it."""
     side = (path - point) @ tangent
     before = np.flatnonzero((side[:-1] <= 0.0) & (side[1:] > 0.0))
     if not len(before):

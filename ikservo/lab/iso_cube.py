@@ -56,7 +56,7 @@ class IsoCube:
 
     @property
     def along_m(self) -> Matrix:
-        """Return the two directions (2, 3) that span the test plane, half an edge long each."""
+        """The two directions (2, 3) that span the test plane, half an edge long each."""
         half = 0.5 * self.edge_m
         first = (half, 0.0, 0.0 if self.is_planar else half)
         return np.array([first, (0.0, half, 0.0)])
@@ -70,18 +70,18 @@ class IsoCube:
 
     @property
     def normal(self) -> Vector:
-        """Return the unit normal (3,) of the test plane."""
+        """The unit normal (3,) of the test plane."""
         across = np.cross(*self.along_m)
         return across / np.linalg.norm(across)
 
     @property
     def radius_m(self) -> float:
-        """Return the radius of the circle about P1."""
+        """The radius of the circle about P1."""
         return 0.5 * _CIRCLE_OF_EDGE * self.edge_m
 
     @property
     def circle_start_m(self) -> Vector:
-        """Return where the circle about P1 begins (3,)."""
+        """Where the circle about P1 begins (3,)."""
         v = self.along_m[1]
         return self.center_m + self.radius_m * v / np.linalg.norm(v)
 
@@ -126,7 +126,7 @@ def _centers(home_m: Vector, *, is_planar: bool) -> Iterator[Vector]:
 
 
 def _is_free(arm: Arm, solver: Solver, cube: IsoCube) -> bool:
-    """Return whether the arm can go all over the cube, keeping its branch and its distances."""
+    """Check whether the arm can go all over the cube, keeping its branch and its distances."""
     q = arm.model.chain_pose("home")
     for points_m in pairwise([arm.chain.forward(q)[:3, 3], *cube.lattice_m()]):
         q = _follow(solver, *points_m, q)
@@ -136,7 +136,7 @@ def _is_free(arm: Arm, solver: Solver, cube: IsoCube) -> bool:
 
 
 def _follow(solver: Solver, begin_m: Vector, end_m: Vector, q: Vector) -> Vector | None:
-    """Return the joints (dof,) at the end of a line, followed in steps; None where it is lost."""
+    """Compute the joints (dof,) at the end of a line, followed in steps; None where it is lost."""
     T = np.eye(4)
     for fraction in np.linspace(0.0, 1.0, _STEPS + 1)[1:].tolist():
         T[:3, 3] = begin_m + fraction * (end_m - begin_m)
@@ -148,7 +148,7 @@ def _follow(solver: Solver, begin_m: Vector, end_m: Vector, q: Vector) -> Vector
 
 
 def _is_clear(arm: Arm, cube: IsoCube) -> bool:
-    """Return whether the body is clear where the arm keeps its orientation as motions do.
+    """Check whether the body is clear where the arm keeps its orientation as motions do.
 
     How the tool stands depends on where it was before, so the cube is visited twice.
     """

@@ -35,7 +35,7 @@ def ascii_sketch(model: Model, joint: str, pose: str = "home") -> list[str]:
 
 
 def _joint_points(model: Model, pose: str) -> dict[str, Point]:
-    """Return every joint's radius and height, metres; a gripper is drawn at the tip."""
+    """Compute every joint's radius and height, metres; a gripper is drawn at the tip."""
     q = model.chain_pose(pose)
     children = {joint.name: joint.child for joint in model.urdf.joints}
     frames = set(model.chain.frames)

@@ -127,7 +127,7 @@ class _EndStopSearch:
         self.furthest = math.nan
 
     def _pressing_lag_rad(self) -> float:
-        """Return the lag behind the goal at which the servo presses as hard as it may."""
+        """Compute the lag behind the goal at which the servo presses as hard as it may."""
         limits = self._context.servos.driven_joints[self._column]
         speed = self._context.planner.motion_limits("slow")[self._column].speed_rad_s
         lead_rad = limits.max_lead_ticks(speed) * limits.joint_map.horn_rad_per_tick
@@ -220,7 +220,7 @@ def horn_to_joint(subject: JointUnderCalibration) -> float:
 
 
 def is_end_stop(found: ContactResult, end: RangeEnd, subject: JointUnderCalibration) -> bool:
-    """Return whether a joint is at its stop, not at an obstacle before it."""
+    """Check whether a joint is at its stop, not at an obstacle before it."""
     missing = (end.expected - found.position) * math.copysign(1.0, end.past - end.start)
     return found.contact is ContactState.STOP and missing <= _EARLY_RAD * horn_to_joint(subject)
 

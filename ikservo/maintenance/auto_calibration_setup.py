@@ -65,7 +65,7 @@ _SPEED_MARGIN = 1.2
 
 
 def can_probe(subject: JointUnderCalibration, state: CalibrationState) -> bool:
-    """Return whether a joint has stops to search."""
+    """Check whether a joint has stops to search."""
     too_wide = (
         subject.ticks_per_turn > 0
         and subject.expected_ticks >= _MAX_SEARCHED_FRACTION * subject.ticks_per_turn
@@ -179,7 +179,7 @@ def _search_limits(
 
 
 def _widen_range(subject: JointUnderCalibration, state: CalibrationState) -> JointUnderCalibration:
-    """Return a joint with the range in which its stops are searched."""
+    """Compute a joint with the range in which its stops are searched."""
     if not can_probe(subject, state):
         return subject
     beyond = SEARCH_MARGIN_RAD / subject.joint_map.horn_rad_per_tick  # ticks
@@ -306,7 +306,7 @@ class PosturePlanner:
         return best
 
     def _neighbour_postures(self, posture: Vector, step: float, column: int) -> Matrix:
-        """Return the postures (n, dof) with one other joint moved by a step."""
+        """Compute the postures (n, dof) with one other joint moved by a step."""
         steps = step * np.vstack([np.eye(len(posture)), -np.eye(len(posture))])
         steps[:, column] = 0.0
         rows = np.clip(posture + steps, self._low, self._high)
@@ -314,13 +314,13 @@ class PosturePlanner:
         return rows
 
     def _min_distance(self, search: _JointSearch, posture: Vector) -> tuple[float, str]:
-        """Return the smallest distance [m] on the path to an end, and the pair that has it."""
+        """Compute the smallest distance [m] on the path to an end, and the pair that has it."""
         distance_m = self._distances(search, posture).min(axis=0)
         pair = int(np.argmin(distance_m))
         return float(distance_m[pair]), " would touch ".join(self.space.pairs[pair])
 
     def _distances(self, search: _JointSearch, posture: Vector) -> Matrix:
-        """Return the distances (samples, pairs) [m] that count on the path to an end."""
+        """Compute the distances (samples, pairs) [m] that count on the path to an end."""
         path = search.sample_path(posture)
         distance_m = self.space.distances(path)
         distance_m[
@@ -358,7 +358,7 @@ class _JointSearch:
 
     @property
     def clear_travel(self) -> float:
-        """Return how far it moves before it may touch its neighbour."""
+        """How far it moves before it may touch its neighbour."""
         return max(abs(self.end - self.start) - _NEARBY_RAD, 0.0)
 
     def start_posture(self, posture: Vector) -> Vector:
@@ -368,7 +368,7 @@ class _JointSearch:
         return moved
 
     def sample_path(self, posture: Vector, max_travel: float = math.inf) -> Matrix:
-        """Return the path (samples, dof), no longer than ``max_travel``."""
+        """Sample the path (samples, dof), no longer than ``max_travel``."""
         travel = min(abs(self.end - self.start), max_travel)
         rows: Matrix = np.tile(posture, (_SAMPLES, 1))
         rows[:, self.column] += np.linspace(

@@ -233,7 +233,7 @@ def apply_answer(state: CalibrationState, text: str) -> CalibrationState:
 
 
 def read_script(path: Path) -> list[str]:
-    """Return the answers in a file, one a line; ``#`` begins a comment.
+    """Read the answers in a file, one a line; ``#`` begins a comment.
 
     Raises:
         FileFormatError: The file cannot be read, or a line is no answer.
@@ -287,7 +287,7 @@ def _sweep_choices(state: CalibrationState, issue: CalibrationError | None) -> t
 
 
 def _request(model: Model, pose: str, state: CalibrationState) -> tuple[int, str]:
-    """Return the number of the step that a calibration is at, and what is to be done in it."""
+    """Compute the number of the step that a calibration is at, and what is to be done in it."""
     if state.stage is CalibrationStage.REFERENCE_POSE:
         return 1, _pose_request(model, pose, state)
     if state.current_joint:

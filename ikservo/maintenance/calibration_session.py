@@ -91,17 +91,17 @@ class TorqueOffArm:
 
     @property
     def path(self) -> Path:
-        """Return the path of its calibration."""
+        """The path of its calibration."""
         return calibration_path(self.model.name, self.serial_number)
 
     @property
     def journal_path(self) -> Path:
-        """Return the path of the journal of a write."""
+        """The path of the journal of a write."""
         return journal_path(self.model.name, self.serial_number)
 
     @property
     def partial_path(self) -> Path:
-        """Return the path of the joints measured by an interrupted automatic calibration."""
+        """The path of the joints measured by an interrupted automatic calibration."""
         return partial_path(self.model.name, self.serial_number)
 
     def make_subjects(
@@ -110,7 +110,7 @@ class TorqueOffArm:
         known: Mapping[str, TickRange] | None = None,
         only: Collection[str] = (),
     ) -> list[JointUnderCalibration]:
-        """Return the joints to calibrate from a named pose; all of them if ``only`` is empty.
+        """Make the joints to calibrate from a named pose; all of them if ``only`` is empty.
 
         Raises:
             UnknownNameError: The arm has no such pose.
@@ -353,7 +353,7 @@ def _shift_joint(joint: CalibratedJoint, facts: Mapping[int, ServoConfig]) -> Ca
 
 
 def _count_shift(joint: CalibratedJoint, lead: ServoConfig) -> int:
-    """Return the shift of a servo's count since the file was written."""
+    """Compute the shift of a servo's count since the file was written."""
     moved = lead.registers.get("homing_offset", 0) - joint.servo.holds.get("homing_offset", 0)
     shift = -moved if lead.table.family is Family.FEETECH_STS else moved
     turn = encoder_of(lead.table)

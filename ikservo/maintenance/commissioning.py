@@ -74,7 +74,7 @@ def remaining_settings(model: Model, start: str | None) -> list[ServoSettings]:
 
 
 def open_line(model: Model, port: str | None) -> Port:
-    """Return the open port to which an arm's servos are plugged in one by one.
+    """Open the port to which an arm's servos are plugged in one by one.
 
     Raises:
         PortError: No port, or it cannot be opened.

@@ -103,7 +103,7 @@ class Question:
     more: tuple[Choice, ...] = ()
 
     def offers(self, answer: str | None) -> bool:
-        """Return whether a word is one of the answers that mean yes or more."""
+        """Check whether a word is one of the answers that mean yes or more."""
         return answer in (ACCEPT, *(choice.answer for choice in self.more))
 
 
@@ -194,7 +194,7 @@ class ScriptedAnswers:
 def read_answers(
     path: Path, known: Sequence[str], former: Mapping[str, str] = MappingProxyType({})
 ) -> list[str]:
-    """Return the answers in a file, one a line; ``#`` begins a comment.
+    """Read the answers in a file, one a line; ``#`` begins a comment.
 
     Args:
         path: The file.

@@ -191,7 +191,7 @@ def _test_clearance(arm: Arm, name: str) -> Clearance:
 
 
 def _possible_travels(arm: Arm, joint: ModelJoint, horn_rad: float = _LIFT_RAD) -> list[float]:
-    """Return by how much the joint may be moved, in each direction that its limits allow."""
+    """Compute by how much the joint may be moved, in each direction that its limits allow."""
     position, (low, high) = _measured_positions(arm)[joint.name], _range(arm, joint)
     travel = horn_rad * joint.travel_per_turn / math.tau
     return [by for by in (travel, -travel) if low <= position + by <= high]
@@ -311,7 +311,7 @@ def _confirm_direction(arm: Arm, motion: DirectionCheck, *, searching: bool) -> 
 
 
 def directions_confirmed(model: Model, port_name: str) -> bool:
-    """Return whether the user has confirmed the joints with the present files."""
+    """Check whether the user has confirmed the joints with the present files."""
     path = confirmation_path(model.name, serial_number_of(port_name))
     try:
         return path.read_text("ascii").strip() == _fingerprint(model, port_name)

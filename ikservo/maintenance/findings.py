@@ -17,7 +17,7 @@ class Severity(StrEnum):
 
     @property
     def mark(self) -> str:
-        """Return the symbol in front of the line."""
+        """The symbol in front of the line."""
         return _MARKS[self]
 
 

@@ -60,7 +60,7 @@ class HandGuiding:
         self.duration_s = math.inf
 
     def state(self, time_s: float) -> TrajectoryPoint:
-        """Return the next goals (n,), at rest."""
+        """Compute the next goals (n,), at rest."""
         now_s = self._context.now_s()
         self._follow(self._context.servos.measured, min(now_s - self._last_s, _MAX_STEP_S))
         self._last_s = now_s
@@ -75,7 +75,7 @@ class HandGuiding:
         self._anchor = self._anchor + np.clip(target - self._anchor, -step, step)
 
     def _lead(self) -> Vector:
-        """Return by how much goals lead the anchors (n,) so that the servos carry the links."""
+        """Compute by how much goals lead the anchors (n,) so that the servos carry the links."""
         at_rest = TrajectoryPoint.at_rest(self._anchor)
         return self._feed_forward.offsets(at_rest, np.zeros_like(self._anchor))
 

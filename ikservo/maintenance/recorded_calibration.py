@@ -14,7 +14,7 @@ __all__ = ["check_adoptable", "read_recorded_calibration"]
 
 
 def read_recorded_calibration(path: Path) -> Calibration:
-    """Return the calibration that is attached to a recording.
+    """Read the calibration that is attached to a recording.
 
     Raises:
         CalibrationError: It has none.

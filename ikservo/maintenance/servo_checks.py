@@ -74,7 +74,7 @@ def _differing_registers(bus: ServoBus, own: ModelServo, calibrated: bool) -> It
 
 
 def _has_calibrated_registers(bus: ServoBus, model: Model) -> bool:
-    """Return whether a calibration of this arm has set some of the registers."""
+    """Check whether a calibration of this arm has set some of the registers."""
     try:
         return load_calibration(model.name, serial_number_of(bus.port.name)) is not None
     except FileFormatError:

@@ -37,7 +37,7 @@ _DETERMINED = 0.5  # of the prior deviation: a parameter counts as identified fr
 
 
 def read_touch_script(path: Path) -> list[str]:
-    """Return the answers in a file, one a line; after the last the touches are evaluated.
+    """Read the answers in a file, one a line; after the last the touches are evaluated.
 
     Raises:
         FileFormatError: The file cannot be read, or a line is no answer.
@@ -192,7 +192,7 @@ def estimate_fields(state: TouchOffState, found: CalibrationEstimate) -> dict[st
 
 
 def _estimated_parameters(found: CalibrationEstimate) -> list[tuple[Parameter, float, float]]:
-    """Return each estimated parameter with its value and standard deviation."""
+    """Compute each estimated parameter with its value and standard deviation."""
     fit = found.fit
     deviations = np.sqrt(np.diag(fit.covariance))
     rows = zip(fit.layout.parameters, fit.values.tolist(), deviations.tolist(), strict=True)

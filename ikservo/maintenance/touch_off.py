@@ -108,7 +108,7 @@ def apply_touch_off(
 def _shift_joint(
     joint: CalibratedJoint, shifts: dict[str, float], maps: Sequence[JointMap]
 ) -> CalibratedJoint:
-    """Return a joint whose positions are shifted; its stops do not move.
+    """Compute a joint whose positions are shifted; its stops do not move.
 
     Limits of the user are positions of the geometry and do not move.
     """

@@ -22,7 +22,7 @@ def arm_names() -> list[str]:
 
 
 def find_arm(name_or_path: str | Path) -> Path:
-    """Return the ``arm.toml`` or ``.urdf`` of a name or path.
+    """Find the ``arm.toml`` or ``.urdf`` of a name or path.
 
     A name is searched in the listing of the folders and never becomes part of a path unless it
     is there. What has a separator or ends in .toml, .urdf, .xacro or .xml is a path: to such a

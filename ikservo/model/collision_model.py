@@ -43,7 +43,7 @@ def collision_body_with_gripper(model: Model) -> CollisionBody:
 
 
 def _rest_opening(model: Model, body: CollisionBody) -> list[Vector]:
-    """Return the postures of the jaws that open in the rest pose, where that is free.
+    """Compute the postures of the jaws that open in the rest pose, where that is free.
 
     A limp arm sinks a little out of its rest pose, and its jaws must have the same clearance there.
     """

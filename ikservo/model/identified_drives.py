@@ -60,7 +60,7 @@ def with_mass_scales(dynamics: Dynamics, scales: Sequence[float]) -> Dynamics:
 def _identified_drive(
     model: Model, name: str, nominal: JointDrive | None, found: IdentifiedJoint | None
 ) -> JointDrive | None:
-    """Return a joint's drive; at the P gain that the nominal one is for."""
+    """Compute a joint's drive; at the P gain that the nominal one is for."""
     if nominal is None or found is None:
         return nominal
     joint = model.joint(name)

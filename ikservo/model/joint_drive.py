@@ -45,11 +45,11 @@ class JointDrive:
     sustained_nm: float = inf
 
     def with_gain(self, share: float) -> JointDrive:
-        """Return the drive at another P gain, as a share of the one that its stiffness is for."""
+        """Compute the drive at another P gain, as a share of the one that its stiffness is for."""
         return replace(self, stiffness_nm_rad=self.stiffness_nm_rad * share)
 
     def friction_torque(self, speed_rad_s: float, load_nm: float) -> float:
-        """Return the dry friction of the moving joint, N m.
+        """Compute the dry friction of the moving joint, N m.
 
         Args:
             speed_rad_s: How fast it moves; the sign does not matter.
@@ -98,7 +98,7 @@ def nominal_parameters(model: Model, chain: Chain) -> ArmParameters | None:
 
 
 def joint_drive(joint: ModelJoint, supply_v: float | None) -> JointDrive | None:
-    """Return the drive of a joint by the tables of its servos; None where one is not known."""
+    """Compute the drive of a joint by the tables of its servos; None where one is not known."""
     servos = (joint.servo, *joint.shadows)
     torques = [find_servo_torque(servo.model, supply_v) for servo in servos]
     known = [torque for torque in torques if torque is not None]

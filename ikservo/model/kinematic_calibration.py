@@ -60,7 +60,7 @@ class TouchPoint:
 
 
 def joint_matrix(touches: Sequence[TouchPoint]) -> Matrix:
-    """Return the joint vectors (n, dof)."""
+    """Compute the joint vectors (n, dof)."""
     return np.array([touch.q for touch in touches])
 
 
@@ -88,12 +88,12 @@ class ParameterSet(Enum):
 
     @property
     def includes_base(self) -> bool:
-        """Return whether the base pose is estimated."""
+        """Whether the base pose is estimated."""
         return self in (ParameterSet.BASE, ParameterSet.EVERYTHING)
 
     @property
     def includes_links(self) -> bool:
-        """Return whether link lengths are estimated."""
+        """Whether link lengths are estimated."""
         return self in (ParameterSet.LINKS, ParameterSet.EVERYTHING)
 
 
@@ -137,7 +137,7 @@ class ParameterVector:
 
     @property
     def geometry_columns(self) -> slice:
-        """Return the columns of zeros, base and origins, as in ``calibration_jacobian``."""
+        """The columns of zeros, base and origins, as in ``calibration_jacobian``."""
         return slice(0, self.chain.dof + 6 + 3 * len(self.origins))
 
     def zeros(self, values: Vector) -> Vector:
@@ -211,18 +211,18 @@ class LeastSquaresProblem:
         self.start: Vector = self._middle[self.layout.free]
 
     def values(self, x: Vector) -> Vector:
-        """Return the whole vector (k,)."""
+        """Compute the whole vector (k,)."""
         values = np.zeros(len(self.layout.free))
         values[self.layout.free] = x
         return values
 
     def residuals(self, x: Vector, kept: Mask) -> Vector:
-        """Return the errors of the kept touches, then x against its prior, in deviations."""
+        """Compute the errors of the kept touches, then x against its prior, in deviations."""
         errors = self.tip_errors(self.values(x))[0][kept].ravel() / TOUCH_M
         return np.concatenate([errors, (x - self.start) / self.prior])
 
     def jacobian(self, x: Vector, kept: Mask) -> Matrix:
-        """Return the derivatives of the residuals by x."""
+        """Compute the derivatives of the residuals by x."""
         J = self.tip_errors(self.values(x))[1][kept][:, :, self.layout.free] / TOUCH_M
         return np.vstack([J.reshape(3 * len(J), len(x)), np.diag(1.0 / self.prior)])
 
@@ -281,20 +281,20 @@ class CalibrationFit:
         freeze_arrays(self)
 
     def tips(self, q: Matrix) -> Matrix:
-        """Return the tip positions (n, 3), metres, for measured joints (n, dof)."""
+        """Compute the tip positions (n, 3), metres, for measured joints (n, dof)."""
         geometry = self.layout.geometry(self.values)
         return calibration_jacobian(
             self.layout.chain, q + self.layout.zeros(self.values), geometry, ()
         )[0]
 
     def errors_m(self, touches: Sequence[TouchPoint]) -> Vector:
-        """Return the distance of the tip from each touch's point (n,)."""
+        """Compute the distance of the tip from each touch's point (n,)."""
         return np.linalg.norm(
             self.tips(joint_matrix(touches)) - self._touched_points(touches), axis=1
         )
 
     def deviation_m(self, q: Matrix) -> Vector:
-        """Return the standard deviation of the tip (n,) at joints (n, dof)."""
+        """Compute the standard deviation of the tip (n,) at joints (n, dof)."""
         layout, geometry = self.layout, self.layout.geometry(self.values)
         J = calibration_jacobian(layout.chain, q, geometry, layout.origins)[1]
         C = self.covariance[layout.geometry_columns, layout.geometry_columns]

@@ -53,7 +53,7 @@ class JointValues:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return the joints, in the order of the vectors."""
+        """The joints, in the order of the vectors."""
         return tuple(joint.name for joint in self._joints)
 
     @property
@@ -62,16 +62,16 @@ class JointValues:
         return {joint.key: float for joint in self._joints}
 
     def from_positions(self, positions: Vector) -> dict[str, float]:
-        """Return the values of positions (n,), rad or m."""
+        """Compute the values of positions (n,), rad or m."""
         values = (positions - self._zeros) * self._factors
         return dict(zip(self.features, values.tolist(), strict=True))
 
     def rows_from_positions(self, positions: Matrix) -> Matrix:
-        """Return the values (k, n) of positions (k, n), rad or m."""
+        """Compute the values (k, n) of positions (k, n), rad or m."""
         return (positions - self._zeros) * self._factors
 
     def rows_to_positions(self, values: Matrix) -> Matrix:
-        """Return the positions (k, n), rad or m, of values (k, n)."""
+        """Compute the positions (k, n), rad or m, of values (k, n)."""
         return self._zeros + values / self._factors
 
     def to_positions(self, values: Mapping[str, Any], last: Vector) -> Vector:

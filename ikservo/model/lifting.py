@@ -62,7 +62,7 @@ def load_lags(model: Model, chain: Chain, payload_kg: float = 0.0) -> dict[str, 
 
 
 def sustained_lag(drive: JointDrive) -> float:
-    """Return the greatest lag of a joint, rad or m, at which its servos may press for long."""
+    """Compute the greatest lag of a joint, rad or m, at which its servos may press for long."""
     return drive.sustained_nm / drive.stiffness_nm_rad
 
 
@@ -73,7 +73,7 @@ def _load_lag(drive: JointDrive, load_nm: float, per_horn_rad: float) -> LoadLag
 
 
 def _lifting_torque(drive: JointDrive, load_nm: float) -> float:
-    """Return the motor torque that sets a joint in motion against a load, N m.
+    """Compute the motor torque that sets a joint in motion against a load, N m.
 
     The gears carry motor torque and load together, and their friction grows with both.
     """

@@ -41,7 +41,7 @@ _KINDS = {
 
 
 def build_chain(urdf: Urdf, tip: str) -> Chain:
-    """Return the chain from the URDF's root to a link.
+    """Build the chain from the URDF's root to a link.
 
     Raises:
         UnknownNameError: The URDF has no such link.
@@ -277,7 +277,7 @@ def _make_health_limits(health: ArmHealth) -> HealthLimits:
 
 
 def _make_gripper(path: Path, gripper: ArmGripper, joints: Sequence[ModelJoint]) -> Gripper | None:
-    """Return the jaws; they close towards the end of the range that is nearer to zero."""
+    """Make the jaws; they close towards the end of the range that is nearer to zero."""
     jaws = next((joint for joint in joints if joint.role == "gripper"), None)
     if jaws is None:
         return None

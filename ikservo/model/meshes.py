@@ -61,7 +61,7 @@ class FittedCapsule:
 
     @property
     def volume_m3(self) -> float:
-        """Return its volume."""
+        """Its volume."""
         length_m = float(np.linalg.norm(self.end_m - self.start_m))
         return math.pi * self.radius_m**2 * (length_m + 4.0 / 3.0 * self.radius_m)
 
@@ -76,7 +76,7 @@ class _MeshPart:
 
 
 def fit_capsules(triangles: Triangles) -> list[FittedCapsule]:
-    """Return capsules that together contain a surface, and the solid inside if it is closed.
+    """Find capsules that together contain a surface, and the solid inside if it is closed.
 
     The surface is cut by planes where that makes the capsules smaller. Each capsule contains the
     convex hull of its part, so cutting leaves no gap.
@@ -109,7 +109,7 @@ def _make_part(triangles: Triangles) -> _MeshPart:
 
 
 def _best_split(part: _MeshPart) -> list[_MeshPart]:
-    """Return the two parts of the cut with the smallest capsules; none if none helps."""
+    """Find the two parts of the cut with the smallest capsules; none if none helps."""
     points = part.triangles.reshape(-1, 3)
     best, min_m3 = list[_MeshPart](), (1.0 - _GAIN) * part.fit.volume_m3
     for axis in (*np.eye(3), _main_axis(points)):
@@ -144,7 +144,7 @@ def _cut_by_plane(triangles: Triangles, axis: Vector, at_m: float) -> tuple[Tria
 
 
 def _convex_hull(points: Matrix) -> tuple[Matrix, float]:
-    """Return the corners (k, 3) and the volume of a convex hull; a flat one has none.
+    """Compute the corners (k, 3) and the volume of a convex hull; a flat one has none.
 
     Those of many points are within a percent of a smooth surface.
     """
@@ -176,14 +176,14 @@ def _farthest(points: Matrix) -> NDArray[np.intp]:
 
 
 def _smallest_capsule(points: Matrix) -> tuple[FittedCapsule, Vector]:
-    """Return the smallest capsule around points (n, 3) with one of some axes, and its axis."""
+    """Find the smallest capsule around points (n, 3) with one of some axes, and its axis."""
     axes = (*np.eye(3), *_main_axes(points))
     fits = [(_capsule_along(points, axis, points), axis) for axis in axes]
     return min(fits, key=lambda fit: fit[0].volume_m3)
 
 
 def _main_axes(points: Matrix) -> Matrix:
-    """Return the principal axes (3, 3) of points, one a row, the longest first."""
+    """Compute the principal axes (3, 3) of points, one a row, the longest first."""
     every_axis = len(points) < 3  # else its first matrix would be as large as the points' square
     return np.linalg.svd(points - points.mean(axis=0), full_matrices=every_axis)[2]
 
@@ -227,7 +227,7 @@ _STL_HEAD_BYTES, _STL_TRIANGLE_BYTES, _GLB_HEAD_BYTES = 84, 50, 20
 
 
 def read_triangles(path: Path, data: bytes, link: str) -> Triangles:
-    """Return the corners of all triangles (n, 3, 3), in the file's own unit.
+    """Read the corners of all triangles (n, 3, 3), in the file's own unit.
 
     Files that the mesh names (buffers of glTF) are read from its own folder only.
 
@@ -263,7 +263,7 @@ def _check_count(path: Path, place: str, triangles: float) -> None:
 
 
 def _stated_triangles(suffix: str, data: bytes) -> float:
-    """Return how many triangles a file says it has, before room is made for them; 0 if unknown."""
+    """Compute how many triangles a file says it has, before room is made for them; 0 if unknown."""
     if suffix == ".stl" and len(data) > _STL_HEAD_BYTES and not data.startswith(b"solid"):
         return (len(data) - _STL_HEAD_BYTES) // _STL_TRIANGLE_BYTES
     if suffix == ".obj":
@@ -277,7 +277,7 @@ def _stated_triangles(suffix: str, data: bytes) -> float:
 
 
 def _gltf_triangles(tree: Any) -> float:  # noqa: ANN401  # JSON of any shape
-    """Return the corners in all primitives of all nodes, a third of them, as glTF counts them."""
+    """Compute the corners in all primitives of all nodes, a third of them, as glTF counts them."""
     counts: list[float] = [accessor.get("count", 0) for accessor in tree.get("accessors", ())]
     meshes: list[float] = []
     for mesh in tree.get("meshes", ()):
@@ -324,7 +324,7 @@ class _FolderResolver:
         self._folder = folder
 
     def get(self, name: str) -> bytes:
-        """Return the content of a file; files outside the folder are not read."""
+        """Get the content of a file; files outside the folder are not read."""
         path = path_inside(self._folder, name)
         if path is None or not path.is_file():
             raise ValueError(f"{name!r} is not a file in the mesh's folder")
@@ -404,7 +404,7 @@ def _mesh_file(link: str, mesh: Mesh) -> Path:
 def _fit_file(
     path: Path, changed_ns: int, scale: tuple[float, float, float], link: str
 ) -> tuple[FittedCapsule, ...]:
-    """Return the capsules around a mesh file; one that was changed is read again."""
+    """Fit the capsules around a mesh file; one that was changed is read again."""
     with path.open("rb") as file:
         data = file.read(_MAX_BYTES + 1)
     key = _cache_key(f"{path.suffix.lower()} {scale}", data)
@@ -431,7 +431,7 @@ def _fit_numbers(fit: FittedCapsule) -> list[float]:
 
 
 def _read_cached_fit(path: Path) -> tuple[FittedCapsule, ...] | None:
-    """Return the capsules that an earlier run fitted; None if there are none usable."""
+    """Read the capsules that an earlier run fitted; None if there are none usable."""
     try:
         rows = np.array(json.loads(path.read_text(encoding="utf-8")), dtype=np.float64)
     except (OSError, ValueError):

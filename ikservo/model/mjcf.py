@@ -116,7 +116,7 @@ def _all_elements(root: XmlElement) -> list[XmlElement]:
 
 
 def quaternion_to_matrix(quaternion: ArrayLike) -> Matrix:
-    """Return the rotation (3, 3) of a unit quaternion w, x, y, z."""
+    """Compute the rotation (3, 3) of a unit quaternion w, x, y, z."""
     w, x, y, z = np.asarray(quaternion, dtype=np.float64)
     return np.array(
         [
@@ -305,7 +305,7 @@ class _BodyTreeReader:
         )
 
     def _find_mimic(self, joint: int) -> UrdfMimic | None:
-        """Return the joint that an equality makes this one follow, if any."""
+        """Find the joint that an equality makes this one follow, if any."""
         model, kinds = self._model, self._mujoco.mjtEq
         for i in range(model.neq):
             ties_joints = kinds(int(model.eq_type[i])) == kinds.mjEQ_JOINT

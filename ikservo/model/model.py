@@ -56,7 +56,7 @@ class Gripper:
     widths: tuple[tuple[float, float], ...] = ()
 
     def width_m(self, position: float) -> float | None:
-        """Return the distance of the jaws at a position, metres; None if unknown."""
+        """Compute the distance of the jaws at a position, metres; None if unknown."""
         if not self.widths:
             return None
         positions, widths_m = zip(*self.widths, strict=True)
@@ -70,7 +70,7 @@ class Gripper:
         return min(closed_m, open_m), max(closed_m, open_m)
 
     def position(self, width_m: float) -> float:
-        """Return where the jaws are that far apart; the widths must be known."""
+        """Compute where the jaws are that far apart; the widths must be known."""
         rows: Sequence[tuple[float, float]] = sorted(self.widths, key=lambda row: row[1])
         positions, widths_m = zip(*rows, strict=True)
         return float(np.interp(width_m, widths_m, positions))
@@ -267,7 +267,7 @@ class Model:
         return self.chain.clip(self.chain_pose("home")) if has_home else self.chain.mid_range()
 
     def chain_pose(self, name: str) -> NDArray[np.float64]:
-        """Return the joint vector (dof,) of the chain at a named pose."""
+        """Compute the joint vector (dof,) of the chain at a named pose."""
         pose = self.pose(name)
         return np.array([pose[joint] for joint in self.chain.names])
 
@@ -279,12 +279,12 @@ def _find_named(kind: str, name: object, known: Mapping[str, _T]) -> _T:
 
 
 def limit_distance(position: float, lower: float, upper: float) -> float:
-    """Return how far a position is inside the nearer limit; negative outside, infinite for none."""
+    """Compute how far a position is inside its nearer limit; negative outside, infinite if none."""
     return min(position - lower, upper - position)
 
 
 def near_distance(lower: float, upper: float, unit: str) -> float:
-    """Return the distance from a limit within which a joint is near it.
+    """Compute the distance from a limit within which a joint is near it.
 
     Args:
         lower: The lower limit, rad or m.
@@ -300,10 +300,10 @@ def at_distance(lower: float, upper: float, unit: str) -> float:
 
 
 def near_limit(position: float, lower: float, upper: float, unit: str = "rad") -> bool:
-    """Return whether a joint is within 5° (5 mm) of a limit, or a twentieth of a shorter range."""
+    """Check whether a joint is within 5° (5 mm) of a limit, or a twentieth of a shorter range."""
     return limit_distance(position, lower, upper) <= near_distance(lower, upper, unit)
 
 
 def at_limit(position: float, lower: float, upper: float, unit: str = "rad") -> bool:
-    """Return whether a joint is within 0.3° (0.3 mm) of a limit, or beyond it."""
+    """Check whether a joint is within 0.3° (0.3 mm) of a limit, or beyond it."""
     return limit_distance(position, lower, upper) <= at_distance(lower, upper, unit)

@@ -49,32 +49,32 @@ class CalibrationEstimate:
 
     @property
     def extent(self) -> ParameterSet:
-        """Return the estimated parameters."""
+        """The estimated parameters."""
         return self.fit.layout.extent
 
     @property
     def before_m(self) -> float:
-        """Return the error on held-out touches if nothing is changed."""
+        """The error on held-out touches if nothing is changed."""
         return self.cross_validation_rms_m[ParameterSet.NONE]
 
     @property
     def after_m(self) -> float:
-        """Return the error on held-out touches."""
+        """The error on held-out touches."""
         return self.cross_validation_rms_m[self.extent]
 
     @property
     def improves(self) -> bool:
-        """Return whether there is anything to save."""
+        """Whether there is anything to save."""
         return self.extent is not ParameterSet.NONE
 
     @property
     def zeros(self) -> Vector:
-        """Return the corrections of the joints (dof,), rad or m."""
+        """The corrections of the joints (dof,), rad or m."""
         return self.fit.layout.zeros(self.fit.values)
 
     @property
     def geometry(self) -> GeometricErrors:
-        """Return the errors of base and links."""
+        """The errors of base and links."""
         return self.fit.layout.geometry(self.fit.values)
 
 
@@ -134,7 +134,7 @@ def _choose_set(aside: dict[ParameterSet, float]) -> ParameterSet:
 def _held_out_error_m(
     chain: Chain, touches: Sequence[TouchPoint], extent: ParameterSet, kept: Mask
 ) -> float:
-    """Return the root mean square error on held-out touches."""
+    """Compute the root mean square error on held-out touches."""
     folds = _assign_folds(touches)
     squares: list[float] = []
     for fold in range(_FOLDS):

@@ -29,14 +29,14 @@ def link_masses(model: Model, chain: Chain) -> list[LinkMass]:
 
 
 def _inertia_tensor(link: UrdfLink) -> Matrix:
-    """Return a link's inertia tensor (3, 3) about its centre of mass, in the link's axes."""
+    """Compute a link's inertia tensor (3, 3) about its centre of mass, in the link's axes."""
     ixx, ixy, ixz, iyy, iyz, izz = link.inertia_kg_m2
     R = rotation_rpy(*link.inertia_rpy_rad)
     return R @ np.array([[ixx, ixy, ixz], [ixy, iyy, iyz], [ixz, iyz, izz]]) @ R.T
 
 
 def joint_compliances(model: Model, chain: Chain) -> Vector:
-    """Return the compliance of each joint (dof,) of a chain, rad for each N m (m for each N).
+    """Compute the compliance of each joint (dof,) of a chain, rad for each N m (m for each N).
 
     A joint whose servo's stiffness is unknown has no compliance.
 
@@ -54,7 +54,7 @@ def joint_compliances(model: Model, chain: Chain) -> Vector:
 
 
 def stall_error(joint: ModelJoint, supply_v: float | None) -> float:
-    """Return how far from its goal friction keeps a joint without load, rad or m.
+    """Compute how far from its goal friction keeps a joint without load, rad or m.
 
     Args:
         joint: The joint; servos that drive it together share its friction and its stiffness.
@@ -77,5 +77,5 @@ def _joint_compliance(joint: ModelJoint, supply_v: float | None) -> float:
 
 
 def _gain_share(servo: ModelServo) -> float:
-    """Return a servo's P gain as a share of the delivered one."""
+    """Compute a servo's P gain as a share of the delivered one."""
     return servo.eeprom.get("p_gain", _FEETECH_GAIN) / _FEETECH_GAIN

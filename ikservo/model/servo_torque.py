@@ -48,7 +48,7 @@ class GearFriction:
         return self.static_load_nm(0.0)
 
     def static_load_nm(self, held_nm: float) -> float:
-        """Return the load g of the gears at which a resting shaft starts: held + friction under g.
+        """Compute the load g of the gears at which a resting shaft starts: held + friction under g.
 
         That is the smaller root of ``square g^2 - (1 - load - slow_load) g + held + dry = 0``;
         where there is none, the load under which friction comes nearest to it.
@@ -158,7 +158,7 @@ GRIPPER_P_GAINS: Mapping[str, int] = MappingProxyType(
 
 
 def find_servo_torque(model: str, supply_v: float | None) -> ServoTorque | None:
-    """Return the figures of a model at a supply voltage; None where they are unknown.
+    """Find the figures of a model at a supply voltage; None where they are unknown.
 
     Args:
         model: The servo's.

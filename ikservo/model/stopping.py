@@ -50,7 +50,7 @@ def stopping_times_s(model: Model, chain: Chain) -> dict[str, float]:
 
 
 def _drive_in_use(joint: ModelJoint, supply_v: float | None) -> JointDrive | None:
-    """Return the drive of a joint at the P gain that it has in an arm, or in its gripper."""
+    """Compute the drive of a joint at the P gain that it has in an arm, or in its gripper."""
     drive, model = joint_drive(joint, supply_v), joint.servo.model
     torque = find_servo_torque(model, supply_v)
     if drive is None or torque is None or joint.role != "gripper":
@@ -59,7 +59,7 @@ def _drive_in_use(joint: ModelJoint, supply_v: float | None) -> JointDrive | Non
 
 
 def _greatest_inertia(model: Model, chain: Chain) -> dict[str, float]:
-    """Return the inertia that each joint of a chain moves, kg m², in the worst posture."""
+    """Compute the inertia that each joint of a chain moves, kg m², in the worst posture."""
     parameters = nominal_parameters(model, chain)
     if parameters is None:
         return {}

@@ -35,17 +35,17 @@ class ToolFrame:
         freeze_arrays(self)
 
     def pitch_rad(self, R_world_tool: Matrix) -> float:
-        """Return the angle of the tool axis above the horizontal: -π/2 is straight down."""
+        """Compute the angle of the tool axis above the horizontal: -π/2 is straight down."""
         up = float((R_world_tool @ self.approach_axis)[2])
         return math.asin(min(max(up, -1.0), 1.0))
 
     def heading_rad(self, R_world_tool: Matrix) -> float | None:
-        """Return the heading of the tool axis, from x towards y; None if it is upright."""
+        """Compute the heading of the tool axis, from x towards y; None if it is upright."""
         x, y, _ = R_world_tool @ self.approach_axis
         return None if math.hypot(x, y) < _VERTICAL else math.atan2(y, x)
 
     def roll_rad(self, R_world_tool: Matrix, heading_rad: float) -> float:
-        """Return the rotation of the tool about its axis, clockwise as seen from behind it.
+        """Compute the rotation of the tool about its axis, clockwise as seen from behind it.
 
         Args:
             R_world_tool: Its orientation (3, 3).
@@ -57,7 +57,7 @@ class ToolFrame:
         return math.atan2(float(left @ np.cross(ahead, level)), float(left @ level))
 
     def rotation(self, heading_rad: float, pitch_rad: float, roll_rad: float) -> Matrix:
-        """Return the orientation R_world_tool (3, 3) of a tool with these angles."""
+        """Compute the orientation R_world_tool (3, 3) of a tool with these angles."""
         ahead = direction_from_angles(heading_rad, pitch_rad)
         level = _level_left(heading_rad)
         left = math.cos(roll_rad) * level + math.sin(roll_rad) * np.cross(ahead, level)
@@ -68,7 +68,7 @@ class ToolFrame:
 
 
 def direction_from_angles(heading_rad: float, pitch_rad: float) -> Vector:
-    """Return the direction (3,) of a tool axis with a heading and a pitch."""
+    """Compute the direction (3,) of a tool axis with a heading and a pitch."""
     level = math.cos(pitch_rad)
     return np.array(
         [level * math.cos(heading_rad), level * math.sin(heading_rad), math.sin(pitch_rad)]
@@ -93,12 +93,12 @@ def tool_frame(model: Model) -> ToolFrame:
 
 
 def _level_left(heading_rad: float) -> Vector:
-    """Return the horizontal direction (3,) to the left of a heading."""
+    """Compute the horizontal direction (3,) to the left of a heading."""
     return np.array([-math.sin(heading_rad), math.cos(heading_rad), 0.0])
 
 
 def _lever_to_tip(chain: Chain, q: Vector) -> Vector:
-    """Return the vector (3,) from the last joint that moves the tip to the tip, world axes."""
+    """Compute the vector (3,) from the last joint that moves the tip to the tip, world axes."""
     J = chain.jacobian(q)
     swinging = np.flatnonzero(np.linalg.norm(J[:3], axis=0) > _SWINGS_M_PER_RAD)
     last = int(swinging[-1]) if len(swinging) else chain.dof - 1

@@ -72,7 +72,7 @@ def grid_points() -> Iterator[tuple[str, float, float]]:
 def place_sheet(
     model: Model, edge_m: float | None, block_m: float | None
 ) -> tuple[float, list[TouchTarget]]:
-    """Return the points of the sheet before an arm.
+    """Compute the points of the sheet before an arm.
 
     Args:
         model: The arm; straight ahead is the direction of its tool in the pose ``home``.
@@ -135,17 +135,17 @@ class TouchOffState:
 
     @property
     def current_target(self) -> TouchTarget | None:
-        """Return the next target; None after the last."""
+        """The next target; None after the last."""
         return self.places[0] if self.places and self.found is None else None
 
     @property
     def is_at_rest(self) -> bool:
-        """Return whether nothing has moved for half a second."""
+        """Whether nothing has moved for half a second."""
         return self.stillness.is_at_rest()
 
     @property
     def has_moved(self) -> bool:
-        """Return whether the arm has been moved since the last touch."""
+        """Whether the arm has been moved since the last touch."""
         if not self.ticks or not self.stillness.readings:
             return True
         readings = self.stillness.readings[-1][1].items()
@@ -197,7 +197,7 @@ class TouchOffState:
 
     @property
     def has_enough_touches(self) -> bool:
-        """Return whether the touches could be reviewed."""
+        """Whether the touches could be reviewed."""
         return len(self.touches) >= MIN_TOUCHES
 
     def _joint_vector(self, ticks: Mapping[int, float]) -> Vector:

@@ -47,7 +47,7 @@ class _LimitTag(NamedTuple):
 
 
 def parse_joint(element: XmlElement) -> UrdfJoint:
-    """Return one joint; whether its links and mimicked joint exist is checked with the tree."""
+    """Parse one joint; whether its links and mimicked joint exist is checked with the tree."""
     name, kind = element.name(), _read_kind(element)
     xyz_m, rpy_rad = parse_origin(element)
     limits = _read_limits(element, kind, name)
@@ -146,7 +146,7 @@ _NO_INERTIA = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 def parse_link(
     element: XmlElement, folder: Path, materials: Mapping[str, Triple] | None = None
 ) -> UrdfLink:
-    """Return one link; its meshes are files under a folder, its materials may have colours."""
+    """Parse one link; its meshes are files under a folder, its materials may have colours."""
     name = element.name()
     collisions = tuple(_read_shape(each, folder) for each in element.child_elements("collision"))
     drawn = element.child_elements("visual")
@@ -163,7 +163,7 @@ def parse_link(
 
 
 def _find_colour(visual: XmlElement, materials: Mapping[str, Triple]) -> Triple | None:
-    """Return the colour of a visual shape: its material's own, or that of the material's name."""
+    """Find the colour of a visual shape: its material's own, or that of the material's name."""
     for material in visual.child_elements("material"):
         named = materials.get(material.attributes.get("name", ""))
         return named if (own := _read_colour(material)) is None else own
@@ -181,7 +181,7 @@ def _read_colour(material: XmlElement) -> Triple | None:
 
 
 def _find_materials(root: XmlElement) -> dict[str, Triple]:
-    """Return the colours of the robot's materials, by name."""
+    """Find the colours of the robot's materials, by name."""
     materials = root.child_elements("material")
     found = {each.attributes.get("name", ""): _read_colour(each) for each in materials}
     return {name: colour for name, colour in found.items() if colour is not None}
@@ -255,7 +255,7 @@ _Part = UrdfLink | UrdfJoint
 
 
 def find_root(path: Path, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint]) -> str:
-    """Return the name of the one link that is no joint's child.
+    """Find the name of the one link that is no joint's child.
 
     Raises:
         FileFormatError: Names occur twice, links are missing, or the links are not one tree.
@@ -415,7 +415,7 @@ def read_urdf(path: Path | str, folder: Path | None = None) -> Urdf:
 
 
 def read_urdf_text(path: Path) -> str:
-    """Return the text of a URDF.
+    """Read the text of a URDF.
 
     Raises:
         FileFormatError: The file cannot be read, or is a xacro: its expressions are never run here.

@@ -117,7 +117,7 @@ _PLAIN = "plain XML without <!DOCTYPE> and <!ENTITY>"
 
 
 def parse_xml(path: Path, text: str) -> XmlElement:
-    """Return the outermost element of an XML text.
+    """Parse the outermost element of an XML text.
 
     Args:
         path: The origin of the text, for the messages; nothing is read from there.

@@ -45,7 +45,7 @@ class ArcPath:
 
     @property
     def breakpoints(self) -> list[float]:
-        """Return the distances of its ends."""
+        """The distances of its ends."""
         return [0.0, self.length]
 
     def path_length(self) -> float:
@@ -53,7 +53,7 @@ class ArcPath:
         return self.length
 
     def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
-        """Return the point, its slope and its bend (3,) at a distance along the arc."""
+        """Compute the point, its slope and its bend (3,) at a distance along the arc."""
         angle = min(max(distance, 0.0), self.length) / self.radius_m
         out = math.cos(angle) * self._out + math.sin(angle) * self._across
         across = math.cos(angle) * self._across - math.sin(angle) * self._out
@@ -142,6 +142,6 @@ def _check_distinct(start: Vector, via: Vector, end: Vector) -> None:
 
 
 def _angle_about(axis: Vector, first: Vector, second: Vector) -> float:
-    """Return the angle from one vector (3,) to another about an axis, 0 to 2π."""
+    """Compute the angle from one vector (3,) to another about an axis, 0 to 2π."""
     angle = math.atan2(float(axis @ np.cross(first, second)), float(first @ second))
     return angle % (2.0 * math.pi)

@@ -147,7 +147,7 @@ def _follow_position_only(
 def _fit_spline(
     chain: Chain, start: Vector, path: ToolPath, orientation: OrientationInterpolation | None
 ) -> SplinePath:
-    """Return the spline through enough points to stay on the path between them."""
+    """Fit the spline through enough points to stay on the path between them."""
     worst_m = 0.0
     rotation_rad = 0.0 if orientation is None else float(np.linalg.norm(orientation.rotation_rad))
     length = max(path.length, _LEVER_M * rotation_rad, 1e-9)
@@ -177,7 +177,7 @@ def _point_counts(path: ToolPath, orientation: OrientationInterpolation | None) 
 
 
 def _path_deviations_m(chain: Chain, path: ToolPath, spline: SplinePath, count: int) -> Vector:
-    """Return the tip's distance from the path (count,); infinite outside joint limits."""
+    """Compute the tip's distance from the path (count,); infinite outside joint limits."""
     fractions = np.linspace(0.0, 1.0, count)
     q = spline.points(fractions * spline.length)
     expected = np.array([path.at(fraction * path.length)[0] for fraction in fractions])
@@ -211,7 +211,7 @@ def _orientation_errors(
 def _check_orientation_kept(
     chain: Chain, desired: OrientationInterpolation, path: ToolPath, spline: SplinePath
 ) -> CartesianJointPath:
-    """Return the curve, if the tool keeps the desired orientation all along."""
+    """Compute the curve, if the tool keeps the desired orientation all along."""
     curve = _measure_curve(chain, desired, spline)
     outside = np.flatnonzero(curve.orientation_error_rad > ORIENTATION_TOLERANCE_RAD)
     if not len(outside):

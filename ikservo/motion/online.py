@@ -71,17 +71,17 @@ class OnlineTrajectory:
 
     @property
     def duration_s(self) -> float:
-        """Return when it is at rest finally; infinite until it is stopped."""
+        """When it is at rest finally; infinite until it is stopped."""
         return self._end_s
 
     @property
     def goal(self) -> Vector:
-        """Return its final position (n,): the last goal, clipped to the bounds."""
+        """Its final position (n,): the last goal, clipped to the bounds."""
         return self._pieces[-1][1].goal.copy()
 
     @property
     def settles_at_s(self) -> float:
-        """Return when it is at rest there, unless the goal changes."""
+        """When it is at rest there, unless the goal changes."""
         since_s, move = self._pieces[-1]
         return since_s + move.duration_s
 
@@ -198,7 +198,7 @@ def _check_limits(
 
 
 def _check_bound(values: ArrayLike | None, n: int, default: float) -> Vector:
-    """Return one end of the bounds; continuous joints have an infinite one."""
+    """Compute one end of the bounds; continuous joints have an infinite one."""
     given = np.full(n, default) if values is None else np.asarray(values, dtype=np.float64)
     if given.shape != (n,):
         raise BadValueError("The limits", f"of shape {given.shape}", f"shape ({n},)")

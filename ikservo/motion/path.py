@@ -23,7 +23,7 @@ class Path(Protocol):
 
     @property
     def length(self) -> float:
-        """Return the distance at its end; it starts at 0."""
+        """The distance at its end; it starts at 0."""
         ...
 
     def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
@@ -49,12 +49,12 @@ class ToolPath(Protocol):
 
     @property
     def length(self) -> float:
-        """Return the distance at its end; it starts at 0."""
+        """The distance at its end; it starts at 0."""
         ...
 
     @property
     def breakpoints(self) -> list[float]:
-        """Return the distances at which it changes its kind, and both ends."""
+        """The distances at which it changes its kind, and both ends."""
         ...
 
     def path_length(self) -> float:
@@ -103,24 +103,24 @@ class BlendedPath:
 
     @property
     def breakpoints(self) -> list[float]:
-        """Return the distances at which blends begin and end, and both ends."""
+        """The distances at which blends begin and end, and both ends."""
         return [*self._begins, self.length]
 
     def path_length(self) -> float:
-        """Return the length of the curve itself: blended corners make it shorter."""
+        """Compute the length of the curve itself: blended corners make it shorter."""
         distances = np.linspace(0.0, self.length, 2 + 64 * len(self._pieces))
         points = np.array([self.at(distance)[0] for distance in distances.tolist()])
         return float(np.linalg.norm(np.diff(points, axis=0), axis=1).sum())
 
     def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
-        """Return the point, its slope and its bend (n,) at a distance."""
+        """Compute the point, its slope and its bend (n,) at a distance."""
         if not self._pieces:
             return self._start, np.zeros_like(self._start), np.zeros_like(self._start)
         inside = min(max(distance, 0.0), self.length)
         return self._pieces[max(bisect_right(self._begins, inside) - 1, 0)].at(inside)
 
     def max_derivatives(self, begin: float, end: float) -> tuple[Vector, Vector, Vector]:
-        """Return the maxima of slope, bend and twist (n,) between two distances."""
+        """Compute the maxima of slope, bend and twist (n,) between two distances."""
         inside = [p.max_derivatives() for p in self._pieces if p.begin < end and p.end > begin]
         slopes, bends, twists = zip(*inside, strict=True)
         return np.max(slopes, axis=0), np.max(bends, axis=0), np.max(twists, axis=0)
@@ -216,17 +216,17 @@ class SplinePath:
         )
 
     def at(self, distance: float) -> tuple[Vector, Vector, Vector]:
-        """Return the point, its slope and its bend (n,) at a distance."""
+        """Compute the point, its slope and its bend (n,) at a distance."""
         inside = min(max(distance, 0.0), self.length)
         q, slope, bend = (np.asarray(self._curve(inside, order)) for order in (0, 1, 2))
         return q, slope, bend
 
     def points(self, distances: Vector) -> Matrix:
-        """Return the points (k, n) at distances (k,)."""
+        """Compute the points (k, n) at distances (k,)."""
         return np.asarray(self._curve(distances), dtype=np.float64)
 
     def max_derivatives(self, begin: float, end: float) -> tuple[Vector, Vector, Vector]:
-        """Return the maxima of slope, bend and twist (n,) between two distances."""
+        """Compute the maxima of slope, bend and twist (n,) between two distances."""
         first = max(int(np.searchsorted(self.distances, begin, side="right")) - 1, 0)
         last = max(int(np.searchsorted(self.distances, end, side="left")), first + 1)
         pieces = slice(first, last)
@@ -238,7 +238,7 @@ class SplinePath:
 
 
 def _max_cubic_derivatives(c: Matrix, width: Matrix) -> tuple[Matrix, Matrix, Matrix]:
-    """Return the largest slope, bend and twist (k - 1, n) of cubics c₀t³ + c₁t² + c₂t + c₃."""
+    """Compute the largest slope, bend and twist (k - 1, n) of cubics c₀t³ + c₁t² + c₂t + c₃."""
     summit = np.clip(-c[1] / (3.0 * np.where(c[0] == 0.0, _NEGLIGIBLE, c[0])), 0.0, width)
     slopes = [np.abs((3.0 * c[0] * t + 2.0 * c[1]) * t + c[2]) for t in (0.0, summit, width)]
     bends = [np.abs(6.0 * c[0] * t + 2.0 * c[1]) for t in (0.0, width)]
@@ -269,11 +269,11 @@ class ArmPlane:
         self._axis: Vector = np.sign(axes[0, 2]) * np.array([0.0, 0.0, 1.0])
 
     def angle_rad(self, q: Vector) -> float:
-        """Return the rotation of the plane at joints (dof,); 0 for arms without one."""
+        """Compute the rotation of the plane at joints (dof,); 0 for arms without one."""
         return float(self._axis[2] * q[0]) if self.rotates else 0.0
 
     def rotation(self, q: Vector) -> Matrix:
-        """Return the rotation R_world_plane (3, 3) at joints (dof,)."""
+        """Compute the rotation R_world_plane (3, 3) at joints (dof,)."""
         return exp_so3(np.array([0.0, 0.0, self.angle_rad(q)]))
 
 
@@ -306,5 +306,5 @@ class OrientationInterpolation:
         return cls.between(plane, (R_world_tool, q), (R_world_tool, q))
 
     def at(self, fraction: float, q: Vector) -> Matrix:
-        """Return the desired R_world_tool (3, 3) at a fraction of the path, at joints (dof,)."""
+        """Compute the desired R_world_tool (3, 3) at a fraction of the path, at joints (dof,)."""
         return self.plane.rotation(q) @ exp_so3(fraction * self.rotation_rad) @ self.start

@@ -27,7 +27,7 @@ __all__ = ["JointMove", "RuckigMotion", "position_bounds", "stop_trajectory"]
 
 
 def position_bounds(trajectory: Trajectory) -> tuple[Vector, Vector]:
-    """Return the lowest and the highest positions (n,) of a trajectory.
+    """Compute the lowest and the highest positions (n,) of a trajectory.
 
     ruckig's own ``position_extrema`` contains only instants of changing jerk, but a joint that
     reverses does so between two of them.
@@ -59,7 +59,7 @@ def _segment_extremes(
 
 
 def _zero_velocity_times(v: float, a: float, j: float, time_s: float) -> list[float]:
-    """Return the times of ``v + a t + j t² / 2 = 0`` between 0 and a time."""
+    """Compute the times of ``v + a t + j t² / 2 = 0`` between 0 and a time."""
     root = a * a - 2.0 * j * v
     if root < 0.0:
         return []
@@ -98,17 +98,17 @@ class RuckigMotion:
 
     @property
     def duration_s(self) -> float:
-        """Return how long the motion takes."""
+        """How long the motion takes."""
         return float(self._trajectory.duration)
 
     @property
     def extent(self) -> tuple[Vector, Vector]:
-        """Return the lowest and the highest positions (n,) of the motion."""
+        """The lowest and the highest positions (n,) of the motion."""
         return position_bounds(self._trajectory)
 
     @property
     def top_speed(self) -> float:
-        """Return the maximum speed of any joint, rad/s or m/s."""
+        """The maximum speed of any joint, rad/s or m/s."""
         return max(abs(speed) for speed in self._top_speeds)
 
     def at(self, time_s: float) -> Vector:
@@ -183,7 +183,7 @@ def stop_trajectory(moving: TrajectoryPoint, limits: Sequence[KinematicLimits]) 
 
 
 def _check_state(at: ArrayLike | TrajectoryPoint, n: int, which: str) -> TrajectoryPoint:
-    """Return a state of n joints; at rest, if only positions are given."""
+    """Compute a state of n joints; at rest, if only positions are given."""
     if not isinstance(at, TrajectoryPoint):
         return TrajectoryPoint.at_rest(finite_vector(at, n, f"The {which} of the motion"))
     finite_vector(at.position, n, f"The {which} of the motion")

@@ -86,7 +86,7 @@ class TimeScaling:
 
     @property
     def duration_s(self) -> float:
-        """Return its duration."""
+        """Its duration."""
         return self._begins[-1]
 
     def at(self, time_s: float) -> tuple[float, float, float]:
@@ -107,7 +107,7 @@ class _PathAccelerationBounds:
         self._top = top_speed
 
     def make_zone(self, curve: Path, begin: float, end: float, fraction: float) -> _SpeedZone:
-        """Return the limits of a stretch, its speed a fraction of what bends and twists allow."""
+        """Make the limits of a stretch, its speed a fraction of what bends and twists allow."""
         slope, bend, twist = curve.max_derivatives(begin, end)
         speed = min(
             self._top,
@@ -125,7 +125,7 @@ class _PathAccelerationBounds:
 
 
 def _min_ratio(limit: Vector, by: Vector) -> float:
-    """Return the minimum of ``limit / by``; values that do not move limit nothing."""
+    """Compute the minimum of ``limit / by``; values that do not move limit nothing."""
     moved = by > limit / _UNBOUNDED
     return float((limit[moved] / by[moved]).min()) if moved.any() else _UNBOUNDED
 
@@ -163,7 +163,7 @@ def _passing_state(distance: float, speed: float) -> TrajectoryPoint:
 
 
 def _speeds_between(zones: Sequence[_SpeedZone]) -> list[float]:
-    """Return the speeds at the zones' edges: rest at both ends, else the maximum of both sides."""
+    """Compute the speeds at the zones' edges: rest at both ends, else the maximum of both sides."""
     speeds = [0.0, *(min(a.speed, b.speed) for a, b in pairwise(zones)), 0.0]
     for i, zone in enumerate(zones):
         speeds[i + 1] = _reachable_speed(zone, speeds[i], speeds[i + 1])
@@ -173,7 +173,7 @@ def _speeds_between(zones: Sequence[_SpeedZone]) -> list[float]:
 
 
 def _reachable_speed(zone: _SpeedZone, speed: float, goal_speed: float) -> float:
-    """Return the speed up to ``goal_speed`` that can be reached in the zone's length."""
+    """Compute the speed up to ``goal_speed`` that can be reached in the zone's length."""
     length = (1.0 - _ROUNDING) * (zone.end - zone.begin)
     if goal_speed <= speed or _required_distance(zone, speed, goal_speed) <= length:
         return goal_speed
@@ -187,7 +187,7 @@ def _reachable_speed(zone: _SpeedZone, speed: float, goal_speed: float) -> float
 
 
 def _required_distance(zone: _SpeedZone, speed: float, goal_speed: float) -> float:
-    """Return the distance from one speed to a higher one, acceleration 0 at both ends."""
+    """Compute the distance from one speed to a higher one, acceleration 0 at both ends."""
     gain, knee = goal_speed - speed, zone.acceleration**2 / zone.jerk
     if gain < knee:
         time_s = 2.0 * math.sqrt(gain / zone.jerk)
@@ -218,17 +218,17 @@ class PathTrajectory:
 
     @property
     def start(self) -> Vector:
-        """Return its start (n,)."""
+        """Its start (n,)."""
         return self._curve.at(0.0)[0]
 
     @property
     def goal(self) -> Vector:
-        """Return its end (n,)."""
+        """Its end (n,)."""
         return self._curve.at(self._curve.length)[0]
 
     @property
     def duration_s(self) -> float:
-        """Return its duration."""
+        """Its duration."""
         return self._law.duration_s
 
     def at(self, time_s: float) -> Vector:

@@ -34,7 +34,7 @@ class TrajectoryPoint:
 
     @classmethod
     def at_rest(cls, position: ArrayLike) -> TrajectoryPoint:
-        """Return the state of joints (n,) at rest."""
+        """Compute the state of joints (n,) at rest."""
         at = np.asarray(position, dtype=np.float64)
         return cls(at, np.zeros_like(at), np.zeros_like(at))
 
@@ -44,7 +44,7 @@ class Trajectory(Protocol):
 
     @property
     def duration_s(self) -> float:
-        """Return its duration; infinite for one that runs until it is stopped."""
+        """Its duration; infinite for one that runs until it is stopped."""
         ...
 
     def state(self, time_s: float) -> TrajectoryPoint:
@@ -72,7 +72,7 @@ class KinematicLimits:
 
     @property
     def stopping_time_s(self) -> float:
-        """Return the time from full speed to rest."""
+        """The time from full speed to rest."""
         return (
             self.speed_rad_s / self.acceleration_rad_s2
             + self.acceleration_rad_s2 / self.jerk_rad_s3
@@ -101,7 +101,7 @@ class SubsetTrajectory:
 
     @property
     def duration_s(self) -> float:
-        """Return its duration."""
+        """Its duration."""
         return self._trajectory.duration_s
 
     def state(self, time_s: float) -> TrajectoryPoint:
@@ -133,7 +133,7 @@ class ConcatenatedTrajectory:
 
     @property
     def duration_s(self) -> float:
-        """Return the duration of both."""
+        """The duration of both."""
         return self._first.duration_s + self._second.duration_s
 
     def state(self, time_s: float) -> TrajectoryPoint:

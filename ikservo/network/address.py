@@ -59,7 +59,7 @@ class Endpoint:
 
     @property
     def is_loopback(self) -> bool:
-        """Return whether only this machine can reach it."""
+        """Whether only this machine can reach it."""
         return _is_loopback(self.host)
 
 
@@ -85,7 +85,7 @@ class ArmAddress:
 
 
 def listens(endpoint: Endpoint) -> bool:
-    """Return whether anything listens there; a session of Zenoh waits for seconds to know."""
+    """Check whether anything listens there; a session of Zenoh waits for seconds to know."""
     try:
         socket.create_connection((endpoint.host, endpoint.port), _PROBE_TIMEOUT_S).close()
     except OSError:
@@ -116,7 +116,7 @@ def check_host(host: str) -> str:
 
 
 def parse_address(text: str) -> ArmAddress:
-    """Return the address in ``zenoh:NAME@HOST[:PORT]``.
+    """Parse the address in ``zenoh:NAME@HOST[:PORT]``.
 
     This machine is reached without certificates, every other one with them; ``tls/`` or ``tcp/``
     before the host says otherwise.
@@ -132,7 +132,7 @@ def parse_address(text: str) -> ArmAddress:
 
 
 def parse_host(text: str) -> Endpoint:
-    """Return the endpoint in ``[tls/|tcp/]HOST[:PORT]`` that is connected to.
+    """Parse the endpoint in ``[tls/|tcp/]HOST[:PORT]`` that is connected to.
 
     Raises:
         BadValueError: It is none.
@@ -145,7 +145,7 @@ def parse_host(text: str) -> Endpoint:
 
 
 def parse_listen(text: str) -> Endpoint:
-    """Return the endpoint at which an arm is to be served.
+    """Parse the endpoint at which an arm is to be served.
 
     Raises:
         BadValueError: It is none.

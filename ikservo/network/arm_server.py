@@ -364,7 +364,7 @@ class ArmServer:
             self._closing.wait(due_s - self._clock.now_s())
 
     def _measure(self) -> ArmState:
-        """Return the state, of the last control cycle while the arm moves."""
+        """Measure the state, of the last control cycle while the arm moves."""
         if self._arm.context.servos.torque.is_moving:
             with suppress(IkservoError):  # it has just started
                 return self._arm.last_state()

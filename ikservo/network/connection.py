@@ -84,7 +84,7 @@ class PendingCall:
 
     @property
     def done(self) -> bool:
-        """Return whether it has been answered, or never will be."""
+        """Whether it has been answered, or never will be."""
         return self._ended.is_set()
 
     def result(self) -> object:
@@ -145,7 +145,7 @@ class Connection:
 
     @property
     def is_open(self) -> bool:
-        """Return whether it was not closed."""
+        """Whether it was not closed."""
         return not self._closed.is_set()
 
     def watch(self, service: str, **arguments: object) -> object:

@@ -50,7 +50,7 @@ class FleetArm:
 
 
 def read_fleet(hosts: Sequence[Endpoint]) -> list[FleetArm]:
-    """Return the arms of some machines; one that cannot be reached is a row with an error."""
+    """Read the arms of some machines; one that cannot be reached is a row with an error."""
     rows: list[FleetArm] = []
     for host, found in zip(hosts, on_each_host(list(hosts), _read_host), strict=True):
         if isinstance(found, IkservoError):

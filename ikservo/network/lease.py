@@ -36,7 +36,7 @@ class Holder:
 
 
 def is_fresh(sent_s: float, now_s: float, timeout_s: float = DEAD_MAN_TIMEOUT_S) -> bool:
-    """Return whether a message counts: it is not old, and not from the future."""
+    """Check whether a message counts: it is not old, and not from the future."""
     return -_MAX_AHEAD_S <= now_s - sent_s <= timeout_s
 
 
@@ -129,7 +129,7 @@ class ArmLease:
             return 0.0 if self._holder is None else self._clock.now_s() - self._received_s
 
     def accept_setpoint(self, lease: str, number: int, sent_s: float) -> bool:
-        """Return whether a setpoint counts: the holder's, newer than the last one, and not old."""
+        """Check whether a setpoint counts: the holder's, newer than the last one, and not old."""
         with self._lock:
             known = self._holder is not None and self._holder.lease == lease
             if not (known and number > self._setpoint_number and self._is_fresh(sent_s)):

@@ -170,7 +170,7 @@ def _array_or_none(value: object) -> Vector | None:
 
 
 def encode(message: BaseModel, max_bytes: int = MAX_REQUEST_BYTES) -> bytes:
-    """Return a message as JSON.
+    """Encode a message as JSON.
 
     Raises:
         InputError: It is too long.
@@ -185,7 +185,7 @@ def encode(message: BaseModel, max_bytes: int = MAX_REQUEST_BYTES) -> bytes:
 
 
 def decode(kind: type[M], data: bytes, max_bytes: int) -> M:
-    """Return the message in JSON.
+    """Decode the message in JSON.
 
     Raises:
         InputError: It is too long, or none of this kind.
@@ -204,12 +204,12 @@ def decode(kind: type[M], data: bytes, max_bytes: int) -> M:
 
 
 def encode_result(result: object) -> bytes:
-    """Return the reply with a result."""
+    """Encode the reply with a result."""
     return encode(ServiceReply(schema=SCHEMA, result=encode_value(result)), MAX_REPLY_BYTES)
 
 
 def encode_failure(error: BaseException) -> bytes:
-    """Return the reply with an error."""
+    """Encode the reply with an error."""
     return encode(ServiceReply(schema=SCHEMA, error=fields_of_error(error)), MAX_REPLY_BYTES)
 
 

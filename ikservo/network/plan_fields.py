@@ -108,7 +108,7 @@ class PlanRegistry:
         return PlanFields(plan=name, solution=solution, **plain)
 
     def get(self, name: str) -> MotionPlan:
-        """Return a plan.
+        """Get a plan.
 
         Raises:
             RefusedError: It is not kept, or no longer.
@@ -120,7 +120,7 @@ class PlanRegistry:
         return self._plans[name]
 
     def sample(self, name: str) -> SampleFields:
-        """Return the path of a plan.
+        """Sample the path of a plan.
 
         Raises:
             RefusedError: It is not kept, or no longer.
@@ -151,7 +151,7 @@ class RemoteTrajectory:
 
     @property
     def duration_s(self) -> float:
-        """Return its duration."""
+        """Its duration."""
         return self._duration_s
 
     def state(self, time_s: float) -> TrajectoryPoint:
@@ -173,7 +173,7 @@ class RemoteTrajectory:
 def _hermite(
     p0: Vector, p1: Vector, v0: Vector, v1: Vector, u: float, width_s: float
 ) -> TrajectoryPoint:
-    """Return the cubic with given ends and velocities (n,) at a fraction ``u`` of its width."""
+    """Compute the cubic with given ends and velocities (n,) at a fraction ``u`` of its width."""
     a, b = v0 * width_s, v1 * width_s
     c2, c3 = 3.0 * (p1 - p0) - 2.0 * a - b, 2.0 * (p0 - p1) + a + b
     return TrajectoryPoint(

@@ -113,12 +113,12 @@ class RemoteArm(MotionMethods):
 
     @property
     def port_name(self) -> str:
-        """Return the address of the arm."""
+        """The address of the arm."""
         return str(self._connection.address)
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Return all joints, in the order of vectors (n,)."""
+        """All joints, in the order of vectors (n,)."""
         return self._described.joints
 
     def limits(self) -> tuple[Vector, Vector]:
@@ -199,7 +199,7 @@ class RemoteArm(MotionMethods):
 
     @property
     def stop_requests(self) -> int:
-        """Return how often a stop was requested since the last ``acknowledge``."""
+        """How often a stop was requested since the last ``acknowledge``."""
         return int(self.health()["stop_requests"])
 
     @property

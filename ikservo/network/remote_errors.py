@@ -73,7 +73,7 @@ def _details_of(error: IkservoError) -> Iterator[tuple[str, JsonValue]]:
 
 
 def _is_detail(kind: type[IkservoError], name: str) -> bool:
-    """Return whether an attribute belongs to the errors of one class and hides nothing of it."""
+    """Check whether an attribute belongs to the errors of one class and hides nothing of it."""
     shared = ("command_message", "command_hint", "exit_code", "args")
     return name.isidentifier() and name[0] != "_" and name not in shared and not hasattr(kind, name)
 

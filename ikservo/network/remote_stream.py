@@ -86,7 +86,7 @@ class RemoteStream:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return the joints, in the order of arrays (n,)."""
+        """The joints, in the order of arrays (n,)."""
         return self._arm.joint_names
 
     def send(self, setpoint: Mapping[str, float] | ArrayLike | Target) -> None:

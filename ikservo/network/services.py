@@ -47,7 +47,7 @@ class OfMotion(Arguments):
     motion: dict[str, JsonValue]
 
     def parse(self) -> MotionValue[Any]:
-        """Return the motion.
+        """Parse the motion.
 
         Raises:
             InputError: It cannot be used: the error that ``Arm`` raises for it.
@@ -110,7 +110,7 @@ class Service:
 
 
 def parse_arguments(kind: type[Arguments], given: Mapping[str, JsonValue]) -> Arguments:
-    """Return the arguments of a request.
+    """Parse the arguments of a request.
 
     Raises:
         InputError: One is missing, unknown, or of another type.

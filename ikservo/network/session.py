@@ -256,7 +256,7 @@ def _why_unreachable(settings: Mapping[str, object]) -> tuple[str, str] | None:
 
 
 def _answers_tls(connection: socket.socket) -> bool:
-    """Return whether the other end answers a TLS greeting as such; nothing is verified or sent."""
+    """Check whether the other end answers a TLS greeting as such; nothing is verified or sent."""
     context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
     context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
     connection.settimeout(_CONNECT_TIMEOUT_S)

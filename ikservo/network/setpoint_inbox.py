@@ -69,7 +69,7 @@ class SetpointInbox:
         return not (self._closed or self._counts(self._end))
 
     def take(self) -> CartesianOrJointTarget | None:
-        """Return the newest goal once; None where there is no new one."""
+        """Take the newest goal once; None where there is no new one."""
         with self._changed:
             found, self._goal = self._goal, None
             if found is None or not self._counts(found[0]):
@@ -87,7 +87,7 @@ class SetpointInbox:
         return time.monotonic() - self._goal_s
 
     def keep_going(self) -> bool | None:
-        """Return whether to go on: None where nothing was said since."""
+        """Check whether to go on: None where nothing was said since."""
         with self._changed:
             if not self.wanted:
                 return False
@@ -95,7 +95,7 @@ class SetpointInbox:
             return True if said else None
 
     def _counts(self, setpoint: Setpoint | None) -> bool:
-        """Return whether a setpoint was sent after the request of the running motion."""
+        """Check whether a setpoint was sent after the request of the running motion."""
         lease, number = self._begun
         return setpoint is not None and setpoint.lease == lease and setpoint.number > number
 

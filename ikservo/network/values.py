@@ -49,7 +49,7 @@ T = TypeVar("T")
 
 
 def _parse_array(value: object) -> NDArray[np.float64]:
-    """Return an array from nested lists; text is refused but for numbers that are not finite."""
+    """Parse an array from nested lists; text is refused but for numbers that are not finite."""
     try:
         return np.array(value, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):  # the last: of an integer of 400 digits
@@ -98,7 +98,7 @@ def _with_arrays(hint: Any) -> Any:  # noqa: ANN401  # an annotation is anything
 
 
 def _is_array(hint: object) -> bool:
-    """Return whether an annotation is that of an array (of NumPy 2.5 an alias, its own origin)."""
+    """Check whether an annotation is that of an array (of NumPy 2.5 an alias, its own origin)."""
     return get_origin(hint) in (np.ndarray, NDArray)
 
 
@@ -121,7 +121,7 @@ def from_fields(kind: type[T], fields: object) -> T:
 
 
 def encode_value(value: object) -> JsonValue:
-    """Return a result as a JSON value: plain ones as they are, others with their type's name.
+    """Encode a result as a JSON value: plain ones as they are, others with their type's name.
 
     Raises:
         TypeError: It is of no type that a service may return.
@@ -140,7 +140,7 @@ def encode_value(value: object) -> JsonValue:
 
 
 def decode_value(value: JsonValue) -> Any:  # noqa: ANN401
-    """Return what ``encode_value`` made a JSON value of.
+    """Decode what ``encode_value`` made a JSON value of.
 
     Raises:
         ValidationError: A field is missing, unknown, or of another type.

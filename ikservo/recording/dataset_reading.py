@@ -146,7 +146,7 @@ def _read_episodes(folder: Path, column: str, columns: list[int], width: int) ->
 
 
 def _read_frames(folder: Path, column: str, width: int) -> tuple[Vector, Vector, Matrix]:
-    """Return the episode's number (k,), the time (k,) and the values (k, width) of all frames."""
+    """Read the episode's number (k,), the time (k,) and the values (k, width) of all frames."""
     paths = sorted((folder / "data").glob("*/*.parquet"))
     if not paths:
         raise FileFormatError(folder / "data", "", "has no episodes", "chunk-000/file-000.parquet")

@@ -69,7 +69,7 @@ def write_dataset(
 
 
 def _sample(recording: Recording, model: Model, values: JointValues, fps: int) -> Matrix:
-    """Return the values (k, n) of a recording at the times of frames."""
+    """Sample the values (k, n) of a recording at the times of frames."""
     if (recording.header.arm, recording.header.joints) != (model.name, values.names):
         found = f"has arm {recording.header.arm}, joints {', '.join(recording.header.joints)}"
         raise FileFormatError("The recording", "", found, f"arm {model.name}")

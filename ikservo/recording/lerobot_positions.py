@@ -58,7 +58,7 @@ def positions_of_lerobot(
 
 
 def _ticks_of(values: Vector, joint: LerobotJoint, *, percent: bool, is_gripper: bool) -> Vector:
-    """Return the ticks that the servo reported with LeRobot's offset (k,)."""
+    """Compute the ticks that the servo reported with LeRobot's offset (k,)."""
     low, high = joint.range_min, joint.range_max
     if not percent:
         return (low + high) / 2.0 + values / _DEGREES_PER_TICK

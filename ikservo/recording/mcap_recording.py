@@ -303,7 +303,7 @@ class RosRecordingWriter:
 
 
 def read_attachment(path: Path, name: str) -> str | None:
-    """Return the text of an attachment of an MCAP file; None where it has none.
+    """Read the text of an attachment of an MCAP file; None where it has none.
 
     Raises:
         FileFormatError: It cannot be read, or the attachment is no text.
@@ -391,7 +391,7 @@ class _JointStateReader:
         return dict.fromkeys(name for layout in self._layouts for name in layout)
 
     def _table(self, names: tuple[str, ...], rows: NDArray[np.intp], count: int) -> Matrix:
-        """Return the positions (count, n); a joint that is not in a row is where it was before."""
+        """Compute the positions (count, n); a joint that is not in a row is where it was before."""
         table = np.full((count, len(names)), np.nan)
         widths = np.array([len(layout) for layout in self._layouts])
         layout_of, values = np.array(self._layout_of), np.array(self._positions)
@@ -444,7 +444,7 @@ class _JointStateReader:
             )
 
     def _layout(self, names: tuple[str, ...], where: str) -> int:
-        """Return the number of the messages with these names."""
+        """Compute the number of the messages with these names."""
         if names not in self._layouts:
             self._layouts[names] = len(self._layouts)
             if len(self._names()) > MAX_JOINTS or len(self._layouts) > _MAX_LAYOUTS:

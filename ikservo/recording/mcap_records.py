@@ -87,7 +87,7 @@ class _BoundedReads:
         self._file = file
 
     def read(self, size: int) -> bytes:
-        """Return the next bytes.
+        """Read the next bytes.
 
         Raises:
             ValueError: Too many are wanted.

@@ -417,7 +417,7 @@ def _are_all_text(items: Sequence[object]) -> bool:
 
 
 def _finite_number(value: object) -> float | None:
-    """Return a finite number, or None for anything else."""
+    """Compute a finite number, or None for anything else."""
     if isinstance(value, bool) or not isinstance(value, (int, float)):
         return None
     try:

@@ -33,7 +33,7 @@ class Alarm(StrEnum):
 
 
 def decode_alarms(bits: int, meaning: Mapping[int, Alarm]) -> frozenset[Alarm]:
-    """Return the alarms that a status byte reports.
+    """Decode the alarms that a status byte reports.
 
     Args:
         bits: The byte as the servo gives it.
@@ -170,7 +170,7 @@ class ControlTable:
 
     @classmethod
     def find(cls, ref: Register | RegisterName) -> Register:
-        """Return this model's register of a name, or of the same name as a register.
+        """Find this model's register of a name, or of the same name as a register.
 
         Raises:
             UnknownNameError: This model has no such register.
@@ -186,5 +186,5 @@ class ControlTable:
 
     @classmethod
     def decode_alarms(cls, bits: int) -> frozenset[Alarm]:
-        """Return the alarms in the bits of the alarm register."""
+        """Decode the alarms in the bits of the alarm register."""
         return decode_alarms(bits, cls.alarm_bits)

@@ -58,15 +58,15 @@ class TwosComplement:
     """Dynamixel protocol 2.0: the highest bit of the word has negative weight."""
 
     def to_word(self, number: int, size: int) -> int:
-        """Return the number modulo the word's span."""
+        """Compute the number modulo the word's span."""
         return number & (1 << 8 * size) - 1
 
     def to_number(self, word: int, size: int) -> int:
-        """Return the word, less its span if the highest bit is set."""
+        """Compute the word, less its span if the highest bit is set."""
         return word - (1 << 8 * size) if word >> 8 * size - 1 else word
 
     def span(self, size: int) -> tuple[int, int]:
-        """Return the negative and the positive half of the span."""
+        """Compute the negative and the positive half of the span."""
         half = 1 << 8 * size - 1
         return -half, half - 1
 
@@ -82,16 +82,16 @@ class SignMagnitude:
     bit: int
 
     def to_word(self, number: int, size: int) -> int:
-        """Return the magnitude, with the direction bit if the number is negative."""
+        """Compute the magnitude, with the direction bit if the number is negative."""
         return 1 << self.bit | -number if number < 0 else number
 
     def to_number(self, word: int, size: int) -> int:
-        """Return the bits below the direction bit, negated where that bit is set."""
+        """Compute the bits below the direction bit, negated where that bit is set."""
         magnitude = word & (1 << self.bit) - 1
         return -magnitude if word >> self.bit & 1 else magnitude
 
     def span(self, size: int) -> tuple[int, int]:
-        """Return the same magnitude in both directions; zero has two words."""
+        """Compute the same magnitude in both directions; zero has two words."""
         highest = (1 << self.bit) - 1
         return -highest, highest
 
@@ -161,7 +161,7 @@ class Register:
 
     @property
     def end(self) -> int:
-        """Return the first address after the register."""
+        """The first address after the register."""
         return self.address + self.size
 
     @property
@@ -170,11 +170,11 @@ class Register:
         return self.access is Access.RW or self.area is Area.EEPROM
 
     def encode(self, raw: int) -> bytes:
-        """Return the bytes of a raw number."""
+        """Encode the bytes of a raw number."""
         return self.codec.to_word(raw, self.size).to_bytes(self.size, self.byte_order)
 
     def decode(self, data: bytes) -> int:
-        """Return the raw number in ``size`` bytes."""
+        """Decode the raw number in ``size`` bytes."""
         return self.codec.to_number(int.from_bytes(data, self.byte_order), self.size)
 
     def to_value(self, raw: int) -> float:

@@ -21,11 +21,11 @@ class Unit:
     step: float | None
 
     def to_value(self, raw: int) -> float:
-        """Return the quantity; plain numbers stay integers."""
+        """Compute the quantity; plain numbers stay integers."""
         return raw if self.step is None else raw * self.step
 
     def to_raw(self, value: float) -> int:
-        """Return the count nearest to a quantity."""
+        """Compute the count nearest to a quantity."""
         return round(value if self.step is None else value / self.step)
 
 

@@ -34,7 +34,7 @@ def _store() -> Typestore:
 
 
 def make(kind: str, **fields: Any) -> Any:  # noqa: ANN401  # classes that rosbags generates
-    """Return a message of a type, as in ``sensor_msgs/msg/JointState``.
+    """Make a message of a type, as in ``sensor_msgs/msg/JointState``.
 
     Raises:
         IkservoError: rosbags is not installed.
@@ -43,12 +43,12 @@ def make(kind: str, **fields: Any) -> Any:  # noqa: ANN401  # classes that rosba
 
 
 def encode(kind: str, message: object) -> bytes:
-    """Return a message as CDR, little endian, with its header of 4 bytes."""
+    """Encode a message as CDR, little endian, with its header of 4 bytes."""
     return bytes(_store().serialize_cdr(message, kind))
 
 
 def decode(kind: str, data: bytes) -> Any:  # noqa: ANN401
-    """Return the message in CDR.
+    """Decode the message in CDR.
 
     Bytes after its last field are ignored: ``serialize_message`` of ROS 2 leaves some there, up to
     16 for each point of a trajectory.

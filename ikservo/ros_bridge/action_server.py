@@ -39,7 +39,7 @@ class GoalStatus(IntEnum):
 
     @property
     def is_final(self) -> bool:
-        """Return whether it has ended."""
+        """Whether it has ended."""
         return self >= GoalStatus.SUCCEEDED
 
 
@@ -195,7 +195,7 @@ class ActionServer:
 
 
 def _is_meant(goal: ActionGoal, wanted: bytes, until_ns: int) -> bool:
-    """Return whether a request to cancel means a goal: by its id, by its time, or all of them."""
+    """Check whether a request to cancel means a goal: by its id, by its time, or all of them."""
     if wanted == _ANY_GOAL and until_ns == 0:
         return True
     return goal.id == wanted or 0 < goal.time_ns <= until_ns

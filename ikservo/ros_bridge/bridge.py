@@ -137,7 +137,7 @@ class RosBridge:
         self._move(self._parse_trajectory(message))
 
     def _parse_trajectory(self, message: Any) -> TrajectoryGoal:  # noqa: ANN401
-        """Return the goal in a trajectory that may begin now.
+        """Parse the goal in a trajectory that may begin now.
 
         Raises:
             InputError: It cannot be used; says why.
@@ -171,7 +171,7 @@ class RosBridge:
         self._move(pose_goal(message.pose))
 
     def _is_of_tool(self, frame: str) -> bool:
-        """Return whether a frame is the tool's; else it is the base's.
+        """Check whether a frame is the tool's; else it is the base's.
 
         Raises:
             BadValueError: It is neither.

@@ -80,13 +80,13 @@ class GoalDriver:
 
     @property
     def goal(self) -> MotionGoal | None:
-        """Return the goal that is being followed."""
+        """The goal that is being followed."""
         task = self._task
         return None if task is None else task.goal
 
     @property
     def is_moving(self) -> bool:
-        """Return whether the arm moves, or brakes."""
+        """Whether the arm moves, or brakes."""
         return self._busy
 
     def put(self, goal: MotionGoal | None, watch: GoalWatch | None = None) -> None:
@@ -191,7 +191,7 @@ class GoalDriver:
             time.sleep(max(0.0, due_s - time.monotonic()))
 
     def _take(self) -> _Task | None:
-        """Return the newest goal; with one, the arm does not rest after those before it."""
+        """Take the newest goal; with one, the arm does not rest after those before it."""
         with self._changed:
             task, before = self._task, []
             if task is not None:
@@ -223,7 +223,7 @@ def _text_of(error: Exception) -> str:
 
 
 def _is_running(stream: SetpointStream, elapsed_s: float) -> bool:
-    """Return whether the control loop follows: before, servos are read and torque comes on."""
+    """Check whether the control loop follows: before, servos are read and torque comes on."""
     if elapsed_s > _START_S:
         return True
     progress: object = getattr(stream, "progress", stream)  # of an arm elsewhere it is not known
@@ -238,7 +238,7 @@ class _Stillness:
         self._since_s, self._at, self._moved = 0.0, np.zeros(0), False
 
     def reached(self, now_s: float, positions: Vector) -> bool:
-        """Return whether no joint has moved for a while, or it takes too long."""
+        """Check whether no joint has moved for a while, or it takes too long."""
         self._began_s = now_s if self._began_s is None else self._began_s
         first = len(self._at) == 0
         if first or np.abs(positions - self._at).max() > _STILL_RAD:

@@ -44,7 +44,7 @@ class MotionGoal(Protocol):
         ...
 
     def has_ended(self, now_s: float) -> bool:
-        """Return whether its last setpoint was given."""
+        """Check whether its last setpoint was given."""
         ...
 
 
@@ -97,11 +97,11 @@ class TrajectoryGoal:
         return self.positions_at(now_s)
 
     def late_s(self, now_s: float) -> float:
-        """Return the time since its end; negative before."""
+        """Compute the time since its end; negative before."""
         return now_s - self._start_s - float(self._times_s[-1])
 
     def positions_at(self, now_s: float) -> dict[str, float]:
-        """Return where the joints should be, rad or m by name; after its end the last ones."""
+        """Compute where the joints should be, rad or m by name; after its end the last ones."""
         elapsed_s = min(max(now_s - self._start_s, 0.0), float(self._times_s[-1]))
         k = int(np.searchsorted(self._times_s[1:-1], elapsed_s, side="right"))
         span_s = float(self._times_s[k + 1] - self._times_s[k])
@@ -116,7 +116,7 @@ class TrajectoryGoal:
         return dict(zip(self._names, values.tolist(), strict=True))
 
     def has_ended(self, now_s: float) -> bool:
-        """Return whether its duration is over."""
+        """Check whether its duration is over."""
         return self.late_s(now_s) >= 0.0
 
 
@@ -233,7 +233,7 @@ class TwistGoal:
         self._received_s = now_s
 
     def setpoint(self, now_s: float, tip_m: Vector) -> CartesianOrJointTarget:
-        """Return where the tool should be: a point, or a pose once it has turned."""
+        """Compute where the tool should be: a point, or a pose once it has turned."""
         until_s = min(now_s, self._received_s + DEAD_MAN_TIMEOUT_S)
         dt_s, self._last_s = max(0.0, until_s - self._last_s), now_s
         speed_m_s = float(np.linalg.norm(self._linear_m_s))
@@ -244,7 +244,7 @@ class TwistGoal:
         return self._T.copy() if self._turns else Target(self._T[:3, 3].copy())
 
     def has_ended(self, now_s: float) -> bool:
-        """Return whether nothing was said for too long."""
+        """Check whether nothing was said for too long."""
         return now_s - self._received_s > DEAD_MAN_TIMEOUT_S
 
 

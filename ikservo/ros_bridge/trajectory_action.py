@@ -152,7 +152,7 @@ def _check_stamp(stamp: Any) -> None:  # noqa: ANN401
 
 
 def _tolerances(rows: Sequence[Any], usual: Mapping[str, float]) -> dict[str, float]:
-    """Return the largest deviation of each joint, rad or m.
+    """Compute the largest deviation of each joint, rad or m.
 
     Raises:
         BadValueError: One is no number.

@@ -34,7 +34,7 @@ class ArmChoices:
     own: Sequence[Mapping[str, str]] = ()
 
     def choose(self, arm: str, port: str) -> ArmAtPort:
-        """Return an arm at a port of those offered.
+        """Choose an arm at a port of those offered.
 
         Raises:
             BadMessageError: It was not offered, or is unplugged by now.
@@ -55,7 +55,7 @@ class ArmChoices:
 
 
 def find_choices(given: Sequence[ArmAtPort] = ()) -> ArmChoices:
-    """Return what there is to choose now; opens no port.
+    """Find what there is to choose now; opens no port.
 
     Args:
         given: Arms and ports that the command line has named.

@@ -52,7 +52,7 @@ class ArmJob(Protocol):
 
     @property
     def title(self) -> str:
-        """Return what the arm does, in a few words."""
+        """What the arm does, in a few words."""
         ...
 
     def run(self, arm: Arm, observer: JobObserver) -> None:

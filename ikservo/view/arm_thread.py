@@ -127,7 +127,7 @@ class ArmThread:
 
     @property
     def command(self) -> ArmCommand:
-        """Return the command that was posted last."""
+        """The command that was posted last."""
         return self._command
 
     def post(self, command: ArmCommand) -> None:
@@ -155,7 +155,7 @@ class ArmThread:
 
     @property
     def job(self) -> ArmJob | None:
-        """Return the job that runs, or the one that waits for the arm."""
+        """The job that runs, or the one that waits for the arm."""
         return self._running_job or self._waiting_job
 
     def request_job(self, job: ArmJob) -> None:

@@ -78,7 +78,7 @@ class AccessTokens:
 
 
 def new_nonce() -> str:
-    """Return a nonce that was never used before."""
+    """Make a nonce that was never used before."""
     return secrets.token_hex(16)
 
 
@@ -94,7 +94,7 @@ def is_allowed_origin(
     upgrade: bool,
     secure: bool = False,
 ) -> bool:
-    """Return whether a request comes from our own page, or from a user who opens it.
+    """Check whether a request comes from our own page, or from a user who opens it.
 
     A foreign host name that resolves to this machine (DNS rebinding) is no own address, and a
     page of another site has another origin.

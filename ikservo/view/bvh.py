@@ -39,7 +39,7 @@ _KIND, _A, _B, _C, _RADIUS = 0, slice(1, 4), slice(4, 7), slice(7, 10), 7
 
 
 def link_primitives(capsules: Sequence[Capsule]) -> Mapping[str, Matrix]:
-    """Return the primitives (n, ROW_WIDTH) of each link."""
+    """Compute the primitives (n, ROW_WIDTH) of each link."""
     links = dict.fromkeys(capsule.link for capsule in capsules)
     return {
         link: capsule_rows(
@@ -68,12 +68,12 @@ def triangle_rows(corners_m: Matrix) -> Matrix:
 
 
 def object_primitives(model: Model) -> Mapping[str, Matrix]:
-    """Return the primitives (n, ROW_WIDTH) of each keep-out box, base frame."""
+    """Compute the primitives (n, ROW_WIDTH) of each keep-out box, base frame."""
     return {box.name: _box_rows(np.array([box.low_m, box.high_m])) for box in model.keep_out}
 
 
 def _box_rows(ends_m: Matrix) -> Matrix:
-    """Return the twelve triangles of an axis-aligned box from its corners (2, 3)."""
+    """Compute the twelve triangles of an axis-aligned box from its corners (2, 3)."""
     corners = np.array([[ends_m[index, axis] for axis, index in enumerate(each)] for each in _BITS])
     halves = [half for a, b, c, d in _FACES for half in ((a, b, c), (a, c, d))]
     return triangle_rows(corners[halves])
@@ -85,7 +85,7 @@ _FACES = ((0, 1, 3, 2), (4, 5, 7, 6), (0, 1, 5, 4), (2, 3, 7, 6), (0, 2, 6, 4), 
 
 
 def bounding_boxes(rows: Matrix) -> Matrix:
-    """Return the axis-aligned box (n, 6) of each primitive: low corner, high corner."""
+    """Compute the axis-aligned box (n, 6) of each primitive: low corner, high corner."""
     a, b = rows[:, _A], rows[:, _B]
     low, high = np.minimum(a, b), np.maximum(a, b)
     is_triangle = rows[:, _KIND] == TRIANGLE

@@ -39,11 +39,11 @@ class Ray:
     direction: Vector
 
     def at(self, distance_m: float) -> Vector:
-        """Return the point (3,) at a distance along the ray."""
+        """Compute the point (3,) at a distance along the ray."""
         return self.origin_m + distance_m * self.direction
 
     def intersect_plane(self, point_m: Vector, normal: Vector) -> Vector | None:
-        """Return the intersection (3,) with a plane; None if it is parallel or behind the eye."""
+        """Compute the intersection (3,) with a plane; None if it is parallel or behind the eye."""
         slope = float(self.direction @ normal)
         if abs(slope) < _PARALLEL_RAY:
             return None
@@ -81,7 +81,7 @@ class Viewport:
 
     @property
     def centre_px(self) -> Vector:
-        """Return the centre (2,) in CSS pixels."""
+        """The centre (2,) in CSS pixels."""
         return np.array([0.5 * self.width_px, 0.5 * self.height_px])
 
 
@@ -106,27 +106,27 @@ class Camera:
 
     @property
     def fingerprint(self) -> tuple[object, ...]:
-        """Return a key that is equal for cameras with the same projection."""
+        """A key that is equal for cameras with the same projection."""
         return (self.viewport, self.eye_m.tobytes(), self.R_world_view.tobytes(), self.scale_px,
                 self.perspective)  # fmt: skip
 
     @property
     def right(self) -> Vector:
-        """Return the direction (3,) that is to the right on the screen."""
+        """The direction (3,) that is to the right on the screen."""
         return self.R_world_view[:, 0]
 
     @property
     def up(self) -> Vector:
-        """Return the direction (3,) that is up on the screen."""
+        """The direction (3,) that is up on the screen."""
         return self.R_world_view[:, 1]
 
     @property
     def forward(self) -> Vector:
-        """Return the direction (3,) of the optical axis."""
+        """The direction (3,) of the optical axis."""
         return -self.R_world_view[:, 2]
 
     def depth_of(self, points_m: ArrayLike) -> Vector:
-        """Return the depths (…) of points (…, 3)."""
+        """Compute the depths (…) of points (…, 3)."""
         depth: Vector = (np.asarray(points_m, dtype=np.float64) - self.eye_m) @ self.forward
         return depth
 
@@ -138,14 +138,14 @@ class Camera:
         return self.scale_px / np.maximum(depth, NEAR_PLANE_M)
 
     def project(self, points_m: ArrayLike) -> tuple[Matrix, Vector]:
-        """Return the pixels (…, 2) of points (…, 3), and their depths (…)."""
+        """Compute the pixels (…, 2) of points (…, 3), and their depths (…)."""
         in_view = (np.asarray(points_m, dtype=np.float64) - self.eye_m) @ self.R_world_view
         depth_m = -in_view[..., 2]
         across = in_view[..., :2] * _DOWNWARDS * self.pixels_per_metre(depth_m)[..., None]
         return self.viewport.centre_px + across, depth_m
 
     def unproject(self, px: ArrayLike, depth_m: ArrayLike) -> Matrix:
-        """Return the points (…, 3) at pixels (…, 2) and depths (…); inverse of ``project``."""
+        """Compute the points (…, 3) at pixels (…, 2) and depths (…); inverse of ``project``."""
         offset_px = np.asarray(px, dtype=np.float64) - self.viewport.centre_px
         depth = np.asarray(depth_m, dtype=np.float64)
         across = offset_px * _DOWNWARDS / self.pixels_per_metre(depth)[..., None]
@@ -171,7 +171,7 @@ class Camera:
         return np.broadcast_to(self.eye_m, directions.shape), directions
 
     def shift(self, move_px: ArrayLike, depth_m: float) -> Vector:
-        """Return the vector (3,) parallel to the screen that corresponds to pixels (2,)."""
+        """Compute the vector (3,) parallel to the screen that corresponds to pixels (2,)."""
         across = np.asarray(move_px, dtype=np.float64) * _DOWNWARDS
         shift: Vector = self.R_world_view[:, :2] @ (across / self.pixels_per_metre(depth_m))
         return shift

@@ -53,7 +53,7 @@ class PageCertificate:
 
 
 def load_or_make_certificate(address: str, folder: Path | None = None) -> PageCertificate:
-    """Return the kept certificate; the first call makes it.
+    """Load the kept certificate; the first call makes it.
 
     A browser that has accepted it once knows it again by its fingerprint, so it is kept even when
     the machine's address changes.
@@ -74,7 +74,7 @@ def load_or_make_certificate(address: str, folder: Path | None = None) -> PageCe
 
 
 def _make_pem(address: str) -> str:
-    """Return a new private key (P-256) and its certificate (RFC 5280)."""
+    """Make a new private key (P-256) and its certificate (RFC 5280)."""
     key = ec.generate_private_key(ec.SECP256R1())
     name = x509.Name([x509.NameAttribute(NameOID.COMMON_NAME, "ikservo view")])
     now = datetime.now(UTC)

@@ -74,7 +74,7 @@ class MessageFilter(Generic[_MessageT]):
 
     @property
     def frames_in_flight(self) -> int:
-        """Return how many scenes were sent that are not drawn yet."""
+        """How many scenes were sent that are not drawn yet."""
         return self._scene - self.seen
 
     def record_sent(self, now_s: float) -> int:
@@ -127,7 +127,7 @@ class MessageFilter(Generic[_MessageT]):
         self._last_seq, self.seen = message.seq, message.seen
 
     def _age_s(self, scene: int, now_s: float) -> float:
-        """Return how long ago the scene after the drawn one was sent."""
+        """Compute how long ago the scene after the drawn one was sent."""
         return now_s - self._sent.get(scene + 1, now_s)
 
 
@@ -142,7 +142,7 @@ def _stale_error(message: PageMessage) -> StaleMessageError:
 
 
 def _is_always_accepted(message: PageMessage) -> bool:
-    """Return whether a message moves nothing, or only makes the arm hold.
+    """Check whether a message moves nothing, or only makes the arm hold.
 
     A page sends its viewport once, often during the slow second of its layout.
     """
@@ -201,6 +201,6 @@ class Client:
     outbox: list[Mapping[str, object]] = field(default_factory=list[Mapping[str, object]])
 
     def take_outbox(self) -> list[Mapping[str, object]]:
-        """Return the replies that were not sent yet, and forget them."""
+        """Take the replies that were not sent yet, and forget them."""
         replies, self.outbox = self.outbox, []
         return replies

@@ -203,7 +203,7 @@ class SessionController:
         client.view = view
 
     def _zoom_view(self, message: msg.OrbitCamera, client: Client) -> Viewpoint:
-        """Return a client's view zoomed about a pixel."""
+        """Compute a client's view zoomed about a pixel."""
         zoomed = client.view.zoom_by(message.zoom)
         if message.at is None or client.viewport is None:
             return zoomed

@@ -79,7 +79,7 @@ class JointDrag:
     lever_px: Vector | None
 
     def move_pointer(self, px: Vector) -> JointDrag:
-        """Return the drag after the pointer has moved to a pixel (2,)."""
+        """Compute the drag after the pointer has moved to a pixel (2,)."""
         return replace(self, px=px, position=self.position + self._angle_change(px))
 
     def _angle_change(self, px: Vector) -> float:
@@ -89,7 +89,7 @@ class JointDrag:
         return 0.0 if before is None or now is None else math.remainder(now - before, math.tau)
 
     def _pointer_angle(self, px: Vector) -> float | None:
-        """Return the pointer's angle about the axis; None at the pivot, where it is undefined."""
+        """Compute the pointer's angle about the axis; None at the pivot, where it is undefined."""
         pivot_px, _ = self.camera.project(self.pivot_m)
         hit_m = self.camera.ray(px).intersect_plane(self.pivot_m, self.axis)
         if hit_m is None or float(np.hypot(*(px - pivot_px))) < _HUB_PX:
@@ -135,7 +135,7 @@ def start_joint_drag(
 
 
 def _screen_velocity(camera: Camera, velocity: Vector, point_m: Vector) -> Vector:
-    """Return the screen velocity (2,) of a point at a velocity (3,); upwards if almost zero."""
+    """Compute the screen velocity (2,) of a point at a velocity (3,); upwards if almost zero."""
     ends, _ = camera.project(point_m + np.array([[-_SMALL], [_SMALL]]) * velocity)
     lever: Vector = (ends[1] - ends[0]) / (2.0 * _SMALL)
     upwards = np.array([0.0, -1.0 / _LEVERLESS_RAD_PX])
@@ -263,17 +263,17 @@ class Drag:
 
     @property
     def is_busy(self) -> bool:
-        """Return whether a drag is in progress."""
+        """Whether a drag is in progress."""
         return self._grabbed is not None
 
     @property
     def camera(self) -> Camera | None:
-        """Return the camera to keep during a drag."""
+        """The camera to keep during a drag."""
         return None if self._grabbed is None else self._grabbed.camera
 
     @property
     def grabbed_link(self) -> str | None:
-        """Return the link that is being dragged."""
+        """The link that is being dragged."""
         return self._grabbed.link if isinstance(self._grabbed, _GrabbedPoint) else None
 
     def press(
@@ -369,7 +369,7 @@ class Drag:
     def candidates_under(
         self, px: ArrayLike, context: PointerContext
     ) -> tuple[tuple[PickCandidate | None, ...], int]:
-        """Return everything that a press at a pixel (2,) may grab, and the selected index.
+        """Compute everything that a press at a pixel (2,) may grab, and the selected index.
 
         None is the plane of the view: the tip moves there.
         """
@@ -382,7 +382,7 @@ class Drag:
         self._selection.select_next(np.asarray(px, dtype=np.float64), context, step)
 
     def _has_left_press(self, at: Vector) -> bool:
-        """Return whether the pointer has just left the place where it was pressed."""
+        """Check whether the pointer has just left the place where it was pressed."""
         if self._pressed is None or float(np.hypot(*(at - self._pressed[0]))) < AT_REST_PX:
             return False
         self._pressed = None

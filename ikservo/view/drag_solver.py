@@ -245,7 +245,7 @@ class PosturePreference:
     weights: Mapping[str, float] = field(default_factory=dict[str, float])
 
     def make_posture(self, model: Model, chain: Chain, here: Vector) -> Posture | None:
-        """Return the posture in joints; None for ``none``.
+        """Make the posture in joints; None for ``none``.
 
         Args:
             model: Has the poses.

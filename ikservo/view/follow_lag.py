@@ -65,7 +65,7 @@ class LagMeter:
                 self._led.popleft()
 
     def read(self) -> FollowLag | None:
-        """Return how far the follower is behind; None before the first samples."""
+        """Read how far the follower is behind; None before the first samples."""
         with self._lock:
             led, followed = list(self._led), list(self._followed)
         if not led:
@@ -79,7 +79,7 @@ class LagMeter:
 def _find_lags(
     led: list[tuple[float, Vector]], followed: list[tuple[float, Vector, Vector]]
 ) -> tuple[float | None, float | None]:
-    """Return the lags of setpoints and joints, by the joint that the leader moved most."""
+    """Find the lags of setpoints and joints, by the joint that the leader moved most."""
     led_s = np.array([sample[0] for sample in led])
     positions = np.array([sample[1] for sample in led])
     travel = np.ptp(positions, axis=0)
@@ -97,7 +97,7 @@ def _find_lags(
 
 
 def _lag_s(led_s: Vector, led: Vector, now_s: Vector, followed: Vector) -> float:
-    """Return the shift in time [s] that fits best: least squares over a grid of shifts."""
+    """Compute the shift in time [s] that fits best: least squares over a grid of shifts."""
     shifts_s = np.arange(0.0, MAX_LAG_S + _STEP_S / 2, _STEP_S)
     errors = [float(np.sum((np.interp(now_s - shift, led_s, led) - followed) ** 2))
               for shift in shifts_s]  # fmt: skip

@@ -403,7 +403,7 @@ class FrameComposer:
         return frames
 
     def _has_handles(self, client: Client) -> bool:
-        """Return whether a client can move the tool by its handles now."""
+        """Check whether a client can move the tool by its handles now."""
         snapshot = self._arm_thread.snapshot
         moves = not (snapshot.stop_notice or snapshot.calibration or snapshot.activity)
         return client.handles and moves and self._lease.holder == client.number

@@ -38,12 +38,12 @@ class GoalHistory:
 
     @property
     def can_undo(self) -> bool:
-        """Return whether there is an earlier target."""
+        """Whether there is an earlier target."""
         return bool(self._past)
 
     @property
     def can_redo(self) -> bool:
-        """Return whether a target was undone."""
+        """Whether a target was undone."""
         return bool(self._undone)
 
     def record(self, before: PastGoal, kind: str, now_s: float) -> None:

@@ -36,7 +36,7 @@ class GripperControl:
     def next_position(
         self, grip: float, goal: float, measured: Vector | None, now_s: float
     ) -> float | None:
-        """Return the next goal of the joint, rad or m; None while no button is held.
+        """Compute the next goal of the joint, rad or m; None while no button is held.
 
         Args:
             grip: 1 closes, -1 opens, smaller values do it more slowly.
@@ -84,7 +84,7 @@ class GamepadControl:
     def make_command(
         self, message: Gamepad, camera: Camera, tip_m: Vector, now_s: float
     ) -> DragTarget | None:
-        """Return the next target of the tip; None while the sticks are centred.
+        """Make the next target of the tip; None while the sticks are centred.
 
         Args:
             message: Deflection of the sticks.

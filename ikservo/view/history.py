@@ -66,7 +66,7 @@ class HistorySlice:
     reason: str = ""
 
     def select(self, wanted: Sequence[Channel]) -> Table:
-        """Return the columns of some channels (k, wanted)."""
+        """Select the columns of some channels (k, wanted)."""
         columns = [self.channels.index(channel) for channel in wanted]
         return self.values[:, columns]
 
@@ -109,7 +109,7 @@ class History:
 
     @property
     def size_bytes(self) -> int:
-        """Return the memory of the samples, which never grows."""
+        """The memory of the samples, which never grows."""
         return self._times.nbytes + self._values.nbytes
 
     def record(self, snapshot: ArmSnapshot, link: LinkStatistics, now_s: float) -> None:

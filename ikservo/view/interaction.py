@@ -93,12 +93,12 @@ class Interaction:
 
     @property
     def camera(self) -> Camera | None:
-        """Return the camera to keep during a drag."""
+        """The camera to keep during a drag."""
         return self._drag.camera
 
     @property
     def grabbed_link(self) -> str | None:
-        """Return the link that is being dragged."""
+        """The link that is being dragged."""
         return self._drag.grabbed_link
 
     @property
@@ -107,18 +107,18 @@ class Interaction:
 
     @property
     def picked_object(self) -> str | None:
-        """Return the object of the scene that a press would pick."""
+        """The object of the scene that a press would pick."""
         found = self.under[self.chosen] if self.under else None
         return found.hit.link if found is not None and found.kind == "object" else None
 
     @property
     def solver(self) -> str:
-        """Return the name of the solver in use: ``auto`` or one of ``SOLVERS``."""
+        """The name of the solver in use: ``auto`` or one of ``SOLVERS``."""
         return self._solver.method
 
     @property
     def solvers(self) -> list[str]:
-        """Return the names of the available solvers."""
+        """The names of the available solvers."""
         return [AUTO, *SOLVERS]
 
     def reset(self) -> None:
@@ -316,7 +316,7 @@ class Interaction:
 
     @property
     def shown_goal(self) -> Vector | None:
-        """Return the joints of the chain (dof,) to show as the goal."""
+        """The joints of the chain (dof,) to show as the goal."""
         return None if self.goal is None else self._index.chain_joints(self.goal)
 
     def trace_step(self, now_s: float) -> int:

@@ -34,7 +34,7 @@ class JointDial:
 
     @property
     def is_prismatic(self) -> bool:
-        """Return whether the joint is prismatic."""
+        """Whether the joint is prismatic."""
         return self.step.joint.kind is JointType.PRISMATIC
 
     def pivot_and_axis(self, poses: Mapping[str, Matrix]) -> tuple[Vector, Vector]:
@@ -44,13 +44,13 @@ class JointDial:
         return T_world_joint[:3, 3], T_world_joint[:3, :3] @ joint.axis
 
     def hub(self, poses: Mapping[str, Matrix], q: Vector) -> Vector:
-        """Return the joint's hub (3,): its pivot, shifted by the position if prismatic."""
+        """Compute the joint's hub (3,): its pivot, shifted by the position if prismatic."""
         pivot, axis = self.pivot_and_axis(poses)
         return pivot + float(q[self.column]) * axis if self.is_prismatic else pivot
 
 
 def joint_dials(chain: Chain, q: Vector) -> tuple[JointDial, ...]:
-    """Return a dial for each joint that q (dof,) moves; needles point to the next joint."""
+    """Compute a dial for each joint that q (dof,) moves; needles point to the next joint."""
     moving = [step for step in chain.joints_to() if step.joint.mimic is None and step.scale]
     poses = chain.link_poses(q)
     ends = [(poses[step.joint.parent] @ step.joint.origin)[:3, 3] for step in moving[1:]]
@@ -67,7 +67,7 @@ def joint_dials(chain: Chain, q: Vector) -> tuple[JointDial, ...]:
 
 
 def _needle_direction(step: ChainJoint, T_world_child: Matrix, towards_m: Vector) -> Vector:
-    """Return the direction (3,) to a point, perpendicular to the axis, child's coordinates."""
+    """Compute the direction (3,) to a point, perpendicular to the axis, child's coordinates."""
     axis = step.joint.axis
     offset = T_world_child[:3, :3].T @ (towards_m - T_world_child[:3, 3])
     across = offset - axis * float(axis @ offset)

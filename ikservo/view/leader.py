@@ -47,7 +47,7 @@ class LeaderFeed:
         self._failure = reason
 
     def positions(self) -> dict[str, float] | None:
-        """Return the newest positions of the joints that both have; None before the first.
+        """Compute the newest positions of the joints that both have; None before the first.
 
         Raises:
             StoppedError: The leader has failed, or tells nothing any more.

@@ -35,7 +35,7 @@ class LimpPicture:
         self._first: Mapping[int, int] = {}
 
     def positions(self, request: HandRequest | None) -> Vector:
-        """Return where the joints are to be shown (n,), rad or m, at a reading."""
+        """Compute where the joints are to be shown (n,), rad or m, at a reading."""
         if request is None:
             return self._start
         if request.readings:

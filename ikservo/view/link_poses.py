@@ -32,7 +32,7 @@ def link_poses(chain: Chain, q: Vector, other_joints: Mapping[str, float]) -> di
 
 
 def other_joint_position(joint: Joint, other_joints: Mapping[str, float]) -> float | None:
-    """Return the position of a joint that q does not move, rad or m; None if it is not known."""
+    """Compute the position of a joint that q does not move, rad or m; None if it is not known."""
     if joint.mimic is None:
         return other_joints.get(joint.name)
     leader = other_joints.get(joint.mimic.joint)

@@ -18,7 +18,7 @@ class CycleObserver(Protocol):
 
     @property
     def command(self) -> ArmCommand:
-        """Return the current command."""
+        """The current command."""
         ...
 
     def on_cycle(self, cycle: ControlCycle) -> None:
@@ -51,7 +51,7 @@ class LiveSession:
         self._had_goal = self.silent = False
 
     def next_goal(self, cycle: ControlCycle) -> Vector | None:
-        """Return the goal of all joints (n,); None once the session has ended."""
+        """Compute the goal of all joints (n,); None once the session has ended."""
         self._observer.on_cycle(cycle)
         command = self._observer.command
         if self._start is None:
@@ -68,13 +68,13 @@ class LiveSession:
         return self._last_goal
 
     def _is_goal_withdrawn(self, command: ArmCommand) -> bool:
-        """Return whether the goal was withdrawn: the arm brakes and holds there."""
+        """Check whether the goal was withdrawn: the arm brakes and holds there."""
         self._had_goal = self._had_goal or command.goal is not None
         return self._had_goal and command.goal is None
 
     @property
     def is_over(self) -> bool:
-        """Return whether Live was switched off since the start, even if it is on again."""
+        """Whether Live was switched off since the start, even if it is on again."""
         command = self._observer.command
         return not command.live or command.session_id != self.session_id
 

@@ -41,7 +41,7 @@ def square_fits(
     rows: Matrix,
     found: Matrix,
 ) -> bool:
-    """Return whether arrays have the shapes that ``find_in_square`` needs; half is no NaN."""
+    """Check whether arrays have the shapes that ``find_in_square`` needs; half is no NaN."""
     return (
         len(T_view_link) == len(roots)
         and T_view_link.shape[1] == 12
@@ -120,7 +120,7 @@ def _transform_point(T: Vector, x: float, y: float, z: float, point: Vector) -> 
 
 
 def _may_contain(T: Vector, pointer: Vector, half: float, box: Vector) -> bool:
-    """Return whether the sphere around a box may meet the square's lines of sight."""
+    """Check whether the sphere around a box may meet the square's lines of sight."""
     size2 = 0.0
     centre = np.empty(3)
     for i in range(3):
@@ -141,7 +141,7 @@ def _may_contain(T: Vector, pointer: Vector, half: float, box: Vector) -> bool:
 
 
 def _hypot(a: float, b: float) -> float:
-    """Return the length of (a, b); ``math.hypot`` rounds otherwise than the C library's."""
+    """Compute the length of (a, b); ``math.hypot`` rounds otherwise than the C library's."""
     return math.sqrt(a * a + b * b)
 
 
@@ -308,7 +308,7 @@ def _test_tangent_squares(
 
 
 def _quadratic_roots(square: float, half_linear: float, constant: float) -> tuple[float, float]:
-    """Return the roots of a x² + 2 b x + c = 0; infinite where there are none."""
+    """Compute the roots of a x² + 2 b x + c = 0; infinite where there are none."""
     discriminant = half_linear * half_linear - square * constant
     if discriminant < 0.0:
         return _MISS, _MISS
@@ -384,7 +384,7 @@ def _project_point(pointer: Vector, x: float, y: float, z: float, point: Vector)
 
 
 def _depth_under_pointer(pointer: Vector, corners: Matrix) -> float:
-    """Return the depth of the triangle's plane at the pointer; infinite where it is edge-on."""
+    """Compute the depth of the triangle's plane at the pointer; infinite where it is edge-on."""
     a = corners[0]
     b = corners[1]
     c = corners[2]

@@ -73,7 +73,7 @@ class Picker:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Return the names of the links."""
+        """The names of the links."""
         return self._forest.links
 
     def pick_at(
@@ -83,7 +83,7 @@ class Picker:
         px: ArrayLike,
         region_px: float = PICK_TOLERANCE_PX,
     ) -> Hit | None:
-        """Return the nearest link right under the pixel (2,), else the nearest close to it."""
+        """Pick the nearest link right under the pixel (2,), else the nearest close to it."""
         hits = self.pick_all_at(camera, poses, px, region_px)
         return min(hits, key=lambda hit: (hit.away_px > 0.0, hit.depth_m), default=None)
 
@@ -94,7 +94,7 @@ class Picker:
         px: ArrayLike,
         region_px: float = PICK_TOLERANCE_PX,
     ) -> tuple[Hit, ...]:
-        """Return every link in the square around a pixel (2,), the nearest first.
+        """Pick every link in the square around a pixel (2,), the nearest first.
 
         Args:
             camera: The user's camera.
@@ -160,7 +160,7 @@ class Picker:
     def cast(
         self, origins: Matrix, directions: Matrix, poses: Mapping[str, Matrix]
     ) -> tuple[Matrix, NDArray[np.int64]]:
-        """Return the distances of rays (k, 3) to each link (k, links), and the rows they hit."""
+        """Compute the distances of rays (k, 3) to each link (k, links), and the rows they hit."""
         from ikservo.view.raycast import raycast  # noqa: PLC0415  # loads when first used
 
         forest = self._forest
@@ -177,7 +177,7 @@ class Picker:
         return distances, rows
 
     def _world_boxes(self, R: Matrix, origins_link: Matrix) -> Matrix:
-        """Return the axis-aligned boxes (links, 6) of the links at their poses."""
+        """Compute the axis-aligned boxes (links, 6) of the links at their poses."""
         middles = np.einsum("lij,lj->li", R, self._middles) + origins_link
         halves = np.einsum("lij,lj->li", np.abs(R), self._halves)
         return np.hstack([middles - halves, middles + halves])
@@ -299,7 +299,7 @@ class HitTester:
     def joint_at(
         self, at: Vector, context: PointerContext, found: PickCandidate | None
     ) -> JointDial | None:
-        """Return the joint whose hub is under the pointer, else the one that moves the link."""
+        """Compute the joint whose hub is under the pointer, else the one that moves the link."""
         poses, q = self.poses(context), context.arms[0]
         hubs_m = np.array([dial.hub(poses, q) for dial in self._dials.values()])
         away_px = np.hypot(*(context.camera.project(hubs_m)[0] - at).T)
@@ -318,12 +318,12 @@ class HitTester:
 
 
 def _is_beside_pointer(found: PickCandidate) -> bool:
-    """Return whether a hit is beside the pointer; a stable sort by this keeps the depth order."""
+    """Check whether a hit is beside the pointer; a stable sort by this keeps the depth order."""
     return found.hit.away_px > 0.0
 
 
 def _drop_coincident_arms(arms: Sequence[Vector]) -> list[Vector]:
-    """Return the arms without those that coincide with an earlier one."""
+    """Compute the arms without those that coincide with an earlier one."""
     kept = list[Vector]()
     for q in arms:
         if not any(float(np.abs(q - other).max()) < _SAME_RAD for other in kept):

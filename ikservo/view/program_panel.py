@@ -238,7 +238,7 @@ def _capture_step(arm: Arm, joints: Vector, path: str) -> ProgramStep:
 
 
 def _round_inside(position: float, ends: tuple[float, float], *, in_degrees: bool) -> float:
-    """Return a position [rad or m] rounded in degrees or metres, not past the limits."""
+    """Compute a position [rad or m] rounded in degrees or metres, not past the limits."""
     places = _DEG_PLACES if in_degrees else _M_PLACES
     value, low, high = (math.degrees(x) if in_degrees else x for x in (position, *ends))
     unit = 10.0**-places

@@ -68,12 +68,12 @@ class ProgramPlay:
 
     @property
     def title(self) -> str:
-        """Return what the arm does, in a few words."""
+        """What the arm does, in a few words."""
         return "Checks the program" if self._action == "check" else "Plays the program"
 
     @property
     def is_pausing(self) -> bool:
-        """Return whether it pauses after the present step."""
+        """Whether it pauses after the present step."""
         return self._pausing.is_set()
 
     def pause(self) -> None:
@@ -95,7 +95,7 @@ class ProgramPlay:
             raise
 
     def _check(self, run: ProgramRun, observer: JobObserver) -> bool:
-        """Return whether every step can be made; the state names all that cannot."""
+        """Check whether every step can be made; the state names all that cannot."""
         count = 1 if self._action == "step" else None
         problems: dict[int, str] = {}  # by index; repetitions check again
         try:

@@ -31,7 +31,7 @@ def cast_fits(
     distances: Matrix,
     hit_rows: IntMatrix,
 ) -> bool:
-    """Return whether arrays have the shapes that ``raycast`` needs; see ``is_node``, too."""
+    """Check whether arrays have the shapes that ``raycast`` needs; see ``is_node``, too."""
     rays, links = len(origins), len(roots)
     return (
         origins.shape[1] == 3
@@ -55,7 +55,7 @@ def cast_fits(
 
 
 def is_node(nodes: IntMatrix, node: int, rows: Matrix) -> bool:
-    """Return whether a node exists, its children come after it, and its shapes exist.
+    """Check whether a node exists, its children come after it, and its shapes exist.
 
     A tree is traversed only where a ray leads, so that is where it is checked.
     """
@@ -118,7 +118,7 @@ def raycast(
 
 
 def brute_force_fits(origin: Vector, direction: Vector, rows: Matrix, nearest: Vector) -> bool:
-    """Return whether arrays have the shapes that ``raycast_brute_force`` needs."""
+    """Check whether arrays have the shapes that ``raycast_brute_force`` needs."""
     return (
         len(origin) == 3
         and len(direction) == 3
@@ -223,7 +223,7 @@ def _push_children(
 
 
 def _intersect_box(ray: Vector, boxes: Matrix, node: int, limit: float) -> float:
-    """Return the distance at which a ray meets a box, 0 inside; infinite from ``limit`` on."""
+    """Compute the distance at which a ray meets a box, 0 inside; infinite from ``limit`` on."""
     entry_m, exit_m = 0.0, limit
     for i in range(3):
         origin, direction = ray[i], ray[3 + i]

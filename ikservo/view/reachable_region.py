@@ -68,7 +68,7 @@ class ReachableRegion:
 
     @property
     def fingerprint(self) -> tuple[object, ...]:
-        """Return a key that changes with the region and its pose."""
+        """A key that changes with the region and its pose."""
         return id(self.rings), self.T_world_plane.tobytes()
 
     def move_to_plane(self, plane: SlicePlane) -> ReachableRegion:
@@ -149,7 +149,7 @@ class ReachableRegionCache:
         self._busy: tuple[tuple[str, float], Future[ReachableRegion]] | None = None
 
     def get(self, plane: SlicePlane, *, idle: bool = True) -> ReachableRegion | None:
-        """Return the region in a plane, or None and start computing it.
+        """Get the region in a plane, or None and start computing it.
 
         Args:
             plane: The plane.

@@ -52,7 +52,7 @@ class SceneState:
 
     @property
     def shows_goal(self) -> bool:
-        """Return whether there is a goal that differs from where the arm is measured.
+        """Whether there is a goal that differs from where the arm is measured.
 
         What servos do not resolve makes no difference.
         """

@@ -85,7 +85,7 @@ class SceneGraph:
 
     @cached_property
     def shapes(self) -> Fields:
-        """Return the shapes of each link, by name."""
+        """The shapes of each link, by name."""
         links = {link: link_shapes(self._model, link) for link in self._chain.frames}
         return {"kind": "shapes", "links": links}
 
@@ -140,7 +140,7 @@ class _JointPositions:
         self._others = [(i, step.joint) for i, step in enumerate(moving) if not step.scale]
 
     def at(self, q: Vector, others: Mapping[str, float]) -> list[float]:
-        """Return the positions, rad or m, at joints (dof,) and those that q does not move."""
+        """Compute the positions, rad or m, at joints (dof,) and those that q does not move."""
         at: Vector = self._scales * q[self._columns] + self._shifts
         for i, joint in self._others:
             other = other_joint_position(joint, others)

@@ -146,7 +146,7 @@ class ServedArm:
 
     @property
     def is_open(self) -> bool:
-        """Return whether pages can show it."""
+        """Whether pages can show it."""
         return self.state is ServedArmState.OPEN
 
     def fields(self) -> dict[str, object]:
@@ -168,7 +168,7 @@ class ServedArm:
 
     @property
     def port_name(self) -> str:
-        """Return the port's name without the options of a simulated one."""
+        """The port's name without the options of a simulated one."""
         name = self.arm_thread.arm.port_name if self.is_open else self.place.port
         return (name or "").partition("?")[0].partition(":/")[0].rstrip(":")
 
@@ -225,7 +225,7 @@ class ServedArms:
         return list(self._arms.values())
 
     def find(self, name: str) -> ServedArm | None:
-        """Return the open arm of a name, the first without one; None if there is none."""
+        """Find the open arm of a name, the first without one; None if there is none."""
         found = [arm for arm in self.all() if arm.is_open and name in ("", arm.name)]
         return found[0] if found else None
 

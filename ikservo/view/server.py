@@ -165,7 +165,7 @@ def make_app(
     clock: Clock,
     downloads: DownloadOffers | None = None,
 ) -> Starlette:
-    """Return the server's application, with the origin check.
+    """Make the server's application, with the origin check.
 
     Args:
         channels: Handle the messages and provide the frames.
@@ -376,7 +376,7 @@ class BoundAddress:
 
     @property
     def url(self) -> str:
-        """Return the URL for a browser."""
+        """The URL for a browser."""
         host, port = self.socket.getsockname()[:2]
         scheme = "http" if self.certificate is None else "https"
         return f"{scheme}://[{host}]:{port}" if ":" in host else f"{scheme}://{host}:{port}"

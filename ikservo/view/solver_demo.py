@@ -55,16 +55,16 @@ class SolverTrace:
 
     @property
     def count(self) -> int:
-        """Return how many steps there are to show, the start included."""
+        """How many steps there are to show, the start included."""
         return len(self.numbers)
 
     def distance_left_m(self, step: int) -> float:
-        """Return the distance of the tip from the target at a step."""
+        """Compute the distance of the tip from the target at a step."""
         return math.dist(self.lines_m[step, -1], self.target_m)
 
     @cached_property
     def page_fields(self) -> dict[str, object]:
-        """Return what the page draws step by step, see ``page/marks.js``."""
+        """What the page draws step by step, see ``page/marks.js``."""
         return {
             "lines": np.round(self.lines_m, _DIGITS).tolist(),
             "target": self.target_m.tolist(),
@@ -111,7 +111,7 @@ def trace_method(
 
 
 def _arm_points(chain: Chain, q: Matrix) -> Matrix:
-    """Return the pivots and the tip (n, points, 3) at joints (n, dof)."""
+    """Compute the pivots and the tip (n, points, 3) at joints (n, dof)."""
     links = [step.joint.child for step in chain.joints_to() if step.scale]
     points = [chain.forward(q, link)[:, :3, 3] for link in (*links, chain.tip)]
     return np.stack(points, axis=1)

@@ -34,5 +34,5 @@ class TargetMarker:
 
     @property
     def gap_m(self) -> float:
-        """Return how far the nearest point is from the target."""
+        """How far the nearest point is from the target."""
         return float(np.linalg.norm(self.target_m - self.nearest_m))

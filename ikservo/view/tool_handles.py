@@ -48,7 +48,7 @@ class ToolHandles:
 
     @property
     def description(self) -> dict[str, object]:
-        """Return along which axes of the base frame the tool moves, and about how many it turns."""
+        """Along which axes of the base frame the tool moves, and about how many it turns."""
         return {"moves": self._moves, "turns": self._turns}
 
     def axes(self, q: Vector) -> Matrix:
@@ -78,7 +78,7 @@ def _sample_postures(chain: Chain) -> Matrix:
 
 
 def _turning(J: Matrix) -> Matrix:
-    """Return angular velocities (3, 3) that leave the tip where it is, at a Jacobian (6, dof)."""
+    """Compute angular velocities (3, 3) that leave the tip where it is, at a Jacobian (6, dof)."""
     _, sizes, rows = np.linalg.svd(J[:3])
     still = rows[int((sizes > _RANK * sizes[0]).sum()) :].T
     padded = np.zeros((3, max(3, still.shape[1])))
@@ -91,7 +91,7 @@ def _rank(matrix: Matrix) -> int:
 
 
 def _frame_along(first: Vector, R: Matrix) -> Matrix:
-    """Return a frame (3, 3) with a first axis, the others near those of an orientation (3, 3)."""
+    """Compute a frame (3, 3) with a first axis, the others near those of an orientation (3, 3)."""
     across = R[:, int(np.argmin(np.abs(R.T @ first)))]
     second = across - first * float(across @ first)
     second = second / np.linalg.norm(second)
@@ -111,7 +111,7 @@ class ToolDrag:
 
     @property
     def is_busy(self) -> bool:
-        """Return whether the handles are held."""
+        """Whether the handles are held."""
         return self._pressed is not None
 
     def press(self, q: Vector) -> None:

@@ -53,11 +53,11 @@ class JointRanges:
         ]
 
     def to_shown(self, column: int, position: float) -> float:
-        """Return a position [rad or m] in degrees or millimetres."""
+        """Compute a position [rad or m] in degrees or millimetres."""
         return position * _MM if self._prismatic[column] else math.degrees(position)
 
     def moved(self, goal: Vector, joint: str, value: float) -> Vector:
-        """Return the goal (n,) with one joint at a position, degrees or mm.
+        """Compute the goal (n,) with one joint at a position, degrees or mm.
 
         Raises:
             UnknownNameError: No such joint.
@@ -76,7 +76,7 @@ class JointRanges:
         return q
 
     def stepped(self, goal: Vector, joint: str, step: float) -> Vector:
-        """Return the goal (n,) with one joint further by a step, at its limit at most.
+        """Compute the goal (n,) with one joint further by a step, at its limit at most.
 
         Raises:
             UnknownNameError: No such joint.

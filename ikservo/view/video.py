@@ -32,11 +32,11 @@ class Capture(Protocol):
     """What is used of ``cv2.VideoCapture``."""
 
     def isOpened(self) -> bool:  # noqa: N802  # OpenCV's name
-        """Return whether pictures can be read."""
+        """Check whether pictures can be read."""
         ...
 
     def read(self) -> tuple[bool, NDArray[np.uint8] | None]:
-        """Return whether there is a next picture, and the picture (h, w, 3)."""
+        """Check whether there is a next picture, and the picture (h, w, 3)."""
         ...
 
     def release(self) -> None:
@@ -111,14 +111,14 @@ class VideoSource:
 
     @property
     def name(self) -> str:
-        """Return the source without what may be secret in an address."""
+        """The source without what may be secret in an address."""
         if "://" in self._source:
             return urlsplit(self._source).hostname or "address"
         return f"camera {self._source}" if self._source.isdecimal() else Path(self._source).name
 
     @property
     def trouble(self) -> str:
-        """Return what is wrong while somebody looks; empty if pictures arrive."""
+        """What is wrong while somebody looks; empty if pictures arrive."""
         now_s = self._clock.now_s()
         if not self._watchers or now_s - max(self._read_s, self._watched_s) < _OLD_S:
             return ""

@@ -66,7 +66,7 @@ class ArmExtent:
     turns: int
 
     def yaw_rad(self, q: Vector) -> float:
-        """Return the yaw of the arm's own vertical plane about z at joints (dof,)."""
+        """Compute the yaw of the arm's own vertical plane about z at joints (dof,)."""
         return self.home_yaw_rad + self.turns * float(q[0] - self.home[0])
 
     def plane(self, yaw_rad: float) -> Matrix:
@@ -103,7 +103,7 @@ def home_joints(model: Model) -> Vector:
 
 
 def _vertical_axes(yaw_rad: ArrayLike) -> Matrix:
-    """Return the axes (…, 3, 3) of vertical planes at yaws (…): outwards, up, across."""
+    """Compute the axes (…, 3, 3) of vertical planes at yaws (…): outwards, up, across."""
     c, s, zero = np.cos(yaw_rad), np.sin(yaw_rad), np.zeros_like(yaw_rad)
     rows = [[c, zero, s], [s, zero, -c], [zero, zero + 1.0, zero]]
     axes = np.array(rows)
@@ -111,7 +111,7 @@ def _vertical_axes(yaw_rad: ArrayLike) -> Matrix:
 
 
 def _first_pivot(chain: Chain, home: Vector) -> Vector:
-    """Return the point (3,) of the first axis that is nearest to the tip."""
+    """Compute the point (3,) of the first axis that is nearest to the tip."""
     T, J = chain.forward_and_jacobian(home)
     tip: Vector = T[:3, 3]
     return tip + np.cross(J[3:, 0], J[:3, 0])  # J = axis x (tip - pivot); 0 for a prismatic joint
@@ -126,7 +126,7 @@ def _plane_rotation_sign(chain: Chain, home: Vector) -> int:
 
 
 def _common_axis(chain: Chain, home: Vector) -> Vector | None:
-    """Return the common direction (3,) of all revolute axes, if there is one."""
+    """Compute the common direction (3,) of all revolute axes, if there is one."""
     axes = chain.jacobian(home)[3:].T
     deviation = float(np.abs(np.cross(axes, axes[0])).max(initial=0.0))
     all_revolute = all(kind is JointType.REVOLUTE for kind in chain.kinds)
@@ -168,11 +168,11 @@ class Viewpoint:
     pitch_rad: float = math.radians(25)
 
     def zoom_by(self, factor: float) -> Viewpoint:
-        """Return the view nearer (a factor above 1) or further away."""
+        """Compute the view nearer (a factor above 1) or further away."""
         return replace(self, zoom=_clamp_value(self.zoom * factor, _MIN_ZOOM, _MAX_ZOOM))
 
     def pan_by(self, move_px: tuple[float, float], camera: Camera, depth_m: float) -> Viewpoint:
-        """Return the view with points at that depth moved by pixels on the screen."""
+        """Compute the view with points at that depth moved by pixels on the screen."""
         metre_px = float(camera.pixels_per_metre(depth_m))
         right_m = self.pan_m[0] - move_px[0] / metre_px
         up_m = self.pan_m[1] + move_px[1] / metre_px
@@ -182,7 +182,7 @@ class Viewpoint:
         )
 
     def orbit_by(self, yaw_rad: float, pitch_rad: float) -> Viewpoint:
-        """Return the orbit rotated by yaw and pitch, never over the top."""
+        """Compute the orbit rotated by yaw and pitch, never over the top."""
         return replace(
             self,
             yaw_rad=math.remainder(self.yaw_rad + yaw_rad, math.tau),
@@ -196,7 +196,7 @@ def available_views(extent: ArmExtent) -> tuple[ViewName, ...]:
 
 
 def make_camera(extent: ArmExtent, view: Viewpoint, viewport: Viewport, yaw_rad: float) -> Camera:
-    """Return the camera of a view.
+    """Make the camera of a view.
 
     Args:
         extent: The extent of the arm.

@@ -72,7 +72,7 @@ class LinkVisibility:
 
     @property
     def is_visible(self) -> bool:
-        """Return whether more than a hundredth of it is visible."""
+        """Whether more than a hundredth of it is visible."""
         return self.visible_fraction > _VISIBLE_FRACTION
 
 
@@ -160,13 +160,13 @@ def _transform_points(points_m: Matrix, T_world_link: Matrix) -> Matrix:
 
 
 def _bounding_corners(boxes: Matrix) -> Matrix:
-    """Return the corners (8, 3) of the box around boxes (n, 6)."""
+    """Compute the corners (8, 3) of the box around boxes (n, 6)."""
     low, high = boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)
     return low + np.array(list(np.ndindex(2, 2, 2))) * (high - low)
 
 
 def _pixel_grid(corners_px: Matrix, camera: Camera) -> Matrix:
-    """Return a grid of pixels (n, 2) over the frame around others, at most 80° off the axis."""
+    """Compute a grid of pixels (n, 2) over the frame around others, at most 80° off the axis."""
     max_offset = _MAX_FIELD_RAD * camera.scale_px if camera.perspective else math.inf
     centre = camera.viewport.centre_px
     low = np.maximum(corners_px.min(axis=0), centre - max_offset)
@@ -177,7 +177,7 @@ def _pixel_grid(corners_px: Matrix, camera: Camera) -> Matrix:
 
 
 def _table_triangles(floor_m: float) -> Matrix:
-    """Return the table as two triangles (2, WIDTH)."""
+    """Compute the table as two triangles (2, WIDTH)."""
     a, b, c, d = [(_TABLE_M * x, _TABLE_M * y, floor_m) for x, y in _ROUND]
     return triangle_rows(np.array([[a, b, c], [a, c, d]]))
 
@@ -253,7 +253,7 @@ class PostureAnalyser:
         *,
         idle: bool,
     ) -> PostureAnalysis | None:
-        """Return the analysis of a posture, or None and start it.
+        """Get the analysis of a posture, or None and start it.
 
         Args:
             client: Number of the client with the camera.

@@ -48,7 +48,7 @@ class ReceiveBuffer:
             self._bursts.insert(place, _ByteBurst(start_s, byte_s, data))
 
     def count_arrived(self, now_s: float) -> int:
-        """Return how many bytes have arrived and are not taken."""
+        """Count how many bytes have arrived and are not taken."""
         count = 0
         for burst in self._bursts:
             if burst.start_s > now_s:

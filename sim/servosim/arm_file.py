@@ -74,7 +74,7 @@ class SimulatedArmFile:
 
 
 def read_arm_file(path: Path, urdf: Path | str = "") -> SimulatedArmFile:
-    """Return the contents of an ``arm.toml``.
+    """Read the contents of an ``arm.toml``.
 
     Args:
         path: The file.
@@ -128,7 +128,7 @@ def _parse_servo(entry: dict[str, Any]) -> ServoEntry:
 
 
 def _parse_transmission(entry: dict[str, Any]) -> Transmission:
-    """Return a rack (`m_per_turn`), a `crank`, a `gear`, or the horn itself."""
+    """Parse a rack (`m_per_turn`), a `crank`, a `gear`, or the horn itself."""
     if "crank" in entry:
         crank = entry["crank"]
         zero_rad = math.radians(float(crank["zero_deg"]))

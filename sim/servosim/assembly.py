@@ -51,7 +51,7 @@ def make_arm_world(
     backlash_deg: float | None = None,
     specimen: Specimen | None = None,
 ) -> World:
-    """Return an arm at a pose, torque off, its servos as delivered.
+    """Make an arm at a pose, torque off, its servos as delivered.
 
     Args:
         arm: The arm.
@@ -120,7 +120,7 @@ def make_bench_world(
     seed: int = 0,
     protocol: int | None = None,
 ) -> World:
-    """Return servos on a bench, each driving nothing but itself.
+    """Make servos on a bench, each driving nothing but itself.
 
     Args:
         servos: The servos.

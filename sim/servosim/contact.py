@@ -97,7 +97,7 @@ class Contacts:
         loads: Sequence[float],
         interval_s: float,
     ) -> list[float]:
-        """Return the torques (forces) on the driven joints, with those of contacts.
+        """Compute the torques (forces) on the driven joints, with those of contacts.
 
         Args:
             positions: Of the driven joints [rad or m].
@@ -148,7 +148,7 @@ class Contacts:
     def _contact_jacobian(
         self, frames: Matrix, touch: _ContactPatch, a: int, b: int, count: int
     ) -> Matrix:
-        """Return the separating velocity of bodies a and b, for each driven joint."""
+        """Compute the separating velocity of bodies a and b, for each driven joint."""
         slope = [0.0] * count
         point_m, normal = touch.point_m.tolist(), touch.normal.tolist()
         for sign, end in ((1.0, a), (-1.0, b)):
@@ -200,7 +200,7 @@ class Contacts:
         return _ContactPatch.from_points(points, depths, normal)
 
     def _nearby_pairs(self, places: Matrix) -> list[tuple[tuple[int, int], Matrix]]:
-        """Return the pairs of bodies that may overlap, and which of their shapes."""
+        """Compute the pairs of bodies that may overlap, and which of their shapes."""
         i, j = self._rows[:, 0], self._rows[:, 1]
         apart = places[i, :3, 3] - places[j, :3, 3]
         inner = np.abs(apart[:, None] @ places[j, :3, :3])[:, 0] - self._halves_m[j]
@@ -221,20 +221,20 @@ class Contacts:
         self._rows, self._pair_of = table[:, :2], table[:, 2]
 
     def _overlapping_pairs(self, posture: Sequence[float]) -> set[tuple[int, int]]:
-        """Return the pairs of bodies that overlap in a posture."""
+        """Compute the pairs of bodies that overlap in a posture."""
         places, _ = self._world_frames(posture)
         near = self._nearby_pairs(places)
         found = {pair for pair, rows in near if self._body_contact(places, rows) is not None}
         return found | {(b, a) for a, b in found}
 
     def _world_frames(self, positions: Sequence[float]) -> tuple[Matrix, Matrix]:
-        """Return the frames of shapes (k, 4, 4) and joints (n, 4, 4) in the base."""
+        """Compute the frames of shapes (k, 4, 4) and joints (n, 4, 4) in the base."""
         frames = self._tree.frames(positions)
         above = np.concatenate((frames, _BASE))[self._bodies]  # -1 is the base
         return above @ self._mounts, frames
 
     def _are_separable(self, a: int, b: int) -> bool:
-        """Return whether neither of two bodies hangs directly on the other."""
+        """Check whether neither of two bodies hangs directly on the other."""
         parents = [self._joints[body].parent if body >= 0 else None for body in (a, b)]
         return a != b and parents[0] != b and parents[1] != a
 
@@ -242,7 +242,7 @@ class Contacts:
 def _normal_velocity(
     frame: list[list[float]], point_m: list[float], normal: list[float], sliding: bool
 ) -> float:
-    """Return how fast a joint moves a point along a normal: plain numbers, for three are few."""
+    """Compute how fast a joint moves a point along a normal: plain numbers, for three are few."""
     (_, _, x, at_x), (_, _, y, at_y), (_, _, z, at_z), _ = frame
     if not sliding:
         px, py, pz = point_m[0] - at_x, point_m[1] - at_y, point_m[2] - at_z

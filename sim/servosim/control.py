@@ -319,7 +319,7 @@ class Controller:
         position_rad: float,
         velocity_rad_s: float,
     ) -> float:
-        """Return the duty of the position gains.
+        """Compute the duty of the position gains.
 
         On the way along a profile the D gain acts on the change of the error, so what it adds sums
         up to nothing: the profile's velocity is its mean over the step of the loop.

@@ -56,11 +56,11 @@ class CoupledJoints:
             self._pulls.append(pull)
 
     def mass_matrix(self) -> Matrix:
-        """Return the mass matrix, motors included (n, n)."""
+        """Compute the mass matrix, motors included (n, n)."""
         return np.array(self._mass) + np.diag([joint.armature for joint in self._joints])
 
     def felt_mass_matrix(self) -> Matrix:
-        """Return the mass matrix without the rotors of joints that are inside their play (n, n)."""
+        """Compute the mass matrix (n, n) without the rotors of joints inside their play."""
         return np.array(self._mass) + np.diag([joint.felt_armature for joint in self._joints])
 
     def come_to_rest(self) -> None:
@@ -119,7 +119,7 @@ class CoupledJoints:
     def _begin_held(
         self, k: int, pressed_nm: float, felt_nm: float, hand: Hand
     ) -> tuple[JointStep, float]:
-        """Return the step of a joint that a hand holds, and the hand's torque on a horn at rest.
+        """Compute the step of a joint that a hand holds, and the hand's torque on a horn at rest.
 
         Its damping is taken implicitly, for inside its play a joint is light, unless the hand is at
         its limit.

@@ -83,7 +83,7 @@ class Tip:
         raise SimulatorError(f"the tip cannot be led to ({place}) m: {short}")
 
     def _search(self, goal_m: Matrix, q: Matrix) -> tuple[Matrix, float]:
-        """Return the positions found by damped least squares, and the error of the tip.
+        """Find the positions found by damped least squares, and the error of the tip.
 
         Wampler 1986; a joint at a limit is left out of the steps that would push it further.
         """
@@ -96,7 +96,7 @@ class Tip:
         return q, float(np.linalg.norm(goal_m - self.position_m(q.tolist())))
 
     def _middle(self) -> Matrix:
-        """Return the middle of each range; zero where a joint has no limits."""
+        """Compute the middle of each range; zero where a joint has no limits."""
         bounded = np.isfinite(self._lower) & np.isfinite(self._upper)
         middle = np.zeros(len(bounded))
         middle[bounded] = (self._lower[bounded] + self._upper[bounded]) / 2.0
@@ -109,7 +109,7 @@ class Tip:
         return T[:3, :3] @ self._offset_m + T[:3, 3]
 
     def _slopes(self, frames: Matrix) -> Matrix:
-        """Return the derivative of the tip by each position (3, n)."""
+        """Compute the derivative of the tip by each position (3, n)."""
         tip_m, J = self._origin_m(frames), np.zeros((3, len(self._lower)))
         for i in self._chain:
             driver, multiplier, _ = self._driven[i]
@@ -131,7 +131,7 @@ class Tip:
 
 
 def _least_squares(J: Matrix, gap_m: Matrix) -> Matrix:
-    """Return the step (n,) for a gap (3,); the damping shrinks with the gap."""
+    """Compute the step (n,) for a gap (3,); the damping shrinks with the gap."""
     damping_m = min(DAMPING_M, float(np.linalg.norm(gap_m)))
     return J.T @ np.linalg.solve(J @ J.T + damping_m**2 * np.eye(3), gap_m)
 

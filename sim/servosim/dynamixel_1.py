@@ -126,7 +126,7 @@ class Dynamixel1(Servo):
         return None
 
     def _is_goal_outside(self, row: SimulatedRegister, value: int) -> bool:
-        """Return whether a goal is outside the angle limits."""
+        """Check whether a goal is outside the angle limits."""
         if row.name == "lock":
             return value == 0 and bool(self.memory.get("lock"))
         if row.name != "goal_position":
@@ -138,7 +138,7 @@ class Dynamixel1(Servo):
         self.watch.inject_alarm(bits)
 
     def is_goal_allowed(self, goal: int) -> bool:
-        """Return whether a goal position is inside the angle limits."""
+        """Check whether a goal position is inside the angle limits."""
         lower, upper = self.memory.get("cw_angle_limit"), self.memory.get("ccw_angle_limit")
         return self.is_wheel_mode or self.is_multi_turn or lower <= goal <= upper
 
@@ -156,7 +156,7 @@ class Dynamixel1(Servo):
         return self.is_mx and limits == (MULTI_TURN, MULTI_TURN)
 
     def present_tick(self) -> int:
-        """Return the present position register's number."""
+        """Compute the present position register's number."""
         tick = self.shaft.tick_at(self.motor.encoder_rad) - self.turn_base_tick
         if not self.is_mx:
             return max(0, min(1023, tick))
@@ -166,7 +166,7 @@ class Dynamixel1(Servo):
         return (tick + get("multi_turn_offset")) // get("resolution_divider")
 
     def angle_at(self, position_tick: int) -> float:
-        """Return the joint angle [rad] of a position register's number."""
+        """Compute the joint angle [rad] of a position register's number."""
         get = self.memory.get
         if self.is_multi_turn:
             position_tick = position_tick * get("resolution_divider") - get("multi_turn_offset")
@@ -267,5 +267,5 @@ class Dynamixel1(Servo):
 
 
 def _slope_steps(slope: int) -> int:
-    """Return the step of a slope: the power of two below it, at least 2."""
+    """Compute the step of a slope: the power of two below it, at least 2."""
     return max(2, 1 << slope.bit_length() - 1) if slope else 2

@@ -107,7 +107,7 @@ class DriveMapper:
 
 
 def live_registers(servo: SimulatedDynamixelX) -> dict[str, Callable[[], int]]:
-    """Return the getter of each measured register."""
+    """Compute the getter of each measured register."""
     motor = servo.motor
     stall_nm, unit_a = motor.parameters.stall_torque_nm, servo.orders.current_unit_a
 
@@ -256,7 +256,7 @@ class SimulatedDynamixelX(Servo):
             self.watch.raise_alarm(bits)
 
     def is_goal_allowed(self, goal: int) -> bool:
-        """Return whether a goal position is inside the limits of position mode."""
+        """Check whether a goal position is inside the limits of position mode."""
         if self.mode != 3:
             return True
         return (
@@ -277,16 +277,16 @@ class SimulatedDynamixelX(Servo):
         return offset if self.mode != 3 or abs(offset) <= 1024 else 0
 
     def actual_tick(self) -> int:
-        """Return the sensor's multi-turn tick, in the direction of the drive mode."""
+        """Compute the sensor's multi-turn tick, in the direction of the drive mode."""
         tick = self.shaft.tick_at(self.motor.encoder_rad)
         return -tick if self.reversed else tick
 
     def present_tick(self) -> int:
-        """Return the present position register's number."""
+        """Compute the present position register's number."""
         return self.actual_tick() - self.turn_base_tick + self.offset_tick
 
     def angle_at(self, position_tick: int) -> float:
-        """Return the joint angle [rad] of a position register's number."""
+        """Compute the joint angle [rad] of a position register's number."""
         tick = position_tick - self.offset_tick + self.turn_base_tick
         return self.shaft.angle_at(-tick if self.reversed else tick)
 
@@ -363,7 +363,7 @@ class SimulatedDynamixelX(Servo):
         self.orders.set_position_goal()
 
     def trajectory_tick(self) -> int:
-        """Return the position trajectory register's number."""
+        """Compute the position trajectory register's number."""
         tick = self.shaft.tick_at(self.motor.reference_rad)
         return (-tick if self.reversed else tick) - self.turn_base_tick + self.offset_tick
 

@@ -126,7 +126,7 @@ class AccessRules:
         return None
 
     def _accepts(self, row: SimulatedRegister, value: int) -> bool:
-        """Return whether a value is in its register's range, which others may set."""
+        """Check whether a value is in its register's range, which others may set."""
         get, name = self.memory.get, row.name
         if name == "operating_mode":
             return value in self._modes
@@ -191,7 +191,7 @@ class DynamixelXProtections:
         self.servo.received_s = self.servo.time_s
 
     def moving_status(self) -> int:
-        """Return the moving status register: arrival, running profile and its kind, lag."""
+        """Compute the moving status register: arrival, running profile and its kind, lag."""
         servo, motor = self.servo, self.servo.motor
         if self._current_mode() not in (3, 4, 5):
             return 0

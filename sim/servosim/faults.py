@@ -107,7 +107,7 @@ class Fault:
 
 
 def read_faults(path: Path) -> list[Fault]:
-    """Return the faults of a file: TOML with ``[[fault]]`` tables, or JSON with a list.
+    """Read the faults of a file: TOML with ``[[fault]]`` tables, or JSON with a list.
 
     Raises:
         FaultError: The file cannot be read, or a fault in it is invalid.
@@ -354,7 +354,7 @@ class FaultScript:
         self._lost.clear()
 
     def loses_instruction(self, at_s: float) -> bool:
-        """Return whether an instruction is not received."""
+        """Check whether an instruction is not received."""
         if not self._lost:  # each frame on the line asks
             return False
         return any(running.is_triggered(at_s, self._random) for running in self._lost)

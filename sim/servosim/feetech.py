@@ -45,7 +45,7 @@ class FeetechProtections(AlarmBits):
         self.servo.drive.torque_limit = self.torque_limit()
 
     def torque_limit(self) -> float:
-        """Return the effective limit, 0..1: protective torque after an overload."""
+        """Compute the effective limit, 0..1: protective torque after an overload."""
         get = self.servo.memory.get
         name = "torque_limit" if self._has_current else "max_torque"
         limit = min(1.0, get(name) / 1000)
@@ -140,7 +140,7 @@ class FeetechSeries:
         """Make the present position the given number, if the series supports it."""
 
     def nearest_limit(self, goal: int, lower: int, upper: int) -> int:
-        """Return the limit that replaces a goal outside both."""
+        """Find the limit that replaces a goal outside both."""
         return max(lower, min(upper, goal))
 
     def reset_turns(self) -> None:
@@ -267,7 +267,7 @@ class Feetech(Servo):
         self.watch.inject_alarm(bits)
 
     def is_goal_allowed(self, goal: int) -> bool:
-        """Return whether a goal position is inside the limits; both zero are none."""
+        """Check whether a goal position is inside the limits; both zero are none."""
         lower, upper = self.memory.get("min_position_limit"), self.memory.get("max_position_limit")
         return lower == upper == 0 or lower <= goal <= upper
 
@@ -349,7 +349,7 @@ class Feetech(Servo):
         return self.series.nearest_limit(goal, lower, upper)
 
     def profile_speed(self, speed_rad_s: float) -> float:
-        """Return the speed limit for a goal speed: 0 means the maximum, or no motion."""
+        """Compute the speed limit for a goal speed: 0 means the maximum, or no motion."""
         at_rest = speed_rad_s == 0.0 and not self.memory.get("phase") & PHASE_ZERO_IS_MAX
         return 1e-6 if at_rest else speed_rad_s
 

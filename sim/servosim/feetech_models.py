@@ -45,7 +45,7 @@ class StsSeries(FeetechSeries):
     # Position.
 
     def actual_tick(self) -> int:
-        """Return the sensor's tick, multi-turn since power-up."""
+        """Compute the sensor's tick, multi-turn since power-up."""
         return self.shaft.tick_at(self.motor.encoder_rad) - self.turn_base_tick
 
     def present_tick(self) -> int:
@@ -57,7 +57,7 @@ class StsSeries(FeetechSeries):
         return tick if self.memory.get("phase") & PHASE_TURNS else tick % 4096
 
     def angle_at(self, position_tick: int) -> float:
-        """Return the joint angle [rad] that a position register's number means now.
+        """Compute the joint angle [rad] that a position register's number means now.
 
         The firmware compares goal and present within one revolution, so no motion crosses the
         wrap-around.
@@ -150,7 +150,7 @@ class StsSeries(FeetechSeries):
         self.set_goal()
 
     def nearest_limit(self, goal: int, lower: int, upper: int) -> int:
-        """Return the limit that is nearest on the circle of one turn."""
+        """Find the limit that is nearest on the circle of one turn."""
         return min(lower, upper, key=lambda limit: abs((goal - limit + 2048) % 4096 - 2048))
 
     def apply_gains(self) -> None:
@@ -160,7 +160,7 @@ class StsSeries(FeetechSeries):
     # Tables of measured registers and of write effects.
 
     def live_registers(self) -> dict[str, Callable[[], int]]:
-        """Return the getter of each measured register of the series."""
+        """Compute the getter of each measured register of the series."""
         motor, sign = self.motor, self.shaft.sign
         return {
             "present_speed": lambda: round(sign * motor.velocity_rad_s / self.speed_unit_rad_s),
@@ -210,7 +210,7 @@ class ScsSeries(FeetechSeries):
         drive.goal_rad = self.angle_at(servo.clamped_goal())
 
     def live_registers(self) -> dict[str, Callable[[], int]]:
-        """Return the getter of each measured register of the series."""
+        """Compute the getter of each measured register of the series."""
         motor, shaft = self.servo.motor, self.servo.shaft
         return {
             "present_speed": lambda: round(shaft.sign * motor.velocity_rad_s / shaft.rad_per_tick),

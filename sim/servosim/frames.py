@@ -103,12 +103,12 @@ class FrameReader:
         raise NotImplementedError
 
     def _parse(self, raw: bytes, end: int) -> Frame | None:
-        """Return the frame, or None when its checksum is bad."""
+        """Parse the frame, or None when its checksum is bad."""
         raise NotImplementedError
 
 
 def checksum(body: bytes) -> int:
-    """Return the inverted sum of everything between the header and the checksum."""
+    """Compute the inverted sum of everything between the header and the checksum."""
     return ~sum(body) & 0xFF
 
 
@@ -152,7 +152,7 @@ def _crc_row(byte: int) -> int:
 
 
 def _crc_pairs() -> array[int]:
-    """Return the CRC of every two bytes, the first of them the high byte of the index."""
+    """Compute the CRC of every two bytes, the first of them the high byte of the index."""
     last = [_crc_row(byte) for byte in range(256)]
     first = [(crc << 8) & 0xFFFF ^ last[crc >> 8] for crc in last]
     return array("H", [a ^ b for a in first for b in last])
@@ -162,7 +162,7 @@ _CRC = _crc_pairs()
 
 
 def crc16(data: bytes, crc: int = 0) -> int:
-    """Return the CRC of ``data`` behind bytes of a given CRC, two bytes at a time."""
+    """Compute the CRC of ``data`` behind bytes of a given CRC, two bytes at a time."""
     table, odd = _CRC, len(data) & 1
     if odd:
         crc = (crc << 8) & 0xFFFF ^ table[crc >> 8 ^ data[0]]
@@ -195,7 +195,7 @@ def encode2(id_: int, instruction: int, params: bytes = b"") -> bytes:
 
 @lru_cache(maxsize=1024)
 def _head(id_: int, length: int) -> tuple[bytes, int]:
-    """Return a frame's first bytes and their CRC: most frames of a bus begin alike."""
+    """Compute a frame's first bytes and their CRC: most frames of a bus begin alike."""
     head = HEADER + bytes((id_, length & 0xFF, length >> 8))
     return head, crc16(head)
 

@@ -55,13 +55,13 @@ def status_packet(id_: int, servo: Servo, outcome: Outcome) -> bytes:
 
 
 def touches_eeprom(servo: Servo, address: int, length: int) -> bool:
-    """Return whether a write reaches into the EEPROM."""
+    """Check whether a write reaches into the EEPROM."""
     rows = servo.table.registers_in(address, length)
     return any(row.persists for row in rows)
 
 
 def read_uint16(params: bytes, at: int) -> int:
-    """Return the 16-bit number at a place."""
+    """Read the 16-bit number at a place."""
     return int.from_bytes(params[at : at + 2], "little")
 
 

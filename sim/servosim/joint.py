@@ -48,11 +48,11 @@ class Ratio:
     is_prismatic: bool = False
 
     def position(self, horn_rad: float) -> float:
-        """Return the joint position."""
+        """Compute the joint position."""
         return horn_rad * self.per_rad
 
     def horn_rad(self, position: float) -> float:
-        """Return the rotation of the horn."""
+        """Compute the rotation of the horn."""
         return position / self.per_rad
 
     def slope(self, horn_rad: float) -> float:
@@ -83,11 +83,11 @@ class CrankAndRod:
         return True
 
     def position(self, horn_rad: float) -> float:
-        """Return the slider's position."""
+        """Compute the slider's position."""
         return self._slide_position(self.zero_rad - horn_rad) - self._slide_position(self.zero_rad)
 
     def horn_rad(self, position: float) -> float:
-        """Return the rotation of the horn; out of reach, that with the slider nearest."""
+        """Compute the rotation of the horn; out of reach, that with the slider nearest."""
         x, r, rod = position + self._slide_position(self.zero_rad), self.radius_m, self.rod_m
         x = min(rod + r, max(rod - r, x))
         cosine = (x * x + r * r - rod * rod) / (2.0 * r * x)
@@ -193,7 +193,7 @@ class Hand:
             self.resting = self.damping * speed
 
     def force_at(self, velocity: float) -> float:
-        """Return its force on the joint at a velocity; also kept as `force`."""
+        """Compute its force on the joint at a velocity; also kept as `force`."""
         desired = self.resting - self.damping * velocity
         self.force = min(self.limit, max(-self.limit, desired))
         return self.force

@@ -328,7 +328,7 @@ class Line:
 
 
 def _is_overlapping(one: _BusTransmission, other: _BusTransmission) -> bool:
-    """Return whether two transmissions overlap, beyond rounding of byte times."""
+    """Check whether two transmissions overlap, beyond rounding of byte times."""
     return one.start_s < other.end_s - ROUNDING_S and other.start_s < one.end_s - ROUNDING_S
 
 

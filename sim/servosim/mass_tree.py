@@ -49,7 +49,7 @@ class LocalDynamics:
     christoffel: Matrix
 
     def load_at(self, positions: Matrix, velocities: Matrix) -> Matrix:
-        """Return the torques (forces) of gravity and of the velocities (n,)."""
+        """Compute the torques (forces) of gravity and of the velocities (n,)."""
         moved = self.load + self.load_slope @ (positions - self.positions)
         return moved - (self.christoffel @ velocities) @ velocities
 
@@ -110,7 +110,7 @@ class MassTree:
         )
 
     def _christoffel(self, XS: Matrix, XX: Matrix, own: Matrix) -> Matrix:
-        """Return the velocity forces' coefficients for the driven positions."""
+        """Compute the velocity forces' coefficients for the driven positions."""
         count, gears = len(own), self._gears
         of_last = (XS @ XX.transpose(0, 2, 1)).transpose(1, 0, 2)  # [i, k, j]
         of_first = (own @ XX.reshape(-1, 16).T).reshape(count, count, count)
@@ -123,7 +123,7 @@ class MassTree:
         return A + (A * (self._above + self._above.T)).swapaxes(-1, -2)
 
     def _twists_and_moments(self, positions: Sequence[float]) -> tuple[Matrix, Matrix]:
-        """Return each joint's motion, and the second moments of all that hangs on it (n, 4, 4)."""
+        """Compute each joint's motion, and the second moments of all that hangs on it (n, 4, 4)."""
         T = self.frames(positions)
         axes, origins_m = T[:, :3, 2], T[:, :3, 3]
         turned = (axes @ _CROSS).reshape(-1, 3, 3)
@@ -163,7 +163,7 @@ class MassTree:
 
 
 def _second_moments(body: Mass) -> Matrix:
-    """Return the integral of `p p'` over a body's mass, p = (x, y, z, 1) in its frame (4, 4)."""
+    """Compute the integral of `p p'` over a body's mass, p = (x, y, z, 1) in its frame (4, 4)."""
     tensor, c = body.inertia_kg_m2, body.com_m
     moments = np.empty((4, 4))
     moments[:3, :3] = np.trace(tensor) / 2.0 * np.eye(3) - tensor

@@ -53,7 +53,7 @@ _STUCK: JointStep = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, *_FREE, 0.0, 0.0, 0.0, 0.0, 0
 
 
 def solve_velocity(step: JointStep, load_nm: float) -> float:
-    """Return the velocity of the output after a step under an external torque [rad/s].
+    """Compute the velocity of the output after a step under an external torque [rad/s].
 
     Newton's law for rotor and output, which meet at the flanks of the play without a rebound: a
     complementarity problem in the velocities after the step (Moreau 1988, "Unilateral contact and
@@ -98,7 +98,7 @@ def solve_velocity(step: JointStep, load_nm: float) -> float:
 def _stopped_pair(
     free_rad_s: float, output_stop: float, rotor_stop: float, met_rad_s: float
 ) -> float:
-    """Return the output's velocity with dry friction, in the step that ends at a flank.
+    """Compute the output's velocity with dry friction, in the step that ends at a flank.
 
     The output's friction acts against its own velocity, the rotor's against that less `met_rad_s`.
     """
@@ -310,7 +310,7 @@ class Motor:
     def begin_motion(
         self, dt_s: float, pressed_nm: float, load_nm: float, held_nm_s: float = 0.0
     ) -> JointStep:
-        """Return the equations of the velocities after the step: inertia, friction, play, stops.
+        """Compute the equations of the velocities after the step: inertia, friction, play, stops.
 
         Args:
             dt_s: Time that passes [s].

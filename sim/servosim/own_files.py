@@ -16,7 +16,7 @@ MAX_DOTS = 64
 
 
 def read_text(path: Path) -> str:
-    """Return the text of a file.
+    """Read the text of a file.
 
     Raises:
         OSError: It cannot be read.
@@ -32,7 +32,7 @@ def read_text(path: Path) -> str:
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the tables of a TOML file.
+    """Read the tables of a TOML file.
 
     Raises:
         OSError: It cannot be read.
@@ -48,7 +48,7 @@ def read_toml(path: Path) -> dict[str, Any]:
 
 
 def parse_json(text: str | bytes) -> Any:  # noqa: ANN401
-    """Return the value of a JSON text.
+    """Parse the value of a JSON text.
 
     Raises:
         ValueError: It is no JSON, or nested too deeply.

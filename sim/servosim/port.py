@@ -21,7 +21,7 @@ POLL_S = 10e-6  # virtual time that a poll of the buffer costs, so that no polli
 
 
 def open_port(url: str) -> SimulatedPort:
-    """Return a port to a fresh simulated arm: ``sim:/path/to/arm.toml?seed=3&pose=home``.
+    """Open a port to a fresh simulated arm: ``sim:/path/to/arm.toml?seed=3&pose=home``.
 
     The query may hold ``urdf`` (a file that replaces the arm file's), ``pose``, ``seed``,
     ``faults`` (a file), ``hand`` (sweep or calibrate), and ``physics``, ``backlash_deg``,
@@ -196,7 +196,7 @@ class SimulatedPort:
         self.close()
 
     def _is_read_complete(self, size: int, deadline_s: float | None) -> bool:
-        """Return whether a read may return; if not, advance time to the next event."""
+        """Check whether a read may return; if not, advance time to the next event."""
         now_s, inbox = self.clock.now_s(), self.line.inbox
         if inbox.count_arrived(now_s) >= size:
             return True

@@ -51,7 +51,7 @@ _NAMED = {
 
 
 def line_speed(fd: int) -> int | None:
-    """Return the output speed of the terminal's slave end [bit/s], or None if unknown."""
+    """Compute the output speed of the terminal's slave end [bit/s], or None if unknown."""
     try:
         if sys.platform == "linux":
             raw = fcntl.ioctl(fd, _TCGETS2, bytes(_TERMIOS2.size))
@@ -114,7 +114,7 @@ class PtyBus:
             remove_link(self.link, self.path)
 
     def now_s(self) -> float:
-        """Return the line's time: real seconds since the start, without long hold-ups."""
+        """Compute the line's time: real seconds since the start, without long hold-ups."""
         return time.monotonic() - self._start_s
 
     def process_events(self, also: Sequence[int] = ()) -> list[int]:

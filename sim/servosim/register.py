@@ -96,7 +96,7 @@ class SimulatedRegister:
         object.__setattr__(self, "mask", (1 << 8 * self.size) - 1)
 
     def decode(self, raw: bytes | bytearray) -> int:
-        """Return the number in ``raw``."""
+        """Decode the number in ``raw``."""
         value = int.from_bytes(raw, self.order, signed=self.twos)
         bit = self.sign_bit
         if not bit:
@@ -105,14 +105,14 @@ class SimulatedRegister:
         return -magnitude if value & bit else magnitude
 
     def encode(self, value: int) -> bytes:
-        """Return the bytes of ``value``; what does not fit is cut off as the servo's RAM would."""
+        """Encode the bytes of ``value``; what does not fit is cut off as the servo's RAM would."""
         bit = self.sign_bit
         if bit:
             value = abs(value) & (bit - 1) | (bit if value < 0 else 0)
         return (value & self.mask).to_bytes(self.size, self.order)
 
     def accepts(self, value: int) -> bool:
-        """Return whether ``value`` is in the datasheet's range."""
+        """Check whether ``value`` is in the datasheet's range."""
         return self.lower <= value <= self.upper
 
 
@@ -156,7 +156,7 @@ class ServoTable:
         object.__setattr__(self, "by_byte", tuple(bytes_))
 
     def is_gapless(self, address: int, length: int) -> bool:
-        """Return whether every byte of a range belongs to a register."""
+        """Check whether every byte of a range belongs to a register."""
         return (
             length > 0
             and None not in self.by_byte[address : address + length]
@@ -200,7 +200,7 @@ class Memory:
             self._persist_register(table.by_name[name])
 
     def read(self, address: int, length: int) -> bytes:
-        """Return bytes; gaps between registers and addresses behind the table read as zero."""
+        """Read bytes; gaps between registers and addresses behind the table read as zero."""
         raw = bytes(self.image[address : address + length])
         return raw if len(raw) == length else raw.ljust(length, b"\x00")
 
@@ -270,7 +270,7 @@ class Memory:
 
 
 def _make_getter(image: bytearray, row: SimulatedRegister) -> Callable[[], int]:
-    """Return a function that reads a register's number: most are a byte, and read very often."""
+    """Make a function that reads a register's number: most are a byte, and read very often."""
     if row.size == 1 and row.sign is Sign.NONE:
         return partial(image.__getitem__, row.address)
     unpack = partial(Struct(_struct_format(row)).unpack_from, image, row.address)

@@ -237,7 +237,7 @@ def _listen_at(path: Path) -> socket.socket:
 
 
 def _parse_coordinate(request: Request) -> float:
-    """Return the joint coordinate that a request names in degrees, radians or metres."""
+    """Parse the joint coordinate that a request names in degrees, radians or metres."""
     if "deg" in request:
         return math.radians(_require_finite(request["deg"], "deg"))
     name = "rad" if "rad" in request else "m"

@@ -68,7 +68,7 @@ class ServerOptions(argparse.Namespace):
 
 
 def parse_options(argv: Sequence[str]) -> ServerOptions:
-    """Return the options; exits with a message when they make no sense."""
+    """Parse the options; exits with a message when they make no sense."""
     parser = _make_parser()
     options = parser.parse_args(argv, ServerOptions())
     options.servos = [servo for group in options.groups or [] for servo in group]
@@ -162,7 +162,7 @@ def _parse_servos(text: str) -> list[BenchServo]:
 
 
 def _find_model(wanted: str) -> str | None:
-    """Return the model of a name, or the only one that continues it: ax-12 means AX-12A."""
+    """Find the model of a name, or the only one that continues it: ax-12 means AX-12A."""
     models = {name.lower(): name for name in TABLES}
     if wanted.lower() in models:
         return models[wanted.lower()]
@@ -286,7 +286,7 @@ def _open_server(
 
 
 def build_line(options: ServerOptions) -> Line:
-    """Return the line that the options describe.
+    """Build the line that the options describe.
 
     Raises:
         SimulatorError: An arm file, a model, a rate or a fault that cannot be used.

@@ -87,12 +87,12 @@ class HornMounting:
         self.rad_per_tick = 2.0 * math.pi / self.ticks
 
     def tick_at(self, angle_rad: float) -> int:
-        """Return the nearest tick, multi-turn."""
+        """Compute the nearest tick, multi-turn."""
         revolutions = angle_rad / TURN_RAD
         return round(self.zero_tick + self.sign * revolutions * self.ticks)
 
     def angle_at(self, tick: float) -> float:
-        """Return the joint angle [rad] at a multi-turn tick."""
+        """Compute the joint angle [rad] at a multi-turn tick."""
         return self.sign * (tick - self.zero_tick) * self.rad_per_tick
 
 
@@ -194,7 +194,7 @@ class Servo:
     # Memory as instructions see it.
 
     def read_bytes(self, address: int, length: int) -> bytes:
-        """Return bytes of the memory, with measured registers updated."""
+        """Read bytes of the memory, with measured registers updated."""
         plan = self._plans.get((address, length))
         if plan is None:
             plan = self._plans[address, length] = self._live_registers_in(address, length)
@@ -266,7 +266,7 @@ class Servo:
     # Memory as tests and scripts see it.
 
     def read(self, name: str) -> int:
-        """Return a register's number as a read instruction would return it."""
+        """Read a register's number as a read instruction would return it."""
         row = self.table.by_name[name]
         return row.decode(self.read_bytes(row.address, row.size))
 
@@ -331,7 +331,7 @@ class Servo:
         raise NotImplementedError
 
     def is_goal_allowed(self, goal: int) -> bool:
-        """Return whether a goal position is inside the limits of the memory."""
+        """Check whether a goal position is inside the limits of the memory."""
         raise NotImplementedError
 
     def start(self) -> None:
@@ -339,7 +339,7 @@ class Servo:
         raise NotImplementedError
 
     def is_listening(self, baud: int, now_s: float) -> bool:
-        """Return whether bytes at ``baud`` reach the firmware: within 3 % of its rate, booted."""
+        """Check whether bytes at ``baud`` reach the firmware: within 3 % of its rate, booted."""
         if not self.powered or now_s < self.booting_until_s or now_s < self.replying_until_s:
             return False
         own = self.bauds.get(self.memory.image[self._baud_at], 0.0)

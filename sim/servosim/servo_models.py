@@ -60,7 +60,7 @@ def make_servo(
     delivered: Mapping[str, int] | None = None,
     seed: int = 0,
 ) -> Servo:
-    """Return a servo of a model, powered up, as delivered.
+    """Make a servo of a model, powered up, as delivered.
 
     Raises:
         UnknownModelError: No table for such a model.
@@ -70,7 +70,7 @@ def make_servo(
 
 
 def baud_code(family: SimulatedFamily, baud: int) -> int:
-    """Return the baud register's number for a rate.
+    """Compute the baud register's number for a rate.
 
     Raises:
         SimulatorError: The family has no such rate.

@@ -124,7 +124,7 @@ def _scale_mass(mass: Mass, scale: float) -> Mass:
 
 
 def read_specimen(path: Path) -> Specimen:
-    """Return the specimen that a TOML file describes.
+    """Read the specimen that a TOML file describes.
 
     Each table ``[[joints]]`` has a ``name`` and, as far as they are known, ``mass_scale`` of what
     hangs on the joint and the figures of each of its servos: ``full_duty_nm`` (torque of the

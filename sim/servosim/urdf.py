@@ -42,7 +42,7 @@ def read_origin(element: Element) -> Matrix:
 def read_numbers(
     element: Element | None, key: str, default: tuple[float, ...]
 ) -> tuple[float, ...]:
-    """Return the numbers of an attribute."""
+    """Read the numbers of an attribute."""
     text = None if element is None else element.get(key)
     return default if text is None else tuple(float(word) for word in text.split())
 

@@ -254,7 +254,7 @@ class World:
         self._still = 0 if busy else self._still + 1
 
     def _has_moved(self, positions: list[float]) -> bool:
-        """Return whether the servos have moved since the last motion."""
+        """Check whether the servos have moved since the last motion."""
         if self._mover is None or not self._positions:
             return positions != self._positions
         paths = zip(positions, self._positions, strict=True)
@@ -308,7 +308,7 @@ class World:
             self._update_contacts(self._contacts, positions, velocities)
 
     def _grip_inertias(self) -> list[float]:
-        """Return each joint's inertia while all others give way: the least that a hand feels."""
+        """Compute each joint's inertia while all others give way: the least that a hand feels."""
         return (1.0 / np.linalg.inv(self._coupled.mass_matrix()).diagonal()).tolist()
 
     def _update_contacts(
@@ -341,6 +341,6 @@ class World:
 
 
 def _advanced(positions: list[float], velocities: list[float], steps: int) -> list[float]:
-    """Return the mean of the positions at the beginnings of the next steps."""
+    """Compute the mean of the positions at the beginnings of the next steps."""
     ahead_s = STEP_S * (steps - 1) / 2.0
     return [q + v * ahead_s for q, v in zip(positions, velocities, strict=True)]

@@ -104,7 +104,7 @@ def bind(name: str, *arguments: object) -> Callable[..., object]:
 
 
 def is_compiled() -> bool:
-    """Return whether the kernels run as machine code."""
+    """Check whether the kernels run as machine code."""
     return _extension() is not None
 
 

@@ -95,7 +95,7 @@ def descent_step(
 
 
 def has_negative_curvature(problem: Vector, kind: int, weight: float, n: int, work: Matrix) -> bool:
-    """Return whether the Hessian of the free joints is indefinite: a saddle or a maximum."""
+    """Check whether the Hessian of the free joints is indefinite: a saddle or a maximum."""
     return newton_step(problem, kind, weight, n, work) > _FLAT
 
 
@@ -206,7 +206,7 @@ def minimise(
 
 
 def _is_stationary(settings: Vector, weight: float, work: Matrix) -> bool:
-    """Return whether the residual is fully refined; with a weight of 0 only the position counts."""
+    """Check whether the residual is fully refined; with a weight of 0 only the position counts."""
     if weight > 0.0:
         return converged(settings, _FINE, work)
     chord2 = work[NORMS, ROT_ERR2]

@@ -172,7 +172,7 @@ def evaluate(arm: Matrix, problem: Vector, kind: int, weight: float, work: Matri
 
 
 def converged(settings: Vector, fraction: float, work: Matrix) -> bool:
-    """Return whether position error and chord are within a fraction of their tolerances."""
+    """Check whether position error and chord are within a fraction of their tolerances."""
     a, b = fraction * settings[TOLERANCE_M], fraction * settings[TOLERANCE_CHORD]
     return work[NORMS, POS_ERR2] <= a * a and work[NORMS, ROT_ERR2] <= b * b
 

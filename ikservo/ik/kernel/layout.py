@@ -120,7 +120,7 @@ SCORE_ROWS       = 4
 
 
 def work_shape(n: int, restarts: int) -> tuple[int, int]:
-    """Return the shape of the work array for n joints and a number of starting points."""
+    """Compute the shape of the work array for n joints and a number of starting points."""
     return END_POINTS + n + restarts, max(n + 2, 12)
 
 

@@ -73,7 +73,7 @@ _SAME_M, _SAME_CHORD = 1e-7, 1e-6
 
 
 def distance_from(start: Vector, n: int, work: Matrix) -> float:
-    """Return the squared joint distance from the start to Q."""
+    """Compute the squared joint distance from the start to Q."""
     squared = 0.0
     for j in range(n):
         difference = work[Q, j] - start[j]
@@ -107,7 +107,7 @@ def is_better(
 
 
 def _hypot(a: float, b: float) -> float:
-    """Return the length of (a, b); ``math.hypot`` rounds otherwise than the C library's."""
+    """Compute the length of (a, b); ``math.hypot`` rounds otherwise than the C library's."""
     return math.sqrt(a * a + b * b)
 
 
@@ -168,7 +168,7 @@ _ROTATION_TOLERANCE = 1e-5
 
 
 def all_within(values: Vector, furthest: float) -> bool:
-    """Return whether no value is further from 0 than that, nor NaN."""
+    """Check whether no value is further from 0 than that, nor NaN."""
     for i in range(len(values)):  # noqa: SIM110  # generators are not translated
         if not abs(values[i]) <= furthest:
             return False
@@ -176,7 +176,7 @@ def all_within(values: Vector, furthest: float) -> bool:
 
 
 def is_rotation(problem: Vector, kind: int) -> bool:
-    """Return whether the wanted columns are unit vectors, right-handed and at right angles."""
+    """Check whether the wanted columns are unit vectors, right-handed and at right angles."""
     if kind == POSITION_ONLY:
         return True
     W = WANTED_ROTATION
@@ -210,7 +210,7 @@ def fits(
     trace: Matrix,
     results: Matrix,
 ) -> bool:
-    """Return whether arrays have the shapes that ``solve_all`` needs, and indices are in range."""
+    """Check whether arrays have the shapes that ``solve_all`` needs, and indices are in range."""
     if len(settings) != SETTINGS_SIZE or not _is_packed_chain(arm):
         return False
     n, restarts, count = int(arm[0, DOF]), int(settings[RESTARTS]), len(problems)
@@ -231,7 +231,7 @@ def fits(
 
 
 def _is_packed_chain(arm: Matrix) -> bool:
-    """Return whether an array is of a packed chain's shape, and its columns exist."""
+    """Check whether an array is of a packed chain's shape, and its columns exist."""
     if len(arm) < 2 or arm.shape[1] != WIDTH:
         return False
     steps, n = int(arm[0, STEPS]), int(arm[0, DOF])
@@ -362,7 +362,7 @@ def _solve_one(
 
 
 def _attempt_count(phase: int, restarts: int, first: bool) -> int:
-    """Return how many attempts the second and the third phase make at most."""
+    """Compute how many attempts the second and the third phase make at most."""
     if first:
         return restarts if phase == THOROUGH else 2 * restarts
     return min(restarts, _REFINED) if phase == THOROUGH else restarts

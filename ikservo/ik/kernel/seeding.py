@@ -85,7 +85,7 @@ def score_seeds(
 
 
 def best_seed(settings: Vector, scores: Matrix) -> int:
-    """Return the number of the best seed that was not tried yet, and mark it as tried."""
+    """Find the number of the best seed that was not tried yet, and mark it as tried."""
     best = _least_index(scores, SEED_COST, int(settings[RESTARTS]) - 1)
     scores[SEED_COST, best] = math.inf
     return best + 1
@@ -173,14 +173,14 @@ def start_attempt(
 
 
 def hops_between(settings: Vector) -> int:
-    """Return how many quick attempts start between the best end and a seed."""
+    """Compute how many quick attempts start between the best end and a seed."""
     return (
         0 if puts_position_first(settings) else max(0, min(_HOPS, int(settings[RESTARTS]) - _ALONE))
     )
 
 
 def puts_position_first(settings: Vector) -> bool:
-    """Return whether the position is met first, and the orientation as well as what remains."""
+    """Check whether the position is met first, and the orientation as well as what remains."""
     return settings[POSITION_FIRST] == 1.0 and settings[KIND] != POSITION_ONLY
 
 

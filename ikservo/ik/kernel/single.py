@@ -33,13 +33,13 @@ NAME = "solve_pose"
 
 
 def target_fits(packed: Matrix, with_rotation: bool) -> bool:
-    """Return whether a packed target has the shape that ``is_target`` needs."""
+    """Check whether a packed target has the shape that ``is_target`` needs."""
     return len(packed) == 4 and packed.shape[1] == 3
 
 
 @entry(target_fits)
 def is_target(packed: Matrix, with_rotation: bool) -> bool:
-    """Return whether a target's numbers are finite and not too large, and its rotation is one.
+    """Check whether a target's numbers are finite and not too large, and its rotation is one.
 
     Args:
         packed: The wanted position, then the rotation row by row (4, 3).
@@ -68,7 +68,7 @@ def pose_fits(
     T: Matrix,
     q0: Vector,
 ) -> bool:
-    """Return whether arrays have the shapes that ``solve_pose`` needs, and indices are in range."""
+    """Check whether arrays have the shapes that ``solve_pose`` needs, and indices are in range."""
     if not fits(arm, problems, settings, starts, seeds, work, scores, trace, results):
         return False
     n = starts.shape[1]
