@@ -6,8 +6,10 @@ from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from itertools import pairwise
+from typing import cast
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ikservo.arm.motions import Draw
 from ikservo.arm.plan import MotionPlan
@@ -36,12 +38,12 @@ def plan_drawing(planner: Planner, drawing: Draw, start: Vector, speed: str) -> 
         UnreachableError: A point is out of reach; names the first one and its stroke.
         OrientationError: The tool cannot have the requested orientation there.
     """
-    strokes = [np.array(stroke) for stroke in drawing.strokes_m]
+    strokes = [_distinct_points(np.array(stroke)) for stroke in drawing.strokes_m]
     stance, up = drawing.stance, np.array([0.0, 0.0, drawing.lift_m])
     above = replace(stance, keep=False)  # the orientation above the paper is kept
     with _at("stroke 1"):
         plans = [planner.plan_to_point(start, strokes[0][0] + up, speed, above)]
-    _check_reach(planner, strokes, plans[0].goal)
+    _check_reach(planner, drawing, plans[0].goal)
     blend_m = max(0.4 * drawing.lift_m, 1e-3)
     for number, stroke in enumerate(strokes):
         way = [stroke[0]]
@@ -58,10 +60,10 @@ def plan_drawing(planner: Planner, drawing: Draw, start: Vector, speed: str) -> 
     return _join(plans)
 
 
-def _check_reach(planner: Planner, strokes: Sequence[Matrix], at: Vector) -> None:
+def _check_reach(planner: Planner, drawing: Draw, at: Vector) -> None:
     """Raise for the first point of all strokes that is out of reach, before paths are made."""
-    for number, stroke in enumerate(strokes):
-        for k, point_m in enumerate(stroke):
+    for number, stroke in enumerate(drawing.strokes_m):
+        for k, point_m in enumerate(cast("Sequence[ArrayLike]", stroke)):
             with _at(f"point {k + 1} of stroke {number + 1}"):
                 at = planner.reach(at, point_m)
 
@@ -77,18 +79,22 @@ def _at(place: str) -> Generator[None]:
         raise
 
 
+def _distinct_points(stroke: Matrix) -> Matrix:
+    """Return the points (k, 3) without those that are where the one before is."""
+    lengths = np.linalg.norm(np.diff(stroke, axis=0), axis=1)
+    return stroke[np.concatenate([[True], lengths > _SAME_POINT_M])]
+
+
 def _stroke_path(stroke: Matrix) -> BlendedPath:
     """Return lines through the points (k, 3), each corner rounded by 0.2 mm at most."""
     steps = np.diff(stroke, axis=0)
-    lengths = np.linalg.norm(steps, axis=1)
-    kept = np.concatenate([[True], lengths > _SAME_POINT_M])
-    stroke, slopes = stroke[kept], steps[kept[1:]] / lengths[kept[1:], None]
+    slopes = steps / np.linalg.norm(steps, axis=1, keepdims=True)
     turns = [float(np.linalg.norm(b - a)) for a, b in pairwise(slopes)]
     return BlendedPath(stroke, [_CORNER_M / max(_PASSED * turn, 1e-6) for turn in turns])
 
 
 def _join(plans: Sequence[MotionPlan]) -> MotionPlan:
-    """Join one plan of several, each of which starts where the one before ends."""
+    """Join plans, each of which starts where the one before ends, to one."""
     trajectory = plans[0].trajectory
     for plan in plans[1:]:
         trajectory = ConcatenatedTrajectory(trajectory, plan.trajectory)

@@ -69,6 +69,20 @@ def test_a_single_point_is_touched_and_left(arm):
 
 
 @pytest.mark.sample(1)
+def test_a_stroke_that_stays_at_its_point_is_touched_like_a_single_point(arm):
+    single, repeated = (arm.plan_drawing([[CORNER] * count], lift_m=0.02) for count in (1, 3))
+    assert repeated.duration_s == pytest.approx(single.duration_s)
+    np.testing.assert_allclose(repeated.goal, single.goal)
+
+
+@pytest.mark.sample(1)
+def test_points_are_counted_with_the_repeated_ones(arm):
+    far = CORNER + np.array([[0, 0, 0], [0, 0, 0], [0.01, 0, 0], [0.9, 0, 0]])
+    with pytest.raises(UnreachableError, match="point 4 of stroke 1: "):
+        arm.plan_drawing([far])
+
+
+@pytest.mark.sample(1)
 def test_the_first_point_out_of_reach_is_named_and_nothing_moves(arm):
     goals = registers(arm, "goal_position")
     far = CORNER + np.array([[0, 0, 0], [0.01, 0, 0], [0.9, 0, 0], [1.0, 0, 0]])
