@@ -61,6 +61,8 @@ def unreachable_error(target: Target, solution: Result) -> UnreachableError:
 
 # No servo's joint goes further, many revolutions included.
 _MAX_JOINT_STEP_RAD = 1000.0
+# Checks sample a motion evenly: a longer one would take minutes, and all memory.
+_LONGEST_S = 3600.0
 # Top speed of the tip on a line; 0.25 m/s is what safety standards call reduced speed.
 _TIP_M_S = {"slow": 0.1, "normal": 0.25, "fast": 0.5}
 # The fraction of a blend by which a waypoint is passed; see ``BlendedPath``.
@@ -148,7 +150,8 @@ class Planner:
         Raises:
             UnreachableError: The end, or a point on the way, is out of reach; says where.
             OrientationError: The tool cannot have the requested orientation.
-            BadValueError: There is no such path, or a preferred posture was requested.
+            BadValueError: There is no such path, a preferred posture was requested, or the motion
+                would take more than an hour at that speed of the tool.
             UnknownNameError: No such speed.
         """
         if stance.posture is not None:
@@ -172,6 +175,12 @@ class Planner:
             cartesian_s=trajectory.duration_s,
         )
         if tool_speed_m_s is not None:
+            if plan.duration_s > _LONGEST_S:
+                raise BadValueError(
+                    "The speed of the tool",
+                    f"{tool_speed_m_s:g} m/s",
+                    "one at which the motion takes an hour at most",
+                )
             plan = replace(plan, tool_speed=self._tool_speed(plan, tool_speed_m_s))
         return _with_target(plan, target, OrientationSolution(solution, error_rad), stance)
 

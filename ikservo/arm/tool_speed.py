@@ -12,7 +12,8 @@ from ikservo.motion import Trajectory
 
 __all__ = ["ToolSpeed", "sample_times_s", "tool_speed_between"]
 
-_STEP_S, _MIN_SAMPLES = 0.005, 200
+# In a motion of minutes the step is longer, so that planning takes seconds.
+_STEP_S, _MIN_SAMPLES, _MAX_SAMPLES = 0.005, 200, 20_000
 # Speeds that differ by less are equal: corners that are hardly any are passed a little slower.
 _SAME = 0.02
 _SHORT_OR_BENT = "acceleration and jerk of the joints, on a path so short or bent"
@@ -70,7 +71,8 @@ class ToolSpeed:
 
 def sample_times_s(trajectory: Trajectory) -> list[float]:
     """Sample times [s], equally spaced over a trajectory, at which its speed is evaluated."""
-    count = max(_MIN_SAMPLES, 1 + math.ceil(trajectory.duration_s / _STEP_S))
+    needed = 1 + math.ceil(trajectory.duration_s / _STEP_S)
+    count = min(max(_MIN_SAMPLES, needed), _MAX_SAMPLES)
     return np.linspace(0.0, trajectory.duration_s, count).tolist()
 
 

@@ -68,6 +68,16 @@ def test_a_plan_says_whether_the_tool_speed_is_reached():
         assert str(quick).startswith("not 240.0 mm/s: ")
 
 
+def test_a_tool_speed_at_which_a_line_takes_years_is_refused_before_it_is_sampled():
+    arm, tip_m = held("so101")
+    with arm:
+        goals = registers(arm, "goal_position")
+        for tool_speed_m_s in (1e-5, 1e-10):
+            with pytest.raises(BadValueError, match="The speed of the tool"):
+                arm.move_line(tip_m + at(-0.04, 0.05, 0.02), tool_speed_m_s=tool_speed_m_s)
+        assert registers(arm, "goal_position") == goals
+
+
 def test_a_speed_class_limits_the_tool_speed_and_is_named():
     arm, tip_m = held("so101")
     with arm:
