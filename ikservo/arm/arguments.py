@@ -59,7 +59,8 @@ def check_choice(what: str, value: T, choices: Sequence[T]) -> T:
     Raises:
         UnknownNameError: It is none of them.
     """
-    if value not in choices:
+    # Of an array ``in`` makes another array, which is neither true nor false.
+    if isinstance(cast("object", value), np.ndarray) or value not in choices:
         raise UnknownNameError(what, value, [str(choice) for choice in choices])
     return value
 
