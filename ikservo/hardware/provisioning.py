@@ -196,7 +196,7 @@ def wait_for_servo(
     rate: int,
     wait_s: float,
 ) -> Generator[int | Sequence[FoundServo], None, FoundServo]:
-    """Compute the one servo that replies, once the same has replied twice in a row.
+    """Find the one servo that replies, once the same has replied twice in a row.
 
     It may have any known baud rate and be of any family. While several reply, which two servos
     at one id do as well, the wait continues. Each baud rate is yielded before it is tried, and

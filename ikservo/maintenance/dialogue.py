@@ -80,7 +80,7 @@ class Unasked(Enum):
 
     YES = "yes"
     NO = "no"
-    NEEDS_YES = "yes with --yes, else no"
+    NEEDS_YES = "yes with --yes or a script, else no"
     ERROR = "yes with --yes, else it is an error that names this option"
 
 

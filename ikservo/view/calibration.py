@@ -50,7 +50,7 @@ class CalibrationDriver:
         self.requested = False
 
     def request_start(self) -> None:
-        """HandRequest a calibration; safe from any thread."""
+        """Request a calibration; safe from any thread."""
         self._answers.clear()
         self.requested = True
 
