@@ -61,10 +61,10 @@ class Served:
 
 
 @contextmanager
-def served(name: str, folder: Path, pose: str = "home") -> Generator[Served]:
-    """Serve an arm, first in a pose with torque off, until the block ends."""
+def served(name: str, folder: Path) -> Generator[Served]:
+    """Serve an arm, first in its home pose with torque off, until the block ends."""
     arm = Served(name, *(folder / f"{name}.{part}" for part in ("port", "control", "audit")))
-    words = ["sim", name, "--link", str(arm.port), "--control", str(arm.control), "--pose", pose,
+    words = ["sim", name, "--link", str(arm.port), "--control", str(arm.control), "--pose", "home",
              "--audit", str(arm.audit)]  # fmt: skip
     with subprocess.Popen(
         [sys.executable, "-c", SERVE, "ikservo", *words],
