@@ -9,10 +9,11 @@ from typing import get_args
 
 from pydantic import BaseModel
 
-from ikservo.arm import program, recording
+from ikservo.arm import program
 from ikservo.arm.motions import KINDS
 from ikservo.arm.program import Program
 from ikservo.model.arm_schema import ArmFile
+from ikservo.recording import recording
 from ikservo.recording.recording import RecordingHeader
 from ikservo.view import arm_list, connection, messages
 from pages.markdown import code, table
