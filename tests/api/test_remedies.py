@@ -12,8 +12,8 @@ from ikservo.remedies import in_page, in_python
 
 SOURCES = Path(ikservo.__file__).parent
 # What only commands do, and what is said on a terminal or a page only.
-COMMANDS_ONLY = ("cli", "view", "calibration", "maintenance", "arm/calibrated_arm",
-                 "arm/dataset_", "recording/lerobot_positions", "network/session")  # fmt: skip
+COMMANDS_ONLY = ("cli", "view", "calibration", "maintenance", "lab", "arm/calibrated_arm",
+                 "recording/dataset_", "recording/lerobot_", "network/session")  # fmt: skip
 OPTION = re.compile(r"(?<![\w-])--[a-z][\w-]*")
 REPLACED = re.compile(r"ikservo (relax|where|stop|joints|pose|move)\b")
 

@@ -42,7 +42,7 @@ def spoilt(name, seed, dice, fault):
 
 LOST = 0.1
 ON_THE_WIRE_S = 0.01  # longer than the bytes of the last goals take
-END_STEP_TICKS = 2  # between two goals at the end of a motion
+END_STEP_TICKS = 6  # between two goals: feedback moves them by at most 1 rad/s
 MOST_LOST = 8  # in a row: one in ten lost makes that of one goal in a hundred million
 
 

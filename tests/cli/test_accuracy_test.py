@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from ikservo.errors import StoppedError
+from ikservo.lab import accuracy_test
 from ikservo.lab.accuracy_report import accuracy_page, statements
-from ikservo.maintenance import accuracy_test
 
 SIM = "--port sim:?pose=home"
 SHORT = "--cycles 2 --path-cycles 2 --drift 1s"

@@ -111,7 +111,7 @@ def silence_servo(pair):
 
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(
-    ("fault", "told", "leader_too"),
+    ("fault", "reported", "leader_too"),
     [
         (pull_cable, "planar3-2 does not lead any more: Lost connection", True),
         (
