@@ -46,7 +46,7 @@ class CalibrationDriver:
 
     def __init__(self, model: Model, port: str | None, pose: str = REFERENCE_POSE) -> None:
         self.model, self._port, self.pose = model, port, pose
-        self._answers: deque[str] = deque(maxlen=8)
+        self._answers: deque[tuple[str, int]] = deque(maxlen=8)
         self.requested = False
 
     def request_start(self) -> None:
@@ -54,11 +54,14 @@ class CalibrationDriver:
         self._answers.clear()
         self.requested = True
 
-    def put_answer(self, answer: str) -> None:
-        """Queue an answer to what is shown; ``cancel`` ends the calibration; thread-safe."""
+    def put_answer(self, answer: str, number: int) -> None:
+        """Queue an answer that was given on a screen; thread-safe.
+
+        On a screen that is gone it answers nothing; ``cancel`` ends the calibration on each.
+        """
         if answer == "cancel":
             self.requested = False
-        self._answers.append(answer)
+        self._answers.append((answer, number))
 
     def run(self) -> Generator[CalibrationView]:
         """Yield what is to be shown at each reading until the user ends the calibration.
@@ -81,6 +84,7 @@ class CalibrationDriver:
         answer: str | None = None
         lines: tuple[str, ...] = ()
         request: HandRequest | None = None
+        number, shown = 0, None
         while self.requested:
             try:
                 item = dialogue.send(answer)
@@ -90,21 +94,24 @@ class CalibrationDriver:
             if isinstance(item, Notice | Progress):
                 lines = (*lines, item.text.strip())
                 continue
-            if isinstance(item, HandRequest):
-                request = item
-            else:  # a second press that meant the request before is no answer to it
-                self._answers.clear()
-            yield CalibrationView(item, request, lines)
-            answer = self._next_answer()
+            request = item if isinstance(item, HandRequest) else request
+            screen = (item.stage, item.step) if isinstance(item, HandRequest) else item
+            number, shown = number + (screen != shown), screen
+            yield CalibrationView(item, request, lines, number)
+            answer = self._next_answer(number)
             while isinstance(item, Question) and self.requested and not item.offers(answer):
                 arm.read_ticks()  # a servo that is lost shows at once
-                yield CalibrationView(item, request, lines)
-                answer = self._next_answer()
+                yield CalibrationView(item, request, lines, number)
+                answer = self._next_answer(number)
             if answer:
                 lines = ()
 
-    def _next_answer(self) -> str | None:
-        return self._answers.popleft() if self._answers else None
+    def _next_answer(self, number: int) -> str | None:
+        while self._answers:
+            answer, given_on = self._answers.popleft()
+            if given_on == number:
+                return answer
+        return None
 
 
 def _calibrate(arm: TorqueOffArm, pose: str) -> Dialogue[None]:
@@ -128,6 +135,7 @@ def calibration_fields(view: CalibrationView) -> dict[str, object]:
     readings = (request.readings or ()) if request else ()
     return {
         "stage": item.stage,
+        "number": view.number,
         "task": item.text,
         "lines": view.lines,
         "meters": [_readout_fields(each, current=each.name == request.current) for each in readings]

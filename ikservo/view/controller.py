@@ -389,7 +389,7 @@ class SessionController:
             self._forget_targets()
             driver.request_start()
         else:
-            driver.put_answer(f"{message.action} {message.joint or ''}".strip())
+            driver.put_answer(f"{message.action} {message.joint or ''}".strip(), message.number)
 
     def _update_after_session(self) -> None:
         """Follow a reopened arm, and reset the goal if the session has ended."""

@@ -347,13 +347,17 @@ class FollowArm(PageMessage):
 
 
 class CalibrationAnswer(PageMessage):
-    """User input of a calibration; ``start`` starts it and ``cancel`` ends it."""
+    """User input of a calibration; ``start`` starts it and ``cancel`` ends it.
+
+    ``number`` is that of the screen on which an answer was given: on another one it is none.
+    """
 
     kind: Literal["calibration"]
     action: Literal[
         "start", "cancel", "accept", "undo", "skip", "continuous", "remeasure", "protect"
     ]
     joint: Name | None = None
+    number: Annotated[int, Field(ge=0, le=2**31)] = 0
 
 
 Message = (

@@ -93,11 +93,13 @@ class CalibrationView:
         item: What is asked or requested.
         request: The last request, with its reading; None while torque is still on.
         lines: What was told since the last answer.
+        number: Which screen it is, from 1; an answer names the one that it was given on.
     """
 
     item: HandRequest | Question
     request: HandRequest | None = None
     lines: tuple[str, ...] = ()
+    number: int = 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)

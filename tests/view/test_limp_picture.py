@@ -45,11 +45,11 @@ def calibrated(monkeypatch):
             at = np.array([arm.world.joint(name).position for name in names])
             yield view.item, picture.positions(view.request), at
             if view.item.stage == "review":
-                driver.put_answer("cancel")
+                driver.put_answer("cancel", view.number)
             elif view.request is None:
-                driver.put_answer("accept")
+                driver.put_answer("accept", view.number)
             elif answer := script.next_answer(view.item):
-                driver.put_answer(answer)
+                driver.put_answer(answer, view.number)
 
     return pairs
 
@@ -89,7 +89,7 @@ def test_frames_arrive_during_a_calibration_and_move_arm_ghost_and_joint_list():
                 if count % 10 == 0:
                     frames.append(session.latest_frames())
                 if count in (20, READINGS):
-                    driver.put_answer("accept" if count == 20 else "cancel")
+                    driver.put_answer("accept" if count == 20 else "cancel", view.number)
 
         driver.run = watched
         session.arm_thread.calibration = driver

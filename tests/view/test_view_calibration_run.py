@@ -62,7 +62,7 @@ def held(calibration, *last):
         if shown["stage"] == "review":
             word = next(reviewed)
         if word:
-            calibration.put_answer(word)
+            calibration.put_answer(word, talk.number)
     return seen
 
 
@@ -109,31 +109,32 @@ def test_an_implausible_zero_that_is_confirmed_is_saved(hidden):
     assert Path(screens["saved"]["lines"][0]).is_file()
 
 
-def test_a_question_is_not_answered_by_a_second_press_or_a_word_it_does_not_offer(hidden):
+def test_an_answer_counts_on_the_screen_that_it_was_given_on_alone(hidden):
     calibration = CalibrationDriver(load_model(hidden.name), "/dev/ttyBENCH", "home")
-    script, reviewed = ScriptedAnswers(), 0
+    script, reviewed, late = ScriptedAnswers(), 0, 0
     calibration.request_start()
     for view in calibration.run():
         if view.item.stage == "review":
             reviewed += 1
+            calibration.put_answer("accept", late)  # the press arrives when its screen is gone
             if reviewed in (5, 20):
-                calibration.put_answer("remeasure joint1" if reviewed == 5 else "cancel")
+                word = "remeasure joint1" if reviewed == 5 else "cancel"
+                calibration.put_answer(word, view.number)
         elif word := script.next_answer(view.item):
-            calibration.put_answer(word)
-            calibration.put_answer(word)
+            late = view.number
+            calibration.put_answer(word, late)
+            calibration.put_answer(word, late)
     assert reviewed == 20
 
 
 def test_an_answer_that_does_not_do_is_explained(calibration):
     talks = calibration.run()
-    next(talks)
-    calibration.put_answer("skip nowhere")
+    calibration.put_answer("skip nowhere", next(talks).number)
     assert "no joint named" in str(next(talks).item.error)
     talks.close()
 
 
 def test_who_leaves_ends_it(calibration):
     talks = calibration.run()
-    next(talks)
-    calibration.put_answer("cancel")
+    calibration.put_answer("cancel", next(talks).number)
     assert len(list(talks)) <= 1

@@ -30,9 +30,9 @@ export class CalibrationScreens {
       createElement("ol", { class: "steps" }, ...STAGES.map(([, label], i) => createElement("li", { class: i < current ? "done" : "", "aria-current": i === current ? "step" : null }, label))),
       createElement("p", { class: "task", role: "status" }, calibration.task),
       ...calibration.lines.map((line) => createElement("p", {}, line)),
-      createElement("ul", { class: "meters" }, ...calibration.meters.map((meter) => this.createMeter(meter, calibration.choices))),
+      createElement("ul", { class: "meters" }, ...calibration.meters.map((meter) => this.createMeter(meter, calibration))),
       calibration.error ? createElement("p", { class: "error", role: "alert" }, calibration.error) : null,
-      createElement("div", { class: "actions-main" }, ...this.createButtons(calibration.choices.filter(({ joints }) => !joints.length))),
+      createElement("div", { class: "actions-main" }, ...this.createButtons(calibration, ({ joints }) => !joints.length)),
     ];
     $("calibration").replaceChildren(...parts.filter(Boolean));
     if (focused) $("calibration").querySelector(`[data-action="${CSS.escape(focused)}"]`)?.focus({ preventScroll: true });
@@ -40,7 +40,7 @@ export class CalibrationScreens {
     this.stage = calibration.stage;
   }
 
-  createMeter(meter, choices) {
+  createMeter(meter, calibration) {
     const range = new Meter();
     range.show({ value: meter.fraction, text: meter.text, recorded: meter.recorded, label: meter.name });
     return createElement("li", {},
@@ -48,10 +48,10 @@ export class CalibrationScreens {
       createElement("span", { class: "small" }, meter.state),
       createElement("div", {}, range.element),
       createElement("span", { class: "small" }, meter.text),
-      createElement("div", { class: "actions" }, ...this.createButtons(choices.filter(({ joints }) => joints.includes(meter.name)), meter.name)));
+      createElement("div", { class: "actions" }, ...this.createButtons(calibration, ({ joints }) => joints.includes(meter.name), meter.name)));
   }
 
-  createButtons(choices, joint) {
-    return choices.map(({ answer, label }, i) => createElement("button", { type: "button", class: joint ? null : i ? "ghost" : "primary", "data-action": joint ? `${answer} ${joint}` : answer, onclick: () => this.send("calibration", { action: answer, joint }) }, label));
+  createButtons({ choices, number }, isShown, joint) {
+    return choices.filter(isShown).map(({ answer, label }, i) => createElement("button", { type: "button", class: joint ? null : i ? "ghost" : "primary", "data-action": joint ? `${answer} ${joint}` : answer, onclick: () => this.send("calibration", { action: answer, joint, number }) }, label));
   }
 }
