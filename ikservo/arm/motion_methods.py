@@ -6,8 +6,10 @@
 
 from __future__ import annotations
 
+import difflib
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Mapping
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, Literal, TypedDict, TypeVar, Unpack, cast, overload
 
@@ -213,7 +215,7 @@ class MotionMethods(ABC):
             IkservoError: Those of every motion; see ``Arm``.
         """
         on_progress = options.pop("on_progress", None)
-        motion = MoveTo(position_m, **_fields(options))
+        motion = MoveTo(position_m, **_fields(MoveTo, options))
         return self._run(motion, on_progress, wait=wait)
 
     @overload
@@ -236,7 +238,7 @@ class MotionMethods(ABC):
                 ``move_to``.
         """
         on_progress = options.pop("on_progress", None)
-        motion = MoveLine(position_m, **_fields(options))
+        motion = MoveLine(position_m, **_fields(MoveLine, options))
         return self._run(motion, on_progress, wait=wait)
 
     @overload
@@ -277,7 +279,7 @@ class MotionMethods(ABC):
                 ``move_to``.
         """
         on_progress = options.pop("on_progress", None)
-        motion = MoveArc(via_m, end_m, **_fields(options))
+        motion = MoveArc(via_m, end_m, **_fields(MoveArc, options))
         return self._run(motion, on_progress, wait=wait)
 
     @overload
@@ -300,7 +302,7 @@ class MotionMethods(ABC):
                 as for ``move_to``.
         """
         on_progress = options.pop("on_progress", None)
-        motion = MoveThrough(points_m, **_fields(options))
+        motion = MoveThrough(points_m, **_fields(MoveThrough, options))
         return self._run(motion, on_progress, wait=wait)
 
     @overload
@@ -333,7 +335,7 @@ class MotionMethods(ABC):
                 Others as for ``move_to``.
         """
         on_progress = options.pop("on_progress", None)
-        motion = Draw(strokes_m, **_fields(options))
+        motion = Draw(strokes_m, **_fields(Draw, options))
         return self._run(motion, on_progress, wait=wait)
 
     @overload
@@ -357,7 +359,9 @@ class MotionMethods(ABC):
                 ``move_to``.
         """
         on_progress = options.pop("on_progress", None)
-        motion = MoveJoints(parse_all_positions(positions, self.joint_names), **_fields(options))
+        motion = MoveJoints(
+            parse_all_positions(positions, self.joint_names), **_fields(MoveJoints, options)
+        )
         return self._run(motion, on_progress, wait=wait)
 
     @overload
@@ -383,7 +387,7 @@ class MotionMethods(ABC):
             RefusedError: It is outside this arm's limits, or something is in the way.
         """
         on_progress = options.pop("on_progress", None)
-        motion = MovePose(name, **_fields(options))
+        motion = MovePose(name, **_fields(MovePose, options))
         return self._run(motion, on_progress, wait=wait)
 
     @overload
@@ -410,7 +414,7 @@ class MotionMethods(ABC):
             BadValueError: The width is out of its range or unknown, or the force is no fraction.
         """
         on_progress = options.pop("on_progress", None)
-        motion = _grip(to, _fields(options))
+        motion = _grip(to, _fields(MoveGripper, options))
         return self._run(motion, on_progress, wait=wait)
 
     @overload
@@ -435,7 +439,7 @@ class MotionMethods(ABC):
             RefusedError: It leaves this arm's limits, or something is in the way; nothing moved.
         """
         on_progress = options.pop("on_progress", None)
-        motion = Replay(path, **_fields(options))
+        motion = Replay(path, **_fields(Replay, options))
         return self._run(motion, on_progress, wait=wait)
 
     def plan_to(self, position_m: ArrayLike, **options: Unpack[TipOptions]) -> MotionPlan:
@@ -444,11 +448,11 @@ class MotionMethods(ABC):
         Raises:
             UnreachableError: It is out of reach; carries the nearest point.
         """
-        return self.plan(MoveTo(position_m, **_fields(options)))
+        return self.plan(MoveTo(position_m, **_fields(MoveTo, options)))
 
     def plan_line(self, position_m: ArrayLike, **options: Unpack[LineOptions]) -> MotionPlan:
         """Plan a straight line of the tip to a point (3,) [m]; see ``move_line``."""
-        return self.plan(MoveLine(position_m, **_fields(options)))
+        return self.plan(MoveLine(position_m, **_fields(MoveLine, options)))
 
     def plan_arc(
         self,
@@ -457,17 +461,17 @@ class MotionMethods(ABC):
         **options: Unpack[ArcOptions],
     ) -> MotionPlan:
         """Plan an arc or a circle of the tip; see ``move_arc``."""
-        return self.plan(MoveArc(via_m, end_m, **_fields(options)))
+        return self.plan(MoveArc(via_m, end_m, **_fields(MoveArc, options)))
 
     def plan_through(self, points_m: Points, **options: Unpack[ThroughOptions]) -> MotionPlan:
         """Plan a motion through points (k, 3) [m] without a stop; see ``move_through``."""
-        return self.plan(MoveThrough(points_m, **_fields(options)))
+        return self.plan(MoveThrough(points_m, **_fields(MoveThrough, options)))
 
     def plan_drawing(
         self, strokes_m: Iterable[ArrayLike], **options: Unpack[DrawOptions]
     ) -> MotionPlan:
         """Plan strokes of the tip, points (k, 3) [m] each; see ``draw``."""
-        return self.plan(Draw(strokes_m, **_fields(options)))
+        return self.plan(Draw(strokes_m, **_fields(Draw, options)))
 
     def plan_joints(self, positions: Positions, *, speed: str = "normal") -> MotionPlan:
         """Plan a motion of some joints; see ``move_joints``."""
@@ -495,8 +499,18 @@ class MotionMethods(ABC):
         return self.execute(motion, on_progress) if wait else self.start(motion, on_progress)
 
 
-def _fields(options: Mapping[str, Any]) -> dict[str, Any]:
-    """Return options as fields of a motion: an orientation is a part of the stance."""
+def _fields(kind: type[MotionValue[Any]], options: Mapping[str, Any]) -> dict[str, Any]:
+    """Return options as fields of a kind of motion: an orientation is a part of the stance.
+
+    Raises:
+        TypeError: There is no such option; suggests the closest.
+    """
+    names = [each.name for each in fields(kind) if each.kw_only]
+    names += ["orientation"] if "stance" in names else []
+    for name in options.keys() - names:
+        close = difflib.get_close_matches(name, [*names, "wait", "on_progress"], n=1)
+        hint = f"Did you mean {close[0]!r}?" if close else f"Options: {', '.join(names)}."
+        raise TypeError(f"{kind.kind}() got an unexpected keyword argument {name!r}. {hint}")
     given = dict(options)
     orientation = given.pop("orientation", None)
     if orientation is not None:

@@ -149,8 +149,8 @@ class MoveLine(MotionValue[MoveResult]):
     """
 
     position_m: ArrayLike
-    tool_speed_m_s: float | None = None
     _: KW_ONLY
+    tool_speed_m_s: float | None = None
     speed: str = "normal"
     stance: ToolOrientation = KEEP_BEST_EFFORT
 

@@ -170,7 +170,7 @@ class ProgramStep(StrictModel):
             case "tip_m" if self.path == "arc":
                 return MoveArc(self.via_m, self.tip_m, tool_speed_m_s=self.tool_speed_m_s)
             case "tip_m" if self.path == "line":
-                return MoveLine(self.tip_m or (), self.tool_speed_m_s)
+                return MoveLine(self.tip_m or (), tool_speed_m_s=self.tool_speed_m_s)
             case "tip_m":
                 return MoveTo(self.tip_m or ())
             case "joints":

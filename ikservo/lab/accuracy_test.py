@@ -316,7 +316,7 @@ class AccuracyTest:
     def _path(self, shape: str, tool_speed_m_s: float) -> MoveLine | MoveArc:
         cube = self.cube
         if shape == "line":
-            return MoveLine(cube.poses_m["P4"], tool_speed_m_s, speed="fast")
+            return MoveLine(cube.poses_m["P4"], tool_speed_m_s=tool_speed_m_s, speed="fast")
         return MoveArc(center_m=cube.center_m, normal=cube.normal,
                        tool_speed_m_s=tool_speed_m_s, speed="fast")  # fmt: skip
 

@@ -84,6 +84,24 @@ def test_options_that_are_unknown_are_named_by_the_call(limp, method, wait):
 
 
 @pytest.mark.parametrize(
+    ("method", "slip", "meant"),
+    [
+        ("move_to", {"sped": "slow"}, "speed"),
+        ("move_to", {"waits": False}, "wait"),
+        ("move_line", {"orientaton": np.eye(3)}, "orientation"),
+        ("move_line", {"tool_speed": 0.1}, "tool_speed_m_s"),
+        ("move_through", {"blend": 0.01}, "blend_m"),
+        ("move_joints", {"on_progres": print}, "on_progress"),
+        ("gripper", {"width": 0.03}, "width_m"),
+        ("plan_through", {"lines": True}, "line"),
+    ],
+)
+def test_a_mistyped_option_is_answered_with_the_closest(limp, method, slip, meant):
+    with pytest.raises(TypeError, match=f"Did you mean '{meant}'"):
+        getattr(limp, method)(*OF_MOTION[method][1], **slip)
+
+
+@pytest.mark.parametrize(
     ("method", "option"),
     [("move_joints", "stance"), ("move_to", "line"), ("plan_to", "on_progress"), ("pose", "force")],
 )

@@ -38,7 +38,7 @@ NEAR, FAR = (0.23, 0.02, 0.10), (0.22, -0.04, 0.12)
 EXAMPLES = (
     MoveTo(NEAR, speed="fast", stance=ToolOrientation(pitch_rad=-0.9, roll_rad=0.1)),
     MoveTo(NEAR, stance=ToolOrientation(posture=Posture(np.zeros(5), np.ones(5)))),
-    MoveLine(np.array(NEAR), 0.05, stance=ToolOrientation(keep=True)),
+    MoveLine(np.array(NEAR), tool_speed_m_s=0.05, stance=ToolOrientation(keep=True)),
     MoveLine(NEAR, stance=ToolOrientation(direction=np.array([1.0, 0.0, -1.0]))),
     MoveArc((0.22, 0.03, 0.1), NEAR, full_circle=True),
     MoveArc(center_m=NEAR, normal=(1, 0, 0), angle_rad=-1.5, tool_speed_m_s=0.05),
@@ -174,7 +174,7 @@ def arm():
 
 PLANNED = (
     MoveTo(NEAR),
-    MoveLine(NEAR, 0.05),
+    MoveLine(NEAR, tool_speed_m_s=0.05),
     MoveArc((0.22, 0.03, 0.1), NEAR),
     MoveThrough([FAR, NEAR]),
     Draw([[NEAR]]),
