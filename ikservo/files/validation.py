@@ -78,7 +78,7 @@ def _make_issue(detail: ErrorDetails, model: type[BaseModel]) -> ValidationIssue
     location, kind = _key_location(detail["loc"], model), detail["type"]
     if kind == "extra_forbidden":
         return _unknown_key_issue(location, model)
-    message = detail["msg"].removeprefix("Value error, ")
+    message = detail["msg"].removeprefix("Value error, ").removesuffix(".")  # added at the end
     if kind == "value_error" and message:  # of a whole table
         return ValidationIssue(location, message, "")
     expected = _resolve_location(location, model)[1]
