@@ -13,7 +13,7 @@ from ikservo.clock import Clock
 from ikservo.errors import IkservoError, RefusedError, StoppedError
 from ikservo.guard import DrivenJoint, Gate, StopKind, StopReason
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.goals import write_goals
+from ikservo.hardware.goal_writing import write_goals
 from ikservo.registers import RegisterName
 
 __all__ = [

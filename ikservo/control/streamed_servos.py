@@ -25,7 +25,7 @@ from ikservo.errors import (
 )
 from ikservo.guard import DrivenJoint, Gate, StopReason, TrackingMonitor, torque_lost_error
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.goals import write_goals
+from ikservo.hardware.goal_writing import write_goals
 from ikservo.kinematics.arrays import Vector
 from ikservo.motion import TrajectoryPoint
 from ikservo.registers import RegisterName

@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 from ikservo.errors import BusError, RefusedError, ServoAlarmError, ServoRejectedError
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.goals import write_goals
+from ikservo.hardware.goal_writing import write_goals
 from ikservo.hardware.register_access import MAX_ENABLING_TICKS
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import ControlTable, Family, FeetechMode, OperatingMode, RegisterName

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 from ikservo.errors import BusError, RefusedError, ServoAlarmError
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.goals import write_goals
+from ikservo.hardware.goal_writing import write_goals
 from ikservo.hardware.servo import ServoSpec
 from ikservo.hardware.torque import read_goal_range, torque_on
 from ikservo.registers import Alarm, Family, RegisterName

@@ -7,7 +7,7 @@ import pytest
 
 import ikservo
 from ikservo.errors import RefusedError
-from ikservo.hardware.goals import write_goals
+from ikservo.hardware.goal_writing import write_goals
 from ikservo.registers import RegisterName
 from tests.arm.simulated import servo_group
 
@@ -60,4 +60,4 @@ def test_nothing_else_writes_goals():
         if isinstance(node, ast.Call) and getattr(node.func, "attr", "") in WRITES
         if any("GOAL_POSITION" in ast.unparse(each) for each in node.args)
     }
-    assert found == {"hardware/goals.py"}
+    assert found == {"hardware/goal_writing.py"}

@@ -20,7 +20,7 @@ from ikservo.lab.drive_recording import smooth_samples, steady_windows
 from ikservo.lab.identification import gravity_columns, identify, identify_payload
 from ikservo.model.identified_drives import with_mass_scales
 from ikservo.model.sag import link_masses
-from tests.maintenance.synthetic_drives import SUPPLY_V, Drive, prior_of, record, swing
+from tests.lab.synthetic_drives import SUPPLY_V, Drive, prior_of, record, swing
 
 MODEL = ikservo.load_model("open_manipulator_x")
 DYNAMICS = Dynamics.from_masses(MODEL.chain, link_masses(MODEL, MODEL.chain))
