@@ -9,7 +9,7 @@ from ikservo.guard.collision import (
 )
 from ikservo.guard.contact_release import nearest_free_posture
 from ikservo.guard.gate import Gate, StopKind, StopLatch, StopReason
-from ikservo.guard.limits import MAX_TRAVEL_RAD, DrivenJoint, LeadLimiter
+from ikservo.guard.limits import MAX_TRAVEL_RAD, DrivenJoint
 from ikservo.guard.monitors import (
     DEAD_MAN_TIMEOUT_S,
     CommunicationMonitor,
@@ -35,7 +35,6 @@ __all__ = [
     "HealthLimits",
     "HealthMonitor",
     "KeepOutBox",
-    "LeadLimiter",
     "ServoTelemetry",
     "StopKind",
     "StopLatch",

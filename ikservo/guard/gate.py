@@ -10,39 +10,10 @@ from types import MappingProxyType
 
 from ikservo.clock import Clock
 from ikservo.errors import LatchedStopError, RefusedError
-from ikservo.guard.limits import DrivenJoint, LeadLimiter, require_int_tick
+from ikservo.guard.joint_gate import MAX_ELAPSED_S, JointGate
+from ikservo.guard.limits import DrivenJoint, require_int_tick
 
-__all__ = ["MAX_ELAPSED_S", "Gate", "RateLimiter", "StopKind", "StopLatch", "StopReason"]
-
-
-# After a stall of the program goals may not jump by what the joint could have moved meanwhile.
-MAX_ELAPSED_S = 0.05
-
-
-class RateLimiter:
-    """Step limit of one joint's goals.
-
-    Goals are integer ticks, so that a step may be one tick longer than the speed allows; the next
-    steps are reduced by it, or many small steps would exceed the speed.
-
-    Args:
-        ticks_s: The maximum speed, ticks a second.
-    """
-
-    def __init__(self, ticks_s: float) -> None:
-        self._ticks_s = ticks_s
-        self._spare = 1.0
-
-    def max_step(self, elapsed_s: float) -> int:
-        """Compute the maximum step for the time since the last one, ticks."""
-        return math.floor(self._remaining_step(elapsed_s) + 1e-6)
-
-    def consume(self, step: int, elapsed_s: float) -> None:
-        """Account for a step that was sent."""
-        self._spare = min(self._remaining_step(elapsed_s) - step, 1.0)
-
-    def _remaining_step(self, elapsed_s: float) -> float:
-        return self._spare + self._ticks_s * min(max(elapsed_s, 0.0), MAX_ELAPSED_S)
+__all__ = ["Gate", "StopKind", "StopLatch", "StopReason"]
 
 
 class StopKind(Enum):
@@ -142,12 +113,9 @@ class Gate:
         send: Callable[[Mapping[int, int]], None],
         clock: Clock,
     ) -> None:
-        self._limits = {limit.joint: limit for limit in limits}
-        self._ranges = {limit.joint: limit.tick_range for limit in limits}
-        self._rate_limiters = {limit.joint: RateLimiter(limit.max_ticks_s) for limit in limits}
+        self._joints = {driven.joint: JointGate(driven) for driven in limits}
         self._send, self._clock = send, clock
-        self._lead, self._latch = LeadLimiter(limits), StopLatch()
-        self._goals: dict[str, int] = {}
+        self._latch = StopLatch()
         self._passed_s = clock.now_s()
 
     def reset_goals(self, ticks: Mapping[str, int]) -> None:
@@ -159,9 +127,9 @@ class Gate:
             RefusedError: A joint is unknown, a tick is not an integer, or the arm was stopped.
         """
         self._latch.raise_if_stopped()
-        for joint, tick in ticks.items():
-            self._limits_of(joint)
-            require_int_tick(joint, tick)
+        for name, tick in ticks.items():
+            self._joint(name)
+            require_int_tick(name, tick)
         self._commit_goals(ticks, self._clock.now_s())
 
     def update_measured(self, ticks: Mapping[str, int], time_s: float) -> None:
@@ -176,9 +144,13 @@ class Gate:
         Raises:
             RefusedError: A joint is unknown, a tick not an integer, or the time not finite.
         """
-        for joint in ticks:
-            self._limits_of(joint)
-        self._lead.update_measured(ticks, time_s)
+        if not math.isfinite(time_s):
+            raise RefusedError(f"The time of a measurement is {time_s} s.", "It was ignored.")
+        measured = [(self._joint(name), tick) for name, tick in ticks.items()]
+        for joint, tick in measured:
+            require_int_tick(joint.driven.joint, tick)
+        for joint, tick in measured:
+            joint.update_measured(tick, time_s)
 
     def set_speeds(self, speeds: Mapping[str, float]) -> None:
         """Set the maximum speeds of the next motion, rad/s or m/s: slow ones have less lead.
@@ -188,9 +160,15 @@ class Gate:
         Raises:
             RefusedError: A joint is unknown, or a speed not above zero.
         """
-        for joint in speeds:
-            self._limits_of(joint)
-        self._lead.set_speeds(speeds)
+        for name, speed in speeds.items():
+            self._joint(name)
+            if not speed > 0.0:
+                raise RefusedError(
+                    f"The speed of {name} must be above zero, not {speed} rad/s.",
+                    "Nothing was sent.",
+                )
+        for name, joint in self._joints.items():
+            joint.set_speed(speeds.get(name, joint.driven.speed))
 
     def allowed_advance_s(self, elapsed_s: float) -> float:
         """Return by how much a motion may advance in a time: less where a joint lags behind.
@@ -198,15 +176,17 @@ class Gate:
         A stream that adds this to its motion's time, instead of the time itself, keeps within the
         maximum lead: it waits for the joints.
         """
-        return self._lead.allowed_advance_s(self._goals, min(elapsed_s, MAX_ELAPSED_S))
+        elapsed_s = min(elapsed_s, MAX_ELAPSED_S)
+        driven = [joint for joint in self._joints.values() if joint.goal is not None]
+        return min([joint.allowed_advance_s(elapsed_s) for joint in driven], default=elapsed_s)
 
-    def ease(self, joint: str) -> float:
+    def ease(self, name: str) -> float:
         """Return how fast a joint's goals may go on, 0 to 1: less where it lags behind."""
-        return self._lead.ease(joint, self._goals[joint])
+        return self._joint(name).ease()
 
     def stale_joints(self, now_s: float) -> tuple[str, ...]:
         """Return the joints whose last position reading is too old for a goal to pass."""
-        return self._lead.stale_joints(now_s)
+        return tuple([name for name, joint in self._joints.items() if joint.is_stale(now_s)])
 
     def shorten_goals(self, goals: Mapping[str, int], now_s: float) -> dict[str, int]:
         """Compute the goals nearest to the given ones, on the straight path to them, that may pass.
@@ -223,10 +203,13 @@ class Gate:
             RefusedError: A joint is unknown or would leave its limits, a tick is not an integer,
                 or the joint was not measured recently.
         """
-        if not goals:
-            return {}
-        fraction = min(self._step_fraction(joint, tick, now_s) for joint, tick in goals.items())
-        return {j: self._goals[j] + int(fraction * (t - self._goals[j])) for j, t in goals.items()}
+        fraction, shortened, elapsed_s = 1.0, dict[str, int](), now_s - self._passed_s
+        for name, tick in goals.items():
+            fraction = min(fraction, self._joint(name).step_fraction(tick, elapsed_s, now_s))
+        for name, tick in goals.items():
+            last = self._joints[name].last_goal()
+            shortened[name] = last + int(fraction * (tick - last))
+        return shortened
 
     def send(self, goals: Mapping[str, int], now_s: float | None = None) -> None:
         """Send goal ticks by joint to the servos.
@@ -243,11 +226,10 @@ class Gate:
         self._latch.raise_if_stopped()
         now_s = self._command_time_s(now_s)
         elapsed_s = now_s - self._passed_s
-        for joint, tick in goals.items():
-            self._check_goal(joint, tick, elapsed_s)
-            self._lead.check_lead(joint, tick, self._goals[joint], now_s)
-        for joint, tick in goals.items():
-            self._rate_limiters[joint].consume(abs(tick - self._goals[joint]), elapsed_s)
+        for name, tick in goals.items():
+            self._joint(name).check_goal(tick, elapsed_s, now_s)
+        for name, tick in goals.items():
+            self._joints[name].consume_step(tick, elapsed_s)
         self._commit_goals(goals, now_s)
 
     def hold(self, ticks: Mapping[str, int]) -> None:
@@ -260,9 +242,9 @@ class Gate:
         Raises:
             RefusedError: A goal would move a joint; nothing was sent for any.
         """
-        inside = {joint: self.clamp(joint, tick) for joint, tick in ticks.items()}
-        for joint, tick in inside.items():
-            self._check_hold_goal(joint, tick)
+        inside = {name: self.clamp(name, tick) for name, tick in ticks.items()}
+        for name, tick in inside.items():
+            self._joints[name].check_hold_goal(tick)
         self._commit_goals(inside, self._clock.now_s())
 
     def latch_stop(self, reason: StopReason) -> None:
@@ -283,7 +265,8 @@ class Gate:
         The goals are cleared: `reset_goals` is required before the next goal.
         """
         if self._latch.reason is not None:
-            self._goals.clear()
+            for joint in self._joints.values():
+                joint.goal = None
         return self._latch.acknowledge()
 
     @property
@@ -294,12 +277,14 @@ class Gate:
     @property
     def goals(self) -> Mapping[str, int]:
         """The goal tick of each joint that was last sent."""
-        return MappingProxyType(self._goals)
+        goals = [(name, joint.goal) for name, joint in self._joints.items()]
+        return MappingProxyType({name: goal for name, goal in goals if goal is not None})
 
     @property
     def measured_ticks(self) -> Mapping[str, int]:
         """The last measured tick of each joint."""
-        return self._lead.measured_ticks
+        measured = [(name, joint.measured) for name, joint in self._joints.items()]
+        return MappingProxyType({name: tick for name, tick in measured if tick is not None})
 
     def check_range(self, goals: Mapping[str, int], start: Mapping[str, int]) -> None:
         """Check distant goals before a motion to them; sends nothing.
@@ -311,18 +296,16 @@ class Gate:
         Raises:
             RefusedError: A joint is unknown or would leave its limits.
         """
-        for joint, tick in goals.items():
-            self._check_range(joint, tick, start[joint])
+        for name, tick in goals.items():
+            self._joint(name).check_range(tick, start[name])
 
-    def clamp(self, joint: str, tick: int) -> int:
+    def clamp(self, name: str, tick: int) -> int:
         """Return the tick nearest to ``tick`` inside the joint's allowed range.
 
         Raises:
             RefusedError: The joint is unknown or was never enabled, or the tick is not an integer.
         """
-        require_int_tick(joint, tick)
-        low, high = self._allowed_range(joint, self._last_goal(joint))
-        return min(max(tick, low), high)
+        return self._joint(name).clamp(tick)
 
     def _command_time_s(self, given_s: float | None) -> float:
         """Compute the time for which a command is checked."""
@@ -338,64 +321,14 @@ class Gate:
             )
         return given_s
 
-    def _step_fraction(self, joint: str, tick: int, now_s: float) -> float:
-        """Compute the allowed fraction of a joint's step; 1 where `send` decides."""
-        last, limiter = self._last_goal(joint), self._rate_limiters[joint]
-        self._check_range(joint, tick, last)
-        step = abs(tick - last)
-        if not 0 < step <= limiter.max_step(MAX_ELAPSED_S):
-            return 1.0
-        remaining = self._lead.remaining_lead(joint, last, (tick - last) // step, now_s)
-        return min(limiter.max_step(now_s - self._passed_s), remaining, step) / step
-
-    def _check_goal(self, joint: str, tick: int, elapsed_s: float) -> None:
-        last = self._last_goal(joint)
-        self._check_range(joint, tick, last)
-        step, max_step = abs(tick - last), self._rate_limiters[joint].max_step(elapsed_s)
-        if step > max_step:
-            shown_ms = min(elapsed_s, MAX_ELAPSED_S) * 1e3
-            raise RefusedError(
-                f"Velocity limit: setpoint step of {step} ticks in {shown_ms:.0f} ms for {joint} "
-                f"(max {max_step}); stopped.",
-                "Setpoints must not move faster than the fastest speed of the arm file.",
-            )
-
-    def _check_hold_goal(self, joint: str, tick: int) -> None:
-        last = self._last_goal(joint)
-        measured = self._lead.measured_ticks.get(joint, last)
-        if not min(last, measured) <= tick <= max(last, measured):
-            raise RefusedError(
-                f"Setpoint {tick} would move {joint}, which has to stay between tick {measured} "
-                f"and its setpoint {last}.",
-                "Nothing was sent.",
-            )
-
-    def _check_range(self, joint: str, tick: int, last: int) -> None:
-        limit = self._limits_of(joint)
-        require_int_tick(joint, tick)
-        low, high = self._allowed_range(joint, last)
-        if not low <= tick <= high:
-            raise RefusedError(limit.describe_violation(tick), "Choose a target inside the limits.")
-
-    def _allowed_range(self, joint: str, last: int) -> tuple[int, int]:
-        """Return the allowed ticks: the limits, and the path back to them from outside."""
-        low, high = self._ranges[joint]
-        return min(low, last), max(high, last)
-
-    def _last_goal(self, joint: str) -> int:
-        self._limits_of(joint)
-        if joint not in self._goals:
-            raise RefusedError(
-                f"The position of {joint} has not been measured.", "Switch its torque on first."
-            )
-        return self._goals[joint]
-
-    def _limits_of(self, joint: str) -> DrivenJoint:
-        if joint not in self._limits:
-            raise RefusedError(f"There is no joint {joint!r} on this arm.", "Nothing was sent.")
-        return self._limits[joint]
+    def _joint(self, name: str) -> JointGate:
+        joint = self._joints.get(name)
+        if joint is None:
+            raise RefusedError(f"There is no joint {name!r} on this arm.", "Nothing was sent.")
+        return joint
 
     def _commit_goals(self, goals: Mapping[str, int], now_s: float) -> None:
-        self._send({self._limits[joint].servo_id: tick for joint, tick in goals.items()})
-        self._goals.update(goals)
+        self._send({self._joints[name].driven.servo_id: tick for name, tick in goals.items()})
+        for name, tick in goals.items():
+            self._joints[name].goal = tick
         self._passed_s = now_s

@@ -1,15 +1,15 @@
-"""Limits of commanded positions: joint limits, lead over the measured joint, whole ticks."""
+"""A driven joint: its range, its speed, and how far a goal may be ahead of it."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 from ikservo.calibration import JointMap, JointUnit, Limits, format_position, format_source
 from ikservo.errors import RefusedError
 
-__all__ = ["MAX_TRAVEL_RAD", "DrivenJoint", "LeadLimiter", "require_int_tick"]
+__all__ = ["MAX_TRAVEL_RAD", "DrivenJoint", "require_int_tick"]
 
 
 MAX_TRAVEL_RAD = 60 * math.tau / 4096
@@ -22,7 +22,7 @@ _LEAD_TIME_S = 0.1
 _AT_REST_LEAD_RAD, _MAX_AT_REST_LEAD_RAD = 0.12, 0.2
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True)
 class DrivenJoint:
     """A joint, its servo, and the range and speed that its goals may have.
 
@@ -42,17 +42,17 @@ class DrivenJoint:
     lifting_lag_rad: float = 0.0
     sag_rad: float = 0.0
 
-    @property
+    @cached_property
     def joint(self) -> str:
         """The joint's name."""
         return self.joint_map.joint
 
-    @property
+    @cached_property
     def servo_id(self) -> int:
         """The id of the joint's servo."""
         return self.joint_map.servo_id
 
-    @property
+    @cached_property
     def tick_range(self) -> tuple[int, int]:
         """The lowest and the highest tick inside the limits."""
         return self.joint_map.ticks_inside(self.limits.lower.value, self.limits.upper.value)
@@ -144,147 +144,3 @@ def require_int_tick(joint: str, tick: object) -> None:
     # bool is an int in Python, but True is not a position.
     if not isinstance(tick, int) or isinstance(tick, bool):
         raise RefusedError(f"The goal of {joint} is {tick!r}.", "Expected a whole number of ticks.")
-
-
-# A measurement older than this is stale.
-_STALE_S = 0.25
-# From this fraction of the lead on a motion slows down, so that it need not stop at the end of it.
-_EASE_FROM = 0.75
-
-
-class LeadLimiter:
-    """Limits the lead of goals over the measured joints.
-
-    A goal further ahead than `DrivenJoint.max_lead_ticks` is refused, unless it is the present
-    goal or on the path back from it; so is a goal of a joint that was not measured recently.
-
-    Args:
-        limits: One for each joint.
-    """
-
-    def __init__(self, limits: Sequence[DrivenJoint]) -> None:
-        self._limits = {limit.joint: limit for limit in limits}
-        self._measured: dict[str, tuple[int, float]] = {}
-        self.set_speeds({})
-
-    @property
-    def measured_ticks(self) -> dict[str, int]:
-        """The last measured tick of each joint."""
-        return {joint: tick for joint, (tick, _) in self._measured.items()}
-
-    def set_speeds(self, speeds: Mapping[str, float]) -> None:
-        """Set the maximum speeds of the motion, rad/s or m/s; by default those of the limits.
-
-        Raises:
-            RefusedError: A speed is not above zero.
-        """
-        speeds_by_joint = {joint: limit.speed for joint, limit in self._limits.items()} | dict(
-            speeds
-        )
-        for joint, speed in speeds_by_joint.items():
-            if not speed > 0.0:
-                raise RefusedError(
-                    f"The speed of {joint} must be above zero, not {speed} rad/s.",
-                    "Nothing was sent.",
-                )
-        self._leads = {
-            j: driven.max_lead_ticks(speeds_by_joint[j]) for j, driven in self._limits.items()
-        }
-        self._ticks_s = {
-            j: min(speeds_by_joint[j] / driven.joint_map.unit_per_tick, driven.max_ticks_s)
-            for j, driven in self._limits.items()
-        }
-
-    def update_measured(self, ticks: Mapping[str, int], time_s: float) -> None:
-        """Update the positions measured at a time; joints without a reply are left out.
-
-        Raises:
-            RefusedError: A tick is not an integer, or the time not finite.
-        """
-        if not math.isfinite(time_s):
-            raise RefusedError(f"The time of a measurement is {time_s} s.", "It was ignored.")
-        for joint, tick in ticks.items():
-            require_int_tick(joint, tick)
-        self._measured |= {joint: (tick, time_s) for joint, tick in ticks.items()}
-
-    def check_lead(self, joint: str, tick: int, last: int, now_s: float) -> None:
-        """Check the lead of one goal over the measured position.
-
-        Args:
-            joint: Its name.
-            tick: The goal.
-            last: The present goal.
-            now_s: The time.
-
-        Raises:
-            RefusedError: The lead is too large, or the joint was not measured recently.
-        """
-        measured, lead = self._require_measured(joint, now_s), self._leads[joint]
-        if not min(measured - lead, last) <= tick <= max(measured + lead, last):
-            raise RefusedError(
-                f"Following error: the setpoint of {joint} would be {abs(tick - measured)} ticks "
-                f"ahead of its position (max {lead}); stopped.",
-                "Check whether something blocks the joint.",
-            )
-
-    def stale_joints(self, now_s: float) -> tuple[str, ...]:
-        """Return the joints without a position reading of the last 0.25 s."""
-        return tuple(joint for joint in self._limits if self._recent_tick(joint, now_s) is None)
-
-    def remaining_lead(self, joint: str, last: int, direction: int, now_s: float) -> int:
-        """Compute how many ticks a goal may move on from ``last`` in a direction, +1 or -1.
-
-        Raises:
-            RefusedError: The joint was not measured recently.
-        """
-        measured, lead = self._require_measured(joint, now_s), self._leads[joint]
-        return max(lead - direction * (last - measured), 0)
-
-    def allowed_advance_s(self, goals: Mapping[str, int], elapsed_s: float) -> float:
-        """Return by how much a motion may advance in a time: less where a joint lags behind.
-
-        Goals within the speeds of `set_speeds` stay within the maximum lead.
-
-        Args:
-            goals: The present goals.
-            elapsed_s: The time since they were sent.
-        """
-        return min(
-            (self._allowed_joint_advance_s(j, goals[j], elapsed_s) for j in goals),
-            default=elapsed_s,
-        )
-
-    def ease(self, joint: str, goal: int) -> float:
-        """Compute how fast goals may go on, 0 to 1: less from three quarters of the lead on.
-
-        Args:
-            joint: Its name.
-            goal: Its present goal.
-        """
-        if joint not in self._measured:
-            return 0.0
-        ahead = abs(goal - self._measured[joint][0])
-        return min(max((1.0 - ahead / self._leads[joint]) / (1.0 - _EASE_FROM), 0.0), 1.0)
-
-    def _allowed_joint_advance_s(self, joint: str, goal: int, elapsed_s: float) -> float:
-        if joint not in self._measured:
-            return 0.0
-        # One tick is left for rounding.
-        remaining = self._leads[joint] - 1 - abs(goal - self._measured[joint][0])
-        allowed_s = min(self.ease(joint, goal) * elapsed_s, remaining / self._ticks_s[joint])
-        return max(allowed_s, 0.0)
-
-    def _require_measured(self, joint: str, now_s: float) -> int:
-        tick = self._recent_tick(joint, now_s)
-        if tick is None:
-            raise RefusedError(
-                f"No position reading from {joint} for {_STALE_S} s; motion stopped.",
-                "Check the cable and the computer's load.",
-            )
-        return tick
-
-    def _recent_tick(self, joint: str, now_s: float) -> int | None:
-        if joint not in self._measured:
-            return None
-        tick, measured_s = self._measured[joint]
-        return tick if now_s - measured_s <= _STALE_S else None

@@ -89,7 +89,9 @@ class MemoryRange:
 
     def overlaps(self, other: MemoryRange) -> bool:
         """Check whether the two have a byte in common."""
-        return self.address < other.end and other.address < self.end
+        return (
+            self.address < other.address + other.size and other.address < self.address + self.size
+        )
 
     def grown(self, by: int) -> MemoryRange:
         """Return a window of ``by`` bytes more around it.

@@ -181,13 +181,15 @@ class PendingReplies:
         if self._pending and any(self.is_pending(servo_id, size, now_s) for servo_id in servo_ids):
             return True
 
-        def confusable(reply: _ReceivedReply) -> bool:
-            return reply.size == size and (health.degraded or reply.request != request)
-
         for past in self._received_of(servo_ids):
-            if any(map(confusable, past)):  # rarely, so the latest are sorted out only then
+            confusable = [
+                reply
+                for reply in past
+                if reply.size == size and (health.degraded or reply.request != request)
+            ]
+            if confusable:  # rarely, so the latest are sorted out only then
                 latest = _possible_duplicates(past, now_s, suspect=health.suspect)
-                if any(map(confusable, latest)):
+                if any(reply in confusable for reply in latest):
                     return True
         return False
 

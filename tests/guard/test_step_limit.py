@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from ikservo.guard.gate import RateLimiter
+from ikservo.guard.joint_gate import RateLimiter
 
 
 @pytest.mark.parametrize(

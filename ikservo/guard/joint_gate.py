@@ -1,0 +1,227 @@
+"""The checks of one joint's goals: its range, its speed, and their lead over the measured joint."""
+
+from __future__ import annotations
+
+import math
+
+from ikservo.errors import RefusedError
+from ikservo.guard.limits import DrivenJoint, require_int_tick
+
+__all__ = ["MAX_ELAPSED_S", "JointGate", "RateLimiter"]
+
+
+# After a stall of the program goals may not jump by what the joint could have moved meanwhile.
+MAX_ELAPSED_S = 0.05
+# A measurement older than this is stale.
+_STALE_S = 0.25
+# From this fraction of the lead on a motion slows down, so that it need not stop at the end of it.
+_EASE_FROM = 0.75
+
+
+class RateLimiter:
+    """Step limit of one joint's goals.
+
+    Goals are integer ticks, so that a step may be one tick longer than the speed allows; the next
+    steps are reduced by it, or many small steps would exceed the speed.
+
+    Args:
+        ticks_s: The maximum speed, ticks a second.
+    """
+
+    def __init__(self, ticks_s: float) -> None:
+        self._ticks_s = ticks_s
+        self._spare = 1.0
+
+    def max_step(self, elapsed_s: float) -> int:
+        """Compute the maximum step for the time since the last one, ticks."""
+        return math.floor(self._remaining_step(elapsed_s) + 1e-6)
+
+    def consume(self, step: int, elapsed_s: float) -> None:
+        """Account for a step that was sent."""
+        self._spare = min(self._remaining_step(elapsed_s) - step, 1.0)
+
+    def _remaining_step(self, elapsed_s: float) -> float:
+        return self._spare + self._ticks_s * min(max(elapsed_s, 0.0), MAX_ELAPSED_S)
+
+
+class JointGate:
+    """Checks the goals of one joint against its limits, its last goal and its last measurement.
+
+    A goal's *lead* is its distance from the measured joint. A goal with a lead of more than
+    `DrivenJoint.max_lead_ticks` is refused, unless it is the present goal or on the path back from
+    it; so is a goal of a joint that was not measured recently.
+
+    Args:
+        driven: The joint.
+
+    Attributes:
+        driven: The joint.
+        goal: The last goal that was sent; None where no goal is in force.
+        measured: The last measured tick; None before the first measurement.
+    """
+
+    def __init__(self, driven: DrivenJoint) -> None:
+        self.driven = driven
+        self.goal: int | None = None
+        self.measured: int | None = None
+        self._name = driven.joint
+        self._range = driven.tick_range
+        self._rate = RateLimiter(driven.max_ticks_s)
+        self._measured_s = -math.inf
+        self.set_speed(driven.speed)
+
+    def set_speed(self, speed: float) -> None:
+        """Set the maximum speed of the next motion, rad/s or m/s: a slow one has less lead."""
+        self._max_lead = self.driven.max_lead_ticks(speed)
+        unit_per_tick = self.driven.joint_map.unit_per_tick
+        self._ticks_s = min(speed / unit_per_tick, self.driven.max_ticks_s)
+
+    def update_measured(self, tick: int, time_s: float) -> None:
+        """Update the measured position.
+
+        Args:
+            tick: Where the joint is.
+            time_s: When it was measured, by the gate's clock.
+        """
+        self.measured, self._measured_s = tick, time_s
+
+    def last_goal(self) -> int:
+        """Return the goal that is in force.
+
+        Raises:
+            RefusedError: There is none.
+        """
+        if self.goal is None:
+            raise RefusedError(
+                f"The position of {self._name} has not been measured.",
+                "Switch its torque on first.",
+            )
+        return self.goal
+
+    def consume_step(self, tick: int, elapsed_s: float) -> None:
+        """Account for the step to a goal that is sent after a time."""
+        self._rate.consume(abs(tick - self.last_goal()), elapsed_s)
+
+    def is_stale(self, now_s: float) -> bool:
+        """Check whether the last measurement is too old for a goal to pass."""
+        return not now_s - self._measured_s <= _STALE_S  # so that NaN is stale, too
+
+    def ease(self) -> float:
+        """Compute how fast goals may go on, 0 to 1: less from three quarters of the lead on."""
+        lead = self._lead()
+        if lead is None:
+            return 0.0
+        return min(max((1.0 - lead / self._max_lead) / (1.0 - _EASE_FROM), 0.0), 1.0)
+
+    def allowed_advance_s(self, elapsed_s: float) -> float:
+        """Compute by how much a motion may advance in a time: less where the joint lags behind.
+
+        Goals within the speed of `set_speed` stay within the maximum lead.
+        """
+        lead = self._lead()
+        if lead is None:
+            return 0.0
+        remaining = self._max_lead - 1 - lead  # one tick is left for rounding
+        return max(min(self.ease() * elapsed_s, remaining / self._ticks_s), 0.0)
+
+    def step_fraction(self, tick: int, elapsed_s: float, now_s: float) -> float:
+        """Compute which fraction of the step to a goal may be sent now.
+
+        A goal that the joint could not reach within 50 ms at full speed is not a late step but a
+        jump: its fraction is 1, and `check_goal` refuses it.
+
+        Args:
+            tick: The goal.
+            elapsed_s: The time since the last goals.
+            now_s: The time.
+
+        Raises:
+            RefusedError: The goal is outside the limits, or the joint was not measured recently.
+        """
+        last = self.last_goal()
+        self.check_range(tick, last)
+        step = abs(tick - last)
+        if not 0 < step <= self._rate.max_step(MAX_ELAPSED_S):
+            return 1.0
+        direction = 1 if tick > last else -1
+        remaining = max(self._max_lead - direction * (last - self._recent_tick(now_s)), 0)
+        return min(self._rate.max_step(elapsed_s), remaining, step) / step
+
+    def check_goal(self, tick: int, elapsed_s: float, now_s: float) -> None:
+        """Check a goal of a motion.
+
+        Args:
+            tick: The goal.
+            elapsed_s: The time since the last goals.
+            now_s: The time.
+
+        Raises:
+            RefusedError: The goal is outside the limits, too far from the last goal or from the
+                measured joint, or the joint was not measured recently.
+        """
+        last = self.last_goal()
+        self.check_range(tick, last)
+        step, max_step = abs(tick - last), self._rate.max_step(elapsed_s)
+        if step > max_step:
+            shown_ms = min(elapsed_s, MAX_ELAPSED_S) * 1e3
+            raise RefusedError(
+                f"Velocity limit: setpoint step of {step} ticks in {shown_ms:.0f} ms for "
+                f"{self._name} (max {max_step}); stopped.",
+                "Setpoints must not move faster than the fastest speed of the arm file.",
+            )
+        measured, lead = self._recent_tick(now_s), self._max_lead
+        if not min(measured - lead, last) <= tick <= max(measured + lead, last):
+            raise RefusedError(
+                f"Following error: the setpoint of {self._name} would be {abs(tick - measured)} "
+                f"ticks ahead of its position (max {lead}); stopped.",
+                "Check whether something blocks the joint.",
+            )
+
+    def check_hold_goal(self, tick: int) -> None:
+        """Check that a goal lets the joint stay: between the last goal and the measured joint.
+
+        Raises:
+            RefusedError: It would move the joint.
+        """
+        last = self.last_goal()
+        measured = last if self.measured is None else self.measured
+        if not min(last, measured) <= tick <= max(last, measured):
+            raise RefusedError(
+                f"Setpoint {tick} would move {self._name}, which has to stay between tick "
+                f"{measured} and its setpoint {last}.",
+                "Nothing was sent.",
+            )
+
+    def check_range(self, tick: int, start: int) -> None:
+        """Check that a goal is inside the limits, or on the path back to them from a start tick.
+
+        Raises:
+            RefusedError: It is not, or it is not an integer.
+        """
+        require_int_tick(self._name, tick)
+        low, high = self._range
+        if not min(low, start) <= tick <= max(high, start):
+            violation = self.driven.describe_violation(tick)
+            raise RefusedError(violation, "Choose a target inside the limits.")
+
+    def clamp(self, tick: int) -> int:
+        """Return the nearest tick inside the limits, or on the path back from the last goal.
+
+        Raises:
+            RefusedError: No goal is in force, or the tick is not an integer.
+        """
+        require_int_tick(self._name, tick)
+        last, (low, high) = self.last_goal(), self._range
+        return min(max(tick, min(low, last)), max(high, last))
+
+    def _lead(self) -> int | None:
+        goal, measured = self.goal, self.measured
+        return None if goal is None or measured is None else abs(goal - measured)
+
+    def _recent_tick(self, now_s: float) -> int:
+        if self.measured is None or self.is_stale(now_s):
+            raise RefusedError(
+                f"No position reading from {self._name} for {_STALE_S} s; motion stopped.",
+                "Check the cable and the computer's load.",
+            )
+        return self.measured
