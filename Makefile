@@ -43,8 +43,10 @@ sanitize: $(VENV)/tested  ## the kernels' tests with checked indices and sanitiz
 campaign: $(VENV)/tested build  ## long seeded campaigns, and every case that the suite leaves out
 	$(BIN)/python -m pytest -m campaign
 
-mutate: $(VENV)/tested build  ## every small change of guard, kinematics and calibration must make a test fail
-	$(BIN)/python tools/mutate.py
+MUTANTS ?= "ikservo.guard.*"
+mutate: $(VENV)/mutating build  ## small changes of guard, kinematics or calibration (MUTANTS=) must make a test fail
+	$(BIN)/mutmut run $(MUTANTS)
+	$(BIN)/mutmut results
 
 bench: $(VENV)/tested build  ## how long the commands take; results belong in docs/benchmarks.md
 	$(BIN)/python tools/bench/startup.py
@@ -73,7 +75,7 @@ vendor:  ## three.js and uPlot of the page anew, from npm at the versions of too
 	cd $(PAGE) && sha256sum uplot.min.js uplot.min.css > uplot.min.js.sha256
 
 clean:
-	rm -rf $(VENV) .venv-lerobot build dist site ikservo/ik/kernel/_compiled.*
+	rm -rf $(VENV) .venv-lerobot build dist site mutants ikservo/ik/kernel/_compiled.*
 
 $(VENV)/bin/pip:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "ikservo needs Python 3.11 or newer; try: make PYTHON=python3.12"; exit 1; }
@@ -91,6 +93,10 @@ $(VENV)/tested: $(VENV)/installed
 
 $(VENV)/checked: $(VENV)/tested
 	$(BIN)/pip install --quiet --group check
+	@touch $@
+
+$(VENV)/mutating: $(VENV)/tested
+	$(BIN)/pip install --quiet --group mutate
 	@touch $@
 
 $(VENV)/releasable: $(VENV)/bin/pip pyproject.toml

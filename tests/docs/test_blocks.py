@@ -145,12 +145,7 @@ def test_pages_link_to_files_that_exist():
     assert missing == []
 
 
-OF_THE_PAST = {"mutation.md"}  # runs of an earlier day, with the names of that day
-
-
-@pytest.mark.parametrize(
-    "page", [page for page in PAGES if page.name not in OF_THE_PAST], ids=lambda page: page.name
-)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_modules_and_tests_that_a_page_names_exist(page):
     folders = ("ikservo", "sim", "tests", "tools", "examples", "integrations", "docs")
     files = [file.as_posix() for each in folders for file in (ROOT / each).rglob("*.py")]

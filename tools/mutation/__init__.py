@@ -1,1 +1,0 @@
-"""What ``tools/mutate.py`` is made of."""
