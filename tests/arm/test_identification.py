@@ -121,10 +121,11 @@ def identify_member(name, port):
         return run.file(found, datetime.now(UTC)), off
 
 
-def path_error_m(name, port, lines=10):
+def path_error_m(name, port, lines=20):
     """Return the rms distance of the true tip from the same random lines, in the median."""
     dice, errors = np.random.default_rng(1), list[float]()
     with ikservo.open_arm(name, port=port) as arm:
+        arm.pose("home")
         while len(errors) < lines:
             end = arm.where().tip_m + dice.uniform(-0.1, 0.1, 3)
             try:
