@@ -12,7 +12,7 @@ from typer.core import TyperCommand, TyperGroup
 from ikservo.errors import ExitCode
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
 __all__ = ["COMMANDS", "FORMER_OPTIONS", "PANELS", "app"]
 
@@ -141,8 +141,10 @@ def _replace_former_options(command: str, args: list[str]) -> Iterator[str]:
 
 
 def _load_command(name: str) -> Any:  # noqa: ANN401
+    from ikservo.cli.option_groups import with_options_of_groups  # noqa: PLC0415
+
     module = import_module(f"ikservo.cli.{_MODULES.get(name, name)}")
-    command: Callable[..., None] = module.command
+    command = with_options_of_groups(module.command)
     single = typer.Typer(add_completion=False)
     settings: dict[str, Any] = getattr(module, "CONTEXT_SETTINGS", {})
     single.command(name, cls=_RenamedOptionsCommand, context_settings=settings)(command)

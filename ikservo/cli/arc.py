@@ -10,22 +10,11 @@ import typer
 from ikservo.arm.motions import MoveArc
 from ikservo.cli.motion_report import make_tip_motion, print_move_report
 from ikservo.cli.options import (
-    ArmOption,
-    CollisionOption,
-    DirectionOption,
-    DryRunOption,
-    JsonOption,
-    KeepOption,
-    NoWiggleOption,
-    PitchOption,
-    PortOption,
-    RollOption,
+    ArmConnection,
+    MotionOptions,
     SpeedOption,
-    TipOption,
+    ToolOptions,
     ToolSpeedOption,
-    UncalibratedOption,
-    YesOption,
-    orientation_from_options,
     parse_angle_rad,
     parse_axis,
     parse_length_m,
@@ -76,21 +65,11 @@ def command(
     center: Center = None,
     normal: Normal = "z",
     angle: Angle = None,
-    arm: ArmOption = None,
-    port: PortOption = None,
+    connection: ArmConnection,
     speed: SpeedOption = "normal",
     tool_speed: ToolSpeedOption = None,
-    pitch: PitchOption = None,
-    roll: RollOption = None,
-    direction: DirectionOption = None,
-    keep: KeepOption = False,
-    collision: CollisionOption = True,
-    dry_run: DryRunOption = False,
-    uncalibrated: UncalibratedOption = False,
-    no_wiggle: NoWiggleOption = False,
-    tip: TipOption = None,
-    yes: YesOption = False,
-    json: JsonOption = False,
+    tool: ToolOptions,
+    options: MotionOptions,
 ) -> None:
     """Move the tip on an arc through --via to X Y Z, or about --center.
 
@@ -109,16 +88,11 @@ def command(
         angle_rad=math.tau if angle is None else angle,
         tool_speed_m_s=tool_speed,
         speed=speed,
-        stance=orientation_from_options(pitch, roll, direction, keep=keep),
+        stance=tool.orientation(),
     )
-    with open_from_options(
-        arm, port, tip=tip, collisions=collision, uncalibrated=uncalibrated
-    ) as machine:
-        plan = machine.plan(motion)
-        report = make_tip_motion(
-            machine, plan, yes=yes, dry_run=dry_run, wiggle=not no_wiggle, json=json
-        )
-    print_move_report(report, json=json)
+    with open_from_options(connection, options) as machine:
+        report = make_tip_motion(machine, machine.plan(motion), options)
+    print_move_report(report, json=options.json)
 
 
 def _end_of(*coordinates: float | None) -> tuple[float, float, float] | None:

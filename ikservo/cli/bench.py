@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import ArmOption, JsonOption, ServoPortOption
+from ikservo.cli.options import JsonOption, ServoConnection
 from ikservo.cli.terminal import print_json, print_status, print_table, progress_bar
 from ikservo.lab.bus_benchmark import CYCLES, BusTiming, benchmark_bus
 from ikservo.model import Model
@@ -29,8 +29,7 @@ Count = Annotated[int, typer.Option("--count", min=10, help="Cycles of each kind
 def command(
     what: What,
     *,
-    arm: ArmOption = None,
-    port: ServoPortOption = None,
+    connection: ServoConnection,
     count: Count = CYCLES,
     json: JsonOption = False,
 ) -> None:
@@ -38,9 +37,11 @@ def command(
 
     ikservo bench bus --arm so101 --port /dev/ttyACM0
     """
-    model = model_from_option(arm)
+    model = model_from_option(connection.arm)
     with progress_bar() as show:
-        speeds = benchmark_bus(model, port, count, show and (lambda w, n: show(w, n, count)))
+        speeds = benchmark_bus(
+            model, connection.port, count, show and (lambda w, n: show(w, n, count))
+        )
     if json:
         print_json(
             "bench",

@@ -15,9 +15,9 @@ from ikservo.cli.dialogue import Operator
 from ikservo.cli.direction_check import check_directions
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import (
-    ArmArgument,
     JsonOption,
-    ServoPortOption,
+    MotionOptions,
+    NamedServoConnection,
     UncalibratedOption,
     YesOption,
     parse_length_m,
@@ -116,9 +116,8 @@ Wiggle = Annotated[
 
 
 def command(
-    arm: ArmArgument = None,
+    connection: NamedServoConnection,
     *,
-    port: ServoPortOption = None,
     pose: Pose = "rest",
     margin: Margin = 2.0,
     continuous: Continuous = None,
@@ -156,10 +155,11 @@ def command(
     if joint and (auto or touch):
         raise InputError("--joint goes with a calibration by hand or with --wiggle.")
     if wiggle:
-        with open_from_options(arm, port, collisions=False, uncalibrated=uncalibrated) as machine:
+        options = MotionOptions(collision=False, uncalibrated=uncalibrated)
+        with open_from_options(connection, options) as machine:
             check_directions(machine, joint or [], yes=yes, json=json)
         return
-    model = model_from_option(arm)
+    model, port = model_from_option(connection.arm), connection.port
     entries = None
     if from_script:
         entries = (read_touch_script if touch else read_script)(from_script)

@@ -17,13 +17,7 @@ from ikservo.calibration.records import Calibration
 from ikservo.calibration.transaction import resume, roll_back
 from ikservo.cli.dialogue import Operator
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import (
-    ArmArgument,
-    JsonOption,
-    ServoPortOption,
-    YesOption,
-    complete_actions,
-)
+from ikservo.cli.options import JsonOption, NamedServoConnection, YesOption, complete_actions
 from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
 from ikservo.errors import CalibrationError, ExitCode, IkservoError, InputError, UnknownNameError
 from ikservo.files.writing import BACKUP_SUFFIX
@@ -64,9 +58,8 @@ Source = Annotated[
 
 def command(
     action: Action,
-    arm: ArmArgument = None,
+    connection: NamedServoConnection,
     *,
-    port: ServoPortOption = None,
     source: Source = None,
     yes: YesOption = False,
     json: JsonOption = False,
@@ -89,11 +82,12 @@ def command(
         raise UnknownNameError("action", action, ACTIONS)
     if source and action != "adopt":
         raise InputError(f"--from cannot be used with {action}.", "It belongs to: adopt")
+    model, port = model_from_option(connection.arm), connection.port
     if action in ("show", "restore"):
-        _show_or_restore(model_from_option(arm), port, action, json=json)
+        _show_or_restore(model, port, action, json=json)
         return
     interrupted = action in ("resume", "revert")
-    with open_torque_off(model_from_option(arm), port, settled=not interrupted) as limp_arm:
+    with open_torque_off(model, port, settled=not interrupted) as limp_arm:
         if action == "diff":
             _print_differences(limp_arm, json=json)
         elif interrupted:

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from ikservo.arm import Arm, ZeroSource
 from ikservo.cli.dialogue import Operator
+from ikservo.cli.options import ArmConnection, MotionOptions
 from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.errors import InputError
@@ -20,7 +21,7 @@ from ikservo.model import Model
 __all__ = ["check_directions", "check_directions_once", "check_new_signs"]
 
 
-def check_directions_once(machine: Arm, *, yes: bool) -> bool:
+def check_directions_once(machine: Arm, options: MotionOptions) -> bool:
     """Run the test motion of all joints if the present files were never confirmed with it.
 
     Returns whether it ran: the arm may then hold elsewhere than where a plan starts.
@@ -29,20 +30,20 @@ def check_directions_once(machine: Arm, *, yes: bool) -> bool:
 
     Args:
         machine: The arm, before it moves.
-        yes: Whether to skip the questions to the user.
+        options: Whether to skip it, or the questions to the user.
 
     Raises:
         CalibrationError: A joint is not the expected one.
         InputError: No user is there to observe.
     """
-    if machine.is_remote:  # the program beside the arm has done it
+    if options.no_wiggle or machine.is_remote:  # the program beside the arm has done it
         return False
     if machine.zeros in (ZeroSource.SIMULATED, ZeroSource.UNKNOWN):
         return False
     if directions_confirmed(machine.model, machine.port_name):
         return False
     print_status("Arm file or calibration changed: test motion first, each joint 5° and back.")
-    _check_each_joint(machine, [], yes=yes)
+    _check_each_joint(machine, [], yes=options.yes)
     return True
 
 
@@ -67,7 +68,8 @@ def check_new_signs(
             f"The first motion begins with it. By itself: ikservo calibrate {model.name} --wiggle"
         )
         return False
-    with open_from_options(str(model.path), port, collisions=False) as machine:
+    connection = ArmConnection(arm=str(model.path), port=port)
+    with open_from_options(connection, MotionOptions(collision=False)) as machine:
         _check_each_joint(machine, names, yes=False)
     return True
 

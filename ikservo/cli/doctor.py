@@ -10,7 +10,7 @@ import typer
 
 from ikservo.arm.opening import open_bus
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import ArmOption, JsonOption, ServoPortOption
+from ikservo.cli.options import JsonOption, ServoConnection
 from ikservo.cli.terminal import print_json, print_lines, print_status, progress_bar
 from ikservo.errors import ExitCode
 from ikservo.maintenance.doctor import diagnose, udev_rules
@@ -28,8 +28,7 @@ WriteEeprom = Annotated[
 
 def command(
     *,
-    arm: ArmOption = None,
-    port: ServoPortOption = None,
+    connection: ServoConnection,
     rules: Rules = False,
     eeprom: WriteEeprom = False,
     json: JsonOption = False,
@@ -44,9 +43,10 @@ def command(
         print_lines(udev_rules().splitlines())
         return
     if eeprom:
-        _write_eeproms(arm, port)
+        _write_eeproms(connection)
     with progress_bar() as show:
-        found = diagnose(port, load_model(arm) if arm else None, show)
+        model = load_model(connection.arm) if connection.arm else None
+        found = diagnose(connection.port, model, show)
         findings = list(found if json else _print_findings(found))
     healthy = all(finding.level is not Severity.BAD for finding in findings)
     if json:
@@ -63,9 +63,9 @@ def _print_findings(findings: Iterable[Finding]) -> Iterable[Finding]:
         yield finding
 
 
-def _write_eeproms(arm: str | None, port: str | None) -> None:
-    model = model_from_option(arm)
-    with open_bus(model, port) as bus:
+def _write_eeproms(connection: ServoConnection) -> None:
+    model = model_from_option(connection.arm)
+    with open_bus(model, connection.port) as bus:
         for servo, changes in write_eeprom(bus, model).items():
             for change in changes:
                 print_status(f"{servo}: {change.register} {change.found} → {change.expected}")

@@ -10,22 +10,11 @@ import typer
 from ikservo.arm.motions import Draw
 from ikservo.cli.motion_report import make_tip_motion, print_move_report
 from ikservo.cli.options import (
-    ArmOption,
-    CollisionOption,
-    DirectionOption,
-    DryRunOption,
-    JsonOption,
-    KeepOption,
-    NoWiggleOption,
-    PitchOption,
-    PortOption,
-    RollOption,
+    ArmConnection,
+    MotionOptions,
     SpeedOption,
-    TipOption,
+    ToolOptions,
     ToolSpeedOption,
-    UncalibratedOption,
-    YesOption,
-    orientation_from_options,
     parse_angle_rad,
     parse_length_m,
     parse_point_m,
@@ -93,21 +82,11 @@ def command(
     rotate: Rotate = None,
     unit: Unit = None,
     lift: Lift = 0.01,
-    arm: ArmOption = None,
-    port: PortOption = None,
+    connection: ArmConnection,
     speed: SpeedOption = "normal",
     tool_speed: ToolSpeedOption = None,
-    pitch: PitchOption = None,
-    roll: RollOption = None,
-    direction: DirectionOption = None,
-    keep: KeepOption = False,
-    collision: CollisionOption = True,
-    dry_run: DryRunOption = False,
-    uncalibrated: UncalibratedOption = False,
-    no_wiggle: NoWiggleOption = False,
-    tip: TipOption = None,
-    yes: YesOption = False,
-    json: JsonOption = False,
+    tool: ToolOptions,
+    options: MotionOptions,
 ) -> None:
     """Move the tip along the strokes of a file, lifted between them.
 
@@ -120,21 +99,17 @@ def command(
     ikservo draw path.csv --unit mm --origin 0.2,0,0.1 --tool-speed 30 --dry-run
     """
     drawing = _read(file, unit, scale, width)
-    orientation = orientation_from_options(pitch, roll, direction, keep=keep)
+    orientation = tool.orientation()
     origin_m = None if origin is None else parse_point_m(origin)
-    with open_from_options(
-        arm, port, tip=tip, collisions=collision, uncalibrated=uncalibrated
-    ) as machine:
+    with open_from_options(connection, options) as machine:
         origin_m = origin_m or tuple(machine.where().tip_m.tolist())
         placed = drawing.placed(origin_m, rotate or 0.0)
         motion = Draw(placed.strokes_m, lift_m=lift, tool_speed_m_s=tool_speed,
                       speed=speed, stance=orientation)  # fmt: skip
         plan = machine.plan(motion)
         _announce_drawing(placed, origin_m)
-        report = make_tip_motion(
-            machine, plan, yes=yes, dry_run=dry_run, wiggle=not no_wiggle, json=json
-        )
-    print_move_report(report, json=json)
+        report = make_tip_motion(machine, plan, options)
+    print_move_report(report, json=options.json)
 
 
 def _read(file: Path, unit: str | None, scale: float | None, width: float | None) -> Drawing:

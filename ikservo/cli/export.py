@@ -14,7 +14,7 @@ from ikservo.calibration.lerobot import dump_lerobot, lerobot_joints, lost_in_le
 from ikservo.calibration.paths import calibration_path, calibrations_of
 from ikservo.cli.dataset import export_dataset
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import ArmOption, ServoPortOption
+from ikservo.cli.options import ServoConnection
 from ikservo.cli.terminal import print_status
 from ikservo.errors import CalibrationError, InputError, UnknownNameError
 from ikservo.files.writing import write_atomic
@@ -48,8 +48,7 @@ def command(
     kind: Kind,
     recordings: Sources = None,
     *,
-    arm: ArmOption = None,
-    port: ServoPortOption = None,
+    connection: ServoConnection,
     to: To = None,
     fps: Fps = None,
     task: Task = "",
@@ -67,9 +66,9 @@ def command(
     if kind == "csv":
         _write_output(_recording_csv(recordings or []), to)
     elif kind == "dataset":
-        export_dataset(model_from_option(arm), recordings or [], to, fps, task)
+        export_dataset(model_from_option(connection.arm), recordings or [], to, fps, task)
     elif kind == "lerobot":
-        _write_output(_lerobot_text(model_from_option(arm), port), to)
+        _write_output(_lerobot_text(model_from_option(connection.arm), connection.port), to)
     else:
         raise UnknownNameError("format", kind, ("lerobot", "csv", "dataset"))
 

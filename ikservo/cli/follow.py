@@ -10,15 +10,11 @@ import typer
 from ikservo.arm import Arm, open_arm
 from ikservo.arm.following import FollowResult
 from ikservo.cli.direction_check import check_directions_once
+from ikservo.cli.option_groups import Without
 from ikservo.cli.options import (
-    ArmOption,
-    CollisionOption,
-    JsonOption,
-    NoWiggleOption,
-    PortOption,
+    ArmConnection,
+    MotionOptions,
     SpeedOption,
-    UncalibratedOption,
-    YesOption,
     complete_arms,
     parse_time_s,
 )
@@ -47,16 +43,11 @@ Duration = Annotated[
 def command(
     leader: Leader,
     *,
-    arm: ArmOption = None,
-    port: PortOption = None,
+    connection: ArmConnection,
     leader_port: LeaderPort = None,
     speed: SpeedOption = "fast",
     duration: Duration = None,
-    collision: CollisionOption = True,
-    uncalibrated: UncalibratedOption = False,
-    no_wiggle: NoWiggleOption = False,
-    yes: YesOption = False,
-    json: JsonOption = False,
+    options: Annotated[MotionOptions, Without("dry_run", "tip")],
 ) -> None:
     """Follow an arm that you guide by hand, joint by joint; Ctrl-C stops.
 
@@ -66,16 +57,15 @@ def command(
     """
     model = load_model(leader)
     with (
-        open_arm(model, leader_port, uncalibrated=uncalibrated) as leading,
-        open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine,
+        open_arm(model, leader_port, uncalibrated=options.uncalibrated) as leading,
+        open_from_options(connection, options) as machine,
     ):
         _print_start(leading, machine)
         warn_uncompiled()
-        confirm_motion(machine, yes=yes)
-        if not no_wiggle:
-            check_directions_once(machine, yes=yes)
+        confirm_motion(machine, yes=options.yes)
+        check_directions_once(machine, options)
         report = machine.follow_arm(leading, speed=speed, until=_make_end_check(machine, duration))
-    _print_follow_report(report, json=json)
+    _print_follow_report(report, json=options.json)
 
 
 def _print_start(leading: Arm, machine: Arm) -> None:

@@ -10,15 +10,8 @@ from ikservo.arm import Arm
 from ikservo.arm.motions import MoveGripper
 from ikservo.arm.reports import GraspResult
 from ikservo.cli.identify import announce_tour
-from ikservo.cli.options import (
-    ArmOption,
-    JsonOption,
-    PortOption,
-    UncalibratedOption,
-    YesOption,
-    complete_openings,
-    parse_length_m,
-)
+from ikservo.cli.option_groups import Without
+from ikservo.cli.options import ArmConnection, MotionOptions, complete_openings, parse_length_m
 from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import format_port, print_json, print_lines, print_status
 from ikservo.errors import ExitCode, InputError
@@ -51,13 +44,10 @@ Weigh = Annotated[
 def command(
     to: To = None,
     *,
-    arm: ArmOption = None,
-    port: PortOption = None,
+    connection: ArmConnection,
     force: Force = None,
     weigh: Weigh = False,
-    uncalibrated: UncalibratedOption = False,
-    yes: YesOption = False,
-    json: JsonOption = False,
+    options: Annotated[MotionOptions, Without("collision", "dry_run", "no_wiggle", "tip")],
 ) -> None:
     """Open or close the gripper; it stops at an object between its jaws and holds it.
 
@@ -75,29 +65,29 @@ def command(
             "Give open, close, a width like 30mm, or --weigh.",
         )
     if to is None:
-        _weigh(arm, port, yes=yes, json=json)
+        _weigh(connection, options)
         return
     width_m = None if to.isalpha() else parse_length_m(to)
     motion = MoveGripper(to if width_m is None else None, width_m=width_m, force=force)
-    with open_from_options(arm, port, uncalibrated=uncalibrated) as machine:
+    with open_from_options(connection, options) as machine:
         print_status(f"{machine.model.title} on {format_port(machine.port_name)}: gripper {to}.")
-        confirm_motion(machine, yes=yes)
+        confirm_motion(machine, yes=options.yes)
         with motion_progress_bar() as on_progress:
             report = machine.execute(motion, on_progress)
-    _print_grip_report(report, machine, json=json)
+    _print_grip_report(report, machine, json=options.json)
     if not (report.reached or report.grasped):
         raise typer.Exit(ExitCode.FAILED)
 
 
-def _weigh(arm: str | None, port: str | None, *, yes: bool, json: bool) -> None:
-    with open_from_options(arm, port) as machine:
+def _weigh(connection: ArmConnection, options: MotionOptions) -> None:
+    with open_from_options(connection) as machine:
         run = IdentificationRun.plan_weighing(machine)
-        announce_tour(run, yes=yes, wiggle=True)
+        announce_tour(run, options)
         with motion_progress_bar() as on_progress:
             recording = run.record(on_progress)
         result = run.weigh(recording)
     payload = result.payload
-    if json:
+    if options.json:
         print_json(
             "weigh",
             payload_kg=payload.value,

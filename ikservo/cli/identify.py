@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated
@@ -13,7 +14,8 @@ import typer
 from ikservo.arm import Arm
 from ikservo.calibration.identified_file import save_identified
 from ikservo.cli.direction_check import check_directions_once
-from ikservo.cli.options import ArmOption, JsonOption, NoWiggleOption, ServoPortOption, YesOption
+from ikservo.cli.option_groups import Without
+from ikservo.cli.options import MotionOptions, ServoConnection
 from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import (
     format_port,
@@ -33,19 +35,21 @@ __all__ = ["announce_tour", "command"]
 Quick = Annotated[
     bool, typer.Option("--quick", help="Use three postures instead of eight; determines less.")
 ]
-DryRun = Annotated[bool, typer.Option("--dry-run", help="Identify, but save nothing.")]
 _KEYS = (*JOINT_PARAMETERS, "stiffness_nm_rad", "backlash_rad")
+
+
+@dataclass(frozen=True, kw_only=True)
+class IdentifyOptions(MotionOptions):
+    """Those of a motion; a dry run moves, too."""
+
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Identify, but save nothing.")] = False
 
 
 def command(
     *,
-    arm: ArmOption = None,
-    port: ServoPortOption = None,
+    connection: ServoConnection,
     quick: Quick = False,
-    dry_run: DryRun = False,
-    no_wiggle: NoWiggleOption = False,
-    yes: YesOption = False,
-    json: JsonOption = False,
+    options: Annotated[IdentifyOptions, Without("collision", "uncalibrated", "tip")],
 ) -> None:
     """Move the arm slowly to find its own masses, friction, stiffness and backlash.
 
@@ -54,23 +58,23 @@ def command(
 
     ikservo identify --arm so101
     """
-    with open_from_options(arm, port) as machine:
+    with open_from_options(connection, options) as machine:
         run = IdentificationRun.plan(machine, QUICK_TOUR if quick else None)
-        if not dry_run:  # a full disk is found before the arm moves for minutes
+        if not options.dry_run:  # a full disk is found before the arm moves for minutes
             check_writable(run.path.parent)
-        announce_tour(run, yes=yes, wiggle=not no_wiggle)
+        announce_tour(run, options)
         with motion_progress_bar() as on_progress:
             recording = run.record(on_progress)
         found = run.identify(recording)
-        path = None if dry_run else save_identified(run.file(found, datetime.now(UTC)))
+        path = None if options.dry_run else save_identified(run.file(found, datetime.now(UTC)))
     carried = dict(zip(body_joints(machine.model, run.dynamics), found.bodies, strict=True))
-    if json:
+    if options.json:
         _print_json(machine, run, found, carried, path)
     else:
         _print_report(found, carried, path)
 
 
-def announce_tour(run: IdentificationRun, *, yes: bool, wiggle: bool) -> None:
+def announce_tour(run: IdentificationRun, options: MotionOptions) -> None:
     """Print what will move, ask for confirmation, and move the arm to the start of its tour.
 
     Raises:
@@ -83,9 +87,8 @@ def announce_tour(run: IdentificationRun, *, yes: bool, wiggle: bool) -> None:
         f"{legs} slow motions of all joints through its room, {run.duration_s:.0f} s. "
         "Clear its reach. Ctrl-C stops it; it then holds."
     )
-    confirm_motion(machine, yes=yes)
-    if wiggle:
-        check_directions_once(machine, yes=yes)
+    confirm_motion(machine, yes=options.yes)
+    check_directions_once(machine, options)
     with motion_progress_bar() as on_progress:
         run.go_to_start(on_progress)
 

@@ -14,14 +14,10 @@ import typer
 from ikservo.arm import Arm
 from ikservo.arm.jogging import JOG_DIRECTIONS, NO_LONGER_REQUESTED, JogResult, KeepGoing
 from ikservo.cli.direction_check import check_directions_once
+from ikservo.cli.option_groups import Without
 from ikservo.cli.options import (
-    ArmOption,
-    CollisionOption,
-    JsonOption,
-    NoWiggleOption,
-    PortOption,
-    UncalibratedOption,
-    YesOption,
+    ArmConnection,
+    MotionOptions,
     complete_jogs,
     parse_angle_rad,
     parse_length_m,
@@ -68,15 +64,10 @@ Duration = Annotated[
 def command(
     what: What,
     *,
-    arm: ArmOption = None,
-    port: PortOption = None,
+    connection: ArmConnection,
     speed: Speed = None,
     duration: Duration = None,
-    collision: CollisionOption = True,
-    uncalibrated: UncalibratedOption = False,
-    no_wiggle: NoWiggleOption = False,
-    yes: YesOption = False,
-    json: JsonOption = False,
+    options: Annotated[MotionOptions, Without("dry_run", "tip")],
 ) -> None:
     """Move a joint or the tip in one direction while the space bar is held.
 
@@ -90,20 +81,19 @@ def command(
         raise InputError(
             "Cannot read keys: input is not a terminal.", "Add --duration, as in --duration 1."
         )
-    with open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
+    with open_from_options(connection, options) as machine:
         requested_speed = _parse_speed(machine, what, speed)
         warn_uncompiled()
         if duration is not None:  # without a duration, the held key is the confirmation
             print_status(f"{machine.model.title} on {format_port(machine.port_name)}: "
                  f"{what} for {duration:g} s.")  # fmt: skip
-            confirm_motion(machine, yes=yes)
-        if not no_wiggle:
-            check_directions_once(machine, yes=yes)
+            confirm_motion(machine, yes=options.yes)
+        check_directions_once(machine, options)
         with _keep_going_check(machine, duration) as keep_going:
             report = machine.jog(what, requested_speed, wanted=keep_going)
     if report.ended == NO_LONGER_REQUESTED:
         report = replace(report, ended="key released" if duration is None else "time is up")
-    _print_jog_report(report, json=json)
+    _print_jog_report(report, json=options.json)
     if report.blocked:
         print_status(f"Jog back with {_opposite(speed)}.")
 

@@ -11,16 +11,11 @@ from ikservo.arm import Arm, JointMoveResult
 from ikservo.arm.motions import MoveJoints
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.motion_report import print_plan
+from ikservo.cli.option_groups import Without
 from ikservo.cli.options import (
-    ArmOption,
-    CollisionOption,
-    DryRunOption,
-    JsonOption,
-    NoWiggleOption,
-    PortOption,
+    ArmConnection,
+    MotionOptions,
     SpeedOption,
-    UncalibratedOption,
-    YesOption,
     complete_joints,
     parse_angle_rad,
     parse_length_m,
@@ -45,47 +40,31 @@ Goals = Annotated[
 def command(
     goals: Goals,
     *,
-    arm: ArmOption = None,
-    port: PortOption = None,
+    connection: ArmConnection,
     speed: SpeedOption = "normal",
-    collision: CollisionOption = True,
-    dry_run: DryRunOption = False,
-    uncalibrated: UncalibratedOption = False,
-    no_wiggle: NoWiggleOption = False,
-    yes: YesOption = False,
-    json: JsonOption = False,
+    options: Annotated[MotionOptions, Without("tip")],
 ) -> None:
     """Move single joints to positions.
 
     ikservo joints elbow_flex=30 gripper=0.5rad --arm so101 --port sim
     """
-    with open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
+    with open_from_options(connection, options) as machine:
         positions = _parse_positions(goals, machine.model)
-        report = make_joint_motion(
-            machine, positions, speed, yes=yes, dry_run=dry_run, wiggle=not no_wiggle, json=json
-        )
-    print_report(report, machine.model, json=json)
+        report = make_joint_motion(machine, positions, speed, options)
+    print_report(report, machine.model, json=options.json)
 
 
 def make_joint_motion(
-    machine: Arm,
-    positions: Mapping[str, float],
-    speed: str,
-    *,
-    yes: bool,
-    dry_run: bool,
-    wiggle: bool,
-    json: bool,
+    machine: Arm, positions: Mapping[str, float], speed: str, options: MotionOptions
 ) -> JointMoveResult | None:
     """Announce and execute a motion of joints; a dry run prints its plan, and returns None."""
     motion = MoveJoints(positions, speed=speed)
     plan = machine.plan(motion)
-    announce(plan, machine, yes=yes or dry_run)
-    if dry_run:
-        print_plan(plan, machine.model, positions, json=json)
+    announce(plan, machine, options)
+    if options.dry_run:
+        print_plan(plan, machine.model, positions, json=options.json)
         return None
-    if wiggle:
-        check_directions_once(machine, yes=yes)
+    check_directions_once(machine, options)
     with motion_progress_bar() as on_progress:
         return machine.execute(motion, on_progress)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Annotated
 
 import numpy as np
@@ -21,13 +22,11 @@ from ikservo.model import Model, arm_names, load_model
 
 __all__ = [
     "LEANING",
-    "PreferOption",
-    "WeightOption",
+    "PostureOptions",
     "calibrated_model_from_option",
     "describe_limit",
     "limit_sources",
     "model_from_option",
-    "posture_from_options",
     "report_missing_freedom",
 ]
 
@@ -38,22 +37,62 @@ _RANK_M = 1e-9  # metres per radian below which a joint does not move the tip in
 LEANING = ("auto", "pseudo_inverse")
 """The methods that use a preferred posture; the others have no null space."""
 
-PreferOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--prefer",
-        metavar="JOINT=POSITION",
-        help="Preferred joint position or pose, used where the target leaves freedom; repeatable.",
-    ),
-]
-WeightOption = Annotated[
-    list[str] | None,
-    typer.Option(
-        "--weight",
-        metavar="JOINT=NUMBER",
-        help="Weight of a joint's preference; default: 1; 0: ignored; repeatable.",
-    ),
-]
+
+@dataclass(frozen=True, kw_only=True)
+class PostureOptions:
+    """The posture that is preferred where the target leaves freedom."""
+
+    prefer: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--prefer",
+            metavar="JOINT=POSITION",
+            help="Preferred joint position or pose, used where the target leaves freedom; "
+            "repeatable.",
+        ),
+    ] = None
+    weight: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--weight",
+            metavar="JOINT=NUMBER",
+            help="Weight of a joint's preference; default: 1; 0: ignored; repeatable.",
+        ),
+    ] = None
+
+    def posture(self, model: Model, chain: Chain) -> Posture | None:
+        """Return the preferred posture; None if there is none.
+
+        A pose sets a preferred position for every joint; single joints may then override it.
+
+        Args:
+            model: Has the poses and the joints' units.
+            chain: The joints of the posture.
+
+        Raises:
+            BadValueError: A weight is not a number of at least 0, or something is given twice.
+            InputError: Invalid text, or a weight of a joint without a preferred position.
+            UnknownNameError: No such joint or pose.
+        """
+        q, weights = np.zeros(chain.dof), np.zeros(chain.dof)
+        poses = [name for name in self.prefer or () if "=" not in name]
+        if len(poses) > 1:
+            raise BadValueError("--prefer", f"given as {' and '.join(poses)}", "one pose")
+        for name in poses:
+            q, weights = _pose_joints(model, chain, name), np.ones(chain.dof)
+        for joint, text in _parse_pairs(chain, self.prefer, "--prefer", "elbow_flex=30"):
+            slides = chain.kinds[joint] is JointType.PRISMATIC
+            q[joint] = parse_length_m(text) if slides else parse_angle_rad(text)
+            weights[joint] = 1.0
+        for joint, text in _parse_pairs(chain, self.weight, "--weight", "elbow_flex=2"):
+            if weights[joint] == 0.0:
+                name = chain.names[joint]
+                raise InputError(
+                    f"--weight {name}={text}: nothing is preferred for {name}.",
+                    f"Give --prefer {name}=POSITION, or a pose, as well.",
+                )
+            weights[joint] = _parse_weight(chain.names[joint], text)
+        return Posture(q, weights) if weights.any() else None
 
 
 def model_from_option(arm: str | None, tip: str | None = None) -> Model:
@@ -101,45 +140,6 @@ def limit_sources(model: Model) -> list[str]:
     """Return the source of the limits of each joint of the chain (dof,)."""
     sources = {joint.name: joint.limits.source for joint in model.joints}
     return [sources.get(name, _ARM_FILE) for name in model.chain.names]
-
-
-def posture_from_options(
-    model: Model, chain: Chain, prefer: Sequence[str] | None, weight: Sequence[str] | None
-) -> Posture | None:
-    """Return the preferred posture of the options; None if there is none.
-
-    A pose sets a preferred position for every joint; single joints may then override it.
-
-    Args:
-        model: Has the poses and the joints' units.
-        chain: The joints of the posture.
-        prefer: Names of poses, and ``JOINT=POSITION``.
-        weight: ``JOINT=NUMBER``.
-
-    Raises:
-        BadValueError: A weight is not a number of at least 0, or something is given twice.
-        InputError: Invalid text, or a weight of a joint without a preferred position.
-        UnknownNameError: No such joint or pose.
-    """
-    q, weights = np.zeros(chain.dof), np.zeros(chain.dof)
-    poses = [name for name in prefer or () if "=" not in name]
-    if len(poses) > 1:
-        raise BadValueError("--prefer", f"given as {' and '.join(poses)}", "one pose")
-    for name in poses:
-        q, weights = _pose_joints(model, chain, name), np.ones(chain.dof)
-    for joint, text in _parse_pairs(chain, prefer, "--prefer", "elbow_flex=30"):
-        slides = chain.kinds[joint] is JointType.PRISMATIC
-        q[joint] = parse_length_m(text) if slides else parse_angle_rad(text)
-        weights[joint] = 1.0
-    for joint, text in _parse_pairs(chain, weight, "--weight", "elbow_flex=2"):
-        if weights[joint] == 0.0:
-            name = chain.names[joint]
-            raise InputError(
-                f"--weight {name}={text}: nothing is preferred for {name}.",
-                f"Give --prefer {name}=POSITION, or a pose, as well.",
-            )
-        weights[joint] = _parse_weight(chain.names[joint], text)
-    return Posture(q, weights) if weights.any() else None
 
 
 def report_missing_freedom(chain: Chain, q: Vector, *, directed: bool) -> None:

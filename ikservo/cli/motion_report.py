@@ -12,6 +12,7 @@ from ikservo.arm import Arm, MotionPlan, MoveResult
 from ikservo.arm.plan import NearLimit
 from ikservo.calibration import JointUnit
 from ikservo.cli.direction_check import check_directions_once
+from ikservo.cli.options import MotionOptions
 from ikservo.cli.posture_reports import joint_lines
 from ikservo.cli.session import announce, motion_progress_bar
 from ikservo.cli.terminal import print_json, print_lines
@@ -45,20 +46,18 @@ def print_plan(
     print_lines(_plan_lines(plan, change_rad), indent=9)
 
 
-def make_tip_motion(
-    machine: Arm, plan: MotionPlan, *, yes: bool, dry_run: bool, wiggle: bool, json: bool
-) -> MoveResult | None:
+def make_tip_motion(machine: Arm, plan: MotionPlan, options: MotionOptions) -> MoveResult | None:
     """Announce and execute a plan of the tip; a dry run prints it instead, and returns None.
 
     It is made again where the directions of joints were tried first.
     """
-    announce(plan, machine, yes=yes or dry_run)
-    if dry_run:
+    announce(plan, machine, options)
+    if options.dry_run:
         goals = machine.joint_index.by_name(plan.goal)
         joints = {name: goals[name] for name in machine.chain.names}
-        print_plan(plan, machine.model, joints, plan.orientation_change_rad, json=json)
+        print_plan(plan, machine.model, joints, plan.orientation_change_rad, json=options.json)
         return None
-    if wiggle and check_directions_once(machine, yes=yes) and plan.motion is not None:
+    if check_directions_once(machine, options) and plan.motion is not None:
         plan = machine.plan(plan.motion)
     with motion_progress_bar() as on_progress:
         return cast("MoveResult", machine.execute(plan, on_progress))

@@ -8,31 +8,15 @@ from typing import Annotated
 import typer
 
 from ikservo.arm.motions import MoveThrough, MoveTo
-from ikservo.cli.model_options import (
-    PreferOption,
-    WeightOption,
-    posture_from_options,
-    report_missing_freedom,
-)
+from ikservo.cli.model_options import PostureOptions, report_missing_freedom
 from ikservo.cli.motion_report import make_tip_motion, print_move_report
 from ikservo.cli.options import (
-    ArmOption,
-    CollisionOption,
-    DirectionOption,
-    DryRunOption,
-    JsonOption,
-    KeepOption,
+    ArmConnection,
     Length,
-    NoWiggleOption,
-    PitchOption,
-    PortOption,
-    RollOption,
+    MotionOptions,
     SpeedOption,
-    TipOption,
+    ToolOptions,
     ToolSpeedOption,
-    UncalibratedOption,
-    YesOption,
-    orientation_from_options,
     parse_length_m,
     parse_point_m,
 )
@@ -62,26 +46,15 @@ def command(
     y: Length,
     z: Length,
     *,
-    arm: ArmOption = None,
-    port: PortOption = None,
+    connection: ArmConnection,
     speed: SpeedOption = "normal",
     line: Line = False,
     via: Via = None,
     blend: Blend = 0.02,
     tool_speed: ToolSpeedOption = None,
-    pitch: PitchOption = None,
-    roll: RollOption = None,
-    direction: DirectionOption = None,
-    keep: KeepOption = False,
-    prefer: PreferOption = None,
-    weight: WeightOption = None,
-    collision: CollisionOption = True,
-    dry_run: DryRunOption = False,
-    uncalibrated: UncalibratedOption = False,
-    no_wiggle: NoWiggleOption = False,
-    tip: TipOption = None,
-    yes: YesOption = False,
-    json: JsonOption = False,
+    tool: ToolOptions,
+    preferred: PostureOptions,
+    options: MotionOptions,
 ) -> None:
     """Move the tip to the point X Y Z in the arm's base frame.
 
@@ -97,12 +70,10 @@ def command(
 
     ikservo move 0.2 0.1 0.1 --via 0.2,0,0.2 --via 0.25,0.05,0.2 --blend 30mm
     """
-    orientation = orientation_from_options(pitch, roll, direction, keep=keep)
+    orientation = tool.orientation()
     points = [*(parse_point_m(text) for text in via or ()), (x, y, z)]
-    with open_from_options(
-        arm, port, tip=tip, collisions=collision, uncalibrated=uncalibrated
-    ) as machine:
-        posture = posture_from_options(machine.model, machine.chain, prefer, weight)
+    with open_from_options(connection, options) as machine:
+        posture = preferred.posture(machine.model, machine.chain)
         orientation = orientation if posture is None else replace(orientation, posture=posture)
         if via or line or tool_speed is not None:
             motion = MoveThrough(points, blend_m=blend, line=line, tool_speed_m_s=tool_speed,
@@ -112,7 +83,5 @@ def command(
         plan = machine.plan(motion)
         if posture is not None and plan.solution is not None:
             report_missing_freedom(machine.chain, plan.solution.q, directed=False)
-        report = make_tip_motion(
-            machine, plan, yes=yes, dry_run=dry_run, wiggle=not no_wiggle, json=json
-        )
-    print_move_report(report, json=json)
+        report = make_tip_motion(machine, plan, options)
+    print_move_report(report, json=options.json)

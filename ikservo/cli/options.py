@@ -1,4 +1,4 @@
-"""Options shared by commands: quantities with units, tool orientation, shell completion."""
+"""Options shared by commands, in groups; quantities with units; shell completion."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 import os
 import re
 from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
@@ -15,21 +16,17 @@ if TYPE_CHECKING:
     from ikservo.model import Model
 
 __all__ = [
-    "ArmArgument",
+    "ArmConnection",
     "ArmOption",
-    "CollisionOption",
-    "DirectionOption",
-    "DryRunOption",
     "JsonOption",
-    "KeepOption",
     "Length",
-    "NoWiggleOption",
-    "PitchOption",
-    "PortOption",
-    "RollOption",
-    "ServoPortOption",
+    "MotionOptions",
+    "NamedArmConnection",
+    "NamedServoConnection",
+    "ServoConnection",
     "SpeedOption",
     "TipOption",
+    "ToolOptions",
     "ToolSpeedOption",
     "UncalibratedOption",
     "YesOption",
@@ -41,7 +38,6 @@ __all__ = [
     "complete_openings",
     "complete_poses",
     "complete_speeds",
-    "orientation_from_options",
     "parse_angle_rad",
     "parse_axis",
     "parse_force_n",
@@ -202,6 +198,23 @@ def _model_from_context(ctx: Any) -> Model | None:  # noqa: ANN401
         return None
 
 
+SpeedOption = Annotated[
+    str, typer.Option("--speed", help="slow, normal or fast.", autocompletion=complete_speeds)
+]
+ToolSpeedOption = Annotated[
+    float | None,
+    typer.Option(
+        "--tool-speed",
+        parser=parse_tool_speed_m_s,
+        metavar="MM/S",
+        help="Constant speed of the tip on its path; default: as fast as --speed allows.",
+    ),
+]
+Length = Annotated[float, typer.Argument(parser=parse_length_m, help="Metres, or like 120mm.")]
+TipOption = Annotated[
+    str | None,
+    typer.Option("--tip", help="Link of the URDF that is the tool; needed for a .urdf file."),
+]
 ArmOption = Annotated[
     str | None,
     typer.Option(
@@ -241,88 +254,114 @@ YesOption = Annotated[
     bool,
     typer.Option("--yes", "-y", help="Do not ask; needed to move a real arm without a terminal."),
 ]
-CollisionOption = Annotated[
-    bool,
-    typer.Option(
-        "--collision/--no-collision",
-        help="Check the path for collisions; without it, the arm can hit itself.",
-    ),
-]
-DryRunOption = Annotated[bool, typer.Option("--dry-run", help="Plan and print, but do not move.")]
-SpeedOption = Annotated[
-    str, typer.Option("--speed", help="slow, normal or fast.", autocompletion=complete_speeds)
-]
-Length = Annotated[float, typer.Argument(parser=parse_length_m, help="Metres, or like 120mm.")]
-TipOption = Annotated[
-    str | None,
-    typer.Option("--tip", help="Link of the URDF that is the tool; needed for a .urdf file."),
-]
 UncalibratedOption = Annotated[
     bool,
     typer.Option(
-        "--uncalibrated",
-        help="Use the arm file's nominal zeros instead of a calibration.",
-    ),
-]
-NoWiggleOption = Annotated[
-    bool,
-    typer.Option(
-        "--no-wiggle",
-        help="Skip the 5° test of each joint after its arm file or calibration changed.",
+        "--uncalibrated", help="Use the arm file's nominal zeros instead of a calibration."
     ),
 ]
 
 
-ToolSpeedOption = Annotated[
-    float | None,
-    typer.Option(
-        "--tool-speed",
-        parser=parse_tool_speed_m_s,
-        metavar="MM/S",
-        help="Constant speed of the tip on its path; default: as fast as --speed allows.",
-    ),
-]
+@dataclass(frozen=True, kw_only=True)
+class ArmConnection:
+    """The arm of a command, and where it is connected."""
+
+    arm: ArmOption = None
+    port: PortOption = None
 
 
-PitchOption = Annotated[
-    float | None,
-    typer.Option(
-        "--pitch",
-        parser=parse_angle_rad,
-        metavar="DEG",
-        help="Pitch of the tool; 0: level, -90: straight down.",
-    ),
-]
-RollOption = Annotated[
-    float | None,
-    typer.Option(
-        "--roll",
-        parser=parse_angle_rad,
-        metavar="DEG",
-        help="Roll of the tool about its axis, clockwise seen from behind; 0: level.",
-    ),
-]
-DirectionOption = Annotated[
-    str | None,
-    typer.Option("--direction", metavar="X,Y,Z", help="Direction in which the tool points."),
-]
-KeepOption = Annotated[
-    bool,
-    typer.Option(
-        "--keep", help="Keep the full orientation of the tool; refuse the motion if it cannot."
-    ),
-]
+@dataclass(frozen=True, kw_only=True)
+class ServoConnection(ArmConnection):
+    """The arm of a command that needs the servos at a port of this machine."""
+
+    port: ServoPortOption = None
 
 
-def orientation_from_options(
-    pitch_rad: float | None, roll_rad: float | None, direction: str | None, *, keep: bool
-) -> ToolOrientation:
-    """Return the tool orientation of the options.
+@dataclass(frozen=True, kw_only=True)
+class NamedArmConnection(ArmConnection):
+    """The arm as the first argument of a command, and where it is connected."""
 
-    Raises:
-        BadValueError: They contradict each other, or an angle is too large.
+    arm: ArmArgument = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class NamedServoConnection(ArmConnection):
+    """The arm as an argument, with its servos at a port of this machine."""
+
+    arm: ArmArgument = None
+    port: ServoPortOption = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class MotionOptions:
+    """How a command opens the arm, what it checks and asks before a motion, and its output.
+
+    A command that offers only some of them says so with ``Without``.
     """
-    from ikservo.arm.tool_orientation import ToolOrientation  # noqa: PLC0415  # loads the servo modules
 
-    axis = None if direction is None else parse_axis(direction)
-    return ToolOrientation(pitch_rad, roll_rad, axis, keep)
+    collision: Annotated[
+        bool,
+        typer.Option(
+            "--collision/--no-collision",
+            help="Check the path for collisions; without it, the arm can hit itself.",
+        ),
+    ] = True
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Plan and print, but do not move.")] = (
+        False
+    )
+    uncalibrated: UncalibratedOption = False
+    no_wiggle: Annotated[
+        bool,
+        typer.Option(
+            "--no-wiggle",
+            help="Skip the 5° test of each joint after its arm file or calibration changed.",
+        ),
+    ] = False
+    tip: TipOption = None
+    yes: YesOption = False
+    json: JsonOption = False
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToolOptions:
+    """The orientation of the tool."""
+
+    pitch_rad: Annotated[
+        float | None,
+        typer.Option(
+            "--pitch",
+            parser=parse_angle_rad,
+            metavar="DEG",
+            help="Pitch of the tool; 0: level, -90: straight down.",
+        ),
+    ] = None
+    roll_rad: Annotated[
+        float | None,
+        typer.Option(
+            "--roll",
+            parser=parse_angle_rad,
+            metavar="DEG",
+            help="Roll of the tool about its axis, clockwise seen from behind; 0: level.",
+        ),
+    ] = None
+    direction: Annotated[
+        str | None,
+        typer.Option("--direction", metavar="X,Y,Z", help="Direction in which the tool points."),
+    ] = None
+    keep: Annotated[
+        bool,
+        typer.Option(
+            "--keep", help="Keep the full orientation of the tool; refuse the motion if it cannot."
+        ),
+    ] = False
+
+    def orientation(self) -> ToolOrientation:
+        """Return the requested tool orientation.
+
+        Raises:
+            BadValueError: The options contradict each other, or an angle is too large.
+        """
+        from ikservo.arm.tool_orientation import ToolOrientation  # noqa: PLC0415  # loads the servo modules
+
+        axis = None if self.direction is None else parse_axis(self.direction)
+        return ToolOrientation(self.pitch_rad, self.roll_rad, axis, self.keep)

@@ -12,18 +12,8 @@ from ikservo.arm.opening import resolve_port
 from ikservo.arm.poses import PoseLibrary
 from ikservo.cli.joints import make_joint_motion, print_report
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import (
-    ArmOption,
-    CollisionOption,
-    DryRunOption,
-    JsonOption,
-    NoWiggleOption,
-    PortOption,
-    SpeedOption,
-    UncalibratedOption,
-    YesOption,
-    complete_poses,
-)
+from ikservo.cli.option_groups import Without
+from ikservo.cli.options import ArmConnection, MotionOptions, SpeedOption, complete_poses
 from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
 from ikservo.errors import NoPortError
@@ -43,15 +33,9 @@ Name = Annotated[
 def command(
     name: Name = None,
     *,
-    arm: ArmOption = None,
-    port: PortOption = None,
+    connection: ArmConnection,
     speed: SpeedOption = "normal",
-    collision: CollisionOption = True,
-    dry_run: DryRunOption = False,
-    uncalibrated: UncalibratedOption = False,
-    no_wiggle: NoWiggleOption = False,
-    yes: YesOption = False,
-    json: JsonOption = False,
+    options: Annotated[MotionOptions, Without("tip")],
 ) -> None:
     """Move to a pose of the arm file or to one you taught; without a name, list them.
 
@@ -60,29 +44,28 @@ def command(
     ikservo pose                            the poses of all arms
     """
     if name is None:
-        _list_poses(arm, port, json=json)
+        _list_poses(connection, json=options.json)
         return
-    with open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
+    with open_from_options(connection, options) as machine:
         inside = machine.pose_within_limits(name)
         for words in inside.changed:
             print_status(f"{words}.")
-        report = make_joint_motion(machine, inside.positions, speed, yes=yes, dry_run=dry_run,
-                                   wiggle=not no_wiggle, json=json)  # fmt: skip
-    print_report(report, machine.model, json=json)
+        report = make_joint_motion(machine, inside.positions, speed, options)
+    print_report(report, machine.model, json=options.json)
 
 
-def _list_poses(arm: str | None, port: str | None, *, json: bool) -> None:
-    if not (arm or port):
+def _list_poses(connection: ArmConnection, *, json: bool) -> None:
+    if not (connection.arm or connection.port):
         libraries = {
             model.name: PoseLibrary(model, remembered_serial_number(model.name))
             for model in map(load_model, arm_names())
         }
         _print_all_poses(libraries, json=json)
-    elif find_network(port):
-        with open_from_options(arm, port) as machine:
+    elif find_network(connection.port):
+        with open_from_options(connection) as machine:
             _print_poses(machine.poses, json=json)
     else:
-        _print_poses(_pose_library(arm, port), json=json)
+        _print_poses(_pose_library(connection), json=json)
 
 
 def _print_all_poses(libraries: Mapping[str, PoseLibrary], *, json: bool) -> None:
@@ -97,11 +80,11 @@ def _print_all_poses(libraries: Mapping[str, PoseLibrary], *, json: bool) -> Non
     print_table(["arm", "poses"], rows)
 
 
-def _pose_library(arm: str | None, port: str | None) -> PoseLibrary:
+def _pose_library(connection: ArmConnection) -> PoseLibrary:
     """Return the poses of an arm; without a port those taught on the adapter it was last on."""
-    model = model_from_option(arm)
+    model = model_from_option(connection.arm)
     try:
-        serial_number = serial_number_of(resolve_port(model, port))
+        serial_number = serial_number_of(resolve_port(model, connection.port))
     except NoPortError:
         serial_number = remembered_serial_number(model.name)
     return PoseLibrary(model, serial_number)

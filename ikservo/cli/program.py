@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Annotated
@@ -14,15 +15,8 @@ from ikservo.arm.program import Program, ProgramStep, read_program, write_progra
 from ikservo.arm.program_run import ProgramRun, StepCheck, StepResult
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import (
-    ArmOption,
-    CollisionOption,
-    JsonOption,
-    NoWiggleOption,
-    PortOption,
-    UncalibratedOption,
-    YesOption,
-)
+from ikservo.cli.option_groups import Without
+from ikservo.cli.options import ArmConnection, MotionOptions
 from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import print_json, print_lines, print_status, wait_for_enter
 from ikservo.errors import IkservoError, InputError, UnknownNameError
@@ -48,16 +42,11 @@ def command(
     action: Action,
     file: File,
     *,
-    arm: ArmOption = None,
-    port: PortOption = None,
+    connection: ArmConnection,
     first: First = 1,
     step: EachStep = False,
     overwrite: Overwrite = False,
-    collision: CollisionOption = True,
-    uncalibrated: UncalibratedOption = False,
-    no_wiggle: NoWiggleOption = False,
-    yes: YesOption = False,
-    json: JsonOption = False,
+    options: Annotated[MotionOptions, Without("dry_run", "tip")],
 ) -> None:
     """Write, check or run a program: poses, points, lines, arcs, gripper, waits, recordings.
 
@@ -70,25 +59,23 @@ def command(
     if action not in ACTIONS:
         raise UnknownNameError("action", action, ACTIONS)
     if action == "new":
-        _write_first_program(model_from_option(arm), file, overwrite=overwrite)
+        _write_first_program(model_from_option(connection.arm), file, overwrite=overwrite)
         return
     if step and not sys.stdin.isatty():
         raise InputError("Cannot wait for Enter: input is not a terminal.", "Leave out --step.")
     program = read_program(file)
-    with open_from_options(
-        arm or program.arm, port, collisions=collision, uncalibrated=uncalibrated
-    ) as machine:
+    connection = replace(connection, arm=connection.arm or program.arm)
+    with open_from_options(connection, options) as machine:
         run = ProgramRun(machine, program, file.parent, machine.poses)
-        checks = _check(run, program, file, first, quiet=json)
+        checks = _check(run, program, file, first, quiet=options.json)
         if action == "check":
-            if json:
+            if options.json:
                 print_json("program-check", steps=[_check_fields(each) for each in checks])
             return
-        confirm_motion(machine, yes=yes)
-        if not no_wiggle:
-            check_directions_once(machine, yes=yes)
+        confirm_motion(machine, yes=options.yes)
+        check_directions_once(machine, options)
         results = _run(machine, run, program, first, wait=step)
-    if json:
+    if options.json:
         print_json("program-run", steps=[_result_fields(each) for each in results])
     else:
         print_lines([f"steps     {len(results)} done"])

@@ -13,7 +13,13 @@ from ikservo.arm import Arm
 from ikservo.arm.recorder import RecordResult, RecordSettings
 from ikservo.arm.remote import record_remote
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import ArmOption, JsonOption, PortOption, UncalibratedOption, parse_time_s
+from ikservo.cli.options import (
+    ArmConnection,
+    JsonOption,
+    MotionOptions,
+    UncalibratedOption,
+    parse_time_s,
+)
 from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import confirm, print_json, print_lines, print_status
 from ikservo.errors import InputError
@@ -51,8 +57,7 @@ _JSON_LINES = (".jsonl", ".json", ".ndjson")
 def command(
     file: File,
     *,
-    arm: ArmOption = None,
-    port: PortOption = None,
+    connection: ArmConnection,
     duration: Duration = None,
     period: Period = 0.02,  # pyright: ignore[reportArgumentType]
     overwrite: Overwrite = False,
@@ -74,13 +79,13 @@ def command(
             "Cannot wait for Ctrl-C: input is not a terminal.",
             "Add --duration, as in --duration 10.",
         )
-    model = model_from_option(arm)
+    model = model_from_option(connection.arm)
     until = _first_sample_announcer() if duration is None else None
     live = foxglove_port if foxglove else None
     settings = RecordSettings(file, duration, until, period, overwrite, live)
-    report = record_remote(model, port, settings)
+    report = record_remote(model, connection.port, settings)
     if report is None:
-        with open_from_options(arm, port, uncalibrated=uncalibrated) as machine:
+        with open_from_options(connection, MotionOptions(uncalibrated=uncalibrated)) as machine:
             _offer_release(machine)
             report = machine.record(file, duration_s=duration, until=until, period_s=period,
                                     overwrite=overwrite, foxglove_port=live)  # fmt: skip

@@ -9,7 +9,7 @@ import typer
 
 from ikservo.arm.opening import open_bus
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import ArmOption, JsonOption, ServoPortOption
+from ikservo.cli.options import JsonOption, ServoConnection
 from ikservo.cli.terminal import confirm, print_json, print_status, print_table
 from ikservo.errors import ExitCode, IkservoError, InputError
 from ikservo.maintenance.recovery import RecoveryResult, recover
@@ -24,8 +24,7 @@ Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before torque
 
 def command(
     *,
-    arm: ArmOption = None,
-    port: ServoPortOption = None,
+    connection: ServoConnection,
     reboot: Reboot = False,
     yes: Yes = False,
     json: JsonOption = False,
@@ -36,8 +35,8 @@ def command(
 
     ikservo recover --arm koch --reboot        torque is off while Dynamixels restart
     """
-    model = model_from_option(arm)
-    with open_bus(model, port) as bus:
+    model = model_from_option(connection.arm)
+    with open_bus(model, connection.port) as bus:
         if reboot and not yes:
             _confirm_recovery(bus.port.name)
         done = recover(bus, reboot=reboot)

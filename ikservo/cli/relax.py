@@ -6,19 +6,14 @@ import sys
 from collections.abc import Callable
 from contextlib import ExitStack
 from functools import partial
+from typing import Annotated
 
 from ikservo.arm.opening import disable_torque_unchecked
 from ikservo.arm.remote import request_relax
 from ikservo.cli.joints import print_report
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import (
-    ArmOption,
-    CollisionOption,
-    JsonOption,
-    PortOption,
-    UncalibratedOption,
-    YesOption,
-)
+from ikservo.cli.option_groups import Without
+from ikservo.cli.options import ArmConnection, MotionOptions
 from ikservo.cli.session import announce_lowering, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import confirm, print_status
 from ikservo.errors import CalibrationError, FileFormatError, IkservoError
@@ -27,13 +22,8 @@ __all__ = ["command"]
 
 
 def command(
-    *,
-    arm: ArmOption = None,
-    port: PortOption = None,
-    collision: CollisionOption = True,
-    uncalibrated: UncalibratedOption = False,
-    yes: YesOption = False,
-    json: JsonOption = False,
+    connection: ArmConnection,
+    options: Annotated[MotionOptions, Without("dry_run", "no_wiggle", "tip")],
 ) -> None:
     """Lower the arm to its rest pose, slowly, then switch torque off.
 
@@ -41,28 +31,27 @@ def command(
 
     If another program of yours uses the port, it stops its motion and relaxes the arm.
     """
-    model = model_from_option(arm)
-    remote_result = request_relax(model, port)
+    model = model_from_option(connection.arm)
+    remote_result = request_relax(model, connection.port)
     if remote_result is not None:
-        print_report(remote_result, model, json=json)
+        print_report(remote_result, model, json=options.json)
         return
     with ExitStack() as stack:
         try:
-            machine = stack.enter_context(
-                open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated)
-            )
+            machine = stack.enter_context(open_from_options(connection, options))
         except (CalibrationError, FileFormatError) as error:
             print_status(error.command_message)
-            _release_torque(partial(disable_torque_unchecked, model, port), yes=yes)
+            disable_torque = partial(disable_torque_unchecked, model, connection.port)
+            _release_torque(disable_torque, yes=options.yes)
             return
         if not machine.zeros.are_known:
             print_status("Not calibrated, so the arm cannot be lowered.")
-            _release_torque(machine.disable_torque, yes=yes)
+            _release_torque(machine.disable_torque, yes=options.yes)
             return
-        announce_lowering(machine, yes=yes)
+        announce_lowering(machine, options)
         with motion_progress_bar() as on_progress:
             report = machine.relax(on_progress)
-    print_report(report, machine.model, json=json)
+    print_report(report, machine.model, json=options.json)
 
 
 def _release_torque(disable_torque: Callable[[], None], *, yes: bool) -> None:

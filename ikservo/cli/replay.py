@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -10,16 +11,8 @@ import typer
 
 from ikservo.arm.reports import ReplayResult
 from ikservo.cli.direction_check import check_directions_once
-from ikservo.cli.options import (
-    ArmOption,
-    CollisionOption,
-    JsonOption,
-    NoWiggleOption,
-    PortOption,
-    SpeedOption,
-    UncalibratedOption,
-    YesOption,
-)
+from ikservo.cli.option_groups import Without
+from ikservo.cli.options import ArmConnection, MotionOptions, SpeedOption
 from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import format_port, print_json, print_lines, print_status
 from ikservo.errors import format_point
@@ -27,29 +20,29 @@ from ikservo.errors import format_point
 __all__ = ["command"]
 
 File = Annotated[Path, typer.Argument(metavar="FILE", help="File that `ikservo record` wrote.")]
-DryRun = Annotated[
-    bool, typer.Option("--dry-run", help="Read and check the recording, but do not move.")
-]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReplayOptions(MotionOptions):
+    """Those of a motion; a dry run reads a recording."""
+
+    dry_run: Annotated[
+        bool, typer.Option("--dry-run", help="Read and check the recording, but do not move.")
+    ] = False
 
 
 def command(
     file: File,
     *,
-    arm: ArmOption = None,
-    port: PortOption = None,
+    connection: ArmConnection,
     speed: SpeedOption = "normal",
-    collision: CollisionOption = True,
-    dry_run: DryRun = False,
-    uncalibrated: UncalibratedOption = False,
-    no_wiggle: NoWiggleOption = False,
-    yes: YesOption = False,
-    json: JsonOption = False,
+    options: Annotated[ReplayOptions, Without("tip")],
 ) -> None:
     """Move to the first pose of a recording, then repeat it, at most at the recorded speed.
 
     ikservo replay wave.jsonl --arm so101 --port sim
     """
-    with open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine:
+    with open_from_options(connection, options) as machine:
         recording, playback = machine.load_replay(file, speed=speed)
         slowdown = (
             f", {playback.slowdown:.1f} times slower than recorded" if playback.slowdown > 1 else ""
@@ -58,17 +51,16 @@ def command(
             f"{machine.model.title} on {format_port(machine.port_name)}: "
             f"{len(recording.times_s)} samples, {playback.duration_s:.1f} s{slowdown}."
         )
-        if dry_run:
-            if json:
+        if options.dry_run:
+            if options.json:
                 print_json("replay-plan", samples=len(recording.times_s),
                            duration_s=playback.duration_s, slowdown=playback.slowdown)  # fmt: skip
             return
-        confirm_motion(machine, yes=yes)
-        if not no_wiggle:
-            check_directions_once(machine, yes=yes)
+        confirm_motion(machine, yes=options.yes)
+        check_directions_once(machine, options)
         with motion_progress_bar() as on_progress:
             report = machine.replay(file, speed=speed, on_progress=on_progress)
-    _print_replay_report(report, json=json)
+    _print_replay_report(report, json=options.json)
 
 
 def _print_replay_report(report: ReplayResult, *, json: bool) -> None:

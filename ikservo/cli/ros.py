@@ -9,16 +9,8 @@ import typer
 
 from ikservo.arm import Arm
 from ikservo.cli.direction_check import check_directions_once
-from ikservo.cli.options import (
-    ArmArgument,
-    CollisionOption,
-    JsonOption,
-    NoWiggleOption,
-    PortOption,
-    SpeedOption,
-    UncalibratedOption,
-    YesOption,
-)
+from ikservo.cli.option_groups import Without
+from ikservo.cli.options import MotionOptions, NamedArmConnection, SpeedOption
 from ikservo.cli.serve import ended_by_signal
 from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import format_port, print_json, print_status
@@ -52,19 +44,14 @@ Rate = Annotated[float, typer.Option("--rate", min=0.1, max=200.0, help="Joint s
 
 
 def command(
-    arm: ArmArgument = None,
+    connection: NamedArmConnection,
     *,
-    port: PortOption = None,
     domain: Domain = None,
     router: Router = "tcp/127.0.0.1:7447",
     namespace: Namespace = "",
     rate: Rate = 50.0,
     speed: SpeedOption = "normal",
-    collision: CollisionOption = True,
-    uncalibrated: UncalibratedOption = False,
-    no_wiggle: NoWiggleOption = False,
-    yes: YesOption = False,
-    json: JsonOption = False,
+    options: Annotated[MotionOptions, Without("dry_run", "tip")],
 ) -> None:
     """Make an arm a ROS 2 node until Ctrl-C; needs rmw_zenoh there, no ROS here.
 
@@ -78,13 +65,12 @@ def command(
     number = _domain(domain)
     with (
         open_router_client(endpoint, client_certificate(endpoint)) as session,
-        open_from_options(arm, port, collisions=collision, uncalibrated=uncalibrated) as machine,
+        open_from_options(connection, options) as machine,
     ):
-        if not no_wiggle:
-            check_directions_once(machine, yes=yes)
+        check_directions_once(machine, options)
         bridge = RosBridge(session, machine, number, place, rate, speed, print_status)
         with ended_by_signal() as wait, bridge:
-            _announce(machine, endpoint, number, place, json=json)
+            _announce(machine, endpoint, number, place, json=options.json)
             wait()
 
 

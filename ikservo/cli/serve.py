@@ -15,15 +15,8 @@ from ikservo.arm import Arm, open_arm
 from ikservo.arm.networks import find_network
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import (
-    ArmArgument,
-    CollisionOption,
-    JsonOption,
-    NoWiggleOption,
-    ServoPortOption,
-    UncalibratedOption,
-    YesOption,
-)
+from ikservo.cli.option_groups import Without
+from ikservo.cli.options import MotionOptions, NamedServoConnection
 from ikservo.cli.terminal import format_port, print_json, print_status
 from ikservo.errors import InputError
 from ikservo.network.address import ArmAddress, Endpoint, check_arm_name, parse_listen
@@ -50,17 +43,12 @@ Rate = Annotated[
 
 
 def command(
-    arm: ArmArgument = None,
+    connection: NamedServoConnection,
     *,
-    port: ServoPortOption = None,
     listen: Listen = "tcp/127.0.0.1:7448",
     name: Name = None,
     rate: Rate = 50.0,
-    collision: CollisionOption = True,
-    uncalibrated: UncalibratedOption = False,
-    no_wiggle: NoWiggleOption = False,
-    yes: YesOption = False,
-    json: JsonOption = False,
+    options: Annotated[MotionOptions, Without("dry_run", "tip")],
 ) -> None:
     """Serve an arm to programs on other machines until Ctrl-C; see docs/network.md.
 
@@ -71,22 +59,26 @@ def command(
     ikservo serve so101 --name desk --listen tls/0.0.0.0:7448
     """
     endpoint = parse_listen(listen)
-    model = model_from_option(arm)
+    model = model_from_option(connection.arm)
     served_as = check_arm_name(name or model.name)
     certificate = server_certificate(endpoint)
-    if find_network(port) is not None:
+    if find_network(connection.port) is not None:
         raise InputError(
             "An arm on another machine cannot be served again.", "Run `ikservo serve` there."
         )
     access = None if certificate is None else access_control(served_as)
     with (
         open_server(endpoint, certificate, access) as session,
-        open_arm(model, port, collisions=collision, uncalibrated=uncalibrated) as machine,
+        open_arm(
+            model,
+            connection.port,
+            collisions=options.collision,
+            uncalibrated=options.uncalibrated,
+        ) as machine,
     ):
-        if not no_wiggle:
-            check_directions_once(machine, yes=yes)
+        check_directions_once(machine, options)
         with ended_by_signal() as wait, ArmServer(session, machine, served_as, rate):
-            _announce(machine, ArmAddress(served_as, endpoint), json=json)
+            _announce(machine, ArmAddress(served_as, endpoint), json=options.json)
             wait()
 
 

@@ -9,6 +9,7 @@ from contextlib import contextmanager
 
 from ikservo.arm import Arm, MotionPlan, MotionProgress, StopKind, ZeroSource, open_arm
 from ikservo.cli.model_options import model_from_option
+from ikservo.cli.options import ArmConnection, MotionOptions
 from ikservo.cli.terminal import confirm, format_port, print_status, progress_bar
 from ikservo.clock import Clock, RealClock
 from ikservo.control.real_time import allowed_priority
@@ -88,23 +89,23 @@ def _lower_arm(machine: Arm) -> str:
 
 @contextmanager
 def open_from_options(
-    arm: str | None,
-    port: str | None,
-    *,
-    tip: str | None = None,
-    collisions: bool = True,
-    uncalibrated: bool = False,
+    connection: ArmConnection, options: MotionOptions | None = None
 ) -> Generator[Arm]:
-    """Open the arm of ``--arm`` on ``--port``; it keeps holding afterwards."""
-    model = model_from_option(arm, tip)
-    with open_arm(model, port, collisions=collisions, uncalibrated=uncalibrated) as machine:
+    """Open the arm of a command; it keeps holding afterwards."""
+    options = options or MotionOptions()
+    with open_arm(
+        model_from_option(connection.arm, options.tip),
+        connection.port,
+        collisions=options.collision,
+        uncalibrated=options.uncalibrated,
+    ) as machine:
         _warn_uncalibrated(machine)
         with second_interrupt_lowers(machine):
             yield machine
 
 
-def announce(plan: MotionPlan, machine: Arm, *, yes: bool) -> None:
-    """Print a planned motion, and ask the user to confirm it.
+def announce(plan: MotionPlan, machine: Arm, options: MotionOptions) -> None:
+    """Print a planned motion, and ask the user to confirm it unless it is only planned.
 
     Raises:
         IkservoError: The user declined.
@@ -121,10 +122,10 @@ def announce(plan: MotionPlan, machine: Arm, *, yes: bool) -> None:
         print_status("First motion after torque-on: slow speed.")
     if plan.tool_speed is not None and not plan.tool_speed.is_constant:
         print_status(f"Tool speed: {plan.tool_speed}.")
-    confirm_motion(machine, yes=yes)
+    confirm_motion(machine, yes=options.yes or options.dry_run)
 
 
-def announce_lowering(machine: Arm, *, yes: bool) -> None:
+def announce_lowering(machine: Arm, options: MotionOptions) -> None:
     """Print that the arm will be lowered and relaxed, and ask for confirmation as ``announce``.
 
     Raises:
@@ -139,9 +140,9 @@ def announce_lowering(machine: Arm, *, yes: bool) -> None:
             raise
         print_status(f"The arm cannot be lowered: {error.command_message}")
         print_status("Torque will be switched off at its present pose: support it.")
-        confirm_motion(machine, yes=yes, question="Switch torque off?")
+        confirm_motion(machine, yes=options.yes, question="Switch torque off?")
         return
-    announce(plan, machine, yes=yes)
+    announce(plan, machine, options)
 
 
 def confirm_motion(machine: Arm, *, yes: bool, question: str = "Move?") -> None:

@@ -11,23 +11,17 @@ import typer
 
 from ikservo.cli.model_options import (
     LEANING,
-    PreferOption,
-    WeightOption,
+    PostureOptions,
     calibrated_model_from_option,
-    posture_from_options,
     report_missing_freedom,
 )
 from ikservo.cli.options import (
     ArmOption,
-    DirectionOption,
     JsonOption,
-    KeepOption,
     Length,
-    PitchOption,
-    RollOption,
     TipOption,
+    ToolOptions,
     complete_methods,
-    orientation_from_options,
     parse_axis,
     parse_force_n,
 )
@@ -91,13 +85,9 @@ def command(
     *,
     arm: ArmOption = None,
     tip: TipOption = None,
-    pitch: PitchOption = None,
-    roll: RollOption = None,
-    direction: DirectionOption = None,
-    keep: KeepOption = False,
+    tool: ToolOptions,
     tool_axis: ToolAxis = None,
-    prefer: PreferOption = None,
-    weight: WeightOption = None,
+    preferred: PostureOptions,
     method: Method = "auto",
     nearest: Nearest = True,
     force: Force = None,
@@ -122,22 +112,27 @@ def command(
     """
     _check_options(method, plot, everything=everything, comparison=comparison, trace=trace)
     force_n = _force_n(force, single=not (everything or comparison or trace))
-    posed = pitch is not None or roll is not None or keep
+    posed = tool.pitch_rad is not None or tool.roll_rad is not None or tool.keep
     if posed and (everything or comparison or trace or tool_axis or method != "auto"):
         raise InputError(
             "--pitch, --roll and --keep cannot be combined with these options.",
             "Use them without --all, --compare, --trace, --method and --tool-axis.",
         )
-    if (prefer or weight) and (posed or everything or comparison or method not in LEANING):
+    if (preferred.prefer or preferred.weight) and (
+        posed or everything or comparison or method not in LEANING
+    ):
         raise InputError(
             "--prefer and --weight lean in the null space of the pseudo-inverse.",
             "Give them with --method auto or pseudo_inverse, and without --all, --compare, "
             "--pitch, --roll and --keep.",
         )
-    orientation = orientation_from_options(pitch, roll, direction, keep=keep) if posed else None
+    orientation = tool.orientation() if posed else None
     model = calibrated_model_from_option(arm, tip)
-    posture = posture_from_options(model, model.chain, prefer, weight)
-    target, start = _make_target((x, y, z), model, direction, tool_axis), model.initial_joints()
+    posture = preferred.posture(model, model.chain)
+    target, start = (
+        _make_target((x, y, z), model, tool.direction, tool_axis),
+        model.initial_joints(),
+    )
     if everything:
         results = _print_all(model, target, start, json=json)
     elif comparison:
@@ -159,7 +154,7 @@ def command(
         )
         results = [(result.method, result)]
         if posture is not None:
-            report_missing_freedom(model.chain, result.q, directed=direction is not None)
+            report_missing_freedom(model.chain, result.q, directed=tool.direction is not None)
         _print_one(model, target, result, force_n, trace=trace, json=json)
     if plot is not None:
         _plot_results(plot, model, target, start, results)

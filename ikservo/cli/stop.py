@@ -10,7 +10,7 @@ from ikservo.arm.control_client import StopAllResult, StopResult
 from ikservo.arm.networks import find_network
 from ikservo.arm.remote import stop_arm
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import ArmOption, JsonOption, PortOption
+from ikservo.cli.options import ArmConnection, JsonOption
 from ikservo.cli.quick_stop import report_stop, stop_every_arm
 
 __all__ = ["command"]
@@ -23,8 +23,7 @@ All = Annotated[
 
 def command(
     *,
-    arm: ArmOption = None,
-    port: PortOption = None,
+    connection: ArmConnection,
     every: All = False,
     json: JsonOption = False,
 ) -> None:
@@ -37,14 +36,14 @@ def command(
 
     ikservo stop
     """
-    one = not every and bool(arm or port)
-    found = StopAllResult((_stop_one(arm, port),)) if one else stop_every_arm()
+    one = not every and bool(connection.arm or connection.port)
+    found = StopAllResult((_stop_one(connection),)) if one else stop_every_arm()
     raise typer.Exit(report_stop(found, as_json=json))
 
 
-def _stop_one(arm: str | None, port: str | None) -> StopResult:
+def _stop_one(connection: ArmConnection) -> StopResult:
     """Stop one arm; at an address it is known which."""
-    network_address = find_network(port)
+    network_address = find_network(connection.port)
     if network_address is not None:
         return network_address[0].stop_arm(network_address[1])
-    return stop_arm(model_from_option(arm), port)
+    return stop_arm(model_from_option(connection.arm), connection.port)

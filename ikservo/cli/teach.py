@@ -11,14 +11,8 @@ import typer
 
 from ikservo.arm import Arm
 from ikservo.calibration import JointUnit
-from ikservo.cli.options import (
-    ArmOption,
-    JsonOption,
-    PortOption,
-    UncalibratedOption,
-    YesOption,
-    parse_time_s,
-)
+from ikservo.cli.option_groups import Without
+from ikservo.cli.options import ArmConnection, MotionOptions, parse_time_s
 from ikservo.cli.posture_reports import joint_lines
 from ikservo.cli.session import announce_lowering, confirm_motion, open_from_options
 from ikservo.cli.terminal import (
@@ -62,15 +56,12 @@ Duration = Annotated[
 def command(
     name: Name,
     *,
-    arm: ArmOption = None,
-    port: PortOption = None,
+    connection: ArmConnection,
     now: Now = False,
     hold: Hold = False,
     floating: Float = False,
     duration: Duration = None,
-    uncalibrated: UncalibratedOption = False,
-    yes: YesOption = False,
-    json: JsonOption = False,
+    options: Annotated[MotionOptions, Without("collision", "dry_run", "no_wiggle", "tip")],
 ) -> None:
     """Switch torque off, let you move the arm by hand, and save its pose under a name.
 
@@ -83,19 +74,19 @@ def command(
     ikservo pose cup --arm so101
     """
     _check_options(now=now, floating=floating, duration=duration)
-    with open_from_options(arm, port, uncalibrated=uncalibrated) as machine:
+    with open_from_options(connection, options) as machine:
         machine.poses.check_name(name)
         if not floating:
             _announce_teaching(machine, name, now=now, hold=hold)
         _announce_saving(machine, name)
         if floating:
-            _float(machine, name, duration, yes=yes)
+            _float(machine, name, duration, yes=options.yes)
         elif not now:
-            _confirm_relaxing(machine, yes=yes)
+            _confirm_relaxing(machine, options)
         until = None if now or floating else _wait_until_enter
         positions = machine.teach(name, until, hold=hold)
         path = machine.poses.path
-    if json:
+    if options.json:
         print_json("teach", name=name, joints_rad=positions, path=str(path))
         return
     joints: dict[str, tuple[float, JointUnit]] = {
@@ -166,9 +157,9 @@ def _announce_saving(machine: Arm, name: str) -> None:
         print_status(f'It replaces the pose "{name}" in {machine.poses.path}.')
 
 
-def _confirm_relaxing(machine: Arm, *, yes: bool) -> None:
+def _confirm_relaxing(machine: Arm, options: MotionOptions) -> None:
     if any(state.torque for state in machine.where().joints):
-        announce_lowering(machine, yes=yes)
+        announce_lowering(machine, options)
 
 
 def _wait_until_enter() -> None:

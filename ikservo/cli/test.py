@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Annotated, Any
@@ -14,17 +15,8 @@ from ikservo.cli.accuracy_by_touch import measure_by_touch
 from ikservo.cli.dialogue import Operator
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import (
-    ArmArgument,
-    CollisionOption,
-    JsonOption,
-    NoWiggleOption,
-    PortOption,
-    TipOption,
-    UncalibratedOption,
-    YesOption,
-    parse_time_s,
-)
+from ikservo.cli.option_groups import Without
+from ikservo.cli.options import ArmConnection, MotionOptions, NamedArmConnection, parse_time_s
 from ikservo.cli.session import confirm_motion, open_from_options
 from ikservo.cli.terminal import (
     format_port,
@@ -68,13 +60,6 @@ Drift = Annotated[
 Parts = Annotated[
     str, typer.Option("--parts", metavar="NAMES", help="Parts to measure, separated by commas.")
 ]
-Html = Annotated[
-    Path | None,
-    typer.Option(
-        "--html", metavar="FILE", help="HTML file for the report; default: a name with the date."
-    ),
-]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing report.")]
 Touch = Annotated[
     bool,
     typer.Option(
@@ -88,29 +73,56 @@ Points = Annotated[
 Touches = Annotated[
     int, typer.Option("--touches", min=1, max=100, help="Number of touches of each point.")
 ]
-Note = Annotated[str, typer.Option("--note", help="Note for the report: payload, servos, changes.")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReportOptions:
+    """The HTML file of the report."""
+
+    html: Annotated[
+        Path | None,
+        typer.Option(
+            "--html",
+            metavar="FILE",
+            help="HTML file for the report; default: a name with the date.",
+        ),
+    ] = None
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace an existing report.")] = (
+        False
+    )
+    note: Annotated[
+        str, typer.Option("--note", help="Note for the report: payload, servos, changes.")
+    ] = ""
+
+    def page_path(self, arm: str, started: datetime) -> Path:
+        """Return where the page is written.
+
+        Raises:
+            BadValueError: The file exists.
+            FileWriteError: It cannot be written; said before half an hour of motions.
+        """
+        path = self.html or Path(f"ikservo-test-{arm}-{started:%Y%m%d-%H%M%S}.html")
+        if path.exists() and not self.overwrite:
+            raise BadValueError("The file", f"{path}, which exists", "another, or --overwrite")
+        try:
+            check_writable(path.parent)
+        except FileWriteError as error:
+            raise FileWriteError(path, error.why) from error
+        return path
 
 
 def command(
-    arm: ArmArgument = None,
+    connection: NamedArmConnection,
     *,
-    port: PortOption = None,
     cycles: Cycles = 30,
     path_cycles: PathCycles = 10,
     drift: Drift = 300.0,
     parts: Parts = _ALL_PARTS,
-    html: Html = None,
-    overwrite: Overwrite = False,
-    note: Note = "",
+    report: ReportOptions,
     touch: Touch = False,
     points: Points = None,
     touches: Touches = 3,
-    collision: CollisionOption = True,
-    uncalibrated: UncalibratedOption = False,
-    no_wiggle: NoWiggleOption = False,
-    tip: TipOption = None,
-    yes: YesOption = False,
-    json: JsonOption = False,
+    options: Annotated[MotionOptions, Without("dry_run")],
 ) -> None:
     """Measure accuracy and repeatability of poses and paths, and drift, after ISO 9283.
 
@@ -124,74 +136,49 @@ def command(
     ikservo test so101 --touch          accuracy on a printed sheet, by hand
     """
     if touch:
-        _test_by_touch(arm, port, html, note, points, touches, overwrite=overwrite, yes=yes,
-                       json=json)  # fmt: skip
+        _test_by_touch(connection, report, points, touches, options)
         return
     if points:
         raise InputError("Points are touched with --touch only.", "Add: --touch")
     names = tuple(name.strip() for name in parts.split(",") if name.strip())
     settings = TestSettings(cycles, path_cycles, drift, names)
     started = datetime.now(UTC)
-    with open_from_options(
-        arm, port, tip=tip, collisions=collision, uncalibrated=uncalibrated
-    ) as machine:
-        path = _page_path(html, machine.model.name, started, overwrite=overwrite)
-        test = _prepare(machine, settings, yes=yes)
-        if not no_wiggle:
-            check_directions_once(machine, yes=yes)
+    with open_from_options(connection, options) as machine:
+        path = report.page_path(machine.model.name, started)
+        test = _prepare(machine, settings, yes=options.yes)
+        check_directions_once(machine, options)
         stopped: BaseException | None = None
         try:
             _run(test)
         except (IkservoError, KeyboardInterrupt, SystemExit) as error:  # SIGTERM, too
             stopped = error
-        fields = _fields(machine, test, settings, started, note, stopped)
+        fields = _fields(machine, test, settings, started, report.note, stopped)
         if any(fields[part] for part in PARTS):
             write_atomic(path, accuracy_page(fields))
-            _print(fields, path, json=json)
+            _print(fields, path, json=options.json)
         if stopped is not None:
             raise stopped
 
 
 def _test_by_touch(
-    arm: str | None,
-    port: str | None,
-    html: Path | None,
-    note: str,
+    connection: ArmConnection,
+    report: ReportOptions,
     points: Path | None,
     touches: int,
-    *,
-    overwrite: bool,
-    yes: bool,
-    json: bool,
+    options: MotionOptions,
 ) -> None:
     """Measure accuracy from touches, and report it as the test by motions is."""
-    model, started = model_from_option(arm), datetime.now(UTC)
-    path = _page_path(html, model.name, started, overwrite=overwrite)
-    found = measure_by_touch(model, port, points, touches, Operator.of(None, yes=yes))
+    model, started = model_from_option(connection.arm), datetime.now(UTC)
+    path = report.page_path(model.name, started)
+    operator = Operator.of(None, yes=options.yes)
+    found = measure_by_touch(model, connection.port, points, touches, operator)
     why = "" if found.stopped is None else str(getattr(found.stopped, "message", "") or "Ctrl-C")
-    head = _head(model, started, note, why, simulated=False)
+    head = _head(model, started, report.note, why, simulated=False)
     fields = head | touched_fields(found.poses)
     write_atomic(path, accuracy_page(fields))
-    _print(fields, path, json=json)
+    _print(fields, path, json=options.json)
     if found.stopped is not None:
         raise found.stopped
-
-
-def _page_path(html: Path | None, arm: str, started: datetime, *, overwrite: bool) -> Path:
-    """Return where the page is written.
-
-    Raises:
-        BadValueError: The file exists.
-        FileWriteError: It cannot be written; said before half an hour of motions.
-    """
-    path = html or Path(f"ikservo-test-{arm}-{started:%Y%m%d-%H%M%S}.html")
-    if path.exists() and not overwrite:
-        raise BadValueError("The file", f"{path}, which exists", "another, or --overwrite")
-    try:
-        check_writable(path.parent)
-    except FileWriteError as error:
-        raise FileWriteError(path, error.why) from error
-    return path
 
 
 def _prepare(machine: Arm, settings: TestSettings, *, yes: bool) -> AccuracyTest:

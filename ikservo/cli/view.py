@@ -17,13 +17,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import (
-    ArmOption,
-    CollisionOption,
-    ServoPortOption,
-    UncalibratedOption,
-    complete_arms,
-)
+from ikservo.cli.option_groups import Without
+from ikservo.cli.options import MotionOptions, ServoConnection, complete_arms
 from ikservo.cli.session import warn_uncompiled
 from ikservo.cli.terminal import print_lines, print_status
 from ikservo.errors import InputError
@@ -73,15 +68,13 @@ NoOpen = Annotated[bool, typer.Option("--no-open", help="Do not open a browser."
 def command(
     arms: Arms = None,
     *,
-    arm: ArmOption = None,
-    port: ServoPortOption = None,
+    connection: ServoConnection,
     http_port: HttpPort = 8420,
     listen: Listen = "127.0.0.1",
     insecure: Insecure = False,
     no_open: NoOpen = False,
     camera: Camera = None,
-    collision: CollisionOption = True,
-    uncalibrated: UncalibratedOption = False,
+    options: Annotated[MotionOptions, Without("dry_run", "no_wiggle", "tip", "yes", "json")],
 ) -> None:
     """Serve the browser panel; an arm moves only after Go there, a pose button or Live.
 
@@ -98,9 +91,9 @@ def command(
         _check_installed(["cv2"], "camera")
     from ikservo.view.app import ViewApp  # noqa: PLC0415  # what --help does not need
 
-    places = _places_from_options(arms or [], arm, port)
-    app = ViewApp(places, listen, http_port, insecure=insecure, collisions=collision,
-                  uncalibrated=uncalibrated, camera=camera)  # fmt: skip
+    places = _places_from_options(arms or [], connection.arm, connection.port)
+    app = ViewApp(places, listen, http_port, insecure=insecure, collisions=options.collision,
+                  uncalibrated=options.uncalibrated, camera=camera)  # fmt: skip
     with app as urls:
         print_status(f"To watch only:\n{urls.watch}\nTo control the arm:")
         sys.stderr.flush()  # the label of what follows

@@ -22,9 +22,9 @@ from ikservo.arm.remote import query_state
 from ikservo.calibration import format_source
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import (
-    ArmOption,
+    ArmConnection,
     JsonOption,
-    PortOption,
+    MotionOptions,
     UncalibratedOption,
     parse_point_m,
     parse_time_s,
@@ -67,8 +67,7 @@ Count = Annotated[int | None, typer.Option("--count", min=1, help="End after thi
 
 def command(
     *,
-    arm: ArmOption = None,
-    port: PortOption = None,
+    connection: ArmConnection,
     watch: Watch = False,
     period: Period = 0.2,
     count: Count = None,
@@ -82,16 +81,16 @@ def command(
 
     ikservo where --arm so101 --port sim --visible-from 0.6,0.3,0.4
     """
-    model = model_from_option(arm)
+    model = model_from_option(connection.arm)
     eye_m = None if visible_from is None else parse_point_m(visible_from)
     if watch and eye_m is not None:
         raise InputError("--visible-from cannot be combined with --watch.", "Omit --watch.")
     if watch:
-        watch_arm(model, port, period, count, uncalibrated=uncalibrated, json=json)
+        watch_arm(model, connection.port, period, count, uncalibrated=uncalibrated, json=json)
         return
-    here = query_state(model, port)
+    here = query_state(model, connection.port)
     if here is None:
-        with open_from_options(arm, port, uncalibrated=uncalibrated) as machine:
+        with open_from_options(connection, MotionOptions(uncalibrated=uncalibrated)) as machine:
             here = machine.where()
     links = () if eye_m is None else _find_visible_links(model, here, eye_m)
     if json:
@@ -226,7 +225,8 @@ def _state_reader(model: Model, port: str | None, *, uncalibrated: bool) -> Gene
     if query_state(model, port) is not None:
         yield lambda: _read_from_owner(model, port)
         return
-    with open_from_options(str(model.path), port, uncalibrated=uncalibrated) as machine:
+    connection = ArmConnection(arm=str(model.path), port=port)
+    with open_from_options(connection, MotionOptions(uncalibrated=uncalibrated)) as machine:
         yield machine.where
 
 

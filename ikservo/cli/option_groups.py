@@ -1,0 +1,73 @@
+"""Groups of options: a dataclass whose fields are options of a command, which takes it whole."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable, Iterator
+from dataclasses import fields, is_dataclass
+from typing import Annotated, Any, get_args, get_origin, get_type_hints
+
+__all__ = ["Without", "with_options_of_groups"]
+
+
+class Without:
+    """Says which options of a group a command does not offer: they keep their defaults.
+
+    ``Annotated[MotionOptions, Without("tip")]`` is the type of the command's parameter.
+    """
+
+    def __init__(self, *names: str) -> None:
+        self.names = frozenset(names)
+
+
+def with_options_of_groups(command: Callable[..., None]) -> Callable[..., None]:
+    """Return a command as typer reads it, with a parameter for each option of its groups.
+
+    The options of a group come where the group is, so that the help lists them in this order.
+
+    Raises:
+        TypeError: A group has no option of a name in ``Without``.
+    """
+    groups: dict[str, tuple[type, list[str]]] = {}
+    parameters: list[inspect.Parameter] = []
+    for parameter in inspect.signature(command, eval_str=True).parameters.values():
+        group = _base_type(parameter.annotation)
+        if isinstance(group, type) and is_dataclass(group):
+            options = list(_options(group, parameter.annotation))
+            groups[parameter.name] = (group, [option.name for option in options])
+            parameters += options
+        else:
+            parameters.append(parameter.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+
+    def run(**given: Any) -> None:  # noqa: ANN401  # values of options
+        made = {
+            name: group(**{option: given.pop(option) for option in options})
+            for name, (group, options) in groups.items()
+        }
+        command(**given, **made)
+
+    run.__doc__ = command.__doc__
+    run.__annotations__ = {each.name: each.annotation for each in parameters}
+    run.__signature__ = inspect.Signature(parameters)  # pyright: ignore[reportFunctionMemberAccess]
+    return run
+
+
+def _base_type(annotation: Any) -> Any:  # noqa: ANN401
+    return get_args(annotation)[0] if get_origin(annotation) is Annotated else annotation
+
+
+def _options(group: Any, annotation: Any) -> Iterator[inspect.Parameter]:  # noqa: ANN401
+    """Yield the options of a group that its command offers, as parameters."""
+    marks = (each for each in get_args(annotation)[1:] if isinstance(each, Without))
+    omitted = next(marks, Without()).names
+    types = get_type_hints(group, include_extras=True)
+    if not omitted <= types.keys():
+        raise TypeError(f"{group.__name__} has no {', '.join(sorted(omitted - types.keys()))}.")
+    for field in fields(group):
+        if field.name not in omitted:
+            yield inspect.Parameter(
+                field.name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=field.default,
+                annotation=types[field.name],
+            )

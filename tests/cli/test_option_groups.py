@@ -1,0 +1,66 @@
+"""Groups of options: a command takes a dataclass, its user sees the options one by one."""
+
+import inspect
+from dataclasses import dataclass
+from typing import Annotated
+
+import pytest
+import typer
+
+from ikservo.cli.option_groups import Without, with_options_of_groups
+
+
+@dataclass(frozen=True, kw_only=True)
+class Paint:
+    """How something is painted."""
+
+    colour: Annotated[str, typer.Option("--colour", help="A colour.")] = "red"
+    coats: Annotated[int, typer.Option("--coats", help="How many.")] = 1
+
+
+@dataclass(frozen=True, kw_only=True)
+class OilPaint(Paint):
+    """The same with another help."""
+
+    colour: Annotated[str, typer.Option("--colour", help="A colour of oil.")] = "blue"
+
+
+def names(command):
+    return list(inspect.signature(with_options_of_groups(command)).parameters)
+
+
+def test_the_options_of_a_group_stand_where_the_group_does():
+    def command(what: str, *, paint: Paint, dry: bool = False): ...
+
+    assert names(command) == ["what", "colour", "coats", "dry"]
+
+
+def test_a_command_gets_the_values_of_a_group_as_one():
+    got = []
+
+    def command(what: str, *, paint: Annotated[OilPaint, Without("coats")]):
+        got.append((what, paint))
+
+    with_options_of_groups(command)(what="wall", colour="green")
+    assert got == [("wall", OilPaint(colour="green", coats=1))]
+
+
+def test_an_option_that_is_not_offered_is_not_accepted():
+    def command(*, paint: Annotated[OilPaint, Without("coats")]): ...
+
+    assert names(command) == ["colour"]
+
+
+def test_a_derived_group_replaces_the_option_where_it_is():
+    def command(*, paint: OilPaint): ...
+
+    options = inspect.signature(with_options_of_groups(command)).parameters
+    assert [options["colour"].default, *options] == ["blue", "colour", "coats"]
+    assert options["colour"].annotation.__metadata__[0].help == "A colour of oil."
+
+
+def test_a_misspelt_name_of_an_option_is_an_error():
+    def command(*, paint: Annotated[Paint, Without("color")]): ...
+
+    with pytest.raises(TypeError, match="Paint has no color"):
+        with_options_of_groups(command)
