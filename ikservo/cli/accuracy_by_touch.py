@@ -52,7 +52,7 @@ def measure_by_touch(
     found = TouchedPoints()
     with open_torque_off(model, port) as limp_arm:
         session = TouchOffSession(limp_arm)
-        targets = session.reachable_targets(make_targets(model, TouchOffOptions(points)))
+        targets = session.reachable_targets(make_targets(model, TouchOffOptions(points=points)))
         if not targets:
             raise CalibrationError("No point is within reach of the tip.", "Check the points.")
         operator.run(switch_torque_off(limp_arm))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
 import typer
@@ -22,7 +23,7 @@ from ikservo.maintenance.touch_off import TouchOffSession
 from ikservo.model import Model
 from ikservo.model.touch_procedure import TouchTarget, place_sheet
 
-__all__ = ["TouchOffOptions", "make_targets", "read_points", "run_touch_off"]
+__all__ = ["PointsOption", "TouchOffOptions", "make_targets", "read_points", "run_touch_off"]
 
 
 _MAX_BYTES = 64 * 1024
@@ -55,22 +56,37 @@ def _parse_target(path: Path, where: str, fields: list[str]) -> TouchTarget:
 _REPEATS = 20
 
 
-@dataclass(frozen=True, slots=True)
+PointsOption = Annotated[
+    Path | None,
+    typer.Option("--points", metavar="FILE", help="Points to touch, one NAME X Y Z per line."),
+]
+
+
+@dataclass(frozen=True, kw_only=True)
 class TouchOffOptions:
-    """Options of a touch-off.
+    """The points of a touch-off: those of the printed sheet unless others are given."""
 
-    Attributes:
-        points: A file of points; None for the printed sheet.
-        same_point: Whether one point of unknown position is touched repeatedly.
-        edge_m: Distance from the base to the near edge of the sheet, metres; None to centre the
-            sheet below the tool of the pose ``home``.
-        block_m: Height of a block used at every other cross; None for none.
-    """
-
-    points: Path | None = None
-    same_point: bool = False
-    edge_m: float | None = None
-    block_m: float | None = None
+    points: PointsOption = None
+    same_point: Annotated[
+        bool,
+        typer.Option("--same-point", help="Touch one fixed point of unknown position repeatedly."),
+    ] = False
+    edge_m: Annotated[
+        float | None,
+        typer.Option(
+            "--sheet-origin",
+            parser=parse_length_m,
+            help="Distance from the base to the near edge of the sheet.",
+        ),
+    ] = None  # the sheet is then below the tool of the pose home
+    block_m: Annotated[
+        float | None,
+        typer.Option(
+            "--block-height",
+            parser=parse_length_m,
+            help="Height of a block for every other cross.",
+        ),
+    ] = None
 
 
 def run_touch_off(

@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Annotated
 
 import numpy as np
+import typer
 
 from ikservo.arm import read_recording
 from ikservo.arm.recorder import recording_header
@@ -30,21 +32,33 @@ __all__ = ["DatasetOptions", "export_dataset", "import_dataset"]
 _OWN_TYPES = ("ikservo",)  # robots whose values have the geometry's zeros
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, kw_only=True)
 class DatasetOptions:
-    """How episodes become recordings.
+    """How episodes become recordings."""
 
-    Attributes:
-        to: The folder of the recordings.
-        what: ``state`` or ``action``.
-        calibration: LeRobot's id of the arm, or its file; empty where ikservo recorded it.
-        percent: Whether the values are percents of the range.
-    """
-
-    to: Path
-    what: str
-    calibration: str
-    percent: bool
+    to: Annotated[
+        Path, typer.Option("--to", metavar="FOLDER", help="Folder for the recordings.")
+    ] = Path()
+    what: Annotated[
+        str,
+        typer.Option(
+            "--what",
+            metavar="state|action",
+            help="Import the measured or the commanded joints.",
+        ),
+    ] = "state"
+    calibration: Annotated[
+        str,
+        typer.Option(
+            "--calibration",
+            metavar="ID|FILE",
+            help="LeRobot calibration used when the data were recorded.",
+        ),
+    ] = ""  # the recordings are then of ikservo
+    percent: Annotated[
+        bool,
+        typer.Option("--percent", help="Data were recorded with use_degrees=false (-100 to 100)."),
+    ] = False
 
 
 def import_dataset(model: Model, folder: Path, options: DatasetOptions, *, json: bool) -> None:

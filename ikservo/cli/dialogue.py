@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, closing
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
 
+import typer
 from rich.console import Console, ConsoleDimensions, Group
 from rich.live import Live
 from rich.table import Table
@@ -15,6 +18,7 @@ from rich.text import Text
 
 from ikservo.calibration.joint_map import JointUnit
 from ikservo.calibration.procedure import JointProgress, JointReadout
+from ikservo.cli.options import YesOption
 from ikservo.cli.terminal import Keys, confirm, print_status, read_keys
 from ikservo.errors import IkservoError, InputError
 from ikservo.maintenance.dialogue import (
@@ -29,7 +33,7 @@ from ikservo.maintenance.dialogue import (
     Unasked,
 )
 
-__all__ = ["Operator"]
+__all__ = ["AnswerOptions", "Operator"]
 
 _MAX_BAR_CHARS, _MIN_BAR_CHARS = 24, 8
 _OTHER_COLUMNS = 64  # characters of a row without its bar
@@ -103,6 +107,25 @@ class Operator:
             raise InputError(text, "Give --yes.")
         agreed = self.yes or self.script is not None
         return question.unasked is Unasked.YES or (question.unasked is not Unasked.NO and agreed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class AnswerOptions:
+    """Who answers the questions of a calibration."""
+
+    from_script: Annotated[
+        Path | None,
+        typer.Option("--from-script", metavar="FILE", help="File with the answers, one per line."),
+    ] = None
+    yes: YesOption = False
+    no_input: Annotated[
+        bool, typer.Option("--no-input", help="Never ask; a question is an error.")
+    ] = False
+
+    def operator(self, read_script: Callable[[Path], Sequence[str]]) -> Operator:
+        """Return who answers; ``read_script`` reads the answers in a file."""
+        entries = None if self.from_script is None else read_script(self.from_script)
+        return Operator.of(entries, yes=self.yes, no_input=self.no_input)
 
 
 class _RequestScreen:

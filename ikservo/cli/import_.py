@@ -14,7 +14,7 @@ import typer
 from ikservo.calibration.lerobot import LerobotJoint, find_lerobot, read_lerobot
 from ikservo.calibration.procedure import CalibrationState
 from ikservo.calibration.result import CalibrationResult
-from ikservo.cli.calibrate import FromScript, Margin, NoInput, Pose
+from ikservo.cli.calibrate import Margin, Pose
 from ikservo.cli.calibrate_by_hand import (
     print_result,
     print_servos,
@@ -22,9 +22,9 @@ from ikservo.cli.calibrate_by_hand import (
 )
 from ikservo.cli.calibration import import_recorded
 from ikservo.cli.dataset import DatasetOptions, import_dataset
-from ikservo.cli.dialogue import Operator
+from ikservo.cli.dialogue import AnswerOptions
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import ArmOption, JsonOption, ServoPortOption, YesOption
+from ikservo.cli.options import JsonOption, ServoConnection
 from ikservo.errors import UnknownNameError
 from ikservo.maintenance.calibration_dialogue import (
     check_zeros,
@@ -60,41 +60,17 @@ Source = Annotated[
     str,
     typer.Argument(metavar="ID|FILE|FOLDER", help="LeRobot's id of the arm, a file, a data set."),
 ]
-To = Annotated[Path, typer.Option("--to", metavar="FOLDER", help="Folder for the recordings.")]
-What = Annotated[
-    str,
-    typer.Option(
-        "--what", metavar="state|action", help="Import the measured or the commanded joints."
-    ),
-]
-OtherCalibration = Annotated[
-    str,
-    typer.Option(
-        "--calibration",
-        metavar="ID|FILE",
-        help="LeRobot calibration used when the data were recorded.",
-    ),
-]
-Percent = Annotated[
-    bool, typer.Option("--percent", help="Data were recorded with use_degrees=false (-100 to 100).")
-]
 
 
 def command(
     kind: Kind,
     source: Source,
     *,
-    arm: ArmOption = None,
-    port: ServoPortOption = None,
+    connection: ServoConnection,
     pose: Pose = "rest",
     margin: Margin = 2.0,
-    from_script: FromScript = None,
-    yes: YesOption = False,
-    no_input: NoInput = False,
-    to: To = Path(),
-    what: What = "state",
-    calibration: OtherCalibration = "",
-    percent: Percent = False,
+    answers: AnswerOptions,
+    dataset: DatasetOptions,
     json: JsonOption = False,
 ) -> None:
     """Import ids and ranges from LeRobot; zeros and signs are then measured in a pose.
@@ -108,18 +84,16 @@ def command(
     ikservo import dataset FOLDER --arm so101 --to DIR    each episode becomes a recording
     """
     check_kind(kind)
+    model, port = model_from_option(connection.arm), connection.port
     if kind == "recording":
-        import_recorded(model_from_option(arm), port, Path(source), yes=yes, json=json)
+        import_recorded(model, port, Path(source), yes=answers.yes, json=json)
         return
     if kind == "dataset":
-        options = DatasetOptions(to, what, calibration, percent)
-        import_dataset(model_from_option(arm), Path(source), options, json=json)
+        import_dataset(model, Path(source), dataset, json=json)
         return
-    model, path = model_from_option(arm), find_lerobot(source)
-    joints = read_lerobot(path)
+    joints = read_lerobot(find_lerobot(source))
     model.pose(pose)
-    entries = read_script(from_script) if from_script else None
-    operator = Operator.of(entries, yes=yes, no_input=no_input)
+    operator = answers.operator(read_script)
     with open_torque_off(model, port) as limp_arm:
         check_lerobot_joints(joints, model, limp_arm)
         operator.run(switch_torque_off(limp_arm))

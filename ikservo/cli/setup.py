@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Annotated
 
@@ -42,38 +43,37 @@ Wait = Annotated[
         show_default=False,
     ),
 ]
-Restore = Annotated[
-    Path | None,
-    typer.Option("--restore", metavar="FILE", help="Write this EEPROM backup to its servo."),
-]
-Servo = Annotated[
-    str | None,
-    typer.Option(
-        "--servo",
-        metavar="JOINT",
-        help="Restore to this servo (joint or id), even if its id differs.",
-    ),
-]
-OtherModel = Annotated[
-    bool, typer.Option("--other-model", help="Restore a backup of another servo model.")
-]
 Yes = Annotated[bool, typer.Option("--yes", "-y", help="Do not ask before a servo is written.")]
 
 
+@dataclass(frozen=True, kw_only=True)
+class RestoreOptions:
+    """The EEPROM backup to restore, and to which servo."""
+
+    restore: Annotated[
+        Path | None,
+        typer.Option("--restore", metavar="FILE", help="Write this EEPROM backup to its servo."),
+    ] = None
+    servo: Annotated[
+        str | None,
+        typer.Option(
+            "--servo",
+            metavar="JOINT",
+            help="Restore to this servo (joint or id), even if its id differs.",
+        ),
+    ] = None
+    other_model: Annotated[
+        bool, typer.Option("--other-model", help="Restore a backup of another servo model.")
+    ] = False
+
+
 def _restore_backup(
-    model: Model,
-    port: str | None,
-    path: Path,
-    *,
-    target: str | None,
-    other_model: bool,
-    yes: bool,
-    json: bool,
+    model: Model, port: str | None, path: Path, options: RestoreOptions, *, yes: bool, json: bool
 ) -> None:
     """Write an EEPROM backup to its servo, after confirmation."""
     backup = read_backup(path)
     with open_bus(model, port) as bus:
-        plan = plan_restoration(bus, backup, target, other_model=other_model)
+        plan = plan_restoration(bus, backup, options.servo, other_model=options.other_model)
         _print_restoration(plan)
         question = Question(f"Write these to {plan.servo}?", Unasked.ERROR)
         if plan.changes and not Operator.of(None, yes=yes).agrees(question):
@@ -123,9 +123,7 @@ def command(
     port: ServoPortOption = None,
     start: Start = None,
     wait: Wait = 300.0,
-    restore: Restore = None,
-    servo: Servo = None,
-    other_model: OtherModel = False,
+    backup: RestoreOptions,
     yes: Yes = False,
     json: JsonOption = False,
 ) -> None:
@@ -144,12 +142,10 @@ def command(
     model = load_model(arm)
     if not model.joints:
         raise InputError(f"{model.path} names no servos.", "An arm that moves needs an arm.toml.")
-    if restore:
-        _restore_backup(
-            model, port, restore, target=servo, other_model=other_model, yes=yes, json=json
-        )
+    if backup.restore:
+        _restore_backup(model, port, backup.restore, backup, yes=yes, json=json)
         return
-    if servo or other_model:
+    if backup != RestoreOptions():
         raise InputError("--servo and --other-model belong to --restore.", "Add --restore FILE.")
     operator = Operator.of(None, yes=yes)
     todo = remaining_settings(model, start)

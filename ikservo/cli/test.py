@@ -12,6 +12,7 @@ import typer
 from ikservo import __version__
 from ikservo.arm import Arm, ZeroSource
 from ikservo.cli.accuracy_by_touch import measure_by_touch
+from ikservo.cli.calibrate_touch import PointsOption
 from ikservo.cli.dialogue import Operator
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.model_options import model_from_option
@@ -66,10 +67,6 @@ Touch = Annotated[
         "--touch", help="Measure by hand instead: torque off, put the tip on known points."
     ),
 ]
-Points = Annotated[
-    Path | None,
-    typer.Option("--points", metavar="FILE", help="Points to touch, one NAME X Y Z per line."),
-]
 Touches = Annotated[
     int, typer.Option("--touches", min=1, max=100, help="Number of touches of each point.")
 ]
@@ -120,7 +117,7 @@ def command(
     parts: Parts = _ALL_PARTS,
     report: ReportOptions,
     touch: Touch = False,
-    points: Points = None,
+    points: PointsOption = None,
     touches: Touches = 3,
     options: Annotated[MotionOptions, Without("dry_run")],
 ) -> None:

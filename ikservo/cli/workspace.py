@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
 from typing import Annotated
@@ -139,24 +139,53 @@ def _yaw_deg(T: Matrix) -> float:
 _STARTS = 64  # start postures for a point whose first solution collides
 
 
-Cut = Annotated[
-    Slice | None, typer.Option("--slice", help="Plane to show; default: the whole volume.")
-]
-Height = Annotated[
-    float | None,
-    typer.Option(
-        "--height", help="Height of the top plane.", parser=parse_length_m, metavar="LENGTH"
-    ),
-]
-Yaw = Annotated[
-    float | None,
-    typer.Option(
-        "--yaw",
-        help="Angle of the side or front plane about the vertical.",
-        parser=parse_angle_rad,
-        metavar="ANGLE",
-    ),
-]
+@dataclass(frozen=True, kw_only=True)
+class SliceOptions:
+    """The plane to show; the whole volume without one."""
+
+    cut: Annotated[
+        Slice | None, typer.Option("--slice", help="Plane to show; default: the whole volume.")
+    ] = None
+    height_m: Annotated[
+        float | None,
+        typer.Option(
+            "--height", help="Height of the top plane.", parser=parse_length_m, metavar="LENGTH"
+        ),
+    ] = None
+    yaw_rad: Annotated[
+        float | None,
+        typer.Option(
+            "--yaw",
+            help="Angle of the side or front plane about the vertical.",
+            parser=parse_angle_rad,
+            metavar="ANGLE",
+        ),
+    ] = None
+
+    def check(self) -> None:
+        """Check for options that would be ignored, before any work is done.
+
+        Raises:
+            InputError: There is one.
+        """
+        if self.height_m is not None and self.cut is not Slice.TOP:
+            raise InputError("--height needs --slice top.", "For side and front: --yaw.")
+        if self.yaw_rad is not None and self.cut not in (Slice.SIDE, Slice.FRONT):
+            raise InputError("--yaw needs --slice side or front.", "For top: --height.")
+
+    def frame(self, model: Model, home: Vector) -> Matrix | None:
+        """Return the frame (4, 4) of the plane; None for the whole volume."""
+        match self.cut:
+            case None:
+                return None
+            case Slice.TOP:
+                return top_plane(model.chain, home, self.height_m)
+            case Slice.SIDE:
+                return side_plane(model.chain, home, self.yaw_rad)
+            case Slice.FRONT:
+                return front_plane(model.chain, home, self.yaw_rad)
+
+
 Cell = Annotated[
     float | None,
     typer.Option("--cell", help="Size of a cell; default: 5mm in a plane, 25mm in the volume.",
@@ -180,9 +209,7 @@ def command(
     *,
     arm: ArmOption = None,
     tip: TipOption = None,
-    cut: Cut = None,
-    height: Height = None,
-    yaw: Yaw = None,
+    slicing: SliceOptions,
     cell: Cell = None,
     point: Point = None,
     plot: Plot = None,
@@ -197,7 +224,10 @@ def command(
     ikservo workspace --arm so101 --slice side --plot reach.svg
     ikservo workspace --arm so101 --point 0.25 0.05 0.15
     """
-    _check_slice_options(cut, height, yaw, plot)
+    slicing.check()
+    if plot is not None:
+        check_plot_file(plot)
+    cut = slicing.cut
     model = calibrated_model_from_option(arm, tip)
     home = model.initial_joints()
     point_m = None if point is None else [parse_length_m(text) for text in point]
@@ -205,9 +235,7 @@ def command(
     found = None if point_m is None else _solve_point(model, point_m, home, clear)
     region = None
     if found is None or cut or plot or cell is not None:
-        region = workspace(
-            model.chain, _slice_plane(model, home, cut, height, yaw), cell, clear=clear
-        )
+        region = workspace(model.chain, slicing.frame(model, home), cell, clear=clear)
     if region is not None and plot is not None:
         plot_workspace(region, model, home, workspace_title(model, cut, region), plot, point_m)
     if json:
@@ -236,29 +264,3 @@ def _solve_point(
     results = (solve(model.chain, Target(point_m), start) for start in starts)
     free = (result for result in results if result.reached and clear(result.q[None])[0])
     return next(free, replace(best, reached=False, method=COLLIDES))
-
-
-def _check_slice_options(
-    cut: Slice | None, height: float | None, yaw: float | None, plot: Path | None
-) -> None:
-    """Check for options that would be ignored, before any work is done."""
-    if height is not None and cut is not Slice.TOP:
-        raise InputError("--height needs --slice top.", "For side and front: --yaw.")
-    if yaw is not None and cut not in (Slice.SIDE, Slice.FRONT):
-        raise InputError("--yaw needs --slice side or front.", "For top: --height.")
-    if plot is not None:
-        check_plot_file(plot)
-
-
-def _slice_plane(
-    model: Model, home: Vector, cut: Slice | None, height: float | None, yaw: float | None
-) -> Matrix | None:
-    match cut:
-        case None:
-            return None
-        case Slice.TOP:
-            return top_plane(model.chain, home, height)
-        case Slice.SIDE:
-            return side_plane(model.chain, home, yaw)
-        case Slice.FRONT:
-            return front_plane(model.chain, home, yaw)
