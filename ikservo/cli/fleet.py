@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from ikservo.cli.options import JsonOption, parse_time_s
+from ikservo.cli.options import CountOption, JsonOption, parse_time_s
 from ikservo.cli.terminal import print_json, print_table
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import PortError
@@ -37,7 +37,6 @@ Period = Annotated[
         show_default=False,
     ),
 ]
-Count = Annotated[int | None, typer.Option("--count", min=1, help="End after this many readings.")]
 
 _COLUMNS = ("arm", "at", "is", "state", "controlled by", "°C", "latency", "")
 
@@ -47,7 +46,7 @@ def command(
     *,
     watch: Watch = False,
     period: Period = 1.0,
-    count: Count = None,
+    count: CountOption = None,
     json: JsonOption = False,
 ) -> None:
     """List the arms that other machines serve: state, who controls them, health, latency.

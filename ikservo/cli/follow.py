@@ -13,13 +13,14 @@ from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import (
     ArmConnection,
+    DurationOption,
     MotionOptions,
     SpeedOption,
     complete_arms,
-    parse_time_s,
 )
+from ikservo.cli.results import Field, Fields, print_fields
 from ikservo.cli.session import confirm_motion, open_from_options, warn_uncompiled
-from ikservo.cli.terminal import format_port, print_json, print_lines, print_status
+from ikservo.cli.terminal import format_port, print_status
 from ikservo.errors import format_point
 from ikservo.model import load_model
 
@@ -34,10 +35,26 @@ Leader = Annotated[
     ),
 ]
 LeaderPort = Annotated[str | None, typer.Option("--leader-port", help="Serial port of the leader.")]
-Duration = Annotated[
-    float | None,
-    typer.Option("--duration", parser=parse_time_s, help="Duration; default: until Ctrl-C."),
-]
+
+
+def _count_targets(report: FollowResult) -> str:
+    if not report.refused:
+        return str(report.setpoints)
+    reason = f"{report.reason[:1].lower()}{report.reason[1:]}".rstrip(".")
+    return f"{report.setpoints}, rejected {report.refused}{f' ({reason})' if reason else ''}"
+
+
+_FIELDS: Fields[FollowResult] = (
+    Field("setpoints", "targets", _count_targets),
+    Field("unreached"),
+    Field("refused"),
+    Field("reason"),
+    Field("ended", "ended"),
+    Field("measured_rad"),
+    Field("measured_tip_m", "tip", lambda report: format_point(report.measured_tip_m)),
+    Field("duration_s", "duration", lambda report: f"{report.duration_s:.2f} s"),
+)
+_LINES = "ended setpoints measured_tip_m duration_s"
 
 
 def command(
@@ -46,7 +63,7 @@ def command(
     connection: ArmConnection,
     leader_port: LeaderPort = None,
     speed: SpeedOption = "fast",
-    duration: Duration = None,
+    duration: DurationOption = None,
     options: Annotated[MotionOptions, Without("dry_run", "tip")],
 ) -> None:
     """Follow an arm that you guide by hand, joint by joint; Ctrl-C stops.
@@ -65,7 +82,7 @@ def command(
         confirm_motion(machine, yes=options.yes)
         check_directions_once(machine, options)
         report = machine.follow_arm(leading, speed=speed, until=_make_end_check(machine, duration))
-    _print_follow_report(report, json=options.json)
+    print_fields("follow", report, _FIELDS, json=options.json, order=_LINES)
 
 
 def _print_start(leading: Arm, machine: Arm) -> None:
@@ -79,34 +96,3 @@ def _print_start(leading: Arm, machine: Arm) -> None:
 def _make_end_check(machine: Arm, time_s: float | None) -> Callable[[], bool]:
     end_s = None if time_s is None else machine.clock.now_s() + time_s
     return lambda: end_s is not None and machine.clock.now_s() >= end_s
-
-
-def _rejection_text(reason: str) -> str:
-    """Return the message of a rejection as a part of a sentence."""
-    return f"{reason[:1].lower()}{reason[1:]}".rstrip(".")
-
-
-def _print_follow_report(report: FollowResult, *, json: bool) -> None:
-    if json:
-        print_json(
-            "follow",
-            setpoints=report.setpoints,
-            unreached=report.unreached,
-            refused=report.refused,
-            reason=report.reason,
-            ended=report.ended,
-            measured_rad=report.measured_rad,
-            measured_tip_m=report.measured_tip_m,
-            duration_s=report.duration_s,
-        )
-        return
-    reason = f" ({_rejection_text(report.reason)})" if report.reason else ""
-    rejected = f", rejected {report.refused}{reason}" if report.refused else ""
-    print_lines(
-        [
-            f"ended     {report.ended}",
-            f"targets   {report.setpoints}{rejected}",
-            f"tip       {format_point(report.measured_tip_m)}",
-            f"duration  {report.duration_s:.2f} s",
-        ]
-    )

@@ -12,6 +12,7 @@ from ikservo.arm.reports import GraspResult
 from ikservo.cli.identify import announce_tour
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import ArmConnection, MotionOptions, complete_openings, parse_length_m
+from ikservo.cli.results import Field, Fields, print_fields
 from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import format_port, print_json, print_lines, print_status
 from ikservo.errors import ExitCode, InputError
@@ -74,7 +75,7 @@ def command(
         confirm_motion(machine, yes=options.yes)
         with motion_progress_bar() as on_progress:
             report = machine.execute(motion, on_progress)
-    _print_grip_report(report, machine, json=options.json)
+    print_fields("gripper", report, _fields(machine), json=options.json, order=_LINES)
     if not (report.reached or report.grasped):
         raise typer.Exit(ExitCode.FAILED)
 
@@ -104,30 +105,24 @@ def _weigh(connection: ArmConnection, options: MotionOptions) -> None:
     print_lines([f"payload  {1000 * payload.value:.0f} ± {1000 * payload.error:.0f} g"])
 
 
-def _print_grip_report(report: GraspResult, machine: Arm, *, json: bool) -> None:
-    if json:
-        print_json(
-            "gripper",
-            grasped=report.grasped,
-            reached=report.reached,
-            position_rad=report.position_rad,
-            width_m=report.width_m,
-            load_percent=report.load_percent,
-            force=report.force,
-            duration_s=report.duration_s,
-        )
-        return
+_LINES = "grasped position_rad reached duration_s"
+
+
+def _fields(machine: Arm) -> Fields[GraspResult]:
     gripper = machine.model.gripper
-    position = (
-        machine.model.joint(gripper.joint).joint_map.format(report.position_rad) if gripper else ""
-    )
-    width = "" if report.width_m is None else f", jaws {report.width_m * 1000:z.1f} mm apart"
-    load = "" if report.load_percent is None else f", load {report.load_percent:z.0f} %"
-    print_lines(
-        [
-            f"grasped   {'yes' if report.grasped else 'no'}",
-            f"gripper   {position}{width}{load}",
-            f"reached   {'yes' if report.reached else 'no'}",
-            f"duration  {report.duration_s:.2f} s",
-        ]
+    format_position = machine.model.joint(gripper.joint).joint_map.format if gripper else str
+
+    def describe_jaws(report: GraspResult) -> str:
+        width = "" if report.width_m is None else f", jaws {report.width_m * 1000:z.1f} mm apart"
+        load = "" if report.load_percent is None else f", load {report.load_percent:z.0f} %"
+        return f"{format_position(report.position_rad)}{width}{load}"
+
+    return (
+        Field("grasped", "grasped"),
+        Field("reached", "reached"),
+        Field("position_rad", "gripper", describe_jaws),
+        Field("width_m"),
+        Field("load_percent"),
+        Field("force"),
+        Field("duration_s", "duration", lambda report: f"{report.duration_s:.2f} s"),
     )

@@ -23,12 +23,11 @@ from ikservo.cli.options import (
     parse_length_m,
     parse_time_s,
 )
+from ikservo.cli.results import Field, Fields, print_fields
 from ikservo.cli.session import confirm_motion, open_from_options, warn_uncompiled
 from ikservo.cli.terminal import (
     Keys,
     format_port,
-    print_json,
-    print_lines,
     print_status,
     read_keys,
 )
@@ -59,6 +58,13 @@ Duration = Annotated[
         "--duration", parser=parse_time_s, help="Move for this time, without keys: 2, 0.5s."
     ),
 ]
+
+_FIELDS: Fields[JogResult] = (
+    Field("ended", "ended"),
+    Field("measured_rad"),
+    Field("measured_tip_m", "tip", lambda jog: format_point(jog.measured_tip_m)),
+    Field("duration_s", "duration", lambda jog: f"{jog.duration_s:.2f} s"),
+)
 
 
 def command(
@@ -93,7 +99,7 @@ def command(
             report = machine.jog(what, requested_speed, wanted=keep_going)
     if report.ended == NO_LONGER_REQUESTED:
         report = replace(report, ended="key released" if duration is None else "time is up")
-    _print_jog_report(report, json=options.json)
+    print_fields("jog", report, _FIELDS, json=options.json)
     if report.blocked:
         print_status(f"Jog back with {_opposite(speed)}.")
 
@@ -151,22 +157,3 @@ def _key_held_check(machine: Arm, key: Keys) -> KeepGoing:
         return machine.clock.now_s() - pressed_s < _HOLD_S
 
     return keep_going
-
-
-def _print_jog_report(report: JogResult, *, json: bool) -> None:
-    if json:
-        print_json(
-            "jog",
-            ended=report.ended,
-            measured_rad=report.measured_rad,
-            measured_tip_m=report.measured_tip_m,
-            duration_s=report.duration_s,
-        )
-        return
-    print_lines(
-        [
-            f"ended     {report.ended}",
-            f"tip       {format_point(report.measured_tip_m)}",
-            f"duration  {report.duration_s:.2f} s",
-        ]
-    )

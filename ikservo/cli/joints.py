@@ -20,8 +20,9 @@ from ikservo.cli.options import (
     parse_angle_rad,
     parse_length_m,
 )
+from ikservo.cli.results import Field, Fields, print_fields
 from ikservo.cli.session import announce, motion_progress_bar, open_from_options
-from ikservo.cli.terminal import print_json, print_lines
+from ikservo.cli.terminal import print_lines
 from ikservo.errors import BadValueError, ExitCode, InputError, format_point
 from ikservo.model import Model
 
@@ -69,14 +70,29 @@ def make_joint_motion(
         return machine.execute(motion, on_progress)
 
 
+_FIELDS: Fields[JointMoveResult] = (
+    Field("goal_rad"),
+    Field("measured_rad"),
+    Field("measured_tip_m", "tip", lambda report: format_point(report.measured_tip_m)),
+    Field("error_rad"),
+    Field("duration_s", "duration", lambda report: f"{report.duration_s:.2f} s"),
+    Field("reached", "reached"),
+    Field("binding", "note", lambda report: list(report.binding)),
+)
+
+
 def print_report(report: JointMoveResult | None, model: Model, *, json: bool) -> None:
     """Print the result of a motion of joints, if one was made; exit 1 if one is off its goal."""
     if report is None:
         return
-    if json:
-        print_json("joints", **_report_fields(report))
-    else:
-        print_lines(_report_lines(report, model))
+    width = max(8, *map(len, report.goal_rad)) + 2
+    if not json:
+        print_lines(
+            f"{name:{width}}{show(report.measured_rad[name])} (target {show(goal)})"
+            for name, goal in report.goal_rad.items()
+            for show in (model.joint(name).joint_map.format,)
+        )
+    print_fields("joints", report, _FIELDS, json=json, width=width)
     if not report.reached:
         raise typer.Exit(ExitCode.FAILED)
 
@@ -92,32 +108,3 @@ def _parse_positions(goals: list[str], model: Model) -> dict[str, float]:
         slides = model.joint(name).joint_map.unit == "m"
         positions[name] = parse_length_m(text) if slides else parse_angle_rad(text)
     return positions
-
-
-def _report_fields(report: JointMoveResult) -> dict[str, object]:
-    return {
-        "goal_rad": report.goal_rad,
-        "measured_rad": report.measured_rad,
-        "measured_tip_m": report.measured_tip_m,
-        "error_rad": report.error_rad,
-        "duration_s": report.duration_s,
-        "reached": report.reached,
-        "binding": report.binding,
-    }
-
-
-def _report_lines(report: JointMoveResult, model: Model) -> list[str]:
-    formatters = {name: model.joint(name).joint_map.format for name in report.goal_rad}
-    width = max(8, *map(len, formatters))
-    names = [
-        f"{name:{width}}  {formatters[name](report.measured_rad[name])} "
-        f"(target {formatters[name](goal)})"
-        for name, goal in report.goal_rad.items()
-    ]
-    return [
-        *names,
-        f"{'tip':{width}}  {format_point(report.measured_tip_m)}",
-        f"{'duration':{width}}  {report.duration_s:.2f} s",
-        f"{'reached':{width}}  {'yes' if report.reached else 'no'}",
-        *(f"{'note':{width}}  {words}" for words in report.binding),
-    ]

@@ -14,8 +14,9 @@ from ikservo.calibration import JointUnit
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.options import MotionOptions
 from ikservo.cli.posture_reports import joint_lines
+from ikservo.cli.results import Field, Fields, print_fields
 from ikservo.cli.session import announce, motion_progress_bar
-from ikservo.cli.terminal import print_json, print_lines
+from ikservo.cli.terminal import print_lines
 from ikservo.errors import ExitCode, format_point
 from ikservo.model import Model
 
@@ -39,11 +40,47 @@ def print_plan(
         change_rad: Rotation of the tool.
         json: Whether to print one JSON object.
     """
-    if json:
-        print_json("plan", **_plan_fields(plan, goal))
-        return
-    print_lines(joint_lines({name: (at, _joint_unit(model, name)) for name, at in goal.items()}))
-    print_lines(_plan_lines(plan, change_rad), indent=9)
+    if not json:
+        joints: dict[str, tuple[float, JointUnit]] = {
+            name: (at, model.joint(name).joint_map.unit) for name, at in goal.items()
+        }
+        print_lines(joint_lines(joints))
+    print_fields("plan", plan, _plan_fields(goal, change_rad), json=json, order=_PLAN_LINES,
+                 width=9)  # fmt: skip
+
+
+def _plan_fields(goal: Mapping[str, float], change_rad: float) -> Fields[MotionPlan]:
+    def describe_tool(plan: MotionPlan) -> str | list[str]:
+        if plan.target_m is None:
+            return []
+        return _describe_orientation(
+            plan.orientation_error_rad, change_rad, requested=plan.orientation_requested
+        )
+
+    return (
+        Field("target_m"),
+        Field("q_rad", value=lambda _: goal),
+        Field("joints_rad", value=lambda _: goal),
+        Field("duration_s", "duration", lambda plan: f"{plan.duration_s:.2f} s"),
+        Field("path_m", "path", lambda plan: f"{plan.path_m:.3f} m of the tip"),
+        Field("speed", "speed"),
+        Field("binding", "limit", _limiting_lines, _limiting_lines),
+        Field(
+            "near_limits",
+            "near",
+            lambda plan: [_format_near_limit(near) for near in plan.near_limits],
+            lambda plan: [
+                {"joint": near.joint, "side": near.side, f"room_{near.unit}": near.margin}
+                for near in plan.near_limits
+            ],
+        ),
+        Field("orientation_error_rad", "tool", describe_tool),
+        Field("orientation_requested"),
+        Field("tool_speed", "tip", lambda plan: [str(plan.tool_speed)] if plan.tool_speed else []),
+    )
+
+
+_PLAN_LINES = "duration_s path_m speed tool_speed binding near_limits orientation_error_rad"
 
 
 def make_tip_motion(machine: Arm, plan: MotionPlan, options: MotionOptions) -> MoveResult | None:
@@ -63,87 +100,55 @@ def make_tip_motion(machine: Arm, plan: MotionPlan, options: MotionOptions) -> M
         return cast("MoveResult", machine.execute(plan, on_progress))
 
 
+def _describe_path_error(report: MoveResult) -> list[str]:
+    rms_m, max_m = report.path_error_rms_m, report.path_error_max_m
+    if rms_m is None or max_m is None:
+        return []
+    return [f"{rms_m * 1000:.2f} mm rms, {max_m * 1000:.2f} mm at most"]
+
+
+_RESULT: Fields[MoveResult] = (
+    Field("target_m", "target", lambda report: format_point(report.target_m)),
+    Field("commanded_tip_m", "commanded", lambda report: format_point(report.commanded_tip_m)),
+    Field("measured_tip_m", "measured", lambda report: format_point(report.measured_tip_m)),
+    Field("error_m", "error", lambda report: f"{report.error_m * 1000:.2f} mm"),
+    Field("duration_s", "duration", lambda report: f"{report.duration_s:.2f} s"),
+    Field("reached", "reached"),
+    Field("binding", "note", lambda report: list(report.binding)),
+    Field(
+        "orientation_error_rad",
+        "tool",
+        lambda report: _describe_orientation(
+            report.orientation_error_rad,
+            report.orientation_change_rad,
+            requested=report.orientation_requested,
+        ),
+    ),
+    Field("orientation_requested"),
+    Field("orientation_change_rad"),
+    Field("path_error_rms_m", "path error", _describe_path_error),
+    Field("path_error_max_m"),
+)
+_RESULT_LINES = (
+    "target_m commanded_tip_m measured_tip_m error_m path_error_rms_m orientation_error_rad "
+    "duration_s reached binding"
+)
+
+
 def print_move_report(report: MoveResult | None, *, json: bool) -> None:
     """Print how a motion of the tip ended, if one was made; exit 1 if it is beside its goal."""
     if report is None:
         return
-    if json:
-        print_json(
-            "move",
-            target_m=report.target_m,
-            commanded_tip_m=report.commanded_tip_m,
-            measured_tip_m=report.measured_tip_m,
-            error_m=report.error_m,
-            duration_s=report.duration_s,
-            reached=report.reached,
-            binding=report.binding,
-            orientation_error_rad=report.orientation_error_rad,
-            orientation_requested=report.orientation_requested,
-            orientation_change_rad=report.orientation_change_rad,
-            path_error_rms_m=report.path_error_rms_m,
-            path_error_max_m=report.path_error_max_m,
-        )
-    else:
-        print_lines(
-            [
-                f"target     {format_point(report.target_m)}",
-                f"commanded  {format_point(report.commanded_tip_m)}",
-                f"measured   {format_point(report.measured_tip_m)}",
-                f"error      {report.error_m * 1000:.2f} mm",
-                *_path_error_lines(report),
-                f"tool       {_format_orientation(report)}",
-                f"duration   {report.duration_s:.2f} s",
-                f"reached    {'yes' if report.reached else 'no'}",
-                *(f"note       {text}" for text in report.binding),
-            ]
-        )
+    print_fields("move", report, _RESULT, json=json, order=_RESULT_LINES, width=11)
     if not report.reached:
         raise typer.Exit(ExitCode.FAILED)
 
 
-def _describe_orientation_error(angle_rad: float, *, requested: bool) -> str:
+def _describe_orientation(error_rad: float, change_rad: float, *, requested: bool) -> str:
     """Return the error of a requested orientation as text, or the change if none was requested."""
-    angle = f"{math.degrees(angle_rad):.1f}°"
     if requested:
-        return f"orientation error {angle}"
-    return f"orientation changed by {angle} (none was requested)"
-
-
-def _joint_unit(model: Model, name: str) -> JointUnit:
-    return model.joint(name).joint_map.unit
-
-
-def _plan_fields(plan: MotionPlan, goal: Mapping[str, float]) -> dict[str, object]:
-    return {
-        "target_m": plan.target_m,
-        "q_rad": goal,
-        "joints_rad": goal,
-        "duration_s": plan.duration_s,
-        "path_m": plan.path_m,
-        "speed": plan.speed,
-        "binding": _limiting_lines(plan),
-        "near_limits": [
-            {"joint": near.joint, "side": near.side, f"room_{near.unit}": near.margin}
-            for near in plan.near_limits
-        ],
-        "orientation_error_rad": plan.orientation_error_rad,
-        "orientation_requested": plan.orientation_requested,
-        "tool_speed": plan.tool_speed,
-    }
-
-
-def _plan_lines(plan: MotionPlan, change_rad: float) -> list[str]:
-    angle_rad = plan.orientation_error_rad if plan.orientation_requested else change_rad
-    tool = _describe_orientation_error(angle_rad, requested=plan.orientation_requested)
-    return [
-        f"duration {plan.duration_s:.2f} s",
-        f"path     {plan.path_m:.3f} m of the tip",
-        f"speed    {plan.speed}",
-        *([] if plan.tool_speed is None else [f"tip      {plan.tool_speed}"]),
-        *(f"limit    {words}" for words in _limiting_lines(plan)),
-        *(f"near     {_format_near_limit(near)}" for near in plan.near_limits),
-        *([] if plan.target_m is None else [f"tool     {tool}"]),
-    ]
+        return f"orientation error {math.degrees(error_rad):.1f}°"
+    return f"orientation changed by {math.degrees(change_rad):.1f}° (none was requested)"
 
 
 def _limiting_lines(plan: MotionPlan) -> list[str]:
@@ -155,16 +160,3 @@ def _limiting_lines(plan: MotionPlan) -> list[str]:
 def _format_near_limit(near: NearLimit) -> str:
     room = f"{near.margin:.4f} m" if near.unit == "m" else f"{math.degrees(near.margin):.1f}°"
     return f"{near.joint} to {room} from its {near.side} limit"
-
-
-def _path_error_lines(report: MoveResult) -> list[str]:
-    rms_m, max_m = report.path_error_rms_m, report.path_error_max_m
-    if rms_m is None or max_m is None:
-        return []
-    return [f"path error {rms_m * 1000:.2f} mm rms, {max_m * 1000:.2f} mm at most"]
-
-
-def _format_orientation(report: MoveResult) -> str:
-    requested = report.orientation_requested
-    rad = report.orientation_error_rad if requested else report.orientation_change_rad
-    return _describe_orientation_error(rad, requested=requested)

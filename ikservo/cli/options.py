@@ -18,11 +18,14 @@ if TYPE_CHECKING:
 __all__ = [
     "ArmConnection",
     "ArmOption",
+    "CountOption",
+    "DurationOption",
     "JsonOption",
     "Length",
     "MotionOptions",
     "NamedArmConnection",
     "NamedServoConnection",
+    "OverwriteOption",
     "ServoConnection",
     "SpeedOption",
     "TipOption",
@@ -254,6 +257,14 @@ YesOption = Annotated[
     bool,
     typer.Option("--yes", "-y", help="Do not ask; needed to move a real arm without a terminal."),
 ]
+DurationOption = Annotated[
+    float | None,
+    typer.Option("--duration", parser=parse_time_s, help="Duration; default: until Ctrl-C."),
+]
+CountOption = Annotated[
+    int | None, typer.Option("--count", min=1, help="End after this many readings.")
+]
+OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
 UncalibratedOption = Annotated[
     bool,
     typer.Option(

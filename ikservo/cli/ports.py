@@ -8,7 +8,8 @@ from typing import Annotated
 import typer
 
 from ikservo.cli.options import JsonOption
-from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
+from ikservo.cli.results import Field, Fields, json_values, print_records
+from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.hardware.serial_ports import AdapterEvent, SerialAdapter, list_adapters, watch_adapters
 
 __all__ = ["command"]
@@ -38,12 +39,20 @@ def command(*, watch: Watch = False, events: Events = None, json: JsonOption = F
         _print_event(change, json=json)
 
 
+_FIELDS: Fields[SerialAdapter] = (
+    Field("device", "port"),
+    Field("by_id", "by id"),
+    Field("chip", "chip"),
+    Field("usb", "usb"),
+    Field("serial_number", "serial number", lambda adapter: adapter.serial_number or "-"),
+    Field("holder", "used by", lambda adapter: adapter.used_by or "-", lambda a: a.used_by),
+)
+_COLUMNS = "device chip usb serial_number holder by_id"
+
+
 def _print_adapters(found: list[SerialAdapter], *, json: bool) -> None:
-    if json:
-        print_json("ports", ports=[_adapter_fields(adapter) for adapter in found])
-    elif found:
-        columns = ["port", "chip", "usb", "serial number", "used by", "by id"]
-        print_table(columns, [_format_adapter_row(adapter) for adapter in found])
+    if found or json:
+        print_records("ports", "ports", found, _FIELDS, json=json, order=_COLUMNS)
     else:
         print_status("No USB serial adapter found. Without an arm: --port sim")
 
@@ -51,29 +60,7 @@ def _print_adapters(found: list[SerialAdapter], *, json: bool) -> None:
 def _print_event(change: AdapterEvent, *, json: bool) -> None:
     adapter = change.adapter
     if json:
-        print_json("ports-event", event=change.event, port=_adapter_fields(adapter))
+        print_json("ports-event", event=change.event, port=json_values(adapter, _FIELDS))
     else:
         named = f"  {adapter.by_id}" if adapter.by_id else ""
         print_lines([f"{change.event:9}  {adapter.device}  {adapter.chip}{named}"])
-
-
-def _format_adapter_row(adapter: SerialAdapter) -> list[str]:
-    return [
-        adapter.device,
-        adapter.chip,
-        adapter.usb,
-        adapter.serial_number or "-",
-        adapter.used_by or "-",
-        adapter.by_id,
-    ]
-
-
-def _adapter_fields(adapter: SerialAdapter) -> dict[str, object]:
-    return {
-        "device": adapter.device,
-        "by_id": adapter.by_id,
-        "chip": adapter.chip,
-        "usb": adapter.usb,
-        "serial_number": adapter.serial_number,
-        "holder": adapter.used_by,
-    }

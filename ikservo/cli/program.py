@@ -16,7 +16,7 @@ from ikservo.arm.program_run import ProgramRun, StepCheck, StepResult
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.option_groups import Without
-from ikservo.cli.options import ArmConnection, MotionOptions
+from ikservo.cli.options import ArmConnection, MotionOptions, OverwriteOption
 from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import print_json, print_lines, print_status, wait_for_enter
 from ikservo.errors import IkservoError, InputError, UnknownNameError
@@ -35,7 +35,6 @@ Action = Annotated[
 File = Annotated[Path, typer.Argument(metavar="FILE", help="The program, a TOML file.")]
 First = Annotated[int, typer.Option("--from", metavar="STEP", help="Begin with this step.")]
 EachStep = Annotated[bool, typer.Option("--step", help="Wait for Enter before each step.")]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
 
 
 def command(
@@ -45,7 +44,7 @@ def command(
     connection: ArmConnection,
     first: First = 1,
     step: EachStep = False,
-    overwrite: Overwrite = False,
+    overwrite: OverwriteOption = False,
     options: Annotated[MotionOptions, Without("dry_run", "tip")],
 ) -> None:
     """Write, check or run a program: poses, points, lines, arcs, gripper, waits, recordings.

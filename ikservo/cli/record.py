@@ -15,8 +15,10 @@ from ikservo.arm.remote import record_remote
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import (
     ArmConnection,
+    DurationOption,
     JsonOption,
     MotionOptions,
+    OverwriteOption,
     UncalibratedOption,
     parse_time_s,
 )
@@ -30,10 +32,6 @@ __all__ = ["command"]
 File = Annotated[
     Path, typer.Argument(metavar="FILE", help="New file: .mcap, or any other name for JSON lines.")
 ]
-Duration = Annotated[
-    float | None,
-    typer.Option("--duration", parser=parse_time_s, help="Duration; default: until Ctrl-C."),
-]
 Period = Annotated[
     float,
     typer.Option(
@@ -43,7 +41,6 @@ Period = Annotated[
         show_default=False,
     ),
 ]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
 Foxglove = Annotated[
     bool, typer.Option("--foxglove", help="Also show it live in Foxglove on this machine.")
 ]
@@ -58,9 +55,9 @@ def command(
     file: File,
     *,
     connection: ArmConnection,
-    duration: Duration = None,
+    duration: DurationOption = None,
     period: Period = 0.02,  # pyright: ignore[reportArgumentType]
-    overwrite: Overwrite = False,
+    overwrite: OverwriteOption = False,
     foxglove: Foxglove = False,
     foxglove_port: FoxglovePort = FOXGLOVE_PORT,
     uncalibrated: UncalibratedOption = False,

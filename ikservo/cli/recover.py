@@ -10,7 +10,8 @@ import typer
 from ikservo.arm.opening import open_bus
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import JsonOption, ServoConnection
-from ikservo.cli.terminal import confirm, print_json, print_status, print_table
+from ikservo.cli.results import Field, Fields, print_records
+from ikservo.cli.terminal import confirm, print_status
 from ikservo.errors import ExitCode, IkservoError, InputError
 from ikservo.maintenance.recovery import RecoveryResult, recover
 
@@ -59,12 +60,25 @@ def _confirm_recovery(port: str) -> None:
         raise IkservoError("Cancelled; nothing was restarted.", "Without asking: --yes")
 
 
+_FIELDS: Fields[RecoveryResult] = (
+    Field("joint", "joint", value=lambda one: one.servo.name),
+    Field("id", "id", value=lambda one: one.servo.id),
+    Field("before", "alarms before", lambda one: list(one.before) or "none"),
+    Field("after", "alarms now", lambda one: list(one.after) or "none"),
+    Field("action", "done"),
+    Field(
+        "torque",
+        "torque",
+        lambda one: "unknown" if one.torque is None else "on" if one.torque else "off",
+    ),
+)
+_COLUMNS = "joint id before action after torque"
+
+
 def _print_recoveries(done: list[RecoveryResult], *, json: bool) -> None:
+    print_records("recover", "servos", done, _FIELDS, json=json, order=_COLUMNS)
     if json:
-        print_json("recover", servos=[_recovery_fields(one) for one in done])
         return
-    columns = ["joint", "id", "alarms before", "done", "alarms now", "torque"]
-    print_table(columns, [_format_recovery_row(one) for one in done])
     left = [str(one.servo) for one in done if not one.healthy]
     if left:
         print_status(f"Still faulty: {', '.join(left)}.")
@@ -77,29 +91,3 @@ def _print_recoveries(done: list[RecoveryResult], *, json: bool) -> None:
         print_status("Torque is off: the arm is limp. The next motion switches it on.")
     else:
         print_status(f"Torque is off, limp: {', '.join(limp)}. The other joints hold.")
-
-
-def _format_recovery_row(one: RecoveryResult) -> list[str]:
-    return [
-        one.servo.name,
-        str(one.servo.id),
-        ", ".join(one.before) or "none",
-        one.action,
-        ", ".join(one.after) or "none",
-        _format_torque(one),
-    ]
-
-
-def _format_torque(one: RecoveryResult) -> str:
-    return "unknown" if one.torque is None else "on" if one.torque else "off"
-
-
-def _recovery_fields(one: RecoveryResult) -> dict[str, object]:
-    return {
-        "joint": one.servo.name,
-        "id": one.servo.id,
-        "before": one.before,
-        "after": one.after,
-        "action": one.action,
-        "torque": one.torque,
-    }

@@ -13,8 +13,9 @@ from ikservo.arm.reports import ReplayResult
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import ArmConnection, MotionOptions, SpeedOption
+from ikservo.cli.results import Field, Fields, print_fields
 from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
-from ikservo.cli.terminal import format_port, print_json, print_lines, print_status
+from ikservo.cli.terminal import format_port, print_json, print_status
 from ikservo.errors import format_point
 
 __all__ = ["command"]
@@ -29,6 +30,20 @@ class ReplayOptions(MotionOptions):
     dry_run: Annotated[
         bool, typer.Option("--dry-run", help="Read and check the recording, but do not move.")
     ] = False
+
+
+_FIELDS: Fields[ReplayResult] = (
+    Field("samples", "samples"),
+    Field("duration_s", "duration", lambda report: f"{report.duration_s:.2f} s"),
+    Field("slowdown"),
+    Field(
+        "error_rad",
+        "error",
+        lambda report: f"{math.degrees(report.error_rad):.2f}° of the last sample at most",
+    ),
+    Field("measured_rad"),
+    Field("measured_tip_m", "tip", lambda report: format_point(report.measured_tip_m)),
+)
 
 
 def command(
@@ -60,26 +75,4 @@ def command(
         check_directions_once(machine, options)
         with motion_progress_bar() as on_progress:
             report = machine.replay(file, speed=speed, on_progress=on_progress)
-    _print_replay_report(report, json=options.json)
-
-
-def _print_replay_report(report: ReplayResult, *, json: bool) -> None:
-    if json:
-        print_json(
-            "replay",
-            samples=report.samples,
-            duration_s=report.duration_s,
-            slowdown=report.slowdown,
-            error_rad=report.error_rad,
-            measured_rad=report.measured_rad,
-            measured_tip_m=report.measured_tip_m,
-        )
-        return
-    print_lines(
-        [
-            f"samples   {report.samples}",
-            f"duration  {report.duration_s:.2f} s",
-            f"error     {math.degrees(report.error_rad):.2f}° of the last sample at most",
-            f"tip       {format_point(report.measured_tip_m)}",
-        ]
-    )
+    print_fields("replay", report, _FIELDS, json=options.json)

@@ -9,7 +9,8 @@ from typing import Annotated
 import typer
 
 from ikservo.cli.options import ArmOption, JsonOption, ServoPortOption
-from ikservo.cli.terminal import format_port, print_json, print_status, print_table, progress_bar
+from ikservo.cli.results import Field, Fields, print_records
+from ikservo.cli.terminal import format_port, print_status, progress_bar
 from ikservo.errors import ExitCode, ServoSilentError
 from ikservo.hardware.discovery import choose_port, scan_port, simulated_port_url
 from ikservo.hardware.scan import FoundServo, OnScanStep, ScanProgress, candidate_baud_rates
@@ -47,7 +48,7 @@ def command(
         raise ServoSilentError(
             f"No servo found on {format_port(port_url)} {_silence_message(baud_rates)}", _HINT
         )
-    _print_servos(port_url, found, json=json)
+    print_records("scan", "servos", found, _FIELDS, json=json, order=_COLUMNS, port=port_url)
     shared_ids = sorted({servo.id for servo in found if servo.shares_id})
     if shared_ids:
         print_status(f"Several servos answer at id {', '.join(map(str, shared_ids))}.")
@@ -59,6 +60,26 @@ def command(
         raise typer.Exit(ExitCode.FAILED)
 
 
+_FIELDS: Fields[FoundServo] = (
+    Field("id", "id"),
+    Field(
+        "model",
+        "model",
+        lambda servo: "SEVERAL SERVOS" if servo.shares_id else servo.model or "unknown",
+        lambda servo: servo.table.model_name if servo.table else None,
+    ),
+    Field("model_number"),
+    Field("baud_rate", "baud"),
+    Field("protocol", "protocol"),
+    Field("firmware", "firmware"),
+    Field("voltage_v", "V", lambda s: "" if s.voltage_v is None else f"{s.voltage_v:.1f}"),
+    Field(
+        "temperature_c", "°C", lambda s: "" if s.temperature_c is None else f"{s.temperature_c:.0f}"
+    ),
+    Field("alarms", "alarms", lambda servo: list(servo.alarms)),
+    Field("shares_id"),
+)
+_COLUMNS = "id model baud_rate firmware voltage_v temperature_c protocol alarms"
 _HINT = "Check the servos' power supply and the cable, then: ikservo doctor"
 
 
@@ -74,42 +95,6 @@ def _port_url(port: str | None, arm: str | None) -> str:
     from ikservo.model import load_model  # noqa: PLC0415  # likewise
 
     return resolve_port(load_model(arm), port)
-
-
-def _print_servos(port: str, found: Sequence[FoundServo], *, json: bool) -> None:
-    if json:
-        print_json("scan", port=port, servos=[_servo_fields(servo) for servo in found])
-        return
-    columns = ["id", "model", "baud", "firmware", "V", "°C", "protocol", "alarms"]
-    print_table(columns, [_format_servo_row(servo) for servo in found])
-
-
-def _format_servo_row(servo: FoundServo) -> list[str]:
-    return [
-        str(servo.id),
-        "SEVERAL SERVOS" if servo.shares_id else servo.model or "unknown",
-        str(servo.baud_rate),
-        servo.firmware,
-        "" if servo.voltage_v is None else f"{servo.voltage_v:.1f}",
-        "" if servo.temperature_c is None else f"{servo.temperature_c:.0f}",
-        servo.protocol,
-        ", ".join(servo.alarms),
-    ]
-
-
-def _servo_fields(servo: FoundServo) -> dict[str, object]:
-    return {
-        "id": servo.id,
-        "model": servo.table.model_name if servo.table else None,
-        "model_number": servo.model_number,
-        "baud_rate": servo.baud_rate,
-        "protocol": servo.protocol,
-        "firmware": servo.firmware,
-        "voltage_v": servo.voltage_v,
-        "temperature_c": servo.temperature_c,
-        "alarms": servo.alarms,
-        "shares_id": servo.shares_id,
-    }
 
 
 @contextmanager

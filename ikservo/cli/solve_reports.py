@@ -14,6 +14,7 @@ from ikservo.calibration import JointUnit, format_position
 from ikservo.cli.entry_point import with_connection_options
 from ikservo.cli.model_options import describe_limit, limit_sources
 from ikservo.cli.posture_reports import joint_lines, result_fields, result_lines, torque_lines
+from ikservo.cli.results import Field, Fields, print_records
 from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
 from ikservo.errors import InputError, format_point
 from ikservo.ik import METHODS, Result, Target, Tolerance, in_millimetres, solve
@@ -291,21 +292,11 @@ def print_comparison(
     model: Model, entries: Sequence[MethodResult], target: Target, *, json: bool
 ) -> None:
     """Print one row per method: reached, iterations, time, error."""
+    fields = _comparison_fields(model, with_angle=not target.only_position)
+    print_records("compare", "methods", entries, fields, json=json,
+                  target_m=target.position, limit_from=limit_sources(model))  # fmt: skip
     if json:
-        print_json(
-            "compare",
-            target_m=target.position,
-            limit_from=limit_sources(model),
-            methods=[_comparison_fields(model, entry) for entry in entries],
-        )
         return
-    columns = ["method", "reached", "iterations", "time", "error"]
-    rows = [_comparison_row(entry) for entry in entries]
-    if not target.only_position:
-        columns.append("angle")
-        for row, entry in zip(rows, entries, strict=True):
-            row.append(f"{math.degrees(entry.result.orientation_error_rad):.3f}°")
-    print_table(columns, rows)
     compiled = "bounded runs compiled, the other methods as Python."
     print_status(compiled if is_compiled() else "All methods run as Python: none is compiled.")
 
@@ -342,35 +333,36 @@ def _min_duration_s(run: Callable[[], object]) -> float:
     return min(taken_s)
 
 
-def _comparison_row(entry: MethodResult) -> list[str]:
-    result = entry.result
-    return [
-        _method_label(entry),
-        "yes" if result.reached else "no",
-        str(result.iterations),
-        f"{entry.time_s * 1000:.3f} ms",
-        f"{result.position_error_m * 1000:.4f} mm",
-    ]
-
-
 def _method_label(entry: MethodResult) -> str:
     """Return the method's name, with that of the method it delegated to, if any."""
     other = entry.result.method
     return entry.method if other == entry.method else f"{entry.method} (by {other})"
 
 
-def _comparison_fields(model: Model, entry: MethodResult) -> dict[str, object]:
-    result = entry.result
-    return {
-        "method": entry.method,
-        "answered_by": result.method,
-        "reached": result.reached,
-        "iterations": result.iterations,
-        "compiled": entry.method == "bounded" and is_compiled(),
-        "time_s": entry.time_s,
-        "position_error_m": result.position_error_m,
-        "orientation_error_rad": result.orientation_error_rad,
-        "q_rad": result.q,
-        "nearest_m": result.nearest_m,
-        "binding": [describe_limit(model, limit) for limit in result.binding],
-    }
+def _comparison_fields(model: Model, *, with_angle: bool) -> Fields[MethodResult]:
+    return (
+        Field("method", "method", _method_label),
+        Field("answered_by", value=lambda entry: entry.result.method),
+        Field("reached", "reached", value=lambda entry: entry.result.reached),
+        Field("iterations", "iterations", value=lambda entry: entry.result.iterations),
+        Field("compiled", value=lambda entry: entry.method == "bounded" and is_compiled()),
+        Field("time_s", "time", lambda entry: f"{entry.time_s * 1000:.3f} ms"),
+        Field(
+            "position_error_m",
+            "error",
+            lambda entry: f"{entry.result.position_error_m * 1000:.4f} mm",
+            lambda entry: entry.result.position_error_m,
+        ),
+        Field(
+            "orientation_error_rad",
+            "angle" if with_angle else "",
+            lambda entry: f"{math.degrees(entry.result.orientation_error_rad):.3f}°",
+            lambda entry: entry.result.orientation_error_rad,
+        ),
+        Field("q_rad", value=lambda entry: entry.result.q),
+        Field("nearest_m", value=lambda entry: entry.result.nearest_m),
+        Field(
+            "binding",
+            value=lambda entry: [describe_limit(model, limit) for limit in entry.result.binding],
+        ),
+    )

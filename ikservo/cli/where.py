@@ -23,6 +23,7 @@ from ikservo.calibration import format_source
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import (
     ArmConnection,
+    CountOption,
     JsonOption,
     MotionOptions,
     UncalibratedOption,
@@ -62,7 +63,6 @@ VisibleFrom = Annotated[
         help="List the links that a camera at this point sees.",
     ),
 ]
-Count = Annotated[int | None, typer.Option("--count", min=1, help="End after this many readings.")]
 
 
 def command(
@@ -70,7 +70,7 @@ def command(
     connection: ArmConnection,
     watch: Watch = False,
     period: Period = 0.2,
-    count: Count = None,
+    count: CountOption = None,
     visible_from: VisibleFrom = None,
     uncalibrated: UncalibratedOption = False,
     json: JsonOption = False,

@@ -28,6 +28,7 @@ PRINTED_AS_THEY_ARE = {  # by key and schema
     ("arms", "fleet"): FleetArm,
 }
 
+PRINTERS = ("print_json", "print_fields", "print_records")
 QUIET = [  # one command for each schema whose keys the sources put together while they run
     f"where {SIM} --json",
     f"where {SIM} --visible-from 0.6,0.3,0.4 --json",
@@ -54,11 +55,29 @@ def documented():
 
 
 def printed():
-    """Yield the schema and the keyword arguments of each call of print_json in the sources."""
+    """Yield the schema and the keys of each JSON object that the sources print."""
     for path in sorted((ROOT / "cli").glob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "print_json":
-                yield node.args[0].value, {keyword.arg for keyword in node.keywords}
+        module = ast.parse(path.read_text())
+        for node in ast.walk(module):
+            name = getattr(getattr(node, "func", None), "id", "")
+            if name not in PRINTERS or path.name == "results.py":
+                continue
+            keys = {keyword.arg for keyword in node.keywords} - {"json", "order", "width"}
+            if name == "print_records":
+                keys.add(node.args[1].value)
+            if name == "print_fields":
+                keys |= field_keys(module, ast.unparse(node.args[2]).partition("(")[0])
+            yield node.args[0].value, keys
+
+
+def field_keys(module, table):
+    """Return the keys of a table of fields: of a constant, a function or a variable."""
+    for node in ast.walk(module):
+        named = getattr(node, "name", "") or getattr(getattr(node, "target", None), "id", "")
+        if named == table:
+            calls = [each for each in ast.walk(node) if getattr(each, "func", None)]
+            return {each.args[0].value for each in calls if ast.unparse(each.func) == "Field"}
+    raise LookupError(table)
 
 
 def test_every_schema_is_documented():

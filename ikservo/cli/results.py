@@ -1,0 +1,124 @@
+"""Results as tables of fields: their keys with ``--json``, their lines or columns without it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+from operator import attrgetter
+from typing import Generic, TypeVar
+
+from ikservo.cli.terminal import print_json, print_lines, print_table
+
+__all__ = ["Field", "Fields", "json_values", "print_fields", "print_records"]
+
+Record = TypeVar("Record")
+
+
+@dataclass(frozen=True)
+class Field(Generic[Record]):
+    """One field of a result.
+
+    Attributes:
+        key: Its key with ``--json``; empty if it is not printed there.
+        label: Begins its line or heads its column; empty if it is printed with ``--json`` only.
+        text: Its text, or one for each of its lines; that of its value if None.
+        value: Its value with ``--json``; the attribute of the key's name if None.
+    """
+
+    key: str
+    label: str = ""
+    text: Callable[[Record], str | list[str]] | None = None
+    value: Callable[[Record], object] | None = None
+
+    def json_value(self, record: Record) -> object:
+        """Return the value with ``--json``."""
+        return (self.value or attrgetter(self.key))(record)
+
+    def texts(self, record: Record) -> list[str]:
+        """Return the text of each line."""
+        if self.text is None:
+            return [_format_value(self.json_value(record))]
+        text = self.text(record)
+        return [text] if isinstance(text, str) else text
+
+
+Fields = Sequence[Field[Record]]
+"""The fields of a result, in the order of ``--json``."""
+
+
+def print_fields(
+    schema: str,
+    result: Record,
+    fields: Fields[Record],
+    *,
+    json: bool,
+    order: str = "",
+    width: int = 10,
+) -> None:
+    """Print a result: one JSON object, or a line for each field with a label.
+
+    Args:
+        schema: The name of the JSON object.
+        result: The result.
+        fields: Its fields.
+        json: Whether to print JSON.
+        order: The keys of the lines; if empty, those with a label, in their order.
+        width: Columns of the labels.
+    """
+    if json:
+        print_json(schema, **json_values(result, fields))
+        return
+    lines = (
+        f"{f'{field.label} ':{width}}{text}"
+        for field in _shown(fields, order)
+        for text in field.texts(result)
+    )
+    print_lines(lines, indent=width)
+
+
+def print_records(
+    schema: str,
+    key: str,
+    records: Iterable[Record],
+    fields: Fields[Record],
+    *,
+    json: bool,
+    order: str = "",
+    **more: object,
+) -> None:
+    """Print results of one kind: one JSON object with a list of them, or a table.
+
+    Args:
+        schema: The name of the JSON object.
+        key: The key of the list.
+        records: The results.
+        fields: The fields of each.
+        json: Whether to print JSON.
+        order: The keys of the columns; if empty, those with a label, in their order.
+        more: Further fields of the JSON object.
+    """
+    if json:
+        print_json(schema, **more, **{key: [json_values(each, fields) for each in records]})
+        return
+    columns = _shown(fields, order)
+    rows = [[", ".join(field.texts(each)) for field in columns] for each in records]
+    print_table([field.label for field in columns], rows)
+
+
+def json_values(record: Record, fields: Fields[Record]) -> dict[str, object]:
+    """Return the values of a record with ``--json``, by key."""
+    return {field.key: field.json_value(record) for field in fields if field.key}
+
+
+def _shown(fields: Fields[Record], order: str) -> Fields[Record]:
+    if not order:
+        return [field for field in fields if field.label]
+    by_key = {field.key: field for field in fields}
+    return [by_key[key] for key in order.split()]
+
+
+def _format_value(value: object) -> str:
+    value = getattr(value, "tolist", lambda: value)()  # NumPy has a bool of its own
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return "" if value is None else str(value)
