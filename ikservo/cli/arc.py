@@ -15,11 +15,8 @@ from ikservo.cli.options import (
     SpeedOption,
     ToolOptions,
     ToolSpeedOption,
-    parse_angle_rad,
-    parse_axis,
-    parse_length_m,
-    parse_point_m,
 )
+from ikservo.cli.quantities import parse_angle_rad, parse_axis, parse_length_m, parse_point_m
 from ikservo.cli.session import open_from_options
 
 __all__ = ["command"]

@@ -13,12 +13,7 @@ from ikservo.cli.calibrate_touch import TouchOffOptions, run_touch_off
 from ikservo.cli.dialogue import AnswerOptions
 from ikservo.cli.direction_check import check_directions
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import (
-    JsonOption,
-    MotionOptions,
-    NamedServoConnection,
-    UncalibratedOption,
-)
+from ikservo.cli.options import JsonOption, MotionOptions, NamedServoConnection, UncalibratedOption
 from ikservo.cli.session import open_from_options
 from ikservo.errors import InputError
 from ikservo.maintenance.calibration_dialogue import CalibrationOptions, read_script

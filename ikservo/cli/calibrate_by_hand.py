@@ -14,7 +14,7 @@ from ikservo.calibration.procedure import CalibrationState, warnings
 from ikservo.calibration.result import CalibrationResult
 from ikservo.cli.dialogue import Operator
 from ikservo.cli.direction_check import check_new_signs
-from ikservo.cli.options import parse_angle_rad, parse_length_m
+from ikservo.cli.quantities import parse_angle_rad, parse_length_m
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.errors import BadValueError, StoppedError
 from ikservo.hardware.remembered_port import is_simulated

@@ -12,7 +12,7 @@ import typer
 
 from ikservo.cli.calibrate_by_hand import print_servos, reporting_unchanged_state
 from ikservo.cli.dialogue import Operator
-from ikservo.cli.options import parse_length_m
+from ikservo.cli.quantities import parse_length_m
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.errors import FileFormatError
 from ikservo.files.reading import read_text

@@ -15,9 +15,10 @@ from ikservo.calibration.calibration_file import (
 from ikservo.calibration.paths import calibration_path, calibrations_of
 from ikservo.calibration.records import Calibration
 from ikservo.calibration.transaction import resume, roll_back
+from ikservo.cli.completion import complete_from
 from ikservo.cli.dialogue import Operator
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import JsonOption, NamedServoConnection, YesOption, complete_actions
+from ikservo.cli.options import JsonOption, NamedServoConnection, YesOption
 from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
 from ikservo.errors import CalibrationError, ExitCode, IkservoError, InputError, UnknownNameError
 from ikservo.files.writing import BACKUP_SUFFIX
@@ -45,7 +46,7 @@ Action = Annotated[
     str,
     typer.Argument(
         metavar="show|diff|push|pull|adopt|restore|resume|revert",
-        autocompletion=complete_actions,
+        autocompletion=complete_from(*ACTIONS),
         help="show: print it. diff: compare. push: file into servos. pull: servos into file. "
         "adopt: use that of another adapter. restore: replace a damaged file by the previous one. "
         "resume, revert: complete or undo an interrupted write.",

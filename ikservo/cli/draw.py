@@ -15,10 +15,8 @@ from ikservo.cli.options import (
     SpeedOption,
     ToolOptions,
     ToolSpeedOption,
-    parse_angle_rad,
-    parse_length_m,
-    parse_point_m,
 )
+from ikservo.cli.quantities import parse_angle_rad, parse_length_m, parse_point_m
 from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import print_status
 from ikservo.errors import BadValueError, format_point

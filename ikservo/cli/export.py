@@ -12,6 +12,7 @@ from ikservo.arm import read_recording
 from ikservo.calibration.calibration_file import read_calibration
 from ikservo.calibration.lerobot import dump_lerobot, lerobot_joints, lost_in_lerobot
 from ikservo.calibration.paths import calibration_path, calibrations_of
+from ikservo.cli.completion import complete_from
 from ikservo.cli.dataset import export_dataset
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ServoConnection
@@ -23,8 +24,14 @@ from ikservo.model import Model
 
 __all__ = ["command"]
 
+FORMATS = ("lerobot", "csv", "dataset")
 Kind = Annotated[
-    str, typer.Argument(metavar="lerobot|csv|dataset", help="Format: lerobot, csv or dataset.")
+    str,
+    typer.Argument(
+        metavar="lerobot|csv|dataset",
+        help="Format: lerobot, csv or dataset.",
+        autocompletion=complete_from(*FORMATS),
+    ),
 ]
 Sources = Annotated[
     list[Path] | None,
@@ -70,7 +77,7 @@ def command(
     elif kind == "lerobot":
         _write_output(_lerobot_text(model_from_option(connection.arm), connection.port), to)
     else:
-        raise UnknownNameError("format", kind, ("lerobot", "csv", "dataset"))
+        raise UnknownNameError("format", kind, FORMATS)
 
 
 def _recording_csv(recordings: Sequence[Path]) -> str:

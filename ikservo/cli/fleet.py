@@ -13,7 +13,8 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
-from ikservo.cli.options import CountOption, JsonOption, parse_time_s
+from ikservo.cli.options import CountOption, JsonOption
+from ikservo.cli.quantities import parse_time_s
 from ikservo.cli.terminal import print_json, print_table
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import PortError

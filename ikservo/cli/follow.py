@@ -9,15 +9,10 @@ import typer
 
 from ikservo.arm import Arm, open_arm
 from ikservo.arm.following import FollowResult
+from ikservo.cli.completion import complete_arms
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.option_groups import Without
-from ikservo.cli.options import (
-    ArmConnection,
-    DurationOption,
-    MotionOptions,
-    SpeedOption,
-    complete_arms,
-)
+from ikservo.cli.options import ArmConnection, DurationOption, MotionOptions, SpeedOption
 from ikservo.cli.results import Field, Fields, print_fields
 from ikservo.cli.session import confirm_motion, open_from_options, warn_uncompiled
 from ikservo.cli.terminal import format_port, print_status

@@ -9,9 +9,11 @@ import typer
 from ikservo.arm import Arm
 from ikservo.arm.motions import MoveGripper
 from ikservo.arm.reports import GraspResult
+from ikservo.cli.completion import complete_from
 from ikservo.cli.identify import announce_tour
 from ikservo.cli.option_groups import Without
-from ikservo.cli.options import ArmConnection, MotionOptions, complete_openings, parse_length_m
+from ikservo.cli.options import ArmConnection, MotionOptions
+from ikservo.cli.quantities import parse_length_m
 from ikservo.cli.results import Field, Fields, print_fields
 from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import format_port, print_json, print_lines, print_status
@@ -25,7 +27,7 @@ To = Annotated[
     typer.Argument(
         metavar="open|close|WIDTH",
         help="open, close, or a width like 30mm.",
-        autocompletion=complete_openings,
+        autocompletion=complete_from("open", "close"),
     ),
 ]
 Force = Annotated[

@@ -21,6 +21,7 @@ from ikservo.cli.calibrate_by_hand import (
     reporting_unchanged_state,
 )
 from ikservo.cli.calibration import import_recorded
+from ikservo.cli.completion import complete_from
 from ikservo.cli.dataset import DatasetOptions, import_dataset
 from ikservo.cli.dialogue import AnswerOptions
 from ikservo.cli.model_options import model_from_option
@@ -53,6 +54,7 @@ Kind = Annotated[
     str,
     typer.Argument(
         metavar="lerobot|recording|dataset",
+        autocompletion=complete_from(*KINDS),
         help="LeRobot's calibration, a recording's, or the episodes of a LeRobotDataset.",
     ),
 ]

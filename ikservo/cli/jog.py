@@ -13,16 +13,11 @@ import typer
 
 from ikservo.arm import Arm
 from ikservo.arm.jogging import JOG_DIRECTIONS, NO_LONGER_REQUESTED, JogResult, KeepGoing
+from ikservo.cli.completion import complete_jogs
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.option_groups import Without
-from ikservo.cli.options import (
-    ArmConnection,
-    MotionOptions,
-    complete_jogs,
-    parse_angle_rad,
-    parse_length_m,
-    parse_time_s,
-)
+from ikservo.cli.options import ArmConnection, MotionOptions
+from ikservo.cli.quantities import parse_angle_rad, parse_length_m, parse_time_s
 from ikservo.cli.results import Field, Fields, print_fields
 from ikservo.cli.session import confirm_motion, open_from_options, warn_uncompiled
 from ikservo.cli.terminal import (

@@ -9,17 +9,12 @@ import typer
 
 from ikservo.arm import Arm, JointMoveResult
 from ikservo.arm.motions import MoveJoints
+from ikservo.cli.completion import complete_joints
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.motion_report import print_plan
 from ikservo.cli.option_groups import Without
-from ikservo.cli.options import (
-    ArmConnection,
-    MotionOptions,
-    SpeedOption,
-    complete_joints,
-    parse_angle_rad,
-    parse_length_m,
-)
+from ikservo.cli.options import ArmConnection, MotionOptions, SpeedOption
+from ikservo.cli.quantities import parse_angle_rad, parse_length_m
 from ikservo.cli.results import Field, Fields, print_fields
 from ikservo.cli.session import announce, motion_progress_bar, open_from_options
 from ikservo.cli.terminal import print_lines

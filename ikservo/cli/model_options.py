@@ -12,7 +12,7 @@ import typer
 
 from ikservo.calibration import format_position, format_source
 from ikservo.calibration.paths import calibrations_of
-from ikservo.cli.options import parse_angle_rad, parse_length_m
+from ikservo.cli.quantities import parse_angle_rad, parse_length_m
 from ikservo.cli.terminal import print_status
 from ikservo.errors import BadValueError, InputError, UnknownNameError
 from ikservo.ik import ActiveLimit, Posture

@@ -7,6 +7,7 @@ from typing import Annotated, Literal, cast, get_args
 
 import typer
 
+from ikservo.cli.completion import complete_from
 from ikservo.cli.options import JsonOption, PortOption
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.errors import InputError, UnknownNameError
@@ -20,7 +21,12 @@ Action = Literal["keys", "acknowledge"]
 ACTIONS: tuple[Action, ...] = get_args(Action)
 
 ActionArgument = Annotated[
-    str, typer.Argument(metavar="ACTION", help="keys: make certificates; acknowledge: end a stop.")
+    str,
+    typer.Argument(
+        metavar="ACTION",
+        help="keys: make certificates; acknowledge: end a stop.",
+        autocompletion=complete_from(*ACTIONS),
+    ),
 ]
 Folder = Annotated[
     Path | None,

@@ -10,10 +10,11 @@ import typer
 from ikservo.arm.networks import find_network
 from ikservo.arm.opening import resolve_port
 from ikservo.arm.poses import PoseLibrary
+from ikservo.cli.completion import complete_poses
 from ikservo.cli.joints import make_joint_motion, print_report
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.option_groups import Without
-from ikservo.cli.options import ArmConnection, MotionOptions, SpeedOption, complete_poses
+from ikservo.cli.options import ArmConnection, MotionOptions, SpeedOption
 from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
 from ikservo.errors import NoPortError

@@ -13,6 +13,7 @@ import typer
 from ikservo.arm import Arm
 from ikservo.arm.program import Program, ProgramStep, read_program, write_program
 from ikservo.arm.program_run import ProgramRun, StepCheck, StepResult
+from ikservo.cli.completion import complete_from
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.option_groups import Without
@@ -29,6 +30,7 @@ Action = Annotated[
     str,
     typer.Argument(
         metavar="new|check|run",
+        autocompletion=complete_from(*ACTIONS),
         help="new: write a first program. check: plan it; nothing moves. run: check, then run.",
     ),
 ]

@@ -20,8 +20,8 @@ from ikservo.cli.options import (
     MotionOptions,
     OverwriteOption,
     UncalibratedOption,
-    parse_time_s,
 )
+from ikservo.cli.quantities import parse_time_s
 from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import confirm, print_json, print_lines, print_status
 from ikservo.errors import InputError

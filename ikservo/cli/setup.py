@@ -10,7 +10,8 @@ import typer
 
 from ikservo.arm.opening import open_bus
 from ikservo.cli.dialogue import Operator
-from ikservo.cli.options import JsonOption, ServoPortOption, parse_time_s
+from ikservo.cli.options import JsonOption, ServoPortOption
+from ikservo.cli.quantities import parse_time_s
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.errors import IkservoError, InputError
 from ikservo.hardware.eeprom import read_backup

@@ -9,22 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 import typer
 
+from ikservo.cli.completion import complete_methods
 from ikservo.cli.model_options import (
     LEANING,
     PostureOptions,
     calibrated_model_from_option,
     report_missing_freedom,
 )
-from ikservo.cli.options import (
-    ArmOption,
-    JsonOption,
-    Length,
-    TipOption,
-    ToolOptions,
-    complete_methods,
-    parse_axis,
-    parse_force_n,
-)
+from ikservo.cli.options import ArmOption, JsonOption, Length, TipOption, ToolOptions
+from ikservo.cli.quantities import parse_axis, parse_force_n
 from ikservo.cli.solve_reports import (
     all_solutions,
     ask_about_millimetres,

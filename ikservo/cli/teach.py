@@ -12,8 +12,9 @@ import typer
 from ikservo.arm import Arm
 from ikservo.calibration import JointUnit
 from ikservo.cli.option_groups import Without
-from ikservo.cli.options import ArmConnection, MotionOptions, parse_time_s
+from ikservo.cli.options import ArmConnection, MotionOptions
 from ikservo.cli.posture_reports import joint_lines
+from ikservo.cli.quantities import parse_time_s
 from ikservo.cli.session import announce_lowering, confirm_motion, open_from_options
 from ikservo.cli.terminal import (
     format_port,

@@ -17,7 +17,8 @@ from ikservo.cli.dialogue import Operator
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.option_groups import Without
-from ikservo.cli.options import ArmConnection, MotionOptions, NamedArmConnection, parse_time_s
+from ikservo.cli.options import ArmConnection, MotionOptions, NamedArmConnection
+from ikservo.cli.quantities import parse_time_s
 from ikservo.cli.session import confirm_motion, open_from_options
 from ikservo.cli.terminal import (
     format_port,

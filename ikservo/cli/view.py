@@ -16,9 +16,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ikservo.cli.completion import complete_arms
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.option_groups import Without
-from ikservo.cli.options import MotionOptions, ServoConnection, complete_arms
+from ikservo.cli.options import MotionOptions, ServoConnection
 from ikservo.cli.session import warn_uncompiled
 from ikservo.cli.terminal import print_lines, print_status
 from ikservo.errors import InputError

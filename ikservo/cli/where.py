@@ -27,10 +27,9 @@ from ikservo.cli.options import (
     JsonOption,
     MotionOptions,
     UncalibratedOption,
-    parse_point_m,
-    parse_time_s,
 )
 from ikservo.cli.posture_reports import posture_fields, posture_lines
+from ikservo.cli.quantities import parse_point_m, parse_time_s
 from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import print_json, print_lines, print_table
 from ikservo.clock import Clock, RealClock

@@ -12,14 +12,9 @@ from typing import Annotated
 import typer
 
 from ikservo.cli.model_options import calibrated_model_from_option, describe_limit
-from ikservo.cli.options import (
-    ArmOption,
-    JsonOption,
-    TipOption,
-    parse_angle_rad,
-    parse_length_m,
-)
+from ikservo.cli.options import ArmOption, JsonOption, TipOption
 from ikservo.cli.plots import axis_names, check_plot_file, plot_workspace
+from ikservo.cli.quantities import parse_angle_rad, parse_length_m
 from ikservo.cli.solve_reports import ask_about_millimetres, explain_unreachable
 from ikservo.cli.terminal import print_json, print_lines
 from ikservo.errors import ExitCode, InputError, format_point

@@ -130,6 +130,12 @@ def test_help_groups_the_commands(run_cli):
         ("move --speed fa", "fast"),
         ("solve --method cl", "closed_form"),
         ("gripper cl", "close"),
+        ("calibration s", "show"),
+        ("calibration re", "restore resume revert"),
+        ("program ch", "check"),
+        ("import data", "dataset"),
+        ("export l", "lerobot"),
+        ("net ac", "acknowledge"),
         ("rec", "record recover"),
     ],
 )

@@ -226,7 +226,7 @@ def test_the_hint_of_an_unreachable_point_can_be_typed(run_cli):
 
 def test_the_shell_completes_arms_and_poses(run_cli, monkeypatch):
     run_cli(f"teach cup --now {SIM}")
-    from ikservo.cli.options import complete_arms, complete_poses
+    from ikservo.cli.completion import complete_arms, complete_poses
 
     class Context:
         params = {"arm": "so101"}  # noqa: RUF012
