@@ -144,8 +144,36 @@ SERVO_TORQUES: Mapping[tuple[str, float | None], ServoTorque] = MappingProxyType
         ("XL430-W250", None): ServoTorque(9.09, 1000, 1.58, 0.245, 0.0053, _XL430),
         ("XM430-W350", None): ServoTorque(19.9, 800, 4.32, 0.888, 0.0112, _XM430),
         ("XM540-W270", None): ServoTorque(51.4, 800, 11.2, 3.52, 0.0260, _XM540),
-        ("AX-12A", None): ServoTorque(2.7, 32, 1.58, 0.253, 0.0032, _AX_12),
-        ("MX-28", None): ServoTorque(6.4, 32, 2.64, 0.453, 0.0032, _MX_28),
+        ("XC330-M288", None): ServoTorque(3.67, 1100, 1.16, 0.135, 0.00156,
+            GearFriction(0.00138, 0.00757, 0.18, 0.1543, 0.0875, 0.0964)),
+        ("XC330-M181", None): ServoTorque(2.58, 1200, 0.747, 0.0548, 0.00061,
+            GearFriction(0.000888, 0.00488, 0.286, 0.1543, 0.0875, 0.149)),
+        ("XC330-T288", None): ServoTorque(3.23, 900, 1.25, 0.166, 0.00156,
+            GearFriction(0.00148, 0.00813, 0.158, 0.1543, 0.0875, 0.0896)),
+        ("XC330-T181", None): ServoTorque(2.58, 900, 0.996, 0.0834, 0.00061,
+            GearFriction(0.00118, 0.00651, 0.251, 0.1543, 0.0875, 0.112)),
+        ("2XL430-W250", None): ServoTorque(5.82, 640, 1.58, 0.245, 0.0053,
+            GearFriction(0.0154, 0.00598, 1.38, 0.0, 0.234)),
+        ("XC430-W240", None): ServoTorque(8.07, 700, 2, 0.271, 0.0048,
+            GearFriction(0.0195, 0.00757, 1.59, 0.0, 0.234)),
+        ("XC430-W150", None): ServoTorque(4.46, 460, 1.69, 0.15, 0.002,
+            GearFriction(0.0164, 0.00637, 2.4, 0.0, 0.234)),
+        ("2XC430-W250", None): ServoTorque(7.64, 700, 1.9, 0.28, 0.0053,
+            GearFriction(0.0184, 0.00717, 1.45, 0.0, 0.234)),
+        ("XM430-W210", None): ServoTorque(14.6, 800, 3.16, 0.388, 0.0041,
+            GearFriction(0.0307, 0.012, 1.75, 0.0, 0.234)),
+        ("XH430-W350", None): ServoTorque(18.6, 900, 3.58, 1.13, 0.0112,
+            GearFriction(0.0348, 0.0135, 0.68, 0.0, 0.234)),
+        ("XH430-W210", None): ServoTorque(13.6, 900, 2.63, 0.498, 0.0041,
+            GearFriction(0.0256, 0.00996, 1.13, 0.0, 0.234)),
+        ("XM540-W150", None): ServoTorque(35.4, 800, 7.69, 1.37, 0.0081,
+            GearFriction(0.0748, 0.0291, 1.2, 0.0, 0.234)),
+        ("XH540-W270", None): ServoTorque(48, 800, 10.4, 2.53, 0.026,
+            GearFriction(0.101, 0.0394, 0.884, 0.0, 0.234)),
+        ("XH540-W150", None): ServoTorque(34.4, 800, 7.48, 1.01, 0.0081,
+            GearFriction(0.0728, 0.0283, 1.59, 0.0, 0.234)),
+        ("AX-12A", None): ServoTorque(9.66, 32, 1.58, 0.253, 0.0032, _AX_12),
+        ("MX-28", None): ServoTorque(16.1, 32, 2.64, 0.453, 0.0032, _MX_28),
     }
 )
 # fmt: on
@@ -168,7 +196,8 @@ def find_servo_torque(model: str, supply_v: float | None) -> ServoTorque | None:
 
 
 _SUPPLY_V = MappingProxyType(
-    {"STS3215": 7.4, "SCS0009": 6.0, "SCS15": 6.0, "XL330-M288": 5.0, "XL330-M077": 5.0}
+    {"STS3215": 7.4, "SCS0009": 6.0, "SCS15": 6.0}
+    | dict.fromkeys(("XL330-M288", "XL330-M077", "XC330-M288", "XC330-M181"), 5.0)
 )
 _USUAL_SUPPLY_V = 12.0
 

@@ -122,6 +122,7 @@ class ControlTable:
             one that can be unlocked again.
         bulk_read: Protocol 1.0 only: the model supports the instruction.
         missing: Register names that the model does not have.
+        lacks: Rows of its series that the model does not have, by their vendor's names.
         non_idempotent: Raw writes never to be repeated after a lost reply, as (name, number).
         registers: Every register by its vendor's name, by address.
     """
@@ -136,6 +137,7 @@ class ControlTable:
     eeprom_lock: ClassVar[Register | None] = None
     bulk_read: ClassVar[bool] = False
     missing: ClassVar[frozenset[RegisterName]] = frozenset()
+    lacks: ClassVar[frozenset[str]] = frozenset()
     non_idempotent: ClassVar[frozenset[tuple[str, int]]] = frozenset()
     registers: ClassVar[Mapping[str, Register]] = {}
 
@@ -165,7 +167,8 @@ class ControlTable:
     def __init_subclass__(cls) -> None:
         """List the registers of the table: the rows of its series, then its own in their place."""
         rows = [entry for each in reversed(cls.__mro__) for entry in vars(each).values()]
-        merged = {row.name: row for row in rows if isinstance(row, Register)}
+        own = (row for row in rows if isinstance(row, Register) and row.name not in cls.lacks)
+        merged = {row.name: row for row in own}
         cls.registers = dict(sorted(merged.items(), key=lambda item: item[1].address))
 
     @classmethod

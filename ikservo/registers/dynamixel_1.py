@@ -25,7 +25,7 @@ from ikservo.registers.units import (
     US_2,
 )
 
-__all__ = ["AX12A", "MX28"]
+__all__ = ["AX12A", "MX28", "TABLES"]
 
 RO, RW = Access.RO, Access.RW
 EEP, RAM = Area.EEPROM, Area.RAM
@@ -154,4 +154,7 @@ class MX28(ControlTable):
     profile_acceleration   = goal_acceleration
     profile_velocity       = moving_speed
     present_velocity       = present_speed
+
+
+TABLES: tuple[type[ControlTable], ...] = (AX12A, MX28)
 # fmt: on

@@ -12,6 +12,7 @@ from ikservo.registers.units import (
     MS_1,
     MS_20,
     MV_PER_MS,
+    MV_PER_MS_12,
     NUMBER,
     PER_MILLE,
     PWM_885,
@@ -21,7 +22,7 @@ from ikservo.registers.units import (
     US_2,
 )
 
-__all__ = ["XL330M077", "XL330M288", "XL430W250", "XM430W350", "XM540W270", "DynamixelX"]
+__all__ = ["TABLES", "XL330M077", "XL330M288", "XL430W250", "XM430W350", "XM540W270"]
 
 RO, RW = Access.RO, Access.RW
 EEP, RAM = Area.EEPROM, Area.RAM
@@ -103,62 +104,139 @@ class DynamixelX:
     alarms                 = hardware_error_status
 
 
-class XL330M288(DynamixelX, ControlTable):
-    """Small 5 V servo; its current is in milliamperes."""
-
-    model_name = "XL330-M288"
-    number = 1200
+class X330:
+    """Rows of the small ones: their current is in milliamperes."""
 
     baud_rate              = Register(   8, 1,  UINT, NUMBER,       RW,  EEP,        0,        6)
     protocol_type          = Register(  13, 1,  UINT, NUMBER,       RW,  EEP,        2,       22)
     max_voltage_limit      = Register(  32, 2,  UINT, DECI_VOLT,    RW,  EEP,       31,       70)
     min_voltage_limit      = Register(  34, 2,  UINT, DECI_VOLT,    RW,  EEP,       31,       70)
-    current_limit          = Register(  38, 2,  UINT, MA_1,         RW,  EEP,        0,     1750)
     velocity_limit         = Register(  44, 4,  UINT, RPM_0_229,    RW,  EEP,        0,     2047)
     pwm_slope              = Register(  62, 1,  UINT, MV_PER_MS,    RW,  EEP,        1,      255)
-    goal_current           = Register( 102, 2,  SINT, MA_1,         RW,  RAM,    -1750,     1750)
     goal_velocity          = Register( 104, 4,  SINT, RPM_0_229,    RW,  RAM,    -2047,     2047)
     present_current        = Register( 126, 2,  SINT, MA_1,         RO,  RAM)
 
     present_load           = present_current
 
 
-class XL330M077(DynamixelX, ControlTable):
+class XL330M288(X330, DynamixelX, ControlTable):
+    """Small 5 V servo."""
+
+    model_name = "XL330-M288"
+    number = 1200
+
+    current_limit          = Register(  38, 2,  UINT, MA_1,         RW,  EEP,        0,     1750)
+    goal_current           = Register( 102, 2,  SINT, MA_1,         RW,  RAM,    -1750,     1750)
+
+
+class XL330M077(X330, DynamixelX, ControlTable):
     """The same with a faster gear, 77 to 1."""
 
     model_name = "XL330-M077"
     number = 1190
 
-    baud_rate              = XL330M288.baud_rate
-    protocol_type          = XL330M288.protocol_type
-    max_voltage_limit      = XL330M288.max_voltage_limit
-    min_voltage_limit      = XL330M288.min_voltage_limit
     current_limit          = XL330M288.current_limit
-    velocity_limit         = XL330M288.velocity_limit
-    pwm_slope              = XL330M288.pwm_slope
     goal_current           = XL330M288.goal_current
-    goal_velocity          = XL330M288.goal_velocity
-    present_current        = XL330M288.present_current
-
-    present_load           = present_current
 
 
-class XL430W250(DynamixelX, ControlTable):
-    """12 V servo without a current sensor: it reports load instead."""
+class XC330M288(X330, DynamixelX, ControlTable):
+    """The XL330's case with a coreless motor and metal gears; its current is the supply's."""
 
-    model_name = "XL430-W250"
-    number = 1060
+    model_name = "XC330-M288"
+    number = 1240
+
+    current_limit          = Register(  38, 2,  UINT, MA_1,         RW,  EEP,        0,     2352)
+    goal_current           = Register( 102, 2,  SINT, MA_1,         RW,  RAM,    -2352,     2352)
+
+
+class XC330M181(X330, DynamixelX, ControlTable):
+    """The same with a faster gear, 181 to 1."""
+
+    model_name = "XC330-M181"
+    number = 1230
+
+    current_limit          = XC330M288.current_limit
+    goal_current           = XC330M288.goal_current
+
+
+class XC330T:
+    """Rows of the XC330 for 12 V."""
+
+    max_voltage_limit      = Register(  32, 2,  UINT, DECI_VOLT,    RW,  EEP,       55,      140)
+    min_voltage_limit      = Register(  34, 2,  UINT, DECI_VOLT,    RW,  EEP,       55,      140)
+    current_limit          = Register(  38, 2,  UINT, MA_1,         RW,  EEP,        0,      910)
+    pwm_slope              = Register(  62, 1,  UINT, MV_PER_MS_12, RW,  EEP,        1,      255)
+    goal_current           = Register( 102, 2,  SINT, MA_1,         RW,  RAM,     -910,      910)
+
+
+class XC330T288(XC330T, X330, DynamixelX, ControlTable):
+    """The XC330 for 12 V."""
+
+    model_name = "XC330-T288"
+    number = 1220
+
+
+class XC330T181(XC330T, X330, DynamixelX, ControlTable):
+    """The same with a faster gear, 181 to 1."""
+
+    model_name = "XC330-T181"
+    number = 1210
+
+
+class XL430:
+    """Rows of the 12 V servos without a current sensor: they report load instead."""
 
     max_voltage_limit      = Register(  32, 2,  UINT, DECI_VOLT,    RW,  EEP,       60,      140)
     min_voltage_limit      = Register(  34, 2,  UINT, DECI_VOLT,    RW,  EEP,       60,      140)
     present_load           = Register( 126, 2,  SINT, PER_MILLE,    RO,  RAM)
 
 
-class XM430W350(DynamixelX, ControlTable):
-    """12 V servo with a current sensor."""
+class XL430W250(XL430, DynamixelX, ControlTable):
+    """12 V servo without a current sensor."""
 
-    model_name = "XM430-W350"
-    number = 1020
+    model_name = "XL430-W250"
+    number = 1060
+
+
+class DualXL430W250(XL430, DynamixelX, ControlTable):
+    """Two XL430 in one case: an id and a table for each shaft."""
+
+    model_name = "2XL430-W250"
+    number = 1090
+    lacks = frozenset({"startup_configuration", "backup_ready"})
+
+
+class XC430:
+    """Rows of the XL430's case with a coreless motor and metal gears: up to 16 V."""
+
+    max_voltage_limit      = Register(  32, 2,  UINT, DECI_VOLT,    RW,  EEP,       60,      160)
+    min_voltage_limit      = Register(  34, 2,  UINT, DECI_VOLT,    RW,  EEP,       60,      160)
+
+
+class XC430W240(XC430, XL430, DynamixelX, ControlTable):
+    """Coreless XL430."""
+
+    model_name = "XC430-W240"
+    number = 1080
+
+
+class XC430W150(XC430, XL430, DynamixelX, ControlTable):
+    """The same with a faster gear, 160 to 1."""
+
+    model_name = "XC430-W150"
+    number = 1070
+
+
+class DualXC430W250(XC430, XL430, DynamixelX, ControlTable):
+    """Two XC430 in one case: an id and a table for each shaft."""
+
+    model_name = "2XC430-W250"
+    number = 1160
+    lacks = DualXL430W250.lacks
+
+
+class X430:
+    """Rows of the servos that measure the motor's current."""
 
     current_limit          = Register(  38, 2,  UINT, MA_2_69,      RW,  EEP,        0,     1193)
     goal_current           = Register( 102, 2,  SINT, MA_2_69,      RW,  RAM,    -1193,     1193)
@@ -167,21 +245,85 @@ class XM430W350(DynamixelX, ControlTable):
     present_load           = present_current
 
 
-class XM540W270(DynamixelX, ControlTable):
-    """Servo for shoulders, with twice the current of the XM430."""
+class XM430W350(X430, DynamixelX, ControlTable):
+    """12 V servo with a current sensor."""
 
-    model_name = "XM540-W270"
-    number = 1120
+    model_name = "XM430-W350"
+    number = 1020
+
+
+class XM430W210(X430, DynamixelX, ControlTable):
+    """The same with a faster gear, 213 to 1."""
+
+    model_name = "XM430-W210"
+    number = 1030
+
+
+class XH430W350(X430, DynamixelX, ControlTable):
+    """The XM430's case with a Maxon motor, which takes half the current."""
+
+    model_name = "XH430-W350"
+    number = 1000
+
+    current_limit          = Register(  38, 2,  UINT, MA_2_69,      RW,  EEP,        0,      648)
+    goal_current           = Register( 102, 2,  SINT, MA_2_69,      RW,  RAM,     -648,      648)
+
+
+class XH430W210(X430, DynamixelX, ControlTable):
+    """The same with a faster gear, 213 to 1."""
+
+    model_name = "XH430-W210"
+    number = 1010
+
+    current_limit          = XH430W350.current_limit
+    goal_current           = XH430W350.goal_current
+
+
+class X540:
+    """Rows of the servos for shoulders, with twice the current, and external ports."""
 
     current_limit          = Register(  38, 2,  UINT, MA_2_69,      RW,  EEP,        0,     2047)
     external_port_mode_1   = Register(  56, 1,  UINT, NUMBER,       RW,  EEP,        0,        3)
     external_port_mode_2   = Register(  57, 1,  UINT, NUMBER,       RW,  EEP,        0,        3)
     external_port_mode_3   = Register(  58, 1,  UINT, NUMBER,       RW,  EEP,        0,        3)
     goal_current           = Register( 102, 2,  SINT, MA_2_69,      RW,  RAM,    -2047,     2047)
-    present_current        = Register( 126, 2,  SINT, MA_2_69,      RO,  RAM)
     external_port_data_1   = Register( 152, 2,  UINT, NUMBER,       RW,  RAM,        0,     4095)
     external_port_data_2   = Register( 154, 2,  UINT, NUMBER,       RW,  RAM,        0,     4095)
     external_port_data_3   = Register( 156, 2,  UINT, NUMBER,       RW,  RAM,        0,     4095)
 
-    present_load           = present_current
+
+class XM540W270(X540, X430, DynamixelX, ControlTable):
+    """Servo for shoulders."""
+
+    model_name = "XM540-W270"
+    number = 1120
+
+
+class XM540W150(X540, X430, DynamixelX, ControlTable):
+    """The same with a faster gear, 152 to 1."""
+
+    model_name = "XM540-W150"
+    number = 1130
+
+
+class XH540W270(X540, X430, DynamixelX, ControlTable):
+    """The XM540's case with a Maxon motor."""
+
+    model_name = "XH540-W270"
+    number = 1100
+
+
+class XH540W150(X540, X430, DynamixelX, ControlTable):
+    """The same with a faster gear, 152 to 1."""
+
+    model_name = "XH540-W150"
+    number = 1110
+
+
+TABLES: tuple[type[ControlTable], ...] = (
+    XL330M288, XL330M077, XC330M288, XC330M181, XC330T288, XC330T181,
+    XL430W250, DualXL430W250, XC430W240, XC430W150, DualXC430W250,
+    XM430W350, XM430W210, XH430W350, XH430W210,
+    XM540W270, XM540W150, XH540W270, XH540W150,
+)
 # fmt: on

@@ -19,7 +19,7 @@ from ikservo.registers.units import (
     US_2,
 )
 
-__all__ = ["SCS0009", "SCS15", "FeetechSCS"]
+__all__ = ["SCS0009", "SCS15", "TABLES"]
 
 RO, RW = Access.RO, Access.RW
 EEP, RAM = Area.EEPROM, Area.RAM
@@ -117,4 +117,7 @@ class SCS15(FeetechSCS, ControlTable):
 
     profile_velocity      = goal_speed
     present_velocity      = present_speed
+
+
+TABLES: tuple[type[ControlTable], ...] = (SCS0009, SCS15)
 # fmt: on

@@ -19,7 +19,7 @@ from ikservo.registers.units import (
     US_2,
 )
 
-__all__ = ["STS3215", "STS3250", "FeetechSTS"]
+__all__ = ["STS3215", "STS3250", "TABLES"]
 
 RO, RW = Access.RO, Access.RW
 EEP, RAM = Area.EEPROM, Area.RAM
@@ -126,4 +126,7 @@ class STS3250(FeetechSTS, ControlTable):
 
     model_name = "STS3250"
     number = 2825
+
+
+TABLES: tuple[type[ControlTable], ...] = (STS3215, STS3250)
 # fmt: on

@@ -5,22 +5,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from ikservo.errors import UnknownNameError
+from ikservo.registers import dynamixel_1, dynamixel_x, feetech_scs, feetech_sts
 from ikservo.registers.control_table import ControlTable, Family
-from ikservo.registers.dynamixel_1 import AX12A, MX28
-from ikservo.registers.dynamixel_x import XL330M077, XL330M288, XL430W250, XM430W350, XM540W270
-from ikservo.registers.feetech_scs import SCS0009, SCS15
-from ikservo.registers.feetech_sts import STS3215, STS3250
 
 __all__ = ["MODELS", "control_table", "control_table_for_number"]
 
-# fmt: off
-_TABLES: tuple[type[ControlTable], ...] = (
-    STS3215, STS3250,
-    SCS0009, SCS15,
-    XL330M288, XL330M077, XL430W250, XM430W350, XM540W270,
-    AX12A, MX28,
-)
-# fmt: on
+_TABLES = (*feetech_sts.TABLES, *feetech_scs.TABLES, *dynamixel_x.TABLES, *dynamixel_1.TABLES)
 MODELS: Mapping[str, type[ControlTable]] = {table.model_name: table for table in _TABLES}
 """Every known model by its name."""
 

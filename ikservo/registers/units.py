@@ -60,4 +60,5 @@ RPM_0_229    = Unit("rad/s",  0.229 * RPM)
 RPM2_214_577 = Unit("rad/s²", 214.577 * tau / 3600)  # 214.577 revolutions a minute squared
 DEG_S2_8_583 = Unit("rad/s²", radians(8.583))
 MV_PER_MS    = Unit("V/s",    1.977)
+MV_PER_MS_12 = Unit("V/s",    3.955)          # of 12 V servos
 # fmt: on

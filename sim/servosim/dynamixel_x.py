@@ -41,9 +41,10 @@ class DriveMapper:
     def __init__(self, servo: SimulatedDynamixelX) -> None:
         self.servo = servo
         self.senses_current = "goal_current" in servo.table.by_name
-        is_xl330 = servo.table.model.startswith("XL330")
-        self.current_unit_a = 0.001 if is_xl330 else 0.00269
-        self._p_divisor = 256 if is_xl330 else 128  # present PWM for an error, on pendulum logs
+        is_small = "pwm_slope" in servo.table.by_name
+        self.current_unit_a = 0.001 if is_small else 0.00269
+        # Present PWM for an error, on pendulum logs of the XL330; assumed of the XC330.
+        self._p_divisor = 256 if is_small else 128
         self._profile = (0.0, 0.0, 0.0, 0.0)  # times, then limits, as the drive has them
 
     def set_position_goal(self) -> None:
@@ -319,9 +320,11 @@ class SimulatedDynamixelX(Servo):
         self.drive.mode = MODES.get(self.mode, ControlMode.POSITION)
         for effect in (self.orders.set_gains, self.orders.set_limits, self.orders.set_goal):
             effect()
-        if self.memory.get("startup_configuration") & 2:
+        has_startup = "startup_configuration" in self.table.by_name
+        startup = self.memory.get("startup_configuration") if has_startup else 0
+        if startup & 2:
             self.backup.restore()
-        if self.memory.get("startup_configuration") & 1:
+        if startup & 1:
             self.memory.put("torque_enable", 1)
             self.set_torque()
 

@@ -150,7 +150,8 @@ def in_an_arm(
 # friction of _GEAR, 0.065 N m of an unloaded slow shaft. _GEAR is an earlier fit of the 12 V one,
 # without kq, 7 % less friction. The SCS are scaled from it, too.
 # Other rows are scaled, from the relative that `_scaled` names, to the torque and speed of the
-# makers' sheets. MX64 is BAM's fit (params/mx64, model m4).
+# makers' sheets. MX64 is BAM's fit (params/mx64, model m4). No sheet says an armature: where no
+# measurement does, a servo has the rotor of its relative in the same case.
 # Play: Feetech promises at most 0.5°; 0.87° and 1° were measured on the STS3215 (SO-ARM100 issue
 # 134), 1° stands in its MJCF, and 1° makes the logs' pendulums swing as they do at rest; 0.4° does
 # for the STS3250.
@@ -212,9 +213,23 @@ PARAMETERS: dict[str, MotorParameters] = {
     "SCS15":      _scaled(_GEAR,  6.0,  1.47,   62.5, 0.0020,  200.0, 0.50,  56.0),
     "XL330-M288": _M288,
     "XL330-M077": _scaled(_M288,  5.0,  0.215, 383.0, 0.00018,  77.5, 0.25,  18.0),
+    "XC330-M288": _scaled(_M288,  5.0,  0.93,   81.0, 0.00156, 288.4, 0.25,  23.0),
+    "XC330-M181": _scaled(_M288,  5.0,  0.60,  129.0, 0.00061, 180.6, 0.25,  23.0),
+    "XC330-T288": _scaled(_M288, 12.0,  1.00,   71.0, 0.00156, 288.4, 0.25,  23.0),
+    "XC330-T181": _scaled(_M288, 12.0,  0.80,  113.0, 0.00061, 180.6, 0.25,  23.0),
     "XL430-W250": _scaled(_MX64, 12.0,  1.50,   61.0, 0.0053,  258.5, 0.25,  57.2),
+    "2XL430-W250": _scaled(_MX64, 12.0, 1.50,   61.0, 0.0053,  257.4, 0.25,  49.1),  # of each shaft
+    "XC430-W240": _scaled(_MX64, 12.0,  1.90,   70.0, 0.0048,  245.2, 0.25,  65.0),
+    "XC430-W150": _scaled(_MX64, 12.0,  1.60,  106.0, 0.0020,  159.6, 0.25,  65.0),
+    "2XC430-W250": _scaled(_MX64, 12.0, 1.80,   64.0, 0.0053,  257.4, 0.25,  51.0),
     "XM430-W350": _scaled(_MX64, 12.0,  4.10,   46.0, 0.0112,  353.5, 0.25,  82.0),
+    "XM430-W210": _scaled(_MX64, 12.0,  3.00,   77.0, 0.0041,  212.6, 0.25,  82.0),
+    "XH430-W350": _scaled(_MX64, 12.0,  3.40,   30.0, 0.0112,  353.5, 0.25,  82.0),
+    "XH430-W210": _scaled(_MX64, 12.0,  2.50,   50.0, 0.0041,  212.6, 0.25,  82.0),
     "XM540-W270": _scaled(_MX64, 12.0, 10.60,   30.0, 0.0260,  272.5, 0.25, 165.0),
+    "XM540-W150": _scaled(_MX64, 12.0,  7.30,   53.0, 0.0081,  152.3, 0.25, 165.0),
+    "XH540-W270": _scaled(_MX64, 12.0,  9.90,   39.0, 0.0260,  272.5, 0.25, 165.0),
+    "XH540-W150": _scaled(_MX64, 12.0,  7.10,   70.0, 0.0081,  152.3, 0.25, 165.0),
     "AX-12A":     _scaled(_MX64, 12.0,  1.50,   59.0, 0.0032,  254.0, 0.33,  54.6),
     "MX-28":      _scaled(_MX64, 12.0,  2.50,   55.0, 0.0032,  193.0, 0.33,  77.0),
 }

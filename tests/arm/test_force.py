@@ -4,19 +4,15 @@ import pytest
 
 from ikservo.control.servo_limits import ServoRamLimits, limit_torque, torque_limit_registers
 from ikservo.errors import RegisterAccessError
-from ikservo.registers import MODELS, Access, Area, OperatingMode
+from ikservo.registers import MODELS, Access, Area, Family, OperatingMode
 from tests.hardware.factories import make_bus
 
 LIMITED = {
-    "STS3215": ("torque_limit", "max_torque"),
-    "STS3250": ("torque_limit", "max_torque"),
-    "AX-12A": ("torque_limit", "max_torque"),
-    "MX-28": ("torque_limit", "max_torque"),
-    "XL430-W250": ("goal_pwm", "pwm_limit"),
-    "XL330-M288": ("goal_pwm", "pwm_limit"),
-    "XL330-M077": ("goal_pwm", "pwm_limit"),
-    "XM430-W350": ("goal_pwm", "pwm_limit"),
-    "XM540-W270": ("goal_pwm", "pwm_limit"),
+    name: ("goal_pwm", "pwm_limit")
+    if "goal_pwm" in table.registers
+    else ("torque_limit", "max_torque")
+    for name, table in MODELS.items()
+    if table.family is not Family.FEETECH_SCS
 }
 """In position mode; the SCS models have none."""
 

@@ -8,9 +8,20 @@ import pytest
 
 from ikservo.errors import ServoSilentError
 from ikservo.hardware import read_eeprom, torque_off, torque_on, update_eeprom
+from ikservo.hardware.ping_sweep import framing_of
+from ikservo.hardware.scan import identify
 from ikservo.registers import MODELS, RegisterName
 
-from .factories import ECHO, FTDI, PLAIN, USB_FRAMES, add_faults, make_bus, simulated_servos
+from .factories import (
+    ECHO,
+    FTDI,
+    PLAIN,
+    USB_FRAMES,
+    PortMode,
+    add_faults,
+    make_bus,
+    simulated_servos,
+)
 
 ADAPTERS = {"plain": PLAIN, "echo": ECHO, "USB frames": USB_FRAMES, "FTDI": FTDI}
 ONE_OF_EACH_FAMILY = ("STS3215", "SCS0009", "XL430-W250", "AX-12A")
@@ -49,6 +60,13 @@ def witness(bus, servo_id, role):
 
 def test_it_says_which_model_it_is(bus, model):
     assert {bus.ping(i).model_number for i in (1, 7)} == {MODELS[model].number}
+
+
+def test_a_scan_names_it(bus, pair):
+    model, adapter = pair
+    echoes = adapter == "echo" or PortMode.name == "echo"
+    found = identify(bus.port, framing_of(MODELS[model].family), 7, echoes=echoes)
+    assert found.table is MODELS[model]
 
 
 def test_positions_are_what_the_servos_hold(bus):
