@@ -10,7 +10,7 @@ from ikservo.control.feedback import with_retries
 from ikservo.errors import BusError, HeldUpError, RegisterAccessError
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.servo import ServoSpec
-from ikservo.registers import Family, OperatingMode, Register, RegisterName
+from ikservo.registers import OperatingMode, Register, RegisterName
 
 __all__ = ["ServoRamLimits", "limit_torque", "torque_limit_registers"]
 
@@ -48,14 +48,13 @@ def torque_limit_registers(bus: ServoBus, servo_id: int) -> tuple[Register, Regi
         mode = bus.read(servo_id, RegisterName.OPERATING_MODE, raw=True)
         if mode == OperatingMode.CURRENT_BASED_POSITION:
             return registers["goal_current"], registers["current_limit"]
-    if "goal_pwm" in registers:
+    if "pwm_limit" in registers:
         return registers["goal_pwm"], registers["pwm_limit"]
     return None
 
 
 _TIME_BASED_PROFILE = 0b100  # drive mode of Dynamixel X
-_COARSE_SPEED = 50  # ticks a second in one count, where bit 2 of a Feetech's phase is clear
-_FINE_SPEED_BIT = 0b100
+_COARSE_SPEED = 50  # ticks a second in one count, where the table's fine_speed_bit is clear
 
 # No ramps of the servo's own: with them it would brake for each goal of a stream, and lag it by
 # v² / 2a; what it runs on after the last goal would be longer by that.
@@ -115,6 +114,9 @@ class ServoRamLimits:
         if limit is not None:
             own, maximum = limit
             self._bus.write(servo_id, own, self._bus.read(servo_id, maximum, raw=True), raw=True)
+        if "goal_torque" in registers:  # an HLS: 0, as programs for STS write there, is no current
+            most = self._bus.read(servo_id, registers["protection_current"], raw=True)
+            self._bus.write(servo_id, registers["goal_torque"], most, raw=True)
 
     def set_speed(self, speed_rad_s: float) -> None:
         """Limit the speed with which every servo turns towards its goal.
@@ -231,11 +233,13 @@ class ServoRamLimits:
         self._expected[servo_id] = {register: counts}
 
     def _read_speed_counts(self, servo_id: int, register: Register, speed_rad_s: float) -> int:
-        counts = register.to_raw(speed_rad_s)
-        phase = self._limit_registers(servo_id).get("phase")
-        if self._servo_spec(servo_id).table.family is Family.FEETECH_STS and phase is not None:
-            fine = self._bus.read(servo_id, phase, raw=True) & _FINE_SPEED_BIT
+        counts, table = register.to_raw(speed_rad_s), self._servo_spec(servo_id).table
+        if table.fine_speed_bit:
+            phase = self._bus.read(servo_id, table.registers["phase"], raw=True)
+            fine = phase & table.fine_speed_bit
             counts = counts if fine else -(-counts // _COARSE_SPEED)
+        elif register.to_value(counts) * _SPEED_MARGIN < speed_rad_s:
+            counts += 1  # a coarse unit must not make it slower than the motion
         return min(max(1, counts), register.range[1])
 
     def _read_time_based(self, servo_id: int) -> bool:

@@ -242,12 +242,14 @@ class ServoBus(RegisterAccess):
         """Shorten reply timeouts to these servos' own return delays.
 
         Until then the longest delay that the registers can hold is assumed of each servo. If one
-        does not reply, the assumption stays.
+        does not reply or has no such register, the assumption stays.
         """
-        readings = self.sync_read(self.servos, RegisterName.RETURN_DELAY)
+        role = RegisterName.RETURN_DELAY
+        settable = [i for i, servo in self.servos.items() if role not in servo.table.missing]
+        readings = self.sync_read(settable, role)
         for family, driver in self._requester.drivers.items():
             ids = [i for i, servo in self.servos.items() if servo.table.family is family]
-            if readings.errors.keys().isdisjoint(ids):
+            if readings.values.keys() >= set(ids):
                 driver.set_return_delay(max(readings.values[i] for i in ids))
 
     def reconnect(self, serial_number: str, within_s: float) -> None:

@@ -131,12 +131,15 @@ _MX_28 = GearFriction(0.0256, 0.00996, 1.25, 0.0, 0.234)
 # for Dynamixel P / 128 PWM steps of 885 for each tick, for the XL330 P / 256. Motors and friction
 # of STS3215, STS3250 and XL330-M288 are fitted to logs of pendulums, others are scaled from those
 # or from published fits: see docs/servosim-truth.md. The STS3215 is sold for 7.4 V and for 12 V.
+# HLS3606M and SCS225 have no entry: what a P gain is in a servo with a current loop is not
+# published, nor the speed of the other. Nothing is fed forward for them, and no sag predicted.
 # fmt: off
 SERVO_TORQUES: Mapping[tuple[str, float | None], ServoTorque] = MappingProxyType(
     {   #                            N m/rad     P   N m    N m s    kg m²
         ("STS3215", None): ServoTorque(17.5, 32, 3.35, 0.599, 0.0216, _STS3215, 0.008, 0.75),
         ("STS3215", 12.0): ServoTorque(38.2, 32, 7.33, 1.40, 0.0215, _STS3215_12_V, 0.008, 0.75),
         ("STS3250", None): ServoTorque(55.8, 32, 10.7, 1.36, 0.0089, _STS3250, 0.0, 0.75),
+        ("STS3235", None): ServoTorque(38.2, 32, 7.33, 1.40, 0.0215, _STS3215_12_V, 0.008, 0.75),
         ("SCS0009", None): ServoTorque(1.76, 32, 0.338, 0.0316, 0.0007, _SCS0009, 0.014, 0.75),
         ("SCS15", None): ServoTorque(11.5, 32, 2.20, 0.328, 0.0020, _SCS15, 0.014, 0.75),
         ("XL330-M288", None): ServoTorque(2.80, 1500, 0.648, 0.0540, 0.00156, _XL330_M288),
@@ -196,7 +199,7 @@ def find_servo_torque(model: str, supply_v: float | None) -> ServoTorque | None:
 
 
 _SUPPLY_V = MappingProxyType(
-    {"STS3215": 7.4, "SCS0009": 6.0, "SCS15": 6.0}
+    {"STS3215": 7.4, "SCS225": 7.4, "SCS0009": 6.0, "SCS15": 6.0, "HLS3606M": 6.0}
     | dict.fromkeys(("XL330-M288", "XL330-M077", "XC330-M288", "XC330-M181"), 5.0)
 )
 _USUAL_SUPPLY_V = 12.0

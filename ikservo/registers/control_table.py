@@ -120,6 +120,8 @@ class ControlTable:
         alarm_bits: Bit of the alarm register to its meaning.
         eeprom_lock: The register that must be 0 for EEPROM writes to be stored, if the family has
             one that can be unlocked again.
+        fine_speed_bit: Bit of the register ``phase`` that makes a count of speed a tick a second
+            instead of 50; 0 where the unit is fixed.
         bulk_read: Protocol 1.0 only: the model supports the instruction.
         missing: Register names that the model does not have.
         lacks: Rows of its series that the model does not have, by their vendor's names.
@@ -135,6 +137,7 @@ class ControlTable:
     baud_rates: ClassVar[Mapping[int, int]]
     alarm_bits: ClassVar[Mapping[int, Alarm]]
     eeprom_lock: ClassVar[Register | None] = None
+    fine_speed_bit: ClassVar[int] = 0
     bulk_read: ClassVar[bool] = False
     missing: ClassVar[frozenset[RegisterName]] = frozenset()
     lacks: ClassVar[frozenset[str]] = frozenset()
@@ -180,7 +183,8 @@ class ControlTable:
         """
         found: Register | None
         if isinstance(ref, RegisterName):
-            found, name = getattr(cls, ref, None), ref.value
+            named: Register | None = getattr(cls, ref, None)
+            found, name = named and cls.registers.get(named.name), ref.value
         else:
             found, name = cls.registers.get(ref.name), ref.name
         if found is None:

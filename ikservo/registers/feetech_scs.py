@@ -1,4 +1,8 @@
-"""Feetech SCS servos, big-endian, with a potentiometer (SCSCL memory table; SCS15 manual 1.02)."""
+"""Feetech SCS servos, big-endian, with a potentiometer (SCSCL memory table; SCS15 manual 1.02).
+
+The numbers of SCS15 and SCS225 and the rows of the second series are those of Feetech's program
+FD 1.9.8.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +27,8 @@ __all__ = ["SCS0009", "SCS15", "TABLES"]
 
 RO, RW = Access.RO, Access.RW
 EEP, RAM = Area.EEPROM, Area.RAM
-UINT, SIGN10, SIGN15 = Unsigned(), SignMagnitude(10), SignMagnitude(15)
+UINT = Unsigned()
+SIGN7, SIGN10, SIGN15 = SignMagnitude(7), SignMagnitude(10), SignMagnitude(15)
 
 
 # fmt: off
@@ -103,7 +108,7 @@ class SCS15(FeetechSCS, ControlTable):
     """Standard-size servo: 1024 steps over 200 degrees."""
 
     model_name = "SCS15"
-    number = 1295  # assumed: no sheet gives it
+    number = 1295
     ticks_per_turn = 1024 * 360 / 200
 
     min_position_limit    = Register(   9, 2,  UINT,   TICK_200,      RW,    EEP,       0,  1023)
@@ -119,5 +124,23 @@ class SCS15(FeetechSCS, ControlTable):
     present_velocity      = present_speed
 
 
-TABLES: tuple[type[ControlTable], ...] = (SCS0009, SCS15)
+class SCS225(FeetechSCS, ControlTable):
+    """Servo of the second series: 25 kg·cm at 7.4 V, 1024 steps over 300 degrees, current.
+
+    The units of its currents, and which way its offset counts, are not known: ikservo leaves
+    both alone.
+    """
+
+    model_name = "SCS225"
+    number = 2339
+    lacks = frozenset({"i_gain", "goal_time"})
+
+    over_current_time     = Register(  31, 1,  UINT,   MS_10,         RW,    EEP,       0,   254)
+    protection_current    = Register(  32, 2,  UINT,   NUMBER,        RW,    EEP,       0,  1023)
+    position_offset       = Register(  34, 1,  SIGN7,  TICK_300,      RW,    EEP,    -127,   127)
+    goal_pwm              = Register(  44, 2,  SIGN10, PER_MILLE,     RW,    RAM,   -1000,  1000)
+    present_current       = Register(  69, 2,  SIGN15, NUMBER,        RO,    RAM)
+
+
+TABLES: tuple[type[ControlTable], ...] = (SCS0009, SCS15, SCS225)
 # fmt: on

@@ -1,8 +1,8 @@
-"""Feetech STS servos, little-endian, sign-magnitude (Feetech memory table, STS series)."""
+"""Feetech STS and HLS servos, little-endian, sign-magnitude (Feetech memory tables)."""
 
 from __future__ import annotations
 
-from ikservo.registers.control_table import Alarm, ControlTable, Family
+from ikservo.registers.control_table import Alarm, ControlTable, Family, RegisterName
 from ikservo.registers.register import Access, Area, Register, SignMagnitude, Unsigned
 from ikservo.registers.units import (
     CELSIUS,
@@ -16,6 +16,7 @@ from ikservo.registers.units import (
     TICK_4096,
     TICK_ACCEL,
     TICK_RATE,
+    TICK_RATE_50,
     US_2,
 )
 
@@ -41,6 +42,7 @@ class FeetechSTS:
     ticks_per_turn = 4096
     baud_rates = BAUD_RATES
     alarm_bits = ALARM_BITS
+    fine_speed_bit = 0b100
     # 128 makes the present position tick 2048; repeated after a move it would set another offset.
     non_idempotent = frozenset({("torque_enable", 128)})
 
@@ -128,5 +130,60 @@ class STS3250(FeetechSTS, ControlTable):
     number = 2825
 
 
-TABLES: tuple[type[ControlTable], ...] = (STS3215, STS3250)
+class STS3235(FeetechSTS, ControlTable):
+    """The 12 V STS3215 in an aluminium case."""
+
+    model_name = "STS3235"
+    number = 2057
+
+
+class HLS:
+    """Rows in which the HLS differ: a current loop, and speeds in 50 ticks a second.
+
+    Sources: Feetech's memory table of the series, and the list of models and registers of its
+    program FD 1.9.8. What the goal torque is in the modes of speed and PWM is not known.
+    """
+
+    baud_rates = {code: rate for code, rate in BAUD_RATES.items() if code <= 7}  # noqa: RUF012
+    fine_speed_bit = 0
+    non_idempotent = frozenset[tuple[str, int]]()
+    missing = frozenset({RegisterName.RETURN_DELAY})
+    lacks = frozenset({"return_delay", "protective_torque", "protection_time", "overload_torque",
+                       "goal_time", "dts", "speed_unit", "hts"})
+
+    baud_rate             = Register(   6, 1,  UINT,   NUMBER,     RW,    EEP,       0,     7)
+    secondary_id          = Register(   7, 1,  UINT,   NUMBER,     RW,    EEP,       0,   253)
+    homing_offset         = Register(  31, 2,  SIGN15, TICK_4096,  RW,    EEP,   -4095,  4095)
+    operating_mode        = Register(  33, 1,  UINT,   NUMBER,     RW,    EEP,       0,     4)
+    current_p_gain        = Register(  34, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)
+    current_i_gain        = Register(  35, 1,  UINT,   NUMBER,     RW,    EEP,       0,   254)
+    torque_enable         = Register(  40, 1,  UINT,   NUMBER,     RW,    RAM,       0,     2)
+    # The greatest current on the way to a goal: 0 lets the servo not move at all.
+    goal_torque           = Register(  44, 2,  SIGN15, MA_6_5,     RW,    RAM,   -2047,  2047)
+    goal_speed            = Register(  46, 2,  SIGN15, TICK_RATE_50, RW,  RAM,  -32767, 32767)
+    # Gains of the position, from the EEPROM at power-up
+    kp                    = Register(  50, 1,  UINT,   NUMBER,     RW,    RAM,       0,   254)
+    kd                    = Register(  51, 1,  UINT,   NUMBER,     RW,    RAM,       0,   254)
+    ki                    = Register(  52, 1,  UINT,   NUMBER,     RW,    RAM,       0,   254)
+    km                    = Register(  53, 1,  UINT,   NUMBER,     RW,    RAM,       0,     1)
+    present_speed         = Register(  58, 2,  SIGN15, TICK_RATE_50, RO,  RAM)
+    present_current       = Register(  69, 2,  SIGN15, MA_6_5,     RO,    RAM)
+    current_offset        = Register(  73, 2,  SIGN15, NUMBER,     RO,    RAM)
+    moving_threshold      = Register(  80, 1,  UINT,   NUMBER,     RO,    EEP)
+    max_speed_limit       = Register(  84, 1,  UINT,   NUMBER,     RO,    EEP)
+    acceleration_limit    = Register(  85, 1,  UINT,   TICK_ACCEL, RO,    EEP)
+    acceleration_multiple = Register(  86, 1,  UINT,   NUMBER,     RO,    EEP)
+
+    profile_velocity      = goal_speed
+    present_velocity      = present_speed
+
+
+class HLS3606M(HLS, FeetechSTS, ControlTable):
+    """Small 6 V servo with a current loop."""
+
+    model_name = "HLS3606M"
+    number = 2570
+
+
+TABLES: tuple[type[ControlTable], ...] = (STS3215, STS3250, STS3235, HLS3606M)
 # fmt: on

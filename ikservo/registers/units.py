@@ -38,6 +38,7 @@ TICK_4096    = Unit("rad",    tau / 4096)     # 12-bit encoder
 TICK_300     = Unit("rad",    radians(300) / 1024)  # 10-bit potentiometer, by its travel
 TICK_200     = Unit("rad",    radians(200) / 1024)
 TICK_RATE    = Unit("rad/s",  tau / 4096)     # ticks a second
+TICK_RATE_50 = Unit("rad/s",  50 * tau / 4096)
 TICK_RATE_300 = Unit("rad/s", radians(300) / 1024)
 TICK_RATE_200 = Unit("rad/s", radians(200) / 1024)
 TICK_ACCEL   = Unit("rad/s²", 100 * tau / 4096)

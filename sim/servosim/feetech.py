@@ -24,7 +24,11 @@ class FeetechProtections(AlarmBits):
     def __init__(self, servo: Servo) -> None:
         super().__init__()
         self.servo = servo
-        self._has_current = "protection_current" in servo.table.by_name
+        names = servo.table.by_name
+        self._limit_name = "torque_limit" if "torque_limit" in names else "max_torque"
+        # The unit of the SCS225's is not known: no more is done with it than with none.
+        self._has_current = "torque_limit" in names and "protection_current" in names
+        self._has_overload = "overload_torque" in names
         self.start()
 
     def start(self) -> None:
@@ -47,8 +51,7 @@ class FeetechProtections(AlarmBits):
     def torque_limit(self) -> float:
         """Compute the effective limit, 0..1: protective torque after an overload."""
         get = self.servo.memory.get
-        name = "torque_limit" if self._has_current else "max_torque"
-        limit = min(1.0, get(name) / 1000)
+        limit = min(1.0, get(self._limit_name) / 1000)
         return min(limit, get("protective_torque") / 100) if self.bits & OVERLOAD else limit
 
     def check(self, dt_s: float) -> None:
@@ -57,7 +60,8 @@ class FeetechProtections(AlarmBits):
         volts = round(servo.supply_v * 10)
         self.set_alarm(VOLTAGE, not get("min_voltage_limit") <= volts <= get("max_voltage_limit"))
         self.set_alarm(HEAT, motor.temperature_c > get("max_temperature_limit"))
-        self._check_load(dt_s)
+        if self._has_overload:
+            self._check_load(dt_s)
         if self._has_current:
             self._check_current(dt_s)
         if self.bits:
@@ -204,6 +208,10 @@ class Feetech(Servo):
     ) -> None:
         sensor = make_series.sensor_mounting(shaft, delivered or {})
         super().__init__(table, motor, sensor, delivered, seed)
+        self._delays = "return_delay" in table.by_name
+        self._gains = (
+            ("kp", "kd", "ki") if "kp" in table.by_name else ("p_gain", "d_gain", "i_gain")
+        )
         self.bauds, self.instructions = make_series.bauds, make_series.instructions
         self.answers_broadcast_ping = make_series.answers_broadcast_ping
         self.goal_enables_torque = make_series.goal_enables_torque
@@ -217,8 +225,8 @@ class Feetech(Servo):
 
     @property
     def return_delay_s(self) -> float:
-        """The return delay register, 2 µs a step."""
-        return self.memory.get("return_delay") * 2e-6
+        """The return delay register, 2 µs a step; an HLS has none."""
+        return self.memory.get("return_delay") * 2e-6 if self._delays else 0.0
 
     @property
     def status_level(self) -> int:
@@ -326,9 +334,10 @@ class Feetech(Servo):
     def set_gains(self) -> None:
         """Apply the gains in SI."""
         drive, get = self.drive, self.memory.get
-        drive.kp = get("p_gain") * self.kp_per_gain
-        drive.kd = get("d_gain") * self.kd_per_gain
-        drive.ki = get("i_gain") * self.ki_per_gain
+        kp, kd, ki = (get(name) if name in self.table.by_name else 0 for name in self._gains)
+        drive.kp = kp * self.kp_per_gain
+        drive.kd = kd * self.kd_per_gain
+        drive.ki = ki * self.ki_per_gain
         drive.startup_pwm = get("min_startup_force") * self.startup_per_unit
         drive.tick_rad = self.shaft.rad_per_tick
         drive.dead_zone_rad = get("cw_dead_zone") * self.shaft.rad_per_tick
@@ -367,8 +376,16 @@ class Feetech(Servo):
         }
 
     def _write_effects(self) -> dict[str, Callable[[], None]]:
-        gains = ("p_gain", "d_gain", "i_gain", "min_startup_force", "cw_dead_zone")
-        goals = ("goal_time", "goal_speed", "phase", "min_position_limit", "max_position_limit")
+        gains = (*self._gains, "min_startup_force", "cw_dead_zone")
+        goals = (
+            "goal_time",
+            "goal_pwm",
+            "goal_torque",
+            "goal_speed",
+            "phase",
+            "min_position_limit",
+            "max_position_limit",
+        )
         return {
             "torque_enable": self.set_torque,
             "goal_position": self.set_goal,

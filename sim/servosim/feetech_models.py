@@ -1,4 +1,4 @@
-"""The STS and SCS series of Feetech servos (memory tables)."""
+"""The STS, HLS and SCS series of Feetech servos (memory tables)."""
 
 from __future__ import annotations
 
@@ -13,14 +13,25 @@ __all__ = ["ScsSeries", "StsSeries"]
 
 
 CURRENT_UNIT_A = 0.0065
+_FROM_EEPROM = {  # what an HLS copies into its RAM at power-up
+    "goal_torque": "protection_current", "kp": "p_gain", "kd": "d_gain", "ki": "i_gain",
+    "goal_speed": "max_speed_limit",
+}  # fmt: skip
 CALIBRATE = 128  # written to torque_enable: the present position becomes tick 2048
 SPEED_LIMIT_STEPS = 50  # steps a second of one unit of register 84, whatever the phase says
 STEP = 3  # operating mode: goals are added to each other
 PHASE_FINE_SPEED, PHASE_TURNS = 0x04, 0x10
 
 
+_STS_MODES = (ControlMode.POSITION, ControlMode.VELOCITY, ControlMode.PWM, ControlMode.POSITION)
+_HLS_MODES = (
+    ControlMode.POSITION, ControlMode.VELOCITY, ControlMode.CURRENT, ControlMode.PWM,
+    ControlMode.POSITION,
+)  # fmt: skip
+
+
 class StsSeries(FeetechSeries):
-    """An STS servo."""
+    """An STS servo, or an HLS: that has a goal torque, and speeds in 50 steps a second only."""
 
     bauds = MappingProxyType(dict(enumerate(BAUDS)))
     instructions = frozenset((1, 2, 3, 4, 5, 6, 8, 9, 0x0A, 0x0B, 0x82, 0x83))
@@ -32,6 +43,7 @@ class StsSeries(FeetechSeries):
         self.memory, self.shaft, self.motor, self.drive = (
             servo.memory, servo.shaft, servo.motor, servo.drive,
         )  # fmt: skip
+        self.is_hls = "goal_torque" in servo.table.by_name
         self.turn_base_tick = 0
         self.step_goal_tick = 0
         self.speed_unit_rad_s = servo.shaft.rad_per_tick
@@ -85,6 +97,9 @@ class StsSeries(FeetechSeries):
         """Set revolutions, torque limit and units from the memory after power-up."""
         self.turn_base_tick = self.shaft.tick_at(self.motor.encoder_rad) // 4096 * 4096
         self.memory.put("torque_limit", self.memory.get("max_torque"))
+        if self.is_hls:
+            for name, stored in _FROM_EEPROM.items():
+                self.memory.put(name, self.memory.get(stored))
         self.set_phase()
 
     def refresh_goal(self) -> None:
@@ -95,9 +110,7 @@ class StsSeries(FeetechSeries):
     def requested_mode(self) -> ControlMode:
         """Return the mode of the operating mode register; step mode starts at the present tick."""
         self.step_goal_tick = self.actual_tick()
-        return (ControlMode.POSITION, ControlMode.VELOCITY, ControlMode.PWM, ControlMode.POSITION)[
-            self.memory.get("operating_mode")
-        ]
+        return (_HLS_MODES if self.is_hls else _STS_MODES)[self.memory.get("operating_mode")]
 
     def set_torque(self) -> None:
         """Torque enable written: 128 calibrates and leaves the torque as it was."""
@@ -109,7 +122,8 @@ class StsSeries(FeetechSeries):
 
     def set_phase(self) -> None:
         """Phase written: bit 2 is the unit of speeds, 1 or 50 steps a second."""
-        steps = 1 if self.memory.get("phase") & PHASE_FINE_SPEED else 50
+        fine = not self.is_hls and self.memory.get("phase") & PHASE_FINE_SPEED
+        steps = 1 if fine else 50
         self.speed_unit_rad_s = steps * self.shaft.rad_per_tick
         threshold = self.memory.get("moving_threshold")
         self.drive.moving_threshold_rad_s = threshold * self.speed_unit_rad_s
@@ -123,17 +137,27 @@ class StsSeries(FeetechSeries):
         drive.acceleration_rad_s2 = get("acceleration") * 100 * self.shaft.rad_per_tick
         drive.velocity_limit_rad_s = self.servo.profile_speed(abs(speed_rad_s)) or greatest_rad_s
         drive.goal_velocity_rad_s = sign * speed_rad_s
-        drive.goal_pwm = sign * get("goal_time") / 1000
-        if get("operating_mode") == STEP:
+        if self.is_hls:
+            self._set_current(get("goal_torque"))
+        else:
+            drive.goal_pwm = sign * get("goal_time") / 1000
+        if get("operating_mode") == STEP and not self.is_hls:
             drive.goal_rad = self.shaft.angle_at(self.step_goal_tick + self.turn_base_tick)
         else:
             drive.goal_rad = self.angle_at(self.servo.clamped_goal())
+
+    def _set_current(self, goal_torque: int) -> None:
+        """Apply the goal torque: the goal of the mode of current, else the limit, 0 for none."""
+        drive, current_a = self.drive, goal_torque * CURRENT_UNIT_A
+        drive.goal_current_a = self.shaft.sign * current_a
+        drive.current_limit_a = abs(current_a)
+        drive.goal_pwm = self.shaft.sign * goal_torque / 1000
 
     def set_position_goal(self) -> None:
         """Goal position written; in step mode it is added to the previous goal."""
         get, servo = self.memory.get, self.servo
         mode = get("operating_mode")
-        if mode == STEP:
+        if mode == STEP and not self.is_hls:
             self.step_goal_tick += get("goal_position")
             self.set_goal()
         elif mode != 0 or get("torque_enable") != 0:
@@ -164,7 +188,9 @@ class StsSeries(FeetechSeries):
         motor, sign = self.motor, self.shaft.sign
         return {
             "present_speed": lambda: round(sign * motor.velocity_rad_s / self.speed_unit_rad_s),
-            "present_current": lambda: round(abs(motor.current_a) / CURRENT_UNIT_A),
+            "present_current": lambda: round(
+                (sign * motor.current_a if self.is_hls else abs(motor.current_a)) / CURRENT_UNIT_A
+            ),
             "target_position": lambda: self.memory.get("goal_position"),
         }
 
@@ -201,8 +227,9 @@ class ScsSeries(FeetechSeries):
         """A goal register was written: the time counts only without a speed."""
         servo, drive, shaft = self.servo, self.servo.drive, self.servo.shaft
         speed_rad_s = servo.memory.get("goal_speed") * shaft.rad_per_tick
-        time_s = servo.memory.get("goal_time") / 1000
-        timed = speed_rad_s == 0.0 and time_s > 0.0
+        duty_or_ms = "goal_time" if "goal_time" in servo.table.by_name else "goal_pwm"
+        time_s = servo.memory.get(duty_or_ms) / 1000
+        timed = duty_or_ms == "goal_time" and speed_rad_s == 0.0 and time_s > 0.0
         drive.mode = self.requested_mode()
         drive.profile_time_s = time_s if timed and drive.mode is ControlMode.POSITION else 0.0
         drive.velocity_limit_rad_s = 0.0 if timed else servo.profile_speed(abs(speed_rad_s))
@@ -214,4 +241,5 @@ class ScsSeries(FeetechSeries):
         motor, shaft = self.servo.motor, self.servo.shaft
         return {
             "present_speed": lambda: round(shaft.sign * motor.velocity_rad_s / shaft.rad_per_tick),
+            "present_current": lambda: round(shaft.sign * motor.current_a / CURRENT_UNIT_A),
         }

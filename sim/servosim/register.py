@@ -35,6 +35,7 @@ class Sign(Enum):
 
     NONE = -1
     TWOS = 0
+    BIT7 = 7
     BIT10 = 10
     BIT11 = 11
     BIT15 = 15

@@ -4,12 +4,13 @@ import pytest
 
 from ikservo.control.servo_limits import ServoRamLimits, limit_torque, torque_limit_registers
 from ikservo.errors import RegisterAccessError
-from ikservo.registers import MODELS, Access, Area, Family, OperatingMode
+from ikservo.hardware import torque_on
+from ikservo.registers import MODELS, Access, Area, Family, OperatingMode, RegisterName
 from tests.hardware.factories import make_bus
 
 LIMITED = {
     name: ("goal_pwm", "pwm_limit")
-    if "goal_pwm" in table.registers
+    if "pwm_limit" in table.registers
     else ("torque_limit", "max_torque")
     for name, table in MODELS.items()
     if table.family is not Family.FEETECH_SCS
@@ -17,6 +18,10 @@ LIMITED = {
 """In position mode; the SCS models have none."""
 
 WITH_CURRENT = [name for name, table in MODELS.items() if "goal_current" in table.registers]
+
+
+def servo_register(bus, name):
+    return bus.servos[1].table.registers[name]
 
 
 def names_of(found):
@@ -53,6 +58,30 @@ def test_the_limit_is_written_to_ram_as_a_share_of_what_eeprom_allows(model):
 def test_a_model_without_a_limit_is_refused(model):
     with pytest.raises(RegisterAccessError, match="there is none in RAM"):
         limit_torque(make_bus({1: model}), 1, 0.5)
+
+
+def test_an_hls_that_was_left_without_current_can_move_again():
+    bus = make_bus({1: "HLS3606M"})
+    servo = bus.port.transport.line.servos[1]
+    bus.write(1, servo_register(bus, "goal_torque"), 0, raw=True)
+    goal_tick = torque_on(bus, 1) + 200
+    moved_ticks = []
+    for _ in range(2):
+        bus.write(1, RegisterName.GOAL_POSITION, goal_tick, raw=True)
+        bus.clock.sleep_until(bus.clock.now_s() + 0.5)
+        moved_ticks.append(bus.read(1, RegisterName.PRESENT_POSITION, raw=True) - goal_tick + 200)
+        ServoRamLimits(bus, [1]).prepare(1)
+    assert moved_ticks == pytest.approx([0, 200], abs=8)
+    assert servo.read("goal_torque") == servo.read("protection_current")
+
+
+@pytest.mark.parametrize("speed_rad_s", [0.05, 0.1, 0.5, 3.0])
+def test_an_hls_may_turn_as_fast_as_the_motion_in_its_coarse_unit(speed_rad_s):
+    bus = make_bus({1: "HLS3606M"})
+    limits = ServoRamLimits(bus, [1])
+    limits.prepare(1)
+    limits.set_speed(speed_rad_s)
+    assert bus.read(1, RegisterName.PROFILE_VELOCITY) >= speed_rad_s
 
 
 @pytest.mark.parametrize("model", LIMITED)

@@ -81,10 +81,11 @@ def test_ram_stands_behind_eeprom_but_for_the_makers_own_settings(table):
     assert max(eeprom) <= min(ram)
 
 
-# The makers' numbers, copied a second time; no sheet gives that of the SCS15.
+# The makers' numbers, copied a second time.
 # fmt: off
 NUMBERS = {
-    "STS3215": 777, "STS3250": 2825, "SCS0009": 1284,
+    "STS3215": 777, "STS3250": 2825, "STS3235": 9 + (8 << 8), "HLS3606M": 10 + (10 << 8),
+    "SCS0009": 0x504, "SCS15": 0x50F, "SCS225": (9 << 8) + 35,
     "XL330-M288": 1200, "XL330-M077": 1190,
     "XC330-M288": 1240, "XC330-M181": 1230, "XC330-T288": 1220, "XC330-T181": 1210,
     "XL430-W250": 1060, "2XL430-W250": 1090,
@@ -136,6 +137,11 @@ def test_a_servo_with_two_shafts_lacks_what_its_sheet_does():
         assert MODELS[model].registers.keys() == XL430W250.registers.keys() - lacks
 
 
+def test_a_role_that_only_the_series_has_is_not_found():
+    with pytest.raises(UnknownNameError, match="HLS3606M register named 'return_delay'"):
+        MODELS["HLS3606M"].find(RegisterName.RETURN_DELAY)
+
+
 def test_a_register_that_a_model_lacks_is_named():
     with pytest.raises(UnknownNameError, match="XL430-W250 register named 'goal_current'"):
         XL430W250.find(XL330M288.goal_current)
@@ -159,6 +165,8 @@ def test_a_register_that_a_model_lacks_is_named():
         (XL430W250.return_delay_time, 250, 0.0005),
         (SCS0009.present_position, 512, radians(150)),
         (SCS15.present_position, 512, radians(100)),
+        (MODELS["HLS3606M"].goal_speed, 8, 400 * 2 * pi / 4096),
+        (MODELS["HLS3606M"].registers["goal_torque"], -500, -3.25),
         (AX12A.present_position, 512, radians(150)),
         (AX12A.moving_speed, 1023, 0.111 * 1023 * 2 * pi / 60),
         (MX28.present_position, 1024, pi / 2),
