@@ -89,6 +89,8 @@ def choose_homing(
             f"{joint}: travel of {travel.width} ticks, more than one turn ({encoder.ticks}).",
             f"Is a horn loose? For a joint without end stops: --continuous {joint}",
         )
+    if not encoder.wraps:
+        return _check_fixed_homing(joint, travel, encoder)
     if family is Family.FEETECH_STS:
         return _choose_sts_homing(travel, offset, encoder.ticks)
     if family is Family.DYNAMIXEL_2:

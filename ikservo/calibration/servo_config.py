@@ -39,19 +39,11 @@ _ROLES = (
     RegisterName.MIN_POSITION_LIMIT,
     RegisterName.MAX_POSITION_LIMIT,
 )
-_NAMES = {Family.FEETECH_STS: ("phase",), Family.DYNAMIXEL_2: ("drive_mode",)}
+_NAMES = {Family.FEETECH_STS: "phase", Family.DYNAMIXEL_2: "drive_mode"}
 # Bits that reverse or shift the count; the others of these registers are tuning.
 _BITS = {"phase": 0b1001_0001, "drive_mode": 0b0001}
 
 MULTI_TURN_BIT = 0b0001_0000  # of phase: a multi-turn STS loses its count without power
-_POSITION_MODES = {
-    Family.FEETECH_STS: (FeetechMode.POSITION,),
-    Family.DYNAMIXEL_2: (
-        OperatingMode.POSITION,
-        OperatingMode.EXTENDED_POSITION,
-        OperatingMode.CURRENT_BASED_POSITION,
-    ),
-}
 EXTENDED, CURRENT_POSITION = OperatingMode.EXTENDED_POSITION, OperatingMode.CURRENT_BASED_POSITION
 _MULTI_TURN_MODES = (EXTENDED, CURRENT_POSITION)
 
@@ -96,7 +88,7 @@ def same_direction(config: ServoConfig, held: Mapping[str, int]) -> bool:
     if any(registers_differ(name, held[name], config.registers[name]) for name in turned):
         return False
     ignored = config.offset != config.registers.get("homing_offset", 0)
-    return not ignored and mode in _POSITION_MODES.get(config.table.family, (mode,))
+    return not ignored and mode in (config.table.position_modes or (mode,))
 
 
 def is_multi_turn(held: Mapping[str, int]) -> bool:
@@ -108,7 +100,8 @@ def is_multi_turn(held: Mapping[str, int]) -> bool:
 def calibration_registers(table: type[ControlTable]) -> list[Register]:
     """Return the registers of a model that a calibration depends on."""
     roles = [table.find(role) for role in _ROLES if role not in table.missing]
-    return [*roles, *(table.registers[name] for name in _NAMES.get(table.family, ()))]
+    own = table.registers.get(_NAMES.get(table.family, ""))
+    return [*roles, own] if own else roles
 
 
 def read_servo_config(bus: ServoBus, servo_id: int) -> ServoConfig:
@@ -145,7 +138,7 @@ def expected_registers(
     if config.table.family is Family.FEETECH_STS:
         held["operating_mode"] = FeetechMode.POSITION
         held["phase"] &= ~MULTI_TURN_BIT
-    elif config.table.family is Family.DYNAMIXEL_2:
+    elif "drive_mode" in held:
         held["operating_mode"] = _choose_x_mode(held["operating_mode"], extended)
     if "homing_offset" in held:
         held["homing_offset"] = offset

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from types import MappingProxyType
+from collections.abc import Iterable, Mapping
 
 from ikservo.errors import BusError, RefusedError, ServoAlarmError, ServoRejectedError
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.goal_writing import write_goals
 from ikservo.hardware.register_access import MAX_ENABLING_TICKS
 from ikservo.hardware.servo import ServoSpec
-from ikservo.registers import ControlTable, Family, FeetechMode, OperatingMode, RegisterName
+from ikservo.registers import ControlTable, Family, RegisterName
 
 __all__ = [
     "accepted_goal_range",
@@ -125,9 +124,9 @@ def accepted_goal_range(servo: ServoSpec, held: Mapping[RegisterName, int]) -> t
         if limits == (0, 0):
             raise _mode_error(servo, "both its position limits are 0")
         return limits
-    if mode not in _POSITION_MODES[table.family]:
+    if mode not in table.position_modes:
         raise _mode_error(servo, f"its operating mode is {mode}")
-    several_turns = mode in _MULTI_TURN
+    several_turns = mode != table.position_modes[0]
     if table.family is Family.FEETECH_STS:
         several_turns = limits == (0, 0)
     return table.find(RegisterName.GOAL_POSITION).range if several_turns else limits
@@ -138,15 +137,6 @@ def _mode_error(servo: ServoSpec, reason: str) -> RefusedError:
         f"{servo} cannot hold a position: {reason}.",
         "Torque stays off. Calibrate the arm: ikservo calibrate",
     )
-
-
-_MULTI_TURN = (OperatingMode.EXTENDED_POSITION, OperatingMode.CURRENT_BASED_POSITION)
-_POSITION_MODES: Mapping[Family, Sequence[int]] = MappingProxyType(
-    {
-        Family.FEETECH_STS: (FeetechMode.POSITION,),
-        Family.DYNAMIXEL_2: (OperatingMode.POSITION, *_MULTI_TURN),
-    }
-)
 
 
 def torque_off(bus: ServoBus, servo_ids: Iterable[int]) -> dict[int, BusError]:

@@ -175,6 +175,8 @@ SERVO_TORQUES: Mapping[tuple[str, float | None], ServoTorque] = MappingProxyType
             GearFriction(0.101, 0.0394, 0.884, 0.0, 0.234)),
         ("XH540-W150", None): ServoTorque(34.4, 800, 7.48, 1.01, 0.0081,
             GearFriction(0.0728, 0.0283, 1.59, 0.0, 0.234)),
+        ("XL-320", None): ServoTorque(2.97, 32, 0.486, 0.0403, 0.0011,
+            GearFriction(0.000577, 0.00317, 0.253, 0.1543, 0.0875, 0.23)),
         ("AX-12A", None): ServoTorque(9.66, 32, 1.58, 0.253, 0.0032, _AX_12),
         ("MX-28", None): ServoTorque(16.1, 32, 2.64, 0.453, 0.0032, _MX_28),
     }
@@ -199,7 +201,7 @@ def find_servo_torque(model: str, supply_v: float | None) -> ServoTorque | None:
 
 
 _SUPPLY_V = MappingProxyType(
-    {"STS3215": 7.4, "SCS225": 7.4, "SCS0009": 6.0, "SCS15": 6.0, "HLS3606M": 6.0}
+    {"STS3215": 7.4, "SCS225": 7.4, "XL-320": 7.4, "SCS0009": 6.0, "SCS15": 6.0, "HLS3606M": 6.0}
     | dict.fromkeys(("XL330-M288", "XL330-M077", "XC330-M288", "XC330-M181"), 5.0)
 )
 _USUAL_SUPPLY_V = 12.0

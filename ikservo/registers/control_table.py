@@ -120,6 +120,8 @@ class ControlTable:
         alarm_bits: Bit of the alarm register to its meaning.
         eeprom_lock: The register that must be 0 for EEPROM writes to be stored, if the family has
             one that can be unlocked again.
+        position_modes: Numbers of the operating mode that hold a position, the one of a single
+            turn first; empty for a family without such a register.
         fine_speed_bit: Bit of the register ``phase`` that makes a count of speed a tick a second
             instead of 50; 0 where the unit is fixed.
         bulk_read: Protocol 1.0 only: the model supports the instruction.
@@ -137,6 +139,7 @@ class ControlTable:
     baud_rates: ClassVar[Mapping[int, int]]
     alarm_bits: ClassVar[Mapping[int, Alarm]]
     eeprom_lock: ClassVar[Register | None] = None
+    position_modes: ClassVar[tuple[int, ...]] = ()
     fine_speed_bit: ClassVar[int] = 0
     bulk_read: ClassVar[bool] = False
     missing: ClassVar[frozenset[RegisterName]] = frozenset()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ikservo.registers.control_table import Alarm, ControlTable, Family
+from ikservo.registers.control_table import Alarm, ControlTable, Family, OperatingMode
 from ikservo.registers.register import Access, Area, Register, TwosComplement, Unsigned
 from ikservo.registers.units import (
     CELSIUS,
@@ -43,6 +43,8 @@ class DynamixelX:
     ticks_per_turn = 4096
     baud_rates = BAUD_RATES
     alarm_bits = ALARM_BITS
+    position_modes = (OperatingMode.POSITION, OperatingMode.EXTENDED_POSITION,
+                      OperatingMode.CURRENT_BASED_POSITION)
 
     #                                 addr size codec unit        access area     raw range
     model_number           = Register(   0, 2,  UINT, NUMBER,       RO,  EEP)

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
-from ikservo.registers.control_table import Alarm, ControlTable, Family, RegisterName
+from ikservo.registers.control_table import (
+    Alarm,
+    ControlTable,
+    Family,
+    FeetechMode,
+    RegisterName,
+)
 from ikservo.registers.register import Access, Area, Register, SignMagnitude, Unsigned
 from ikservo.registers.units import (
     CELSIUS,
@@ -42,6 +48,7 @@ class FeetechSTS:
     ticks_per_turn = 4096
     baud_rates = BAUD_RATES
     alarm_bits = ALARM_BITS
+    position_modes = (FeetechMode.POSITION,)
     fine_speed_bit = 0b100
     # 128 makes the present position tick 2048; repeated after a move it would set another offset.
     non_idempotent = frozenset({("torque_enable", 128)})

@@ -210,9 +210,11 @@ def _model_at(arm: SimulatedArmFile, model: str) -> str:
 
 
 def _protocol_registers(table: ServoTable, protocol: int | None) -> dict[str, int]:
-    default_protocol = {SimulatedFamily.DYNAMIXEL_X: 2, SimulatedFamily.DYNAMIXEL_1: 1}.get(
-        table.family
-    )
+    default_protocol = {
+        SimulatedFamily.DYNAMIXEL_X: 2,
+        SimulatedFamily.DYNAMIXEL_320: 2,
+        SimulatedFamily.DYNAMIXEL_1: 1,
+    }.get(table.family)
     if protocol is None or protocol == default_protocol:
         return {}
     row = table.by_name.get("protocol_type")

@@ -1,4 +1,4 @@
-"""Dynamixel AX and MX firmware, protocol 1.0, with its protections (ROBOTIS e-manual)."""
+"""Dynamixel AX, MX and XL-320 firmware with its protections (ROBOTIS e-manual)."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from servosim.control import ControlMode
-from servosim.frames import Dynamixel1Reader
+from servosim.frames import Dynamixel1Reader, Dynamixel2Reader
 from servosim.motor import Motor
 from servosim.register import ServoTable, SimulatedArea, SimulatedRegister
 from servosim.servo import AlarmBits, BusProtocol, HornMounting, InstructionError, Servo
@@ -21,11 +21,13 @@ OVERLOAD_FRACTION = 0.9  # assumed fraction of the largest output that counts as
 
 
 class Dynamixel1Protections(AlarmBits):
-    """Protections of one servo."""
+    """Protections of one servo; the XL-320 has other bits for the same causes."""
 
     def __init__(self, servo: Dynamixel1) -> None:
         super().__init__()
         self.servo = servo
+        bits = (0x04, 0x02, 0x01) if servo.is_320 else (VOLTAGE, HEAT, OVERLOAD)
+        self._voltage, self._heat, self._overload = bits
         self.start()
 
     def start(self) -> None:
@@ -35,19 +37,21 @@ class Dynamixel1Protections(AlarmBits):
 
     def clear_overload(self) -> None:
         """Torque limit written: resets an overload."""
-        self.bits &= ~OVERLOAD
+        self.bits &= ~self._overload
         self._overload_s = 0.0
 
     def check(self, dt_s: float) -> None:
         """Check everything once; ``dt_s`` is the time since the last check."""
         get, servo, motor = self.servo.memory.get, self.servo, self.servo.motor
         volts = round(servo.supply_v * 10)
-        self.set_alarm(VOLTAGE, not get("min_voltage_limit") <= volts <= get("max_voltage_limit"))
-        self.set_alarm(HEAT, motor.temperature_c > get("temperature_limit"))
+        self.set_alarm(
+            self._voltage, not get("min_voltage_limit") <= volts <= get("max_voltage_limit")
+        )
+        self.set_alarm(self._heat, motor.temperature_c > get("temperature_limit"))
         heavy = abs(motor.torque_nm) > OVERLOAD_FRACTION * motor.parameters.stall_torque_nm
         self._overload_s = self._overload_s + dt_s if heavy and servo.drive.torque_on else 0.0
         if self._overload_s > OVERLOAD_AFTER_S:
-            self.bits |= OVERLOAD
+            self.bits |= self._overload
         if self.bits & get("shutdown") and servo.drive.torque_limit > 0.0:
             servo.memory.put("torque_limit", 0)
             servo.drive.torque_limit = 0.0
@@ -57,7 +61,9 @@ class Dynamixel1Protections(AlarmBits):
 # Baud rate = 2 000 000 / (number + 1); the MX has three faster ones besides.
 BAUDS = {n: 2_000_000 / (n + 1) for n in range(255)}
 MX_BAUDS = BAUDS | {250: 2.25e6, 251: 2.5e6, 252: 3.0e6}
-SPEED_RAD_S = {"AX-12A": 0.111 * 2 * math.pi / 60, "MX-28": 0.114 * 2 * math.pi / 60}
+BAUDS_320 = {0: 9600.0, 1: 57600.0, 2: 115200.0, 3: 1e6}
+RPM_RAD_S = 2 * math.pi / 60
+SPEED_RAD_S = {"AX-12A": 0.111 * RPM_RAD_S, "MX-28": 0.114 * RPM_RAD_S, "XL-320": 0.111 * RPM_RAD_S}
 ACCELERATION_RAD_S2 = math.radians(8.583)
 SLOPE_RAD = math.radians(300.0 / 1024)  # one step of a compliance slope: full duty at its end
 FULL = 1023  # of torque limits and punch
@@ -65,7 +71,10 @@ MULTI_TURN = 4095  # both angle limits
 
 
 class Dynamixel1(Servo):
-    """An AX or MX servo; the angle limits choose between joint, wheel and multi-turn."""
+    """An AX or MX servo; the angle limits choose between joint, wheel and multi-turn.
+
+    An XL-320 has the AX's potentiometer, the MX's gains, protocol 2.0 and a register of its mode.
+    """
 
     protocol = BusProtocol.DYNAMIXEL_1
     framing = Dynamixel1Reader
@@ -81,8 +90,14 @@ class Dynamixel1(Servo):
         seed: int = 0,
     ) -> None:
         super().__init__(table, motor, shaft, delivered, seed)
-        self.is_mx = "p_gain" in table.by_name
+        self.is_mx = "multi_turn_offset" in table.by_name
+        self.is_320 = "operating_mode" in table.by_name
         self.bauds = MX_BAUDS if self.is_mx else BAUDS
+        if self.is_320:
+            self.protocol, self.framing = BusProtocol.DYNAMIXEL_2, Dynamixel2Reader
+            self.bauds, self.registered_flag = BAUDS_320, "registered_instruction"
+            self.knows_fast_reads = False
+        self._locking = "torque_enable" if self.is_320 else "lock"
         bulk_read = {0x08, 0x92} if self.is_mx else set[int]()
         self.instructions = frozenset({1, 2, 3, 4, 5, 6, 0x83} | bulk_read)
         self.speed_unit_rad_s = SPEED_RAD_S[table.model]
@@ -106,8 +121,8 @@ class Dynamixel1(Servo):
 
     @property
     def alarm(self) -> int:
-        """The alarm bits of a status packet."""
-        return self.watch.bits
+        """The alarm bits of a status packet: protocol 2.0 has one for all causes."""
+        return 0x80 if self.is_320 and self.watch.bits else self.watch.bits
 
     def check_write(self, address: int, data: bytes) -> InstructionError | None:
         """Check a write: read-only registers and values out of range are range errors."""
@@ -119,8 +134,8 @@ class Dynamixel1(Servo):
             value = row.decode(data[row.address - address : row.end - address]) if whole else 0
             if not row.writable or not whole or not row.accepts(value):
                 return InstructionError.RANGE
-            if row.area is SimulatedArea.EEPROM and self.memory.get("lock"):
-                return InstructionError.RANGE
+            if row.area is SimulatedArea.EEPROM and self.memory.get(self._locking):
+                return InstructionError.ACCESS if self.is_320 else InstructionError.RANGE
             if self._is_goal_outside(row, value):
                 return InstructionError.LIMIT
         return None
@@ -146,7 +161,9 @@ class Dynamixel1(Servo):
 
     @property
     def is_wheel_mode(self) -> bool:
-        """Both angle limits are zero: speed is controlled."""
+        """Both angle limits are zero, or the mode of an XL-320 is 1: speed is controlled."""
+        if self.is_320:
+            return self.memory.get("operating_mode") == 1
         return self.memory.get("cw_angle_limit") == self.memory.get("ccw_angle_limit") == 0
 
     @property
@@ -220,7 +237,7 @@ class Dynamixel1(Servo):
         drive, get = self.drive, self.memory.get
         drive.minimum_pwm = get("punch") / FULL
         drive.tick_rad = self.shaft.rad_per_tick
-        if self.is_mx:
+        if self.is_mx or self.is_320:
             unit = 1.0 / (32 * SLOPE_RAD) / (32 / 8)  # P gain 32 is Kp 4 and a slope of 32 steps
             drive.kp = unit * get("p_gain") / 8
             drive.ki = unit * get("i_gain") * 1000 / 2048
@@ -249,12 +266,13 @@ class Dynamixel1(Servo):
             "present_voltage": lambda: round(self.supply_v * 10),
             "present_temperature": lambda: int(motor.temperature_c),
             "moving": lambda: int(motor.moving),
+            "hardware_error_status": lambda: self.watch.bits,
             "realtime_tick": lambda: int((self.time_s - self.boot_s) * 1000) % 32768,
         }
 
     def _list_effects(self) -> None:
         goals = ("moving_speed", "goal_acceleration", "cw_angle_limit", "ccw_angle_limit",
-                 "multi_turn_offset", "resolution_divider")  # fmt: skip
+                 "multi_turn_offset", "resolution_divider", "operating_mode")  # fmt: skip
         gains = ("p_gain", "i_gain", "d_gain", "punch", "cw_compliance_margin",
                  "cw_compliance_slope")  # fmt: skip
         self.effects = {

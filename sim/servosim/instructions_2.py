@@ -243,7 +243,7 @@ def _fast_reply_slots(requests: list[_ReadRequest], servos: Sequence[Servo]) -> 
     so_far = HEADER + bytes((BROADCAST, length & 0xFF, length >> 8, STATUS))
     slots: list[ReplySlot] = []
     for id_, address, size in requests:
-        there = [servo for servo in present.get(id_, ()) if servo.status_level >= 1]
+        there = [s for s in present.get(id_, ()) if s.status_level >= 1 and s.knows_fast_reads]
         if not there or address + size > there[0].table.size:
             break
         part = bytes((there[0].alarm, id_)) + there[0].read_bytes(address, size)

@@ -46,6 +46,7 @@ class SimulatedFamily(Enum):
 
     DYNAMIXEL_X = "dynamixel_2"
     DYNAMIXEL_1 = "dynamixel_1"
+    DYNAMIXEL_320 = "dynamixel_320"
     FEETECH_STS = "feetech_sts"
     FEETECH_SCS = "feetech_scs"
 

@@ -118,6 +118,7 @@ class Servo:
         pending: A registered write that waits for its action.
         changed: Called when an instruction or a script has changed something.
         on_write: Called with every write before it is checked.
+        knows_fast_reads: Whether it replies to the fast reads of protocol 2.0.
         goal_enables_torque: Whether a goal position written while torque is off switches it on,
             if the family leaves that open.
     """
@@ -129,6 +130,7 @@ class Servo:
     registered_flag = "registered_instruction"
     instructions: frozenset[int] = frozenset()  # the supported ones of protocol 1 framing
     answers_broadcast_ping = False
+    knows_fast_reads = True
     kept_by_recovery: tuple[str, ...] = ()
     goal_enables_torque = False
     hears_while_replying = True

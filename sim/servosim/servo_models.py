@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from functools import partial
 
-from servosim.dynamixel_1 import Dynamixel1
+from servosim.dynamixel_1 import BAUDS_320, Dynamixel1
 from servosim.dynamixel_x import SimulatedDynamixelX
 from servosim.errors import SimulatorError, UnknownModelError
 from servosim.feetech import Feetech
@@ -30,12 +30,14 @@ TABLES: dict[str, ServoTable] = {
 _FIRMWARE: dict[SimulatedFamily, Callable[..., Servo]] = {
     SimulatedFamily.DYNAMIXEL_X: SimulatedDynamixelX,
     SimulatedFamily.DYNAMIXEL_1: Dynamixel1,
+    SimulatedFamily.DYNAMIXEL_320: Dynamixel1,
     SimulatedFamily.FEETECH_STS: partial(Feetech, StsSeries),
     SimulatedFamily.FEETECH_SCS: partial(Feetech, ScsSeries),
 }
 _BAUDS: dict[SimulatedFamily, Mapping[int, float]] = {
     SimulatedFamily.DYNAMIXEL_X: SimulatedDynamixelX.bauds,
     SimulatedFamily.DYNAMIXEL_1: Dynamixel1.bauds,
+    SimulatedFamily.DYNAMIXEL_320: BAUDS_320,
     SimulatedFamily.FEETECH_STS: StsSeries.bauds,
     SimulatedFamily.FEETECH_SCS: ScsSeries.bauds,
 }

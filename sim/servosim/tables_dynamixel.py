@@ -1,4 +1,4 @@
-"""Control tables of Dynamixel AX, MX and X servos (ROBOTIS e-manual)."""
+"""Control tables of Dynamixel AX, MX, XL-320 and X servos (ROBOTIS e-manual)."""
 
 from __future__ import annotations
 
@@ -90,6 +90,41 @@ _MX_28: tuple[_Row, ...] = (
     (50, 2, "realtime_tick",        "R",  _RAM_1,    0,        0,  32767,   _U1),
     (73, 1, "goal_acceleration",    "RW", _RAM_1,    0,        0,    254,   _U1),
 )
+
+_XL_320: tuple[_Row, ...] = (
+    # address size name           access area default    min     max   sign
+    ( 0, 2, "model_number",         "R",  _EEPROM_1,  350,        0,  65535,   _U1),
+    ( 2, 1, "firmware_version",     "R",  _EEPROM_1,   29,        0,    255,   _U1),
+    ( 3, 1, "id",                   "RW", _EEPROM_1,    1,        0,    252,   _U1),
+    ( 4, 1, "baud_rate",            "RW", _EEPROM_1,    3,        0,      3,   _U1),
+    ( 5, 1, "return_delay_time",    "RW", _EEPROM_1,  250,        0,    254,   _U1),
+    ( 6, 2, "cw_angle_limit",       "RW", _EEPROM_1,    0,        0,   1023,   _U1),
+    ( 8, 2, "ccw_angle_limit",      "RW", _EEPROM_1, 1023,        0,   1023,   _U1),
+    (11, 1, "operating_mode",       "RW", _EEPROM_1,    2,        1,      2,   _U1),
+    (12, 1, "temperature_limit",    "RW", _EEPROM_1,   65,        0,    150,   _U1),
+    (13, 1, "min_voltage_limit",    "RW", _EEPROM_1,   60,       50,    250,   _U1),
+    (14, 1, "max_voltage_limit",    "RW", _EEPROM_1,   90,       50,    250,   _U1),
+    (15, 2, "max_torque",           "RW", _EEPROM_1, 1023,        0,   1023,   _U1),
+    (17, 1, "status_return_level",  "RW", _EEPROM_1,    2,        0,      2,   _U1),
+    (18, 1, "shutdown",             "RW", _EEPROM_1,    3,        0,      7,   _U1),
+    (24, 1, "torque_enable",        "RW", _RAM_1,    0,        0,      1,   _U1),
+    (25, 1, "led",                  "RW", _RAM_1,    0,        0,      7,   _U1),
+    (27, 1, "d_gain",               "RW", _RAM_1,    0,        0,    254,   _U1),
+    (28, 1, "i_gain",               "RW", _RAM_1,    0,        0,    254,   _U1),
+    (29, 1, "p_gain",               "RW", _RAM_1,   32,        0,    254,   _U1),
+    (30, 2, "goal_position",        "RW", _RAM_1,    0,        0,   1023,   _U1),
+    (32, 2, "moving_speed",         "RW", _RAM_1,    0,    -1023,   1023, _B10),
+    (35, 2, "torque_limit",         "RW", _RAM_1, 1023,        0,   1023,   _U1),
+    (37, 2, "present_position",     "R",  _RAM_1,    0,        0,   1023,   _U1),
+    (39, 2, "present_speed",        "R",  _RAM_1,    0,    -1023,   1023, _B10),
+    (41, 2, "present_load",         "R",  _RAM_1,    0,    -1023,   1023, _B10),
+    (45, 1, "present_voltage",      "R",  _RAM_1,    0,        0,    255,   _U1),
+    (46, 1, "present_temperature",  "R",  _RAM_1,    0,        0,    255,   _U1),
+    (47, 1, "registered_instruction", "R", _RAM_1,   0,        0,      1,   _U1),
+    (49, 1, "moving",               "R",  _RAM_1,    0,        0,      1,   _U1),
+    (50, 1, "hardware_error_status", "R", _RAM_1,    0,        0,    255,   _U1),
+    (51, 2, "punch",                "RW", _RAM_1,   32,        0,   1023,   _U1),
+)
 # fmt: on
 
 
@@ -115,6 +150,16 @@ DYNAMIXEL_1 = (
         number=29,
         firmware=41,
         registers=tuple(_make_register(row) for row in _MX_28),
+    ),
+    ServoTable(
+        model="XL-320",
+        family=SimulatedFamily.DYNAMIXEL_320,
+        number=350,
+        firmware=29,
+        registers=tuple(_make_register(row) for row in _XL_320),
+        ticks_per_turn=1024 * 360.0 / 300.0,
+        middle_tick=512,
+        travel_rad=math.radians(300.0),
     ),
 )
 

@@ -10,7 +10,9 @@ from ikservo.model.servo_torque import find_servo_torque
 from ikservo.registers import MODELS
 
 PLANAR = Path(__file__).parents[2] / "configs" / "planar2"
-OF_ONE_SERIES_EACH = ("STS3235", "HLS3606M", "SCS225", "XC330-T288", "XC430-W150", "2XC430-W250")
+OF_ONE_SERIES_EACH = (
+    "STS3235", "HLS3606M", "SCS225", "XC330-T288", "XC430-W150", "2XC430-W250", "XL-320",
+)  # fmt: skip
 
 
 @pytest.fixture

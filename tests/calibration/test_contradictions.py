@@ -60,7 +60,7 @@ def test_a_name_and_an_id_given_twice_are_informed_of_the_second_joint():
 def test_a_model_of_another_family_offers_those_of_the_files_own():
     stranger = joint("wrist", 2, model="SCS15", travel_ticks=[100, 900])
     found, expected = issues_of(joint(), stranger)["joints", 1, "servo", "model"]
-    assert (found, expected) == ('is "SCS15"', "one of: STS3215, STS3250")
+    assert (found, expected) == ('is "SCS15"', "one of: STS3215, STS3250, STS3235, HLS3606M")
 
 
 @pytest.mark.parametrize("tick", [0, 4095])

@@ -99,16 +99,20 @@ def test_a_travel_is_at_most_a_tick_less_than_the_sensor(encoder):
         homing_of(Family.DYNAMIXEL_1, 0, encoder.ticks - 1, encoder=encoder)
 
 
+@pytest.mark.parametrize("family", Family)
 @pytest.mark.parametrize(("low", "high"), [(0, 500), (523, 1023)])
-def test_a_servo_that_cannot_shift_its_count_uses_all_of_its_sensor(low, high):
-    found = homing_of(Family.DYNAMIXEL_1, low, high, encoder=POTENTIOMETER)
+def test_a_servo_that_cannot_shift_its_count_uses_all_of_its_sensor(family, low, high):
+    found = homing_of(family, low, high, encoder=POTENTIOMETER)
     assert found == Homing(0, False, 0)
 
 
+@pytest.mark.parametrize("family", Family)
 @pytest.mark.parametrize(("low", "high"), [(-1, 500), (-500, -400), (524, 1024)])
-def test_a_servo_that_cannot_shift_its_count_refuses_what_its_sensor_does_not_see(low, high):
+def test_a_servo_that_cannot_shift_its_count_refuses_what_its_sensor_does_not_see(
+    family, low, high
+):
     with pytest.raises(CalibrationError, match="wrap-around"):
-        homing_of(Family.DYNAMIXEL_1, low, high, encoder=POTENTIOMETER)
+        homing_of(family, low, high, encoder=POTENTIOMETER)
 
 
 def test_a_magnet_that_cannot_shift_its_count_is_counted_within_its_turn():

@@ -92,7 +92,7 @@ NUMBERS = {
     "XC430-W240": 1080, "XC430-W150": 1070, "2XC430-W250": 1160,
     "XM430-W350": 1020, "XM430-W210": 1030, "XH430-W350": 1000, "XH430-W210": 1010,
     "XM540-W270": 1120, "XM540-W150": 1130, "XH540-W270": 1100, "XH540-W150": 1110,
-    "AX-12A": 12, "MX-28": 29,
+    "AX-12A": 12, "MX-28": 29, "XL-320": 350,
 }
 # fmt: on
 
@@ -170,6 +170,7 @@ def test_a_register_that_a_model_lacks_is_named():
         (AX12A.present_position, 512, radians(150)),
         (AX12A.moving_speed, 1023, 0.111 * 1023 * 2 * pi / 60),
         (MX28.present_position, 1024, pi / 2),
+        (MODELS["XL-320"].present_position, 1024, radians(300)),
         (MX28.goal_acceleration, 10, radians(85.83)),
     ],
 )
@@ -190,6 +191,7 @@ def test_a_plain_number_stays_an_integer():
 def test_alarm_bits_have_names():
     assert STS3215.decode_alarms(0b100001) == {Alarm.VOLTAGE, Alarm.OVERLOAD}
     assert XL430W250.decode_alarms(0b010000) == {Alarm.SHOCK}
+    assert MODELS["XL-320"].decode_alarms(0b101) == {Alarm.OVERLOAD, Alarm.VOLTAGE}
 
 
 def test_an_unnamed_alarm_bit_is_not_passed_over():
