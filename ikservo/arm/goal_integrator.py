@@ -1,4 +1,4 @@
-"""The goal of one joint while the arm settles: integrated, braked, held where the joint swings."""
+"""The goal of one joint while the arm settles: integrated, braked, softened in a swing."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 from enum import Enum, auto
 
+from ikservo.arm.swings import SwingDamper
 from ikservo.calibration import format_source
 from ikservo.guard import DrivenJoint
 
@@ -20,12 +21,9 @@ _FRICTION_MARGIN = 0.15
 # While it jumps its goal goes back by so much of its speed, over this time, and no further: a joint
 # that swings fast would make it leap.
 _BRAKE_S, _BRAKE_FILTER_S, _MAX_BRAKE_TICKS = 0.05, 0.02, 4.0
-# A joint that turns round so often, by more than stiction and noise explain, swings in the play of
-# its gears. Correcting would feed the swing, so its goal stays. Once at rest it is corrected
-# again, so many times.
-_SWING_TICKS, _MAX_TURNS, _MAX_RESTS = 4.5, 4, 2
-# One that swings for so long with its goal at rest is left swinging.
-_MAX_SWING_S = 1.0
+# Once a joint that swung in the play of its gears rests it is corrected again, each time slower
+# [rad/s at the horn], for it must not coast across its play.
+_SWUNG_RAD_S = (0.015, 0.005)
 # Near its target a joint that has just moved is waited for: after stiction it still slides.
 _NEAR_TICKS = 3
 _MIN_WAIT_S = 0.04
@@ -63,8 +61,9 @@ class GoalIntegrator:
     it has crossed the target, or is pressed away from it, one tick beside is as near as it gets,
     and it is not reversed for that: on the way back it would cross its backlash and jump further.
     Each time that it jumps over the target again, twice as many ticks beside it are enough. While
-    it moves its goal goes back, against its speed, so that the jump is short. The goal of a joint
-    that swings stays.
+    it moves its goal goes back, against its speed, so that the jump is short. A joint that swings
+    is softened until it rests (``SwingDamper``), and then corrected slowly; where that has begun a
+    swing again and again its goal stays.
 
     Args:
         driven: The joint with its servo and limits.
@@ -79,7 +78,6 @@ class GoalIntegrator:
         at: The last measured position, ticks.
         still_since_s: Since when the joint is within sensor noise of where it was.
         moved_s: When the position last changed, other than back by noise.
-        swing_ticks: How far the joint went between the last two times that it turned round.
     """
 
     def __init__(
@@ -95,16 +93,14 @@ class GoalIntegrator:
         self._low, self._high = min(low, goal), max(high, goal)
         self._acceleration, self._stuck = acceleration, stuck
         self._slowest = _MIN_RAD_S / driven.joint_map.horn_rad_per_tick
+        self._swung_speeds = [each / driven.joint_map.horn_rad_per_tick for each in _SWUNG_RAD_S]
         self._lead = driven.max_lead_ticks(0.0)
         self.at = self._before = self._anchor = goal if target is None else target
         self.moved_s, self.still_since_s = -math.inf, 0.0
         self._side, self._furthest, self._enough = 0, 0, 0
         self._rate = self._brake = 0.0
         self._filtered: float | None = None
-        self._turn = self._extreme = self.at
-        self._heading = self._turns = self._rests = 0
-        self._swings_since_s = math.inf
-        self.swing_ticks = 0
+        self._swing = SwingDamper()
 
     @property
     def error_ticks(self) -> int:
@@ -119,12 +115,17 @@ class GoalIntegrator:
 
     @property
     def swings(self) -> bool:
-        """Whether the joint swings, or has done so too often, and keeps its goal."""
-        return self._turns >= _MAX_TURNS
+        """Whether the joint swings, or has done so too often, and is not corrected."""
+        return self._swing.swings
+
+    @property
+    def swing_ticks(self) -> int:
+        """How far the joint went between the last two times that it turned round."""
+        return self._swing.ticks
 
     def has_swung_at(self, time_s: float) -> bool:
         """Check whether the joint has swung for so long that it is left swinging."""
-        return time_s - self._swings_since_s >= _MAX_SWING_S
+        return self._swing.has_swung_at(time_s)
 
     @property
     def saturation_reason(self) -> SaturationReason | None:
@@ -145,11 +146,12 @@ class GoalIntegrator:
 
         One that friction has just let go may be no further than noise so far.
         """
-        return self.still_since_s > time_s - _AT_REST_S or self.moved_s > time_s - _MIN_WAIT_S
+        still_s, last_s = time_s - self.still_since_s, time_s - self.moved_s
+        return still_s < _AT_REST_S or last_s < _MIN_WAIT_S or self._swing.may_swing(still_s)
 
     def goal_at(self, after_s: float) -> float:
         """Compute the goal's tick a time after the last update."""
-        return self._inside(self.goal + self._rate * after_s - self._brake)
+        return self._inside(self.goal + self._rate * after_s + self._along - self._brake)
 
     def update(
         self, tick: int, time_s: float, elapsed_s: float, *, correcting: bool = True
@@ -157,7 +159,7 @@ class GoalIntegrator:
         """Take the measured position, and choose the speed of the goal; 0 where not correcting."""
         self.goal = self._inside(self.goal + self._rate * elapsed_s)
         self._track_motion(tick, time_s)
-        self._track_swings(tick, time_s)
+        self._track_swings(tick, time_s, elapsed_s)
         self._track_speed(tick, elapsed_s)
         speed = self._desired_speed(time_s) if correcting else 0.0
         change = self._acceleration * elapsed_s
@@ -178,29 +180,26 @@ class GoalIntegrator:
         self._furthest = max(self._furthest, abs(self.error_ticks))
         self._side = side or self._side
 
-    def _track_swings(self, tick: int, time_s: float) -> None:
-        """Count how often the joint turns round by more than stiction and noise explain."""
-        if self._heading * (tick - self._extreme) > 0:
-            self._extreme = tick
-        elif abs(tick - self._extreme) > _SWING_TICKS:
-            self._turns += bool(self._heading)
-            self.swing_ticks = abs(self._extreme - self._turn)
-            self._turn, self._extreme = self._extreme, tick
-            self._heading = 1 if tick > self._turn else -1
-        if not self.swings:
-            self._swings_since_s = math.inf
-        elif self._swings_since_s == math.inf:
-            self._swings_since_s = time_s
-        elif not self.moves_at(time_s) and self._rests < _MAX_RESTS:
-            self._rests += 1
-            self._turns, self._turn = 0, tick
+    def _track_swings(self, tick: int, time_s: float, elapsed_s: float) -> None:
+        """Take the position to the damper; from where a swing comes to rest the goal goes on."""
+        moves = bool(self._rate) or abs(self._brake) >= 1.0
+        self._swing.update(tick, time_s, elapsed_s, goal_moves=moves)
+        if self.swings and self._swing.rests < len(_SWUNG_RAD_S) and not self.moves_at(time_s):
+            self.goal = self._inside(self.goal + self._along)  # the torque stays
+            self._swing.rest()
+            self._furthest = self._enough = 0
+
+    @property
+    def _along(self) -> float:
+        """By how much the goal goes along with a swing; one that is only to rest keeps its goal."""
+        return 0.0 if self.target is None else self._swing.goal_ticks
 
     def _track_speed(self, tick: int, elapsed_s: float) -> None:
-        """Brake by the speed of the filtered position; not a joint that keeps its goal."""
+        """Brake by the speed of the filtered position; not a joint that is only to rest."""
         filtered = tick if self._filtered is None or self.target is None else self._filtered
         self._filtered = filtered + min(elapsed_s / _BRAKE_FILTER_S, 1.0) * (tick - filtered)
         brake = _BRAKE_S / _BRAKE_FILTER_S * (tick - self._filtered)
-        if self.swings or abs(brake) < 1.0:  # or goals move when all are at rest
+        if abs(brake) < 1.0 and not self.swings:  # or goals move when all are at rest
             brake = 0.0
         self._brake = min(max(brake, -_MAX_BRAKE_TICKS), _MAX_BRAKE_TICKS)
 
@@ -213,6 +212,8 @@ class GoalIntegrator:
             return 0.0
         if abs(self.error_ticks) <= _NEAR_TICKS and time_s - self.moved_s < _MIN_WAIT_S:
             return 0.0
+        if self._swing.rests:
+            return math.copysign(self._swung_speeds[self._swing.rests - 1], self.error_ticks)
         slowly = max(_FRACTION_PER_S * abs(self.error_ticks), self._slowest)
         return math.copysign(max(slowly, self._speed_while_stuck()), self.error_ticks)
 

@@ -32,7 +32,7 @@ def _never(_measured: Vector) -> bool:
 
 # A joint that friction keeps does not move with its goal, however slow its speed class is.
 _MIN_RAD_S2 = 4.0
-_MAX_DURATION_S = 3.0
+_MAX_DURATION_S = 5.0
 # A joint that friction lets go just before that comes to rest at its goal within this time.
 _MAX_COAST_S = 0.5
 # A swing further than this, at the horn, is more than worn gears explain: something is loose.
@@ -173,7 +173,8 @@ def _describe_residual(joint: GoalIntegrator, time_s: float) -> str:
     reason, joint_map = joint.saturation_reason, joint.driven.joint_map
     missing = joint_map.format(abs(joint.error_ticks) * joint_map.unit_per_tick)
     if not joint.swings:
-        return f"{joint_map.joint} is {missing} short: {reason.text if reason else 'timeout'}"
+        why = reason.text if reason else "it jumps across its goal" if joint.arrived else "timeout"
+        return f"{joint_map.joint} is {missing} short: {why}"
     swing = joint_map.format(joint.swing_ticks * joint_map.unit_per_tick)
     verb = "swings" if joint.moves_at(time_s) else "swung"
     return f"{joint_map.joint} {verb} by {swing} and is {missing} off: no load presses its gears"
