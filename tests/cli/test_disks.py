@@ -1,6 +1,7 @@
 """On a disk that is full, read-only or gone each failure has a sentence, and old files stay."""
 
 import ast
+import dataclasses
 import errno
 import io
 import os
@@ -70,9 +71,17 @@ def file_parameters():
     """Yield command and name of each option and argument that is a path."""
     for name in COMMANDS:
         module = import_module(f"ikservo.cli.{'import_' if name == 'import' else name}")
-        for parameter, kind in typing.get_type_hints(module.command).items():
-            if "Path" in str(kind):
-                yield name, parameter
+        for parameter in path_parameters(module.command):
+            yield name, parameter
+
+
+def path_parameters(described):
+    """Yield the names of what a command, or a group of its options, has of type Path."""
+    for parameter, kind in typing.get_type_hints(described).items():
+        if dataclasses.is_dataclass(kind):
+            yield from path_parameters(kind)
+        elif "Path" in str(kind):
+            yield parameter
 
 
 def test_every_option_with_a_file_is_tried_on_broken_disks_or_only_read():
