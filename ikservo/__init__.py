@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     __version__: str
-    from ikservo.arm import Arm, MotionPlan, ToolOrientation, open_arm, read_recording
+    from ikservo.arm import Arm, MotionPlan, OpenArm, ToolOrientation, open_arm, read_recording
     from ikservo.errors import (
         BadReplyError,
         BadValueError,
@@ -77,6 +77,7 @@ __all__ = [
     "MotionPlan",
     "NoPortError",
     "NotSettledError",
+    "OpenArm",
     "OrientationError",
     "PortBusyError",
     "PortError",
@@ -125,6 +126,7 @@ _HOMES = {
     "Model": "model",
     "NoPortError": "errors",
     "NotSettledError": "errors",
+    "OpenArm": "arm",
     "OrientationError": "errors",
     "MotionPlan": "arm",
     "PortBusyError": "errors",

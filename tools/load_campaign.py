@@ -23,7 +23,8 @@ import numpy as np
 from served_arm import Served, forked, served
 
 import ikservo
-from ikservo.arm import Arm, open_arm
+from ikservo.arm import Arm
+from ikservo.arm.opening import open_own_arm
 from ikservo.calibration.range_tracker import ContactState
 from ikservo.hardware.bus import ServoBus
 from ikservo.kinematics.arrays import Vector
@@ -92,7 +93,7 @@ def _circle(centre: Vector) -> Iterator[Vector | None]:
 def attempt(arm: Served, task: Task) -> int:
     """Run a task in its own process; return its exit code: 0 success, 1 failure."""
     try:
-        with open_arm(arm.name, port=str(arm.port), collisions=False) as machine:
+        with open_own_arm(ikservo.load_model(arm.name), str(arm.port), collisions=False) as machine:
             machine.pose("home")
             machine.context.warm_up()
             return 0 if task(machine) else 1

@@ -8,7 +8,9 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ikservo.arm.arm import Arm, OnExit
+    from ikservo.arm.arguments import OnExit
+    from ikservo.arm.arm import Arm
+    from ikservo.arm.arm_protocol import OpenArm
     from ikservo.arm.background_motion import Motion, RunningMotion
     from ikservo.arm.calibrated_arm import ZeroSource
     from ikservo.arm.following import check_followed_goal
@@ -34,6 +36,7 @@ __all__ = [
     "MotionProgress",
     "MoveResult",
     "OnExit",
+    "OpenArm",
     "Recording",
     "RunningMotion",
     "SampledTrajectory",
@@ -57,7 +60,8 @@ _HOMES = {
     "MotionPlan": "arm.plan",
     "MotionProgress": "arm.reports",
     "MoveResult": "arm.reports",
-    "OnExit": "arm.arm",
+    "OnExit": "arm.arguments",
+    "OpenArm": "arm.arm_protocol",
     "Recording": "recording.recording",
     "RunningMotion": "arm.background_motion",
     "SampledTrajectory": "recording.sampled_trajectory",

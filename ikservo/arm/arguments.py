@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import TypeVar, cast
+from typing import Literal, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,8 +14,10 @@ from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.kinematics import finite_vector
 
 __all__ = [
+    "OnExit",
     "check_callable",
     "check_choice",
+    "check_exit",
     "check_iterable",
     "parse_all_positions",
     "parse_joint_positions",
@@ -27,6 +29,9 @@ __all__ = [
 ]
 
 T = TypeVar("T")
+
+OnExit = Literal["hold", "relax"]
+"""What becomes of an arm that is closed."""
 
 _MIN_RATE_HZ, _MAX_RATE_HZ = 5.0, 1000.0  # a lower rate exceeds the dead-man timeout
 
@@ -63,6 +68,15 @@ def check_choice(what: str, value: T, choices: Sequence[T]) -> T:
     if isinstance(cast("object", value), np.ndarray) or value not in choices:
         raise UnknownNameError(what, value, [str(choice) for choice in choices])
     return value
+
+
+def check_exit(on_exit: OnExit) -> OnExit:
+    """Return what becomes of an arm that is closed.
+
+    Raises:
+        UnknownNameError: It is neither ``hold`` nor ``relax``.
+    """
+    return check_choice("way to exit", on_exit, ("hold", "relax"))
 
 
 def check_iterable(what: str, value: object, expected: str) -> None:

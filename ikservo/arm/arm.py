@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, Self, TypeVar
 
 from ikservo.arm import following, jogging, leader_following
 from ikservo.arm import replay as replaying
-from ikservo.arm.arguments import check_choice
+from ikservo.arm.arguments import OnExit, check_exit
 from ikservo.arm.background_motion import Background
 from ikservo.arm.calibrated_arm import ZeroSource
 from ikservo.arm.context import ArmContext
@@ -25,18 +26,15 @@ from ikservo.arm.reports import ArmState, JointMoveResult, MoveResult, OnProgres
 from ikservo.arm.running import run_motion
 from ikservo.arm.setpoint_stream import open_stream
 from ikservo.clock import Clock
-from ikservo.control.stopping import STOPPED_BY_PROGRAM
-from ikservo.guard import StopKind, StopReason
+from ikservo.guard import StopReason
 from ikservo.hardware.remembered_port import is_simulated
 from ikservo.kinematics import Chain, JointIndex
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
 
-__all__ = ["Arm", "OnExit"]
+__all__ = ["Arm"]
 
 R = TypeVar("R")
-
-OnExit = Literal["hold", "relax"]
 
 
 class Arm(MotionMethods):
@@ -84,7 +82,7 @@ class Arm(MotionMethods):
     """Whether the servos are on another machine."""
 
     def __init__(self, context: ArmContext, runner: MotionRunner, on_exit: OnExit = "hold") -> None:
-        self._on_exit: OnExit = check_choice("way to exit", on_exit, ("hold", "relax"))
+        self._on_exit: OnExit = check_exit(on_exit)
         self._context, self._runner, self._port = context, runner, context.port
         self.model: Model = context.model
         self.chain: Chain = context.chain
@@ -102,7 +100,7 @@ class Arm(MotionMethods):
         stopped = f", stopped: {self.stopped_for}" if self.stopped_for else ""
         return f"Arm({self.model.name!r} on {self.port_name!r}, {state}{stopped})"
 
-    def __enter__(self) -> Arm:
+    def __enter__(self) -> Self:
         """Return the arm; leaving the block closes it.
 
         Raises:
@@ -110,9 +108,6 @@ class Arm(MotionMethods):
         """
         self._runner.check_open()
         return self
-
-    def __exit__(self, kind: object, error: object, trace: object) -> None:
-        self.close(self._on_exit if error is None else "hold")
 
     @property
     def context(self) -> ArmContext:
@@ -176,7 +171,7 @@ class Arm(MotionMethods):
             UnknownNameError: It is neither; the arm stays open.
             RefusedError: The arm is to be relaxed, and a callback of its motion closes it.
         """
-        chosen = check_choice("way to exit", on_exit or self._on_exit, ("hold", "relax"))
+        chosen = check_exit(on_exit or self._on_exit)
         if self._port.is_open:
             self.background.close()
             self._runner.close(self.relax if chosen == "relax" else None, self._close_server)
@@ -196,10 +191,6 @@ class Arm(MotionMethods):
             RefusedError: A motion is running; ``stop`` ends it.
         """
         self._runner.enable()
-
-    def hold(self) -> None:
-        """Hold the present position: another name of ``enable``."""
-        self.enable()
 
     def relax(self, on_progress: OnProgress | None = None) -> JointMoveResult:
         """Lower the arm to its rest pose, slowly, then switch every servo's torque off.
@@ -244,14 +235,6 @@ class Arm(MotionMethods):
         """Move joints that are a little outside their limits back inside, slowly."""
         self._runner.return_within_limits()
 
-    def stop(self, reason: str = "") -> None:
-        """Brake the running motion within 0.3 s and hold; safe from signals and other threads.
-
-        The motion ends with ``StoppedError``; nothing moves again before ``acknowledge``.
-        """
-        text = str(reason) or STOPPED_BY_PROGRAM.text
-        self.request_stop(StopReason(StopKind.PROGRAM, text))
-
     def request_stop(self, reason: StopReason) -> None:
         """Stop as ``stop`` does, for a reason of any kind."""
         self._runner.request_stop(reason)
@@ -265,11 +248,6 @@ class Arm(MotionMethods):
     def stop_reason(self) -> StopReason | None:
         """Why the arm was stopped, until ``acknowledge``; None where it is not stopped."""
         return self._runner.stop_reason
-
-    @property
-    def stopped_for(self) -> str:
-        """The text of ``stop_reason``; empty where the arm is not stopped."""
-        return self._runner.stop_text
 
     def acknowledge(self) -> None:
         """End a stop: the cause is gone, and the arm may be moved again; nothing moves yet."""
@@ -357,6 +335,17 @@ class Arm(MotionMethods):
         """
         arm = (self._context, self._runner)
         return teach(*arm, self.poses, name, until, self.relax, hold=hold)
+
+    def target_period_s(self) -> float:
+        """Return the time between two control cycles; for functions of this package."""
+        return self._runner.loop.measure_cycle_time_s()
+
+    @contextmanager
+    def leader_positions(
+        self, joints: Sequence[str], period_s: float, until: Callable[[], bool] | None
+    ) -> Generator[Iterator[dict[str, float] | None]]:
+        """Yield what measures joints in every period; for ``follow_arm``."""
+        yield leader_following.leader_positions(self._context, joints, period_s, until)
 
     def _lower(self) -> None:
         lower(self)

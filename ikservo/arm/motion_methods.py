@@ -1,21 +1,21 @@
-"""The methods of an arm that move it or plan: each makes a motion of its arguments.
+"""The methods of an arm that move it or plan, each by a motion of its arguments; and its stop.
 
-``Arm`` and the arm on another machine inherit them; each has its own ``plan``, ``execute`` and
-``start``.
+They are a part of ``OpenArm`` (``arm_protocol``): an arm on a port and an arm on another machine
+share them, and each has its own way to plan, to execute a plan and to make a motion.
 """
 
 from __future__ import annotations
 
 import difflib
-from abc import ABC, abstractmethod
+from abc import abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
 from pathlib import Path
-from typing import Any, Literal, TypedDict, TypeVar, Unpack, cast, overload
+from typing import Any, Literal, Protocol, TypedDict, TypeVar, Unpack, cast, overload
 
 from numpy.typing import ArrayLike
 
-from ikservo.arm.arguments import check_callable, parse_all_positions
+from ikservo.arm.arguments import OnExit, check_callable, parse_all_positions
 from ikservo.arm.background_motion import Background, RunningMotion
 from ikservo.arm.motions import (
     Draw,
@@ -41,7 +41,9 @@ from ikservo.arm.reports import (
     ReplayResult,
 )
 from ikservo.arm.tool_orientation import KEEP_BEST_EFFORT, ToolOrientation, check_orientation
+from ikservo.control.stopping import STOPPED_BY_PROGRAM
 from ikservo.errors import BadValueError
+from ikservo.guard import StopKind, StopReason
 
 __all__ = ["GripperCommand", "JawGoal", "MotionMethods", "Points", "Positions"]
 
@@ -113,8 +115,8 @@ class GripperOptions(TypedDict, total=False):
     on_progress: OnProgress | None
 
 
-class MotionMethods(ABC):
-    """What moves an arm and plans its motions; options that are not given have their defaults.
+class MotionMethods(Protocol):
+    """What moves, plans and stops; options that are not given have their defaults.
 
     Methods that move the arm block until it is at rest. With ``wait=False`` the motion runs in the
     background, and they return a ``RunningMotion``. ``on_progress`` is called with a
@@ -122,6 +124,45 @@ class MotionMethods(ABC):
     """
 
     background: Background
+    _on_exit: OnExit
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        self.close(self._on_exit if error is None else "hold")
+
+    @abstractmethod
+    def close(self, on_exit: OnExit | None = None) -> None:
+        """Close the arm, held or relaxed; the second call does nothing."""
+
+    @abstractmethod
+    def enable(self) -> None:
+        """Switch torque on, so that nothing moves."""
+
+    def hold(self) -> None:
+        """Hold the present position: another name of ``enable``."""
+        self.enable()
+
+    def stop(self, reason: str = "") -> None:
+        """Brake the running motion within 0.3 s and hold; safe from signals and other threads.
+
+        The motion ends with ``StoppedError``; nothing moves again before ``acknowledge``.
+        """
+        text = str(reason) or STOPPED_BY_PROGRAM.text
+        self.request_stop(StopReason(StopKind.PROGRAM, text))
+
+    @abstractmethod
+    def request_stop(self, reason: StopReason) -> None:
+        """Stop as ``stop`` does, for a reason of any kind."""
+
+    @property
+    @abstractmethod
+    def stop_reason(self) -> StopReason | None:
+        """Why the arm was stopped, until ``acknowledge``; None where it is not stopped."""
+
+    @property
+    def stopped_for(self) -> str:
+        """The text of ``stop_reason``; empty where the arm is not stopped."""
+        reason = self.stop_reason
+        return "" if reason is None else reason.text
 
     @property
     @abstractmethod

@@ -12,7 +12,8 @@ from ikservo.hardware.transport import NETWORK_GROUP
 from ikservo.model import Model
 
 if TYPE_CHECKING:
-    from ikservo.arm.arm import Arm, OnExit
+    from ikservo.arm.arguments import OnExit
+    from ikservo.arm.arm_protocol import OpenArm
     from ikservo.arm.control_client import StopAllResult, StopResult
 
 __all__ = ["ArmNetwork", "find_network", "installed_networks"]
@@ -23,8 +24,8 @@ _VARIABLE = "IKSERVO_PORT"
 class ArmNetwork(Protocol):
     """Opens arms on other machines; the object that an entry point of the group names."""
 
-    def open_arm(self, model: Model, address: str, on_exit: OnExit) -> Arm:
-        """Open the arm at an address; it has the methods of ``Arm``.
+    def open_arm(self, model: Model, address: str, on_exit: OnExit) -> OpenArm:
+        """Open the arm at an address.
 
         Raises:
             PortError: It cannot be reached.

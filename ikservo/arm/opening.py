@@ -10,8 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo.arm.arguments import parse_port
-from ikservo.arm.arm import Arm, OnExit
+from ikservo.arm.arguments import OnExit, parse_port
+from ikservo.arm.arm import Arm
+from ikservo.arm.arm_protocol import OpenArm
 from ikservo.arm.calibrated_arm import (
     CalibratedArm,
     ZeroSource,
@@ -25,7 +26,7 @@ from ikservo.calibration.identified_file import load_identified
 from ikservo.control.feed_forward import FeedForward
 from ikservo.control.goal_compensation import GoalCompensator
 from ikservo.control.servo_group import ServoGroup
-from ikservo.errors import InputError
+from ikservo.errors import InputError, RefusedError
 from ikservo.files.writing import FileWriteError
 from ikservo.guard import CollisionChecker, DrivenJoint, Weight, sag_of
 from ikservo.hardware.bus import ServoBus
@@ -57,6 +58,8 @@ __all__ = [
     "make_collision_filter",
     "open_arm",
     "open_bus",
+    "open_own_arm",
+    "require_own_port",
     "resolve_port",
     "servo_specs",
 ]
@@ -142,8 +145,10 @@ def open_arm(
     on_exit: OnExit = "hold",
     collisions: bool = True,
     uncalibrated: bool = False,
-) -> Arm:
+) -> OpenArm:
     """Open an arm; nothing moves and no torque changes.
+
+    On a port of this machine it is an ``Arm``.
 
     Args:
         arm: A name in the catalogue, a path to an arm file, or a loaded model.
@@ -170,6 +175,24 @@ def open_arm(
     network_address = find_network(port)
     if network_address is not None:
         return _open_remote(model, network_address, on_exit, collisions, uncalibrated)
+    return open_own_arm(
+        model, port, on_exit=on_exit, collisions=collisions, uncalibrated=uncalibrated
+    )
+
+
+def open_own_arm(
+    model: Model,
+    port: str | None = None,
+    *,
+    on_exit: OnExit = "hold",
+    collisions: bool = True,
+    uncalibrated: bool = False,
+) -> Arm:
+    """Open an arm on a port of this machine; see ``open_arm``.
+
+    Raises:
+        PortError: The arm is on another machine; besides the errors of ``open_arm``.
+    """
     bus = open_bus(model, port, contacts=collisions)
     opened_port = bus.port
     try:
@@ -197,13 +220,27 @@ def open_arm(
         raise
 
 
+def require_own_port(arm: OpenArm) -> Arm:
+    """Return an open arm as what it is, for code that needs its servos.
+
+    Raises:
+        RefusedError: They are on another machine.
+    """
+    if isinstance(arm, Arm):
+        return arm
+    raise RefusedError(
+        f"This needs the servos' own port, which is not on this machine: {arm.port_name}",
+        "Run it there, with the port of the servos, once `ikservo serve` has ended.",
+    )
+
+
 def _open_remote(
     model: Model,
     network_address: tuple[ArmNetwork, str],
     on_exit: OnExit,
     collisions: bool,
     uncalibrated: bool,
-) -> Arm:
+) -> OpenArm:
     network, address = network_address
     if uncalibrated or not collisions:
         option = "--uncalibrated" if uncalibrated else "--no-collision"

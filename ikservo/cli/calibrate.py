@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from ikservo.arm.opening import require_own_port
 from ikservo.cli.calibrate_auto import calibrate_auto
 from ikservo.cli.calibrate_by_hand import calibrate, parse_limits
 from ikservo.cli.calibrate_touch import TouchOffOptions, run_touch_off
@@ -100,7 +101,7 @@ def command(
     if wiggle:
         options = MotionOptions(collision=False, uncalibrated=uncalibrated)
         with open_from_options(connection, options) as machine:
-            check_directions(machine, joint or [], yes=answers.yes, json=json)
+            check_directions(require_own_port(machine), joint or [], yes=answers.yes, json=json)
         return
     model, port = model_from_option(connection.arm), connection.port
     operator = answers.operator(read_touch_script if touch else read_script)

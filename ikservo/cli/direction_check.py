@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from ikservo.arm import Arm, ZeroSource
+from ikservo.arm import Arm, OpenArm, ZeroSource
+from ikservo.arm.opening import require_own_port
 from ikservo.cli.dialogue import Operator
 from ikservo.cli.options import ArmConnection, MotionOptions
 from ikservo.cli.session import open_from_options
@@ -21,7 +22,7 @@ from ikservo.model import Model
 __all__ = ["check_directions", "check_directions_once", "check_new_signs"]
 
 
-def check_directions_once(machine: Arm, options: MotionOptions) -> bool:
+def check_directions_once(machine: OpenArm, options: MotionOptions) -> bool:
     """Run the test motion of all joints if the present files were never confirmed with it.
 
     Returns whether it ran: the arm may then hold elsewhere than where a plan starts.
@@ -36,7 +37,7 @@ def check_directions_once(machine: Arm, options: MotionOptions) -> bool:
         CalibrationError: A joint is not the expected one.
         InputError: No user is there to observe.
     """
-    if options.no_wiggle or machine.is_remote:  # the program beside the arm has done it
+    if options.no_wiggle or not isinstance(machine, Arm):  # the program beside the arm has done it
         return False
     if machine.zeros in (ZeroSource.SIMULATED, ZeroSource.UNKNOWN):
         return False
@@ -70,7 +71,7 @@ def check_new_signs(
         return False
     connection = ArmConnection(arm=str(model.path), port=port)
     with open_from_options(connection, MotionOptions(collision=False)) as machine:
-        _check_each_joint(machine, names, yes=False)
+        _check_each_joint(require_own_port(machine), names, yes=False)
     return True
 
 

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm import Arm, open_arm
+from ikservo.arm import OpenArm, open_arm
 from ikservo.arm.following import FollowResult
 from ikservo.cli.completion import complete_arms
 from ikservo.cli.direction_check import check_directions_once
@@ -80,7 +80,7 @@ def command(
     print_fields("follow", report, _FIELDS, json=options.json, order=_LINES)
 
 
-def _print_start(leading: Arm, machine: Arm) -> None:
+def _print_start(leading: OpenArm, machine: OpenArm) -> None:
     print_status(f"{machine.model.title} on {format_port(machine.port_name)} follows "
          f"{leading.model.title} on {format_port(leading.port_name)}; Ctrl-C stops.")  # fmt: skip
     if any(state.torque for state in leading.where().joints):
@@ -88,6 +88,6 @@ def _print_start(leading: Arm, machine: Arm) -> None:
              f"ikservo relax --arm {leading.model.name} --port {leading.port_name}")  # fmt: skip
 
 
-def _make_end_check(machine: Arm, time_s: float | None) -> Callable[[], bool]:
+def _make_end_check(machine: OpenArm, time_s: float | None) -> Callable[[], bool]:
     end_s = None if time_s is None else machine.clock.now_s() + time_s
     return lambda: end_s is not None and machine.clock.now_s() >= end_s

@@ -6,8 +6,9 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm import Arm
+from ikservo.arm import OpenArm
 from ikservo.arm.motions import MoveGripper
+from ikservo.arm.opening import require_own_port
 from ikservo.arm.reports import GraspResult
 from ikservo.cli.completion import complete_from
 from ikservo.cli.identify import announce_tour
@@ -84,7 +85,7 @@ def command(
 
 def _weigh(connection: ArmConnection, options: MotionOptions) -> None:
     with open_from_options(connection) as machine:
-        run = IdentificationRun.plan_weighing(machine)
+        run = IdentificationRun.plan_weighing(require_own_port(machine))
         announce_tour(run, options)
         with motion_progress_bar() as on_progress:
             recording = run.record(on_progress)
@@ -110,7 +111,7 @@ def _weigh(connection: ArmConnection, options: MotionOptions) -> None:
 _LINES = "grasped position_rad reached duration_s"
 
 
-def _fields(machine: Arm) -> Fields[GraspResult]:
+def _fields(machine: OpenArm) -> Fields[GraspResult]:
     gripper = machine.model.gripper
     format_position = machine.model.joint(gripper.joint).joint_map.format if gripper else str
 

@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm import Arm
+from ikservo.arm.opening import require_own_port
 from ikservo.calibration.identified_file import save_identified
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.option_groups import Without
@@ -59,7 +59,7 @@ def command(
     ikservo identify --arm so101
     """
     with open_from_options(connection, options) as machine:
-        run = IdentificationRun.plan(machine, QUICK_TOUR if quick else None)
+        run = IdentificationRun.plan(require_own_port(machine), QUICK_TOUR if quick else None)
         if not options.dry_run:  # a full disk is found before the arm moves for minutes
             check_writable(run.path.parent)
         announce_tour(run, options)
@@ -69,7 +69,7 @@ def command(
         path = None if options.dry_run else save_identified(run.file(found, datetime.now(UTC)))
     carried = dict(zip(body_joints(machine.model, run.dynamics), found.bodies, strict=True))
     if options.json:
-        _print_json(machine, run, found, carried, path)
+        _print_json(machine.model.name, run, found, carried, path)
     else:
         _print_report(found, carried, path)
 
@@ -172,7 +172,7 @@ def _validation_lines(found: Identification) -> Iterator[str]:
 
 
 def _print_json(
-    machine: Arm,
+    arm: str,
     run: IdentificationRun,
     found: Identification,
     carried: dict[str, str],
@@ -180,7 +180,7 @@ def _print_json(
 ) -> None:
     print_json(
         "identify",
-        arm=machine.model.name,
+        arm=arm,
         path=path,
         duration_s=run.duration_s,
         joints=[_joint_fields(found, name, carried[name]) for name in found.joints],

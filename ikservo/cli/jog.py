@@ -11,7 +11,7 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm import Arm
+from ikservo.arm import OpenArm
 from ikservo.arm.jogging import JOG_DIRECTIONS, NO_LONGER_REQUESTED, JogResult, KeepGoing
 from ikservo.cli.completion import complete_jogs
 from ikservo.cli.direction_check import check_directions_once
@@ -107,7 +107,7 @@ def _opposite(speed: str | None) -> str:
     return f"--speed {digits if digits != speed else f'-{speed}'}"
 
 
-def _parse_speed(machine: Arm, what: str, speed: str | None) -> float | None:
+def _parse_speed(machine: OpenArm, what: str, speed: str | None) -> float | None:
     if speed is None:
         return None
     slides = what in JOG_DIRECTIONS and what not in machine.joint_names
@@ -117,7 +117,7 @@ def _parse_speed(machine: Arm, what: str, speed: str | None) -> float | None:
 
 
 @contextmanager
-def _keep_going_check(machine: Arm, time_s: float | None) -> Generator[KeepGoing]:
+def _keep_going_check(machine: OpenArm, time_s: float | None) -> Generator[KeepGoing]:
     """Yield a function that returns whether to continue: until a time, or while a key is held."""
     if time_s is not None:
         yield _duration_check(machine, time_s)
@@ -129,7 +129,7 @@ def _keep_going_check(machine: Arm, time_s: float | None) -> Generator[KeepGoing
         yield _key_held_check(machine, key)
 
 
-def _duration_check(machine: Arm, duration_s: float) -> KeepGoing:
+def _duration_check(machine: OpenArm, duration_s: float) -> KeepGoing:
     """Return a check for a time that starts with the motion: torque comes on before it."""
     end_s = math.inf
 
@@ -142,7 +142,7 @@ def _duration_check(machine: Arm, duration_s: float) -> KeepGoing:
     return keep_going
 
 
-def _key_held_check(machine: Arm, key: Keys) -> KeepGoing:
+def _key_held_check(machine: OpenArm, key: Keys) -> KeepGoing:
     pressed_s = machine.clock.now_s()
 
     def keep_going() -> bool:

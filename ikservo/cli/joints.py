@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm import Arm, JointMoveResult
+from ikservo.arm import JointMoveResult, OpenArm
 from ikservo.arm.motions import MoveJoints
 from ikservo.cli.completion import complete_joints
 from ikservo.cli.direction_check import check_directions_once
@@ -51,7 +51,7 @@ def command(
 
 
 def make_joint_motion(
-    machine: Arm, positions: Mapping[str, float], speed: str, options: MotionOptions
+    machine: OpenArm, positions: Mapping[str, float], speed: str, options: MotionOptions
 ) -> JointMoveResult | None:
     """Announce and execute a motion of joints; a dry run prints its plan, and returns None."""
     motion = MoveJoints(positions, speed=speed)

@@ -8,7 +8,7 @@ from typing import cast
 
 import typer
 
-from ikservo.arm import Arm, MotionPlan, MoveResult
+from ikservo.arm import MotionPlan, MoveResult, OpenArm
 from ikservo.arm.plan import NearLimit
 from ikservo.calibration import JointUnit
 from ikservo.cli.direction_check import check_directions_once
@@ -83,7 +83,9 @@ def _plan_fields(goal: Mapping[str, float], change_rad: float) -> Fields[MotionP
 _PLAN_LINES = "duration_s path_m speed tool_speed binding near_limits orientation_error_rad"
 
 
-def make_tip_motion(machine: Arm, plan: MotionPlan, options: MotionOptions) -> MoveResult | None:
+def make_tip_motion(
+    machine: OpenArm, plan: MotionPlan, options: MotionOptions
+) -> MoveResult | None:
     """Announce and execute a plan of the tip; a dry run prints it instead, and returns None.
 
     It is made again where the directions of joints were tried first.

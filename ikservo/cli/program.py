@@ -10,7 +10,8 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm import Arm
+from ikservo.arm import OpenArm
+from ikservo.arm.opening import require_own_port
 from ikservo.arm.program import Program, ProgramStep, read_program, write_program
 from ikservo.arm.program_run import ProgramRun, StepCheck, StepResult
 from ikservo.cli.completion import complete_from
@@ -67,7 +68,7 @@ def command(
     program = read_program(file)
     connection = replace(connection, arm=connection.arm or program.arm)
     with open_from_options(connection, options) as machine:
-        run = ProgramRun(machine, program, file.parent, machine.poses)
+        run = ProgramRun(require_own_port(machine), program, file.parent, machine.poses)
         checks = _check(run, program, file, first, quiet=options.json)
         if action == "check":
             if options.json:
@@ -115,7 +116,7 @@ def _check(
 
 
 def _run(
-    machine: Arm, run: ProgramRun, program: Program, first: int, *, wait: bool
+    machine: OpenArm, run: ProgramRun, program: Program, first: int, *, wait: bool
 ) -> list[StepResult]:
     """Make the steps; say before each which it is, and after a failure where to go on."""
     total = program.repeat * len(program.steps) - (first - 1)

@@ -9,7 +9,7 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm import Arm
+from ikservo.arm import OpenArm
 from ikservo.arm.recorder import RecordResult, RecordSettings
 from ikservo.arm.remote import record_remote
 from ikservo.cli.model_options import model_from_option
@@ -91,7 +91,7 @@ def command(
         print_status(f"{file.name} has JSON lines; messages of ROS 2 are in a file named .mcap.")
 
 
-def _offer_release(machine: Arm) -> None:
+def _offer_release(machine: OpenArm) -> None:
     """Print that an arm with torque cannot be guided by hand, and offer to switch it off."""
     if not any(state.torque for state in machine.where().joints):
         return

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm import Arm
+from ikservo.arm import OpenArm
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import MotionOptions, NamedArmConnection, SpeedOption
@@ -94,7 +94,9 @@ def _domain(given: int | None) -> int:
     return int(text)
 
 
-def _announce(machine: Arm, router: Endpoint, domain: int, namespace: str, *, json: bool) -> None:
+def _announce(
+    machine: OpenArm, router: Endpoint, domain: int, namespace: str, *, json: bool
+) -> None:
     """Say what the graph has now."""
     outputs, inputs = ([f"{namespace}{topic.name}" for topic in each] for each in (OUTPUTS, INPUTS))
     services = [f"{namespace}{name}" for name in SERVICES]

@@ -11,8 +11,9 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm import Arm, open_arm
+from ikservo.arm import Arm
 from ikservo.arm.networks import find_network
+from ikservo.arm.opening import open_own_arm
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.option_groups import Without
@@ -69,7 +70,7 @@ def command(
     access = None if certificate is None else access_control(served_as)
     with (
         open_server(endpoint, certificate, access) as session,
-        open_arm(
+        open_own_arm(
             model,
             connection.port,
             collisions=options.collision,

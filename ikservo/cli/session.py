@@ -7,7 +7,7 @@ import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
 
-from ikservo.arm import Arm, MotionPlan, MotionProgress, StopKind, ZeroSource, open_arm
+from ikservo.arm import MotionPlan, MotionProgress, OpenArm, StopKind, ZeroSource, open_arm
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ArmConnection, MotionOptions
 from ikservo.cli.terminal import confirm, format_port, print_status, progress_bar
@@ -35,7 +35,7 @@ _REPEATABLE = (StopKind.CTRL_C, StopKind.TERMINATED)
 
 
 @contextmanager
-def second_interrupt_lowers(machine: Arm, clock: Clock | None = None) -> Generator[None]:
+def second_interrupt_lowers(machine: OpenArm, clock: Clock | None = None) -> Generator[None]:
     """On a second Ctrl-C or SIGTERM soon after the first one, lower the arm and switch torque off.
 
     A stop for another reason ends the command at once; the arm holds.
@@ -61,7 +61,7 @@ def second_interrupt_lowers(machine: Arm, clock: Clock | None = None) -> Generat
         raise StoppedError(reason.text, RELAX_HINT) from None
 
 
-def _is_interrupted_again(machine: Arm, clock: Clock) -> bool:
+def _is_interrupted_again(machine: OpenArm, clock: Clock) -> bool:
     if machine.stop_requests > 1:
         return True
     interactive = sys.stdin.isatty()
@@ -77,7 +77,7 @@ def _is_interrupted_again(machine: Arm, clock: Clock) -> bool:
     return False
 
 
-def _lower_arm(machine: Arm) -> str:
+def _lower_arm(machine: OpenArm) -> str:
     """Lower the arm, switch torque off, and return what was done."""
     print_status("Lowering the arm to its rest pose, then torque off. Ctrl-C stops it.")
     machine.acknowledge()
@@ -90,7 +90,7 @@ def _lower_arm(machine: Arm) -> str:
 @contextmanager
 def open_from_options(
     connection: ArmConnection, options: MotionOptions | None = None
-) -> Generator[Arm]:
+) -> Generator[OpenArm]:
     """Open the arm of a command; it keeps holding afterwards."""
     options = options or MotionOptions()
     with open_arm(
@@ -104,7 +104,7 @@ def open_from_options(
             yield machine
 
 
-def announce(plan: MotionPlan, machine: Arm, options: MotionOptions) -> None:
+def announce(plan: MotionPlan, machine: OpenArm, options: MotionOptions) -> None:
     """Print a planned motion, and ask the user to confirm it unless it is only planned.
 
     Raises:
@@ -125,7 +125,7 @@ def announce(plan: MotionPlan, machine: Arm, options: MotionOptions) -> None:
     confirm_motion(machine, yes=options.yes or options.dry_run)
 
 
-def announce_lowering(machine: Arm, options: MotionOptions) -> None:
+def announce_lowering(machine: OpenArm, options: MotionOptions) -> None:
     """Print that the arm will be lowered and relaxed, and ask for confirmation as ``announce``.
 
     Raises:
@@ -145,7 +145,7 @@ def announce_lowering(machine: Arm, options: MotionOptions) -> None:
     announce(plan, machine, options)
 
 
-def confirm_motion(machine: Arm, *, yes: bool, question: str = "Move?") -> None:
+def confirm_motion(machine: OpenArm, *, yes: bool, question: str = "Move?") -> None:
     """Ask the user to confirm an announced motion; a simulated arm needs no confirmation.
 
     Raises:
@@ -181,7 +181,7 @@ def warn_uncompiled() -> None:
         print_status("reinstall ikservo; in a clone run: make build.")
 
 
-def _warn_uncalibrated(machine: Arm) -> None:
+def _warn_uncalibrated(machine: OpenArm) -> None:
     served_here = machine.zeros is ZeroSource.SIMULATED and not machine.is_remote
     if served_here and not machine.port_name.startswith("sim:"):
         print_status(f"{machine.port_name} is a pseudo-terminal: treated as a simulated arm.")

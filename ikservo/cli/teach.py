@@ -9,7 +9,8 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm import Arm
+from ikservo.arm import OpenArm
+from ikservo.arm.opening import require_own_port
 from ikservo.calibration import JointUnit
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import ArmConnection, MotionOptions
@@ -109,7 +110,7 @@ def _check_options(*, now: bool, floating: bool, duration: float | None) -> None
         raise InputError("Cannot ask: input is not a terminal.", hint)
 
 
-def _float(machine: Arm, name: str, duration: float | None, *, yes: bool) -> None:
+def _float(machine: OpenArm, name: str, duration: float | None, *, yes: bool) -> None:
     """Announce and run hand guiding; the arm holds afterwards."""
     how = "until you press Enter" if duration is None else f"for {duration:g} s"
     print_status(
@@ -119,12 +120,12 @@ def _float(machine: Arm, name: str, duration: float | None, *, yes: bool) -> Non
     )
     confirm_motion(machine, yes=yes)
     with _end_check(machine, duration) as ended:
-        guide_by_hand(machine, ended)
+        guide_by_hand(require_own_port(machine), ended)
     print_status("It holds.")
 
 
 @contextmanager
-def _end_check(machine: Arm, duration: float | None) -> Generator[Callable[[], bool]]:
+def _end_check(machine: OpenArm, duration: float | None) -> Generator[Callable[[], bool]]:
     """Yield a function that returns whether Enter was pressed, or a time is over."""
     if duration is None:
         with read_keys() as keys:
@@ -141,7 +142,7 @@ def _end_check(machine: Arm, duration: float | None) -> Generator[Callable[[], b
     yield is_over
 
 
-def _announce_teaching(machine: Arm, name: str, *, now: bool, hold: bool) -> None:
+def _announce_teaching(machine: OpenArm, name: str, *, now: bool, hold: bool) -> None:
     """Print what happens to the arm, before any of it does."""
     stiff = any(state.torque for state in machine.where().joints)
     as_it_is = "as it is" if now else "off"
@@ -153,12 +154,12 @@ def _announce_teaching(machine: Arm, name: str, *, now: bool, hold: bool) -> Non
     print_status(f'{first}; move it by hand. Enter saves its pose as "{name}", and {last}.')
 
 
-def _announce_saving(machine: Arm, name: str) -> None:
+def _announce_saving(machine: OpenArm, name: str) -> None:
     if name in machine.poses.user_poses():
         print_status(f'It replaces the pose "{name}" in {machine.poses.path}.')
 
 
-def _confirm_relaxing(machine: Arm, options: MotionOptions) -> None:
+def _confirm_relaxing(machine: OpenArm, options: MotionOptions) -> None:
     if any(state.torque for state in machine.where().joints):
         announce_lowering(machine, options)
 

@@ -10,7 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from ikservo import __version__
-from ikservo.arm import Arm, ZeroSource
+from ikservo.arm import OpenArm, ZeroSource
 from ikservo.cli.accuracy_by_touch import measure_by_touch
 from ikservo.cli.calibrate_touch import PointsOption
 from ikservo.cli.dialogue import Operator
@@ -179,7 +179,7 @@ def _test_by_touch(
         raise found.stopped
 
 
-def _prepare(machine: Arm, settings: TestSettings, *, yes: bool) -> AccuracyTest:
+def _prepare(machine: OpenArm, settings: TestSettings, *, yes: bool) -> AccuracyTest:
     """Say where and how the arm will move, and ask."""
     test = AccuracyTest(machine, settings)
     print_status(
@@ -198,7 +198,7 @@ def _run(test: AccuracyTest) -> None:
 
 
 def _fields(
-    machine: Arm,
+    machine: OpenArm,
     test: AccuracyTest,
     settings: TestSettings,
     started: datetime,

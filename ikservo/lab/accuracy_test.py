@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from ikservo.arm import Arm, MotionProgress
+from ikservo.arm import MotionProgress, OpenArm
 from ikservo.arm.motions import MoveArc, MoveLine
 from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.kinematics.arrays import Matrix, Vector
@@ -223,7 +223,7 @@ class AccuracyTest:
         RefusedError: There is no free space for it.
     """
 
-    def __init__(self, arm: Arm, settings: TestSettings, on_step: OnStep | None = None) -> None:
+    def __init__(self, arm: OpenArm, settings: TestSettings, on_step: OnStep | None = None) -> None:
         self._arm, self._settings = arm, settings
         self.on_step: OnStep = on_step or _ignore_step
         self.cube: IsoCube = place_cube(arm)

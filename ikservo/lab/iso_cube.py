@@ -9,7 +9,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from ikservo.arm import Arm
+from ikservo.arm import OpenArm
 from ikservo.arm.tool_orientation import KEEP_BEST_EFFORT, solve_with_orientation
 from ikservo.errors import RefusedError
 from ikservo.ik import Solver, Target
@@ -94,7 +94,7 @@ class IsoCube:
         return self.center_m + reach * np.array([(0.0, 0.0, 0.0), *cells])
 
 
-def place_cube(arm: Arm) -> IsoCube:
+def place_cube(arm: OpenArm) -> IsoCube:
     """Return the largest cube in the part of the workspace that the arm's pose home is in.
 
     All over it the tip is reached without a change of branch, and the body is as clear of itself,
@@ -125,7 +125,7 @@ def _centers(home_m: Vector, *, is_planar: bool) -> Iterator[Vector]:
     yield from sorted(found, key=lambda center: math.dist(center, home_m))
 
 
-def _is_free(arm: Arm, solver: Solver, cube: IsoCube) -> bool:
+def _is_free(arm: OpenArm, solver: Solver, cube: IsoCube) -> bool:
     """Check whether the arm can go all over the cube, keeping its branch and its distances."""
     q = arm.model.chain_pose("home")
     for points_m in pairwise([arm.chain.forward(q)[:3, 3], *cube.lattice_m()]):
@@ -147,7 +147,7 @@ def _follow(solver: Solver, begin_m: Vector, end_m: Vector, q: Vector) -> Vector
     return q
 
 
-def _is_clear(arm: Arm, cube: IsoCube) -> bool:
+def _is_clear(arm: OpenArm, cube: IsoCube) -> bool:
     """Check whether the body is clear where the arm keeps its orientation as motions do.
 
     How the tool stands depends on where it was before, so the cube is visited twice.

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import os
-from typing import TYPE_CHECKING, cast
 
-from ikservo.arm import OnExit
+from ikservo.arm import OnExit, OpenArm
 from ikservo.arm.control_client import StopAllResult, StopResult
 from ikservo.model import Model
 from ikservo.network.address import ArmAddress, Endpoint, parse_address, parse_host
@@ -13,9 +12,6 @@ from ikservo.network.certificates import client_certificate
 from ikservo.network.connection import Connection
 from ikservo.network.remote_arm import RemoteArm
 from ikservo.network.remote_stop import FLEET_VARIABLE, stop_address, stop_listed_machines
-
-if TYPE_CHECKING:
-    from ikservo.arm import Arm
 
 __all__ = ["NETWORK", "ZenohNetwork", "connect", "fleet_hosts"]
 
@@ -32,7 +28,7 @@ def connect(address: ArmAddress) -> Connection:
 class ZenohNetwork:
     """Arms behind ``zenoh:NAME@HOST``; see ``ArmNetwork``."""
 
-    def open_arm(self, model: Model, address: str, on_exit: OnExit) -> Arm:
+    def open_arm(self, model: Model, address: str, on_exit: OnExit) -> OpenArm:
         """Open the arm at an address.
 
         Raises:
@@ -42,7 +38,7 @@ class ZenohNetwork:
         """
         connection = connect(parse_address(address))
         try:
-            return cast("Arm", RemoteArm(model, connection, on_exit))
+            return RemoteArm(model, connection, on_exit)
         except BaseException:
             connection.close()
             raise

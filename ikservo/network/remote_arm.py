@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator, Iterable, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, TypeVar, cast
+from typing import Any, Self, TypeVar, cast
 
 from numpy.typing import ArrayLike
 
@@ -14,23 +14,31 @@ from ikservo.arm import (
     JointMoveResult,
     MotionPlan,
     MoveResult,
-    OnExit,
     StopKind,
     StopReason,
     ZeroSource,
 )
-from ikservo.arm.arguments import check_callable, check_choice, parse_all_positions
+from ikservo.arm.arguments import (
+    OnExit,
+    check_callable,
+    check_exit,
+    check_iterable,
+    parse_all_positions,
+)
 from ikservo.arm.background_motion import Background
 from ikservo.arm.following import FollowResult
 from ikservo.arm.jogging import JogResult, KeepGoing
+from ikservo.arm.leader_following import follow_arm, published_positions
 from ikservo.arm.motion_methods import MotionMethods
 from ikservo.arm.motions import MotionValue, check_motion, motion_fields
 from ikservo.arm.plan import PoseWithinLimits
+from ikservo.arm.poses import PoseLibrary
 from ikservo.arm.recorder import RecordResult, RecordSettings, describe_arm, record
+from ikservo.arm.replay import RecordedTrajectory
 from ikservo.arm.reports import OnProgress
 from ikservo.arm.target_tracking import CartesianOrJointTarget
 from ikservo.clock import Clock, RealClock
-from ikservo.control.stopping import REQUEST_HINT, STOPPED_AFTER_REQUEST, STOPPED_BY_PROGRAM
+from ikservo.control.stopping import REQUEST_HINT, STOPPED_AFTER_REQUEST
 from ikservo.errors import BadValueError, IkservoError, PortError, RefusedError, StoppedError
 from ikservo.kinematics import JointIndex
 from ikservo.kinematics.arrays import Vector
@@ -39,20 +47,21 @@ from ikservo.network.connection import Connection
 from ikservo.network.motion_calls import MotionCalls
 from ikservo.network.plan_fields import RemoteTrajectory
 from ikservo.network.remote_description import ArmDescription, RemotePoses, describe
-from ikservo.network.remote_following import RemoteFollowing
-from ikservo.network.remote_stream import RemoteStream
-from ikservo.recording.recording import ArmSample
+from ikservo.network.remote_stream import RemoteStream, goal_fields, next_items
+from ikservo.recording.recording import ArmSample, Recording
 
 __all__ = ["RemoteArm"]
 
 R = TypeVar("R")
 
+_TARGET_PERIOD_S = 0.01
+
 
 class RemoteArm(MotionMethods):
-    """An open arm on another machine; see ``Arm``, whose methods it has.
+    """An open arm on another machine; see ``Arm`` for what each method does.
 
     It takes control with its first motion and gives it back when it is closed. Plans stay beside
-    the arm. What needs the servos' own port (``context``, ``runner``, ``preflight``) is refused.
+    the arm.
 
     Args:
         model: The arm, as this machine describes it.
@@ -66,16 +75,14 @@ class RemoteArm(MotionMethods):
     is_remote = True
 
     def __init__(self, model: Model, connection: Connection, on_exit: OnExit = "hold") -> None:
-        self._on_exit: OnExit = check_choice("way to exit", on_exit, ("hold", "relax"))
+        self._on_exit: OnExit = check_exit(on_exit)
         self._connection = connection
         self._calls = MotionCalls(connection)
         self._described: ArmDescription = describe(model, connection)
         self.model, self.chain = model, self._described.chain
         self.zeros: ZeroSource = self._described.zeros
         self.joint_index = JointIndex.from_names(self.joint_names, self.chain.names)
-        self._following = RemoteFollowing(connection, self._calls, self.joint_names)
-        self.poses = RemotePoses(model, connection)
-        self.clock: Clock = RealClock()
+        self.poses: PoseLibrary = RemotePoses(model, connection)
         self.background = Background(self, self._calls.stop_request)
 
     def __repr__(self) -> str:
@@ -83,7 +90,7 @@ class RemoteArm(MotionMethods):
         state = "open" if self._connection.is_open else "closed"
         return f"RemoteArm({self.model.name!r} at {self.port_name!r}, {state})"
 
-    def __enter__(self) -> RemoteArm:
+    def __enter__(self) -> Self:
         """Return the arm; leaving the block closes it.
 
         Raises:
@@ -92,24 +99,6 @@ class RemoteArm(MotionMethods):
         if not self._connection.is_open:
             raise PortError(f"{self.port_name} was closed.", "Open the arm again: open_arm().")
         return self
-
-    def __exit__(self, kind: object, error: object, trace: object) -> None:
-        self.close(self._on_exit if error is None else "hold")
-
-    @property
-    def context(self) -> Any:  # noqa: ANN401  # it is never returned
-        """Refuse: what an arm is made of is on the other machine.
-
-        Raises:
-            RefusedError: Always; says where to run what needs it.
-        """
-        host = self._connection.address.endpoint.host
-        raise RefusedError(
-            f"This needs the servos' own port, which is not on this machine but on {host}.",
-            f"Run it there: with --port {self._described.port}, once `ikservo serve` has ended.",
-        )
-
-    runner = preflight = context
 
     @property
     def port_name(self) -> str:
@@ -120,6 +109,11 @@ class RemoteArm(MotionMethods):
     def joint_names(self) -> tuple[str, ...]:
         """All joints, in the order of vectors (n,)."""
         return self._described.joints
+
+    @property
+    def clock(self) -> Clock:
+        """The clock of this computer."""
+        return RealClock()
 
     def limits(self) -> tuple[Vector, Vector]:
         """Return the lower and upper limits (n,), in whole ticks, rad or m; read-only."""
@@ -148,7 +142,7 @@ class RemoteArm(MotionMethods):
 
     def close(self, on_exit: OnExit | None = None) -> None:
         """Give control back and close the connection; see ``Arm.close``."""
-        chosen = check_choice("way to exit", on_exit or self._on_exit, ("hold", "relax"))
+        chosen = check_exit(on_exit or self._on_exit)
         if not self._connection.is_open:
             return
         try:
@@ -163,10 +157,6 @@ class RemoteArm(MotionMethods):
     def enable(self) -> None:
         """Switch torque on, so that nothing moves; see ``Arm.enable``."""
         self._calls.run("enable", None)
-
-    def hold(self) -> None:
-        """Hold the present position: another name of ``enable``."""
-        self.enable()
 
     def relax(self, on_progress: OnProgress | None = None) -> JointMoveResult:
         """Lower the arm to its rest pose, then switch torque off; see ``Arm.relax``."""
@@ -188,11 +178,6 @@ class RemoteArm(MotionMethods):
         """Move joints that are a little outside their limits back inside, slowly."""
         self._calls.run("return_within_limits", None)
 
-    def stop(self, reason: str = "") -> None:
-        """Brake the running motion within 0.3 s and hold; see ``Arm.stop``."""
-        text = str(reason) or STOPPED_BY_PROGRAM.text
-        self.request_stop(StopReason(StopKind.PROGRAM, text))
-
     def request_stop(self, reason: StopReason) -> None:
         """Stop as ``stop`` does, for a reason of any kind."""
         self._calls.stop_request.set(reason)
@@ -208,11 +193,6 @@ class RemoteArm(MotionMethods):
         health = self.health()
         kind = str(health["stop_kind"])
         return StopReason(StopKind[kind], str(health["stop_text"])) if kind else None
-
-    @property
-    def stopped_for(self) -> str:
-        """The text of ``stop_reason``; empty where the arm is not stopped."""
-        return str(self.health()["stop_text"])
 
     def acknowledge(self) -> None:
         """End a stop: the arm may be moved again; nothing moves yet."""
@@ -274,38 +254,46 @@ class RemoteArm(MotionMethods):
         on_progress: OnProgress | None = None,
     ) -> FollowResult:
         """Follow a stream of targets, a hundred a second, until it ends; see ``Arm.follow``."""
-        return self._following.follow(targets, speed, on_progress)
+        check_iterable("The stream of targets", targets, "an iterable of targets")
+        items = next_items(self.clock, targets, _TARGET_PERIOD_S)
 
-    def follow_arm(
-        self,
-        leader: object,
-        *,
-        until: Callable[[], bool] | None = None,
-        speed: str = "normal",
-        on_progress: OnProgress | None = None,
-    ) -> FollowResult:
-        """Follow another arm, guided by hand, on any machine; see ``Arm.follow_arm``.
+        def send_next() -> None:
+            goal, ended = next(items, (None, True))
+            if goal is not None:
+                self._connection.send_setpoint(**goal_fields(goal, self.joint_names))
+            elif ended:
+                self._connection.send_setpoint(wanted=False)
 
-        Raises:
-            BadValueError: The leader is no other arm.
-        """
-        if leader is self:
-            raise BadValueError("The leader", repr(leader), "another open arm")
-        return self._following.follow_arm(leader, until, speed, on_progress)
+        with self._calls.reporting(on_progress):
+            pending = self._calls.start("follow", speed=speed)
+            return cast("FollowResult", self._calls.await_result(pending, send_next, poll_s=0.0))
+
+    follow_arm = follow_arm
+
+    def target_period_s(self) -> float:
+        """Return the time between two targets that are sent."""
+        return _TARGET_PERIOD_S
 
     @contextmanager
-    def published_positions(self) -> Generator[Callable[[], dict[str, float] | None]]:
-        """Yield what takes the newest published positions by joint once; for a follower."""
+    def leader_positions(
+        self, joints: Sequence[str], period_s: float, until: Callable[[], bool] | None
+    ) -> Generator[Iterator[dict[str, float] | None]]:
+        """Yield the newest published positions in every period; for ``follow_arm``."""
         newest: list[ArmState] = []
 
         def keep(value: object) -> None:
             if isinstance(value, ArmState):
                 newest[:] = [value]
 
-        with self._connection.subscribed("state", keep):
-            yield lambda: newest.pop().positions if newest else None
+        def take() -> dict[str, float] | None:
+            return newest.pop().positions if newest else None
 
-    def load_replay(self, path: Path | str, **_: object) -> None:
+        with self._connection.subscribed("state", keep):
+            yield published_positions(take, joints, period_s, until)
+
+    def load_replay(
+        self, path: Path | str, *, speed: str = "normal"
+    ) -> tuple[Recording, RecordedTrajectory]:
         """Refuse: a recording is replayed beside the arm.
 
         Raises:

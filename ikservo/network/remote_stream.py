@@ -4,18 +4,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Generator, Iterable, Mapping, Sequence
-from typing import Any, Protocol, cast
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ikservo.arm import MotionProgress, OpenArm
 from ikservo.arm.arguments import parse_joint_positions, parse_period_s
 from ikservo.arm.target_tracking import CartesianOrJointTarget
 from ikservo.clock import Clock, Rate
 from ikservo.errors import BadValueError, RefusedError, UnknownNameError
 from ikservo.ik import Target
 from ikservo.kinematics import finite_array
-from ikservo.kinematics.arrays import as_floats
+from ikservo.kinematics.arrays import Vector, as_floats
 from ikservo.network.connection import Connection, PendingCall
 from ikservo.network.messages import TargetFields
 from ikservo.network.motion_calls import MotionCalls
@@ -23,20 +24,6 @@ from ikservo.network.motion_calls import MotionCalls
 __all__ = ["RemoteStream", "goal_fields", "next_items"]
 
 _CLOSE_TIMEOUT_S, _END_PERIOD_S = 10.0, 0.1
-
-
-class Streaming(Protocol):
-    """What a stream needs of its arm."""
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """All joints, in the order of vectors (n,)."""
-        ...
-
-    @property
-    def clock(self) -> Clock:
-        """Paces a stream with a rate."""
-        ...
 
 
 class RemoteStream:
@@ -47,11 +34,12 @@ class RemoteStream:
         unreached: How many were out of reach; known at the end of the block.
         refused: How many the guard refused; known at the end of the block.
         reason: Why the last of those was refused.
+        kept: None: the goal that the arm kept is known on its machine only.
     """
 
     def __init__(
         self,
-        arm: Streaming,
+        arm: OpenArm,
         connection: Connection,
         calls: MotionCalls,
         speed: str,
@@ -63,6 +51,7 @@ class RemoteStream:
         self._pending: PendingCall | None = None
         self.sent = self.unreached = self.refused = 0
         self.reason = ""
+        self.kept: Vector | None = None
 
     def __enter__(self) -> RemoteStream:
         """Take control and start; the arm moves with the first setpoint.
@@ -83,6 +72,11 @@ class RemoteStream:
             self._end(pending)
         if error is None:
             self._take_counts(pending)
+
+    @property
+    def progress(self) -> MotionProgress | None:
+        """None: the control loop runs on the machine of the arm."""
+        return None
 
     @property
     def names(self) -> tuple[str, ...]:

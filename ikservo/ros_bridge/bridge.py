@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from ikservo.arm import Arm, ArmState, JointState, StopKind, StopReason
+from ikservo.arm import ArmState, JointState, OpenArm, StopKind, StopReason
 from ikservo.arm.reports import describe_torque
 from ikservo.errors import BadValueError, IkservoError, RefusedError
 from ikservo.kinematics.arrays import Matrix
@@ -71,7 +71,7 @@ class RosBridge:
     def __init__(
         self,
         session: zenoh.Session,
-        arm: Arm,
+        arm: OpenArm,
         domain: int = 0,
         namespace: str = "",
         rate_hz: float = 50.0,

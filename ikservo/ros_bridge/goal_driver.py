@@ -11,7 +11,8 @@ from typing import Protocol
 
 import numpy as np
 
-from ikservo.arm import Arm, SetpointStream
+from ikservo.arm import OpenArm
+from ikservo.arm.arm_protocol import GoalStream
 from ikservo.errors import IkservoError, RefusedError
 from ikservo.kinematics.arrays import Vector
 from ikservo.ros_bridge.goals import MotionGoal
@@ -69,7 +70,7 @@ class GoalDriver:
         warn: Called with the reason where a goal is refused or has ended early.
     """
 
-    def __init__(self, arm: Arm, speed: str, warn: Callable[[str], None]) -> None:
+    def __init__(self, arm: OpenArm, speed: str, warn: Callable[[str], None]) -> None:
         self._arm, self._speed, self._warn = arm, speed, warn
         self._changed = threading.Condition()
         self._task: _Task | None = None  # the newest
@@ -169,7 +170,7 @@ class GoalDriver:
             self._busy = True
             return self._task
 
-    def _follow(self, stream: SetpointStream) -> None:
+    def _follow(self, stream: GoalStream) -> None:
         """Send setpoints until the newest goal has ended and the arm is still, or none is left."""
         followed, still = None, _Stillness()
         due_s = began_s = time.monotonic()
@@ -208,7 +209,7 @@ class GoalDriver:
                 self._replace(None)
 
 
-def _reason_of(stream: SetpointStream) -> str:
+def _reason_of(stream: GoalStream) -> str:
     if stream.reason:
         return stream.reason
     if stream.unreached:
@@ -222,7 +223,7 @@ def _text_of(error: Exception) -> str:
     return f"The motion has failed: {type(error).__name__}: {error}"
 
 
-def _is_running(stream: SetpointStream, elapsed_s: float) -> bool:
+def _is_running(stream: GoalStream, elapsed_s: float) -> bool:
     """Check whether the control loop follows: before, servos are read and torque comes on."""
     if elapsed_s > _START_S:
         return True

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ikservo.arm import Arm
+from ikservo.arm import OpenArm
 from ikservo.errors import BadValueError, IkservoError, InputError, RefusedError
 from ikservo.ros.messages import make
 from ikservo.ros.service_types import FOLLOW
@@ -55,7 +55,11 @@ class TrajectoryAction:
     """
 
     def __init__(
-        self, node: RosNode, arm: Arm, driver: GoalDriver, parse: Callable[[Any], TrajectoryGoal]
+        self,
+        node: RosNode,
+        arm: OpenArm,
+        driver: GoalDriver,
+        parse: Callable[[Any], TrajectoryGoal],
     ) -> None:
         self._arm, self._driver, self._parse = arm, driver, parse
         self._watches: dict[ActionGoal, _Watch] = {}
@@ -173,7 +177,7 @@ class _Watch:
         self,
         action: TrajectoryAction,
         goal: ActionGoal,
-        arm: Arm,
+        arm: OpenArm,
         trajectory: TrajectoryGoal,
         on_path: Mapping[str, float],
         at_end: Mapping[str, float],

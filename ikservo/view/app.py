@@ -12,7 +12,8 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from typing import Any
 
-from ikservo.arm import DEAD_MAN_TIMEOUT_S, Arm, open_arm
+from ikservo.arm import DEAD_MAN_TIMEOUT_S, Arm
+from ikservo.arm.opening import open_own_arm
 from ikservo.clock import RealClock
 from ikservo.errors import BadValueError
 from ikservo.hardware.transport import refuse_other_machines
@@ -166,8 +167,8 @@ class ViewApp:
         ]
 
     def _open_arm(self, model: Model, port: str | None) -> Arm:
-        return open_arm(model, port, collisions=self._collisions,
-                        uncalibrated=self._uncalibrated)  # fmt: skip
+        return open_own_arm(model, port, collisions=self._collisions,
+                            uncalibrated=self._uncalibrated)  # fmt: skip
 
     def _collect_warnings(self) -> list[str]:
         if self._is_local:

@@ -23,7 +23,7 @@ __all__ = [
     "ArmListMessage",
     "CloseArm",
     "FindChoices",
-    "OpenArm",
+    "OpenChoice",
     "ShowCamera",
     "StopArms",
     "read_arm_list_message",
@@ -39,7 +39,7 @@ class FindChoices(PageMessage):
     kind: Literal["find_choices"]
 
 
-class OpenArm(PageMessage):
+class OpenChoice(PageMessage):
     """Open one of the arms at one of the ports that were offered."""
 
     kind: Literal["open_arm"]
@@ -68,7 +68,7 @@ class StopArms(PageMessage):
     by: StopInput = "button"
 
 
-ArmListMessage = Heartbeat | FindChoices | OpenArm | CloseArm | ShowCamera | StopArms
+ArmListMessage = Heartbeat | FindChoices | OpenChoice | CloseArm | ShowCamera | StopArms
 _MESSAGES: TypeAdapter[ArmListMessage] = TypeAdapter(
     Annotated[ArmListMessage, Field(discriminator="kind")]
 )
@@ -143,7 +143,7 @@ class ArmList:
         match message:
             case FindChoices():
                 self._choices.start()
-            case OpenArm():
+            case OpenChoice():
                 self._arms.start_opening(self._choices.found.choose(message.arm, message.port))
             case CloseArm():
                 self._arms.start_closing(message.name)

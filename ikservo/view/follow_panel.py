@@ -98,7 +98,7 @@ def _check_coupling(leader: ArmThread, follower: Arm, name: str) -> tuple[str, .
         raise InputError(
             f"{name} holds: nobody can guide it.", "Release it first; an arm in the air falls."
         )
-    return tuple(shared_joints(leader.arm.context, follower.context))
+    return tuple(shared_joints(leader.arm.model, follower.model))
 
 
 def _lag_rows(arm: Arm, job: FollowLeader) -> list[tuple[str, str]]:

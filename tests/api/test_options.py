@@ -112,7 +112,7 @@ def test_options_of_another_motion_are_unknown(limp, method, option):
 
 def test_remote_arms_have_the_same_methods_with_the_same_parameters():
     for name, method in inspect.getmembers(MotionMethods, inspect.isfunction):
-        for arm in (Arm, RemoteArm):
+        for arm in (Arm, RemoteArm) if name[0] != "_" else ():
             assert inspect.signature(getattr(arm, name)) == inspect.signature(method)
 
 

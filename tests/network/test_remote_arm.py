@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm import Arm, ToolOrientation
+from ikservo.arm import Arm, OpenArm, ToolOrientation
 from ikservo.arm.motions import MoveArc, MoveGripper, MoveJoints, MovePose, MoveTo, Replay
+from ikservo.arm.opening import open_own_arm, require_own_port
 from ikservo.errors import (
     BadValueError,
     IkservoError,
@@ -34,12 +35,19 @@ def public_methods(kind):
     }
 
 
-def test_it_has_every_method_of_an_arm_with_the_same_parameters():
-    here, there = public_methods(Arm), public_methods(RemoteArm)
+@pytest.mark.parametrize("kind", [Arm, RemoteArm])
+def test_protocol_of_open_arms_is_implemented_with_the_same_parameters(kind):
+    methods = public_methods(OpenArm)
+    assert public_methods(kind).items() >= methods.items()
+    names = {name for name in dir(OpenArm) if name[0] != "_"}
+    assert all(hasattr(kind, name) for name in names)
+    assert len(names) > len(methods) > 40
+
+
+def test_protocol_of_open_arms_leaves_out_only_what_needs_the_servos():
     left_out = {"listen", "follow_goals"}
-    assert here.keys() - there.keys() == left_out
-    for name in there.keys() & here.keys() - {"load_replay"}:
-        assert there[name] == here[name], name
+    assert public_methods(Arm).keys() - public_methods(RemoteArm).keys() == left_out
+    assert public_methods(Arm).keys() - public_methods(OpenArm).keys() == left_out
 
 
 def test_it_has_the_limits_the_chain_and_the_state_of_the_arm_there(served):
@@ -281,8 +289,16 @@ def test_a_stop_by_another_program_ends_the_motion(served):
 
 
 def test_what_needs_the_servos_own_port_is_refused_and_says_where(served):
-    with served.open() as arm, pytest.raises(RefusedError, match="not on this machine"):
-        _ = arm.context
+    with served.open() as arm:
+        with pytest.raises(RefusedError, match=f"not on this machine: {served.address}"):
+            require_own_port(arm)
+        assert not hasattr(arm, "context")
+    assert require_own_port(served.arm) is served.arm
+
+
+def test_arms_of_other_machines_are_not_opened_where_the_servos_are_needed(served):
+    with pytest.raises(PortError, match="arm on another machine"):
+        open_own_arm(served.arm.model, served.address)
 
 
 def test_the_bus_of_another_machine_is_not_opened(served):

@@ -22,6 +22,7 @@ from numpy.typing import NDArray
 
 import ikservo
 from ikservo.arm import Arm, MotionPlan, MoveResult
+from ikservo.arm.opening import open_own_arm
 from ikservo.arm.plan import rebase_trajectory
 from ikservo.errors import IkservoError
 from ikservo.kinematics.se3 import log_so3
@@ -116,7 +117,7 @@ def main() -> None:
 
 def _trials(name: str, options: argparse.Namespace, *, correct: bool) -> Iterator[Trial]:
     port = f"sim:?backlash_deg={options.backlash_deg}&seed={options.seed}"
-    with ikservo.open_arm(name, port=port) as arm:
+    with open_own_arm(ikservo.load_model(name), port) as arm:
         judge = Judge(arm, options.seed)
         for count, plan in enumerate(_plans(arm, options.seed, options.speed)):
             if count == options.count:

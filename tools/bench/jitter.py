@@ -24,6 +24,7 @@ from pathlib import Path
 import numpy as np
 
 import ikservo
+from ikservo.arm.opening import open_own_arm
 from ikservo.clock import RealClock
 from ikservo.control import real_time as control_real_time
 from ikservo.control.loop import ControlCycle, ControlLoop
@@ -111,7 +112,7 @@ class Timing:
 def measure(port: str, name: str, rate_hz: float, duration_s: float) -> Timing:
     """Stream goals for some time; return the times of the cycles."""
     clock, sent_s = DueTimes(), list[float]()
-    with ikservo.open_arm(name, port=port) as arm:
+    with open_own_arm(ikservo.load_model(name), port) as arm:
         arm.enable()
         servos = arm.context.servos
         servos.clock = clock

@@ -26,6 +26,7 @@ import jitter
 
 import ikservo
 from ikservo.arm import Arm
+from ikservo.arm.opening import open_own_arm
 from ikservo.arm.target_tracking import CartesianOrJointTarget, TargetTracker
 from ikservo.kinematics.arrays import Vector
 from ikservo.network import key_expressions as keys
@@ -81,7 +82,7 @@ def note_arrivals(arm: Arm) -> Times:
     return arrived
 
 
-def stream_goals(arm: Arm, seconds: float, rate_hz: float) -> Times:
+def stream_goals(arm: ikservo.OpenArm, seconds: float, rate_hz: float) -> Times:
     """Stream a swing of one joint; return when each goal was sent."""
     sent: Times = {}
     start_rad, start_s = arm.where()[JOINT].position_rad, time.monotonic()
@@ -98,7 +99,7 @@ def serve(port: str, name: str, tcp_port: int, rate_hz: float, pipe: Pipe) -> No
     endpoint = Endpoint("tcp", "127.0.0.1", tcp_port)
     with (
         open_server(endpoint, None, None) as session,
-        ikservo.open_arm("so101", port=port) as arm,
+        open_own_arm(ikservo.load_model("so101"), port) as arm,
         ArmServer(session, arm, name, rate_hz),
     ):
         arm.pose("home")
@@ -159,7 +160,10 @@ def delays_ms(sent: Times, arrived: Times) -> list[float]:
 
 def on_the_port(seconds: float, rate_hz: float) -> list[float]:
     """Return the delays [ms] of the goals of a program beside the arm."""
-    with jitter.served("so101") as (port, _), ikservo.open_arm("so101", port=port) as arm:
+    with (
+        jitter.served("so101") as (port, _),
+        open_own_arm(ikservo.load_model("so101"), port) as arm,
+    ):
         arm.pose("home")
         arrived = note_arrivals(arm)
         sent = stream_goals(arm, seconds, rate_hz)

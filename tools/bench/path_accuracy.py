@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 
 import ikservo
 from ikservo.arm import Arm, MotionPlan, MotionProgress, MoveResult
+from ikservo.arm.opening import open_own_arm
 from ikservo.arm.reports import OnProgress
 from ikservo.errors import IkservoError, NotSettledError
 
@@ -175,7 +176,7 @@ def _traces(name: str, speed: str, options: argparse.Namespace) -> Iterator[Trac
         body = _changed_body(known, Path(folder), options.mass_scale, options.payload_kg)
         for seed in range(options.seed, options.seed + options.specimens):
             port = f"sim:{body}?seed={seed}"
-            with ikservo.open_arm(str(known), port=port, uncalibrated=True) as arm:
+            with open_own_arm(ikservo.load_model(known), port, uncalibrated=True) as arm:
                 observer, rng = Observer(arm), np.random.default_rng(seed)
                 move_away(arm, rng)
                 for _ in range(options.count):

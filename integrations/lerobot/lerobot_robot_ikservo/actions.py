@@ -8,7 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo import Arm, Model
+from ikservo import Model, OpenArm
 from ikservo.kinematics.se3 import exp_so3, log_so3, make_pose
 from ikservo.model.lerobot_values import JointValues
 from lerobot_robot_ikservo.config import IkservoRobotConfig
@@ -39,7 +39,7 @@ class ActionKind(Protocol):
         """Return LeRobot's description of the actions."""
         ...
 
-    def goal(self, action: Mapping[str, Any], last: Vector, arm: Arm) -> tuple[Vector, str]:
+    def goal(self, action: Mapping[str, Any], last: Vector, arm: OpenArm) -> tuple[Vector, str]:
         """Return the goal (n,) of an action, from the ``last`` one, and what it cannot reach.
 
         Raises:
@@ -75,7 +75,7 @@ class JointActions:
         """Return one value a joint."""
         return self._values.features
 
-    def goal(self, action: Mapping[str, Any], last: Vector, arm: Arm) -> tuple[Vector, str]:
+    def goal(self, action: Mapping[str, Any], last: Vector, arm: OpenArm) -> tuple[Vector, str]:
         """Return the positions; joints without one keep their last."""
         del arm  # of the other kinds
         return self._values.to_positions(action, last), ""
@@ -94,7 +94,7 @@ class PoseActions:
         keys = POSE_KEYS if self._gripper is None else (*POSE_KEYS, _GRIPPER_KEY)
         return dict.fromkeys(keys, float)
 
-    def goal(self, action: Mapping[str, Any], last: Vector, arm: Arm) -> tuple[Vector, str]:
+    def goal(self, action: Mapping[str, Any], last: Vector, arm: OpenArm) -> tuple[Vector, str]:
         """Return the joints whose tip is in the pose, near the last ones."""
         position = [float(action[key]) for key in _POSITION_KEYS]
         T = make_pose(position, exp_so3([float(action[key]) for key in _TURN_KEYS]))
@@ -104,7 +104,7 @@ class PoseActions:
             goal = self._values.to_positions(percent, goal)
         return goal, missing
 
-    def joints_at(self, T_base_tip: Matrix, last: Vector, arm: Arm) -> tuple[Vector, str]:
+    def joints_at(self, T_base_tip: Matrix, last: Vector, arm: OpenArm) -> tuple[Vector, str]:
         """Return all joints (n,) with the tip in a pose, and what cannot be reached."""
         if self._solver is None or self._solver.chain is not arm.chain:
             self._solver = TipSolver(arm.chain)
@@ -130,7 +130,7 @@ class StepActions:
         keys = _STEP_KEYS if self._gripper is None else (*_STEP_KEYS, _STEP_GRIPPER_KEY)
         return dict.fromkeys(keys, float)
 
-    def goal(self, action: Mapping[str, Any], last: Vector, arm: Arm) -> tuple[Vector, str]:
+    def goal(self, action: Mapping[str, Any], last: Vector, arm: OpenArm) -> tuple[Vector, str]:
         """Return the joints a step further; the tool keeps its orientation as well as it can."""
         step_m = self._step_m * np.array([float(action[key]) for key in _STEP_KEYS])
         goal, missing = last, ""

@@ -41,7 +41,7 @@ class ArmConnection:
         self._on_exit: OnExit = on_exit
         self.model = ikservo.load_model(config.arm)
         self.values = JointValues(self.model)
-        self._arm: ikservo.Arm | None = None
+        self._arm: ikservo.OpenArm | None = None
 
     @property
     def is_open(self) -> bool:
@@ -49,7 +49,7 @@ class ArmConnection:
         return self._arm is not None
 
     @property
-    def arm(self) -> ikservo.Arm:
+    def arm(self) -> ikservo.OpenArm:
         """Return the open arm.
 
         Raises:

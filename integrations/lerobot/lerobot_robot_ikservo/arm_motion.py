@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 import ikservo
 from ikservo.arm import DEAD_MAN_TIMEOUT_S, MotionProgress
-from ikservo.arm.setpoint_stream import SetpointStream
+from ikservo.arm.arm_protocol import GoalStream
 
 __all__ = ["ArmMotion"]
 
@@ -35,9 +35,9 @@ class ArmMotion:
         speed: Its speed class.
     """
 
-    def __init__(self, arm: ikservo.Arm, speed: str) -> None:
+    def __init__(self, arm: ikservo.OpenArm, speed: str) -> None:
         self._arm, self._speed = arm, speed
-        self._stream: SetpointStream | None = None
+        self._stream: GoalStream | None = None
         self._open_stream = ExitStack()
         self._refused = 0
         self._sent_s = -np.inf
@@ -91,16 +91,11 @@ class ArmMotion:
         self._stream = None
 
     def _progress(self) -> MotionProgress | None:
-        """Return the last control cycle, unless the control loop may have ended since.
-
-        That of an arm on another machine runs there.
-        """
-        if self._arm.is_remote:
-            return None
+        """Return the last control cycle, unless the control loop may have ended since."""
         is_fresh = time.monotonic() - self._sent_s < _FRESH_S
         return self._stream.progress if self._stream is not None and is_fresh else None
 
-    def _streaming(self) -> SetpointStream:
+    def _streaming(self) -> GoalStream:
         if self._stream is None:
             self._stream = self._open_stream.enter_context(self._arm.stream(speed=self._speed))
             self._refused = 0
@@ -110,7 +105,7 @@ class ArmMotion:
         self._stream = None
         self.close()
 
-    def _note_refusals(self, stream: SetpointStream) -> bool:
+    def _note_refusals(self, stream: GoalStream) -> bool:
         is_new = stream.refused > self._refused
         self._refused = stream.refused
         self._report("refused", stream.reason if is_new else "")

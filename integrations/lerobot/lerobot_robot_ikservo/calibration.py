@@ -45,7 +45,7 @@ def calibration_command(config: IkservoRobotConfig | IkservoLeaderConfig) -> lis
     return [sys.executable, "-m", "ikservo", *what, config.arm, *port, *yes]
 
 
-def write_lerobot_file(arm: ikservo.Arm, path: Path) -> bool:
+def write_lerobot_file(arm: ikservo.OpenArm, path: Path) -> bool:
     """Write an arm's calibration where LeRobot looks for it; return whether there is one."""
     if arm.zeros is not ZeroSource.CALIBRATED:
         return False

@@ -7,6 +7,7 @@ from typing import Any
 
 from lerobot.teleoperators import Teleoperator
 
+import ikservo
 from lerobot_robot_ikservo.arm_connection import ArmConnection
 from lerobot_robot_ikservo.config import IkservoLeaderConfig
 
@@ -74,9 +75,9 @@ class IkservoLeader(Teleoperator):
         """Return the measured joints."""
         arm = self._connection.arm
         measured = (
-            arm.where().positions_rad
-            if arm.is_remote
-            else arm.context.servos.measure_positions()  # nothing else, for LeRobot's rate
+            arm.context.servos.measure_positions()  # nothing else, for LeRobot's rate
+            if isinstance(arm, ikservo.Arm)
+            else arm.where().positions_rad
         )
         return self._connection.values.from_positions(measured)
 

@@ -195,7 +195,7 @@ class IkservoRobot(Robot):
     def _step_refusal(self, goal: Vector) -> str:
         """Return why the guard refuses a step: the next one shall begin at this one's start."""
         arm = self._connection.arm
-        if arm.is_remote:
+        if not isinstance(arm, ikservo.Arm):
             return ""
         start = self._require_motion().setpoint()
         try:
@@ -218,7 +218,7 @@ class IkservoRobot(Robot):
         arm = self._connection.arm
         return pose_values(arm.chain.forward(arm.joint_index.chain_joints(joints)))
 
-    def _outside_text(self, arm: ikservo.Arm, goal: Vector, inside: Vector) -> str:
+    def _outside_text(self, arm: ikservo.OpenArm, goal: Vector, inside: Vector) -> str:
         beyond = np.flatnonzero(np.abs(goal - inside) > np.radians(0.5))
         names = ", ".join(arm.joint_names[i] for i in beyond)
         return f"Limited to this arm's range: {names}." if names else ""

@@ -1,0 +1,240 @@
+"""What every open arm can do, with its servos on a port of this machine or on another machine.
+
+``Arm`` and ``RemoteArm`` (``ikservo.network``) implement it. Code that takes either names it as the
+type; code that needs the servos takes an ``Arm``, see ``ikservo.arm.opening.require_own_port``.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol, Self
+
+from numpy.typing import ArrayLike
+
+from ikservo.arm.calibrated_arm import ZeroSource
+from ikservo.arm.following import FollowResult
+from ikservo.arm.jogging import JogResult, KeepGoing
+from ikservo.arm.motion_methods import MotionMethods, Positions
+from ikservo.arm.plan import PoseWithinLimits
+from ikservo.arm.poses import PoseLibrary
+from ikservo.arm.recorder import RecordResult
+from ikservo.arm.replay import RecordedTrajectory
+from ikservo.arm.reports import ArmState, JointMoveResult, MotionProgress, OnProgress
+from ikservo.arm.target_tracking import CartesianOrJointTarget
+from ikservo.clock import Clock
+from ikservo.ik import Target
+from ikservo.kinematics import Chain, JointIndex
+from ikservo.kinematics.arrays import Vector
+from ikservo.model import Model
+from ikservo.recording.recording import Recording
+
+__all__ = ["GoalStream", "OpenArm"]
+
+
+class GoalStream(Protocol):
+    """Takes setpoints in a ``with`` block; see ``Arm.stream``.
+
+    Attributes:
+        unreached: How many setpoints were out of reach; the arm went as near as it could.
+        refused: How many the guard refused; the arm kept the one before.
+        reason: Why the last of those was refused.
+        kept: The goal (n,) that the arm kept then, rad or m; None before, or where the arm is on
+            another machine.
+    """
+
+    unreached: int
+    refused: int
+    reason: str
+    kept: Vector | None
+
+    def __enter__(self) -> Self:
+        """Start to take setpoints."""
+        ...
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+        /,
+    ) -> None:
+        """Brake and hold."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The joints, in the order of arrays (n,)."""
+        ...
+
+    @property
+    def sent(self) -> int:
+        """How many setpoints were sent."""
+        ...
+
+    @property
+    def progress(self) -> MotionProgress | None:
+        """The last control cycle; None before the first, or where it runs on another machine."""
+        ...
+
+    def send(self, setpoint: Mapping[str, float] | ArrayLike | Target) -> None:
+        """Send a setpoint; it replaces the one before."""
+
+
+class OpenArm(MotionMethods, Protocol):
+    """An open arm, wherever its servos are. What each method does is explained with ``Arm``.
+
+    Attributes:
+        model: The arm's model.
+        chain: Base to tool, inside this arm's limits in whole ticks.
+        zeros: Where the zeros of its joints come from.
+        poses: The poses of its arm file, and the taught ones.
+        joint_index: Which column of vectors of all joints (n,) is which.
+    """
+
+    model: Model
+    chain: Chain
+    zeros: ZeroSource
+    poses: PoseLibrary
+    joint_index: JointIndex
+
+    def __enter__(self) -> Self:
+        """Return the arm; leaving the block closes it.
+
+        Raises:
+            PortError: It was closed before.
+        """
+        ...
+
+    @property
+    def is_remote(self) -> bool:
+        """Whether its servos are on another machine."""
+        ...
+
+    @property
+    def port_name(self) -> str:
+        """The name of the port the arm is on, or its address."""
+        ...
+
+    @property
+    def clock(self) -> Clock:
+        """The clock of its motions: simulated time on a simulated bus of this machine."""
+        ...
+
+    def limits(self) -> tuple[Vector, Vector]:
+        """Return the lower and upper limits (n,), in whole ticks, rad or m; read-only."""
+        ...
+
+    def clearance_m(self, positions: Positions) -> float:
+        """Return the smallest distance of the body [m] to itself, the table and the boxes."""
+        ...
+
+    def where(self) -> ArmState:
+        """Measure tip, joints and health."""
+        ...
+
+    def last_state(self) -> ArmState:
+        """Return the state of the last control cycle."""
+        ...
+
+    # torque and stops
+
+    def relax(self, on_progress: OnProgress | None = None) -> JointMoveResult:
+        """Lower the arm to its rest pose, slowly, then switch every servo's torque off."""
+        ...
+
+    def disable_torque(self) -> None:
+        """Switch every servo's torque off; an arm that is not supported falls."""
+
+    def reconnect(self, within_s: float = 10.0) -> None:
+        """Open the port again after the cable was pulled; refused on another machine."""
+
+    def return_within_limits(self) -> None:
+        """Move joints that are a little outside their limits back inside, slowly."""
+
+    @property
+    def stop_requests(self) -> int:
+        """How often a stop was requested since the last ``acknowledge``."""
+        ...
+
+    def acknowledge(self) -> None:
+        """End a stop: the cause is gone, and the arm may be moved again; nothing moves yet."""
+
+    # poses, goals and recordings
+
+    def pose_within_limits(self, pose: str, start: Vector | None = None) -> PoseWithinLimits:
+        """Clamp a named pose to this arm's limits, which may be narrower than the pose."""
+        ...
+
+    def teach(
+        self, name: str, until: Callable[[], object] | None = None, *, hold: bool = False
+    ) -> dict[str, float]:
+        """Save the measured joints as a pose of this arm; return them, rad or m by name."""
+        ...
+
+    def jog(self, what: str, speed: float | None = None, *, wanted: KeepGoing) -> JogResult:
+        """Move a joint or the tip in one direction for as long as ``wanted`` returns True."""
+        ...
+
+    def follow(
+        self,
+        targets: Iterable[CartesianOrJointTarget | None],
+        *,
+        speed: str = "normal",
+        on_progress: OnProgress | None = None,
+    ) -> FollowResult:
+        """Follow a stream of targets until it ends."""
+        ...
+
+    def follow_arm(
+        self,
+        leader: OpenArm,
+        *,
+        until: Callable[[], bool] | None = None,
+        speed: str = "normal",
+        on_progress: OnProgress | None = None,
+    ) -> FollowResult:
+        """Follow another arm, guided by hand, joint by joint of the same name."""
+        ...
+
+    def target_period_s(self) -> float:
+        """Return the time between two targets of ``follow``; for functions of this package."""
+        ...
+
+    def leader_positions(
+        self, joints: Sequence[str], period_s: float, until: Callable[[], bool] | None
+    ) -> AbstractContextManager[Iterator[dict[str, float] | None]]:
+        """Return, for a ``with`` block, the measured positions of joints for a follower.
+
+        For functions of this package.
+
+        Args:
+            joints: The joints that the follower has, too.
+            period_s: Between two items; one is None where nothing newer is known.
+            until: Ends them by returning True.
+        """
+        ...
+
+    def stream(self, *, speed: str = "normal", rate_hz: float | None = None) -> GoalStream:
+        """Open a stream of setpoints, which the program sends at its own rate."""
+        ...
+
+    def load_replay(
+        self, path: Path | str, *, speed: str = "normal"
+    ) -> tuple[Recording, RecordedTrajectory]:
+        """Read a recording, and what ``replay`` would play; refused on another machine."""
+        ...
+
+    def record(
+        self,
+        path: Path | str,
+        *,
+        duration_s: float | None = None,
+        until: Callable[[], bool] | None = None,
+        period_s: float = 0.02,
+        overwrite: bool = False,
+        foxglove_port: int | None = None,
+    ) -> RecordResult:
+        """Write the measured joints to a file of this machine at a fixed rate."""
+        ...
