@@ -8,21 +8,19 @@ from collections.abc import Callable, Iterator, Mapping
 from types import TracebackType
 from typing import TypeVar
 
-import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.arm.arguments import parse_joint_positions, parse_period_s
+from ikservo.arm.arguments import parse_period_s
 from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.background_motion import Motion
 from ikservo.arm.following import follow_targets
 from ikservo.arm.reports import MotionProgress
-from ikservo.arm.target_tracking import CartesianOrJointTarget
+from ikservo.arm.target_tracking import CartesianOrJointTarget, parse_setpoint
 from ikservo.clock import Clock, RealClock
-from ikservo.errors import BadValueError, RefusedError, UnknownNameError
+from ikservo.errors import RefusedError
 from ikservo.guard import DEAD_MAN_TIMEOUT_S
 from ikservo.ik import Target
-from ikservo.kinematics import finite_array
-from ikservo.kinematics.arrays import Vector, as_floats
+from ikservo.kinematics.arrays import Vector
 
 __all__ = ["SetpointMailbox", "SetpointStream", "open_stream"]
 
@@ -197,7 +195,7 @@ class SetpointStream:
             StoppedError: The arm was stopped; it holds.
             IkservoError: The error that ended the stream; the arm holds.
         """
-        checked = self._check_setpoint(setpoint)
+        checked = parse_setpoint(setpoint, self.names)
         self._check_running()
         self._mailbox.put(checked)
         self._check_running()
@@ -254,32 +252,6 @@ class SetpointStream:
             self._raised = True  # not again at the end of the block
             motion.wait()
             raise RefusedError("The stream is closed.", "Open another: arm.stream().")
-
-    def _check_setpoint(self, setpoint: object) -> CartesianOrJointTarget:
-        if isinstance(setpoint, Target):
-            return setpoint
-        if isinstance(setpoint, Mapping):
-            return self._positions_by_name(setpoint)  # pyright: ignore[reportUnknownArgumentType]
-        array = as_floats(setpoint, "The setpoint", self._expected_setpoint)  # pyright: ignore[reportArgumentType]
-        if array.shape == (4, 4):
-            return finite_array(array, (4, 4), "The setpoint").copy()
-        if array.shape != (len(self.names),):
-            raise BadValueError("The setpoint", f"of shape {array.shape}", self._expected_setpoint)
-        return self._positions_by_name(dict(zip(self.names, array.tolist(), strict=True)))
-
-    def _positions_by_name(self, positions: object) -> dict[str, float]:
-        given = parse_joint_positions(positions)
-        for name, position in given.items():
-            if name not in self.names:
-                raise UnknownNameError("joint", name, self.names)
-            if not np.isfinite(position):
-                raise BadValueError(f"The goal of {name}", position, "a finite number")
-        return given
-
-    @property
-    def _expected_setpoint(self) -> str:
-        n = len(self.names)
-        return f"positions by joint or ({n},), a pose (4, 4), or a Target"
 
 
 def open_stream(

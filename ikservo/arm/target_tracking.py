@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.arm.arguments import parse_joint_positions
-from ikservo.errors import BadValueError
+from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.ik import Solver, Target
 from ikservo.kinematics import Chain, JointIndex, finite_array
 from ikservo.kinematics.arrays import Matrix, Vector, as_floats
 from ikservo.kinematics.se3 import exp_so3
 
-__all__ = ["CartesianOrJointTarget", "TargetTracker"]
+__all__ = ["CartesianOrJointTarget", "TargetTracker", "parse_setpoint", "parse_target"]
 
 CartesianOrJointTarget = Target | Mapping[str, float] | ArrayLike
 """A ``Target``, a point (3,) [m], a pose (4, 4) of the tip, or positions by joint [rad or m]."""
@@ -43,9 +43,10 @@ class TargetTracker:
             BadValueError: It is no target, or a number in it is not finite.
             UnknownNameError: It names a joint or a link that the arm does not have.
         """
-        if isinstance(target, Mapping):
-            return self._joints_from_names(parse_joint_positions(target), last), True
-        parsed, T = self._target_and_pose(target)
+        parsed = parse_target(target, self._index.names)
+        if isinstance(parsed, Mapping):
+            return self._joints_from_names(parsed, last), True
+        T = _pose_of(parsed)
         q, reached = self._solver_for(parsed).track(T, self._index.chain_joints(last))
         return self._index.with_chain(last, q), reached
 
@@ -57,18 +58,6 @@ class TargetTracker:
                 raise BadValueError(f"The goal of {name}", position, "a number of at most 1000")
             goal[column] = position
         return goal
-
-    def _target_and_pose(self, target: Target | ArrayLike) -> tuple[Target, Matrix]:
-        """Compute a target and the pose (4, 4) for the solver."""
-        target = target if isinstance(target, Target) else _parse_target(target)
-        T = np.eye(4)
-        T[:3, 3] = target.position
-        T[:3, :3] = (
-            exp_so3(target.orientation_error(np.eye(3)))
-            if target.rotation is None
-            else target.rotation
-        )
-        return target, T
 
     def _solver_for(self, target: Target) -> Solver:
         kind = "position" if target.only_position else "direction"
@@ -83,14 +72,70 @@ class TargetTracker:
         return self._solvers[key]
 
 
-def _parse_target(target: ArrayLike) -> Target:
-    """Parse the target that an array is.
+def _pose_of(target: Target) -> Matrix:
+    """Compute the pose (4, 4) of a target for the solver."""
+    T = np.eye(4)
+    T[:3, 3] = target.position
+    T[:3, :3] = (
+        exp_so3(target.orientation_error(np.eye(3))) if target.rotation is None else target.rotation
+    )
+    return T
+
+
+def parse_target(target: CartesianOrJointTarget, names: Sequence[str]) -> Target | dict[str, float]:
+    """Parse a target of ``Arm.follow``.
+
+    Args:
+        target: A ``Target``, a point (3,) [m], a pose (4, 4), or positions by joint [rad or m].
+        names: All joints.
 
     Raises:
-        BadValueError: It is none.
+        BadValueError: It is none of these, or a number is not finite.
+        UnknownNameError: No such joint.
     """
+    if isinstance(target, Target):
+        return target
+    if isinstance(target, Mapping):
+        return _finite_positions(target, names)
     array = as_floats(target, "The target", "a point (3,), a pose (4, 4), joints or a Target")
     if array.shape != (4, 4):
         return Target(array)
     T = finite_array(array, (4, 4), "The target pose")
     return Target(T[:3, 3], orientation=T[:3, :3])
+
+
+def parse_setpoint(
+    setpoint: CartesianOrJointTarget, names: Sequence[str]
+) -> Target | dict[str, float] | Matrix:
+    """Parse a setpoint of ``Arm.stream``.
+
+    Args:
+        setpoint: Positions by joint, or of all joints (n,) [rad or m], a pose (4, 4) or a
+            ``Target``.
+        names: All joints.
+
+    Raises:
+        BadValueError: It is none of these, or a number is not finite.
+        UnknownNameError: No such joint.
+    """
+    if isinstance(setpoint, Target):
+        return setpoint
+    if isinstance(setpoint, Mapping):
+        return _finite_positions(setpoint, names)
+    expected = f"positions by joint or ({len(names)},), a pose (4, 4), or a Target"
+    array = as_floats(setpoint, "The setpoint", expected)
+    if array.shape == (4, 4):
+        return finite_array(array, (4, 4), "The setpoint").copy()
+    if array.shape != (len(names),):
+        raise BadValueError("The setpoint", f"of shape {array.shape}", expected)
+    return _finite_positions(dict(zip(names, array.tolist(), strict=True)), names)
+
+
+def _finite_positions(positions: object, names: Sequence[str]) -> dict[str, float]:
+    given = parse_joint_positions(positions)
+    for name, position in given.items():
+        if name not in names:
+            raise UnknownNameError("joint", name, names)
+        if not np.isfinite(position):
+            raise BadValueError(f"The goal of {name}", position, "a finite number")
+    return given

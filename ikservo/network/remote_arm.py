@@ -36,7 +36,7 @@ from ikservo.arm.poses import PoseLibrary
 from ikservo.arm.recorder import RecordResult, RecordSettings, describe_arm, record
 from ikservo.arm.replay import RecordedTrajectory
 from ikservo.arm.reports import OnProgress
-from ikservo.arm.target_tracking import CartesianOrJointTarget
+from ikservo.arm.target_tracking import CartesianOrJointTarget, parse_target
 from ikservo.clock import Clock, RealClock
 from ikservo.control.stopping import REQUEST_HINT, STOPPED_AFTER_REQUEST
 from ikservo.errors import BadValueError, IkservoError, PortError, RefusedError, StoppedError
@@ -260,7 +260,7 @@ class RemoteArm(MotionMethods):
         def send_next() -> None:
             goal, ended = next(items, (None, True))
             if goal is not None:
-                self._connection.send_setpoint(**goal_fields(goal, self.joint_names))
+                self._connection.send_setpoint(**goal_fields(parse_target(goal, self.joint_names)))
             elif ended:
                 self._connection.send_setpoint(wanted=False)
 

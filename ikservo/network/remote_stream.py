@@ -3,20 +3,18 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Generator, Iterable, Mapping, Sequence
+from collections.abc import Generator, Iterable, Mapping
 from typing import Any, cast
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.arm import MotionProgress, OpenArm
-from ikservo.arm.arguments import parse_joint_positions, parse_period_s
-from ikservo.arm.target_tracking import CartesianOrJointTarget
+from ikservo.arm.arguments import parse_period_s
+from ikservo.arm.target_tracking import CartesianOrJointTarget, parse_setpoint
 from ikservo.clock import Clock, Rate
-from ikservo.errors import BadValueError, RefusedError, UnknownNameError
+from ikservo.errors import RefusedError
 from ikservo.ik import Target
-from ikservo.kinematics import finite_array
-from ikservo.kinematics.arrays import Vector, as_floats
+from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.network.connection import Connection, PendingCall
 from ikservo.network.messages import TargetFields
 from ikservo.network.motion_calls import MotionCalls
@@ -91,7 +89,7 @@ class RemoteStream:
             UnknownNameError: No such joint.
             IkservoError: The error that ended the stream; the arm holds.
         """
-        goal = goal_fields(setpoint, self.names)
+        goal = goal_fields(parse_setpoint(setpoint, self.names))
         pending = self._require_pending()
         if pending.done:
             self._take_counts(pending)
@@ -124,40 +122,11 @@ class RemoteStream:
         return self._pending
 
 
-def goal_fields(goal: CartesianOrJointTarget, names: Sequence[str]) -> dict[str, object]:
-    """Return a goal as the fields of a setpoint.
-
-    Args:
-        goal: A ``Target``, a point (3,) [m], a pose (4, 4), positions by joint or of all (n,).
-        names: All joints.
-
-    Raises:
-        BadValueError: It is none of these, or a number is not finite.
-        UnknownNameError: No such joint.
-    """
+def goal_fields(goal: Target | Mapping[str, float] | Matrix) -> dict[str, object]:
+    """Return a goal, as ``target_tracking`` parses it, as the fields of a ``Setpoint``."""
     if isinstance(goal, Target):
         return {"target": TargetFields.of(goal)}
-    if isinstance(goal, Mapping):
-        return {"positions": _check_positions(goal, names)}
-    expected = f"positions by joint or ({len(names)},), a pose (4, 4), a point (3,) or a Target"
-    array = as_floats(goal, "The setpoint", expected)
-    if array.shape == (4, 4):
-        return {"pose": finite_array(array, (4, 4), "The setpoint")}
-    if array.shape == (len(names),):
-        return {"positions": _check_positions(dict(zip(names, array.tolist(), strict=True)), names)}
-    if array.shape == (3,):
-        return {"target": TargetFields.of(Target(array))}
-    raise BadValueError("The setpoint", f"of shape {array.shape}", expected)
-
-
-def _check_positions(goal: object, names: Sequence[str]) -> dict[str, float]:
-    positions = parse_joint_positions(goal)
-    for name, position in positions.items():
-        if name not in names:
-            raise UnknownNameError("joint", name, names)
-        if not np.isfinite(position):
-            raise BadValueError(f"The goal of {name}", position, "a finite number")
-    return positions
+    return {"positions" if isinstance(goal, Mapping) else "pose": goal}
 
 
 def next_items(

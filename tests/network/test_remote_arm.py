@@ -388,3 +388,18 @@ def test_motions_that_cannot_be_made_are_the_same_kind_of_error_here_and_there(s
 def test_an_unknown_joint_is_refused_before_it_is_sent(served):
     with served.open() as arm, arm.stream() as stream, pytest.raises(UnknownNameError):
         stream.send({"elbow": 0.1})
+
+
+@pytest.mark.parametrize(
+    "setpoint",
+    [POINT_M, {"elbow": 0.1}, {"gripper": np.nan}, np.full((4, 4), np.nan), "here"],
+    ids=str,
+)
+def test_setpoints_that_cannot_be_used_are_the_same_error_here_and_there(served, setpoint):
+    with served.open() as arm:
+        with pytest.raises(InputError) as there:
+            arm.stream().send(setpoint)
+        with pytest.raises(InputError) as here:
+            served.arm.stream().send(setpoint)
+    assert type(there.value) is type(here.value)
+    assert there.value.message == here.value.message
