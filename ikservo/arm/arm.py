@@ -13,7 +13,7 @@ from ikservo.arm.arguments import OnExit, check_exit
 from ikservo.arm.background_motion import Background
 from ikservo.arm.calibrated_arm import ZeroSource
 from ikservo.arm.context import ArmContext
-from ikservo.arm.control_server import CommandHandler, ControlServer, serve
+from ikservo.arm.control_server import ControlServer, command_handler, serve
 from ikservo.arm.execution import execute, lower, relax
 from ikservo.arm.motion_methods import MotionMethods, Positions
 from ikservo.arm.motion_runner import MotionRunner
@@ -24,6 +24,7 @@ from ikservo.arm.preflight import PreflightPlanner
 from ikservo.arm.recorder import RecordResult, RecordSettings, record_arm
 from ikservo.arm.reports import ArmState, JointMoveResult, MoveResult, OnProgress
 from ikservo.arm.running import run_motion
+from ikservo.arm.service import ArmService
 from ikservo.arm.setpoint_stream import open_stream
 from ikservo.clock import Clock
 from ikservo.guard import StopReason
@@ -180,7 +181,7 @@ class Arm(MotionMethods):
         """Accept stop, state and relax commands of this user's other processes."""
         if self._server is None and not is_simulated(self.port_name):
             self._server = serve(
-                self.port_name, CommandHandler(self._runner, self.relax), self._context.model.name
+                self.port_name, command_handler(ArmService(self)), self._context.model.name
             )
             self._runner.caches_states = self._server is not None
 

@@ -21,7 +21,8 @@ from pathlib import Path
 from typing import Any, cast
 
 from ikservo.arm.control_socket import connect, socket_path, socket_paths
-from ikservo.errors import ExitCode, IkservoError, InputError
+from ikservo.arm.replies import other_version_error, result_in
+from ikservo.errors import IkservoError, InputError
 from ikservo.files.reading import parse_json
 
 __all__ = [
@@ -37,7 +38,6 @@ __all__ = [
     "decode_request",
     "encode_reply",
     "encode_request",
-    "other_version_error",
     "request_stop",
     "request_stop_of",
     "send_command",
@@ -156,20 +156,22 @@ class StopResult:
     latched: bool = True
 
     @classmethod
-    def from_reply(cls, reply: Mapping[str, Any]) -> StopResult:
-        """Return the outcome that a control server replies.
+    def of(cls, result: object) -> StopResult:
+        """Return the outcome in the reply to a stop, without ``result_json``, which loads much.
 
         Raises:
             IkservoError: It is the reply of another version.
         """
-        match reply:
+        match cast("Any", result):
             case {
-                "arm": str(arm),
-                "port": str(port),
-                "moving": bool(moving),
-                "held": held,
-                "limp": limp,
-                "silent": silent,
+                "value": {
+                    "arm": str(arm),
+                    "port": str(port),
+                    "moving": bool(moving),
+                    "held": held,
+                    "limp": limp,
+                    "silent": silent,
+                }
             } if all(map(_is_names, (held, limp, silent))):
                 return cls(arm, port, moving, tuple(held), tuple(limp), tuple(silent))
             case _:
@@ -198,9 +200,7 @@ class StopAllResult:
         )
 
 
-def send_command(
-    device: str, command: Command, timeout_s: float = 10.0, arm: str = ""
-) -> dict[str, Any] | None:
+def send_command(device: str, command: Command, timeout_s: float = 10.0, arm: str = "") -> Any:  # noqa: ANN401  # any JSON value
     """Send a command to the process that has a device open.
 
     Args:
@@ -210,7 +210,7 @@ def send_command(
         arm: The arm's name, which counts where the process has two arms at the device.
 
     Returns:
-        The fields of the reply, or None where no process listens.
+        The result, JSON values, or None where no process listens.
 
     Raises:
         IkservoError: The command failed there; carries its message and its exit code.
@@ -219,16 +219,14 @@ def send_command(
     return own or _request_at(socket_path(device), device, command, timeout_s)
 
 
-def broadcast_command(
-    command: Command, timeout_s: float = 10.0
-) -> list[dict[str, Any] | IkservoError]:
+def broadcast_command(command: Command, timeout_s: float = 10.0) -> list[Any]:
     """Send a command to every process of this user that has a device open.
 
     Returns:
-        A reply, or an error, of each that listens.
+        The result, JSON values, or the ``IkservoError`` of each that listens.
     """
 
-    def request(path: Path) -> dict[str, Any] | IkservoError | None:
+    def request(path: Path) -> object:
         try:
             return _request_at(path, "a port", command, timeout_s)
         except IkservoError as error:
@@ -239,16 +237,15 @@ def broadcast_command(
     return [reply for reply in replies if reply is not None]
 
 
-def _request_at(
-    path: Path, device: str, command: Command, timeout_s: float
-) -> dict[str, Any] | None:
+def _request_at(path: Path, device: str, command: Command, timeout_s: float) -> object:
     try:
         found = connect(path, timeout_s)
         if found is None:
             return None
         connection, secret = found
         with connection:
-            return _check_reply(_exchange_lines(connection, Request(command, secret), timeout_s))
+            reply = _exchange_lines(connection, Request(command, secret), timeout_s)
+        return result_in(decode_reply(reply))
     except IkservoError:
         raise
     except OSError as error:
@@ -271,16 +268,6 @@ def _exchange_lines(connection: socket.socket, request: Request, timeout_s: floa
     return reply
 
 
-def _check_reply(reply: bytes) -> dict[str, Any]:
-    fields = decode_reply(reply)
-    if "error" not in fields:
-        return fields
-    error = IkservoError(str(fields["error"]), str(fields.get("hint", "")))
-    with contextlib.suppress(ValueError):
-        error.exit_code = ExitCode(int(fields.get("exit_code", 1)))
-    raise error
-
-
 def request_stop(device: str, arm: str) -> StopResult | None:
     """Stop an arm by the program that has its port open; return None where none has.
 
@@ -292,16 +279,24 @@ def request_stop(device: str, arm: str) -> StopResult | None:
         IkservoError: That program cannot.
     """
     reply = send_command(device, Command.STOP, BRAKE_TIMEOUT_S + 2.0, arm)
-    return None if reply is None else StopResult.from_reply(reply)
+    return None if reply is None else StopResult.of(reply)
 
 
 def request_stop_of(arm: str) -> StopAllResult:
     """Stop an arm by name in every program of this user that has it open."""
     replies = broadcast_command(Command.WHO, _WHO_TIMEOUT_S)
-    found = [reply for reply in replies if not isinstance(reply, IkservoError)]
-    ports = {str(reply.get("port")) for reply in found if reply.get("arm") == arm}
+    ports = {reply["port"] for reply in replies if _is_of(reply, arm)}
     stopped = (request_stop(port, arm) for port in sorted(ports))
     return StopAllResult(tuple(each for each in stopped if each is not None))
+
+
+def _is_of(reply: object, arm: str) -> bool:
+    """Check whether the reply to ``who`` is of a program that has an arm open."""
+    match reply:
+        case {"arm": str(name), "port": str()}:
+            return name == arm
+        case _:
+            return False
 
 
 def stop_own_programs() -> StopAllResult:
@@ -310,21 +305,13 @@ def stop_own_programs() -> StopAllResult:
     return StopAllResult.joined(_read_stop(reply) for reply in replies)
 
 
-def _read_stop(reply: dict[str, Any] | IkservoError) -> StopAllResult:
+def _read_stop(reply: object) -> StopAllResult:
     try:
         if isinstance(reply, IkservoError):
             raise reply
-        return StopAllResult((StopResult.from_reply(reply),))
+        return StopAllResult((StopResult.of(reply),))
     except IkservoError as error:
         return StopAllResult(errors=(error,))
-
-
-def other_version_error() -> IkservoError:
-    """Return the error of a reply with unexpected fields."""
-    return IkservoError(
-        "The program that has the port open sent an unexpected reply.",
-        "It may be another version of ikservo. End it and try again.",
-    )
 
 
 def _is_names(value: object) -> bool:

@@ -9,14 +9,9 @@ import contextlib
 import socket
 import threading
 import time
-from collections.abc import Callable, Generator, Mapping
-from contextlib import contextmanager
-from dataclasses import asdict
-from threading import RLock
-from typing import Protocol
+from collections.abc import Callable, Mapping
 
 from ikservo.arm.control_client import (
-    BRAKE_TIMEOUT_S,
     MAX_REQUEST_BYTES,
     Command,
     Request,
@@ -24,23 +19,23 @@ from ikservo.arm.control_client import (
     encode_reply,
 )
 from ikservo.arm.control_socket import ListeningSocket, connect, open_socket, socket_path
-from ikservo.arm.reports import ArmState, JointMoveResult
-from ikservo.control.stopping import StopOutcome
+from ikservo.arm.replies import error_fields
+from ikservo.arm.result_json import encode_value
+from ikservo.arm.service import ArmService
 from ikservo.errors import IkservoError, RefusedError
 from ikservo.guard import StopKind, StopReason
 from ikservo.hardware.transport import abandon_in_forked_children
 
 __all__ = [
-    "CommandHandler",
     "ControlServer",
-    "RemoteTarget",
     "RequestHandler",
+    "command_handler",
     "serve",
 ]
 
 
-RequestHandler = Callable[[Request], Mapping[str, object]]
-"""Executes a request and returns the fields of the reply; called in threads of its own."""
+RequestHandler = Callable[[Request], object]
+"""Executes a request and returns the result, JSON values; called in threads of its own."""
 
 _MAX_CLIENTS = 16
 _REQUEST_TIMEOUT_S = 1.0  # a client that takes longer for its one line is disconnected
@@ -128,11 +123,9 @@ class ControlServer:
             request = decode_request(line)
             if not self._listening.authenticate(connection, request.secret):
                 raise RefusedError("The arm belongs to another user.", "Nothing was done.")
-            return self._handler(request)
-        except IkservoError as error:
-            return _error_fields(error)
+            return {"result": self._handler(request)}
         except Exception as error:  # a client must not end this program
-            return _error_fields(IkservoError(f"It failed: {type(error).__name__}: {error}."))
+            return {"error": error_fields(error)}
 
 
 def _receive_line(connection: socket.socket) -> bytes:
@@ -149,144 +142,23 @@ def _receive_line(connection: socket.socket) -> bytes:
     return line
 
 
-def _error_fields(error: IkservoError) -> Mapping[str, object]:
-    return {"error": error.message, "hint": error.command_hint, "exit_code": int(error.exit_code)}
-
-
 _STOPPED = StopReason(StopKind.CLIENT, "Stopped from another terminal; torque stays on.")
 _STOPPED_AT_REST = StopReason(StopKind.CLIENT, "Stopped from another terminal.")
 _RELAXED = StopReason(StopKind.RELEASED, "Torque switched off from another terminal.")
 
 
-class RemoteTarget(Protocol):
-    """What commands of other processes need of an arm; ``MotionRunner`` has it."""
+def command_handler(service: ArmService) -> RequestHandler:
+    """Return what executes the commands of other processes on an arm."""
 
-    @property
-    def arm_name(self) -> str:
-        """The arm's name."""
-        ...
-
-    @property
-    def port_name(self) -> str:
-        """The name of its port."""
-        ...
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """Its joints."""
-        ...
-
-    @property
-    def lock(self) -> RLock:
-        """Held by each motion."""
-        ...
-
-    @property
-    def motion_running(self) -> bool:
-        """Whether a motion runs."""
-        ...
-
-    def request_stop(self, reason: StopReason) -> None:
-        """Brake the running motion and hold."""
-
-    def stop_servos(self, reason: StopReason) -> StopOutcome:
-        """Hold the measured positions, while no motion runs."""
-        ...
-
-    def latch_stop(self, reason: StopReason) -> None:
-        """Refuse motions until ``acknowledge``."""
-
-    def acknowledge(self) -> None:
-        """End a stop."""
-
-    def state(self) -> ArmState:
-        """Measure the state, while no motion runs."""
-        ...
-
-    def last_state(self) -> ArmState:
-        """Return the state of the last control cycle."""
-        ...
-
-
-class CommandHandler:
-    """Handles the commands of other processes; called in threads of its own.
-
-    A motion of the arm's own program holds the lock. A stop needs no lock; a state request is then
-    answered with the last control cycle.
-
-    Args:
-        target: The arm.
-        relax: Lowers it and switches torque off.
-    """
-
-    def __init__(self, target: RemoteTarget, relax: Callable[[], JointMoveResult]) -> None:
-        self._target, self._relax = target, relax
-
-    def __call__(self, request: Request) -> Mapping[str, object]:
-        """Execute a command and return the fields of the reply.
-
-        Raises:
-            IkservoError: It failed.
-        """
+    def handle(request: Request) -> object:
         match request.do:
             case Command.STOP:
-                return self._handle_stop()
+                return encode_value(service.stop(_STOPPED, _STOPPED_AT_REST))
             case Command.WHERE:
-                return self._handle_where()
+                return encode_value(service.arm.where())
             case Command.RELAX:
-                return self._handle_relax()
+                return encode_value(service.relax(_STOPPED, _RELAXED))
             case Command.WHO:
-                return {"arm": self._target.arm_name, "port": self._target.port_name}
+                return {"arm": service.arm.model.name, "port": service.arm.port_name}
 
-    def _handle_stop(self) -> Mapping[str, object]:
-        target = self._target
-        moving = False
-        if not target.lock.acquire(blocking=False):  # a motion, or a thread that reads servos
-            target.request_stop(_STOPPED if target.motion_running else _STOPPED_AT_REST)
-            moving = target.motion_running
-            self._wait_for_lock(BRAKE_TIMEOUT_S)
-        try:
-            ended = StopOutcome(target.joint_names, (), ())  # a motion that ended holds
-            outcome = ended if moving else target.stop_servos(_STOPPED_AT_REST)
-        finally:
-            target.lock.release()
-        return {
-            "arm": target.arm_name,
-            "port": target.port_name,
-            "moving": moving,
-            **asdict(outcome),
-        }
-
-    def _handle_where(self) -> Mapping[str, object]:
-        if self._target.lock.acquire(blocking=False):
-            try:
-                state, moving = self._target.state(), False
-            finally:
-                self._target.lock.release()
-        else:
-            state, moving = self._target.last_state(), True
-        joints = [asdict(joint) for joint in state.joints]
-        return {"moving": moving, "tip_m": state.tip_m.tolist(), "joints": joints}
-
-    def _handle_relax(self) -> Mapping[str, object]:
-        self._handle_stop()
-        with self._acquire_lock(BRAKE_TIMEOUT_S):
-            self._target.acknowledge()
-            report = self._relax()
-            self._target.latch_stop(_RELAXED)
-        return {**asdict(report), "measured_tip_m": report.measured_tip_m.tolist()}
-
-    @contextmanager
-    def _acquire_lock(self, timeout_s: float) -> Generator[None]:
-        self._wait_for_lock(timeout_s)
-        try:
-            yield
-        finally:
-            self._target.lock.release()
-
-    def _wait_for_lock(self, timeout_s: float) -> None:
-        if not self._target.lock.acquire(timeout=timeout_s):
-            raise IkservoError(
-                "The program that moves the arm did not stop when told to.",
-                "End it, or switch off the arm's power.",
-            )
+    return handle

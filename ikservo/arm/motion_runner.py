@@ -129,10 +129,12 @@ class MotionRunner:
 
         While another thread moves the arm, they are those of its last control cycle.
         """
-        while not self.lock.acquire(timeout=_POLL_PERIOD_S):
+        locked = self.lock.acquire(blocking=False)
+        while not locked:
             moving = self._servos.torque.is_moving
             if moving and self._states and self.loop.last_cycle is not None:
                 return self.last_state()
+            locked = self.lock.acquire(timeout=_POLL_PERIOD_S)
         try:
             return self._make_arm_state(self._servos.read_states())
         finally:

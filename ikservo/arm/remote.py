@@ -4,16 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from typing import Any, TypeVar
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import JsonValue
 
 from ikservo.arm.calibrated_arm import ZeroSource
 from ikservo.arm.control_client import (
     Command,
     StopAllResult,
     StopResult,
-    other_version_error,
     request_stop,
     send_command,
 )
@@ -21,14 +19,13 @@ from ikservo.arm.networks import find_network, installed_networks
 from ikservo.arm.opening import open_bus, resolve_port
 from ikservo.arm.recorder import RecordResult, RecordSettings, describe_arm, record
 from ikservo.arm.reports import ArmState, JointMoveResult
+from ikservo.arm.result_json import decode_as
 from ikservo.calibration.paths import calibration_path
 from ikservo.clock import Clock, RealClock
-from ikservo.control.feedback import JointState
 from ikservo.control.stopping import StopOutcome, hold_servos
 from ikservo.errors import IkservoError, PortBusyError
 from ikservo.guard import DrivenJoint
 from ikservo.hardware.remembered_port import is_simulated, serial_number_of
-from ikservo.kinematics.arrays import as_floats
 from ikservo.model import Model
 from ikservo.model.lifting import LoadLag, load_lags
 from ikservo.recording.recording import ArmSample
@@ -44,14 +41,6 @@ __all__ = [
 _RELAX_TIMEOUT_S = 120.0
 # Between opening a port and listening a program reads all of its servos.
 _START_TIMEOUT_S, _RETRY_PERIOD_S = 3.0, 0.02
-
-T = TypeVar("T")
-
-
-# Checks the types of the values; the names of the fields are checked by the class.
-_JOINT_REPORT = TypeAdapter[dict[str, Any]](
-    dict[str, bool | float | dict[str, float] | tuple[str, ...]]
-)
 
 
 def stop_arm(model: Model, port: str | None, clock: Clock | None = None) -> StopResult:
@@ -122,8 +111,7 @@ def query_state(model: Model, port: str | None) -> ArmState | None:
     reply = _request(model, resolve_port(model, port), Command.WHERE, 10.0)
     if reply is None:
         return None
-    joints = _validate_reply(TypeAdapter(tuple[JointState, ...]), reply.get("joints"))
-    return ArmState(as_floats(reply.get("tip_m", ()), "The tip", "three numbers"), joints)
+    return decode_as(ArmState, reply)
 
 
 def request_relax(model: Model, port: str | None) -> JointMoveResult | None:
@@ -137,12 +125,7 @@ def request_relax(model: Model, port: str | None) -> JointMoveResult | None:
     reply = _request(model, resolve_port(model, port), Command.RELAX, _RELAX_TIMEOUT_S)
     if reply is None:
         return None
-    tip_m = as_floats(reply.pop("measured_tip_m", ()), "The tip", "three numbers")
-    fields = _validate_reply(_JOINT_REPORT, reply)
-    try:
-        return JointMoveResult(**fields, measured_tip_m=tip_m)
-    except TypeError:
-        raise other_version_error() from None
+    return decode_as(JointMoveResult, reply)
 
 
 def record_remote(
@@ -173,17 +156,8 @@ def record_remote(
     return record(measure, RealClock(), arm, settings)
 
 
-def _request(
-    model: Model, device: str, command: Command, timeout_s: float
-) -> dict[str, Any] | None:
+def _request(model: Model, device: str, command: Command, timeout_s: float) -> JsonValue:
     return None if is_simulated(device) else send_command(device, command, timeout_s, model.name)
-
-
-def _validate_reply(adapter: TypeAdapter[T], value: object) -> T:
-    try:
-        return adapter.validate_python(value)
-    except ValidationError:
-        raise other_version_error() from None
 
 
 def halt_line(model: Model, port: str | None) -> StopOutcome:

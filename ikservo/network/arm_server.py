@@ -7,17 +7,16 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import AbstractContextManager, ExitStack, suppress
-from importlib.metadata import version
 from typing import TYPE_CHECKING, Any, cast
 
-from ikservo.arm import Arm, ArmState, MotionProgress, StopKind, StopReason
-from ikservo.arm.control_client import Command, StopResult
-from ikservo.arm.control_client import Request as StopRequest
-from ikservo.arm.control_server import CommandHandler
-from ikservo.clock import Clock, RealClock
+from ikservo.arm import MotionProgress, StopKind, StopReason
+from ikservo.arm.control_client import StopResult
+from ikservo.arm.replies import SAME_VERSION
+from ikservo.arm.result_json import encode_value
+from ikservo.arm.service import ArmService, ServableArm
+from ikservo.clock import Clock
 from ikservo.errors import IkservoError, InputError
 from ikservo.network import key_expressions as keys
-from ikservo.network.lease import IDLE_TIMEOUT_S, ArmLease, Holder
 from ikservo.network.messages import (
     MAX_SETPOINT_BYTES,
     Announcement,
@@ -28,7 +27,6 @@ from ikservo.network.messages import (
     fields,
 )
 from ikservo.network.plan_fields import PlanRegistry
-from ikservo.network.remote_errors import SAME_VERSION
 from ikservo.network.request_queue import RequestQueue
 from ikservo.network.services import (
     MOTIONS,
@@ -41,7 +39,6 @@ from ikservo.network.services import (
     parse_arguments,
 )
 from ikservo.network.setpoint_inbox import SetpointInbox, run_follow, run_jog, run_stream
-from ikservo.network.values import encode_value
 
 if TYPE_CHECKING:
     import zenoh
@@ -49,7 +46,6 @@ if TYPE_CHECKING:
 __all__ = ["ArmServer"]
 
 _PROGRESS_PERIOD_S = 0.05
-_WATCH_PERIOD_S = 0.05
 _STOP_KINDS = {
     kind.name: kind
     for kind in (StopKind.CTRL_C, StopKind.TERMINATED, StopKind.HANGUP, StopKind.PROGRAM,
@@ -57,8 +53,6 @@ _STOP_KINDS = {
 }  # fmt: skip
 _QUICK = ("lease", "release", "acknowledge", "disable_torque")
 """Requests of the operator that do not wait for the running motion."""
-
-_STOPPED = "Stopped by {}."
 
 
 class ArmServer:
@@ -75,23 +69,23 @@ class ArmServer:
         clock: Of the lease.
 
     Attributes:
+        service: What clients may do.
         lease: Who controls the arm.
     """
 
     def __init__(
         self,
         session: zenoh.Session,
-        arm: Arm,
+        arm: ServableArm,
         name: str,
         rate_hz: float = 20.0,
         clock: Clock | None = None,
     ) -> None:
         self._session, self._arm, self.name, self._rate_hz = session, arm, name, rate_hz
-        self._clock = clock or RealClock()
-        self.lease = ArmLease(self._clock)
-        self._plans = PlanRegistry()
-        self._stopping = CommandHandler(arm.runner, arm.relax)
         self._inbox = SetpointInbox()
+        self.service = ArmService(arm, clock, self._inbox.close)
+        self.lease, self._clock = self.service.lease, self.service.clock
+        self._plans = PlanRegistry()
         self._closing = threading.Event()
         self._stack = ExitStack()
         self._news: dict[str, Any] = {}
@@ -113,8 +107,7 @@ class ArmServer:
         if self._closing.is_set():
             return
         self._closing.set()
-        self.lease.close()
-        self._end_motion("The program that serves the arm was ended.")
+        self.service.close("The program that serves the arm was ended.")
         self._stack.close()
 
     def _start(self, stack: ExitStack) -> None:
@@ -137,8 +130,11 @@ class ArmServer:
         stack.enter_context(session.liveliness().declare_token(keys.server(name)))
         operators = keys.operator(name, "*")
         stack.enter_context(session.liveliness().declare_subscriber(operators, self._on_operator))
-        for run in (self._watch_operator, self._publish_states):
-            thread = threading.Thread(target=run, name=f"ikservo-{run.__name__}", daemon=True)
+        for thread_name, run in (
+            ("operator", lambda: self.service.watch_operator(self._closing)),
+            ("states", self._publish_states),
+        ):
+            thread = threading.Thread(target=run, name=f"ikservo-{thread_name}", daemon=True)
             thread.start()
             stack.callback(thread.join, 2.0)
 
@@ -166,9 +162,9 @@ class ArmServer:
             case "clock":
                 return self._clock.now_s()
             case "describe":
-                return self._describe()
+                return self.service.describe()
             case "health":
-                return self._health()
+                return {**self.service.health(), "name": self.name}
             case "stop_count":
                 return self._arm.background.stop_count
             case _ if service in WATCH:
@@ -177,27 +173,20 @@ class ArmServer:
             case _:
                 raise _unknown(service)
 
-    def _answer_stop(self, _: str, request: ServiceRequest) -> object:
-        holder, text = self.lease.holder, str(request.arguments.get("reason", ""))[:200]
-        own = holder is not None and holder.lease == request.lease
-        kind = _STOP_KINDS.get(str(request.arguments.get("kind")), StopKind.PROGRAM)
-        if own and (self.lease.moving is not None or kind is StopKind.CANCELLED):
-            self._arm.request_stop(StopReason(kind, text or _STOPPED.format("its operator")))
-            return StopResult(self._arm.model.name, self._port, True, self._arm.joint_names, (), ())
-        if (
-            self.lease.moving is not None or self._arm.stop_reason is None
-        ):  # also where it is still planned
-            text = text or _STOPPED.format("somebody on another machine")
-            self._arm.request_stop(StopReason(StopKind.CLIENT, text))
-        stopped = dict(self._stopping(StopRequest(Command.STOP)))
-        return StopResult(**cast("dict[str, Any]", {**stopped, "port": self._port}))
+    def _answer_stop(self, _: str, request: ServiceRequest) -> StopResult:
+        given = request.arguments
+        kind = _STOP_KINDS.get(str(given.get("kind")), StopKind.PROGRAM)
+        own = self.lease.is_held_by(request.lease)
+        who = "its operator" if own else "somebody on another machine"
+        text = str(given.get("reason", ""))[:200] or f"Stopped by {who}."
+        return self.service.stop(StopReason(kind, text), lease=request.lease)
 
     def _answer_drive(self, service: str, request: ServiceRequest) -> object:
         match service:
             case "lease":
                 return self._lend(request)
             case "release":
-                return self._release(request.lease)
+                return self.service.release(request.lease)
             case "acknowledge":
                 self._arm.acknowledge()
                 return None
@@ -256,12 +245,6 @@ class ArmServer:
         holder = self.lease.acquire(operator)
         return {"lease": holder.lease, "now_s": self._clock.now_s()}
 
-    def _release(self, lease: str) -> bool:
-        holder = self.lease.holder
-        if holder is None or holder.lease != lease:
-            return False
-        return self._lose(f"{holder.operator} gave back control; the arm holds.", holder)
-
     def _on_setpoint(self, sample: zenoh.Sample) -> None:
         with suppress(IkservoError):  # what is no setpoint is dropped
             setpoint = decode(Setpoint, sample.payload.to_bytes(), MAX_SETPOINT_BYTES)
@@ -272,77 +255,11 @@ class ArmServer:
         holder = self.lease.holder
         gone = str(sample.kind).endswith("DELETE")
         if gone and holder and str(sample.key_expr).endswith(keys.operator_token(holder.lease)):
-            self._lose(f"The connection to {holder.operator} was lost; the arm holds.", holder)
-
-    def _watch_operator(self) -> None:
-        """Take the lease from an operator who is not heard any more."""
-        while not self._closing.is_set():
-            limit_s = self.lease.timeout_s if self.lease.moving is not None else IDLE_TIMEOUT_S
-            holder, left_s = self.lease.holder, limit_s - self.lease.silence_s()
-            if holder is not None and left_s <= 0.0:
-                text = f"{holder.operator} was not heard for {limit_s:.1f} s; the arm holds."
-                self._lose(text, holder)
-            self._closing.wait(min(max(left_s, 0.001), _WATCH_PERIOD_S))
-
-    def _lose(self, text: str, holder: Holder) -> bool:
-        """Take the lease, and stop the motion that runs under it; return whether it was theirs."""
-        if not self.lease.release(holder.lease):
-            return False
-        if self.lease.moving == holder:
-            self._end_motion(text)
-        return True
-
-    def _end_motion(self, text: str) -> None:
-        """Stop the running motion."""
-        if self.lease.moving is not None:
-            self._arm.request_stop(StopReason(StopKind.CLIENT, text))
-        self._inbox.close()
+            self.service.lose(
+                holder, f"The connection to {holder.operator} was lost; the arm holds."
+            )
 
     # what is published
-
-    def _describe(self) -> object:
-        arm = self._arm
-        lower, upper = arm.limits()
-        origins = {
-            step.joint.name: step.joint.origin.ravel().tolist() for step in arm.chain.joints_to()
-        }
-        return {
-            "version": version("ikservo"),
-            "arm": arm.model.name,
-            "port": self._port,
-            "zeros": arm.zeros.name,
-            "joints": list(arm.joint_names),
-            "lower": lower.tolist(),
-            "upper": upper.tolist(),
-            "chain": list(arm.chain.names),
-            "chain_lower": arm.chain.lower_rad.tolist(),
-            "chain_upper": arm.chain.upper_rad.tolist(),
-            "origins": origins,
-        }
-
-    def _health(self) -> object:
-        arm, holder, reason = self._arm, self.lease.holder, self._arm.stop_reason
-        state = arm.where()
-        torque = any(joint.torque for joint in state.joints)
-        moving = "moving" if self.lease.moving is not None else "holds" if torque else "limp"
-        return {
-            "arm": arm.model.name,
-            "name": self.name,
-            "port": self._port,
-            "state": moving if reason is None else "stopped",
-            "stop_kind": "" if reason is None else reason.kind.name,
-            "stop_text": "" if reason is None else reason.text,
-            "stop_requests": arm.stop_requests,
-            "operator": "" if holder is None else holder.operator,
-            "temperature_c": max(joint.temperature_c for joint in state.joints),
-            "alarms": [f"{j.name}: {', '.join(j.alarms)}" for j in state.joints if j.alarms],
-            "dropped_setpoints": self.lease.dropped,
-        }
-
-    @property
-    def _port(self) -> str:
-        name = self._arm.port_name
-        return "sim" if name.startswith("sim:") else name
 
     def _publish(self, topic: str, value: object) -> None:
         message = Announcement(
@@ -359,16 +276,9 @@ class ArmServer:
         while not self._closing.is_set():
             with suppress(Exception):  # a servo that does not answer is in the health
                 if _has_subscriber(publisher):
-                    self._publish("state", self._measure())
+                    self._publish("state", self._arm.where())
             due_s = max(due_s + 1.0 / self._rate_hz, self._clock.now_s())
             self._closing.wait(due_s - self._clock.now_s())
-
-    def _measure(self) -> ArmState:
-        """Measure the state, of the last control cycle while the arm moves."""
-        if self._arm.context.servos.torque.is_moving:
-            with suppress(IkservoError):  # it has just started
-                return self._arm.last_state()
-        return self._arm.where()
 
     def _publish_progress(self) -> Callable[[MotionProgress], None]:
         last_s = 0.0

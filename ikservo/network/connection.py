@@ -9,8 +9,8 @@ from collections.abc import Callable, Generator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
 from typing import TYPE_CHECKING, cast
 
-from pydantic import ValidationError
-
+from ikservo.arm.lease import is_fresh
+from ikservo.arm.result_json import decode_value
 from ikservo.errors import (
     IkservoError,
     LatchedStopError,
@@ -21,7 +21,6 @@ from ikservo.errors import (
 )
 from ikservo.network import key_expressions as keys
 from ikservo.network.address import ArmAddress
-from ikservo.network.lease import is_fresh
 from ikservo.network.messages import (
     MAX_REQUEST_BYTES,
     MAX_SETPOINT_BYTES,
@@ -34,7 +33,6 @@ from ikservo.network.messages import (
     result_of,
 )
 from ikservo.network.session import Certificate, ask, open_client, served_names, who_asks
-from ikservo.network.values import decode_value
 
 if TYPE_CHECKING:
     import zenoh
@@ -277,7 +275,7 @@ class Connection:
 
         def on_sample(sample: zenoh.Sample) -> None:
             nonlocal newest
-            with suppress(IkservoError, ValidationError):  # what is no such message is dropped
+            with suppress(IkservoError):  # what is no such message is dropped
                 news = decode(Announcement, sample.payload.to_bytes(), MAX_REQUEST_BYTES)
                 if news.number > newest and is_fresh(news.sent_s, self._server_now_s()):
                     newest = news.number

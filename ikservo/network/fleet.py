@@ -7,12 +7,12 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, cast
 
+from ikservo.arm.replies import SAME_VERSION
 from ikservo.errors import IkservoError
 from ikservo.network import key_expressions as keys
 from ikservo.network.address import Endpoint
 from ikservo.network.certificates import client_certificate
 from ikservo.network.messages import ServiceRequest, encode, result_of
-from ikservo.network.remote_errors import SAME_VERSION
 from ikservo.network.session import ask, on_each_host, open_client, served_names
 
 __all__ = ["FleetArm", "read_fleet"]

@@ -9,16 +9,11 @@ from typing import Annotated, Literal, TypeVar, cast
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
-from ikservo.errors import IkservoError, InputError
+from ikservo.arm.replies import SAME_VERSION, error_fields, result_in
+from ikservo.arm.result_json import FloatArray, decode_value, encode_value
+from ikservo.errors import InputError
 from ikservo.ik import Target
 from ikservo.kinematics.arrays import Vector
-from ikservo.network.remote_errors import (
-    SAME_VERSION,
-    ErrorFields,
-    error_from_fields,
-    fields_of_error,
-)
-from ikservo.network.values import FloatArray, decode_value, encode_value
 
 __all__ = [
     "MAX_REPLY_BYTES",
@@ -81,12 +76,12 @@ class ServiceReply(_NetworkMessage):
 
     Attributes:
         result: See ``encode_value``.
-        error: Why there is none.
+        error: Why there is none; see ``error_fields``.
     """
 
     schema_: Literal["ikservo/net/1"] = Field(SCHEMA, alias="schema")
     result: JsonValue = None
-    error: ErrorFields | None = None
+    error: dict[str, JsonValue] | None = None
 
 
 class TargetFields(_NetworkMessage):
@@ -210,7 +205,7 @@ def encode_result(result: object) -> bytes:
 
 def encode_failure(error: BaseException) -> bytes:
     """Encode the reply with an error."""
-    return encode(ServiceReply(schema=SCHEMA, error=fields_of_error(error)), MAX_REPLY_BYTES)
+    return encode(ServiceReply(schema=SCHEMA, error=error_fields(error)), MAX_REPLY_BYTES)
 
 
 def result_of(data: bytes) -> object:
@@ -220,12 +215,7 @@ def result_of(data: bytes) -> object:
         IkservoError: The error in the reply; or it is no valid reply.
     """
     reply = decode(ServiceReply, data, MAX_REPLY_BYTES)
-    if reply.error is not None:
-        raise error_from_fields(reply.error)
-    try:
-        return decode_value(reply.result)
-    except ValidationError:
-        raise IkservoError("The other end sent an unexpected reply.", SAME_VERSION) from None
+    return decode_value(cast("JsonValue", result_in(reply.model_dump())))
 
 
 def fields(message: BaseModel, *, exclude_none: bool = True) -> dict[str, JsonValue]:

@@ -11,13 +11,13 @@ from pydantic import BaseModel, ConfigDict
 
 from ikservo.arm import MotionPlan
 from ikservo.arm.plan import NearLimit
+from ikservo.arm.result_json import FloatArray
 from ikservo.arm.tool_speed import ToolSpeed
 from ikservo.errors import RefusedError
 from ikservo.ik import Result
 from ikservo.ik.result import ActiveLimit
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion import TrajectoryPoint
-from ikservo.network.values import FloatArray
 
 __all__ = ["PlanFields", "PlanRegistry", "RemoteTrajectory", "SampleFields", "plan_from_fields"]
 

@@ -12,13 +12,13 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ikservo.arm import ZeroSource
 from ikservo.arm.poses import PoseLibrary, Positions
+from ikservo.arm.replies import SAME_VERSION
+from ikservo.arm.result_json import FloatArray
 from ikservo.errors import IkservoError, InputError, UnknownNameError
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.model import Model
 from ikservo.network.connection import Connection
-from ikservo.network.remote_errors import SAME_VERSION
-from ikservo.network.values import FloatArray
 
 __all__ = ["ArmDescription", "RemotePoses", "describe"]
 

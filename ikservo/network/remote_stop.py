@@ -11,8 +11,9 @@ import os
 import time
 from typing import TYPE_CHECKING, Any, cast
 
-from ikservo.arm.control_client import StopAllResult, StopResult, other_version_error
-from ikservo.errors import ExitCode, IkservoError, PortError
+from ikservo.arm.control_client import StopAllResult, StopResult
+from ikservo.arm.replies import other_version_error, result_in
+from ikservo.errors import IkservoError, PortError
 from ikservo.files.reading import parse_json
 from ikservo.network import key_expressions as keys
 from ikservo.network.address import Endpoint, listens, parse_address, parse_host
@@ -172,12 +173,7 @@ def _stop_result(data: bytes) -> StopResult:
     with contextlib.suppress(ValueError, RecursionError):
         reply = parse_json(data) if len(data) <= _MAX_REPLY_BYTES else None
     match reply:
-        case {"error": {"message": str(message), "hint": str(hint), "exit_code": int(code)}}:
-            error = IkservoError(message, hint)
-            with contextlib.suppress(ValueError):
-                error.exit_code = ExitCode(code)
-            raise error
-        case {"schema": "ikservo/net/1", "result": {"kind": "StopResult", "value": {**value}}}:
-            return StopResult.from_reply(cast("dict[str, Any]", value))
+        case {"schema": "ikservo/net/1", **fields}:
+            return StopResult.of(result_in(cast("dict[str, Any]", fields)))
         case _:
             raise other_version_error()

@@ -10,9 +10,9 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
 from ikservo.arm import Arm
 from ikservo.arm.motions import MotionValue, Replay, parse_motion
+from ikservo.arm.replies import SAME_VERSION
+from ikservo.arm.result_json import FloatArray
 from ikservo.errors import InputError, RefusedError
-from ikservo.network.remote_errors import SAME_VERSION
-from ikservo.network.values import FloatArray
 
 __all__ = ["MOTIONS", "STREAMED", "WATCH", "Arguments", "AtSpeed", "Jog", "OfMotion", "OfPlan",
            "Service", "parse_arguments"]  # fmt: skip

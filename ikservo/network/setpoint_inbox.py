@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Iterator
 
-from ikservo.arm import Arm, StopKind, StopReason
+from ikservo.arm import OpenArm, StopKind, StopReason
 from ikservo.arm.target_tracking import CartesianOrJointTarget
 from ikservo.clock import RealClock
 from ikservo.control.stopping import RELAX_HINT
@@ -111,7 +111,7 @@ def _goal_of(setpoint: Setpoint) -> CartesianOrJointTarget | None:
 class _Pace:
     """Makes simulated time wait for the computer's, in which the operator lives."""
 
-    def __init__(self, arm: Arm) -> None:
+    def __init__(self, arm: OpenArm) -> None:
         self._clock = arm.clock
         self._real = isinstance(arm.clock, RealClock)
         self._start_s: tuple[float, float] | None = None
@@ -125,7 +125,7 @@ class _Pace:
         time.sleep(max(0.0, now_s - start_s - (time.monotonic() - wall_s)))
 
 
-def run_jog(arm: Arm, inbox: SetpointInbox, what: str, speed: float | None) -> object:
+def run_jog(arm: OpenArm, inbox: SetpointInbox, what: str, speed: float | None) -> object:
     """Jog for as long as the operator's setpoints want it; see ``Arm.jog``."""
     pace = _Pace(arm)
 
@@ -136,7 +136,7 @@ def run_jog(arm: Arm, inbox: SetpointInbox, what: str, speed: float | None) -> o
     return arm.jog(what, speed, wanted=wanted)
 
 
-def run_follow(arm: Arm, inbox: SetpointInbox, speed: str, timeout_s: float) -> object:
+def run_follow(arm: OpenArm, inbox: SetpointInbox, speed: str, timeout_s: float) -> object:
     """Follow the operator's goals until no more are wanted; see ``Arm.follow``.
 
     An operator who lives and sends none for so long as the timeout stops the arm, which holds.
@@ -152,7 +152,7 @@ def run_follow(arm: Arm, inbox: SetpointInbox, speed: str, timeout_s: float) -> 
 
 
 def _goals(
-    arm: Arm, inbox: SetpointInbox, timeout_s: float
+    arm: OpenArm, inbox: SetpointInbox, timeout_s: float
 ) -> Iterator[CartesianOrJointTarget | None]:
     """Yield the newest goal in each control cycle, or None."""
     pace = _Pace(arm)
@@ -164,12 +164,12 @@ def _goals(
         yield goal
 
 
-def _stop_without_goal(arm: Arm) -> None:
+def _stop_without_goal(arm: OpenArm) -> None:
     text = f"No goal was sent for {DEAD_MAN_TIMEOUT_S:g} s; the arm holds."
     arm.request_stop(StopReason(StopKind.CLIENT, text))
 
 
-def run_stream(arm: Arm, inbox: SetpointInbox, speed: str, timeout_s: float) -> object:
+def run_stream(arm: OpenArm, inbox: SetpointInbox, speed: str, timeout_s: float) -> object:
     """Send the operator's goals through ``Arm.stream`` until no more are wanted.
 
     An operator who lives and sends none for so long as the timeout stops the arm, which holds.

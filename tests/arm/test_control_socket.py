@@ -15,7 +15,7 @@ from ikservo.arm import control_socket
 from ikservo.arm.control_client import Command, send_command
 from ikservo.arm.control_server import serve
 from ikservo.arm.control_socket import socket_path
-from ikservo.errors import ExitCode, IkservoError, RefusedError
+from ikservo.errors import ExitCode, IkservoError, RefusedError, UnknownNameError
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no Unix sockets")
 
@@ -187,6 +187,20 @@ def test_the_owners_error_reaches_the_one_who_asked(device, kind):
         send_command(device, Command.RELAX)
     listener.close()
     assert (caught.value.hint, caught.value.exit_code) == ("Unlock it.", ExitCode.REFUSED)
+
+
+def test_errors_arrive_as_the_same_class_with_the_same_details(device, kind):
+    error = UnknownNameError("joint", "elbow", ["elbow_flex"])
+
+    def refuse(request):
+        raise error
+
+    listener = serve(device, refuse)
+    with pytest.raises(UnknownNameError) as caught:
+        send_command(device, Command.WHERE)
+    listener.close()
+    assert str(caught.value) == str(error)
+    assert (caught.value.name, list(caught.value.known)) == ("elbow", ["elbow_flex"])
 
 
 def test_an_errand_that_stumbles_does_not_end_the_owner(device, kind):

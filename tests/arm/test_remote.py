@@ -11,8 +11,10 @@ from mcap_ros2.decoder import DecoderFactory
 
 import ikservo
 from ikservo.arm import control_client, remote
-from ikservo.arm.control_server import CommandHandler, serve
+from ikservo.arm.control_server import command_handler, serve
 from ikservo.arm.recorder import RecordSettings, read_recording
+from ikservo.arm.result_json import encode_value
+from ikservo.arm.service import ArmService
 from ikservo.control.stopping import hold_servos
 from ikservo.errors import IkservoError, PortBusyError, RefusedError, StoppedError
 from ikservo.guard import StopKind, StopReason
@@ -36,7 +38,7 @@ def device(tmp_path, monkeypatch):
 def arm(device):
     """An arm whose own program listens; the simulated bus itself could be asked by nobody."""
     with ikservo.open_arm("so101", port="sim:?pose=home") as machine:
-        machine._server = serve(device, CommandHandler(motion_runner(machine), machine.relax))
+        machine._server = serve(device, command_handler(ArmService(machine)))
         motion_runner(machine).caches_states = True
         yield machine
 
@@ -251,8 +253,8 @@ def test_a_resting_arm_that_holds_a_payload_does_not_sink_when_it_is_stopped():
 
 
 def test_a_program_that_has_just_opened_the_port_is_waited_for(arm, device, monkeypatch):
-    answers = iter([None, None, {"arm": "so101", "port": device, "moving": True,
-                                 "held": ["gripper"], "limp": [], "silent": []}])  # fmt: skip
+    stopped = control_client.StopResult("so101", device, True, ("gripper",), (), ())
+    answers = iter([None, None, encode_value(stopped)])
     monkeypatch.setattr(control_client, "send_command", lambda *_: next(answers))
 
     def busy(*_):

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from ikservo.arm.control_client import Command, StopResult
 from ikservo.arm.control_server import serve
+from ikservo.arm.result_json import encode_value
 from ikservo.model import load_model
 
 ARM_FILE = str(load_model("so101").path)
@@ -28,8 +30,13 @@ def device(tmp_path, monkeypatch):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     device = str(tmp_path / "ttyACM0")
-    stopped = {"arm": "so101", "port": device, "moving": True, "held": ["gripper"], "limp": []}
-    server = serve(device, lambda request: {**stopped, "silent": []})
+    stopped = StopResult("so101", device, True, ("gripper",), (), ())
+
+    def answer(request):
+        who = {"arm": "so101", "port": device}
+        return who if request.do is Command.WHO else encode_value(stopped)
+
+    server = serve(device, answer)
     yield device
     server.close()
 
@@ -66,12 +73,12 @@ def test_stop_loads_no_large_module_where_a_program_has_the_arm(device, args):
 
 
 def test_a_name_stops_the_arms_of_that_name_only(device, tmp_path):
-    other = {"arm": "koch", "port": str(tmp_path / "ttyACM1"), "moving": True}
+    other = {"arm": "koch", "port": str(tmp_path / "ttyACM1")}
     asked = []
 
     def answer(request):
         asked.append(request.do)
-        return {**other, "held": [], "limp": [], "silent": []}
+        return other
 
     server = serve(other["port"], answer)
     try:

@@ -166,15 +166,15 @@ def test_an_arm_whose_program_hangs_is_asked_again_and_not_counted_as_stopped(
     served, run, monkeypatch
 ):
     asked, goes_on = [], threading.Event()
-    answer = served.server._stopping
+    answer = served.server.service.stop
 
-    def hang(request):
-        asked.append(request)
+    def hang(reason, lease):
+        asked.append(reason)
         goes_on.wait(30)
-        return answer(request)
+        return answer(reason, lease=lease)
 
     monkeypatch.setattr("ikservo.network.remote_stop._ANSWER_TIMEOUT_S", 0.3)
-    monkeypatch.setattr(served.server, "_stopping", hang)
+    monkeypatch.setattr(served.server.service, "stop", hang)
     monkeypatch.setenv("IKSERVO_FLEET", f"127.0.0.1:{served.port}")
     code, out, err = run("stop", "--all")
     goes_on.set()

@@ -261,7 +261,7 @@ def test_the_connection_of_an_operator_is_missed_without_waiting(served):
 
 def test_goals_of_a_lost_operator_are_dropped(served):
     def lose_lease(connection):
-        served.server._lose("test", served.server.lease.holder)
+        served.server.service.lose(served.server.lease.holder, "test")
 
     arm = lose(served, lose_lease)
     before, dropped = registers(served.arm, "goal_position"), served.server.lease.dropped
@@ -378,7 +378,7 @@ def test_closing_the_server_ends_a_motion_and_the_arm_holds(served):
 
         def close(progress):
             if progress.elapsed_s > 0.2:
-                served.server._end_motion("closing")
+                served.server.service.end_motion("closing")
 
         with pytest.raises(StoppedError):
             arm.move_joints({"shoulder_pan": -1.5}, speed="slow", on_progress=close)

@@ -4,7 +4,8 @@ import pytest
 
 from ikservo.arm import open_arm
 from ikservo.arm.control_client import Command, Request
-from ikservo.arm.control_server import CommandHandler
+from ikservo.arm.control_server import command_handler
+from ikservo.arm.service import ArmService
 from ikservo.view import messages as page_messages
 from tests.arm.simulated import line_of, servo_id
 from tests.view.view_session import ViewSession
@@ -88,7 +89,7 @@ def test_a_stop_from_another_terminal_is_shown_on_an_arm_at_rest(session, on, sa
     if not on:
         session.arm.disable_torque()
     session.arm_thread.step()
-    CommandHandler(session.arm.runner, lambda: None)(Request(Command.STOP))
+    command_handler(ArmService(session.arm))(Request(Command.STOP))
     session.arm_thread.step()
     status = session.latest_frames()["status"]
     assert status["mode"] == "stopped"

@@ -1,4 +1,4 @@
-"""Results as JSON and back: the dataclasses of a fixed table, NumPy arrays as lists."""
+"""Results of a served arm as JSON and back: dataclasses of a fixed table, arrays as lists."""
 
 from __future__ import annotations
 
@@ -15,17 +15,31 @@ from pydantic import (
     ConfigDict,
     JsonValue,
     PlainSerializer,
+    ValidationError,
     create_model,
 )
 
-from ikservo.arm import ArmState, JointMoveResult, MotionProgress, MoveResult
 from ikservo.arm.control_client import StopResult
 from ikservo.arm.following import FollowResult
 from ikservo.arm.jogging import JogResult
-from ikservo.arm.reports import GraspResult, ReplayResult
-from ikservo.errors import InputError
+from ikservo.arm.replies import other_version_error
+from ikservo.arm.reports import (
+    ArmState,
+    GraspResult,
+    JointMoveResult,
+    MotionProgress,
+    MoveResult,
+    ReplayResult,
+)
+from ikservo.errors import IkservoError
 
-__all__ = ["RESULT_TYPES", "FloatArray", "decode_value", "encode_value", "from_fields", "to_fields"]
+__all__ = [
+    "RESULT_TYPES",
+    "FloatArray",
+    "decode_as",
+    "decode_value",
+    "encode_value",
+]
 
 RESULT_TYPES: Mapping[str, type] = {
     kind.__name__: kind
@@ -102,14 +116,14 @@ def _is_array(hint: object) -> bool:
     return get_origin(hint) in (np.ndarray, NDArray)
 
 
-def to_fields(value: Any) -> dict[str, JsonValue]:  # noqa: ANN401
+def _to_fields(value: Any) -> dict[str, JsonValue]:  # noqa: ANN401
     """Return the fields of a dataclass as JSON values."""
     schema = _schema_of(type(value))  # pyright: ignore[reportUnknownArgumentType]
     given = {name: getattr(value, name) for name in schema.model_fields}
     return schema.model_construct(**given).model_dump(mode="json")
 
 
-def from_fields(kind: type[T], fields: object) -> T:
+def _from_fields(kind: type[T], fields: object) -> T:
     """Return a dataclass from its fields.
 
     Raises:
@@ -128,7 +142,7 @@ def encode_value(value: object) -> JsonValue:
     """
     name = type(value).__name__
     if RESULT_TYPES.get(name) is type(value):
-        return {_KIND: name, _VALUE: to_fields(value)}
+        return {_KIND: name, _VALUE: _to_fields(value)}
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, list | tuple):
@@ -143,8 +157,7 @@ def decode_value(value: JsonValue) -> Any:  # noqa: ANN401
     """Decode what ``encode_value`` made a JSON value of.
 
     Raises:
-        ValidationError: A field is missing, unknown, or of another type.
-        InputError: It is of an unknown type.
+        IkservoError: It is of an unknown type, or a field is missing, unknown, or of another type.
     """
     if isinstance(value, list):
         return [decode_value(each) for each in value]
@@ -154,5 +167,20 @@ def decode_value(value: JsonValue) -> Any:  # noqa: ANN401
     if kind == "map" and isinstance(inside, dict):
         return {name: decode_value(each) for name, each in inside.items()}
     if not isinstance(kind, str) or kind not in RESULT_TYPES:
-        raise InputError("A message has a value of an unknown type.", "Use the same version there.")
-    return cast("object", from_fields(RESULT_TYPES[kind], inside))
+        raise other_version_error()
+    try:
+        return cast("object", _from_fields(RESULT_TYPES[kind], inside))
+    except (ValidationError, IkservoError):
+        raise other_version_error() from None
+
+
+def decode_as(kind: type[T], value: JsonValue) -> T:
+    """Decode a value of one type.
+
+    Raises:
+        IkservoError: It is of another one.
+    """
+    found = decode_value(value)
+    if not isinstance(found, kind):
+        raise other_version_error()
+    return found

@@ -74,6 +74,11 @@ class ArmLease:
         """Return under whose lease a motion runs; None where none does."""
         return self._moving
 
+    def is_held_by(self, lease: str) -> bool:
+        """Check whether a lease is the present one."""
+        holder = self._holder
+        return holder is not None and holder.lease == lease
+
     @contextmanager
     def motion(self, lease: str) -> Generator[None]:
         """Mark a motion as running within the block: from now on its operator must be heard.
@@ -82,7 +87,7 @@ class ArmLease:
             LeaseLostError: It is requested under another lease than the present one.
         """
         with self._lock:
-            if self._holder is None or self._holder.lease != lease:
+            if not self.is_held_by(lease):
                 raise LeaseLostError
             self._moving = self._holder
         try:
@@ -118,7 +123,7 @@ class ArmLease:
     def release(self, lease: str) -> bool:
         """Take the lease back; return whether it was this one."""
         with self._lock:
-            if self._holder is None or self._holder.lease != lease:
+            if not self.is_held_by(lease):
                 return False
             self._holder = None
             return True
@@ -131,8 +136,9 @@ class ArmLease:
     def accept_setpoint(self, lease: str, number: int, sent_s: float) -> bool:
         """Check whether a setpoint counts: the holder's, newer than the last one, and not old."""
         with self._lock:
-            known = self._holder is not None and self._holder.lease == lease
-            if not (known and number > self._setpoint_number and self._is_fresh(sent_s)):
+            if not (
+                self.is_held_by(lease) and number > self._setpoint_number and self._is_fresh(sent_s)
+            ):
                 self.dropped += 1
                 return False
             self._setpoint_number, self._received_s = number, self._clock.now_s()
@@ -145,7 +151,7 @@ class ArmLease:
             RefusedError: It is refused; nothing has moved.
         """
         with self._lock:
-            if self._holder is None or self._holder.lease != lease:
+            if not self.is_held_by(lease):
                 raise LeaseLostError
             if number <= self._request_number:
                 raise RefusedError("A request was repeated on its way.", "Nothing was sent.")

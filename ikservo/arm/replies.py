@@ -1,0 +1,114 @@
+"""Replies of a served arm as JSON, the same over the control socket and the network.
+
+A reply has a ``result`` (see ``result_json``) or an ``error``: its class, message, hint, exit code
+and details, of which the other end makes the same error again.
+
+``ikservo stop`` imports this module: no NumPy, pydantic or pyserial.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from functools import cache
+from typing import Any, cast
+
+from ikservo.errors import ExitCode, IkservoError
+
+__all__ = ["SAME_VERSION", "error_fields", "error_of", "other_version_error", "result_in"]
+
+SAME_VERSION = "Install the same version of this program at both ends."
+
+_MAX_CHARS = 4096
+
+
+def error_fields(error: BaseException) -> dict[str, Any]:
+    """Return an error as JSON values; one that is not of ikservo as a failure.
+
+    Message and hint are in terms of the command line; details are the other attributes, as far as
+    they are plain values.
+    """
+    if not isinstance(error, IkservoError):
+        text = f"It failed there: {type(error).__name__}: {error}".removesuffix(": ")
+        error = IkservoError(text)
+    return {
+        "kind": type(error).__name__,
+        "message": error.command_message[:_MAX_CHARS],
+        "hint": error.command_hint[:_MAX_CHARS],
+        "exit_code": int(error.exit_code),
+        "details": dict(_details_of(error)),
+    }
+
+
+def error_of(fields: Mapping[str, Any]) -> IkservoError:
+    """Return the error that ``error_fields`` described; of an unknown class an ``IkservoError``."""
+    match fields:
+        case {"kind": str(name), "message": str(message), "hint": str(hint),
+              "exit_code": int(code), "details": {}}:  # fmt: skip
+            kind = _error_types().get(name, IkservoError)
+        case _:
+            return other_version_error()
+    details = cast("dict[str, object]", fields["details"])
+    error = kind.__new__(kind)  # its own __init__ builds the message from parts that it has not
+    IkservoError.__init__(error, message, hint)
+    for detail, value in details.items():
+        if _is_detail(kind, detail):
+            listed = isinstance(value, list)
+            setattr(error, detail, tuple(cast("list[object]", value)) if listed else value)
+    if code in list(ExitCode):
+        error.exit_code = ExitCode(code)
+    return error
+
+
+def result_in(reply: Mapping[str, Any]) -> object:
+    """Return the result in a reply, JSON values.
+
+    Raises:
+        IkservoError: The error in it; or it has neither.
+    """
+    match reply:
+        case {"error": {**fields}}:
+            raise error_of(fields)
+        case {"result": result}:
+            return result
+        case _:
+            raise other_version_error()
+
+
+def other_version_error() -> IkservoError:
+    """Return the error of a reply with unexpected fields."""
+    return IkservoError(
+        "The program that has the arm open sent an unexpected reply.",
+        f"It may be another version of ikservo. {SAME_VERSION}",
+    )
+
+
+def _details_of(error: IkservoError) -> Iterator[tuple[str, object]]:
+    for name, value in vars(error).items():
+        if _is_detail(type(error), name):
+            try:
+                text = json.dumps(value, allow_nan=False)
+            except (TypeError, ValueError):  # bytes of a packet, a path
+                text = json.dumps(str(value))
+            if len(text) <= _MAX_CHARS:
+                yield name, json.loads(text)
+
+
+def _is_detail(kind: type[IkservoError], name: str) -> bool:
+    """Check whether an attribute belongs to the errors of one class and hides nothing of it."""
+    shared = ("command_message", "command_hint", "exit_code", "args")
+    return name.isidentifier() and name[0] != "_" and name not in shared and not hasattr(kind, name)
+
+
+@cache
+def _error_types() -> Mapping[str, type[IkservoError]]:
+    from ikservo.files import writing as _  # noqa: F401, PLC0415  # has an error of its own
+
+    found: dict[str, type[IkservoError]] = {}
+    pending: list[type[IkservoError]] = [IkservoError]
+    while pending:
+        kind = pending.pop()
+        if kind.__module__.startswith("ikservo."):
+            found[kind.__name__] = kind
+        pending += kind.__subclasses__()
+    return found

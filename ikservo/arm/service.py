@@ -1,0 +1,226 @@
+"""An open arm as other programs use it, whatever transport they come by.
+
+Anybody may stop the arm and read its state. One operator at a time moves it, under the lease; an
+operator who is not heard any more loses it, and the arm holds until somebody acknowledges that.
+
+A transport (``control_server`` for this machine, ``network/arm_server.py`` for others) knows who
+comes, parses what they send, calls this, and encodes what it returns.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from dataclasses import asdict
+from importlib.metadata import version
+from typing import Protocol
+
+from ikservo.arm.arm_protocol import OpenArm
+from ikservo.arm.control_client import BRAKE_TIMEOUT_S, StopResult
+from ikservo.arm.lease import IDLE_TIMEOUT_S, ArmLease, Holder
+from ikservo.arm.motion_runner import MotionRunner
+from ikservo.arm.reports import JointMoveResult
+from ikservo.clock import Clock, RealClock
+from ikservo.control.stopping import StopOutcome
+from ikservo.errors import IkservoError
+from ikservo.guard import StopKind, StopReason
+
+__all__ = ["ArmService", "ServableArm"]
+
+_WATCH_PERIOD_S = 0.05
+
+
+class ServableArm(OpenArm, Protocol):
+    """An arm on a port of this process; ``Arm`` is one."""
+
+    @property
+    def runner(self) -> MotionRunner:
+        """What runs its motions."""
+        ...
+
+
+class ArmService:
+    """What the clients of an open arm may do; every method is safe in any thread.
+
+    Args:
+        arm: The arm.
+        clock: Of the lease.
+        on_lost: Called where a running motion is ended because its operator is gone.
+
+    Attributes:
+        arm: As given.
+        clock: As given.
+        lease: Who controls the arm.
+    """
+
+    def __init__(
+        self,
+        arm: ServableArm,
+        clock: Clock | None = None,
+        on_lost: Callable[[], object] = lambda: None,
+    ) -> None:
+        self.arm, self.clock = arm, clock or RealClock()
+        self.lease = ArmLease(self.clock)
+        self._on_lost = on_lost
+
+    @property
+    def port(self) -> str:
+        """The name of the arm's port, without the options of a simulated one."""
+        name = self.arm.port_name
+        return "sim" if name.startswith("sim:") else name
+
+    # anybody
+
+    def stop(
+        self, reason: StopReason, at_rest: StopReason | None = None, lease: str = ""
+    ) -> StopResult:
+        """Stop the arm, whoever moves it, and return what each joint does once it stands.
+
+        The operator's stop of its own motion, which reports the end itself, is not waited for.
+
+        Args:
+            reason: Why.
+            at_rest: Why, where no motion runs; as ``reason`` if None.
+            lease: The lease of who asks.
+
+        Raises:
+            IkservoError: The arm has not come to rest, or its servos cannot be told to hold.
+        """
+        arm, runner = self.arm, self.arm.runner
+        is_operated = self.lease.moving is not None
+        is_own = self.lease.is_held_by(lease)
+        if is_own and (is_operated or reason.kind is StopKind.CANCELLED):
+            runner.request_stop(reason)
+            return StopResult(arm.model.name, self.port, True, arm.joint_names, (), ())
+        reason = StopReason(StopKind.CLIENT, reason.text)
+        if is_operated:  # also where the motion is still planned: nothing holds the lock then
+            runner.request_stop(reason)
+        moving = False
+        if not runner.lock.acquire(blocking=False):  # a motion, or a thread that reads servos
+            if not is_operated:
+                runner.request_stop(reason if runner.motion_running else at_rest or reason)
+            moving = runner.motion_running
+            self._wait_for_lock()
+        try:
+            outcome = StopOutcome(arm.joint_names, (), ())  # a motion that ended holds
+            if not moving:
+                outcome = runner.stop_servos(at_rest or reason)
+        finally:
+            runner.lock.release()
+        return StopResult(arm.model.name, self.port, moving, **asdict(outcome))
+
+    def relax(self, stopped: StopReason, relaxed: StopReason) -> JointMoveResult:
+        """Stop the arm, lower it and switch torque off; it then stays stopped.
+
+        Args:
+            stopped: Why a running motion ends.
+            relaxed: Why the arm does not move afterwards.
+
+        Raises:
+            IkservoError: It does not come to rest, or cannot be lowered.
+        """
+        self.stop(stopped)
+        with self._locked():
+            self.arm.acknowledge()
+            report = self.arm.relax()
+            self.arm.runner.latch_stop(relaxed)
+        return report
+
+    def describe(self) -> dict[str, object]:
+        """Return what the arm is, as plain values: joints, limits, calibrated chain."""
+        arm = self.arm
+        lower, upper = arm.limits()
+        origins = {
+            step.joint.name: step.joint.origin.ravel().tolist() for step in arm.chain.joints_to()
+        }
+        return {
+            "version": version("ikservo"),
+            "arm": arm.model.name,
+            "port": self.port,
+            "zeros": arm.zeros.name,
+            "joints": list(arm.joint_names),
+            "lower": lower.tolist(),
+            "upper": upper.tolist(),
+            "chain": list(arm.chain.names),
+            "chain_lower": arm.chain.lower_rad.tolist(),
+            "chain_upper": arm.chain.upper_rad.tolist(),
+            "origins": origins,
+        }
+
+    def health(self) -> dict[str, object]:
+        """Return how the arm is, as plain values: state, stop, operator, temperature, alarms."""
+        arm, holder, reason = self.arm, self.lease.holder, self.arm.stop_reason
+        state = arm.where()
+        torque = any(joint.torque for joint in state.joints)
+        moving = "moving" if self.lease.moving is not None else "holds" if torque else "limp"
+        return {
+            "arm": arm.model.name,
+            "port": self.port,
+            "state": moving if reason is None else "stopped",
+            "stop_kind": "" if reason is None else reason.kind.name,
+            "stop_text": "" if reason is None else reason.text,
+            "stop_requests": arm.stop_requests,
+            "operator": "" if holder is None else holder.operator,
+            "temperature_c": max(joint.temperature_c for joint in state.joints),
+            "alarms": [f"{j.name}: {', '.join(j.alarms)}" for j in state.joints if j.alarms],
+            "dropped_setpoints": self.lease.dropped,
+        }
+
+    # the operator
+
+    def release(self, lease: str) -> bool:
+        """Take the lease back from an operator who gives it back; a running motion ends."""
+        holder = self.lease.holder
+        if holder is None or holder.lease != lease:
+            return False
+        return self.lose(holder, f"{holder.operator} gave back control; the arm holds.")
+
+    def lose(self, holder: Holder, text: str) -> bool:
+        """Take the lease, and stop the motion that runs under it; return whether it was theirs."""
+        if not self.lease.release(holder.lease):
+            return False
+        if self.lease.moving == holder:
+            self.end_motion(text)
+        return True
+
+    def end_motion(self, text: str) -> None:
+        """Stop the motion that an operator has requested; text says why."""
+        if self.lease.moving is not None:
+            self.arm.request_stop(StopReason(StopKind.CLIENT, text))
+        self._on_lost()
+
+    def watch_operator(self, closing: threading.Event) -> None:
+        """Take the lease from an operator who is not heard any more, until closing.
+
+        While a motion runs that is after the dead-man timeout, else after 3 s.
+        """
+        while not closing.is_set():
+            limit_s = self.lease.timeout_s if self.lease.moving is not None else IDLE_TIMEOUT_S
+            holder, left_s = self.lease.holder, limit_s - self.lease.silence_s()
+            if holder is None:
+                left_s = _WATCH_PERIOD_S
+            elif left_s <= 0.0:
+                text = f"{holder.operator} was not heard for {limit_s:.1f} s; the arm holds."
+                self.lose(holder, text)
+            closing.wait(min(max(left_s, 0.001), _WATCH_PERIOD_S))
+
+    def close(self, text: str) -> None:
+        """Give control to nobody any more, and stop the motion of an operator; text says why."""
+        self.lease.close()
+        self.end_motion(text)
+
+    @contextmanager
+    def _locked(self) -> Generator[None]:
+        self._wait_for_lock()
+        try:
+            yield
+        finally:
+            self.arm.runner.lock.release()
+
+    def _wait_for_lock(self) -> None:
+        if not self.arm.runner.lock.acquire(timeout=BRAKE_TIMEOUT_S):
+            raise IkservoError(
+                "The program that moves the arm did not stop when told to.",
+                "End it, or switch off the arm's power.",
+            )
