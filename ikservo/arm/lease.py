@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import secrets
 import threading
 from collections.abc import Generator
@@ -43,8 +44,8 @@ def is_fresh(sent_s: float, now_s: float, timeout_s: float = DEAD_MAN_TIMEOUT_S)
 class ArmLease:
     """The lease of one arm; every method is safe in any thread.
 
-    Messages of its holder are numbered and dated by the clock of the server. Those that are older
-    than the dead-man timeout, repeated, or overtaken by later ones are dropped.
+    On the network messages of its holder are numbered and dated by the clock of the server. Those
+    that are older than the dead-man timeout, repeated, or overtaken by later ones are dropped.
 
     Args:
         clock: Of the server.
@@ -60,7 +61,7 @@ class ArmLease:
         self._holder: Holder | None = None
         self._moving: Holder | None = None
         self._closed = False
-        self._received_s = 0.0
+        self._received_s = -math.inf
         self._setpoint_number = self._request_number = -1
         self.dropped = 0
 
@@ -100,8 +101,12 @@ class ArmLease:
         with self._lock:
             self._holder, self._closed = None, True
 
-    def acquire(self, operator: str) -> Holder:
+    def acquire(self, operator: str, *, take_over: bool = False) -> Holder:
         """Give the lease to an operator.
+
+        Args:
+            operator: The name of the operator.
+            take_over: Whether to take it from the one who has it, as pages of one person do.
 
         Raises:
             RefusedError: Another has it, or the lease was closed.
@@ -109,7 +114,7 @@ class ArmLease:
         with self._lock:
             if self._closed:
                 raise RefusedError("The program that serves the arm ends.", "Nothing was sent.")
-            if self._holder is not None:
+            if self._holder is not None and not take_over:
                 raise RefusedError(
                     f"{self._holder.operator} controls the arm.",
                     "Nothing was sent. It is free once that program has closed the arm.",
@@ -128,10 +133,22 @@ class ArmLease:
             self._holder = None
             return True
 
-    def silence_s(self) -> float:
-        """Return for how long the holder was not heard; 0 where nobody has the lease."""
+    def refresh(self, lease: str) -> bool:
+        """Note a sign of life of its holder; return whether it was the holder's."""
         with self._lock:
-            return 0.0 if self._holder is None else self._clock.now_s() - self._received_s
+            if not self.is_held_by(lease):
+                return False
+            self._received_s = self._clock.now_s()
+            return True
+
+    def silence_s(self) -> float:
+        """Return for how long no holder was heard; infinite before the first has the lease."""
+        return self._clock.now_s() - self._received_s
+
+    @property
+    def is_silent(self) -> bool:
+        """Whether no holder was heard for longer than the dead-man timeout."""
+        return self.silence_s() > self.timeout_s
 
     def accept_setpoint(self, lease: str, number: int, sent_s: float) -> bool:
         """Check whether a setpoint counts: the holder's, newer than the last one, and not old."""

@@ -18,6 +18,7 @@ from ikservo.arm import (
     StopKind,
     StopReason,
 )
+from ikservo.arm.lease import ArmLease
 from ikservo.clock import Clock
 from ikservo.control.loop import ControlCycle
 from ikservo.errors import (
@@ -82,7 +83,7 @@ class ArmThread:
         calibration: Runs calibrations; None if there are none.
 
     Attributes:
-        dead_man_s: As given.
+        lease: Which page is in control, and when it was heard last.
         arm: The arm; other threads may use only what does not change while it is open. It is
             replaced after a calibration, and after its port was lost.
         snapshot: Written by this thread alone.
@@ -96,7 +97,8 @@ class ArmThread:
         dead_man_s: float = DEAD_MAN_TIMEOUT_S,
         calibration: CalibrationDriver | None = None,
     ) -> None:
-        self._open, self._clock, self.dead_man_s = open_arm, clock, dead_man_s
+        self._open, self._clock = open_arm, clock
+        self.lease = ArmLease(clock, dead_man_s)
         self.calibration = calibration
         self.arm = open_arm()
         self._command = ArmCommand()
@@ -214,7 +216,7 @@ class ArmThread:
         self.snapshot = replace(self.snapshot, measured=measured, read_s=now_s, reference=reference)
         self._take_telemetry(now_s)
         self._record_history()
-        self._require_heartbeat(now_s)
+        self._require_heartbeat()
 
     def on_idle(self) -> None:
         """Read the arm at rest during a job; stop the job where the page is silent.
@@ -222,7 +224,7 @@ class ArmThread:
         Raises:
             RefusedError: The arm was stopped.
         """
-        self._require_heartbeat(self._clock.now_s())
+        self._require_heartbeat()
         self.arm.context.servos.check_stop()
         self.snapshot = replace(self._update_positions(), reference=None)
         self._record_history()
@@ -243,9 +245,8 @@ class ArmThread:
         """Read the arm after its torque was switched off, which is no loss of torque then."""
         self.snapshot = replace(self._update_positions(), reference=None)
 
-    def _require_heartbeat(self, now_s: float) -> None:
-        silent = now_s - self.command.heartbeat_s > self.dead_man_s
-        if silent and self._stop_reason is None:
+    def _require_heartbeat(self) -> None:
+        if self.lease.is_silent and self._stop_reason is None:
             self.request_stop(StopReason(StopKind.CLIENT, _JOB_SILENCE_TEXT))
 
     def _record_history(self) -> None:
@@ -299,7 +300,7 @@ class ArmThread:
 
     def _run_session(self) -> None:
         """Follow commands until Live ends, the speed changes, or heartbeats stop."""
-        session = LiveSession(self, self._clock, self.dead_man_s)
+        session = LiveSession(self, self.lease)
         self.arm.follow_goals(
             session,
             speed=session.speed,

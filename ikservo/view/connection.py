@@ -1,4 +1,4 @@
-"""One client's connection: order, age and rate of its messages, the control lease."""
+"""One client's connection: order, age and rate of its messages."""
 
 from __future__ import annotations
 
@@ -23,7 +23,6 @@ from ikservo.view.viewpoints import Viewpoint
 __all__ = [
     "MAX_MESSAGE_AGE_S",
     "Client",
-    "ControlLease",
     "MessageFilter",
     "RateLimitError",
     "StaleMessageError",
@@ -152,28 +151,6 @@ def _is_always_accepted(message: PageMessage) -> bool:
     return only_holds or isinstance(message, SetViewport)
 
 
-class ControlLease:
-    """Which client may move the arm.
-
-    Attributes:
-        holder: The number of the client in control; None for none.
-    """
-
-    def __init__(self) -> None:
-        self.holder: int | None = None
-
-    def acquire(self, client_id: int) -> None:
-        """Give control to a client, whichever had it before."""
-        self.holder = client_id
-
-    def release(self, client_id: int) -> bool:
-        """Release a client's control; return whether it had it."""
-        was_holder = self.holder == client_id
-        if was_holder:
-            self.holder = None
-        return was_holder
-
-
 @dataclass(slots=True)
 class Client:
     """One open page.
@@ -182,6 +159,7 @@ class Client:
         number: Identifies it.
         permission: What its key permits.
         view: Its viewpoint.
+        lease: The lease of control that it was given last; empty if none.
         viewport: Size of its drawing; None until it was received.
         webgl: Whether it draws in 3D.
         handles: Whether it draws handles at the tool, too.
@@ -193,6 +171,7 @@ class Client:
     number: int
     permission: Permission
     view: Viewpoint
+    lease: str = ""
     viewport: Viewport | None = None
     webgl: bool = False
     handles: bool = False

@@ -18,7 +18,7 @@ from ikservo.view.arm_job import ExecuteGoal, RelaxArm, ReleaseArm
 from ikservo.view.arm_thread import ArmThread
 from ikservo.view.auth import Permission
 from ikservo.view.camera import Viewport
-from ikservo.view.connection import Client, ControlLease
+from ikservo.view.connection import Client
 from ikservo.view.downloads import Download, DownloadOffers
 from ikservo.view.drag_solver import PosturePreference
 from ikservo.view.follow_panel import FindArm, FollowPanel
@@ -52,7 +52,7 @@ class SessionController:
 
     Args:
         arm_thread: Owns the arm.
-        clock: Time stamps of heartbeats.
+        clock: The time of the page.
         downloads: Where files are offered; a place of its own if None.
         find_arm: Finds another arm of the page, to be followed.
 
@@ -73,8 +73,8 @@ class SessionController:
         self._guard = PreviewGuard(arm_thread.arm)
         self._fallback: StopNotice | None = None  # why Live has ended
         self._plots, self.downloads = PlotFeed(), downloads or DownloadOffers(clock)
-        self._lease = ControlLease()
-        self._composer = FrameComposer(arm_thread, self._interaction, clock, self._lease)
+        self._lease = arm_thread.lease
+        self._composer = FrameComposer(arm_thread, self._interaction, clock)
         self._program = ProgramPanel(arm_thread)
         self._following = FollowPanel(arm_thread, clock, find_arm)
         self._clients: dict[int, Client] = {}
@@ -120,27 +120,29 @@ class SessionController:
         """Register a client and return its number; the first with permission gets control."""
         number = next(self._numbers)
         view = Viewpoint(available_views(self._composer.extent)[0])
-        self._clients[number] = Client(number, permission, view)
+        client = self._clients[number] = Client(number, permission, view)
         if permission is Permission.CONTROL and self._lease.holder is None:
-            self._grant_control(number)
+            self._grant_control(client)
         return number
 
     def disconnect(self, client_id: int) -> None:
         """Remove a client; if it had control, the arm holds."""
-        del self._clients[client_id]
+        client = self._clients.pop(client_id)
         self._plots.forget(client_id)
-        if self._lease.release(client_id):
+        if self._lease.release(client.lease):
             self._stop_session()
 
     def frames(self, client_id: int) -> list[Frame]:
         """Return the new frames for a client."""
         self._update_after_session()
-        if client_id == self._lease.holder:
+        client = self._clients[client_id]
+        in_control = self._lease.is_held_by(client.lease)
+        if in_control:
             self._interaction.continue_target(self._arm_thread.snapshot, self._clock.now_s())
             self._send_setpoint()
             self._update_refusal()
-        controller = {None: "none", client_id: "you"}.get(self._lease.holder, "other")
-        client = self._clients[client_id]
+        others = "none" if self._lease.holder is None else "other"
+        controller = "you" if in_control else others
         frames = self._composer.compose(client, controller=controller, fallback=self._fallback)
         frames += self._program.frames(client)
         frames += self._following.frames(client)
@@ -172,12 +174,10 @@ class SessionController:
             handle(message, client)
 
     def _refresh_heartbeat(self, message: msg.Heartbeat, client: Client) -> None:
-        if client.number != self._lease.holder:
+        if not self._lease.is_held_by(client.lease):
             return
         if message.visible:
-            self._arm_thread.post(
-                replace(self._arm_thread.command, heartbeat_s=self._clock.now_s())
-            )
+            self._lease.refresh(client.lease)
             return
         if self._arm_thread.command.live:
             self._fallback = StopNotice("Live ended: the page was hidden.", _GO_LIVE_TEXT)
@@ -231,9 +231,9 @@ class SessionController:
 
     def _take_control(self, message: msg.TakeControl, client: Client) -> None:
         _check_may_control(client)
-        if message.on and self._lease.holder != client.number:
-            self._grant_control(client.number)
-        elif not message.on and self._lease.release(client.number):
+        if message.on and not self._lease.is_held_by(client.lease):
+            self._grant_control(client)
+        elif not message.on and self._lease.release(client.lease):
             self._stop_session()
 
     def _show_plots(self, message: msg.ShowPlots, client: Client) -> None:
@@ -255,7 +255,7 @@ class SessionController:
         """Handle a message that only the client in control may send; it counts as a heartbeat."""
         self._require_control(client)
         self._update_after_session()
-        self._arm_thread.post(replace(self._arm_thread.command, heartbeat_s=self._clock.now_s()))
+        self._lease.refresh(client.lease)
         handle = self._control_handlers.get(type(message), self._handle_input)
         try:
             handle(message, client)
@@ -407,18 +407,16 @@ class SessionController:
         self._composer.close()
         self._interaction = Interaction(self._arm, self._clock)
         self._guard = PreviewGuard(self._arm)
-        self._composer = FrameComposer(
-            self._arm_thread, self._interaction, self._clock, self._lease
-        )
+        self._composer = FrameComposer(self._arm_thread, self._interaction, self._clock)
 
     def _forget_targets(self) -> None:
         """Drop the goal and the earlier ones: the arm holds."""
         self._interaction.reset()
         self._interaction.history.clear()
 
-    def _grant_control(self, client_id: int) -> None:
+    def _grant_control(self, client: Client) -> None:
         """Give control to a client; it starts at slow speed in the preview."""
-        self._lease.acquire(client_id)
+        client.lease = self._lease.acquire(f"page {client.number}", take_over=True).lease
         self._fallback = None
         self._stop_session()
         self._arm_thread.post(replace(self._arm_thread.command, speed="slow"))
@@ -452,7 +450,7 @@ class SessionController:
 
     def _require_control(self, client: Client) -> None:
         _check_may_control(client)
-        if client.number != self._lease.holder:
+        if not self._lease.is_held_by(client.lease):
             raise BadMessageError("Another page is in control.", "Take control first.")
 
 

@@ -52,7 +52,7 @@ class FollowPanel:
         if leader is None or leader is self._arm_thread:
             raise InputError(f"No other arm {leader_name!r} is open.", "Open it in the list.")
         joints = _check_coupling(leader, self._arm_thread.arm, leader_name)
-        feed = LeaderFeed(leader_name, joints, self._clock, self._arm_thread.dead_man_s)
+        feed = LeaderFeed(leader_name, joints, self._clock, self._arm_thread.lease.timeout_s)
         job = FollowLeader(feed, self._arm_thread.command.speed)
         try:
             leader.request_job(LeadArm(feed, self._arm_thread.arm.model.title))

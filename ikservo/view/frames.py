@@ -19,7 +19,7 @@ from ikservo.view.arm_thread import ArmThread
 from ikservo.view.auth import Permission
 from ikservo.view.calibration import calibration_fields
 from ikservo.view.camera import Camera
-from ikservo.view.connection import Client, ControlLease
+from ikservo.view.connection import Client
 from ikservo.view.interaction import Interaction
 from ikservo.view.labels import (
     candidate_rows,
@@ -253,7 +253,6 @@ class FrameComposer:
         arm_thread: Has the snapshot that is shown.
         interaction: Input of the client in control.
         clock: Limits the frame rate.
-        lease: Which client is in control.
 
     Attributes:
         extent: The extent of the arm.
@@ -264,9 +263,8 @@ class FrameComposer:
         arm_thread: ArmThread,
         interaction: Interaction,
         clock: Clock,
-        lease: ControlLease | None = None,
     ) -> None:
-        self._lease = lease or ControlLease()
+        self._lease = arm_thread.lease
         self._arm_thread, self._interaction, self._clock = arm_thread, interaction, clock
         arm = arm_thread.arm
         self.extent = arm_extent(arm.model)
@@ -291,7 +289,7 @@ class FrameComposer:
         if client.viewport is None:
             raise BadMessageError("The page has not sent the size of its drawing.", "Reload it.")
         kept_camera = self._interaction.camera
-        is_own = self._lease.holder == client.number
+        is_own = self._lease.is_held_by(client.lease)
         if is_own and kept_camera is not None and kept_camera.viewport == client.viewport:
             return kept_camera
         q = self._chain_joints(self._arm_thread.snapshot.measured)
@@ -406,7 +404,7 @@ class FrameComposer:
         """Check whether a client can move the tool by its handles now."""
         snapshot = self._arm_thread.snapshot
         moves = not (snapshot.stop_notice or snapshot.calibration or snapshot.activity)
-        return client.handles and moves and self._lease.holder == client.number
+        return client.handles and moves and self._lease.is_held_by(client.lease)
 
     def _refusal_text(self) -> str | None:
         """Return why the goal is refused."""

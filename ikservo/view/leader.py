@@ -6,6 +6,7 @@ import itertools
 from collections.abc import Callable
 
 from ikservo.arm import DEAD_MAN_TIMEOUT_S, Arm
+from ikservo.arm.lease import is_fresh
 from ikservo.clock import Clock, Rate
 from ikservo.errors import BusError, IkservoError, StoppedError
 from ikservo.view.arm_job import JobObserver
@@ -53,7 +54,9 @@ class LeaderFeed:
             StoppedError: The leader has failed, or tells nothing any more.
         """
         newest = self.newest
-        silent = newest is not None and self.clock.now_s() - newest[0] > self._dead_man_s
+        silent = newest is not None and not is_fresh(
+            newest[0], self.clock.now_s(), self._dead_man_s
+        )
         reason = self._failure or (f"no position for {self._dead_man_s} s." if silent else "")
         if reason:
             raise StoppedError(

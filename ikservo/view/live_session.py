@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from ikservo.clock import Clock
+from ikservo.arm.lease import ArmLease
 from ikservo.control.loop import ControlCycle
 from ikservo.errors import RefusedError
 from ikservo.kinematics.arrays import Vector
@@ -35,16 +35,15 @@ class LiveSession:
 
     Args:
         observer: Provides commands and receives every control cycle.
-        clock: The time of heartbeats.
-        dead_man_s: How long a command is valid without a heartbeat.
+        lease: Says when the page in control was heard last.
 
     Attributes:
         session_id: Identifies the session.
         silent: Whether it ended because no heartbeat arrived.
     """
 
-    def __init__(self, observer: CycleObserver, clock: Clock, dead_man_s: float) -> None:
-        self._observer, self._clock, self._dead_man_s = observer, clock, dead_man_s
+    def __init__(self, observer: CycleObserver, lease: ArmLease) -> None:
+        self._observer, self._lease = observer, lease
         self.session_id, self.speed = observer.command.session_id, observer.command.speed
         self._start: Vector | None = None
         self._last_goal: Vector | None = None
@@ -56,7 +55,7 @@ class LiveSession:
         command = self._observer.command
         if self._start is None:
             self._start = cycle.reference.copy()
-        self.silent = self._clock.now_s() - command.heartbeat_s > self._dead_man_s
+        self.silent = self._lease.is_silent
         if (
             self.silent
             or self.is_over

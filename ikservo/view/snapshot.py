@@ -31,7 +31,6 @@ class ArmCommand:
         goal: Goal of all joints (n,), rad or m; None to hold position.
         by_tip: Whether the goal was found for a target of the tip.
         speed: slow, normal or fast.
-        heartbeat_s: Time of the page's last heartbeat.
     """
 
     live: bool = False
@@ -39,7 +38,6 @@ class ArmCommand:
     goal: Vector | None = None
     by_tip: bool = False
     speed: str = "slow"
-    heartbeat_s: float = 0.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +45,7 @@ class LogEntry:
     """A message for the user.
 
     Attributes:
-        time_s: When, by the clock of heartbeats.
+        time_s: When, by the clock of the page.
         message: What happened.
         level: ``bad`` for what went wrong, empty for news.
     """

@@ -103,3 +103,31 @@ def test_nothing_is_lent_once_the_server_ends(lease):
         pass
     with pytest.raises(RefusedError, match="ends"):
         lease.acquire("bob")
+
+
+def test_taking_over_ends_the_lease_of_the_one_before(lease):
+    first = lease.acquire("page 1").lease
+    second = lease.acquire("page 2", take_over=True).lease
+    assert (lease.is_held_by(first), lease.is_held_by(second)) == (False, True)
+    assert not lease.release(first)
+    assert lease.holder.operator == "page 2"
+
+
+def test_signs_of_life_count_from_the_holder_only(lease, clock):
+    assert lease.is_silent  # nobody was heard yet
+    held = lease.acquire("page 1").lease
+    after(clock, 0.29)
+    assert not lease.is_silent
+    assert not lease.refresh("")
+    after(clock, 0.02)
+    assert lease.is_silent
+    assert lease.refresh(held)
+    assert not lease.is_silent
+
+
+def test_silence_goes_on_after_the_lease_was_given_back(lease, clock):
+    held = lease.acquire("page 1").lease
+    lease.release(held)
+    after(clock, 0.4)
+    assert lease.is_silent
+    assert not lease.refresh(held)
