@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     __version__: str
     from ikservo.arm import Arm, MotionPlan, OpenArm, ToolOrientation, open_arm, read_recording
     from ikservo.errors import (
+        AimError,
         BadReplyError,
         BadValueError,
         BusError,
@@ -56,6 +57,7 @@ if TYPE_CHECKING:
     from ikservo.view.visibility import visible_from
 
 __all__ = [
+    "AimError",
     "Arm",
     "BadReplyError",
     "BadValueError",
@@ -108,6 +110,7 @@ __all__ = [
 _HOMES = {
     "Arm": "arm",
     "BadReplyError": "errors",
+    "AimError": "errors",
     "BadValueError": "errors",
     "BusError": "errors",
     "CalibrationError": "errors",

@@ -401,6 +401,26 @@ class OrientationError(UnreachableError):
         )
 
 
+class AimError(UnreachableError):
+    """The tip cannot point at a point inside the limits.
+
+    Attributes:
+        left_rad: The angle that remains between the tip's axis and the direction to the point.
+    """
+
+    def __init__(
+        self, point_m: Sequence[float], left_rad: float, binding: Sequence[str] = ()
+    ) -> None:
+        super().__init__(point_m, point_m, binding)
+        self.left_rad = left_rad
+        held = f" ({', '.join(self.binding)})" if self.binding else ""
+        self.command_message = (
+            f"The tip cannot point at {format_point(point_m)}; "
+            f"closest is {math.degrees(left_rad):.1f}° beside it{held}."
+        )
+        self.command_hint = "Nothing moved. Choose another point."
+
+
 class RefusedError(IkservoError):
     """The guard does not allow a goal; nothing was sent."""
 

@@ -19,6 +19,7 @@ from ikservo.arm.arguments import OnExit, check_callable, parse_all_positions
 from ikservo.arm.background_motion import Background, RunningMotion
 from ikservo.arm.motions import (
     Draw,
+    LookAt,
     Lower,
     MotionValue,
     MoveArc,
@@ -432,6 +433,28 @@ class MotionMethods(Protocol):
         return self._run(motion, on_progress, wait=wait)
 
     @overload
+    def look_at(
+        self, point_m: ArrayLike, *, wait: Literal[True] = True, **options: Unpack[JointOptions]
+    ) -> JointMoveResult: ...
+
+    @overload
+    def look_at(
+        self, point_m: ArrayLike, *, wait: Literal[False], **options: Unpack[JointOptions]
+    ) -> RunningMotion[JointMoveResult]: ...
+
+    def look_at(
+        self, point_m: ArrayLike, *, wait: bool = True, **options: Unpack[JointOptions]
+    ) -> JointMoveResult | RunningMotion[JointMoveResult]:
+        """Point the tool axis at a point (3,) [m], wherever the tip is then.
+
+        Raises:
+            AimError: The limits do not allow it; nothing has moved. Others as for ``move_to``.
+        """
+        on_progress = options.pop("on_progress", None)
+        motion = LookAt(point_m, **_fields(LookAt, options))
+        return self._run(motion, on_progress, wait=wait)
+
+    @overload
     def gripper(
         self, to: JawGoal = None, *, wait: Literal[True] = True, **options: Unpack[GripperOptions]
     ) -> GraspResult: ...
@@ -518,6 +541,10 @@ class MotionMethods(Protocol):
         """Plan a motion of some joints; see ``move_joints``."""
         goals = parse_all_positions(positions, self.joint_names)
         return self.plan(MoveJoints(goals, speed=speed))
+
+    def plan_look(self, point_m: ArrayLike, *, speed: str = "normal") -> MotionPlan:
+        """Plan a motion after which the tool axis points at a point (3,) [m]; see ``look_at``."""
+        return self.plan(LookAt(point_m, speed=speed))
 
     def plan_rest(self) -> MotionPlan:
         """Plan the slow motion to the rest pose, by another pose where the path is not free."""

@@ -42,6 +42,7 @@ __all__ = [
     "KINDS",
     "SPEEDS",
     "Draw",
+    "LookAt",
     "Lower",
     "MotionValue",
     "MoveArc",
@@ -329,6 +330,23 @@ class MoveToRest(MotionValue[JointMoveResult]):
 
 
 @dataclass(frozen=True)
+class LookAt(MotionValue[JointMoveResult]):
+    """The tool axis comes to point at a point, wherever the tip is then: for cameras and pan-tilts.
+
+    Attributes:
+        point_m: The point (3,), metres, base frame.
+        speed: As of ``MoveTo``.
+    """
+
+    point_m: ArrayLike
+    _: KW_ONLY
+    speed: str = "normal"
+
+    def _words(self) -> str:
+        return f"look at {_format_point(self.point_m)}"
+
+
+@dataclass(frozen=True)
 class Lower(MotionValue[JointMoveResult]):
     """The joints move slowly to the rest pose, or as far as the path there is free."""
 
@@ -403,8 +421,8 @@ def _parse_tool_speed(value: object) -> float:
     return speed_m_s
 
 
-def _parse_point(value: object) -> Point:
-    return tuple(check_position(cast("ArrayLike", value), "The target position").tolist())
+def _parse_point(value: object, what: str = "The target position") -> Point:
+    return tuple(check_position(cast("ArrayLike", value), what).tolist())
 
 
 def _parse_strokes(values: object) -> tuple[tuple[Point, ...], ...]:
@@ -440,6 +458,7 @@ _PARSERS: Mapping[str, Callable[[object], object]] = {
     "stance": check_orientation,
     "tool_speed_m_s": _parse_tool_speed,
     "position_m": _parse_point,
+    "point_m": lambda value: _parse_point(value, "The point to look at"),
     "points_m": lambda values: tuple(map(_parse_point, parse_points(values))),
     "strokes_m": _parse_strokes,
     "via_m": _vector("The via point of the arc"),
@@ -464,8 +483,8 @@ _PARSERS: Mapping[str, Callable[[object], object]] = {
 
 KINDS: Mapping[str, type[MotionValue[Any]]] = {
     each.kind: each
-    for each in (MoveTo, MoveLine, MoveArc, MoveThrough, Draw, MoveJoints, MovePose, MoveToRest,
-                 Lower, MoveGripper, Replay, Wait)
+    for each in (MoveTo, MoveLine, MoveArc, MoveThrough, Draw, MoveJoints, MovePose, LookAt,
+                 MoveToRest, Lower, MoveGripper, Replay, Wait)
 }  # fmt: skip
 """All kinds of motions by their names in JSON and TOML."""
 

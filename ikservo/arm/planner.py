@@ -25,9 +25,9 @@ from ikservo.arm.tool_orientation import (
     solve_with_orientation,
 )
 from ikservo.arm.tool_speed import ToolSpeed, sample_times_s, tool_speed_between
-from ikservo.errors import BadValueError, CartesianPathError, UnreachableError
+from ikservo.errors import AimError, BadValueError, CartesianPathError, UnreachableError
 from ikservo.guard import MAX_TRAVEL_RAD, sample_path
-from ikservo.ik import Result, Target
+from ikservo.ik import Result, Target, solve_sight
 from ikservo.kinematics import Chain, JointIndex
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.inertia import GRAVITY_M_S2
@@ -229,6 +229,20 @@ class Planner:
                 raise BadValueError(f"The goal of {name}", position, "a number of at most 1000")
             goal[self._index.column(name)] = position
         return self._make_plan(start, JointMove(start, goal, self.motion_limits(speed)), speed)
+
+    def plan_to_look(self, start: Vector, point_m: ArrayLike, speed: str) -> MotionPlan:
+        """Plan a motion after which the tool axis points at a point (3,) [m].
+
+        Raises:
+            AimError: No joints inside the limits were found that point there.
+        """
+        now = self._index.chain_joints(start)
+        sight = solve_sight(self._chain, point_m, now, self._tool.approach_axis)
+        if not sight.reached:
+            point = np.asarray(point_m, dtype=float).tolist()
+            raise AimError(point, sight.error_rad, [str(limit) for limit in sight.binding])
+        goals = dict(zip(self._chain.names, sight.q.tolist(), strict=True))
+        return self.plan_to_joints(start, goals, speed)
 
     def sample_trajectory(self, trajectory: Trajectory, speed: str) -> Matrix:
         """Sample all joints (k, n) along a trajectory, close enough for collision checks."""

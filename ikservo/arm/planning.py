@@ -7,6 +7,7 @@ from typing import Any, cast
 from ikservo.arm.drawing import plan_drawing
 from ikservo.arm.motions import (
     Draw,
+    LookAt,
     MoveArc,
     MoveJoints,
     MoveLine,
@@ -24,7 +25,7 @@ __all__ = ["plan_motion"]
 
 
 def plan_motion(
-    planner: Planner, motion: TipMotion | MoveJoints, start: Vector, speed: str
+    planner: Planner, motion: TipMotion | MoveJoints | LookAt, start: Vector, speed: str
 ) -> MotionPlan:
     """Plan a motion from the joints ``start`` (n,) [rad or m], collisions not looked at.
 
@@ -37,6 +38,7 @@ def plan_motion(
     Raises:
         UnreachableError: A point is out of reach.
         OrientationError: The tool cannot have the requested orientation there.
+        AimError: The tip cannot point at the point.
         BadValueError: Its path cannot be made from there.
     """
     match motion:
@@ -56,6 +58,8 @@ def plan_motion(
             return _plan_arc(planner, motion, start, speed)
         case Draw():
             return plan_drawing(planner, motion, start, speed)
+        case LookAt():
+            return planner.plan_to_look(start, motion.point_m, speed)
         case MoveJoints():
             return planner.plan_to_joints(start, motion.positions, speed)
         case _:

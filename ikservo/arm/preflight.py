@@ -16,6 +16,7 @@ from ikservo.arm.arguments import parse_all_positions
 from ikservo.arm.calibrated_arm import MAX_UNCALIBRATED_STEP_RAD
 from ikservo.arm.context import ArmContext
 from ikservo.arm.motions import (
+    LookAt,
     Lower,
     MotionValue,
     MoveJoints,
@@ -97,6 +98,10 @@ class PreflightPlanner:
         match motion:
             case MoveTo():
                 return self._plan_to_point(motion)
+            case LookAt():
+                plan = self._plan_tip(motion)
+                goals = self._context.index.by_name(plan.goal)
+                return replace(plan, requested={n: goals[n] for n in self._context.chain.names})
             case _ if isinstance(motion, TipMotion):
                 return self._plan_tip(motion)
             case MoveJoints():
@@ -113,7 +118,7 @@ class PreflightPlanner:
                 expected = "a motion of the tip or of joints, such as MoveTo((0.25, 0.0, 0.15))"
                 raise BadValueError("The motion to plan", str(motion), expected)
 
-    def _plan_tip(self, motion: TipMotion) -> MotionPlan:
+    def _plan_tip(self, motion: TipMotion | LookAt) -> MotionPlan:
         self._context.require_zeros()
         start = self._runner.start_position()
         if not motion.starts_at_tip:
@@ -264,7 +269,9 @@ class PreflightPlanner:
             for joint in joints
         }
 
-    def _plan_clear_or_via(self, motion: TipMotion | MoveJoints, start: Vector) -> MotionPlan:
+    def _plan_clear_or_via(
+        self, motion: TipMotion | MoveJoints | LookAt, start: Vector
+    ) -> MotionPlan:
         """Return a plan whose path is free: direct, or one that leaves a contact first.
 
         Raises:
@@ -283,7 +290,7 @@ class PreflightPlanner:
             return found
 
     def _plan_via_pose(
-        self, motion: TipMotion | MoveJoints, start: Vector, allowed: str
+        self, motion: TipMotion | MoveJoints | LookAt, start: Vector, allowed: str
     ) -> MotionPlan | None:
         """Return a plan that leaves a contact first; None where there is no free path."""
         for pose, first in self._ways_out(start, allowed):

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from typing import Annotated
 
 import typer
 
 from ikservo.arm import JointMoveResult, OpenArm
-from ikservo.arm.motions import MoveJoints
+from ikservo.arm.motions import LookAt, MoveJoints
 from ikservo.cli.completion import complete_joints
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.motion_report import print_plan
@@ -46,19 +45,18 @@ def command(
     """
     with open_from_options(connection, options) as machine:
         positions = _parse_positions(goals, machine.model)
-        report = make_joint_motion(machine, positions, speed, options)
+        report = make_joint_motion(machine, MoveJoints(positions, speed=speed), options)
     print_report(report, machine.model, json=options.json)
 
 
 def make_joint_motion(
-    machine: OpenArm, positions: Mapping[str, float], speed: str, options: MotionOptions
+    machine: OpenArm, motion: MoveJoints | LookAt, options: MotionOptions
 ) -> JointMoveResult | None:
     """Announce and execute a motion of joints; a dry run prints its plan, and returns None."""
-    motion = MoveJoints(positions, speed=speed)
     plan = machine.plan(motion)
     announce(plan, machine, options)
     if options.dry_run:
-        print_plan(plan, machine.model, positions, json=options.json)
+        print_plan(plan, machine.model, plan.requested, json=options.json)
         return None
     check_directions_once(machine, options)
     with motion_progress_bar() as on_progress:

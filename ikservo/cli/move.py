@@ -1,4 +1,4 @@
-"""``ikservo move``: move the tip to a point, optionally on a line or through other points."""
+"""``ikservo move``: move the tip to a point, on a line or through others; or look at a point."""
 
 from __future__ import annotations
 
@@ -7,7 +7,8 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm.motions import MoveThrough, MoveTo
+from ikservo.arm.motions import LookAt, MoveThrough, MoveTo
+from ikservo.cli.joints import make_joint_motion, print_report
 from ikservo.cli.model_options import PostureOptions, report_missing_freedom
 from ikservo.cli.motion_report import make_tip_motion, print_move_report
 from ikservo.cli.options import (
@@ -20,6 +21,7 @@ from ikservo.cli.options import (
 )
 from ikservo.cli.quantities import parse_length_m, parse_point_m
 from ikservo.cli.session import open_from_options
+from ikservo.errors import BadValueError
 
 __all__ = ["command"]
 
@@ -38,6 +40,9 @@ Blend = Annotated[
         show_default=False,
     ),
 ]
+LookAtOption = Annotated[
+    bool, typer.Option("--look-at", help="Point the tool at X Y Z, wherever the tip is then.")
+]
 
 
 def command(
@@ -47,6 +52,7 @@ def command(
     *,
     connection: ArmConnection,
     speed: SpeedOption = "normal",
+    look_at: LookAtOption = False,
     line: Line = False,
     via: Via = None,
     blend: Blend = 0.02,
@@ -68,7 +74,23 @@ def command(
     ikservo move 0.25 0.05 0.15 --line --tool-speed 50
 
     ikservo move 0.2 0.1 0.1 --via 0.2,0,0.2 --via 0.25,0.05,0.2 --blend 30mm
+
+    ikservo move --look-at 1 0.5 0.3
     """
+    if look_at:
+        others = {"--line": line, "--via": via, "--tool-speed": tool_speed}
+        others |= {"--pitch": tool.pitch_rad, "--roll": tool.roll_rad}
+        others |= {"--direction": tool.direction, "--keep": tool.keep}
+        others |= {"--prefer": preferred.prefer, "--weight": preferred.weight}
+        given = [name for name, value in others.items() if value not in (None, False, [])]
+        if given:
+            raise BadValueError(
+                "--look-at", f"given with {', '.join(given)}", "no option of the path or the tool"
+            )
+        with open_from_options(connection, options) as machine:
+            looked = make_joint_motion(machine, LookAt((x, y, z), speed=speed), options)
+            print_report(looked, machine.model, json=options.json)
+        return
     orientation = tool.orientation()
     points = [*(parse_point_m(text) for text in via or ()), (x, y, z)]
     with open_from_options(connection, options) as machine:

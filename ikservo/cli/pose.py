@@ -7,6 +7,7 @@ from typing import Annotated
 
 import typer
 
+from ikservo.arm.motions import MoveJoints
 from ikservo.arm.networks import find_network
 from ikservo.arm.opening import resolve_port
 from ikservo.arm.poses import PoseLibrary
@@ -51,7 +52,7 @@ def command(
         inside = machine.pose_within_limits(name)
         for words in inside.changed:
             print_status(f"{words}.")
-        report = make_joint_motion(machine, inside.positions, speed, options)
+        report = make_joint_motion(machine, MoveJoints(inside.positions, speed=speed), options)
     print_report(report, machine.model, json=options.json)
 
 

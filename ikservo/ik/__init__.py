@@ -4,6 +4,7 @@ from ikservo.ik.batch import BatchResult, solve_batch
 from ikservo.ik.other_solutions import solution_set
 from ikservo.ik.problem import Options, Posture, Target, Tolerance
 from ikservo.ik.result import NOT_LIMITED, ActiveLimit, Result, SolutionSet
+from ikservo.ik.sight import Sight, solve_sight
 from ikservo.ik.solve import METHODS, in_millimetres, solve
 from ikservo.ik.solver import Solver
 
@@ -15,6 +16,7 @@ __all__ = [
     "Options",
     "Posture",
     "Result",
+    "Sight",
     "SolutionSet",
     "Solver",
     "Target",
@@ -23,4 +25,5 @@ __all__ = [
     "solution_set",
     "solve",
     "solve_batch",
+    "solve_sight",
 ]

@@ -123,6 +123,28 @@ class Chain:
                 raise BadValueError(f"The range of {name}", f"[{a:g}, {b:g}]", "lower <= upper")
         return replace(self, lower_rad=read_only(low), upper_rad=read_only(high))
 
+    def with_slide(self, axis: ArrayLike, lower_m: float, upper_m: float) -> Chain:
+        """Return the chain with one joint more, which slides the tip along an axis (3,) of its own.
+
+        Raises:
+            BadValueError: ``axis`` has a wrong shape or is not finite.
+        """
+        along = read_only(finite_vector(axis, 3, "The axis"))
+        name, column = f"{self.tip} sight", self.dof
+        joint = Joint(
+            name, JointType.PRISMATIC, self.tip, name, read_only(np.eye(4)), along, lower_m, upper_m
+        )
+        path = (*self.joints_to(), ChainJoint(joint, column, 1.0, 0.0))
+        return replace(
+            self,
+            tip=name,
+            names=(*self.names, name),
+            lower_rad=read_only(np.append(self.lower_rad, lower_m)),
+            upper_rad=read_only(np.append(self.upper_rad, upper_m)),
+            kinds=(*self.kinds, JointType.PRISMATIC),
+            _paths={**self._paths, name: path},
+        )
+
     def with_origins(self, origins: Mapping[str, Matrix]) -> Chain:
         """Return the same chain with some joints moved: ``T_parent_joint`` (4, 4) by joint.
 

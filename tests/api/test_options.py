@@ -28,6 +28,7 @@ OF_MOTION = {
     "move_through": ("move_through", ([NEAR],)),
     "move_joints": ("move_joints", ({"wrist_roll": 0.1},)),
     "pose": ("move_pose", ("home",)),
+    "look_at": ("look_at", ((1.0, 0.5, 0.3),)),
     "gripper": ("move_gripper", ("open",)),
     "replay": ("replay", ("wave.jsonl",)),
 }

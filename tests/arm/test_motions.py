@@ -15,6 +15,7 @@ from ikservo.arm import ToolOrientation
 from ikservo.arm.motions import (
     KINDS,
     Draw,
+    LookAt,
     Lower,
     MotionValue,
     MoveArc,
@@ -46,6 +47,7 @@ EXAMPLES = (
     Draw([[NEAR], [FAR, NEAR]], lift_m=0.02),
     MoveJoints({"wrist_roll": 0.1}, speed="slow"),
     MovePose("home"),
+    LookAt([1.0, 0.5, 0.3], speed="slow"),
     MoveToRest(),
     Lower(),
     MoveGripper("close", force=0.2),
@@ -93,6 +95,8 @@ MISTAKES = [
     (MoveTo, {"position_m": [0.1, 0.2, 2000.0]}),
     (MoveTo, {"position_m": NEAR, "speed": "warp"}),
     (MoveTo, {"position_m": NEAR, "speed": None}),
+    (LookAt, {"point_m": [0.1, 0.2]}),
+    (LookAt, {"point_m": NEAR, "speed": "warp"}),
     (MoveLine, {"position_m": NEAR, "tool_speed_m_s": 0.0}),
     (MoveArc, {}),
     (MoveArc, {"via_m": NEAR, "end_m": FAR, "center_m": NEAR}),
@@ -180,6 +184,7 @@ PLANNED = (
     Draw([[NEAR]]),
     MoveJoints({"wrist_roll": 0.1}),
     MovePose("home"),
+    LookAt((1.0, 0.5, 0.3)),
     MoveToRest(),
     Lower(),
 )

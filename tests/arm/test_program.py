@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 import ikservo
+from ikservo.arm.motions import LookAt
 from ikservo.arm.program import Program, ProgramStep, read_program, write_program
 from ikservo.arm.program_run import ProgramRun
 from ikservo.errors import (
@@ -269,3 +270,14 @@ def cause(arm, fault):
     kind, details = fault
     line = line_of(arm)
     line.faults.add(Fault(kind, at_s=line.world.time_s, **details))
+
+
+def test_a_step_looks_at_a_point(tmp_path):
+    path = tmp_path / "looks.toml"
+    step = "motion.look_at = { point_m = [1.0, 0.5, 0.3] }"
+    path.write_text(f'format = 1\narm = "so101"\n[[steps]]\nspeed = "slow"\n{step}\n')
+    (found,) = read_program(path).steps
+    assert found.to_motion(ikservo.load_model("so101"), "slow") == LookAt(
+        (1.0, 0.5, 0.3), speed="slow"
+    )
+    assert found.description == "look at (1.000, 0.500, 0.300) m"

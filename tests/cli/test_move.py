@@ -2,6 +2,7 @@
 
 import math
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -122,3 +123,36 @@ def test_a_plain_move_says_how_far_the_tool_turned_and_that_nothing_was_requeste
 def test_a_requested_orientation_is_reported_with_its_error(run_cli):
     result = run_cli("move 0.25 0.05 0.15 --pitch -60 --arm so101 --port sim:?pose=home")
     assert re.search(r"^tool       orientation error 0\.\d°$", result.out, re.M)
+
+
+PAN_TILT = Path(__file__).parents[2] / "examples" / "arms" / "pan_tilt" / "arm.toml"
+
+
+def test_a_camera_looks_at_a_point_and_reports_its_joints(run_cli):
+    looked = run_cli(f"move --look-at 1 0.5 -0.2 --arm {PAN_TILT} --port sim --json").json
+    assert looked["schema"] == "ikservo/joints/1"
+    assert looked["reached"]
+    assert looked["goal_rad"]["pan"] == pytest.approx(math.atan2(0.5, 1.0), abs=1e-3)
+    assert set(looked["goal_rad"]) == {"pan", "tilt"}
+
+
+def test_a_preview_of_looking_moves_nothing(run_cli):
+    answer = run_cli("move --look-at 500mm 0 0.1 --arm so101 --port sim --dry-run --json").json
+    assert answer["schema"] == "ikservo/plan/1"
+    assert set(answer["q_rad"]) == {
+        "shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll",
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("option", ["--line", "--pitch -60", "--via 0.2,0,0.2", "--keep"])
+def test_looking_goes_with_no_option_of_a_path(run_cli, option):
+    result = run_cli(f"move --look-at 0.5 0 0.1 {option} --arm so101 --port sim")
+    assert (result.code, result.out) == (2, "")
+    assert f"--look-at is given with {option.split()[0]}" in result.err
+
+
+def test_what_a_camera_cannot_see_is_said_with_the_angle_that_remains(run_cli):
+    result = run_cli(f"move --look-at -1 0 0.1 --arm {PAN_TILT} --port sim")
+    assert (result.code, result.out) == (7, "")
+    assert "closest is 20." in result.err
+    assert "pan at its" in result.err

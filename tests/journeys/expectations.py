@@ -17,7 +17,7 @@ PASSIVE = (  # methods that neither move the arm nor plan a motion, or disable i
 )  # fmt: skip
 # Those that say that torque comes on, or move the arm. All others leave a limp arm limp.
 ENABLING = (
-    *MOVING, "enable", "execute", "follow_arm", "follow_goals", "hold",
+    *MOVING, "enable", "execute", "follow_arm", "follow_goals", "hold", "look_at",
     "move_arc", "move_joints", "move_line", "move_through", "move_to", "return_within_limits",
     "stream", "teach",
 )  # fmt: skip

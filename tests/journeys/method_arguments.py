@@ -12,6 +12,7 @@ import numpy as np
 from ikservo.arm import Arm
 from ikservo.arm.motions import MoveJoints, Wait
 from ikservo.guard import StopKind, StopReason
+from ikservo.model.tool import tool_frame
 from tests.journeys.command_arguments import usual_target_m
 from tests.journeys.recordings import write_wave_recording
 
@@ -65,6 +66,12 @@ def _beside(arm, _=None):
     return _target(arm) + np.array([-0.02, 0.015, 0.0])
 
 
+def _ahead_of_home(arm, _):
+    """Return a point that the tool points at in the pose home."""
+    T = arm.chain.forward(arm.model.chain_pose("home"))
+    return T[:3, 3] + 0.2 * T[:3, :3] @ tool_frame(arm.model).approach_axis
+
+
 def _target(arm, _=None):
     return np.array(usual_target_m(arm.model.name))
 
@@ -94,6 +101,7 @@ def _stop_after_20():
 
 _VALUES = {
     "position_m": _target,
+    "point_m": _ahead_of_home,
     "points_m": _points,
     "strokes_m": lambda arm, _: [[_target(arm), _beside(arm)]],
     "positions": _some_joints,

@@ -1,0 +1,87 @@
+"""Pointing an axis of the tip at a point, wherever the tip itself is then."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.ik.problem import check_position, normalise
+from ikservo.ik.result import ActiveLimit
+from ikservo.ik.solve import solve
+from ikservo.kinematics import Chain, finite_vector
+from ikservo.kinematics.arrays import Vector, freeze_arrays
+from ikservo.kinematics.joints import JointType
+
+__all__ = ["Sight", "solve_sight"]
+
+_NEAREST_M = 0.001  # a point nearer to the tip than this has no direction from there
+_REACHED_RAD = 1e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sight:
+    """Joints with which an axis of the tip points at a point, or as nearly as was found.
+
+    Attributes:
+        q: The joints (dof,), rad or m.
+        error_rad: The angle between the axis and the direction to the point.
+        binding: The limits at which joints stand.
+        reached: Whether the axis points there.
+    """
+
+    q: Vector
+    error_rad: float
+    binding: tuple[ActiveLimit, ...]
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+    @property
+    def reached(self) -> bool:
+        """Whether the axis points there, to a tenth of a milliradian."""
+        return self.error_rad <= _REACHED_RAD
+
+
+def solve_sight(chain: Chain, point_m: ArrayLike, q0: ArrayLike, axis: ArrayLike) -> Sight:
+    """Find joints inside the limits, near ``q0``, with which the tip's axis points at a point.
+
+    The line of sight is one more joint, which slides along the axis: the arm reaches the point
+    with its end.
+
+    Args:
+        chain: The arm.
+        point_m: The point (3,), metres, base frame.
+        q0: The joints (dof,) to start from, rad or m.
+        axis: The axis (3,) in the tip's coordinates.
+
+    Raises:
+        BadValueError: A shape is wrong, a number is not finite or too large, or the axis is zero.
+    """
+    point = check_position(point_m, "The point to look at")
+    ahead = normalise(axis, "The axis to look along")
+    start = finite_vector(q0, chain.dof, "q0")
+    farthest_m = float(np.linalg.norm(point)) + _length_m(chain)
+    distance_m = float(np.linalg.norm(point - chain.forward(start)[:3, 3]))
+    seeing = chain.with_slide(ahead, _NEAREST_M, max(farthest_m, 2.0 * _NEAREST_M))
+    found = solve(seeing, point, np.append(start, min(max(distance_m, _NEAREST_M), farthest_m)))
+    q = found.q[:-1]
+    binding = tuple(limit for limit in found.binding if limit.joint in chain.names)
+    return Sight(q, _angle_off(chain, q, point, ahead), binding)
+
+
+def _length_m(chain: Chain) -> float:
+    """Compute how far the tip can be from the base at most, joints that slide included."""
+    bones_m = sum(float(np.linalg.norm(step.joint.origin[:3, 3])) for step in chain.joints_to())
+    slides = [kind is JointType.PRISMATIC for kind in chain.kinds]
+    ends = np.maximum(np.abs(chain.lower_rad), np.abs(chain.upper_rad))
+    return bones_m + float(ends[slides].sum())
+
+
+def _angle_off(chain: Chain, q: Vector, point: Vector, ahead: Vector) -> float:
+    """Compute the angle between the axis and the direction from the tip to a point."""
+    T = chain.forward(q)
+    axis, towards = T[:3, :3] @ ahead, point - T[:3, 3]
+    return math.atan2(float(np.linalg.norm(np.cross(axis, towards))), float(axis @ towards))
