@@ -20,6 +20,7 @@ the builtin that fits, so that ``except TimeoutError`` works for a silent servo:
     ├── RegisterAccessError ValueError exit 1   a write that the register forbids
     ├── CalibrationError               exit 6   not calibrated, or contradicts the servos
     ├── UnreachableError  ValueError   exit 7   no joint vector inside the limits for it
+    │   ├── AimError                            the tip cannot point there
     │   ├── CartesianPathError                  not along the path; names the place
     │   └── OrientationError                    the point, but not in this orientation
     ├── RefusedError                   exit 8   the guard does not allow a goal
@@ -40,6 +41,7 @@ from pathlib import Path
 from ikservo.remedies import in_python
 
 __all__ = [
+    "AimError",
     "BadReplyError",
     "BadValueError",
     "BusError",
