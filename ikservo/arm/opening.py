@@ -50,7 +50,6 @@ from ikservo.model.identified_drives import identified_parameters
 from ikservo.model.joint_drive import ArmParameters, nominal_parameters
 from ikservo.model.lifting import LoadLag, load_lags
 from ikservo.model.sag import joint_compliances, link_masses, stall_error
-from ikservo.model.simulated_description import description_for_simulator
 from ikservo.registers import control_table
 
 __all__ = [
@@ -65,23 +64,20 @@ __all__ = [
 ]
 
 
-def open_bus(
-    model: Model, port: str | None = None, *, retries: int = 2, contacts: bool = True
-) -> ServoBus:
+def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> ServoBus:
     """Open the port of an arm's servos; nothing is sent yet.
 
     Args:
         model: The arm.
         port: See ``choose_port``.
         retries: How often a request is repeated whose reply is lost.
-        contacts: Whether a simulated arm has contact where its links are meshes.
 
     Raises:
         InputError: The model names no servos.
         PortError: No such port, none to choose, or it cannot be opened.
     """
     specs = servo_specs(model)
-    url, ids = resolve_port(model, port, contacts=contacts), [spec.id for spec in specs]
+    url, ids = resolve_port(model, port), [spec.id for spec in specs]
     return ServoBus(open_port(url, model.baud_rate, model.name, ids), specs, retries=retries)
 
 
@@ -92,24 +88,22 @@ def disable_torque_unchecked(model: Model, port: str | None) -> None:
         PortError: The port cannot be opened.
         BusError: A servo does not reply; the others are off.
     """
-    with open_bus(model, port, contacts=False) as bus:
+    with open_bus(model, port) as bus:
         for error in torque_off(bus, bus.servos).values():
             raise error
 
 
-def resolve_port(model: Model, port: str | None, *, contacts: bool = True) -> str:
+def resolve_port(model: Model, port: str | None) -> str:
     """Return the port's name for the transport; a simulated arm is built from the same description.
 
     Raises:
         NoPortError: There is none to choose.
         BadValueError: It is no name of a port.
-        FileFormatError: The arm is to be simulated, and a mesh of it cannot be used.
     """
     name = choose_port(parse_port(port), model.name)
     if not is_simulator(name):
         return name
-    own = description_for_simulator(model, contacts=contacts)
-    return simulated_port_url(name, model.path.resolve(), own)
+    return simulated_port_url(name, model.path.resolve())
 
 
 def servo_specs(model: Model) -> list[ServoSpec]:
@@ -193,7 +187,7 @@ def open_own_arm(
     Raises:
         PortError: The arm is on another machine; besides the errors of ``open_arm``.
     """
-    bus = open_bus(model, port, contacts=collisions)
+    bus = open_bus(model, port)
     opened_port = bus.port
     try:
         with detecting_duplicate_ids(bus):

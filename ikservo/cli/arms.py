@@ -1,63 +1,173 @@
-"""``ikservo arms``: list the values of ``--arm``; expand a description with macros."""
+"""``ikservo arms``: list the values of ``--arm``; make the folder of a new arm."""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, TypeVar
 
 import typer
 
+from ikservo.cli.dialogue import Operator
 from ikservo.cli.options import JsonOption
-from ikservo.cli.terminal import print_json, print_lines, print_table
-from ikservo.errors import InputError, UnknownNameError
-from ikservo.files.writing import write_atomic
+from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
+from ikservo.errors import BadValueError, InputError, UnknownNameError
+from ikservo.importing.draft import ArmDraft, DraftServo
 from ikservo.model import Model, ModelServo, arm_names, load_model
-from ikservo.model.urdf_xml import expand_xacro
 
 __all__ = ["command"]
 
 _CONVENTION = "x forward, y left, z up, origin on the first axis at the mounting surface"
 
-
-ACTIONS = ("list", "expand")
+ACTIONS = ("list", "new")
 Action = Annotated[
     str,
     typer.Argument(
-        metavar="[list|expand]",
-        help="list: list the arms. expand: write the URDF of a xacro file; runs code in it.",
+        metavar="[list|new]", help="list: list the arms. new: make the folder of a new arm."
     ),
 ]
-File = Annotated[Path | None, typer.Argument(metavar="FILE", help="Xacro file to expand.")]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace an existing URDF.")]
+Name = Annotated[str | None, typer.Argument(metavar="NAME", help="Name of the new arm.")]
+From = Annotated[
+    Path | None,
+    typer.Option("--from", metavar="PATH", help="URDF, xacro or MJCF, or a folder with one."),
+]
+File = Annotated[str | None, typer.Option("--file", help="Which description of the folder.")]
+Joint = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--joint",
+        metavar="NAME=AXIS:METRES",
+        help="Without --from: a joint, base to tip; its axis (z, y, x) while the arm stands "
+        "upright, and the length behind it. Repeatable.",
+    ),
+]
+Tip = Annotated[
+    list[str] | None,
+    typer.Option("--tip", metavar="LINK", help="The tool; repeated: one arm for each."),
+]
+Base = Annotated[
+    str | None, typer.Option("--base", metavar="LINK", help="Leave out what does not hang on it.")
+]
+BaseFrame = Annotated[
+    str | None,
+    typer.Option("--base-frame", metavar="WORDS", help="Place the base: rotate 90, raise 0.05"),
+]
+GripperJoint = Annotated[
+    str | None,
+    typer.Option("--gripper", metavar="JOINT", help="The joint of the jaws; none for none."),
+]
+ServoOf = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--servo",
+        metavar="JOINT=ID[:MODEL]",
+        help="A servo; -ID if it counts against the axis. Repeatable.",
+    ),
+]
+ServoModel = Annotated[
+    str | None, typer.Option("--servo-model", metavar="MODEL", help="Model of all other servos.")
+]
+JointLimits = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--limits", metavar="JOINT=LOW:HIGH", help="Its range, degrees or mm. Repeatable."
+    ),
+]
+Slide = Annotated[
+    list[str] | None,
+    typer.Option("--m-per-turn", metavar="JOINT=METRES", help="Of a slide's servo. Repeatable."),
+]
+Package = Annotated[
+    list[str] | None,
+    typer.Option("--package", metavar="NAME=FOLDER", help="Where a package is. Repeatable."),
+]
+XacroArgument = Annotated[
+    list[str] | None,
+    typer.Option("--xacro-arg", metavar="NAME:=VALUE", help="Argument of a xacro. Repeatable."),
+]
+AllowXacro = Annotated[
+    bool, typer.Option("--allow-xacro", help="Run the expressions of a xacro that you trust.")
+]
+Folder = Annotated[Path, typer.Option("--folder", help="Make the arm's folder in this one.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files of an existing arm.")]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be written.")]
 
 
-def command(
+def command(  # one option each
     action: Action = "list",
-    file: File = None,
+    name: Name = None,
     *,
+    source: From = None,
+    file: File = None,
+    joint: Joint = None,
+    tip: Tip = None,
+    base: Base = None,
+    base_frame: BaseFrame = None,
+    gripper: GripperJoint = None,
+    servo: ServoOf = None,
+    servo_model: ServoModel = None,
+    limits: JointLimits = None,
+    m_per_turn: Slide = None,
+    package: Package = None,
+    xacro_arg: XacroArgument = None,
+    allow_xacro: AllowXacro = False,
+    folder: Folder = Path(),
     overwrite: Overwrite = False,
+    dry_run: DryRun = False,
     json: JsonOption = False,
 ) -> None:
-    """List the arms that ship with ikservo; expand a description with macros.
+    """List the arms that ship with ikservo; make the folder of a new arm.
 
-    A path to an arm.toml works wherever a name does.
+    A path to an arm's folder works wherever a name does.
 
-    ikservo arms expand arm.urdf.xacro      writes arm.urdf; only for files that you trust
+    ikservo arms new mine --from robot.urdf        converts it once; mine/import.md says how
+
+    ikservo arms new mine --joint pan=z:0.05 --joint lift=y:0.12     measured with a ruler
     """
     if action not in ACTIONS:
         raise UnknownNameError("action", action, ACTIONS)
-    if (file is None) == (action == "expand"):
+    if (name is None) != (action == "list"):
         raise InputError(
-            "No file to expand." if file is None else f"{action} takes no file.",
-            "Expand a description with macros: ikservo arms expand arm.urdf.xacro",
+            "No name for the arm." if name is None else f"{action} takes no name.",
+            "Name it: ikservo arms new NAME --from FILE",
         )
-    if file is not None:
-        path = _expand(file, overwrite=overwrite)
-        if json:
-            print_json("arms-expand", path=path)
-        else:
-            print_lines([f"Written to {path}"])
+    if name is None:
+        _list_arms(json=json)
         return
+    from ikservo.importing.building import ImportOptions  # noqa: PLC0415  # seldom needed
+    from ikservo.importing.folder import write_drafts  # noqa: PLC0415
+    from ikservo.importing.ruler import parse_measured  # noqa: PLC0415
+    from ikservo.maintenance.new_arm import NewArm, draft_new_arm  # noqa: PLC0415
+
+    options = ImportOptions(
+        base=base,
+        tips=tuple(tip or ()),
+        gripper="" if gripper == "none" else gripper,
+        base_frame=base_frame,
+        limits=dict(_parse_pairs("--limits", limits, _parse_range, "elbow=-90:90")),
+        servos=_parse_servos(servo or []),
+        servo_model=servo_model,
+        m_per_turn=dict(_parse_pairs("--m-per-turn", m_per_turn, _parse_positive, "slide=0.04")),
+    )
+    new = NewArm(
+        name,
+        folder,
+        source,
+        file,
+        tuple(parse_measured(text) for text in joint or ()),
+        dict(_parse_pairs("--package", package, Path, "NAME=FOLDER")),
+        dict(_parse_pairs("--xacro-arg", xacro_arg, str, "NAME:=VALUE", ":=")),
+        allow_xacro,
+        overwrite,
+        options,
+    )
+    drafts = Operator.of(None, yes=False, no_input=json).run(draft_new_arm(new))
+    written = [] if dry_run else write_drafts(drafts, folder)
+    _print_drafts(drafts, written, folder, json=json)
+
+
+def _list_arms(*, json: bool) -> None:
     models = [load_model(name) for name in arm_names()]
     if json:
         print_json("arms", arms=[_arm_metadata(model) for model in models])
@@ -79,15 +189,91 @@ def command(
     print_table(["name", "base frame"], frames)
 
 
-def _expand(file: Path, *, overwrite: bool) -> Path:
-    path = file.with_suffix("") if file.suffix == ".xacro" else file
-    path = path if path.suffix == ".urdf" else path.with_suffix(".urdf")
-    if path == file:
-        path = file.with_name(f"{file.stem}.expanded.urdf")
-    if path.exists() and not overwrite:
-        raise InputError(f"{path} exists already.", "Replace it with --overwrite.")
-    write_atomic(path, expand_xacro(file))
-    return path
+_Value = TypeVar("_Value")
+
+
+def _parse_pairs(
+    option: str,
+    texts: Sequence[str] | None,
+    parse: Callable[[str], _Value],
+    example: str,
+    sign: str = "=",
+) -> Iterator[tuple[str, _Value]]:
+    """Parse options like ``NAME=VALUE``.
+
+    Raises:
+        BadValueError: One is nothing like the example.
+    """
+    for text in texts or ():
+        name, found, value = text.partition(sign)
+        try:
+            if not (name and found and value):
+                raise ValueError
+            yield name.strip(), parse(value)
+        except ValueError:
+            raise BadValueError(option, text, f"such as {example}") from None
+
+
+def _parse_range(text: str) -> tuple[float, float]:
+    low, high = (float(part) for part in text.split(":"))
+    return low, high
+
+
+def _parse_positive(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value < math.inf:
+        raise ValueError
+    return value
+
+
+def _parse_servos(texts: Sequence[str]) -> dict[str, tuple[DraftServo, ...]]:
+    """Parse ``JOINT=[-]ID[:MODEL]``; further servos of a joint drive it together."""
+    found: dict[str, tuple[DraftServo, ...]] = {}
+    for name, servo in _parse_pairs("--servo", texts, _parse_servo, "elbow=3:STS3215 or elbow=-3"):
+        found[name] = (*found.get(name, ()), servo)
+    return found
+
+
+def _parse_servo(text: str) -> DraftServo:
+    number, _, model = text.partition(":")
+    servo_id = int(number)
+    if not 0 < abs(servo_id) < 253:
+        raise ValueError
+    return DraftServo(abs(servo_id), model, -1 if servo_id < 0 else 1)
+
+
+def _print_drafts(
+    drafts: Sequence[ArmDraft], written: Sequence[Path], folder: Path, *, json: bool
+) -> None:
+    if json:
+        arms = [
+            {
+                "name": draft.name,
+                "folder": str(folder / draft.name),
+                "tip": draft.tip,
+                "joints": [joint.name for joint in draft.joints],
+                "decisions": draft.decisions,
+                "left_out": draft.dropped,
+                "files": {name: len(content) for name, content in draft.files().items()},
+            }
+            for draft in drafts
+        ]
+        print_json("arms-new", written=[str(path) for path in written], arms=arms)
+        return
+    for draft in drafts:
+        if written:
+            print_lines([f"{draft.name}: {len(draft.joints)} joints, tip {draft.tip}"])
+            for line in (*draft.decisions, *draft.dropped):
+                print_status(f"  {line}")
+        else:
+            for name, content in draft.files().items():
+                size = f"{len(content):,} bytes"
+                print_lines([f"--- {folder / draft.name / name}, {size}"])
+                if not name.startswith("meshes/"):
+                    print_lines(content.decode().splitlines())
+    for path in written:
+        print_lines([f"Written to {path}/; {path / 'import.md'} has every decision."])
+        print_status(f"Try it: ikservo view --arm {path} --port sim")
 
 
 def _arm_metadata(model: Model) -> dict[str, object]:

@@ -19,11 +19,12 @@ from rich.text import Text
 from ikservo.calibration.joint_map import JointUnit
 from ikservo.calibration.procedure import JointProgress, JointReadout
 from ikservo.cli.options import YesOption
-from ikservo.cli.terminal import Keys, confirm, print_status, read_keys
+from ikservo.cli.terminal import Keys, confirm, print_status, read_answer, read_keys
 from ikservo.errors import IkservoError, InputError
 from ikservo.maintenance.dialogue import (
     ACCEPT,
-    Dialogue,
+    Entry,
+    EntryDialogue,
     HandRequest,
     Notice,
     Progress,
@@ -71,7 +72,7 @@ class Operator:
             not (scripted or yes or no_input) and sys.stdin.isatty(),
         )
 
-    def run(self, dialogue: Dialogue[Result]) -> Result:
+    def run(self, dialogue: EntryDialogue[Result]) -> Result:
         """Run a dialogue to its end, and return its result.
 
         Raises:
@@ -95,8 +96,29 @@ class Operator:
                     screen.close()
                     if isinstance(item, Notice):
                         print_status(item.text)
+                    elif isinstance(item, Entry):
+                        answer = self.ask(item)
                     elif self.agrees(item):
                         answer = ACCEPT
+
+    def ask(self, entry: Entry) -> str:
+        """Ask for a word or value, until it is a possible one; its default if nobody can be asked.
+
+        Raises:
+            InputError: Nobody can be asked, and it has no default; names the option.
+        """
+        while self.interactive:
+            default = f" [{entry.default}]" if entry.default else ""
+            answer = read_answer(f"{entry.text}{default}: ").strip() or entry.default
+            if answer and (not entry.choices or answer in entry.choices):
+                return answer
+            print_status(f"Type one of: {', '.join(entry.choices)}." if entry.choices else
+                         "Type an answer, then Enter.")  # fmt: skip
+        if not entry.default:
+            raise InputError(
+                f"{entry.text} Cannot ask: input is not a terminal.", f"Give {entry.option}."
+            )
+        return entry.default
 
     def agrees(self, question: Question) -> bool:
         """Ask a question, and return whether the answer is yes."""

@@ -13,7 +13,6 @@ from ikservo.calibration.paths import identified_of
 from ikservo.cli.terminal import print_status
 from ikservo.errors import IkservoError, InputError
 from ikservo.model import load_model
-from ikservo.model.simulated_description import description_for_simulator
 
 __all__ = ["CONTEXT_SETTINGS", "command"]
 
@@ -36,9 +35,7 @@ def command(arguments: SimArguments = None) -> None:
     args = [arg.replace("\N{MINUS SIGN}", "-") for arg in arguments or ["--help"]]
     if not args[0].startswith("-"):
         model = load_model(args[0])
-        own = description_for_simulator(model)
-        described = [] if own is None else ["--urdf", str(own)]
-        args = [str(model.path.resolve()), *described, *_with_identified(model.name, args[1:])]
+        args = [str(model.path.resolve()), *_with_identified(model.name, args[1:])]
     raise typer.Exit(_served(_load_server(), args))
 
 

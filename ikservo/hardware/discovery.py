@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 from collections.abc import Iterable, Sequence
 from pathlib import Path
-from urllib.parse import urlencode
 
 from ikservo.errors import InputError, NoPortError
 from ikservo.hardware.port import open_port
@@ -81,13 +80,12 @@ def is_simulator(name: str) -> bool:
     return name.partition(":")[0] == _SIMULATED
 
 
-def simulated_port_url(name: str, arm_file: Path | None, description: Path | None = None) -> str:
+def simulated_port_url(name: str, arm_file: Path | None) -> str:
     """Return the simulator's URL with the arm on it; ``sim:?seed=3`` passes options on.
 
     Args:
         name: The port.
         arm_file: The arm on it.
-        description: The URDF to simulate in place of the arm's own, if the name has none.
 
     Raises:
         InputError: A bus is to be simulated, but no arm is named, or the options are invalid.
@@ -102,8 +100,6 @@ def simulated_port_url(name: str, arm_file: Path | None, description: Path | Non
             f"{name!r} is not a port.",
             "Use --port sim, or sim:?seed=3, and name the arm with --arm.",
         )
-    if description is not None and "urdf=" not in options:
-        options = "&".join(filter(None, (options, urlencode({"urdf": str(description)}))))
     return f"{_SIMULATED}:{arm_file.resolve()}{'?' if options else ''}{options}"
 
 

@@ -18,6 +18,7 @@ __all__ = [
     "exp_so3",
     "log_so3",
     "make_pose",
+    "quaternion_to_matrix",
     "rotation_rpy",
     "skew",
 ]
@@ -96,3 +97,15 @@ def _axis_near_pi(R: Matrix, axis_sin: Vector, cos: float) -> Vector:
     axis = column / math.sqrt(float(column @ column))
     # At exactly pi both signs are the same rotation; below it the sine part decides.
     return -axis if float(axis @ axis_sin) < 0.0 else axis
+
+
+def quaternion_to_matrix(quaternion: ArrayLike) -> Matrix:
+    """Compute the rotation (3, 3) of a unit quaternion w, x, y, z."""
+    w, x, y, z = np.asarray(quaternion, dtype=np.float64)
+    return np.array(
+        [
+            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+        ]
+    )

@@ -1,9 +1,9 @@
 """A dialogue with a user as values: what is told, asked and requested, and the answers to it.
 
-A dialogue is a generator. It yields a `Notice`, a `Progress`, a `Question` or a `HandRequest`, and
-receives a word such as ``accept``, or None as long as there is no answer. It has every text, and
-it knows of no terminal, page or file: a terminal (`ikservo.cli.dialogue`), the page
-(`ikservo.view.calibration`) and a script (`ScriptedAnswers`) answer the same values.
+A dialogue is a generator. It yields a `Notice`, a `Progress`, a `Question`, a `HandRequest`
+or an `Entry`, and receives a word such as ``accept``, or None as long as there is no answer. It
+has every text, and it knows of no terminal, page or file: a terminal (`ikservo.cli.dialogue`), the
+page (`ikservo.view.calibration`) and a script (`ScriptedAnswers`) answer the same values.
 """
 
 from __future__ import annotations
@@ -24,6 +24,8 @@ __all__ = [
     "ACCEPT",
     "Choice",
     "Dialogue",
+    "Entry",
+    "EntryDialogue",
     "HandRequest",
     "Notice",
     "Progress",
@@ -108,6 +110,24 @@ class Question:
 
 
 @dataclass(frozen=True, slots=True)
+class Entry:
+    """A question that is answered by a word or a value; its answer is the text that was typed.
+
+    Attributes:
+        text: The question.
+        option: The option of the command line that answers it beforehand.
+        default: The answer of somebody who just presses Enter, and if nobody can be asked; empty
+            where there must be an answer.
+        choices: The possible answers; empty if any text is.
+    """
+
+    text: str
+    option: str
+    default: str = ""
+    choices: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class HandRequest:
     """What the user is to do with the limp arm; yielded anew with each reading of its servos.
 
@@ -150,6 +170,10 @@ class HandRequest:
 
 Result = TypeVar("Result")
 Dialogue: TypeAlias = Generator[Notice | Progress | Question | HandRequest, str | None, Result]
+EntryDialogue: TypeAlias = Generator[
+    Notice | Progress | Question | Entry | HandRequest, str | None, Result
+]
+"""A dialogue that asks for words and values, too; a `Dialogue` is one."""
 
 
 class ScriptedAnswers:

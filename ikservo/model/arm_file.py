@@ -48,7 +48,7 @@ __all__ = [
 ]
 
 
-REQUIRED_POSES = ("rest", "home", "zero")
+REQUIRED_POSES = ("rest", "home")
 
 
 def arm_file_issues(arm: ArmFile) -> Iterator[ValidationIssue]:

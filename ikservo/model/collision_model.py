@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from pathlib import Path
 
 import numpy as np
 
@@ -13,9 +14,9 @@ from ikservo.kinematics.capsules import Capsule
 from ikservo.kinematics.collision import CollisionBody
 from ikservo.kinematics.se3 import rotation_rpy
 from ikservo.model.loading import build_chain
-from ikservo.model.meshes import capsules_around_mesh, capsules_around_surface
 from ikservo.model.model import Model
 from ikservo.model.urdf_types import Box, Cylinder, Mesh, Shape, Sphere, Surface
+from ikservo.model.urdf_xml import import_command
 
 __all__ = ["bounding_capsules", "capsules_of", "collision_body", "collision_body_with_gripper"]
 
@@ -74,14 +75,23 @@ def capsules_of(model: Model) -> list[Capsule]:
     """Return the capsules around every link's collision shapes, or else its visual ones.
 
     Raises:
-        FileFormatError: A mesh cannot be used; names the link.
+        InputError: A shape is a mesh; names the link.
     """
-    return [
-        capsule
-        for link in model.urdf.links
-        for shape in link.collisions or link.visuals
-        for capsule in bounding_capsules(link.name, shape)
-    ]
+    found: list[Capsule] = []
+    for link in model.urdf.links:
+        shapes = link.collisions or link.visuals
+        own = [each for shape in shapes for each in bounding_capsules(link.name, shape)]
+        found += _without_contained(own)
+    return found
+
+
+def _without_contained(capsules: list[Capsule]) -> list[Capsule]:
+    """Leave out what another capsule contains, such as the balls at the ends of a cylinder."""
+    kept: list[Capsule] = []
+    for capsule in sorted(capsules, key=lambda each: (-each.radius_m, -each.length_m)):
+        if not any(other.contains(capsule) for other in kept):
+            kept.append(capsule)
+    return kept
 
 
 def _require_capsules(model: Model) -> list[Capsule]:
@@ -102,13 +112,13 @@ def bounding_capsules(link: str, shape: Shape) -> list[Capsule]:
     strips as the middle edge is wider than the shortest.
 
     Raises:
-        FileFormatError: A mesh cannot be used; names the link.
-        InputError: A mesh needs the extra ``mesh``, which is not installed.
+        InputError: It is a mesh; names the link.
     """
-    if isinstance(shape, Mesh):
-        return capsules_around_mesh(link, shape)
-    if isinstance(shape, Surface):
-        return capsules_around_surface(link, shape)
+    if isinstance(shape, Mesh | Surface):
+        raise InputError(
+            f"Contact cannot be checked: link {link} has a mesh.",
+            f"Convert the description: {import_command(Path('FILE'))}",
+        )
     if isinstance(shape, Sphere):
         centre = np.array(shape.xyz_m)
         return [Capsule(link, centre, centre, shape.radius_m)]

@@ -15,7 +15,6 @@ from ikservo.kinematics.se3 import make_pose, rotation_rpy
 from ikservo.model.arm_file import read_arm_file
 from ikservo.model.arm_schema import ArmFile, ArmGripper, ArmHealth, ArmJoint, ArmPose, ArmSpeed
 from ikservo.model.catalogue import find_arm
-from ikservo.model.mjcf import read_mjcf
 from ikservo.model.model import (
     Gripper,
     HealthLimits,
@@ -26,10 +25,11 @@ from ikservo.model.model import (
     SpeedClass,
 )
 from ikservo.model.urdf import read_urdf, read_urdf_text
-from ikservo.model.urdf_types import Urdf, UrdfJoint, UrdfJointType
+from ikservo.model.urdf_types import Mesh, Urdf, UrdfJoint, UrdfJointType
+from ikservo.model.urdf_xml import import_command, is_mjcf
 from ikservo.registers import MODELS, ControlTable, Family
 
-__all__ = ["build_chain", "description_text", "load_model", "read_description"]
+__all__ = ["build_chain", "check_size", "description_text", "load_model", "read_description"]
 
 
 _KINDS = {
@@ -65,13 +65,12 @@ def _chain_joint(joint: UrdfJoint) -> Joint:
     )
 
 
-_HEAD_BYTES = 64 * 1024
 MAX_LINKS, MAX_MOVING_JOINTS = 1_000, 100
 """Of a description: matrices grow with the square of its joints, those of masses with the cube."""
 
 
 def read_description(path: Path, folder: Path | None = None) -> Urdf:
-    """Read a description; an ``.xml`` whose outermost element is <mujoco> is an MJCF.
+    """Read a URDF of a bounded size; other descriptions are converted once by ``arms new``.
 
     Args:
         path: The file.
@@ -79,9 +78,20 @@ def read_description(path: Path, folder: Path | None = None) -> Urdf:
 
     Raises:
         FileFormatError: It cannot be used; names the place and the cause.
-        InputError: The reader of its format is not installed.
     """
-    urdf = read_mjcf(path, folder) if _is_mjcf(path) else read_urdf(path, folder)
+    if path.suffix == ".xml" and is_mjcf(path):
+        raise FileFormatError(path, "", "is an MJCF", f"a URDF; convert it: {import_command(path)}")
+    urdf = read_urdf(path, folder)
+    check_size(path, urdf)
+    return urdf
+
+
+def check_size(path: Path, urdf: Urdf) -> None:
+    """Raise if a tree is larger than any arm.
+
+    Raises:
+        FileFormatError: It is.
+    """
     moving = sum(joint.kind.is_movable for joint in urdf.joints)
     for count, most, what in (
         (len(urdf.links), MAX_LINKS, "links"),
@@ -89,11 +99,10 @@ def read_description(path: Path, folder: Path | None = None) -> Urdf:
     ):
         if count > most:
             raise FileFormatError(path, "", f"has {count:,} {what}", f"at most {most}")
-    return urdf
 
 
 def description_text(model: Model) -> str:
-    """Return the text of the URDF of an arm; empty where its description is an MJCF.
+    """Return the text of the URDF of an arm.
 
     Raises:
         FileFormatError: A file has changed since it was loaded, and cannot be read any more.
@@ -101,17 +110,7 @@ def description_text(model: Model) -> str:
     path = model.path
     if path.suffix == ".toml":
         path = read_arm_file(path).urdf_path
-    return "" if _is_mjcf(path) else read_urdf_text(path)
-
-
-def _is_mjcf(path: Path) -> bool:
-    if path.suffix != ".xml":
-        return False
-    try:
-        with path.open("rb") as file:
-            return b"<mujoco" in file.read(_HEAD_BYTES)
-    except OSError:
-        return False  # the URDF reader reports the cause
+    return read_urdf_text(path)
 
 
 _ARM_FILE = "arm file"
@@ -121,9 +120,8 @@ def load_model(arm: str | Path, tip: str | None = None) -> Model:
     """Load an arm.
 
     Args:
-        arm: A name in the catalogue, or a path to an ``arm.toml``, to a folder with one,
-            to a ``.urdf``, a ``.xacro`` where xacro is installed, or an MJCF
-            (``.xml``) where mujoco is.
+        arm: A name in the catalogue, or a path to an ``arm.toml``, to a folder with one, or to
+            a ``.urdf``.
         tip: The link that is the tool; required for a plain URDF, else the arm file's.
 
     Raises:
@@ -148,6 +146,7 @@ def _load_urdf_model(path: Path, tip: str | None) -> Model:
 def _load_arm_model(path: Path, tip: str | None) -> Model:
     arm = read_arm_file(path)
     urdf = read_description(arm.urdf_path, path.parent)
+    _check_contact_shapes(arm.urdf_path, urdf)
     _check_tip(path, arm, urdf)
     joints = tuple(_make_model_joint(path, arm, i, urdf) for i in range(len(arm.joints)))
     _check_poses(path, joints, arm)
@@ -176,6 +175,15 @@ def _load_arm_model(path: Path, tip: str | None) -> Model:
         base_frame=arm.base_frame or "",
         payload_kg=arm.payload_kg,
     )
+
+
+def _check_contact_shapes(path: Path, urdf: Urdf) -> None:
+    """Check that an arm's shapes for contact are simple, so that the simulator has them, too."""
+    for link in urdf.links:
+        if any(isinstance(shape, Mesh) for shape in link.collisions or link.visuals):
+            found = f"link {link.name} has meshes for contact"
+            expected = f"boxes, cylinders and spheres; convert it: {import_command(path)}"
+            raise FileFormatError(path, f"line {link.line}", found, expected)
 
 
 def _check_tip(path: Path, arm: ArmFile, urdf: Urdf) -> None:

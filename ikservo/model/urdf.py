@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 import difflib
 import math
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,12 +28,21 @@ from ikservo.model.urdf_types import (
 from ikservo.model.urdf_xml import (
     MAX_URDF_BYTES,
     XmlElement,
-    expand_command,
+    import_command,
     parse_origin,
     parse_xml,
 )
 
-__all__ = ["find_root", "lint_urdf", "parse_joint", "parse_link", "read_urdf", "read_urdf_text"]
+__all__ = [
+    "FindMesh",
+    "find_root",
+    "lint_urdf",
+    "parse_joint",
+    "parse_link",
+    "read_urdf",
+    "read_urdf_text",
+    "urdf_from_xml",
+]
 
 
 _MIN_AXIS_LENGTH = 1e-6
@@ -143,14 +152,18 @@ _SHAPES = ("box", "cylinder", "sphere", "mesh")
 _NO_INERTIA = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
+FindMesh = Callable[[str], Path | None]
+"""Returns the file of a mesh's name; None where it cannot be used."""
+
+
 def parse_link(
-    element: XmlElement, folder: Path, materials: Mapping[str, Triple] | None = None
+    element: XmlElement, find_mesh: FindMesh, materials: Mapping[str, Triple] | None = None
 ) -> UrdfLink:
-    """Parse one link; its meshes are files under a folder, its materials may have colours."""
+    """Parse one link; its meshes are files, its materials may have colours."""
     name = element.name()
-    collisions = tuple(_read_shape(each, folder) for each in element.child_elements("collision"))
+    collisions = tuple(_read_shape(each, find_mesh) for each in element.child_elements("collision"))
     drawn = element.child_elements("visual")
-    visuals = tuple(_read_shape(each, folder) for each in drawn)
+    visuals = tuple(_read_shape(each, find_mesh) for each in drawn)
     colours = tuple(_find_colour(each, materials or {}) for each in drawn)
     inertial = element.optional("inertial")
     zero = (0.0, 0.0, 0.0)
@@ -207,7 +220,7 @@ def _read_inertia(inertial: XmlElement) -> tuple[float, float, float, float, flo
     return ixx, ixy, ixz, iyy, iyz, izz
 
 
-def _read_shape(element: XmlElement, folder: Path) -> Shape:
+def _read_shape(element: XmlElement, find_mesh: FindMesh) -> Shape:
     xyz_m, rpy_rad = parse_origin(element)
     geometry = element.required("geometry")
     shape = _only_shape(geometry)
@@ -222,7 +235,8 @@ def _read_shape(element: XmlElement, folder: Path) -> Shape:
         case "sphere":
             return Sphere(_positive_length(shape, "radius"), xyz_m, rpy_rad)
         case _:
-            return _read_mesh(shape, folder, xyz_m, rpy_rad)
+            filename, scale = shape.text("filename"), shape.vector("scale", default=1.0)
+            return Mesh(filename, find_mesh(filename), scale, xyz_m, rpy_rad)
 
 
 def _only_shape(geometry: XmlElement) -> XmlElement:
@@ -230,12 +244,6 @@ def _only_shape(geometry: XmlElement) -> XmlElement:
         tags = ", ".join(f"<{child.tag}>" for child in geometry.children[:3]) or "nothing"
         raise geometry.error(f"<geometry> holds {tags}", f"one of {', '.join(_SHAPES)}")
     return geometry.children[0]
-
-
-def _read_mesh(mesh: XmlElement, folder: Path, xyz_m: Triple, rpy_rad: Triple) -> Mesh:
-    filename = mesh.text("filename")
-    path = resolve_mesh_path(filename, mesh.path, folder)
-    return Mesh(filename, path, mesh.vector("scale", default=1.0), xyz_m, rpy_rad)
 
 
 def _positive_length(shape: XmlElement, attribute: str) -> float:
@@ -404,12 +412,28 @@ def read_urdf(path: Path | str, folder: Path | None = None) -> Urdf:
     """
     path = Path(path)
     root = parse_xml(path, read_urdf_text(path))
-    _check_root_element(root)
+    macros = [child for child in root.children if _XACRO in child.tag]
+    if macros:
+        raise macros[0].error(
+            "the macros are not expanded",
+            f"a plain URDF; convert it once: {import_command(root.path)}",
+        )
     home = path.parent if folder is None else folder
+    return urdf_from_xml(root, lambda name: resolve_mesh_path(name, path, home))
+
+
+def urdf_from_xml(root: XmlElement, find_mesh: FindMesh) -> Urdf:
+    """Read the parts of a URDF from its outermost element.
+
+    Raises:
+        FileFormatError: It is not a usable URDF; ``where`` is the line.
+    """
+    if root.tag != "robot":
+        raise root.error(f"the outermost element is <{root.tag}>", "<robot>, as in a URDF")
     materials = _find_materials(root)
-    links = tuple(parse_link(each, home, materials) for each in root.child_elements("link"))
+    links = tuple(parse_link(each, find_mesh, materials) for each in root.child_elements("link"))
     joints = tuple(parse_joint(each) for each in root.child_elements("joint"))
-    base = find_root(path, links, joints)
+    base = find_root(root.path, links, joints)
     name = root.name() if root.attributes.get("name") else ""
     return Urdf(name, links, joints, base, lint_urdf(root, links, joints))
 
@@ -422,16 +446,6 @@ def read_urdf_text(path: Path) -> str:
     """
     if path.suffix == ".xacro":
         found = "has macros, and expanding them runs what is written in the file"
-        expected = f"a plain URDF; if you trust the file: {expand_command(path)}"
+        expected = f"a plain URDF; if you trust the file: {import_command(path)}"
         raise FileFormatError(path, "", found, expected)
     return read_text(path, MAX_URDF_BYTES)
-
-
-def _check_root_element(root: XmlElement) -> None:
-    if root.tag != "robot":
-        raise root.error(f"the outermost element is <{root.tag}>", "<robot>, as in a URDF")
-    macros = [child for child in root.children if _XACRO in child.tag]
-    if macros:
-        raise macros[0].error(
-            "the macros are not expanded", f"a plain URDF; run: {expand_command(root.path)}"
-        )

@@ -4,13 +4,10 @@ from __future__ import annotations
 
 import math
 import re
-import subprocess
-import sys
-import tempfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 from xml.parsers.expat import ErrorString
 
 from defusedxml.common import DefusedXmlException
@@ -20,7 +17,7 @@ from ikservo.errors import FileFormatError
 from ikservo.files.reading import quote
 from ikservo.model.urdf_types import Triple
 
-__all__ = ["XmlElement", "expand_command", "expand_xacro", "parse_origin", "parse_xml"]
+__all__ = ["XmlElement", "import_command", "is_mjcf", "parse_origin", "parse_xml"]
 
 
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -99,7 +96,7 @@ class XmlElement:
         text = self.text(attribute)
         parts = text.split(maxsplit=count)
         if "${" in text:
-            expected = f"plain numbers; expand the macros first: {expand_command(self.path)}"
+            expected = f"plain numbers; convert it once: {import_command(self.path)}"
         numbers = [float(part) for part in parts if _NUMBER.fullmatch(part)]
         if len(parts) != count or len(numbers) != count or not all(map(math.isfinite, numbers)):
             raise self.error(f"<{self.tag}> has {attribute}={quote(text)}", expected)
@@ -191,74 +188,20 @@ def parse_origin(element: XmlElement) -> tuple[Triple, Triple]:
 
 
 MAX_URDF_BYTES = 4 * 1024 * 1024
-_SHOWN_CHARS = 200
-_MODULE, _MISSING = "xacro", 97  # exit code of the child where xacro is not installed
-_TIMEOUT_S = 30.0
-_MEMORY_BYTES = 1024 * 1024 * 1024
-# Limits of the child are set by itself, so that none of them ever holds for this process.
-_RUN = f"""
-import sys
-try:
-    import resource
-except ImportError:  # Windows has only the limit of time
-    pass
-else:
-    for kind, most in (
-        (resource.RLIMIT_AS, {_MEMORY_BYTES}), (resource.RLIMIT_FSIZE, {MAX_URDF_BYTES})
-    ):
-        _, hard = resource.getrlimit(kind)  # its user may have set a lower one
-        most = most if hard == resource.RLIM_INFINITY else min(most, hard)
-        resource.setrlimit(kind, (most, most))
-import importlib
-try:
-    xacro = importlib.import_module(sys.argv.pop(1))
-except ImportError:
-    sys.exit({_MISSING})
-xacro.main()
-"""
 
 
-def expand_command(path: Path) -> str:
-    """Return the command that writes the plain URDF of a file with macros."""
-    return f"ikservo arms expand {path}"
+_HEAD_BYTES = 64 * 1024
 
 
-def expand_xacro(path: Path) -> str:
-    """Return the URDF that a xacro file expands to; runs the Python expressions in the file.
-
-    xacro runs in an isolated Python: it is imported from the installed packages, never from the
-    current folder or ``PYTHONPATH``.
-
-    Raises:
-        FileFormatError: xacro is not installed, does not accept the file, or needs more time,
-            memory or output than a description does; names the cause.
-    """
-    if not path.is_file():
-        raise FileFormatError(path, "", "it does not exist", "a xacro file")
-    command = [sys.executable, "-I", "-c", _RUN, _MODULE, str(path.absolute())]
-    with tempfile.TemporaryFile() as out, tempfile.TemporaryFile() as err:
-        try:
-            code = subprocess.run(  # noqa: S603  # this Python, one file name
-                command, stdin=subprocess.DEVNULL, stdout=out, stderr=err,
-                timeout=_TIMEOUT_S, check=False,
-            ).returncode  # fmt: skip
-        except (OSError, subprocess.TimeoutExpired) as error:
-            raise FileFormatError(path, "", f"xacro failed ({error})", "a xacro file") from error
-        if code == _MISSING:
-            raise FileFormatError(
-                path, "", "its macros need xacro, which is not installed",
-                "xacro (pip install xacro), or plain URDF",
-            )  # fmt: skip
-        text, error_output = (_read_start(file) for file in (out, err))
-    if code != 0 or len(text) >= MAX_URDF_BYTES:
-        lines = error_output.strip().splitlines()
-        last = [line for line in lines if not line.startswith("when processing file")][-1:]
-        why = " ".join(error_output.split()) if len(error_output) <= _SHOWN_CHARS else "".join(last)
-        found = f"xacro refuses it: {why[:_SHOWN_CHARS] or f'exit code {code}'}"
-        raise FileFormatError(path, "", found, "a xacro file without errors")
-    return text
+def is_mjcf(path: Path) -> bool:
+    """Check whether a file begins as an MJCF does."""
+    try:
+        with path.open("rb") as file:
+            return b"<mujoco" in file.read(_HEAD_BYTES)
+    except OSError:
+        return False  # the reader reports the cause
 
 
-def _read_start(file: BinaryIO) -> str:
-    file.seek(0)
-    return file.read(MAX_URDF_BYTES).decode("utf-8", "replace")
+def import_command(path: Path) -> str:
+    """Return the command that makes the folder of an arm from a foreign description."""
+    return f"ikservo arms new NAME --from {path}"

@@ -13,8 +13,7 @@ from ikservo.errors import BadValueError, InputError, RefusedError
 from ikservo.guard import DEAD_MAN_TIMEOUT_S
 from ikservo.ik import Target
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.kinematics.se3 import exp_so3
-from ikservo.model.mjcf import quaternion_to_matrix
+from ikservo.kinematics.se3 import exp_so3, quaternion_to_matrix
 
 __all__ = ["MotionGoal", "PoseGoal", "TrajectoryGoal", "TwistGoal", "check_age", "pose_goal",
            "trajectory_goal"]  # fmt: skip

@@ -70,7 +70,7 @@ class BoxShape:
 
 
 def link_shapes(link: Element, body: int, T: Matrix) -> list[BoxShape]:
-    """Return the boxes, cylinders and spheres of a link.
+    """Return the boxes, cylinders and spheres of a link; without any for contact, those drawn.
 
     Args:
         link: The element.
@@ -78,7 +78,7 @@ def link_shapes(link: Element, body: int, T: Matrix) -> list[BoxShape]:
         T: The link's frame in that joint's.
     """
     found: list[BoxShape] = []
-    for collision in link.findall("collision"):
+    for collision in link.findall("collision") or link.findall("visual"):
         half_m = _half_extents_m(collision)
         if half_m is not None:
             found.append(

@@ -23,13 +23,13 @@ class CommandResult:
 
 @pytest.fixture
 def run_cli(capsys, monkeypatch):
-    """Return a function that runs ``ikservo`` with the given command line."""
+    """Return a function that runs ``ikservo`` with the given command line or words."""
     for name in ("IKSERVO_ARM", "IKSERVO_PORT"):
         monkeypatch.delenv(name, raising=False)
     monkeypatch.setenv("COLUMNS", "100")
 
     def run(words):
-        code = main(words.split())
+        code = main(words.split() if isinstance(words, str) else words)
         captured = capsys.readouterr()
         return CommandResult(code, captured.out, captured.err)
 

@@ -18,20 +18,20 @@ import pytest
 import ikservo
 from ikservo.arm.recorder import read_recording
 from ikservo.cli.app import COMMANDS
-from tests.cli.test_xacro import MACROS
 
 SIM = "--arm so101 --port sim"
 RECORDING = f"record {{}} --duration 2 {SIM}"
 # Options and arguments that name a file which is read.
 READ = {
-    ("calibrate", "from_script"), ("calibrate", "points"), ("calibration", "source"),
+    ("arms", "source"), ("calibrate", "from_script"), ("calibrate", "points"),
+    ("calibration", "source"),
     ("draw", "file"), ("export", "recordings"), ("import", "from_script"), ("replay", "file"),
     ("setup", "restore"), ("test", "points"),
 }  # fmt: skip
 # Those that name a file or folder which is written: command lines, and the file that is named in
 # the error. {} is the folder.
 WRITTEN = {
-    ("arms", "file"): [("arms expand {}/two.urdf.xacro", "two.urdf")],
+    ("arms", "folder"): [("arms new two --joint a=z:0.1 --folder {}", "arm.toml")],
     ("export", "to"): [
         ("export csv {source} --to {}/a.csv", "a.csv"),
         ("export csv {source} --to {}/old.csv", "old.csv"),
@@ -138,7 +138,6 @@ def place(tmp_path):
     for name in ("old.jsonl", "old.mcap", "old.csv", "old.svg", "old.png", "old.html"):
         (folder / name).write_text("the old one")
     (folder / "keys" / "authority" / "authority.pem").write_text("the old one")
-    (folder / "two.urdf.xacro").write_text(MACROS)
     return folder
 
 

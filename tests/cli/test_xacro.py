@@ -1,4 +1,4 @@
-"""Macros are expanded by `ikservo arms expand` alone, by xacro in an isolated Python."""
+"""Macros are expanded by `ikservo arms new` alone, by xacro in an isolated Python."""
 
 import importlib.util
 from pathlib import Path
@@ -7,7 +7,9 @@ import pytest
 
 import ikservo
 from ikservo.errors import FileFormatError
-from ikservo.model.urdf_xml import MAX_URDF_BYTES, expand_xacro
+from ikservo.importing.packages import PackageFolders
+from ikservo.importing.xacro import expand_xacro
+from ikservo.model.urdf_xml import MAX_URDF_BYTES
 from tests.oracle import CONFIGS
 
 MACROS = """<robot name="two" xmlns:xacro="http://www.ros.org/wiki/xacro">
@@ -39,34 +41,64 @@ def no_child(monkeypatch):
     def refuse(*_, **__):
         pytest.fail("a process was started")
 
-    monkeypatch.setattr("ikservo.model.urdf_xml.subprocess.run", refuse)
+    monkeypatch.setattr("ikservo.importing.xacro.subprocess.run", refuse)
 
 
 @needs_xacro
-def test_expand_writes_the_urdf_beside_the_file(run_cli, path):
-    assert run_cli(f"arms expand {path}").code == 0
-    model = ikservo.load_model(path.with_suffix(""), tip="arm")
-    assert model.chain.forward([0.0])[0, 3] == pytest.approx(0.15)
+def test_an_arm_is_made_of_it_where_that_is_allowed(run_cli, path, tmp_path):
+    done = run_cli(f"arms new two --from {path} --folder {tmp_path} --allow-xacro")
+    assert done.code == 0
+    model = ikservo.load_model(tmp_path / "two")
+    assert model.chain.forward([0.0], frame="arm")[0, 3] == pytest.approx(0.15)
+
+
+def test_without_consent_nothing_is_run(run_cli, path, tmp_path, no_child):
+    refused = run_cli(f"arms new two --from {path} --folder {tmp_path}")
+    assert refused.code == 2
+    assert "runs the Python expressions" in refused.err
+    assert "--allow-xacro" in refused.err
+    assert not (tmp_path / "two").exists()
+
+
+def test_a_property_that_nothing_uses_runs_no_code(run_cli, path, tmp_path, no_child):
+    text = (CONFIGS / "so101" / "arm.urdf").read_text()
+    head = '<robot xmlns:xacro="http://ros.org/wiki/xacro" '
+    text = text.replace("<robot ", head, 1).replace(
+        "</robot>", '<xacro:property name="width" value=".2"/></robot>'
+    )
+    path.write_text(text)
+    plain = path.rename(path.with_suffix(""))
+    assert run_cli(f"arms new mine --from {plain} --folder {tmp_path} --dry-run").code == 0
 
 
 @needs_xacro
-def test_expand_keeps_an_existing_urdf(run_cli, path):
-    path.with_suffix("").write_text("mine")
-    assert run_cli(f"arms expand {path}").code == 2
-    assert path.with_suffix("").read_text() == "mine"
+def test_packages_and_arguments_are_given(tmp_path):
+    (tmp_path / "parts").mkdir()
+    (tmp_path / "parts" / "part.xacro").write_text(
+        '<robot xmlns:xacro="http://ros.org/wiki/xacro"><link name="$(arg link)"/></robot>'
+    )
+    path = tmp_path / "arm.xacro"
+    path.write_text(
+        '<robot name="a" xmlns:xacro="http://ros.org/wiki/xacro"><xacro:arg name="link" '
+        'default="base"/><xacro:include filename="$(find my_parts)/part.xacro"/></robot>'
+    )
+    packages = PackageFolders(path, {"my_parts": tmp_path / "parts"})
+    assert '<link name="foot"/>' in expand_xacro(path, packages, {"link": "foot"})
+    with pytest.raises(FileFormatError, match='needs the package "my_parts"'):
+        expand_xacro(path)
 
 
 def test_loading_runs_no_xacro(path, no_child):
     with pytest.raises(FileFormatError, match="runs what is written in the file") as caught:
         ikservo.load_model(path, tip="arm")
-    assert f"ikservo arms expand {path}" in caught.value.hint
+    assert f"ikservo arms new NAME --from {path}" in caught.value.hint
 
 
 def test_a_macro_in_a_urdf_names_the_command(path, no_child):
     plain = path.rename(path.with_suffix(""))
     with pytest.raises(FileFormatError, match="macros are not expanded") as caught:
         ikservo.load_model(plain, tip="arm")
-    assert f"ikservo arms expand {plain}" in caught.value.hint
+    assert f"ikservo arms new NAME --from {plain}" in caught.value.hint
 
 
 @needs_xacro
@@ -84,10 +116,10 @@ def test_expand_imports_nothing_from(place, path, tmp_path, monkeypatch):
 
 
 def test_without_xacro_the_error_says_what_to_install(path, monkeypatch):
-    monkeypatch.setattr("ikservo.model.urdf_xml._MODULE", "no_such_module")
+    monkeypatch.setattr("ikservo.importing.xacro._MODULE", "no_such_module")
     with pytest.raises(FileFormatError, match="need xacro, which is not installed") as caught:
         expand_xacro(path)
-    assert "pip install xacro" in caught.value.hint
+    assert "pip install" in caught.value.hint
 
 
 @needs_xacro
@@ -107,17 +139,6 @@ def test_an_expansion_is_bounded_in_its(expression, path):
     path.write_text(MACROS.replace("${reach} 0 0", expression))
     with pytest.raises(FileFormatError, match="xacro refuses it"):
         expand_xacro(path)
-
-
-@needs_xacro
-def test_the_simulator_takes_an_arm_whose_macros_were_expanded(run_cli, tmp_path):
-    text = (CONFIGS / "so101" / "arm.urdf").read_text()
-    macros = '<robot xmlns:xacro="http://ros.org/wiki/xacro" '
-    (tmp_path / "arm.urdf.xacro").write_text(text.replace("<robot ", macros, 1))
-    (tmp_path / "arm.toml").write_text((CONFIGS / "so101" / "arm.toml").read_text())
-    run_cli(f"arms expand {tmp_path}/arm.urdf.xacro")
-    assert run_cli(f"where --arm {tmp_path}/arm.toml --port sim").code == 0
-    assert Path(tmp_path / "arm.urdf").is_file()
 
 
 def test_a_missing_file_is_named():

@@ -11,8 +11,10 @@ import ikservo
 from ikservo.arm.recorder import read_recording
 from ikservo.errors import FileFormatError
 from ikservo.files.drawing import read_drawing
-from ikservo.model.loading import read_description
-from ikservo.model.meshes import MAX_TRIANGLES, fit_capsules, read_triangles
+from ikservo.importing import meshes
+from ikservo.importing.fitting import fit_capsules
+from ikservo.importing.meshes import MAX_TRIANGLES, read_triangles
+from ikservo.importing.mjcf import read_mjcf
 from ikservo.recording.dataset_reading import MAX_FRAMES, read_dataset
 from ikservo.recording.mcap_records import MAGIC, MAX_CHUNK_BYTES
 from servosim.arm_file import read_arm_file
@@ -208,14 +210,14 @@ SCENES = {
 
 @pytest.mark.parametrize("name", SCENES)
 def test_a_collada_scene_is_counted_before_its_instances_are_made_for(name, tmp_path, monkeypatch):
-    monkeypatch.setattr("ikservo.model.meshes._load_mesh", lambda *_: pytest.fail("it was read"))
+    monkeypatch.setattr(meshes, "_load_mesh", lambda *_: pytest.fail("it was read"))
     parts, words = SCENES[name]
     with pytest.raises(FileFormatError, match=words):
         read_triangles(tmp_path / "a.dae", COLLADA.format(*parts).encode(), "base")
 
 
 def test_a_collada_scene_of_a_few_instances_is_read(tmp_path, monkeypatch):
-    monkeypatch.setattr("ikservo.model.meshes._load_mesh", lambda *_: np.ones((4, 3, 3)))
+    monkeypatch.setattr(meshes, "_load_mesh", lambda *_: np.ones((4, 3, 3)))
     text = COLLADA.format(ONE, doubled(3), node("r", shown("n2")))
     assert read_triangles(tmp_path / "a.dae", text.encode(), "base").shape == (4, 3, 3)
 
@@ -232,24 +234,11 @@ def sphere(triangles):
 
 
 @pytest.mark.full
-def test_a_mesh_with_many_corners_is_fitted_by_few_of_them_and_contained_whole(monkeypatch):
-    spatial, seen = pytest.importorskip("scipy.spatial"), []
-    hull = spatial.ConvexHull
-    monkeypatch.setattr(
-        spatial, "ConvexHull", lambda points: seen.append(len(points)) or hull(points)
-    )
+def test_a_mesh_with_many_corners_is_contained_whole():
     triangles = sphere(MAX_TRIANGLES // 3)
-    fits = fit_capsules(triangles)
-    assert max(seen) < 10_000
-    few = fit_capsules(sphere(2000))
-    points, outside = triangles.reshape(-1, 3), np.inf
-    for fit in fits:
-        axis = fit.end_m - fit.start_m
-        along = np.clip((points - fit.start_m) @ axis / max(axis @ axis, 1e-12), 0.0, 1.0)
-        away = np.linalg.norm(points - fit.start_m - along[:, None] * axis, axis=1)
-        outside = np.minimum(outside, away - fit.radius_m)
-    assert outside.max() < 1e-8
-    assert sum(f.volume_m3 for f in fits) < 1.02 * sum(f.volume_m3 for f in few)
+    fit = fit_capsules(triangles)
+    inside = [capsule.depth_m(triangles.reshape(-1, 3)) for capsule in fit.capsules]
+    assert np.max(inside, axis=0).min() >= 0.0
 
 
 def joint_states(path, messages):
@@ -331,7 +320,7 @@ def test_the_simulators_own_files_are_not_waited_for(tmp_path):
 
 @pytest.mark.parametrize("name", MESHES)
 def test_triangles_are_counted_before_a_mesh_is_read(name, tmp_path, monkeypatch):
-    monkeypatch.setattr("ikservo.model.meshes._load_mesh", lambda *_: pytest.fail("it was read"))
+    monkeypatch.setattr(meshes, "_load_mesh", lambda *_: pytest.fail("it was read"))
     with pytest.raises(FileFormatError, match="triangles"):
         read_triangles(tmp_path / name, MESHES[name], "base")
 
@@ -361,4 +350,4 @@ def test_an_mjcf_is_refused_before_it_is_compiled_for(name, tmp_path):
     pytest.importorskip("mujoco")
     (tmp_path / "arm.xml").write_text(f"<mujoco>{MULTIPLIED[name]}</mujoco>")
     with pytest.raises(ikservo.IkservoError, match=r"is not for arms|has (width|nuser_geom)="):
-        read_description(tmp_path / "arm.xml")
+        read_mjcf(tmp_path / "arm.xml")

@@ -89,7 +89,7 @@ SLIPS = {
     "one id twice":        ("id = 3", "id = 1", "joints[1].servo.id", "is 1, the same as joints[0].servo.id", "an id that is unique on the bus"),
     "id of a shadow again": ("id = 3", "id = 2", "joints[1].servo.id", "is 2, the same as joints[0].shadows[0].id", "an id that is unique on the bus"),
     "gripper in between":  ('name = "shoulder"\nrole = "arm"', 'name = "shoulder"\nrole = "gripper"', "joints[1].role", 'is "arm" after a gripper', "the gripper last"),
-    "no rest":             ("[poses.rest]", "[poses.relax]", "poses.rest", "is missing", "the poses rest, home, zero"),
+    "no rest":             ("[poses.rest]", "[poses.relax]", "poses.rest", "is missing", "the poses rest, home"),
     "joint left out":      (", elbow = 45.0", "", "poses.home", "leaves out elbow", "every joint once"),
     "joint misspelled":    ("elbow = 45.0", "elbwo = 45.0", "poses.home.deg.elbwo", "is not a joint (and 1 more to correct)", "elbow (joints: shoulder, elbow, gripper)"),
     "unknown joint":       ("elbow = 45.0", "elbow = 45.0, x = 0", "poses.home.deg.x", "is not a joint", "one of shoulder, elbow, gripper"),

@@ -133,7 +133,7 @@ SLIPS = {
     "attribute twice":       ('name="small"', 'name="small" name="big"',
                               "line 2", "XML syntax error: duplicate attribute", "well-formed XML"),
     "macro in a number":     ('xyz="0.2 0 0"', 'xyz="${length} 0 0"',
-                              "line 13", '<origin> has xyz="${length} 0 0"', "plain numbers; expand the macros first: ikservo arms expand PATH"),
+                              "line 13", '<origin> has xyz="${length} 0 0"', "plain numbers; convert it once: ikservo arms new NAME --from PATH"),
     "unexpanded macro":      ("<robot ", '<robot xmlns:xacro="http://www.ros.org/wiki/xacro"><xacro:include filename="/etc/passwd"/></robot><robot ',
                               "line 2", "XML syntax error: junk after document element", "well-formed XML"),
 }

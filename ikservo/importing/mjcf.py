@@ -9,12 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from ikservo.errors import FileFormatError, InputError
 from ikservo.files.reading import path_inside, quote, read_text
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.kinematics.se3 import exp_so3, make_pose
+from ikservo.kinematics.se3 import exp_so3, make_pose, quaternion_to_matrix
 from ikservo.model.urdf_types import (
     Box,
     Cylinder,
@@ -34,7 +33,6 @@ __all__ = [
     "check_files",
     "pose_origin",
     "pose_rpy",
-    "quaternion_to_matrix",
     "read_mjcf",
 ]
 
@@ -113,18 +111,6 @@ def _all_elements(root: XmlElement) -> list[XmlElement]:
     for element in found:
         found.extend(element.children)
     return found
-
-
-def quaternion_to_matrix(quaternion: ArrayLike) -> Matrix:
-    """Compute the rotation (3, 3) of a unit quaternion w, x, y, z."""
-    w, x, y, z = np.asarray(quaternion, dtype=np.float64)
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
 
 
 def pose_rpy(T: Matrix) -> tuple[float, float, float]:

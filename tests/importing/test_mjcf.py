@@ -5,9 +5,12 @@ import numpy as np
 import pytest
 import trimesh
 
-import ikservo
 from ikservo.errors import FileFormatError, InputError
+from ikservo.importing.mjcf import read_mjcf
+from ikservo.importing.shapes import convert_shapes
+from ikservo.model import Model
 from ikservo.model.collision_model import collision_body
+from ikservo.model.loading import build_chain
 from ikservo.model.sag import link_masses
 
 MJCF = """<mujoco model="made">
@@ -36,9 +39,20 @@ MJCF = """<mujoco model="made">
 </mujoco>"""
 
 
+def load(path):
+    """Return the model of an MJCF with simple shapes, as it is written."""
+    steps = convert_shapes(read_mjcf(path))
+    while True:
+        try:
+            next(steps)
+        except StopIteration as end:
+            urdf = end.value.urdf
+            break
+    return Model.from_geometry("made", "made", build_chain(urdf, "tool"), urdf, path)
+
+
 @pytest.fixture
-def path(tmp_path, monkeypatch):
-    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+def path(tmp_path):
     (tmp_path / "meshes").mkdir()
     trimesh.creation.box((0.12, 0.03, 0.02)).export(tmp_path / "meshes" / "bar.stl")
     path = tmp_path / "made.xml"
@@ -47,7 +61,7 @@ def path(tmp_path, monkeypatch):
 
 
 def test_the_tool_is_where_mujoco_has_it(path):
-    model, oracle = ikservo.load_model(path, tip="tool"), mujoco.MjModel.from_xml_path(str(path))
+    model, oracle = load(path), mujoco.MjModel.from_xml_path(str(path))
     assert model.chain.names == ("pan", "lift", "elbow")
     data, random = mujoco.MjData(oracle), np.random.default_rng(1)
     for q in random.uniform(-1.0, 1.0, (20, 3)):
@@ -60,13 +74,13 @@ def test_the_tool_is_where_mujoco_has_it(path):
 
 
 def test_limits_and_kinds_are_those_of_the_file(path):
-    chain = ikservo.load_model(path, tip="tool").chain
+    chain = load(path).chain
     np.testing.assert_allclose(np.rad2deg(chain.lower_rad[:2]), [-90, -80])
     assert chain.upper_rad[2] == np.inf
 
 
 def test_masses_and_tensors_are_where_mujoco_has_them(path):
-    model, oracle = ikservo.load_model(path, tip="tool"), mujoco.MjModel.from_xml_path(str(path))
+    model, oracle = load(path), mujoco.MjModel.from_xml_path(str(path))
     data = mujoco.MjData(oracle)
     data.qpos[:] = 0.0
     mujoco.mj_kinematics(oracle, data)
@@ -82,14 +96,12 @@ def test_masses_and_tensors_are_where_mujoco_has_them(path):
 
 
 def test_a_joint_that_follows_another_is_a_mimic(path):
-    joints = {j.name: j for j in ikservo.load_model(path, tip="tool").urdf.joints}
+    joints = {j.name: j for j in load(path).urdf.joints}
     assert (joints["follow"].mimic.joint, joints["follow"].mimic.multiplier) == ("grip", 1.0)
 
 
 def test_every_body_has_capsules_its_meshes_too(path):
-    gaps = collision_body(ikservo.load_model(path, tip="tool")).floor_distances(
-        [[0.0, 0.0, 0.0]], -1.0
-    )
+    gaps = collision_body(load(path)).floor_distances([[0.0, 0.0, 0.0]], -1.0)
     assert {link for link, _ in gaps.pairs} == {"base", "upper", "fore", "left", "right"}
 
 
@@ -103,10 +115,10 @@ def test_every_body_has_capsules_its_meshes_too(path):
     ],
 )
 def test_a_file_outside_the_folder_is_refused_before_mujoco_reads_it(path, old, new, monkeypatch):
-    monkeypatch.setattr("ikservo.model.mjcf.importlib.import_module", None)
+    monkeypatch.setattr("ikservo.importing.mjcf.importlib.import_module", None)
     path.write_text(MJCF.replace(old, new))
     with pytest.raises(FileFormatError, match="outside the model's folder"):
-        ikservo.load_model(path, tip="tool")
+        load(path)
 
 
 @pytest.mark.parametrize(
@@ -121,11 +133,11 @@ def test_what_no_arm_has_is_named(path, old, new, found):
     assert old in MJCF
     path.write_text(MJCF.replace(old, new))
     with pytest.raises(FileFormatError, match=found):
-        ikservo.load_model(path, tip="tool")
+        load(path)
 
 
 def test_without_mujoco_the_error_says_what_to_install(path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
     with pytest.raises(InputError, match="needs mujoco") as caught:
-        ikservo.load_model(path, tip="tool")
+        load(path)
     assert "ikservo[physics]" in caught.value.hint

@@ -1,0 +1,393 @@
+"""Capsules that contain a mesh, as few as keep their surface near it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ikservo.kinematics.arrays import Matrix, Vector
+
+__all__ = [
+    "MAX_CAPSULES",
+    "FittedCapsule",
+    "MeshFit",
+    "Triangles",
+    "allowed_excess_m",
+    "fit_capsules",
+    "merge_vertices",
+    "outermost",
+]
+
+Triangles = NDArray[np.float64]
+"""Corners (n, 3, 3), metres."""
+
+MAX_CAPSULES = 8
+_EXCESS_M, _EXCESS_FRACTION = 0.010, 0.10
+_CELL_FRACTION = 1 / 200  # of the size of a mesh: vertices nearer to each other become one
+_SAMPLES = 40  # of the size: points of the surface are at most so far apart
+_CUTS = (0.5, 0.35, 0.65)  # where a part is cut, of its extent
+_CIRCLE_STEPS = 60
+_DIRECTIONS = 192
+_BLOCK = 2048
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FittedCapsule:
+    """A capsule: both ends of its axis (3,) and its radius, metres."""
+
+    start_m: Vector
+    end_m: Vector
+    radius_m: float
+
+    @property
+    def volume_m3(self) -> float:
+        """Its volume."""
+        length_m = float(np.linalg.norm(self.end_m - self.start_m))
+        return math.pi * self.radius_m**2 * (length_m + 4.0 / 3.0 * self.radius_m)
+
+    @property
+    def area_m2(self) -> float:
+        """The area of its surface."""
+        length_m = float(np.linalg.norm(self.end_m - self.start_m))
+        return math.tau * self.radius_m * (length_m + 2.0 * self.radius_m)
+
+    def depth_m(self, points: Matrix) -> Vector:
+        """Compute how deep points (n, 3) are inside (n,); negative outside."""
+        along = self.end_m - self.start_m
+        squared = float(along @ along)
+        s = np.clip((points - self.start_m) @ along / squared, 0.0, 1.0) if squared else 0.0
+        nearest = self.start_m + np.multiply.outer(s, along)
+        return self.radius_m - np.sqrt(_squares(points - nearest))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MeshFit:
+    """Capsules that together contain a mesh.
+
+    Attributes:
+        capsules: In the coordinates of the mesh.
+        excess_m: How far the farthest point of their common surface is from the mesh.
+        allowed_m: How far it should be.
+    """
+
+    capsules: tuple[FittedCapsule, ...]
+    excess_m: float
+    allowed_m: float
+
+
+def allowed_excess_m(triangles: Triangles) -> float:
+    """Return how far capsules may be from a mesh: 10 mm, or a tenth of its largest extent."""
+    return max(_EXCESS_M, _EXCESS_FRACTION * float(np.ptp(triangles.reshape(-1, 3), axis=0).max()))
+
+
+def fit_capsules(triangles: Triangles) -> MeshFit:
+    """Find few capsules that together contain a surface, and the solid inside if it is closed.
+
+    The part whose capsule is farthest from the mesh is cut by a plane until all are near enough,
+    or there are eight. Each capsule contains the convex hull of its part, so cutting leaves no
+    gap. Vertices are merged before, and the capsules are as much thicker as that moved them.
+
+    Args:
+        triangles: At least one.
+    """
+    allowed_m = allowed_excess_m(triangles)
+    size_m = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
+    merged, moved_m = merge_vertices(triangles, size_m * _CELL_FRACTION)
+    surface = _SampledSurface(merged, max(size_m / _SAMPLES, 1e-6))
+    parts = [_fit_parts([merged])[0]]
+    while len(parts) < MAX_CAPSULES:
+        excesses = [surface.excess_m(i, parts, moved_m) for i in range(len(parts))]
+        far = [i for i, excess_m in enumerate(excesses) if excess_m > allowed_m]
+        for i in sorted(far, key=lambda i: -excesses[i]):
+            halves = (
+                _best_cut(parts[i].triangles, surface, allowed_m)
+                if excesses[i] > allowed_m
+                else None
+            )
+            if halves is not None:
+                parts[i : i + 1] = halves
+                break
+        else:
+            break
+    parts = _merge_parts(parts, surface, allowed_m, moved_m)
+    excess_m = max(surface.excess_m(i, parts, moved_m) for i in range(len(parts)))
+    capsules = [FittedCapsule(p.fit.start_m, p.fit.end_m, p.fit.radius_m + moved_m) for p in parts]
+    return MeshFit(tuple(capsules), excess_m, allowed_m)
+
+
+def merge_vertices(triangles: Triangles, cell_m: float) -> tuple[Triangles, float]:
+    """Move all vertices of a cell of a grid to one of them; equal triangles become one.
+
+    Returns:
+        The triangles left, and how far the farthest vertex was moved.
+    """
+    points = triangles.reshape(-1, 3)
+    if cell_m <= 0.0:
+        return triangles, 0.0
+    _, first, which = np.unique(_cell_keys(points, cell_m), return_index=True, return_inverse=True)
+    kept = points[first]
+    moved_m = math.sqrt(float(_squares(points - kept[which]).max()))
+    corners = which.reshape(-1, 3)
+    a, b, c = np.sort(corners, axis=1).T.astype(np.int64)
+    rows = np.unique((a * len(kept) + b) * len(kept) + c, return_index=True)[1]
+    return kept[corners[rows]], moved_m
+
+
+class _SampledSurface:
+    """Points of a surface, to measure how far capsules are from it."""
+
+    def __init__(self, triangles: Triangles, spacing_m: float) -> None:
+        from scipy.spatial import cKDTree  # noqa: PLC0415  # slow to import
+
+        self._tree = cKDTree(_sample_surface(triangles, spacing_m))
+
+    def excess_m(self, index: int, parts: Sequence[_Part], moved_m: float = 0.0) -> float:
+        """Compute how far a capsule's surface is from the mesh, without what others contain."""
+        away_m = self._distances_m(index, parts)
+        return float(away_m.max()) + moved_m if len(away_m) else 0.0
+
+    def badness(self, parts: Sequence[_Part], allowed_m: float) -> float:
+        """Rate parts by how much of their surface is far from the mesh, and how far; 0 is best."""
+        rated = 0.0
+        for i, part in enumerate(parts):
+            far_m = np.maximum(self._distances_m(i, parts) - 0.5 * allowed_m, 0.0)
+            rated += part.fit.area_m2 * float(far_m @ far_m)
+        return rated
+
+    def _distances_m(self, index: int, parts: Sequence[_Part]) -> Vector:
+        points = _capsule_points(parts[index].fit)
+        for other, part in enumerate(parts):
+            if other != index:
+                points = points[part.fit.depth_m(points) < 0.0]
+        return np.asarray(self._tree.query(points)[0])
+
+
+def _sample_surface(triangles: Triangles, spacing_m: float) -> Matrix:
+    """Return points of a surface (n, 3), nowhere much farther apart than the spacing."""
+    done: list[Matrix] = []
+    for _ in range(12):
+        edges = np.sqrt(_squares(triangles - triangles[:, (2, 0, 1)]).max(axis=1))
+        done.append(triangles[edges <= spacing_m].reshape(-1, 3))
+        triangles = triangles[edges > spacing_m]
+        if not len(triangles):
+            break
+        a, b, c = triangles.transpose(1, 0, 2)
+        ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
+        quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+        triangles = np.concatenate([np.stack(quarter, axis=1) for quarter in quarters])
+        triangles, _ = merge_vertices(triangles, 0.2 * spacing_m)
+    return _thin_out(np.concatenate([*done, triangles.reshape(-1, 3)]), 0.3 * spacing_m)
+
+
+def _thin_out(points: Matrix, cell_m: float) -> Matrix:
+    """Keep one of the points (n, 3) in each cell of a grid."""
+    return points[np.unique(_cell_keys(points, cell_m), return_index=True)[1]]
+
+
+def _cell_keys(points: Matrix, cell_m: float) -> NDArray[np.int64]:
+    """Return the number (n,) of the cell of a grid in which each point (n, 3) is."""
+    x, y, z = (((row - row.min()) / cell_m).astype(np.int64) for row in points.T.copy())
+    return (x * (y.max() + 1) + y) * (z.max() + 1) + z
+
+
+def _squares(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Compute the squared lengths (…) of vectors (…, k)."""
+    return np.einsum("...i,...i->...", vectors, vectors)
+
+
+def _sphere_directions(count: int) -> Matrix:
+    i = np.arange(count) + 0.5
+    turn, z = math.pi * (1.0 + math.sqrt(5.0)) * i, 1.0 - 2.0 * i / count
+    around = np.sqrt(1.0 - z**2)
+    return np.stack([around * np.cos(turn), around * np.sin(turn), z], axis=1)
+
+
+_SPHERE = _sphere_directions(_DIRECTIONS)
+_RINGS, _AROUND = 9, 16
+_THICKNESSES = np.array([1.0, 1.04, 1.1, 1.18, 1.28])
+_HALF_TURN = np.stack([np.cos(np.arange(8) * math.pi / 8), np.sin(np.arange(8) * math.pi / 8)])
+
+
+def _capsule_points(fit: FittedCapsule) -> Matrix:
+    """Return points of a capsule's surface (n, 3)."""
+    along = fit.end_m - fit.start_m
+    side = _SPHERE @ along
+    caps = np.where(side[:, None] > 0.0, fit.end_m, fit.start_m) + fit.radius_m * _SPHERE
+    if not along.any():
+        return caps
+    across = np.linalg.svd(along[None])[2][1:]
+    turn = np.linspace(0.0, math.tau, _AROUND, endpoint=False)
+    circle = np.stack([np.cos(turn), np.sin(turn)], axis=1) @ across * fit.radius_m
+    rings = fit.start_m + np.multiply.outer(np.linspace(0.0, 1.0, _RINGS), along)
+    return np.concatenate([caps, (rings[:, None] + circle).reshape(-1, 3)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Part:
+    """Some of the triangles, and the capsule around them."""
+
+    triangles: Triangles
+    fit: FittedCapsule
+
+
+def _fit_parts(pieces: Sequence[Triangles]) -> list[_Part]:
+    """Fit the smallest capsule with one of six axes around each of some pieces."""
+    points = [piece.reshape(-1, 3) for piece in pieces]
+    corners = np.stack([outermost(each) for each in points])
+    axes = np.stack([np.concatenate([np.eye(3), _main_axes(each)]) for each in corners])
+    across = np.linalg.svd(axes[..., None, :])[2][..., 1:, :]  # (pieces, axes, 2, 3)
+    flat = np.einsum("pkaj,pnj->pkna", across, corners)
+    centres = _enclosing_circle_centres(flat.reshape(-1, *flat.shape[2:])).reshape(
+        *flat.shape[:2], 2
+    )
+    parts: list[_Part] = []
+    for piece, own, around, axis, sides, centre in zip(
+        pieces, points, corners, axes, across, centres, strict=True
+    ):
+        rated = [_best_thickness(axis[k], sides[k], centre[k], around) for k in range(len(axis))]
+        best = min(range(len(axis)), key=lambda k: rated[k][0])
+        fit = _capsule_along(axis[best], sides[best], centre[best], own, rated[best][1])
+        parts.append(_Part(piece, fit))
+    return parts
+
+
+def _best_thickness(
+    axis: Vector, across: Matrix, centre: Vector, points: Matrix
+) -> tuple[float, float]:
+    """Return how far the best capsule along an axis is from points, and how thick it is.
+
+    The thinnest one ends a whole radius beyond a flat end; a thicker one ends nearer to it.
+
+    Returns:
+        About how far it is [m], and its radius as a multiple of the smallest.
+    """
+    along, flat = points @ axis, points @ across.T - centre
+    away2 = _squares(flat)
+    widths = flat @ _HALF_TURN
+    half_m = 0.5 * float((widths.max(axis=0) - widths.min(axis=0)).min())
+    radii_m = math.sqrt(float(away2.max())) * _THICKNESSES
+    caps_m = np.sqrt(np.maximum(radii_m[:, None] ** 2 - away2, 0.0))
+    starts, ends = (along + caps_m).min(axis=1), (along - caps_m).max(axis=1)
+    middle = np.where(starts > ends, 0.5 * (starts + ends), 0.0)
+    starts, ends = np.where(starts > ends, middle, starts), np.where(starts > ends, middle, ends)
+    beyond_m = radii_m + np.maximum(along.min() - starts, ends - along.max())
+    excess_m = np.maximum(beyond_m, radii_m - half_m)
+    best = int(excess_m.argmin())
+    return float(excess_m[best]), float(_THICKNESSES[best])
+
+
+def outermost(points: Matrix) -> Matrix:
+    """Return the points (k, 3) of some that are the farthest along evenly spread directions."""
+    most, which = np.full(_DIRECTIONS, -np.inf), np.zeros(_DIRECTIONS, dtype=np.intp)
+    directions = np.ascontiguousarray(_SPHERE.T.astype(np.float32))
+    middle = points.mean(axis=0)
+    for first in range(0, len(points), _BLOCK):  # what fits into a processor's cache
+        along = (points[first : first + _BLOCK] - middle).astype(np.float32) @ directions
+        block_most = along.max(axis=0)
+        farther = block_most > most
+        which[farther] = first + along[:, farther].argmax(axis=0)
+        most[farther] = block_most[farther]
+    return points[which]
+
+
+def _main_axes(points: Matrix) -> Matrix:
+    """Compute the principal axes (3, 3) of points, one a row, the longest first."""
+    return np.linalg.svd(points - points.mean(axis=0), full_matrices=False)[2]
+
+
+def _enclosing_circle_centres(flat: Matrix) -> Matrix:
+    """Return nearly the centres (m, 2) of the smallest circles around (m, n, 2).
+
+    Badoiu and Clarkson: the centre moves towards the farthest point, less each time.
+    """
+    centre = 0.5 * (flat.min(axis=1) + flat.max(axis=1))
+    min_m = np.full(len(flat), np.inf)
+    rows, best = np.arange(len(flat)), centre
+    for i in range(_CIRCLE_STEPS):
+        away_m = _squares(flat - centre[:, None])
+        farthest = away_m.argmax(axis=1)
+        nearer = away_m[rows, farthest] < min_m
+        best: Matrix = np.where(nearer[:, None], centre, best)
+        min_m = np.where(nearer, away_m[rows, farthest], min_m)
+        centre = centre + (flat[rows, farthest] - centre) / (i + 2)
+    return best
+
+
+def _capsule_along(
+    axis: Vector, across: Matrix, centre: Vector, points: Matrix, thickness: float
+) -> FittedCapsule:
+    """Return the capsule along an axis through a centre (2,) across it that contains points."""
+    along = points @ axis
+    away_m = np.sqrt(_squares(points @ across.T - centre))
+    radius_m = float(away_m.max()) * thickness + 1e-9
+    cap_m = np.sqrt(np.maximum(radius_m**2 - away_m**2, 0.0))
+    start, end = float((along + cap_m).min()), float((along - cap_m).max())
+    if start > end:  # one ball contains them all
+        start = end = 0.5 * (start + end)
+    return FittedCapsule(centre @ across + start * axis, centre @ across + end * axis, radius_m)
+
+
+def _best_cut(
+    triangles: Triangles, surface: _SampledSurface, allowed_m: float
+) -> list[_Part] | None:
+    """Return the two parts of the cut with the nearest capsules; None if nothing can be cut."""
+    points = triangles.reshape(-1, 3)
+    pieces: list[Triangles] = []
+    for axis in (*np.eye(3), _main_axes(outermost(points))[0]):
+        along = points @ axis
+        low, high = float(along.min()), float(along.max())
+        for fraction in _CUTS:
+            halves = _cut_by_plane(triangles, axis, low + fraction * (high - low))
+            if all(len(half) for half in halves):
+                pieces += halves
+    if not pieces:
+        return None
+    parts = _fit_parts(pieces)
+    pairs = [parts[i : i + 2] for i in range(0, len(parts), 2)]
+    return min(pairs, key=lambda pair: surface.badness(pair, allowed_m))
+
+
+def _cut_by_plane(triangles: Triangles, axis: Vector, at_m: float) -> tuple[Triangles, Triangles]:
+    """Return the triangles on both sides of a plane; those that cross it are cut in three."""
+    side = triangles @ axis - at_m
+    above, below = (side >= 0.0).all(axis=1), (side < 0.0).all(axis=1)
+    crossing, side = triangles[~above & ~below], side[~above & ~below]
+    lone_above = (side >= 0.0).sum(axis=1) == 1
+    farthest: list[NDArray[np.intp]] = [side.argmin(axis=1), side.argmax(axis=1)]
+    ordered = (np.choose(lone_above, farthest)[:, None] + np.arange(3)) % 3
+    a, b, c = np.take_along_axis(crossing, ordered[:, :, None], axis=1).transpose(1, 0, 2)
+    s_a, s_b, s_c = np.take_along_axis(side, ordered, axis=1).T[..., None]
+    p, q = a + (b - a) * s_a / (s_a - s_b), a + (c - a) * s_a / (s_a - s_c)
+    tips = np.stack([a, p, q], axis=1)
+    feet = np.concatenate([np.stack([p, b, c], axis=1), np.stack([p, c, q], axis=1)])
+    feet_above = np.tile(~lone_above, 2)
+    return (
+        np.concatenate([triangles[above], tips[lone_above], feet[feet_above]]),
+        np.concatenate([triangles[below], tips[~lone_above], feet[~feet_above]]),
+    )
+
+
+def _merge_parts(
+    parts: list[_Part], surface: _SampledSurface, allowed_m: float, moved_m: float
+) -> list[_Part]:
+    """Put parts together where one capsule around two of them is near enough, too."""
+    worst_m = max(surface.excess_m(i, parts, moved_m) for i in range(len(parts)))
+    limit_m, merging = max(allowed_m, worst_m), True
+    while merging and len(parts) > 1:
+        merging = False
+        pairs = [(i, k) for i in range(len(parts)) for k in range(i)]
+        pieces = [np.concatenate([parts[i].triangles, parts[k].triangles]) for i, k in pairs]
+        together = _fit_parts(pieces)
+        for n in sorted(range(len(together)), key=lambda n: together[n].fit.volume_m3):
+            (i, k), both = pairs[n], together[n]
+            rest = [part for at, part in enumerate(parts) if at not in (i, k)]
+            merged = [both, *rest]
+            away_m = [surface.excess_m(at, merged, moved_m) for at in range(len(merged))]
+            if away_m[0] <= allowed_m and max(away_m) <= limit_m:
+                parts, merging = [both, *rest], True
+                break
+    return parts

@@ -1,0 +1,144 @@
+"""The folders of the packages that a description names, and the files in them."""
+
+from __future__ import annotations
+
+import contextlib
+import posixpath
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from urllib.parse import unquote, urlsplit
+
+from ikservo.errors import FileFormatError
+from ikservo.files.reading import path_inside, quote, read_text
+
+__all__ = ["PackageFolders"]
+
+_LEVELS = 6
+_MAX_MANIFEST_BYTES = 256 * 1024
+_PACKAGE, _FILE, _FIND = "package://", "file://", "$(find "
+_DESCRIPTION_FOLDERS = ("urdf", "urdfs", "robots", "robot", "xacro", "xml", "mjcf", "description")
+
+
+@dataclass(slots=True)
+class PackageFolders:
+    """Finds packages by what the user gave, or by looking upwards from the description.
+
+    Attributes:
+        path: The description.
+        given: Folders by package, of the user.
+        used: Folders by package, as found so far.
+        outside: Names of meshes that were refused: they are outside of every folder.
+    """
+
+    path: Path
+    given: Mapping[str, Path] = field(default_factory=dict[str, Path])
+    used: dict[str, Path] = field(default_factory=dict[str, Path])
+    outside: list[str] = field(default_factory=list[str])
+
+    def find(self, name: str) -> Path | None:
+        """Find the folder of a package: of that name, or with a package.xml of that name.
+
+        It is the user's, or a folder above the description, or one beside such a folder; the
+        search ends at the folder of a repository.
+        """
+        if name not in self.used:
+            folder = self.given.get(name) or self._look_upwards(name)
+            if folder is None:
+                return None
+            self.used[name] = folder
+        return self.used[name]
+
+    def find_mesh(self, filename: str) -> Path | None:
+        """Return the file of a mesh inside its package, or the description's own; else None."""
+        path = self._mesh_path(filename)
+        if path is None and filename not in self.outside:
+            self.outside.append(filename)
+        return path
+
+    def require(self, name: str) -> Path:
+        """Return the folder of a package.
+
+        Raises:
+            FileFormatError: It is not found.
+        """
+        folder = self.find(name)
+        if folder is None:
+            found = f"it needs the package {quote(name)}, and no folder above is that package"
+            raise FileFormatError(self.path, "", found, f"--package {name}=FOLDER")
+        return folder
+
+    def own_folder(self) -> Path:
+        """Return the folder of the description's package, or else its own."""
+        own = self.path.absolute().parent
+        for folder in self._folders_above():
+            if (folder / "package.xml").is_file():
+                return folder
+        return own.parent if own.name.lower() in _DESCRIPTION_FOLDERS else own
+
+    def _mesh_path(self, filename: str) -> Path | None:
+        name, rest = _split_package(filename)
+        if name:
+            folder = self.find(name)
+            own = [path_inside(folder, rest)] if folder else []
+            # A description that was copied out of its package has its meshes beside it.
+            own += [path_inside(self.own_folder(), each) for each in (rest, f"{name}/{rest}")]
+            inside = [path for path in own if path is not None]
+            return next((path for path in inside if path.is_file()), inside[0] if inside else None)
+        place = self.path.absolute().parent
+        if filename.startswith(_FILE) or posixpath.isabs(filename):
+            text = unquote(urlsplit(filename).path) if filename.startswith(_FILE) else filename
+            return self._inside(posixpath.normpath(text))
+        return self._inside(posixpath.normpath(posixpath.join(place.as_posix(), filename)))
+
+    def _inside(self, text: str) -> Path | None:
+        """Return the file of an absolute name in the description's folder or a package's."""
+        for folder in (self.own_folder(), *self.used.values()):
+            for home in dict.fromkeys((folder.absolute(), folder.resolve())):
+                if text.startswith(f"{home.as_posix()}/"):
+                    return path_inside(home, posixpath.relpath(text, home.as_posix()))
+        return None
+
+    def _folders_above(self) -> list[Path]:
+        found: list[Path] = []
+        for folder in list(self.path.absolute().parents)[:_LEVELS]:
+            found.append(folder)
+            if (folder / ".git").exists():
+                break
+        return found
+
+    def _look_upwards(self, name: str) -> Path | None:
+        if not name or "/" in name or "\\" in name or name in (".", ".."):
+            return None
+        for folder in self._folders_above():
+            if folder.name == name or _manifest_name(folder) == name:
+                return folder
+            if (folder / name).is_dir():
+                return folder / name
+        return None
+
+
+def _split_package(filename: str) -> tuple[str, str]:
+    """Return package and path of ``package://NAME/PATH`` and ``$(find NAME)/PATH``, else blanks."""
+    if filename.startswith(_PACKAGE):
+        name, _, rest = filename.removeprefix(_PACKAGE).partition("/")
+        return name, rest
+    if filename.startswith(_FIND):
+        name, _, rest = filename.removeprefix(_FIND).partition(")/")
+        return name.strip(), rest
+    return "", ""
+
+
+_NAME_ELEMENT = re.compile(r"<name>\s*([\w.-]{1,128})\s*</name>")
+
+
+def _manifest_name(folder: Path) -> str:
+    """Return the name in a folder's package.xml; empty where there is none that can be read."""
+    manifest = folder / "package.xml"
+    if not manifest.is_file():
+        return ""
+    with contextlib.suppress(FileFormatError):
+        found = _NAME_ELEMENT.search(read_text(manifest, _MAX_MANIFEST_BYTES))
+        return found[1] if found else ""
+    return ""

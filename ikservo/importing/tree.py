@@ -1,0 +1,348 @@
+"""Which part of a foreign tree is the arm, and the tree without the rest."""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ikservo.errors import BadValueError, InputError, UnknownNameError
+from ikservo.importing.mjcf import pose_origin, pose_rpy
+from ikservo.kinematics.arrays import Matrix
+from ikservo.kinematics.se3 import exp_so3, make_pose, rotation_rpy
+from ikservo.model.urdf_types import Shape, Triple, Urdf, UrdfJoint, UrdfJointType, UrdfLink
+
+__all__ = [
+    "Structure",
+    "below",
+    "find_structures",
+    "fix_joints",
+    "lump_base",
+    "parse_frame",
+    "rename_joints",
+    "turn_base",
+]
+
+_TIP_WORDS = ("gripper_frame", "tcp", "ee_gripper", "grasp", "end_effector", "tool", "tip", "_ee",
+              "ee_", "flange", "hand", "camera_lens")  # fmt: skip
+_GRIPPER_WORDS = re.compile(r"grip|finger|jaw|claw|hand|pinc", re.IGNORECASE)
+_MIN_OWN_JOINTS = 3  # of an arm, besides those that it shares with another
+
+
+@dataclass(frozen=True, slots=True)
+class Structure:
+    """The links and joints of one arm in a tree.
+
+    Attributes:
+        tip: The link of the tool.
+        joints: The joints that move it and follow no other, base to tip.
+        gripper: The joint of the jaws; empty if there is none.
+        other_tips: Further links that could be the tip.
+    """
+
+    tip: str
+    joints: tuple[str, ...]
+    gripper: str
+    other_tips: tuple[str, ...] = ()
+
+
+def moving_joints_to(urdf: Urdf, link: str) -> tuple[str, ...]:
+    """Return the joints that move a link and follow no other, base to tip."""
+    leaders = (
+        joint.mimic.joint if joint.mimic else joint.name
+        for joint in urdf.joints_to(link)
+        if joint.kind.is_movable
+    )
+    return tuple(dict.fromkeys(leaders))
+
+
+def find_structures(
+    urdf: Urdf, tips: Sequence[str] = (), gripper: str | None = None
+) -> list[Structure]:
+    """Find the arms of a tree: one for each tip, or the only one.
+
+    Args:
+        urdf: The tree.
+        tips: The tips that the user gave; none to find it.
+        gripper: The joint of the jaws that the user gave; empty for none, None to find it.
+
+    Raises:
+        UnknownNameError: There is no such link or joint.
+        InputError: Nothing moves, or there are several arms; names them.
+    """
+    if gripper and gripper not in {joint.name for joint in urdf.joints if joint.kind.is_movable}:
+        raise UnknownNameError(
+            "joint", gripper, [joint.name for joint in urdf.joints if joint.kind.is_movable]
+        )
+    if tips:
+        return [_structure(urdf, urdf.link(tip).name, gripper) for tip in tips]
+    found = _possible_arms(urdf, gripper)
+    if not found:
+        raise InputError("No joint of the description moves.", "An arm needs one at least.")
+    if len(found) > 1:
+        named = " ".join(f"--tip {each.tip}" for each in found)
+        raise InputError(
+            f"The description has {len(found)} arms, with the tips "
+            f"{', '.join(each.tip for each in found)}.",
+            f"Choose one, or make one arm of each: {named}",
+        )
+    return found
+
+
+def _possible_arms(urdf: Urdf, gripper: str | None) -> list[Structure]:
+    """Return an arm for each branch that has joints enough of its own, the longest first."""
+    jaws = _jaws(urdf) if gripper is None else [gripper] if gripper else []
+    joints_to = {link.name: moving_joints_to(urdf, link.name) for link in urdf.links}
+    inner = {joint.parent for joint in urdf.joints}
+    free = [name for name, moving in joints_to.items() if moving and not set(moving) & set(jaws)]
+    # Where all leaves are behind the jaws, the palm is the tip.
+    leaves = [name for name in free if name not in inner]
+    palms = [joint.parent for joint in urdf.joints if joint.name in jaws and joint.parent in free]
+    candidates = sorted(
+        dict.fromkeys([*leaves, *palms]),
+        key=lambda name: (-len(joints_to[name]), _word_rank(name), name in palms),
+    )
+    if not candidates:
+        return [_structure(urdf, name, gripper) for name in free[-1:]]
+    arms: list[str] = []
+    for name in candidates:
+        taken = {joint for arm in arms for joint in joints_to[arm]}
+        own = [joint for joint in joints_to[name] if joint not in taken]
+        if not arms or len(own) >= _MIN_OWN_JOINTS:
+            arms.append(name)
+    return [_structure(urdf, name, gripper, candidates) for name in arms]
+
+
+def _structure(
+    urdf: Urdf, tip: str, gripper: str | None, candidates: Sequence[str] = ()
+) -> Structure:
+    joints = moving_joints_to(urdf, tip)
+    if not joints:
+        raise InputError(f"No joint moves the link {tip}.", "Give another --tip.")
+    if gripper is None:
+        gripper = _own_jaws(urdf, joints)
+    if gripper in joints:
+        raise InputError(
+            f"The joint {gripper} of the jaws moves the tip {tip}.",
+            "Give the palm as --tip, or --gripper none.",
+        )
+    others = [name for name in candidates
+              if name != tip and moving_joints_to(urdf, name) == joints]  # fmt: skip
+    return Structure(tip, joints, gripper, tuple(others))
+
+
+def _word_rank(name: str) -> int:
+    """Return how likely a link is the tool by its name; the lower the likelier."""
+    lowered = name.lower()
+    return next((i for i, word in enumerate(_TIP_WORDS) if word in lowered), len(_TIP_WORDS))
+
+
+def _jaws(urdf: Urdf) -> list[str]:
+    """Return joints that look like those of jaws: the last of their branch, and named so."""
+    movable = {joint.name: joint for joint in urdf.joints if joint.kind.is_movable}
+    leaders = {joint.mimic.joint for joint in movable.values() if joint.mimic}
+    above = {link.name: moving_joints_to(urdf, link.name) for link in urdf.links}
+    last = {moving[-1] for moving in above.values() if moving} - {
+        name for moving in above.values() for name in moving[:-1]
+    }
+    return [
+        name
+        for name, joint in movable.items()
+        if joint.mimic is None
+        and (name in last or name in leaders)
+        and (_GRIPPER_WORDS.search(name) or _GRIPPER_WORDS.search(joint.child))
+        and len(above[joint.child]) > 1
+    ]
+
+
+def _own_jaws(urdf: Urdf, joints: Sequence[str]) -> str:
+    """Return the best of the joints of jaws that the last joints of an arm carry; may be empty."""
+    movable = {joint.name: joint for joint in urdf.joints}
+    leaders = [joint.mimic.joint for joint in movable.values() if joint.mimic]
+    found = [
+        name
+        for name in _jaws(urdf)
+        if name not in joints and moving_joints_to(urdf, movable[name].parent)[-1:] == joints[-1:]
+    ]
+
+    def merit(name: str) -> tuple[bool, int]:
+        return math.isfinite(movable[name].upper), leaders.count(name)
+
+    return max(found, key=merit, default="")
+
+
+def below(urdf: Urdf, base: str) -> tuple[Urdf, list[str]]:
+    """Return the tree from a link on, and the names of the joints that were left out.
+
+    Raises:
+        UnknownNameError: There is no such link.
+    """
+    kept, grew = {urdf.link(base).name}, True
+    while grew:
+        more = {joint.child for joint in urdf.joints if joint.parent in kept} - kept
+        kept |= more
+        grew = bool(more)
+    joints = tuple(joint for joint in urdf.joints if joint.parent in kept)
+    names = {joint.name for joint in joints}
+    joints = tuple(
+        replace(joint, mimic=None) if joint.mimic and joint.mimic.joint not in names else joint
+        for joint in joints
+    )
+    links = tuple(link for link in urdf.links if link.name in kept)
+    left_out = [joint.name for joint in urdf.joints if joint.name not in names]
+    return replace(urdf, links=links, joints=joints, root=base), left_out
+
+
+def fix_joints(urdf: Urdf, kept: Collection[str]) -> tuple[Urdf, dict[str, float]]:
+    """Fix all joints but some and those that follow them, at zero or the limit next to it.
+
+    Returns:
+        The tree, and the position of each joint that was fixed and follows no other, rad or m.
+    """
+    positions = {
+        joint.name: min(max(0.0, joint.lower), joint.upper)
+        for joint in urdf.joints
+        if joint.kind.is_movable and joint.mimic is None and joint.name not in kept
+    }
+    joints: list[UrdfJoint] = []
+    for joint in urdf.joints:
+        leader = joint.mimic.joint if joint.mimic else joint.name
+        if leader in positions:
+            at = positions[leader]
+            at = joint.mimic.multiplier * at + joint.mimic.offset if joint.mimic else at
+            joints.append(_fixed_at(joint, at))
+        else:
+            joints.append(joint)
+    return replace(urdf, joints=tuple(joints)), positions
+
+
+def _fixed_at(joint: UrdfJoint, position: float) -> UrdfJoint:
+    axis = np.array(joint.axis)
+    slides = joint.kind is UrdfJointType.PRISMATIC
+    motion = make_pose(position * axis) if slides else make_pose(
+        np.zeros(3), exp_so3(position * axis)
+    )  # fmt: skip
+    T = make_pose(joint.xyz_m, rotation_rpy(*joint.rpy_rad)) @ motion
+    return replace(
+        joint, kind=UrdfJointType.FIXED, xyz_m=pose_origin(T), rpy_rad=pose_rpy(T),
+        lower=0.0, upper=0.0, mimic=None,
+    )  # fmt: skip
+
+
+def lump_base(urdf: Urdf) -> Urdf:
+    """Give the root the shapes of all links that are fixed to it; the links stay as frames.
+
+    The table is the neighbour of the root alone: what stands on it must belong to the root.
+    """
+    poses, links = {urdf.root: np.eye(4)}, {link.name: link for link in urdf.links}
+    grew = True
+    while grew:
+        grew = False
+        for joint in urdf.joints:
+            fixed = not joint.kind.is_movable and joint.parent in poses
+            if fixed and joint.child not in poses:
+                T = make_pose(joint.xyz_m, rotation_rpy(*joint.rpy_rad))
+                poses[joint.child], grew = poses[joint.parent] @ T, True
+    root = links[urdf.root]
+    collisions, visuals, colours = [*root.collisions], [*root.visuals], [*_colours(root)]
+    for name, T in poses.items():
+        if name != urdf.root:
+            collisions += [_moved(shape, T) for shape in links[name].collisions]
+            visuals += [_moved(shape, T) for shape in links[name].visuals]
+            colours += _colours(links[name])
+            links[name] = replace(links[name], collisions=(), visuals=(), colours=())
+    links[urdf.root] = replace(
+        root, collisions=tuple(collisions), visuals=tuple(visuals), colours=tuple(colours)
+    )
+    return replace(urdf, links=tuple(links.values()))
+
+
+def _colours(link: UrdfLink) -> tuple[Triple | None, ...]:
+    return link.colours or (None,) * len(link.visuals)
+
+
+def _moved(shape: Shape, T: Matrix) -> Shape:
+    T_shape = T @ make_pose(shape.xyz_m, rotation_rpy(*shape.rpy_rad))
+    return replace(shape, xyz_m=pose_origin(T_shape), rpy_rad=pose_rpy(T_shape))
+
+
+_UNUSUAL = re.compile(r"[^A-Za-z0-9_-]")
+_MAX_NAME_CHARS = 64
+
+
+def rename_joints(urdf: Urdf) -> tuple[Urdf, dict[str, str]]:
+    """Give joints names that an arm file may have; return the new by the old ones."""
+    names: dict[str, str] = {}
+    for joint in urdf.joints:
+        name = _UNUSUAL.sub("_", joint.name)[: _MAX_NAME_CHARS - 4]
+        count = 2
+        while name in names.values():
+            name, count = f"{name}_{count}", count + 1
+        names[joint.name] = name
+    joints = tuple(
+        replace(
+            joint,
+            name=names[joint.name],
+            mimic=joint.mimic and replace(joint.mimic, joint=names[joint.mimic.joint]),
+        )
+        for joint in urdf.joints
+    )
+    return replace(urdf, joints=joints), {old: new for old, new in names.items() if old != new}
+
+
+_BASE_WORDS: Mapping[str, tuple[float, float, float]] = {
+    "forward": (1.0, 0.0, 0.0),
+    "left": (0.0, 1.0, 0.0),
+    "raise": (0.0, 0.0, 1.0),
+}
+
+
+def parse_frame(text: str) -> Matrix:
+    """Return the pose (4, 4) that words like ``rotate 90, raise 0.05`` describe.
+
+    ``rotate`` turns to the left [deg], ``forward``, ``left`` and ``raise`` shift [m], and
+    ``upside down`` turns over; one after the other, along the axes of the table.
+
+    Raises:
+        BadValueError: It is nothing like that.
+    """
+    T = np.eye(4)
+    for part in text.split(","):
+        word, _, amount = part.strip().partition(" ")
+        if (word, amount.strip()) == ("upside", "down"):
+            T = make_pose(np.zeros(3), exp_so3([math.pi, 0.0, 0.0])) @ T
+            continue
+        try:
+            value = float(amount)
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value) or word not in ("rotate", *_BASE_WORDS):
+            expected = 'such as "rotate 90, raise 0.05", with forward, left or upside down'
+            raise BadValueError("The base frame", text, expected)
+        if word == "rotate":
+            T = make_pose(np.zeros(3), exp_so3([0.0, 0.0, math.radians(value)])) @ T
+        else:
+            T = make_pose(value * np.array(_BASE_WORDS[word])) @ T
+    return T
+
+
+def turn_base(urdf: Urdf, T: Matrix) -> Urdf:
+    """Put a new root below the tree, in which the former root has a pose (4, 4)."""
+    name = next(_new_names("base_frame", {link.name for link in urdf.links}))
+    joint = next(_new_names("base_frame_mount", {joint.name for joint in urdf.joints}))
+    zero = (0.0, 0.0, 0.0)
+    root = UrdfLink(name, 0.0, zero, zero, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (), (), 0)
+    mount = UrdfJoint(
+        name=joint, kind=UrdfJointType.FIXED, parent=name, child=urdf.root,
+        xyz_m=pose_origin(T), rpy_rad=pose_rpy(T), axis=(1.0, 0.0, 0.0), lower=0.0, upper=0.0,
+        effort=math.inf, velocity=math.inf, mimic=None, line=0,
+    )  # fmt: skip
+    return replace(urdf, links=(root, *urdf.links), joints=(mount, *urdf.joints), root=name)
+
+
+def _new_names(name: str, taken: Collection[str]) -> Iterator[str]:
+    yield from (each for each in (name, *(f"{name}_{i}" for i in range(2, 1000)))
+                if each not in taken)  # fmt: skip

@@ -1,0 +1,86 @@
+"""Capsules contain their mesh, and their surface is near it; judged by trimesh."""
+
+import numpy as np
+import pytest
+import trimesh
+
+from ikservo.importing.fitting import MAX_CAPSULES, fit_capsules
+
+
+def bracket():
+    """Return a plate with two walls, 80 x 50 x 40 mm, 4 mm thick."""
+    parts = [
+        trimesh.creation.box((0.08, 0.05, 0.004)),
+        trimesh.creation.box((0.08, 0.004, 0.04)).apply_translation((0.0, 0.023, 0.018)),
+        trimesh.creation.box((0.08, 0.004, 0.04)).apply_translation((0.0, -0.023, 0.018)),
+    ]
+    return trimesh.util.concatenate(parts)
+
+
+MESHES = {
+    "a servo": trimesh.creation.box((0.045, 0.025, 0.035)),
+    "a long rod": trimesh.creation.cylinder(0.005, 0.3),
+    "a ball": trimesh.creation.icosphere(2, 0.04),
+    "a plate": trimesh.creation.box((0.12, 0.08, 0.003)),
+    "a ring": trimesh.creation.torus(0.06, 0.008),
+    "a bent arm": trimesh.util.concatenate(
+        [
+            trimesh.creation.box((0.2, 0.03, 0.03)),
+            trimesh.creation.box((0.03, 0.03, 0.15)).apply_translation((0.09, 0.0, 0.07)),
+        ]
+    ),
+}
+
+
+def union_points(fit):
+    """Return points on the surface of all capsules that no other one contains."""
+    found = []
+    for i, capsule in enumerate(fit.capsules):
+        length_m = float(np.linalg.norm(capsule.end_m - capsule.start_m))
+        shape = trimesh.creation.capsule(length_m, capsule.radius_m, count=[24, 24])
+        along = (capsule.end_m - capsule.start_m) / length_m if length_m else (0.0, 0.0, 1.0)
+        points = shape.vertices - [0.0, 0.0, shape.bounds[:, 2].mean()]
+        T = trimesh.geometry.align_vectors((0.0, 0.0, 1.0), along)
+        points = points @ T[:3, :3].T + 0.5 * (capsule.start_m + capsule.end_m)
+        for k, other in enumerate(fit.capsules):
+            if k != i:
+                points = points[other.depth_m(points) < 0.0]
+        found.append(points)
+    return np.concatenate(found)
+
+
+@pytest.mark.parametrize("name", [*MESHES, "a bracket"])
+def test_capsules_contain_a_mesh_and_stay_near_it(name):
+    mesh = MESHES.get(name) or bracket()
+    fit = fit_capsules(np.array(mesh.triangles))
+    inside = np.array([c.depth_m(mesh.sample(4000, seed=1)) for c in fit.capsules]).max(axis=0)
+    assert inside.min() >= 0.0
+    away_m = float(trimesh.proximity.closest_point_naive(mesh, union_points(fit))[1].max())
+    assert away_m <= fit.excess_m + 0.0005
+    assert len(fit.capsules) <= MAX_CAPSULES
+    if name in MESHES:
+        assert fit.excess_m <= fit.allowed_m
+
+
+def test_a_simple_part_gets_few_capsules():
+    counts = {name: len(fit_capsules(np.array(m.triangles)).capsules) for name, m in MESHES.items()}
+    assert counts["a long rod"] == 1
+    assert counts["a ball"] == 1
+    assert counts["a servo"] <= 2
+    assert counts["a bent arm"] <= 4
+
+
+def test_the_solid_inside_a_closed_mesh_is_contained():
+    mesh = trimesh.creation.box((0.3, 0.2, 0.1))
+    fit = fit_capsules(np.array(mesh.triangles))
+    points = (np.random.default_rng(3).random((3000, 3)) - 0.5) * mesh.extents
+    assert np.array([c.depth_m(points) for c in fit.capsules]).max(axis=0).min() >= 0.0
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_flat_mesh_is_contained(count):
+    corners = np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0], [0.1, 0.05, 0.0], [0.0, 0.05, 0.0]])
+    triangles = corners[[[0, 1, 2], [0, 2, 3]][:count]]
+    fit = fit_capsules(triangles)
+    inside = [c.depth_m(triangles.reshape(-1, 3)) for c in fit.capsules]
+    assert np.max(inside, axis=0).min() >= -1e-12
