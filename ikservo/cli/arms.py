@@ -89,6 +89,14 @@ XacroArgument = Annotated[
 AllowXacro = Annotated[
     bool, typer.Option("--allow-xacro", help="Run the expressions of a xacro that you trust.")
 ]
+NewPort = Annotated[
+    str | None,
+    typer.Option(
+        "--port",
+        metavar="PORT",
+        help="Find the servos on this port; each that --servo does not name moves a little.",
+    ),
+]
 Folder = Annotated[Path, typer.Option("--folder", help="Make the arm's folder in this one.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files of an existing arm.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be written.")]
@@ -112,6 +120,7 @@ def command(  # one option each
     package: Package = None,
     xacro_arg: XacroArgument = None,
     allow_xacro: AllowXacro = False,
+    port: NewPort = None,
     folder: Folder = Path(),
     overwrite: Overwrite = False,
     dry_run: DryRun = False,
@@ -161,6 +170,7 @@ def command(  # one option each
         allow_xacro,
         overwrite,
         options,
+        port,
     )
     drafts = Operator.of(None, yes=False, no_input=json).run(draft_new_arm(new))
     written = [] if dry_run else write_drafts(drafts, folder)

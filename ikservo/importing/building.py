@@ -31,18 +31,18 @@ from ikservo.importing.tree import (
 )
 from ikservo.kinematics.dynamics import Dynamics
 from ikservo.kinematics.se3 import make_pose, rotation_rpy
-from ikservo.model.lifting import spread_postures
+from ikservo.model.lifting import can_lift, spread_postures
 from ikservo.model.loading import build_chain
 from ikservo.model.model import Model
 from ikservo.model.sag import link_masses
-from ikservo.model.servo_torque import find_servo_torque, nominal_supply_v
+from ikservo.model.servo_torque import find_servo_torque
 from ikservo.model.urdf_types import Urdf, UrdfJoint, UrdfJointType
 from ikservo.registers import control_table
 
 __all__ = ["ImportOptions", "build_drafts"]
 
-_LIFTING_MARGIN = 1.3
-_LIFTERS = ("STS3215", "STS3250", "XM540-W270")  # the weakest first
+_LIFTERS = (("STS3215", 7.4), ("STS3215", 12.0), ("STS3250", None), ("XM540-W270", None))
+"""Servos that are assumed, the weakest first."""
 _MAX_SLIDE_M = 1.0  # of a slide whose description has no limits
 _MIN_FLOOR_M = -0.003
 
@@ -182,7 +182,7 @@ def _shape_draft(
     note(f"The jaws are moved by {structure.gripper}." if structure.gripper else "No gripper.")
     model, why = _servo_model(draft, options)
     if not options.servos:
-        note(f"The servos are {model}, {why}, and have ids from base to tip.")
+        note(f"The servos are {model}{why}, and have ids from base to tip.")
     for name in own:
         body = draft.joint(name)
         servos = _servos_of(name, model, options, taken_ids)
@@ -193,9 +193,6 @@ def _shape_draft(
                  f"{1000 * slide:.1f} mm (--m-per-turn {name}=METRES).")  # fmt: skip
         draft.joints = (*draft.joints, DraftJoint(name, name == structure.gripper, servos, slide))
     draft.baud = options.baud
-    supply_v = nominal_supply_v(draft.joints[0].servos[0].model, None)
-    draft.supply_v = supply_v if "STS3215" in {s.model for j in draft.joints for s in j.servos} \
-        else None  # fmt: skip
 
 
 def _servos_of(
@@ -252,16 +249,16 @@ def _lowest_m(urdf: Urdf, shapes: ShapeConversion) -> float:
 def _servo_model(draft: ArmDraft, options: ImportOptions) -> tuple[str, str]:
     """Return the model of the servos, and why; leaves out masses that none could lift."""
     loads = _loads_nm(draft)
-    models = [options.servo_model] if options.servo_model else [*_LIFTERS]
-    for model in models:
-        torque = find_servo_torque(model, None)
-        sustained_nm = torque.sustained_nm if torque else 0.0
-        if all(_LIFTING_MARGIN * load <= sustained_nm for load in loads.values()):
-            why = "as chosen" if options.servo_model else "the weakest that lift the arm" \
-                if loads else "assumed: the description has no masses"  # fmt: skip
-            return model, why
+    choices = [(options.servo_model, None)] if options.servo_model else [*_LIFTERS]
+    for model, supply_v in choices:
+        torque = find_servo_torque(model, supply_v)
+        draft.supply_v = supply_v
+        if torque and all(can_lift(torque, load) for load in loads.values()):
+            lifting = "the weakest that lift the arm" if loads else "assumed: it has no masses"
+            volts = f" at {supply_v:g} V" if supply_v else ""
+            return model, f"{volts}, {'as chosen' if options.servo_model else lifting}"
     if options.servo_model or options.servos:
-        return models[0], "as chosen"
+        return choices[0][0], ", as chosen; by the masses of the description it cannot lift the arm"
     name, load = max(loads.items(), key=lambda each: each[1])
     draft.urdf = replace(
         draft.urdf,
@@ -271,7 +268,7 @@ def _servo_model(draft: ArmDraft, options: ImportOptions) -> tuple[str, str]:
         f"The masses: {name} would have to lift {load:.0f} N m, and no servo of the catalogue "
         "does. The simulated arm weighs nothing; real servos could not carry it."
     )
-    return _LIFTERS[-1], "the strongest, because none could lift the arm"
+    return _LIFTERS[-1][0], ", the strongest, because none could lift the arm"
 
 
 def _loads_nm(draft: ArmDraft) -> dict[str, float]:

@@ -38,6 +38,7 @@ from ikservo.model.urdf_types import (
 
 __all__ = ["ContactFit", "MeshStep", "ShapeConversion", "capsule_shapes", "convert_shapes"]
 
+_ROD_M = 0.015  # the radius of what stands for a link whose shapes are missing
 MAX_PICTURE_TRIANGLES = 12_000
 """Of a mesh that is kept for pictures; finer ones are made coarser."""
 
@@ -139,7 +140,9 @@ class _ShapeConverter:
             if not contacts:
                 contacts = self._contact_shapes(link.name, shapes)
         if not contacts and (link.collisions or link.visuals):
-            self._result.notes.append(f"link {link.name} has no usable shape, so no contact.")
+            contacts = self._rods(link.name)
+            instead = "a rod along it stands for it" if contacts else "it has no contact"
+            self._result.notes.append(f"link {link.name} has no usable shape: {instead}.")
         visuals, colours = list[Shape](), list[Triple | None]()
         for i, shape in enumerate(link.visuals):
             drawn = self._picture(link.name, shape)
@@ -149,6 +152,15 @@ class _ShapeConverter:
         return replace(
             link, collisions=tuple(contacts), visuals=tuple(visuals), colours=tuple(colours)
         )
+
+    def _rods(self, link: str) -> list[Shape]:
+        """Return a rod from the frame of a link to each joint that it carries."""
+        rods: list[Shape] = []
+        for joint in self._urdf.joints:
+            end_m = np.array(joint.xyz_m)
+            if joint.parent == link and float(np.linalg.norm(end_m)) > 2.0 * _ROD_M:
+                rods += capsule_shapes(FittedCapsule(np.zeros(3), end_m, _ROD_M))
+        return rods
 
     def _contact_shapes(self, link: str, shapes: Sequence[Shape]) -> list[Shape]:
         """Return simple shapes of a link: those it has, and capsules around its meshes."""

@@ -28,7 +28,7 @@ __all__ = [
 
 _TIP_WORDS = ("gripper_frame", "tcp", "ee_gripper", "grasp", "end_effector", "tool", "tip", "_ee",
               "ee_", "flange", "hand", "camera_lens")  # fmt: skip
-_GRIPPER_WORDS = re.compile(r"grip|finger|jaw|claw|hand|pinc", re.IGNORECASE)
+_GRIPPER_WORDS = re.compile(r"grip|finger|jaw|claw|hand|pinc|carriage", re.IGNORECASE)
 _MIN_OWN_JOINTS = 3  # of an arm, besides those that it shares with another
 
 

@@ -31,6 +31,7 @@ from ikservo.maintenance.dialogue import (
     Unasked,
 )
 from ikservo.maintenance.resting import find_resting_place
+from ikservo.maintenance.servo_assignment import assign_servos
 
 __all__ = ["NewArm", "draft_new_arm"]
 
@@ -53,6 +54,7 @@ class NewArm:
         allow_xacro: Whether the expressions in a xacro may be run.
         overwrite: Whether files of an existing folder may be replaced.
         options: The choices about the arm.
+        port: The port of its servos; None if they are not connected.
     """
 
     name: str
@@ -65,6 +67,7 @@ class NewArm:
     allow_xacro: bool = False
     overwrite: bool = False
     options: ImportOptions = field(default_factory=ImportOptions)
+    port: str | None = None
 
 
 def draft_new_arm(new: NewArm) -> EntryDialogue[list[ArmDraft]]:
@@ -89,7 +92,11 @@ def draft_new_arm(new: NewArm) -> EntryDialogue[list[ArmDraft]]:
         yield Progress(f"mesh {step.done + 1} of {step.count}: {step.name}")
     check_new([draft.name for draft in drafts], new.folder, overwrite=new.overwrite)
     for draft in drafts:
-        yield from _find_poses(draft)
+        yield from _propose_home(draft)
+    if new.port:
+        yield from assign_servos(drafts, new.port, options.servos)
+    for draft in drafts:
+        yield from _find_rest(draft)
     return drafts
 
 
@@ -140,8 +147,8 @@ def _choose_tips(description: Description, options: ImportOptions) -> EntryDialo
     except InputError as error:
         if "arms, with the tips" not in error.command_message:
             raise
-        yield Notice(f"{error.command_message} {error.command_hint}")
-        answer = yield Entry("Tips, with blanks between; one arm is made for each", "--tip LINK")
+        asked = f"{error.command_message} Which, with blanks between? Each becomes one arm."
+        answer = yield Entry(asked, error.command_hint.partition(": ")[2])
         return replace(options, tips=tuple((answer or "").split()))
     only = structures[0]
     if only.other_tips:
@@ -152,8 +159,8 @@ def _choose_tips(description: Description, options: ImportOptions) -> EntryDialo
     return options
 
 
-def _find_poses(draft: ArmDraft) -> EntryDialogue[None]:
-    """Give a draft its poses: home by search, and rest where its limp simulation lies."""
+def _propose_home(draft: ArmDraft) -> EntryDialogue[None]:
+    """Give a draft the pose home, by search; rest is the same as long as it is not found."""
     start = {
         joint.name: min(max(0.0, draft.joint(joint.name).lower), draft.joint(joint.name).upper)
         for joint in draft.joints
@@ -168,7 +175,18 @@ def _find_poses(draft: ArmDraft) -> EntryDialogue[None]:
         )
         draft.floor_m = table_m
     home = {**start, **propose_home(load_draft(draft))}
+    slides = [joint.name for joint in draft.joints if joint.m_per_turn and not joint.is_gripper]
     draft.poses = {"rest": home, "home": home}
+    if len(slides) > 1:
+        retracted = {name: draft.joint(name).lower for name in slides}
+        draft.poses["retracted"] = {**home, **retracted}
+        draft.decisions.append("In the pose retracted all slides are at their lower limits; parts "
+                               "of a telescope may be in each other as deep as there.")  # fmt: skip
+    draft.decisions.append("The pose home is free, with the tool in front: change it as you like.")
+
+
+def _find_rest(draft: ArmDraft) -> EntryDialogue[None]:
+    """Give a draft the pose rest, where its limp simulation lies."""
     yield Progress(f"letting the simulated {draft.name} sink")
     try:
         with tempfile.TemporaryDirectory() as name:
@@ -181,8 +199,7 @@ def _find_poses(draft: ArmDraft) -> EntryDialogue[None]:
             f"The pose rest is the pose home: it cannot be simulated ({error.command_message})"
         )
         return
-    draft.poses = {"rest": place.positions, "home": home}
-    draft.decisions.append("The pose home is free, with the tool in front: change it as you like.")
+    draft.poses = {**draft.poses, "rest": place.positions}
     draft.decisions.append(
         f"The pose rest is where the simulated arm lay {place.sank_s:.0f} s after it was released "
         "in home. A real arm must stay there when it is limp: check it."

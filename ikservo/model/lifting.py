@@ -11,8 +11,16 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model.joint_drive import JointDrive, nominal_parameters
 from ikservo.model.model import Model
+from ikservo.model.servo_torque import GearFriction, ServoTorque
 
-__all__ = ["LoadLag", "load_lags", "spread_postures", "sustained_lag"]
+__all__ = [
+    "LoadLag",
+    "can_lift",
+    "lifting_torque_nm",
+    "load_lags",
+    "spread_postures",
+    "sustained_lag",
+]
 
 _POSTURES = 64
 # The heaviest posture may be between those that are tried, servos differ by a tenth, their supply
@@ -67,17 +75,22 @@ def sustained_lag(drive: JointDrive) -> float:
 
 
 def _load_lag(drive: JointDrive, load_nm: float, per_horn_rad: float) -> LoadLag:
-    lifting = _MARGIN * _lifting_torque(drive, load_nm) / drive.stiffness_nm_rad
+    lifting = _MARGIN * lifting_torque_nm(drive.friction, load_nm) / drive.stiffness_nm_rad
     sag = load_nm / drive.stiffness_nm_rad
     return LoadLag(min(lifting, sustained_lag(drive)) / per_horn_rad, sag / per_horn_rad)
 
 
-def _lifting_torque(drive: JointDrive, load_nm: float) -> float:
-    """Compute the motor torque that sets a joint in motion against a load, N m.
+def can_lift(servo: ServoTorque, load_nm: float) -> bool:
+    """Check whether a servo lifts a load with half of what it may press for long."""
+    return 2.0 * lifting_torque_nm(servo.friction, load_nm) <= servo.sustained_nm
+
+
+def lifting_torque_nm(friction: GearFriction, load_nm: float) -> float:
+    """Compute the motor torque that sets a joint in motion against a load.
 
     The gears carry motor torque and load together, and their friction grows with both.
     """
-    return drive.friction.static_load_nm(2.0 * load_nm) - load_nm
+    return friction.static_load_nm(2.0 * load_nm) - load_nm
 
 
 def spread_postures(chain: Chain) -> Matrix:
