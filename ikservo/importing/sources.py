@@ -108,8 +108,8 @@ def runs_code(path: Path) -> bool:
     """
     if _is_mjcf(path):
         return False
-    text = read_text(path, MAX_URDF_BYTES)
-    return path.suffix == ".xacro" or needs_xacro(parse_xml(path, text))
+    root = parse_xml(path, read_text(path, MAX_URDF_BYTES))
+    return path.suffix == ".xacro" or needs_xacro(root)
 
 
 def read_foreign(
