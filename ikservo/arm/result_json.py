@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from typing import Annotated, Any, Optional, TypeVar, cast, get_args, get_origin, get_type_hints
 
@@ -33,13 +33,8 @@ from ikservo.arm.reports import (
 )
 from ikservo.errors import IkservoError
 
-__all__ = [
-    "RESULT_TYPES",
-    "FloatArray",
-    "decode_as",
-    "decode_value",
-    "encode_value",
-]
+__all__ = ["RESULT_TYPES", "FloatArray", "decode_as", "decode_fields", "decode_value",
+           "encode_fields", "encode_value"]  # fmt: skip
 
 RESULT_TYPES: Mapping[str, type] = {
     kind.__name__: kind
@@ -93,12 +88,12 @@ _CONFIG = ConfigDict(extra="forbid", arbitrary_types_allowed=True, ser_json_inf_
 
 
 @cache
-def _schema_of(kind: type) -> type[BaseModel]:
+def _schema_of(kind: type, left_out: frozenset[str]) -> type[BaseModel]:
     """Return the schema of a dataclass, in which arrays are lists."""
     hints = get_type_hints(kind)
     fields: dict[str, Any] = {}
     for field in dataclasses.fields(kind):
-        if field.init:
+        if field.init and field.name not in left_out:
             fields[field.name] = (_with_arrays(hints[field.name]), ...)
     return create_model(kind.__name__, __config__=_CONFIG, **fields)
 
@@ -116,22 +111,31 @@ def _is_array(hint: object) -> bool:
     return get_origin(hint) in (np.ndarray, NDArray)
 
 
-def _to_fields(value: Any) -> dict[str, JsonValue]:  # noqa: ANN401
-    """Return the fields of a dataclass as JSON values."""
-    schema = _schema_of(type(value))  # pyright: ignore[reportUnknownArgumentType]
+def encode_fields(value: Any, left_out: Iterable[str] = ()) -> dict[str, JsonValue]:  # noqa: ANN401
+    """Encode a dataclass as JSON values by field, some of them left out."""
+    schema = _schema_of(type(value), frozenset(left_out))  # pyright: ignore[reportUnknownArgumentType]
     given = {name: getattr(value, name) for name in schema.model_fields}
     return schema.model_construct(**given).model_dump(mode="json")
 
 
-def _from_fields(kind: type[T], fields: object) -> T:
-    """Return a dataclass from its fields.
+def decode_fields(kind: type[T], fields: object, left_out: Mapping[str, object] | None = None) -> T:
+    """Decode a dataclass from what ``encode_fields`` made of it.
+
+    Args:
+        kind: The dataclass.
+        fields: JSON values.
+        left_out: The fields that were left out, and their values here.
 
     Raises:
-        ValidationError: A field is missing, unknown, or of another type.
+        IkservoError: A field is missing, unknown, or of another type.
     """
-    schema = _schema_of(kind)
-    read = schema.model_validate(fields)
-    return kind(**{name: getattr(read, name) for name in schema.model_fields})
+    more = left_out or {}
+    schema = _schema_of(kind, frozenset(more))
+    try:
+        read = schema.model_validate(fields)
+        return kind(**{name: getattr(read, name) for name in schema.model_fields}, **more)
+    except (ValidationError, IkservoError):
+        raise other_version_error() from None
 
 
 def encode_value(value: object) -> JsonValue:
@@ -142,7 +146,7 @@ def encode_value(value: object) -> JsonValue:
     """
     name = type(value).__name__
     if RESULT_TYPES.get(name) is type(value):
-        return {_KIND: name, _VALUE: _to_fields(value)}
+        return {_KIND: name, _VALUE: encode_fields(value)}
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, list | tuple):
@@ -168,10 +172,7 @@ def decode_value(value: JsonValue) -> Any:  # noqa: ANN401
         return {name: decode_value(each) for name, each in inside.items()}
     if not isinstance(kind, str) or kind not in RESULT_TYPES:
         raise other_version_error()
-    try:
-        return cast("object", _from_fields(RESULT_TYPES[kind], inside))
-    except (ValidationError, IkservoError):
-        raise other_version_error() from None
+    return cast("object", decode_fields(RESULT_TYPES[kind], inside))
 
 
 def decode_as(kind: type[T], value: JsonValue) -> T:

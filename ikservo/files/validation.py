@@ -19,6 +19,7 @@ __all__ = [
     "StrictModel",
     "ValidationIssue",
     "first_issue",
+    "first_mistake",
     "format_key_path",
     "validation_issues",
 ]
@@ -44,6 +45,12 @@ def first_issue(issues: Sequence[ValidationIssue], path: Path) -> FileFormatErro
     return FileFormatError(
         path, format_key_path(first.location), first.found + rest, first.expected
     )
+
+
+def first_mistake(error: ValidationError) -> tuple[str, str]:
+    """Return where a message is wrong first, empty for the whole of it, and why."""
+    first = error.errors(include_url=False, include_context=False, include_input=False)[0]
+    return ".".join(map(str, first["loc"])), first["msg"]
 
 
 def validation_issues(error: ValidationError, model: type[BaseModel]) -> list[ValidationIssue]:

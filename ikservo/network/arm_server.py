@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, cast
 from ikservo.arm import MotionProgress, StopKind, StopReason
 from ikservo.arm.control_client import StopResult
 from ikservo.arm.replies import SAME_VERSION
-from ikservo.arm.result_json import encode_value
+from ikservo.arm.result_json import encode_fields, encode_value
 from ikservo.arm.service import ArmService, ServableArm
 from ikservo.clock import Clock
 from ikservo.errors import IkservoError, InputError
@@ -24,7 +24,6 @@ from ikservo.network.messages import (
     Setpoint,
     decode,
     encode,
-    fields,
 )
 from ikservo.network.plan_fields import PlanRegistry
 from ikservo.network.request_queue import RequestQueue
@@ -194,11 +193,10 @@ class ArmServer:
                 return self._arm.disable_torque()
             case "sample_plan":
                 of_plan = cast("OfPlan", parse_arguments(OfPlan, request.arguments))
-                return fields(self._plans.sample(of_plan.plan))
+                return encode_fields(self._plans.sample(of_plan.plan))
             case "plan":
                 of_motion = cast("OfMotion", parse_arguments(OfMotion, request.arguments))
-                plan = self._arm.plan(of_motion.parse())
-                return fields(self._plans.add(plan), exclude_none=False)
+                return self._plans.add(self._arm.plan(of_motion.parse()))
             case _:
                 return self._move(service, request)
 

@@ -12,6 +12,7 @@ from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 from ikservo.arm.replies import SAME_VERSION, error_fields, result_in
 from ikservo.arm.result_json import FloatArray, decode_value, encode_value
 from ikservo.errors import InputError
+from ikservo.files.validation import first_mistake
 from ikservo.ik import Target
 from ikservo.kinematics.arrays import Vector
 
@@ -29,7 +30,6 @@ __all__ = [
     "encode",
     "encode_failure",
     "encode_result",
-    "fields",
     "result_of",
 ]
 
@@ -190,10 +190,9 @@ def decode(kind: type[M], data: bytes, max_bytes: int) -> M:
     try:
         return kind.model_validate_json(data)
     except ValidationError as error:
-        first = error.errors(include_url=False, include_context=False, include_input=False)[0]
-        where = ".".join(map(str, first["loc"])) or "the message"
+        where, why = first_mistake(error)
         raise InputError(
-            f"Not a valid message between ikservo programs: {where}: {first['msg']}.",
+            f"Not a valid message between ikservo programs: {where or 'the message'}: {why}.",
             f"Nothing was done. {SAME_VERSION}",
         ) from None
 
@@ -218,11 +217,6 @@ def result_of(data: bytes) -> object:
     return decode_value(cast("JsonValue", result_in(reply.model_dump())))
 
 
-def fields(message: BaseModel, *, exclude_none: bool = True) -> dict[str, JsonValue]:
-    """Return a message as JSON values, as an argument of a request."""
-    return message.model_dump(mode="json", exclude_none=exclude_none)
-
-
 def arguments_of(values: Mapping[str, object]) -> dict[str, JsonValue]:
     """Return arguments of a service as JSON values: arrays as lists.
 
@@ -233,8 +227,6 @@ def arguments_of(values: Mapping[str, object]) -> dict[str, JsonValue]:
 
 
 def _as_json(name: str, value: object) -> JsonValue:
-    if isinstance(value, BaseModel):
-        return fields(value)
     if isinstance(value, np.ndarray | np.generic):
         value = cast("object", value.tolist())
     if value is None or isinstance(value, bool | int | str):

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import AbstractContextManager, nullcontext
-from dataclasses import replace
 from typing import Any, cast
 
 from ikservo.arm import MotionPlan, MotionProgress, StopKind, StopReason
 from ikservo.arm.arguments import check_callable
 from ikservo.arm.motions import MotionValue, motion_fields
 from ikservo.arm.reports import OnProgress
+from ikservo.arm.result_json import decode_fields
 from ikservo.control.stopping import StopRequest
 from ikservo.errors import IkservoError
 from ikservo.network.connection import Connection, PendingCall
-from ikservo.network.plan_fields import PlanFields, SampleFields, plan_from_fields
+from ikservo.network.plan_fields import PathSamples, plan_from_fields
 
 __all__ = ["MotionCalls", "RemoteStopRequest"]
 
@@ -40,8 +40,7 @@ class MotionCalls:
     def plan(self, motion: MotionValue[Any]) -> MotionPlan:
         """Request a plan, which stays there; its samples are fetched where they are needed."""
         found = self._connection.plan("plan", motion=motion_fields(motion))
-        plan = plan_from_fields(PlanFields.model_validate(found), self._fetch_samples)
-        return replace(plan, motion=motion)
+        return plan_from_fields(cast("Mapping[str, Any]", found), motion, self._fetch_samples)
 
     def run(self, service: str, on_progress: OnProgress | None, **arguments: object) -> object:
         """Request a motion and wait for its end; see ``await_result``."""
@@ -99,8 +98,8 @@ class MotionCalls:
 
         return self._connection.subscribed("progress", report)
 
-    def _fetch_samples(self, plan: str) -> SampleFields:
-        return SampleFields.model_validate(self._connection.plan("sample_plan", plan=plan))
+    def _fetch_samples(self, plan: str) -> PathSamples:
+        return decode_fields(PathSamples, self._connection.plan("sample_plan", plan=plan))
 
     def _raise_failure(self) -> None:
         if self._failures:

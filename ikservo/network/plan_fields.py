@@ -3,83 +3,47 @@
 from __future__ import annotations
 
 from collections import OrderedDict
-from collections.abc import Callable
-from typing import cast
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict
+from pydantic import JsonValue
 
 from ikservo.arm import MotionPlan
-from ikservo.arm.plan import NearLimit
-from ikservo.arm.result_json import FloatArray
-from ikservo.arm.tool_speed import ToolSpeed
+from ikservo.arm.motions import MotionValue
+from ikservo.arm.replies import other_version_error
+from ikservo.arm.result_json import decode_fields, encode_fields
 from ikservo.errors import RefusedError
 from ikservo.ik import Result
-from ikservo.ik.result import ActiveLimit
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion import TrajectoryPoint
 
-__all__ = ["PlanFields", "PlanRegistry", "RemoteTrajectory", "SampleFields", "plan_from_fields"]
+__all__ = ["PathSamples", "PlanRegistry", "RemoteTrajectory", "plan_from_fields"]
 
 _MAX_PLANS = 32
 _MAX_SAMPLES = 4000
 _STEP_S = 0.01
 
 
-class _Fields(BaseModel):
-    model_config = ConfigDict(
-        extra="forbid", arbitrary_types_allowed=True, ser_json_inf_nan="strings"
-    )
+_KEPT_THERE = ("trajectory", "solution", "motion", "requested", "clamped", "limp_arm")
+_ITERATES = ("trace", "question")
+"""What is not sent of a plan, and of its solution."""
 
 
-class SolutionFields(_Fields):
-    """The solver's result of a plan, without its iterates."""
+@dataclass(frozen=True, slots=True, eq=False)
+class PathSamples:
+    """The path of a plan at equal time steps.
 
-    q: FloatArray
-    reached: bool
-    position_error_m: float
-    orientation_error_rad: float
-    binding: tuple[ActiveLimit, ...]
-    iterations: int
-    nearest_m: FloatArray
-    method: str
-
-
-class PlanFields(_Fields):
-    """A plan without its path; see ``MotionPlan``."""
-
-    plan: str
-    start: FloatArray
-    goal: FloatArray
-    tip_m: FloatArray
-    path_m: float
-    duration_s: float
-    speed: str
-    time_limiting_joints: tuple[str, ...]
-    near_limits: tuple[NearLimit, ...]
-    target_m: FloatArray | None
-    solution: SolutionFields | None
-    orientation_error_rad: float
-    orientation_requested: bool
-    orientation_change_rad: float
-    speed_reduced: bool
-    is_cartesian: bool
-    cartesian_s: float
-    tool_speed: ToolSpeed | None
-    via_pose: str
-    names: tuple[str, ...]
-    units: tuple[str, ...]
-
-
-_PLAIN = tuple(name for name in PlanFields.model_fields if name not in ("plan", "solution"))
-
-
-class SampleFields(_Fields):
-    """The path of a plan at equal time steps: positions and velocities (k, n)."""
+    Attributes:
+        step_s: Between two samples.
+        positions: Of all joints (k, n), rad or m.
+        velocities: Of all joints (k, n).
+    """
 
     step_s: float
-    positions: FloatArray
-    velocities: FloatArray
+    positions: Matrix
+    velocities: Matrix
 
 
 class PlanRegistry:
@@ -93,19 +57,15 @@ class PlanRegistry:
         """Return how many are kept."""
         return len(self._plans)
 
-    def add(self, plan: MotionPlan) -> PlanFields:
+    def add(self, plan: MotionPlan) -> dict[str, JsonValue]:
         """Keep a plan; return what it says."""
         self._count += 1
         name = f"{self._count:x}"
         self._plans[name] = plan
         while len(self._plans) > _MAX_PLANS:
             self._plans.popitem(last=False)
-        solution = None
-        if plan.solution is not None:
-            known = SolutionFields.model_fields
-            solution = SolutionFields(**{key: getattr(plan.solution, key) for key in known})
-        plain = {key: getattr(plan, key) for key in _PLAIN}
-        return PlanFields(plan=name, solution=solution, **plain)
+        solution = plan.solution and encode_fields(plan.solution, _ITERATES)
+        return {"plan": name, "solution": solution, **encode_fields(plan, _KEPT_THERE)}
 
     def get(self, name: str) -> MotionPlan:
         """Get a plan.
@@ -119,7 +79,7 @@ class PlanRegistry:
             )
         return self._plans[name]
 
-    def sample(self, name: str) -> SampleFields:
+    def sample(self, name: str) -> PathSamples:
         """Sample the path of a plan.
 
         Raises:
@@ -129,7 +89,7 @@ class PlanRegistry:
         step_s = max(_STEP_S, plan.duration_s / _MAX_SAMPLES)
         count = int(np.ceil(plan.duration_s / step_s)) + 1
         states = [plan.trajectory.state(min(i * step_s, plan.duration_s)) for i in range(count)]
-        return SampleFields(
+        return PathSamples(
             step_s=step_s,
             positions=np.array([state.position for state in states]),
             velocities=np.array([state.velocity for state in states]),
@@ -145,9 +105,9 @@ class RemoteTrajectory:
         fetch: Returns the samples.
     """
 
-    def __init__(self, plan: str, duration_s: float, fetch: Callable[[], SampleFields]) -> None:
+    def __init__(self, plan: str, duration_s: float, fetch: Callable[[], PathSamples]) -> None:
         self.plan, self._duration_s, self._fetch = plan, duration_s, fetch
-        self._samples: SampleFields | None = None
+        self._samples: PathSamples | None = None
 
     @property
     def duration_s(self) -> float:
@@ -158,9 +118,7 @@ class RemoteTrajectory:
         """Return position, velocity and acceleration (n,): cubic between the samples."""
         if self._samples is None:
             self._samples = self._fetch()
-        positions, velocities = (
-            cast("Matrix", each) for each in (self._samples.positions, self._samples.velocities)
-        )
+        positions, velocities = self._samples.positions, self._samples.velocities
         if time_s >= self._duration_s or len(positions) < 2:
             return TrajectoryPoint.at_rest(positions[-1])
         step_s = self._samples.step_s
@@ -183,13 +141,34 @@ def _hermite(
     )
 
 
-def plan_from_fields(fields: PlanFields, fetch: Callable[[str], SampleFields]) -> MotionPlan:
-    """Return the plan that a server keeps, with a path that is fetched when needed."""
-    solution = fields.solution
-    given = {} if solution is None else {key: getattr(solution, key) for key in
-                                         SolutionFields.model_fields}  # fmt: skip
-    return MotionPlan(
-        trajectory=RemoteTrajectory(fields.plan, fields.duration_s, lambda: fetch(fields.plan)),
-        solution=None if solution is None else Result(**given),
-        **{key: getattr(fields, key) for key in _PLAIN},
+def plan_from_fields(
+    fields: Mapping[str, Any], motion: MotionValue[Any], fetch: Callable[[str], PathSamples]
+) -> MotionPlan:
+    """Return the plan that a server keeps, with a path that is fetched when needed.
+
+    Args:
+        fields: What ``PlanRegistry.add`` returned there.
+        motion: What was planned.
+        fetch: Returns the samples of a plan by its id.
+
+    Raises:
+        IkservoError: They are of another version.
+    """
+    match fields:
+        case {"plan": str(name), "solution": solution, "duration_s": float(duration_s), **plain}:
+            path = RemoteTrajectory(name, duration_s, lambda: fetch(name))
+        case _:
+            raise other_version_error()
+    given = dict.fromkeys(_ITERATES) | {"trace": ()}
+    return decode_fields(
+        MotionPlan,
+        {**plain, "duration_s": duration_s},
+        {
+            "trajectory": path,
+            "solution": solution and decode_fields(Result, solution, given),
+            "motion": motion,
+            "requested": {},
+            "clamped": (),
+            "limp_arm": None,
+        },
     )

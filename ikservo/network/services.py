@@ -13,6 +13,7 @@ from ikservo.arm.motions import MotionValue, Replay, parse_motion
 from ikservo.arm.replies import SAME_VERSION
 from ikservo.arm.result_json import FloatArray
 from ikservo.errors import InputError, RefusedError
+from ikservo.files.validation import first_mistake
 
 __all__ = ["MOTIONS", "STREAMED", "WATCH", "Arguments", "AtSpeed", "Jog", "OfMotion", "OfPlan",
            "Service", "parse_arguments"]  # fmt: skip
@@ -118,10 +119,9 @@ def parse_arguments(kind: type[Arguments], given: Mapping[str, JsonValue]) -> Ar
     try:
         return kind.model_validate(given)
     except ValidationError as error:
-        first = error.errors(include_url=False, include_context=False, include_input=False)[0]
-        where = ".".join(map(str, first["loc"]))
+        where, why = first_mistake(error)
         raise InputError(
-            f"The argument {where} cannot be used: {first['msg']}.",
+            f"The argument {where} cannot be used: {why}.",
             f"Nothing was done. {SAME_VERSION}",
         ) from None
 

@@ -8,7 +8,7 @@ from typing import Annotated, Literal, TypeVar
 from pydantic import Field, TypeAdapter, ValidationError
 
 from ikservo.errors import InputError
-from ikservo.files.validation import StrictModel
+from ikservo.files.validation import StrictModel, first_mistake
 from ikservo.view.message_fields import Name, PageMessage, StopInput
 from ikservo.view.program_messages import ProgramMessage
 
@@ -429,6 +429,5 @@ def validate_message(adapter: TypeAdapter[_MessageT], text: str) -> _MessageT:
     try:
         return adapter.validate_json(text)
     except ValidationError as error:
-        first = error.errors(include_input=False, include_url=False)[0]
-        place = ".".join(str(part) for part in first["loc"])
-        raise BadMessageError(f"The message cannot be used: {place} {first['msg']}.") from None
+        where, why = first_mistake(error)
+        raise BadMessageError(f"The message cannot be used: {where} {why}.") from None
