@@ -12,7 +12,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
-from dataclasses import asdict
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from typing import Protocol
 
@@ -25,10 +25,45 @@ from ikservo.clock import Clock, RealClock
 from ikservo.control.stopping import StopOutcome
 from ikservo.errors import IkservoError
 from ikservo.guard import StopKind, StopReason
+from ikservo.kinematics.arrays import Vector, freeze_arrays
 
-__all__ = ["ArmService", "ServableArm"]
+__all__ = ["ArmDescription", "ArmService", "ServableArm"]
 
 _WATCH_PERIOD_S = 0.05
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmDescription:
+    """What an arm is, as another program has to know it besides its model.
+
+    Attributes:
+        version: Of ikservo.
+        arm: The arm's name.
+        port: The port it is on.
+        zeros: The name of the ``ZeroSource`` of its joints.
+        joints: All joints, in the order of vectors (n,).
+        lower: Their lower limits (n,), rad or m.
+        upper: Their upper limits.
+        chain: The joints from base to tip.
+        chain_lower: Their lower limits (dof,).
+        chain_upper: Their upper limits.
+        origins: The calibrated origin of each of them, T_parent_joint row by row (16,).
+    """
+
+    version: str
+    arm: str
+    port: str
+    zeros: str
+    joints: tuple[str, ...]
+    lower: Vector
+    upper: Vector
+    chain: tuple[str, ...]
+    chain_lower: Vector
+    chain_upper: Vector
+    origins: dict[str, tuple[float, ...]]
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
 
 
 class ServableArm(OpenArm, Protocol):
@@ -127,26 +162,26 @@ class ArmService:
             self.arm.runner.latch_stop(relaxed)
         return report
 
-    def describe(self) -> dict[str, object]:
-        """Return what the arm is, as plain values: joints, limits, calibrated chain."""
+    def describe(self) -> ArmDescription:
+        """Describe the arm to a program that knows its model."""
         arm = self.arm
         lower, upper = arm.limits()
-        origins = {
-            step.joint.name: step.joint.origin.ravel().tolist() for step in arm.chain.joints_to()
-        }
-        return {
-            "version": version("ikservo"),
-            "arm": arm.model.name,
-            "port": self.port,
-            "zeros": arm.zeros.name,
-            "joints": list(arm.joint_names),
-            "lower": lower.tolist(),
-            "upper": upper.tolist(),
-            "chain": list(arm.chain.names),
-            "chain_lower": arm.chain.lower_rad.tolist(),
-            "chain_upper": arm.chain.upper_rad.tolist(),
-            "origins": origins,
-        }
+        return ArmDescription(
+            version=version("ikservo"),
+            arm=arm.model.name,
+            port=self.port,
+            zeros=arm.zeros.name,
+            joints=arm.joint_names,
+            lower=lower,
+            upper=upper,
+            chain=arm.chain.names,
+            chain_lower=arm.chain.lower_rad,
+            chain_upper=arm.chain.upper_rad,
+            origins={
+                step.joint.name: tuple(step.joint.origin.ravel().tolist())
+                for step in arm.chain.joints_to()
+            },
+        )
 
     def health(self) -> dict[str, object]:
         """Return how the arm is, as plain values: state, stop, operator, temperature, alarms."""

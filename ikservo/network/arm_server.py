@@ -161,7 +161,7 @@ class ArmServer:
             case "clock":
                 return self._clock.now_s()
             case "describe":
-                return self.service.describe()
+                return encode_fields(self.service.describe())
             case "health":
                 return {**self.service.health(), "name": self.name}
             case "stop_count":

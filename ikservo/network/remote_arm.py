@@ -46,7 +46,7 @@ from ikservo.model import Model
 from ikservo.network.connection import Connection
 from ikservo.network.motion_calls import MotionCalls
 from ikservo.network.plan_fields import RemoteTrajectory
-from ikservo.network.remote_description import ArmDescription, RemotePoses, describe
+from ikservo.network.remote_description import RemotePoses, describe, described_chain
 from ikservo.network.remote_stream import RemoteStream, goal_fields, next_items
 from ikservo.recording.recording import ArmSample, Recording
 
@@ -78,9 +78,9 @@ class RemoteArm(MotionMethods):
         self._on_exit: OnExit = check_exit(on_exit)
         self._connection = connection
         self._calls = MotionCalls(connection)
-        self._described: ArmDescription = describe(model, connection)
-        self.model, self.chain = model, self._described.chain
-        self.zeros: ZeroSource = self._described.zeros
+        self._described = describe(model, connection)
+        self.model, self.chain = model, described_chain(model, self._described)
+        self.zeros = ZeroSource[self._described.zeros]
         self.joint_index = JointIndex.from_names(self.joint_names, self.chain.names)
         self.poses: PoseLibrary = RemotePoses(model, connection)
         self.background = Background(self, self._calls.stop_request)

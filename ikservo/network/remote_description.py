@@ -1,66 +1,25 @@
-"""What an arm on another machine is: joints, limits, chain and poses, checked against the model."""
+"""What an arm on another machine is, checked against the model of it here; its poses."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import fields
 from pathlib import Path
-from typing import Annotated, cast
+from typing import cast
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from ikservo.arm import ZeroSource
 from ikservo.arm.poses import PoseLibrary, Positions
-from ikservo.arm.replies import SAME_VERSION
-from ikservo.arm.result_json import FloatArray
-from ikservo.errors import IkservoError, InputError, UnknownNameError
+from ikservo.arm.replies import other_version_error
+from ikservo.arm.result_json import decode_fields
+from ikservo.arm.service import ArmDescription
+from ikservo.errors import InputError, UnknownNameError
 from ikservo.kinematics import Chain
-from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.model import Model
 from ikservo.network.connection import Connection
 
-__all__ = ["ArmDescription", "RemotePoses", "describe"]
-
-Names = Annotated[tuple[str, ...], Field(max_length=256)]
-
-
-class _Described(BaseModel):
-    model_config = ConfigDict(extra="ignore", arbitrary_types_allowed=True)
-    arm: str
-    port: str
-    zeros: str
-    joints: Names
-    lower: FloatArray
-    upper: FloatArray
-    chain: Names
-    chain_lower: FloatArray
-    chain_upper: FloatArray
-    origins: dict[str, FloatArray]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class ArmDescription:
-    """A served arm.
-
-    Attributes:
-        port: The port it is on, there.
-        joints: All joints, in the order of vectors (n,).
-        lower: Their lower limits (n,), rad or m.
-        upper: Their upper limits.
-        chain: Base to tip, as it was calibrated there, inside its limits.
-        zeros: Where the zeros of its joints come from.
-    """
-
-    port: str
-    joints: tuple[str, ...]
-    lower: Vector
-    upper: Vector
-    chain: Chain
-    zeros: ZeroSource
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
+__all__ = ["RemotePoses", "describe", "described_chain"]
 
 
 def describe(model: Model, connection: Connection) -> ArmDescription:
@@ -70,13 +29,12 @@ def describe(model: Model, connection: Connection) -> ArmDescription:
         InputError: It has other joints.
         IkservoError: The answer is of another version.
     """
-    try:
-        there = _Described.model_validate(connection.watch("describe"))
-        zeros = ZeroSource[there.zeros]
-    except (ValidationError, KeyError):
-        raise IkservoError(
-            "The other end describes its arm in an unknown way.", SAME_VERSION
-        ) from None
+    found = connection.watch("describe")
+    said = cast("Mapping[str, object]", found if isinstance(found, Mapping) else {})
+    known = {each.name for each in fields(ArmDescription)}  # a newer version may say more
+    there = decode_fields(ArmDescription, {key: said[key] for key in said.keys() & known})
+    if there.zeros not in ZeroSource.__members__:
+        raise other_version_error()
     own = tuple(joint.name for joint in model.joints)
     same = (there.joints, there.chain) == (own, model.chain.names)
     if there.arm != model.name or not same:
@@ -85,9 +43,13 @@ def describe(model: Model, connection: Connection) -> ArmDescription:
             f"{model.name} has {', '.join(own)}.",
             f"Choose {there.arm} with --arm.",
         )
-    origins = {name: np.reshape(flat, (4, 4)) for name, flat in there.origins.items()}
-    chain = model.chain.with_origins(origins).with_limits(there.chain_lower, there.chain_upper)
-    return ArmDescription(there.port, own, there.lower, there.upper, chain, zeros)
+    return there
+
+
+def described_chain(model: Model, there: ArmDescription) -> Chain:
+    """Return the chain of a model as it was calibrated there, inside its limits there."""
+    origins = {name: np.reshape(rows, (4, 4)) for name, rows in there.origins.items()}
+    return model.chain.with_origins(origins).with_limits(there.chain_lower, there.chain_upper)
 
 
 class RemotePoses(PoseLibrary):

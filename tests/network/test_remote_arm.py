@@ -9,6 +9,7 @@ import ikservo
 from ikservo.arm import Arm, OpenArm, ToolOrientation
 from ikservo.arm.motions import MoveArc, MoveGripper, MoveJoints, MovePose, MoveTo, Replay
 from ikservo.arm.opening import open_own_arm, require_own_port
+from ikservo.arm.result_json import encode_fields
 from ikservo.errors import (
     BadValueError,
     IkservoError,
@@ -19,6 +20,7 @@ from ikservo.errors import (
     UnknownNameError,
     UnreachableError,
 )
+from ikservo.network.connection import Connection
 from ikservo.network.remote_arm import RemoteArm
 from ikservo.recording.mcap_recording import CALIBRATION_FILE, read_attachment
 from tests.arm.simulated import call_before, registers
@@ -403,3 +405,39 @@ def test_setpoints_that_cannot_be_used_are_the_same_error_here_and_there(served,
             served.arm.stream().send(setpoint)
     assert type(there.value) is type(here.value)
     assert there.value.message == here.value.message
+
+
+@pytest.fixture
+def described(served, monkeypatch):
+    """Return a function that lets the served arm describe itself with some changes."""
+    right, watch = encode_fields(served.server.service.describe()), Connection.watch
+
+    def describe(change):
+        def answered(self, service, **arguments):
+            return change(right) if service == "describe" else watch(self, service, **arguments)
+
+        monkeypatch.setattr(Connection, "watch", answered)
+
+    return describe
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda _: None,
+        lambda right: {"arm": right["arm"]},
+        lambda right: right | {"zeros": "guessed"},
+        lambda right: right | {"lower": "low"},
+    ],
+    ids=["nothing", "name alone", "zeros", "limits"],
+)
+def test_descriptions_of_another_version_are_refused(served, described, change):
+    described(change)
+    with pytest.raises(IkservoError, match="unexpected reply"):
+        served.open()
+
+
+def test_descriptions_of_a_newer_version_may_say_more(served, described):
+    described(lambda right: right | {"weight_kg": 1.0})
+    with served.open() as arm:
+        assert arm.joint_names == served.arm.joint_names
