@@ -28,6 +28,9 @@ _SWUNG_RAD_S = (0.015, 0.005)
 _NEAR_TICKS = 3
 _MIN_WAIT_S = 0.04
 _AT_REST_S = 0.06
+# One without load may be so long where it turns round in its play, and its rotor crosses that
+# after its goal has moved.
+_UNLOADED_REST_S = 0.15
 # Sensor noise is within this.
 _NOISE_TICKS = 1
 
@@ -146,7 +149,10 @@ class GoalIntegrator:
 
         One that friction has just let go may be no further than noise so far.
         """
+        low, high = self._stuck
         still_s, last_s = time_s - self.still_since_s, time_s - self.moved_s
+        if low < 0.0 < high and min(still_s, self._swing.steady_s) < _UNLOADED_REST_S:
+            return True
         return still_s < _AT_REST_S or last_s < _MIN_WAIT_S or self._swing.may_swing(still_s)
 
     def goal_at(self, after_s: float) -> float:

@@ -25,6 +25,7 @@ class SwingDamper:
     Attributes:
         ticks: How far the joint went between the last two times that it turned round.
         rests: How often a swing came to rest.
+        steady_s: For how long the joint has not been corrected.
     """
 
     def __init__(self) -> None:
@@ -32,7 +33,7 @@ class SwingDamper:
         self._at = self._turn = self._extreme = self._heading = 0
         self._turns = 0.0
         self._has_begun = self._has_turned = False
-        self._since_s, self._middle, self._share, self._steady_s = math.inf, 0.0, 0.0, 0.0
+        self._since_s, self._middle, self._share, self.steady_s = math.inf, 0.0, 0.0, 0.0
 
     @property
     def swings(self) -> bool:
@@ -58,7 +59,7 @@ class SwingDamper:
             self._turn = self._extreme = tick
             self._has_begun = True
         self._at = tick
-        self._steady_s = 0.0 if goal_moves else self._steady_s + elapsed_s
+        self.steady_s = 0.0 if goal_moves else self.steady_s + elapsed_s
         if self._heading * (tick - self._extreme) > 0:
             self._extreme = tick
         elif abs(tick - self._extreme) > _NOISE_TICKS:
@@ -75,7 +76,7 @@ class SwingDamper:
         """Count a turn after which the joint has come to a tick."""
         self._has_turned = True
         self.ticks = abs(self._extreme - self._turn)
-        is_sure = self._steady_s > _AT_REST_S or self.ticks > _STICTION_TICKS
+        is_sure = self.steady_s > _AT_REST_S or self.ticks > _STICTION_TICKS
         if self._heading:
             self._turns += 1.0 if is_sure else _SHARE_OF_STICTION
         self._turn, self._extreme = self._extreme, tick
@@ -87,7 +88,7 @@ class SwingDamper:
         Args:
             still_s: For how long it has not moved.
         """
-        return self._has_turned and min(still_s, self._steady_s) < _AT_REST_S
+        return self._has_turned and min(still_s, self.steady_s) < _AT_REST_S
 
     def has_swung_at(self, time_s: float) -> bool:
         """Check whether the joint has swung for so long that it is left swinging."""
