@@ -83,8 +83,16 @@ class FeedForward:
         Args:
             positions: Of all joints (n,), rad or m.
         """
+        return np.clip(self.weight(positions) / _PRESSING - 1.0, 0.0, 1.0)
+
+    def weight(self, positions: Vector) -> Vector:
+        """Compute the weight of the links on each joint (dof,), as a multiple of its dry friction.
+
+        Args:
+            positions: Of all joints (n,), rad or m.
+        """
         weight = np.abs(self.parameters.dynamics.gravity_torques(positions[self._columns]))
-        return np.clip(weight / (_PRESSING * self._dry_friction) - 1.0, 0.0, 1.0)
+        return weight / self._dry_friction
 
     def offsets(
         self,

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.control.feed_forward import FeedForward
+from ikservo.control.preload import Preload
 from ikservo.control.tracking_feedback import TrackingFeedback
 from ikservo.guard import DrivenJoint
 from ikservo.kinematics.arrays import Matrix, Vector
@@ -36,6 +37,9 @@ _MAX_LOAD_OFFSET_RAD = 0.08
 _LOAD_STEP_RAD, _SLOPE_RANGE = 0.001, (0.3, 3.0)
 # How often gains follow the inertia of the posture.
 _INERTIA_PERIOD_S = 0.1
+# What a joint carries less than, as a multiple of its dry friction, that may rest anywhere in its
+# play; one that presses by more than this share of its friction to where it will move is there.
+_UNLOADED, _PUSHED = 1.0, 0.3
 # How fast the speed of a motion seems to change where its time is slowed down.
 _RATE_FILTER_S = 0.03
 
@@ -79,6 +83,8 @@ class GoalCompensator:
         self._fading = self._direction = np.zeros(n)
         self._faded_s, self._rate, self._held_s, self._adapted_s = np.zeros(n), 1.0, 0.0, 0.0
         self._clamped = np.zeros(n, dtype=bool)
+        self._preload: Preload | None = None
+        self._waits = False
         self._slope, self._is_load_bounded = np.ones(n), np.zeros(n, dtype=bool)
         self._last = TrajectoryPoint.at_rest(np.zeros(n))
 
@@ -126,6 +132,34 @@ class GoalCompensator:
         self._fading = offset - self._modelled(self._last, self._direction)
         self._faded_s, self._rate = np.zeros_like(reference), 1.0
         self._clamped = np.zeros_like(self._chain)
+        self._preload, self._waits = None, False
+
+    def preload(self, ahead: Vector, measured: Vector, elapsed_s: float) -> bool:
+        """Press rotors to the flanks that will push; return whether the motion may begin.
+
+        Called in each cycle before that, with the goals of the reference at its start in between.
+
+        Args:
+            ahead: By how much the reference moves at first (n,), rad or m.
+            measured: The joints (n,).
+            elapsed_s: Since the last cycle.
+        """
+        if self._preload is None:
+            sides = self._unloaded_sides(ahead)
+            self._preload = Preload(sides, measured, self._per_horn_rad, self._tick)
+        direction = self._preload.update(measured, self._direction, elapsed_s)
+        self._direction = self._direction if direction is None else direction
+        self._rate, self._waits = 1.0, direction is not None
+        return direction is None
+
+    def _unloaded_sides(self, ahead: Vector) -> Vector:
+        """Compute which way joints (n,) will move that no weight keeps on the flank for that."""
+        if self.feed_forward is None:
+            return np.zeros_like(ahead)
+        weight = np.full_like(ahead, np.inf)
+        weight[list(self.feed_forward.columns)] = self.feed_forward.weight(self._last.position)
+        sides = np.where(np.abs(ahead) > 0.1 * self._tick, np.sign(ahead), 0.0)
+        return np.where((weight < _UNLOADED) & (sides * self._direction < _PUSHED), sides, 0.0)
 
     def stuck_offsets(self, positions: Vector) -> tuple[Vector, Vector]:
         """Compute the lowest and the highest offset (n,) with which friction keeps joints at rest.
@@ -166,10 +200,11 @@ class GoalCompensator:
         self._faded_s = np.minimum(self._faded_s + begun * ease * elapsed_s, _FADE_S)
         rows = self._feed_forwards(self._last, self._direction)
         self._keep_slope(rows)
+        lead = 0.0 if self._preload is None else self._preload.lead
         offset = (
             self._offset(rows, self._direction)
             + self._feedback.fast * (1.0 - self._fade_share)
-            + self._fading * self._fade_share
+            + (self._fading + lead) * self._fade_share
         )
         return self._inside(point.position, offset)
 
@@ -192,10 +227,14 @@ class GoalCompensator:
             grow: How fast feedback may move goals (n,) further away, 0 to 1: not at all where they
                 were cut. Nor does it where a joint's goal is at a limit.
         """
+        if self._waits:  # what is off before a motion has begun is not learned
+            return
         last = self._last
         error = np.where(self._chain, last.position + since_s * last.velocity - measured, 0.0)
         moving = np.abs(last.velocity) / (_AT_REST_RAD_S * self._per_horn_rad)
         left = _REST_TICKS * self._tick * np.maximum(1.0 - moving, 0.0)
+        preloaded = False if self._preload is None else self._preload.joints
+        ahead = preloaded & (self._fade_share > 0.0)  # as it was pushed: no friction is less
         growing = np.where(self._clamped | self._is_load_bounded, 0.0, grow)
         self._feedback.update(
             error,
@@ -204,7 +243,7 @@ class GoalCompensator:
             fresh=fresh,
             grow=growing,
             slope=self._slope,
-            direction=np.where(moving > 1.0, self._direction, 0.0),
+            direction=np.where((moving > 1.0) & ~ahead, self._direction, 0.0),
         )
 
     def _adapt_gains(self, positions: Vector) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import median
@@ -36,6 +37,8 @@ _LATE_S, _LATE_CYCLES = 0.025, 50
 
 _CYCLE_TIMES_S = (0.002, 0.0025, 0.004, 0.005, 0.008, 0.01)
 _READINGS = 5
+# Which way joints move at first is seen in this time.
+_SOON_S = 0.1
 # The bus is busy for a quarter of each cycle; the rest is for computing and for retries.
 _TIME_MARGIN = 4.0
 _MIN_TIME_MARGIN = 1.25  # a slow bus may be busy for most of the cycle
@@ -295,6 +298,7 @@ class ControlLoop:
         cycle_time_s = self.measure_cycle_time_s()
         scaler = TimeScaler(cycle_time_s)
         sent_s, uncut, restarts = servos.clock.now_s(), True, servos.restarts
+        ahead = _first_way(trajectory) if compensated else None
         if compensated:
             servos.begin_compensation(cycle_time_s)
         for _ in Rate(servos.clock, cycle_time_s):
@@ -309,6 +313,9 @@ class ControlLoop:
             gap_s = scaler.step(now_s - before_s, braking=bool(servos.stop_request))
             sent_s = now_s
             advance_s = servos.allowed_advance_s(gap_s) if uncut else 0.0
+            if ahead is not None:
+                ahead = self._way_to_preload(ahead, measured, gap_s)
+                advance_s = advance_s if ahead is None else 0.0
             setpoint = setpoints.next_setpoint(advance_s)
             if compensated:
                 uncut = servos.send_reference(setpoint, advance_s, now_s)
@@ -327,6 +334,14 @@ class ControlLoop:
                 return measured
         raise AssertionError("the rate never ends")
 
+    def _way_to_preload(self, ahead: Vector, measured: Vector, gap_s: float) -> Vector | None:
+        """Preload joints for a cycle; return which way they will move (n,), None once that is done.
+
+        A motion that is to stop does not begin.
+        """
+        pushed = self._servos.compensator.preload(ahead, measured, gap_s)
+        return None if pushed and not self._servos.stop_request else ahead
+
     def _make_cycle(
         self, time_s: float, duration_s: float, reference: Vector, measured: Vector
     ) -> ControlCycle:
@@ -335,3 +350,10 @@ class ControlLoop:
         return ControlCycle(
             now_s, duration_s, servos.goals(), reference, measured, servos.lost_joints
         )
+
+
+def _first_way(trajectory: Trajectory) -> Vector | None:
+    """Compute how far joints go at first (n,), rad or m; None where that may change yet."""
+    if math.isinf(trajectory.duration_s):
+        return None
+    return trajectory.state(_SOON_S).position - trajectory.state(0.0).position
