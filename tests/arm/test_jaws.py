@@ -16,7 +16,8 @@ from ikservo.model.model import KeepOutBox
 from tests.arm.simulated import clock_of, true_joints
 from tests.oracle import CONFIGS
 
-GRIPPERS = ("so101", "so100", "koch", "omx_f", "open_manipulator_x", "px100", "wx250s", "vx300s")
+GRIPPERS = ("so101", "so100", "koch", "omx_f", "open_manipulator_x", "px100", "px150", "rx150",
+            "rx200", "wx200", "wx250s", "vx250", "vx300s")  # fmt: skip
 DEEP_M = -2.0  # a floor that no arm comes near
 
 

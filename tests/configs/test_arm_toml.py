@@ -92,8 +92,8 @@ def lowest_m(model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, float]:
     return heights
 
 
-def test_ten_arms_are_shipped():
-    assert len(ARMS) == 10
+def test_fifteen_arms_are_shipped():
+    assert len(ARMS) == 15
 
 
 @pytest.mark.parametrize("arm", ARMS)
@@ -165,9 +165,11 @@ def test_a_shadow_is_mounted_face_to_face_with_its_leader(arm):
             assert sorted(reversed_) == [0, 1]
 
 
-def test_the_big_interbotix_arms_have_two_shadows_each():
+def test_six_interbotix_arms_have_shadows():
     shadows = {arm: sum(len(j.get("shadows", [])) for j in read(arm)["joints"]) for arm in ARMS}
-    assert {arm: n for arm, n in shadows.items() if n} == {"vx300s": 2, "wx250s": 2}
+    assert {arm: n for arm, n in shadows.items() if n} == {
+        "px150": 2, "rx200": 1, "vx250": 1, "vx300s": 2, "wx200": 1, "wx250s": 2,
+    }  # fmt: skip
 
 
 @pytest.mark.parametrize("arm", ARMS)
