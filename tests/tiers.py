@@ -15,7 +15,7 @@ FULL_FOLDERS = {
 }  # fmt: skip
 MOVING_FOLDERS = {"api", "arm", "cli", "guard", "network", "view"}
 OTHER_ARM = re.compile(
-    r"(?<![a-z0-9])(open_manipulator_x|omx_f|px1[05]0|rx150|rx200|wx200|wx250s|vx250|vx300s"
+    r"(?<![a-z0-9])(open_manipulator_x|omx_[fl]|px1[05]0|rx150|rx200|wx200|wx250s|vx250|vx300s"
     r"|so100|planar2|planar3)(?![a-z0-9])"
 )
 

@@ -30,6 +30,7 @@ CONFIGS = Path(__file__).resolve().parents[1] / "configs"
 SERVO_KG = {
     "STS3215":    0.055,
     "XL330-M288": 0.018,
+    "XL330-M077": 0.018,
     "XL430-W250": 0.057,
     "XM430-W350": 0.082,
     "XM540-W270": 0.165,

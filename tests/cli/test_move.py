@@ -104,8 +104,8 @@ def test_relax_goes_to_rest_and_says_so(run_cli):
 def test_arms_lists_what_can_stand_behind_arm(run_cli):
     names = [arm["name"] for arm in run_cli("arms --json").json["arms"]]
     assert names == [
-        "koch", "omx_f", "open_manipulator_x", "planar2", "planar3", "px100", "px150", "rx150",
-        "rx200", "so100", "so101", "vx250", "vx300s", "wx200", "wx250s",
+        "koch", "omx_f", "omx_l", "open_manipulator_x", "planar2", "planar3", "px100", "px150",
+        "rx150", "rx200", "so100", "so101", "vx250", "vx300s", "wx200", "wx250s",
     ]  # fmt: skip
 
 

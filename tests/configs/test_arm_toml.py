@@ -92,8 +92,8 @@ def lowest_m(model: mujoco.MjModel, data: mujoco.MjData) -> dict[str, float]:
     return heights
 
 
-def test_fifteen_arms_are_shipped():
-    assert len(ARMS) == 15
+def test_sixteen_arms_are_shipped():
+    assert len(ARMS) == 16
 
 
 @pytest.mark.parametrize("arm", ARMS)

@@ -55,6 +55,7 @@ BASES = {
 TIPS_M = {
     "open_manipulator_x": (0.012 + 0.024 + 0.124 + 0.126,            0,        0.0595 + 0.128),
     "omx_f":              (0.0415 + 0.162 + 0.0287 + 0.09193 - 0.01125, -0.0016, 0.0975 + 0.11315),
+    "omx_l":              (0.2235 - 0.0095,                          0,        0.0965 + 0.1075),
     "px100":              (0.248575,                                 0,        0.1931),
     "px150":              (0.358575,                                 0,        0.25457),
     "rx150":              (0.358575,                                 0,        0.25457),
@@ -70,7 +71,7 @@ TIPS_M = {
 # What the whole arm may weigh [kg]: parts lists and makers' sheets.
 MASS_KG = {
     "so101": (0.6, 0.7), "so100": (0.6, 0.8), "koch": (0.3, 0.45),
-    "open_manipulator_x": (0.65, 0.75), "omx_f": (0.5, 0.65),
+    "open_manipulator_x": (0.65, 0.75), "omx_f": (0.5, 0.65), "omx_l": (0.3, 0.4),
     "px100": (0.7, 0.9), "px150": (1.7, 2.0), "rx150": (1.6, 1.9), "rx200": (1.7, 2.0),
     "wx200": (1.7, 2.0), "vx250": (2.7, 3.2), "wx250s": (2.0, 2.4), "vx300s": (3.3, 4.0),
     "planar2": (0.2, 0.5), "planar3": (0.2, 0.6),
@@ -159,7 +160,7 @@ def inertia_tool():
     return module
 
 
-def test_fifteen_arms_are_shipped():
+def test_sixteen_arms_are_shipped():
     assert set(ARMS) == set(CHAINS) | set(TIPS_M)
 
 

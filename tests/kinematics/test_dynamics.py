@@ -181,9 +181,9 @@ def test_the_guard_sags_by_the_same_torques(name):
 # Gautier and Khalil 1990: the first joint, along gravity, has one base parameter, each further
 # revolute one that is no translation of it seven; a plane's joints have one and three more each.
 COUNTS = {
-    "koch": 29, "omx_f": 29, "open_manipulator_x": 22, "planar2": 4, "planar3": 7, "px100": 22,
-    "px150": 29, "rx150": 29, "rx200": 29, "so100": 29, "so101": 29, "vx250": 29, "vx300s": 36,
-    "wx200": 29, "wx250s": 36,
+    "koch": 29, "omx_f": 29, "omx_l": 29, "open_manipulator_x": 22, "planar2": 4, "planar3": 7,
+    "px100": 22, "px150": 29, "rx150": 29, "rx200": 29, "so100": 29, "so101": 29, "vx250": 29,
+    "vx300s": 36, "wx200": 29, "wx250s": 36,
 }  # fmt: skip
 COUNTS_AT_REST = {name: 2 * (round((count - 1) / 7)) for name, count in COUNTS.items()} | {
     "planar2": 0,
