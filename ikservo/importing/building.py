@@ -248,7 +248,7 @@ def _lowest_m(urdf: Urdf, shapes: ShapeConversion) -> float:
 
 def _servo_model(draft: ArmDraft, options: ImportOptions) -> tuple[str, str]:
     """Return the model of the servos, and why; leaves out masses that none could lift."""
-    loads = _loads_nm(draft)
+    loads = _loads_nm(draft, options)
     choices = [(options.servo_model, None)] if options.servo_model else [*_LIFTERS]
     for model, supply_v in choices:
         torque = find_servo_torque(model, supply_v)
@@ -271,8 +271,8 @@ def _servo_model(draft: ArmDraft, options: ImportOptions) -> tuple[str, str]:
     return _LIFTERS[-1][0], ", the strongest, because none could lift the arm"
 
 
-def _loads_nm(draft: ArmDraft) -> dict[str, float]:
-    """Return the weight on each joint that turns, in its heaviest posture; empty without masses."""
+def _loads_nm(draft: ArmDraft, options: ImportOptions) -> dict[str, float]:
+    """Return the weight at each servo in its heaviest posture; empty without masses."""
     chain = build_chain(draft.urdf, draft.tip)
     model = Model.from_geometry(draft.name, draft.name, chain, draft.urdf, Path())
     masses = link_masses(model, chain)
@@ -280,10 +280,12 @@ def _loads_nm(draft: ArmDraft) -> dict[str, float]:
         return {}
     body = Dynamics.from_masses(chain, masses)
     heaviest = np.abs(body.gravity_torques(spread_postures(chain))).max(axis=0)
-    turning = {joint.name for joint in draft.urdf.joints
-               if joint.kind is not UrdfJointType.PRISMATIC}  # fmt: skip
+    per_horn_rad = {
+        joint.name: (options.m_per_turn.get(joint.name) or guessed_m_per_turn(joint)) / math.tau
+        for joint in draft.urdf.joints
+        if joint.kind is UrdfJointType.PRISMATIC
+    }
     return {
-        name: float(load)
+        name: float(load) * per_horn_rad.get(name, 1.0)
         for name, load in zip(chain.names, heaviest, strict=True)
-        if name in turning
     }

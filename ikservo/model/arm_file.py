@@ -59,6 +59,7 @@ def arm_file_issues(arm: ArmFile) -> Iterator[ValidationIssue]:
     yield from _check_joint_order(arm)
     yield from _find_repeated(_servo_ids(arm), "an id that is unique on the bus")
     yield from _check_transmissions(arm)
+    yield from _check_limits(arm)
     yield from _check_pose_joints(arm)
     yield from _check_health(arm.health)
     if not arm.calibration.auto and arm.calibration.reason is None:
@@ -114,6 +115,21 @@ def _check_transmissions(arm: ArmFile) -> Iterator[ValidationIssue]:
         if servo.crank and servo.crank.radius_m >= servo.crank.rod_m:
             found = f"is {servo.crank.radius_m}, not shorter than the rod"
             yield ValidationIssue((*where, "crank", "radius_m"), found, "radius_m < rod_m")
+
+
+def _check_limits(arm: ArmFile) -> Iterator[ValidationIssue]:
+    for i, joint in enumerate(arm.joints):
+        own, other = (
+            ("limits_m", "limits_deg") if joint.is_prismatic else ("limits_deg", "limits_m")
+        )
+        if getattr(joint, other) is not None:
+            verb = "slides" if joint.is_prismatic else "turns"
+            yield ValidationIssue(("joints", i, other), f"is set, but {joint.name} {verb}", own)
+        limits = getattr(joint, own)
+        if limits is not None and not limits[0] < limits[1]:
+            yield ValidationIssue(
+                ("joints", i, own), f"is {list(limits)}", "the lower limit below the upper one"
+            )
 
 
 def _check_pose_joints(arm: ArmFile) -> Iterator[ValidationIssue]:

@@ -112,6 +112,12 @@ class ArmJoint(StrictModel):
     zero_from: Literal["vendor", "nominal"] = Field(description="vendor or nominal")
     servo: ArmServo = Field(description="a table { id = …, model = …, sign = …, zero_tick = … }")
     backlash_deg: Play = Field(default=0.0, description="degrees the horn turns in vain, 0 to 10")
+    limits_deg: tuple[float, float] | None = Field(
+        default=None, strict=False, description="[lower, upper] in place of the URDF's, degrees"
+    )
+    limits_m: tuple[float, float] | None = Field(
+        default=None, strict=False, description="the same of a joint that slides, metres"
+    )
     shadows: tuple[ArmShadow, ...] = Field(
         default=(), strict=False, description="a list of tables like servo"
     )

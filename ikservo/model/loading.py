@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -147,6 +148,7 @@ def _load_arm_model(path: Path, tip: str | None) -> Model:
     arm = read_arm_file(path)
     urdf = read_description(arm.urdf_path, path.parent)
     _check_contact_shapes(arm.urdf_path, urdf)
+    urdf = _with_own_limits(urdf, arm.joints)
     _check_tip(path, arm, urdf)
     joints = tuple(_make_model_joint(path, arm, i, urdf) for i in range(len(arm.joints)))
     _check_poses(path, joints, arm)
@@ -175,6 +177,24 @@ def _load_arm_model(path: Path, tip: str | None) -> Model:
         base_frame=arm.base_frame or "",
         payload_kg=arm.payload_kg,
     )
+
+
+def _with_own_limits(urdf: Urdf, entries: Sequence[ArmJoint]) -> Urdf:
+    """Return a tree in which joints have the limits of the arm file, where that gives any."""
+    own = {
+        entry.name: entry.limits_m or tuple(math.radians(each) for each in entry.limits_deg or ())
+        for entry in entries
+    }
+    joints = list[UrdfJoint]()
+    for joint in urdf.joints:
+        limits = own.get(joint.name)
+        if limits and joint.kind.is_movable:
+            turns = joint.kind is UrdfJointType.CONTINUOUS
+            kind = UrdfJointType.REVOLUTE if turns else joint.kind
+            joints.append(replace(joint, kind=kind, lower=limits[0], upper=limits[1]))
+        else:
+            joints.append(joint)
+    return replace(urdf, joints=tuple(joints))
 
 
 def _check_contact_shapes(path: Path, urdf: Urdf) -> None:
@@ -223,15 +243,13 @@ def _find_control_table(path: Path, where: str, model: str) -> type[ControlTable
 
 
 def _check_poses(path: Path, joints: Sequence[ModelJoint], arm: ArmFile) -> None:
-    """Check that every pose is inside the limits of the URDF."""
+    """Check that every pose is inside the limits."""
     limits = {joint.name: joint.limits for joint in joints}
     for pose, table in arm.poses.items():
         for name, position in _pose_positions(table).items():
             if not limits[name].contains(position):
                 where = f"poses.{pose}.{'m' if limits[name].unit == 'm' else 'deg'}.{name}"
-                found = (
-                    f"is {format_position(position, limits[name].unit)}, outside the URDF's limits"
-                )
+                found = f"is {format_position(position, limits[name].unit)}, outside its limits"
                 low, high = limits[name].lower.value, limits[name].upper.value
                 unit = limits[name].unit
                 raise FileFormatError(
@@ -292,7 +310,7 @@ def _make_gripper(path: Path, gripper: ArmGripper, joints: Sequence[ModelJoint])
     ends = jaws.limits.lower.value, jaws.limits.upper.value
     if not all(map(math.isfinite, ends)):
         found = f'"{jaws.name}" is continuous in the description, so its jaws have no ends'
-        expected = 'type="revolute" there, and <limit lower="…" upper="…"/> in radians'
+        expected = "its range: limits_deg = [lower, upper]"
         raise FileFormatError(path, f"joints[{joints.index(jaws)}]", found, expected)
     closed = min(ends, key=abs) if gripper.closes_to is None else ends[gripper.closes_to == "upper"]
     by_angle = tuple((math.radians(deg), width) for deg, width in gripper.width_m_by_deg)

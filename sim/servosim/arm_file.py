@@ -38,10 +38,11 @@ class ServoEntry:
 
 @dataclass(frozen=True, slots=True)
 class JointEntry:
-    """A joint and its servos, the leading one first."""
+    """A joint and its servos, the leading one first; None where its limits are the URDF's."""
 
     name: str
     servos: tuple[ServoEntry, ...]
+    limits: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +114,17 @@ def _parse_arm(path: Path, document: dict[str, Any]) -> SimulatedArmFile:
 
 def _parse_joint(entry: dict[str, Any]) -> JointEntry:
     servos = [entry["servo"], *entry.get("shadows", []), *entry["servo"].get("shadows", [])]
-    return JointEntry(str(entry["name"]), tuple(_parse_servo(servo) for servo in servos))
+    return JointEntry(
+        str(entry["name"]), tuple(_parse_servo(servo) for servo in servos), _parse_limits(entry)
+    )
+
+
+def _parse_limits(entry: dict[str, Any]) -> tuple[float, float] | None:
+    for key, unit in (("limits_deg", math.radians(1.0)), ("limits_m", 1.0)):
+        if key in entry:
+            lower, upper = (unit * float(each) for each in entry[key])
+            return lower, upper
+    return None
 
 
 def _parse_servo(entry: dict[str, Any]) -> ServoEntry:

@@ -82,7 +82,7 @@ def make_arm_world(
     body = RigidArm(arm.urdf, names, specimen, arm.tip)
     build = _ServoBuild(arm, member, backlash_deg, specimen)
     joints = [
-        _make_joint(build, entry, arm.poses[pose].get(entry.name, 0.0), limits)
+        _make_joint(build, entry, arm.poses[pose].get(entry.name, 0.0), entry.limits or limits)
         for entry, limits in zip(arm.joints, body.limits, strict=True)
     ]
     tip = body.tip(arm.tip) if arm.tip else None
