@@ -5,6 +5,7 @@ from __future__ import annotations
 import contextlib
 import importlib
 import json
+import re
 from pathlib import Path
 from typing import Any
 
@@ -23,11 +24,12 @@ _FORMATS = (".stl", ".obj", ".ply", ".glb", ".gltf", ".dae")
 _MAX_BYTES = 32 * 1024 * 1024
 MAX_TRIANGLES = 300_000
 """Of a mesh; half a minute of fitting at worst, once."""
+_UNIT_BYTES = 64 * 1024
 _STL_HEAD_BYTES, _STL_TRIANGLE_BYTES, _GLB_HEAD_BYTES = 84, 50, 20
 
 
 def read_triangles(path: Path, data: bytes, link: str) -> Triangles:
-    """Read the corners of all triangles (n, 3, 3), in the file's own unit.
+    """Read the corners of all triangles (n, 3, 3), in the file's own unit; Collada in metres.
 
     Files that the mesh names (buffers of glTF) are read from its own folder only.
 
@@ -51,9 +53,23 @@ def read_triangles(path: Path, data: bytes, link: str) -> Triangles:
     _check_count(path, place, _stated_triangles(suffix, data))
     triangles = _load_mesh(path, data, place)
     _check_count(path, place, len(triangles))
+    if suffix == ".dae":
+        triangles *= _collada_metre(data)
     if not len(triangles) or not np.isfinite(triangles).all():
         raise FileFormatError(path, place, "it has no triangles", "a surface of triangles")
     return triangles
+
+
+_UNIT = re.compile(rb"""<unit\b[^>]*\bmeter\s*=\s*["']([0-9.eE+-]{1,24})["']""")
+
+
+def _collada_metre(data: bytes) -> float:
+    """Return how many metres the unit of a Collada file is, which names it; 1 if it does not."""
+    found = _UNIT.search(data[:_UNIT_BYTES])
+    with contextlib.suppress(ValueError):
+        metre = float(found[1]) if found else 1.0
+        return metre if 1e-6 <= metre <= 1e3 else 1.0
+    return 1.0
 
 
 def _check_count(path: Path, place: str, triangles: float) -> None:

@@ -38,6 +38,7 @@ from ikservo.model.urdf_types import (
 
 __all__ = ["ContactFit", "MeshStep", "ShapeConversion", "capsule_shapes", "convert_shapes"]
 
+_MAX_SIZE_M = 5.0  # of a mesh; a larger one is in millimetres, without a scale
 _ROD_M = 0.015  # the radius of what stands for a link whose shapes are missing
 MAX_PICTURE_TRIANGLES = 12_000
 """Of a mesh that is kept for pictures; finer ones are made coarser."""
@@ -208,6 +209,12 @@ class _ShapeConverter:
                 triangles = (
                     shape.triangles_m if isinstance(shape, Surface) else mesh_triangles(link, shape)
                 )
+                size_m = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
+                if size_m > _MAX_SIZE_M:
+                    self._result.notes.append(
+                        f"mesh {_name_of(shape)} is left out: it is {size_m:.0f} m large."
+                    )
+                    triangles = None
             except FileFormatError as error:
                 self._result.notes.append(f"mesh {_name_of(shape)} is left out: {error.found}.")
             self._loaded[key] = _LoadedMesh(triangles)

@@ -47,7 +47,7 @@ def read_numbers(
     return default if text is None else tuple(float(word) for word in text.split())
 
 
-SPACING_M = 0.02  # of the points on a surface
+SPACING_M, MOST_STEPS = 0.02, 50  # of the points on a surface, along an edge
 # A cylinder counts as the box whose square section has the same area; a sphere as the inner cube.
 SQUARE, CUBE = math.sqrt(math.pi) / 2.0, 1.0 / math.sqrt(3.0)
 
@@ -105,7 +105,7 @@ def _surface_points(half_m: Matrix) -> Matrix:
     """Return points of a grid on the surface (k, 3), corners included."""
     halves: list[float] = half_m.tolist()
     edges: list[list[float]] = [
-        np.linspace(-h, h, 2 + int(2.0 * h / SPACING_M)).tolist() for h in halves
+        np.linspace(-h, h, 2 + min(int(2.0 * h / SPACING_M), MOST_STEPS)).tolist() for h in halves
     ]
     grid = np.array(list(itertools.product(*edges)))
     return grid[(np.abs(np.abs(grid) - half_m) < 1e-9).any(axis=1)]

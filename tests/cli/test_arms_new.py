@@ -218,6 +218,12 @@ def test_a_missing_mesh_is_left_out_and_said(make, source, tmp_path):
     assert capsules_of(ikservo.load_model(tmp_path / "mine"))
 
 
+def test_a_mesh_as_large_as_a_house_is_left_out(make, source, tmp_path):
+    source.write_text(source.read_text().replace('scale="0.001 0.001 0.001"', ""))
+    assert make().code == 0
+    assert "bar.stl is left out: it is 120 m large" in (tmp_path / "mine" / "import.md").read_text()
+
+
 def test_json_names_every_file(make, tmp_path):
     result = make("--json --dry-run")
     (arm,) = json.loads(result.out)["arms"]

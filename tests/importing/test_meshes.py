@@ -63,6 +63,20 @@ def test_every_format_gives_the_same_triangles(name, tmp_path):
     np.testing.assert_allclose(found.max(axis=(0, 1)), mesh.bounds[1], atol=1e-6)
 
 
+@pytest.mark.parametrize(("unit", "metre"), [("0.001", 0.001), ("1", 1.0), ("0", 1.0), ("x", 1.0)])
+def test_a_collada_file_says_its_unit(tmp_path, unit, metre):
+    path = tmp_path / "shape.dae"
+    text = link_like("bar").export(file_type="dae").decode()
+    assert "<created>" in text
+    path.write_text(text.replace("<created>", f'<unit name="u" meter="{unit}"/><created>', 1))
+    try:
+        found = mesh_triangles("upper", mesh_at(path))
+    except FileFormatError:
+        assert unit == "x"  # its reader refuses it
+        return
+    np.testing.assert_allclose(np.ptp(found, axis=(0, 1)), metre * np.array((0.12, 0.03, 0.02)))
+
+
 def test_gltf_reads_its_buffers_from_its_folder_only(tmp_path):
     files = trimesh.exchange.gltf.export_gltf(link_like("bar").scene())
     (tmp_path / "in").mkdir()
