@@ -12,6 +12,7 @@ from ikservo.errors import CollisionError
 from ikservo.guard.sag import Sag
 from ikservo.kinematics.arrays import Matrix, Vector, finite_vectors
 from ikservo.kinematics.collision import CollisionBody
+from ikservo.kinematics.packed import SHAPE_WIDTH
 from ikservo.model.model import KeepOutBox
 
 __all__ = [
@@ -102,7 +103,7 @@ class CollisionChecker:
         self._body = packed = body.pack()
         self._sag = sag
         self._floor_m = -math.inf if floor_m is None else floor_m
-        self._boxes = np.array([[*box.low_m, *box.high_m] for box in boxes]).reshape(len(boxes), 6)
+        self._shapes = np.array([box.row for box in boxes]).reshape(len(boxes), SHAPE_WIDTH)
         things = ["the table", *(box.name for box in boxes)]
         around = [(link, thing) for thing in things for link in packed.names]
         self.pairs = (*packed.pairs, *around)
@@ -187,7 +188,7 @@ class CollisionChecker:
             body.capsules,
             body.rows,
             self._floor_m,
-            self._boxes,
+            self._shapes,
             q,
             places,
             ends,

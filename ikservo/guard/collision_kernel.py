@@ -9,12 +9,17 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 from ikservo.ik.kernel.compiled import entry
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.packed import (
     AXIS,
     CAPSULE_WIDTH,
+    CENTRE,
     END,
+    HALF,
+    IS_CYLINDER,
     IS_PRISMATIC,
     LINK,
     LINK_POSE,
@@ -25,10 +30,22 @@ from ikservo.kinematics.packed import (
     ORIGIN,
     PARENT,
     RADIUS,
+    ROUNDING,
+    SHAPE_WIDTH,
     START,
 )
 
-__all__ = ["gravity_torques_kernel", "min_distances"]
+__all__ = [
+    "add_gravity_torques",
+    "gravity_torques_kernel",
+    "is_tree",
+    "min_distances",
+    "place_capsules",
+    "place_links",
+    "point_shape_distance",
+    "segment_distance",
+    "segment_shape_distance",
+]
 
 _TINY = 1e-30
 _GOLDEN = (5**0.5 - 1) / 2
@@ -40,16 +57,16 @@ def distances_fit(
     capsules: Matrix,
     pairs: Matrix,
     floor_m: float,
-    boxes: Matrix,
+    shapes: Matrix,
     postures: Matrix,
     places: Matrix,
     ends: Matrix,
     distances: Matrix,
 ) -> bool:
     """Check whether arrays have the shapes that ``min_distances`` needs, and indices exist."""
-    if not _is_tree(links, postures.shape[1]) or capsules.shape[1] != CAPSULE_WIDTH:
+    if not is_tree(links, postures.shape[1]) or capsules.shape[1] != CAPSULE_WIDTH:
         return False
-    between = distances.shape[1] - len(links) * (1 + len(boxes))
+    between = distances.shape[1] - len(links) * (1 + len(shapes))
     for i in range(len(capsules)):
         link = capsules[i, LINK]
         if not 0.0 <= link < len(links):
@@ -64,7 +81,7 @@ def distances_fit(
             return False
     return (
         between >= 0
-        and boxes.shape[1] == 6
+        and shapes.shape[1] == SHAPE_WIDTH
         and len(places) == len(links)
         and places.shape[1] == 12
         and len(ends) == len(capsules)
@@ -80,7 +97,7 @@ def min_distances(
     capsules: Matrix,
     pairs: Matrix,
     floor_m: float,
-    boxes: Matrix,
+    shapes: Matrix,
     postures: Matrix,
     places: Matrix,
     ends: Matrix,
@@ -93,27 +110,27 @@ def min_distances(
         capsules: One row each.
         pairs: (m, 3) rows of two capsules, and their column of ``distances``.
         floor_m: The height of the table; minus infinity where there is none.
-        boxes: (k, 6) lowest and highest corners.
+        shapes: (k, 17) rows; see ``kinematics.packed``.
         postures: Joint vectors (n, dof).
         places: (links, 12), work array: the pose of each link.
         ends: (capsules, 6), work array: the ends of the segments.
         distances: (n, pairs of links + links * (1 + k)), output; initialised to infinity.
     """
-    between = distances.shape[1] - len(links) * (1 + len(boxes))
+    between = distances.shape[1] - len(links) * (1 + len(shapes))
     for n in range(len(postures)):
-        _place_links(links, postures[n], places)
-        _place_capsules(capsules, places, ends)
+        place_links(links, postures[n], places)
+        place_capsules(capsules, places, ends)
         for k in range(len(pairs)):
             first, second, column = int(pairs[k, 0]), int(pairs[k, 1]), int(pairs[k, 2])
-            gap_m = _segment_distance(ends, first, second)
+            gap_m = segment_distance(ends, first, second)
             gap_m -= capsules[first, RADIUS] + capsules[second, RADIUS]
             distances[n, column] = min(distances[n, column], gap_m)
         for i in range(len(capsules)):
             column = between + int(capsules[i, LINK])
             gap_m = min(ends[i, 2], ends[i, 5]) - capsules[i, RADIUS] - floor_m
             distances[n, column] = min(distances[n, column], gap_m)
-            for b in range(len(boxes)):
-                gap_m = _segment_box_distance(ends, i, boxes, b) - capsules[i, RADIUS]
+            for b in range(len(shapes)):
+                gap_m = segment_shape_distance(ends, i, shapes, b) - capsules[i, RADIUS]
                 at = column + len(links) * (1 + b)
                 distances[n, at] = min(distances[n, at], gap_m)
 
@@ -123,7 +140,7 @@ def torques_fit(
 ) -> bool:
     """Check whether arrays have the shapes that ``gravity_torques_kernel`` needs."""
     return (
-        _is_tree(links, postures.shape[1])
+        is_tree(links, postures.shape[1])
         and len(masses) == len(links)
         and masses.shape[1] == 4
         and len(places) == len(links)
@@ -133,7 +150,7 @@ def torques_fit(
     )
 
 
-def _is_tree(links: Matrix, dof: int) -> bool:
+def is_tree(links: Matrix, dof: int) -> bool:
     """Check whether links have their parents before them, and joints a column of q."""
     if links.shape[1] != LINK_WIDTH:
         return False
@@ -160,20 +177,27 @@ def gravity_torques_kernel(
         torques: (n, dof), output; initialised to zero.
     """
     for n in range(len(postures)):
-        _place_links(links, postures[n], places)
-        for i in range(len(links)):
-            if masses[i, 0] > 0.0:
-                x, y = _mass_centre_xy(places, i, masses)
-                j = i
-                while links[j, PARENT] >= 0.0:
-                    if links[j, MIMIC_SCALE] != 0.0:
-                        rise = (
-                            masses[i, 0]
-                            * links[j, MIMIC_SCALE]
-                            * _height_derivative(links, places, j, x, y)
-                        )
-                        torques[n, int(links[j, MIMIC_COLUMN])] -= rise
-                    j = int(links[j, PARENT])
+        place_links(links, postures[n], places)
+        add_gravity_torques(links, masses, places, torques, n)
+
+
+def add_gravity_torques(
+    links: Matrix, masses: Matrix, places: Matrix, torques: Matrix, n: int
+) -> None:
+    """Add the torques of gravity on placed links to row ``n``; see ``gravity_torques_kernel``."""
+    for i in range(len(links)):
+        if masses[i, 0] > 0.0:
+            x, y = _mass_centre_xy(places, i, masses)
+            j = i
+            while links[j, PARENT] >= 0.0:
+                if links[j, MIMIC_SCALE] != 0.0:
+                    rise = (
+                        masses[i, 0]
+                        * links[j, MIMIC_SCALE]
+                        * _height_derivative(links, places, j, x, y)
+                    )
+                    torques[n, int(links[j, MIMIC_COLUMN])] -= rise
+                j = int(links[j, PARENT])
 
 
 def _mass_centre_xy(places: Matrix, i: int, masses: Matrix) -> tuple[float, float]:
@@ -197,7 +221,7 @@ def _height_derivative(links: Matrix, places: Matrix, j: int, x: float, y: float
     return ax * (y - places[j, 10]) - ay * (x - places[j, 9])
 
 
-def _place_links(links: Matrix, q: Vector, places: Matrix) -> None:
+def place_links(links: Matrix, q: Vector, places: Matrix) -> None:
     """Compute R_world_link row by row, then p, of each link: parent, origin, motion."""
     for i in range(len(links)):
         parent = int(links[i, PARENT])
@@ -250,7 +274,8 @@ def _apply_joint_motion(places: Matrix, i: int, links: Matrix, value: float) -> 
         places[i, 3 * r + 2] = z + s * (x * ay - y * ax) + v * (along * az - z)
 
 
-def _place_capsules(capsules: Matrix, places: Matrix, ends: Matrix) -> None:
+def place_capsules(capsules: Matrix, places: Matrix, ends: Matrix) -> None:
+    """Compute both ends of each capsule's segment from the places of the links."""
     for i in range(len(capsules)):
         link = int(capsules[i, LINK])
         for r in range(3):
@@ -265,7 +290,7 @@ def _place_capsules(capsules: Matrix, places: Matrix, ends: Matrix) -> None:
                 )
 
 
-def _segment_distance(ends: Matrix, i: int, j: int) -> float:
+def segment_distance(ends: Matrix, i: int, j: int) -> float:
     """Compute the distance of two segments; see ``kinematics.capsules.segment_distance``."""
     a = e = b = c = f = 0.0
     for k in range(3):
@@ -285,25 +310,91 @@ def _segment_distance(ends: Matrix, i: int, j: int) -> float:
     return math.sqrt(gap2)
 
 
-def _segment_box_distance(ends: Matrix, i: int, boxes: Matrix, b: int) -> float:
-    """Compute the distance of a segment from a box; 0 inside. The distance is convex along it."""
+def segment_shape_distance(ends: Matrix, i: int, shapes: Matrix, b: int) -> float:
+    """Compute the distance of a segment from a shape; 0 or less inside.
+
+    The squared distance from a box is convex along the segment, its slope linear between the planes
+    of the faces: the minimum is exact. That from a cylinder is convex, too.
+    """
+    line = np.empty(6)
+    for k in range(3):
+        line[k] = line[3 + k] = 0.0
+        for r in range(3):
+            line[k] += shapes[b, 3 * r + k] * (ends[i, r] - shapes[b, CENTRE + r])
+            line[3 + k] += shapes[b, 3 * r + k] * (ends[i, 3 + r] - ends[i, r])
+    if shapes[b, IS_CYLINDER] == 1.0:
+        t = _nearest_to_cylinder(line, shapes, b)
+    else:
+        t = _nearest_to_box(line, shapes, b)
+    x, y, z = line[0] + t * line[3], line[1] + t * line[4], line[2] + t * line[5]
+    return math.sqrt(_local_distance2(x, y, z, shapes, b)) - shapes[b, ROUNDING]
+
+
+def point_shape_distance(x: float, y: float, z: float, shapes: Matrix, b: int) -> float:
+    """Compute the distance of a point in the base frame from a shape; 0 or less inside."""
+    x, y, z = x - shapes[b, CENTRE], y - shapes[b, CENTRE + 1], z - shapes[b, CENTRE + 2]
+    u = x * shapes[b, 0] + y * shapes[b, 3] + z * shapes[b, 6]
+    v = x * shapes[b, 1] + y * shapes[b, 4] + z * shapes[b, 7]
+    w = x * shapes[b, 2] + y * shapes[b, 5] + z * shapes[b, 8]
+    return math.sqrt(_local_distance2(u, v, w, shapes, b)) - shapes[b, ROUNDING]
+
+
+def _local_distance2(x: float, y: float, z: float, shapes: Matrix, b: int) -> float:
+    """Compute the squared distance of a point in the shape's frame, without its rounding."""
+    w = max(abs(z) - shapes[b, HALF + 2], 0.0)
+    if shapes[b, IS_CYLINDER] == 1.0:
+        u, v = max(math.sqrt(x * x + y * y) - shapes[b, HALF], 0.0), 0.0
+    else:
+        u, v = max(abs(x) - shapes[b, HALF], 0.0), max(abs(y) - shapes[b, HALF + 1], 0.0)
+    return u * u + v * v + w * w
+
+
+def _nearest_to_box(line: Vector, shapes: Matrix, b: int) -> float:
+    """Compute the fraction of a segment (start, step) at which it is nearest to a box."""
+    low, high = 0.0, 1.0
+    falls, rises = _box_slope(line, low, shapes, b), _box_slope(line, high, shapes, b)
+    if falls >= 0.0:
+        return low
+    if rises <= 0.0:
+        return high
+    for face in range(6):
+        k, side = face // 2, 1.0 if face % 2 == 0 else -1.0
+        if line[3 + k] != 0.0:
+            t = (side * shapes[b, HALF + k] - line[k]) / line[3 + k]
+            if low < t < high:
+                slope = _box_slope(line, t, shapes, b)
+                if slope > 0.0:
+                    high, rises = t, slope
+                else:
+                    low, falls = t, slope
+    return low + (high - low) * falls / (falls - rises)
+
+
+def _box_slope(line: Vector, t: float, shapes: Matrix, b: int) -> float:
+    """Compute half of the slope of the squared distance from a box along a segment."""
+    slope = 0.0
+    for k in range(3):
+        at = line[k] + t * line[3 + k]
+        outside = max(abs(at) - shapes[b, HALF + k], 0.0)
+        slope += math.copysign(outside, at) * line[3 + k]
+    return slope
+
+
+def _nearest_to_cylinder(line: Vector, shapes: Matrix, b: int) -> float:
     low, high = 0.0, 1.0
     for _ in range(_SECTIONS):
         s, t = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-        if _box_distance_at(ends, i, s, boxes, b) <= _box_distance_at(ends, i, t, boxes, b):
+        near = _local_distance2(
+            line[0] + s * line[3], line[1] + s * line[4], line[2] + s * line[5], shapes, b
+        )
+        far = _local_distance2(
+            line[0] + t * line[3], line[1] + t * line[4], line[2] + t * line[5], shapes, b
+        )
+        if near <= far:
             high = t
         else:
             low = s
-    return math.sqrt(_box_distance_at(ends, i, 0.5 * (low + high), boxes, b))
-
-
-def _box_distance_at(ends: Matrix, i: int, fraction: float, boxes: Matrix, b: int) -> float:
-    total = 0.0
-    for k in range(3):
-        at = ends[i, k] + fraction * (ends[i, 3 + k] - ends[i, k])
-        outside = max(boxes[b, k] - at, at - boxes[b, 3 + k], 0.0)
-        total += outside * outside
-    return total
+    return 0.5 * (low + high)
 
 
 def _clamp_unit_interval(x: float) -> float:

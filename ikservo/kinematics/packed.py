@@ -22,12 +22,15 @@ from ikservo.kinematics.se3 import make_pose, skew
 __all__ = [
     "AXIS",
     "CAPSULE_WIDTH",
+    "CENTRE",
     "COLUMN",
     "DOF",
     "END",
     "FIRST_INDEPENDENT",
     "FULL_TURN",
+    "HALF",
     "IS_ALIGNED",
+    "IS_CYLINDER",
     "IS_PRISMATIC",
     "IS_REVOLUTE",
     "LINK",
@@ -42,7 +45,9 @@ __all__ = [
     "POSITION",
     "RADIUS",
     "ROTATION",
+    "ROUNDING",
     "SCALE",
+    "SHAPE_WIDTH",
     "SHIFT",
     "START",
     "STEPS",
@@ -169,6 +174,9 @@ ORIGIN, LINK_POSE, AXIS = 0, 9, 12  # link: R row by row (9), p (3); axis (3)
 PARENT, IS_PRISMATIC, MIMIC_COLUMN, MIMIC_SCALE, MIMIC_OFFSET = 15, 16, 17, 18, 19
 START, END, RADIUS, LINK             = 0, 3, 6, 7          # capsule: both ends (3), in its link
 LINK_WIDTH, CAPSULE_WIDTH            = 20, 8
+# shape: R row by row (9), centre (3), half extents (3) of a box, or the radius and, third, half the
+# length of a cylinder about its z; both are grown by ROUNDING, which makes a ball of a point
+CENTRE, HALF, ROUNDING, IS_CYLINDER, SHAPE_WIDTH = 9, 12, 15, 16, 17
 # fmt: on
 
 

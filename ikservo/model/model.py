@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from ikservo.calibration import JointMap, Limits
 from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.kinematics import Chain
+from ikservo.kinematics.arrays import Vector
 from ikservo.model.urdf_types import Urdf
 from ikservo.registers import Family
 
@@ -173,6 +174,12 @@ class KeepOutBox:
         corners = np.array([self.low_m, self.high_m], dtype=np.float64)
         if not (np.isfinite(corners).all() and (corners[0] < corners[1]).all()):
             raise BadValueError(f"The box {self.name}", corners.tolist(), "low < high, finite")
+
+    @property
+    def row(self) -> Vector:
+        """The box as a row (17,) for the kernels; see ``kinematics.packed``."""
+        low, high = np.array(self.low_m), np.array(self.high_m)
+        return np.array([*np.eye(3).ravel(), *0.5 * (low + high), *0.5 * (high - low), 0.0, 0.0])
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from ikservo.guard import CollisionChecker, KeepOutBox
+from ikservo.guard import CollisionChecker, KeepOutBox, collision_kernel
 from ikservo.kinematics import Chain
 from ikservo.kinematics.capsules import Capsule
 from ikservo.kinematics.collision import CollisionBody
@@ -142,3 +142,25 @@ def test_a_stick_is_as_far_from_a_box_as_a_person_would_measure(a, b, distance):
     box = KeepOutBox("the die", np.zeros(3), np.ones(3))
     space = CollisionChecker(stick, None, [box])
     assert space.distances([np.zeros(1)])[0].min() == pytest.approx(distance, abs=1e-8)
+
+
+def test_distances_from_turned_boxes_cylinders_and_balls_are_those_of_dense_samples():
+    random = np.random.default_rng(3)
+    along = np.linspace(0.0, 1.0, 4001)[:, None]
+    for trial in range(60):
+        R = rotation_rpy(*random.uniform(-3.0, 3.0, 3))
+        centre, half = random.uniform(-0.5, 0.5, 3), random.uniform(0.02, 0.4, 3)
+        rounding, kind = random.uniform(0.0, 0.1), float(trial % 2)
+        half[1] = half[0] if kind else half[1]
+        shape = np.array([[*R.ravel(), *centre, *half, rounding, kind]])
+        ends = random.uniform(-1.0, 1.0, (1, 6))
+        points = (ends[0, :3] + along * (ends[0, 3:] - ends[0, :3]) - centre) @ R
+        outside = np.maximum(np.abs(points) - half, 0.0)
+        if kind:
+            aside = np.maximum(np.hypot(points[:, 0], points[:, 1]) - half[0], 0.0)
+            outside = np.column_stack([aside, outside[:, 2]])
+        nearest_m = np.linalg.norm(outside, axis=1).min() - rounding
+        found_m = collision_kernel.segment_shape_distance(ends, 0, shape, 0)
+        assert nearest_m - 5e-7 <= found_m <= nearest_m + 1e-8
+        start = collision_kernel.point_shape_distance(*ends[0, :3], shape, 0)
+        assert start == pytest.approx(np.linalg.norm(outside[0]) - rounding, abs=1e-12)

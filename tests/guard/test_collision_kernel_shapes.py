@@ -29,7 +29,7 @@ def arrays(monkeypatch):
         "capsules",
         "pairs",
         "floor_m",
-        "boxes",
+        "shapes",
         "postures",
         "places",
         "ends",
