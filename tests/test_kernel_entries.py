@@ -8,7 +8,12 @@ import array
 import numpy as np
 import pytest
 
-from ikservo.guard import CollisionChecker, collision_kernel
+from ikservo.guard import (
+    CollisionChecker,
+    clear_space,
+    collision_kernel,
+    free_path_kernel,
+)
 from ikservo.guard.sag import Weight, sag_of
 from ikservo.ik import Solver, solver
 from ikservo.ik.kernel import compiled, search, single
@@ -62,6 +67,17 @@ def gravity_torques_kernel(_):
     sag_of(every_kind_of_joint(), Weight(masses, np.ones(4), -free, free))(np.zeros((3, 4)))
 
 
+def first_contact(monkeypatch):
+    def bind(name, *arguments):
+        return lambda *others: getattr(free_path_kernel, name)(*arguments, *others)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(clear_space, "bind", bind)
+        space = CollisionChecker(every_kind_of_joint(), 0.02, BOXES).clear_space(0.01)
+        space.is_free(np.array([np.zeros(4), 0.1 * np.ones(4)]))
+        space.contains(np.zeros((2, 4)))
+
+
 def cast_rays(_):
     random = np.random.default_rng(1)
     shapes = {link: cloud(random, 30, "triangles") for link in ("a", "b")}
@@ -87,6 +103,8 @@ ENTRIES = [
     (single, "is_target", is_target),
     (collision_kernel, "min_distances", min_distances),
     (collision_kernel, "gravity_torques_kernel", gravity_torques_kernel),
+    (free_path_kernel, "first_contact", first_contact),
+    (free_path_kernel, "free_postures", first_contact),
     (raycast, "raycast", cast_rays),
     (raycast, "raycast_brute_force", raycast_brute_force),
     (pick_region, "find_in_square", find_in_square),

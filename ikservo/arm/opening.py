@@ -54,6 +54,7 @@ from ikservo.registers import control_table
 
 __all__ = [
     "disable_torque_unchecked",
+    "make_collision_checker",
     "make_collision_filter",
     "open_arm",
     "open_bus",
@@ -201,7 +202,7 @@ def open_own_arm(
         shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
         gripper = model.gripper.joint if model.gripper else None
         servos = ServoGroup(bus, driven_joints, shadows, bus.port.clock, model.health, gripper)
-        checker = _make_collision_checker(model) if collisions else None
+        checker = make_collision_checker(model) if collisions else None
         chain = _narrow_chain(own.chain(), driven_joints)
         serial_number = serial_number_of(opened_port.name)
         servos.compensator = _make_compensator(own, model, chain, driven_joints, serial_number)
@@ -273,7 +274,8 @@ def _make_joint_limits(
     )
 
 
-def _make_collision_checker(model: Model) -> CollisionChecker:
+def make_collision_checker(model: Model) -> CollisionChecker:
+    """Return the checker of an arm with its gripper, which yields to its weight."""
     body = collision_body_with_gripper(model)
     chain = body.chain
     weight = Weight(

@@ -1,5 +1,6 @@
 """Safety checks of every goal: limits, collisions, steps, and monitors of a running motion."""
 
+from ikservo.guard.clear_space import ClearSpace
 from ikservo.guard.collision import (
     MAX_SAMPLE_STEP_RAD,
     CollisionChecker,
@@ -27,6 +28,7 @@ __all__ = [
     "DEAD_MAN_TIMEOUT_S",
     "MAX_SAMPLE_STEP_RAD",
     "MAX_TRAVEL_RAD",
+    "ClearSpace",
     "CollisionChecker",
     "CommunicationMonitor",
     "DeadManSwitch",

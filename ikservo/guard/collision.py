@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.errors import CollisionError
-from ikservo.guard.sag import Sag
+from ikservo.guard.clear_space import ClearSpace
+from ikservo.guard.sag import GravitySag, Sag
 from ikservo.kinematics.arrays import Matrix, Vector, finite_vectors
 from ikservo.kinematics.collision import CollisionBody
 from ikservo.kinematics.packed import SHAPE_WIDTH
@@ -26,7 +28,6 @@ __all__ = [
 MAX_SAMPLE_STEP_RAD = 0.05
 """No joint moves further than this between two samples of a path checked for collisions."""
 
-_CHUNK = 8192  # postures at a time: each takes a number for every pair
 _TOUCH_M = 1e-9
 # Between two samples a distance may change unseen by this much; deeper contact is found.
 _MAX_UNCHECKED_M = 0.001
@@ -91,6 +92,12 @@ class CollisionChecker:
 
     Attributes:
         pairs: The checked pairs: a link, and another link or the name of a thing.
+        body: The packed body.
+        shapes: The things (k, 17) but the table; see ``kinematics.packed``.
+        floor_m: The height of the table; minus infinity for none.
+        overlap_m: By how much each pair may overlap (pairs,).
+        watched: Which pairs are looked at (pairs,).
+        sag: How far gravity pulls the joints; None for an arm that does not yield.
     """
 
     def __init__(
@@ -100,18 +107,18 @@ class CollisionChecker:
         boxes: Sequence[KeepOutBox] = (),
         sag: Sag | None = None,
     ) -> None:
-        self._body = packed = body.pack()
-        self._sag = sag
-        self._floor_m = -math.inf if floor_m is None else floor_m
-        self._shapes = np.array([box.row for box in boxes]).reshape(len(boxes), SHAPE_WIDTH)
+        self.body = packed = body.pack()
+        self.sag = sag
+        self.floor_m = -math.inf if floor_m is None else floor_m
+        self.shapes = np.array([box.row for box in boxes]).reshape(len(boxes), SHAPE_WIDTH)
         things = ["the table", *(box.name for box in boxes)]
         around = [(link, thing) for thing in things for link in packed.names]
         self.pairs = (*packed.pairs, *around)
-        self._overlap_m = np.zeros(len(self.pairs))
-        self._overlap_m[: len(packed.pairs)] = packed.overlap_m
+        self.overlap_m = np.zeros(len(self.pairs))
+        self.overlap_m[: len(packed.pairs)] = packed.overlap_m
         # The base link always touches the table.
-        self._watched = np.array([link != packed.base for link, _ in self.pairs])
-        self._watched[: len(packed.pairs)] = True
+        self.watched = np.array([link != packed.base for link, _ in self.pairs])
+        self.watched[: len(packed.pairs)] = True
         self._pairs_with_sag = self.pairs
         reach_m = [packed.pair_reach_m, *[packed.reach_m] * len(things)]
         if sag is not None:
@@ -126,7 +133,7 @@ class CollisionChecker:
     @property
     def dof(self) -> int:
         """The length of the joint vectors."""
-        return self._body.dof
+        return self.body.dof
 
     def check_path(
         self, path: Sequence[Vector], load: float = 1.0, *, may_touch_again: bool = False
@@ -150,7 +157,7 @@ class CollisionChecker:
             BadValueError: A joint is not finite.
         """
         fractions, gap_m = self._sample_path(
-            finite_vectors(np.array(path), self._body.dof, "q"), load
+            finite_vectors(np.array(path), self.body.dof, "q"), load
         )
         bodies, start_m = slice(len(self.pairs)), np.minimum(gap_m[0], 0.0)
         allowed_m = self._allowed_gaps(gap_m)
@@ -170,32 +177,55 @@ class CollisionChecker:
 
     def collision_free(self, postures: Matrix) -> NDArray[np.bool_]:
         """Return for each posture (n, dof) whether it is free of collisions (n,)."""
-        free = np.empty(len(postures), dtype=np.bool_)
-        for first in range(0, len(postures), _CHUNK):
-            rows = slice(first, first + _CHUNK)
-            free[rows] = self.distances(postures[rows]).min(axis=1) >= -_TOUCH_M
-        return free
+        return self._postures.contains(postures)
+
+    @cached_property
+    def _postures(self) -> ClearSpace:
+        return self.clear_space(0.0, load=0.0)
+
+    def clear_space(
+        self, margin_m: float, ends: Matrix | None = None, load: float = 1.0
+    ) -> ClearSpace:
+        """Return the postures, and the motions between them, that keep a distance to everything.
+
+        Args:
+            margin_m: The distance.
+            ends: Postures (k, dof) that are among them if they touch nothing: pairs that are nearer
+                than ``margin_m`` there may be as near on the way.
+            load: Multiple of gravity under which an arm that yields keeps the distance, too; 0
+                where that is not looked at.
+        """
+        near_m, count = np.full(len(self._pairs_with_sag), margin_m), len(self.pairs)
+        if ends is not None:
+            nearest_m = self.distances_with_sag(ends).min(axis=0, initial=margin_m)
+            near_m = np.maximum(nearest_m, 0.0)
+        allowed_m = np.tile(near_m[:count] - self.overlap_m, (2, 1))
+        if self.sag is not None:
+            allowed_m[1, len(self.body.pairs) :] = near_m[count:]
+        allowed_m[:, ~self.watched] = -np.inf
+        sag = self.sag if isinstance(self.sag, GravitySag) and load > 0.0 else None
+        return ClearSpace(self.body, self.shapes, self.floor_m, allowed_m, sag, load)
 
     def distances(self, path: Sequence[Vector] | Matrix) -> Matrix:
         """Compute the distance of each pair (n, pairs) [m] in postures (n, dof)."""
         from ikservo.guard.collision_kernel import min_distances  # noqa: PLC0415
 
-        body, q = self._body, finite_vectors(np.array(path), self._body.dof, "q")
+        body, q = self.body, finite_vectors(np.array(path), self.body.dof, "q")
         distances = np.full((len(q), len(self.pairs)), np.inf)
         places, ends = np.empty((len(body.links), 12)), np.empty((len(body.capsules), 6))
         min_distances(
             body.links,
             body.capsules,
             body.rows,
-            self._floor_m,
-            self._shapes,
+            self.floor_m,
+            self.shapes,
             q,
             places,
             ends,
             distances,
         )
-        distances += self._overlap_m
-        distances[:, ~self._watched] = np.inf
+        distances += self.overlap_m
+        distances[:, ~self.watched] = np.inf
         return distances
 
     def _sample_path(self, path: Matrix, load: float) -> tuple[Vector, Matrix]:
@@ -231,10 +261,10 @@ class CollisionChecker:
         is no contact of the other.
         """
         gap_m = self.distances(path)
-        if self._sag is None:
+        if self.sag is None:
             return gap_m
-        sagged_m = self.distances(path + load * self._sag(path))
-        return np.hstack([gap_m, sagged_m[:, len(self._body.pairs) :]])
+        sagged_m = self.distances(path + load * self.sag(path))
+        return np.hstack([gap_m, sagged_m[:, len(self.body.pairs) :]])
 
     def _allowed_gaps(self, gap_m: Matrix) -> Matrix:
         """Compute the smallest allowed distance at each sample, of ``distances_with_sag`` [m].
@@ -255,8 +285,8 @@ class CollisionChecker:
         has at the start.
         """
         deeper_m = np.full(len(start_m), _DEEPER_M)
-        if self._sag is not None:
-            surroundings = slice(len(self._body.pairs), len(self.pairs))
+        if self.sag is not None:
+            surroundings = slice(len(self.body.pairs), len(self.pairs))
             sagged = slice(len(self.pairs), None)
             deeper_m[sagged] = np.maximum(_DEEPER_M, 0.5 * start_m[surroundings])
         return deeper_m

@@ -48,8 +48,7 @@ __all__ = [
 ]
 
 _TINY = 1e-30
-_GOLDEN = (5**0.5 - 1) / 2
-_SECTIONS = 40  # the rest of a segment of one metre is then 4 nm
+_HALVINGS = 30  # the rest of a segment of one metre is then 1 nm
 
 
 def distances_fit(
@@ -381,20 +380,29 @@ def _box_slope(line: Vector, t: float, shapes: Matrix, b: int) -> float:
 
 
 def _nearest_to_cylinder(line: Vector, shapes: Matrix, b: int) -> float:
+    """Compute the fraction of a segment (start, step) at which it is nearest to a cylinder."""
     low, high = 0.0, 1.0
-    for _ in range(_SECTIONS):
-        s, t = high - _GOLDEN * (high - low), low + _GOLDEN * (high - low)
-        near = _local_distance2(
-            line[0] + s * line[3], line[1] + s * line[4], line[2] + s * line[5], shapes, b
-        )
-        far = _local_distance2(
-            line[0] + t * line[3], line[1] + t * line[4], line[2] + t * line[5], shapes, b
-        )
-        if near <= far:
-            high = t
+    if _cylinder_slope(line, low, shapes, b) >= 0.0:
+        return low
+    if _cylinder_slope(line, high, shapes, b) <= 0.0:
+        return high
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        if _cylinder_slope(line, middle, shapes, b) > 0.0:
+            high = middle
         else:
-            low = s
+            low = middle
     return 0.5 * (low + high)
+
+
+def _cylinder_slope(line: Vector, t: float, shapes: Matrix, b: int) -> float:
+    """Compute half of the slope of the squared distance from a cylinder along a segment."""
+    x, y, z = line[0] + t * line[3], line[1] + t * line[4], line[2] + t * line[5]
+    slope = math.copysign(max(abs(z) - shapes[b, HALF + 2], 0.0), z) * line[5]
+    aside = math.sqrt(x * x + y * y)
+    if aside > shapes[b, HALF]:
+        slope += (1.0 - shapes[b, HALF] / aside) * (x * line[3] + y * line[4])
+    return slope
 
 
 def _clamp_unit_interval(x: float) -> float:

@@ -15,7 +15,7 @@ from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.collision import CollisionBody
 from ikservo.kinematics.inertia import GRAVITY_M_S2, LinkMass
 
-__all__ = ["Sag", "Weight", "sag_of"]
+__all__ = ["GravitySag", "Sag", "Weight", "sag_of"]
 
 Sag = Callable[[Matrix], Matrix]
 """Returns how far gravity moves the joints (n, dof) from goals (n, dof), rad or m."""
@@ -41,23 +41,38 @@ class Weight:
         freeze_arrays(self)
 
 
-def sag_of(body: CollisionBody, weight: Weight) -> Sag:
-    """Return the sag of an arm's joints: gravity's torque times their compliance.
+class GravitySag:
+    """The sag of an arm's joints: gravity's torque times their compliance.
 
     A joint does not sag past its stops.
-    """
-    packed = body.pack()
-    masses = np.zeros((len(packed.names), 4))
-    for mass in weight.masses:
-        masses[packed.names.index(mass.link)] = (mass.mass_kg, *mass.centre_m)
 
-    def sag(q: Matrix) -> Matrix:
+    Args:
+        body: The arm.
+        weight: Its masses, and how its joints yield.
+
+    Attributes:
+        masses: (links, 4) mass [kg] and centre in the link's frame [m].
+        bounds: (3, dof) compliance for the torque at 1 m/s², lower and upper ends.
+    """
+
+    def __init__(self, body: CollisionBody, weight: Weight) -> None:
+        self._body = packed = body.pack()
+        self.masses = np.zeros((len(packed.names), 4))
+        for mass in weight.masses:
+            self.masses[packed.names.index(mass.link)] = (mass.mass_kg, *mass.centre_m)
+        self.bounds = np.array([GRAVITY_M_S2 * weight.yields, weight.lower, weight.upper])
+
+    def __call__(self, q: Matrix) -> Matrix:
+        """Return how far gravity moves the joints (n, dof) from goals (n, dof), rad or m."""
         from ikservo.guard.collision_kernel import gravity_torques_kernel  # noqa: PLC0415
 
         q = np.ascontiguousarray(q, dtype=np.float64)
-        torque, places = np.zeros(q.shape), np.empty((len(packed.names), 12))
-        gravity_torques_kernel(packed.links, masses, q, places, torque)
-        pulled = q + GRAVITY_M_S2 * torque * weight.yields
-        return np.clip(pulled, np.minimum(weight.lower, q), np.maximum(weight.upper, q)) - q
+        torque, places = np.zeros(q.shape), np.empty((len(self._body.names), 12))
+        gravity_torques_kernel(self._body.links, self.masses, q, places, torque)
+        yields, lower, upper = self.bounds
+        return np.clip(q + torque * yields, np.minimum(lower, q), np.maximum(upper, q)) - q
 
-    return sag
+
+def sag_of(body: CollisionBody, weight: Weight) -> GravitySag:
+    """Return the sag of an arm's joints."""
+    return GravitySag(body, weight)

@@ -34,6 +34,7 @@ _MODULES = [
     "ikservo.ik.kernel.search",
     "ikservo.ik.kernel.single",
     "ikservo.guard.collision_kernel",
+    "ikservo.guard.free_path_kernel",
     "ikservo.view.raycast",
     "ikservo.view.pick_region",
 ]

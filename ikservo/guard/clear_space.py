@@ -1,0 +1,83 @@
+"""The space in which an arm keeps a distance to everything, asked about many motions."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ikservo.guard.sag import GravitySag
+from ikservo.ik.kernel.compiled import bind
+from ikservo.kinematics.arrays import Matrix, Vector, finite_vectors
+from ikservo.kinematics.packed import CAPSULE_WIDTH, END, LINK, RADIUS, START, PackedBody
+
+__all__ = ["ClearSpace"]
+
+
+class ClearSpace:
+    """Postures, and straight motions between them, that keep a distance to everything.
+
+    A motion is followed without a gap: nothing comes nearer by a millimetre than is allowed,
+    however thin it is. One thread at a time may ask. ``CollisionChecker.clear_space`` makes it.
+
+    Args:
+        body: The arm.
+        shapes: The things (k, 17) but the table; see ``kinematics.packed``.
+        floor_m: The height of the table; minus infinity for none.
+        allowed_m: The distances (2, pairs) to keep, of the capsules themselves; below, those of the
+            arm that sags.
+        sag: How the arm yields to gravity; None where that is not looked at.
+        load: Multiple of gravity under which it does.
+    """
+
+    def __init__(
+        self,
+        body: PackedBody,
+        shapes: Matrix,
+        floor_m: float,
+        allowed_m: Matrix,
+        sag: GravitySag | None,
+        load: float,
+    ) -> None:
+        from ikservo.guard import free_path_kernel  # noqa: PLC0415  # as the checker's
+
+        self._no_contact, self._dof, links = free_path_kernel.FREE, body.dof, len(body.names)
+        halves_m, balls = _balls(body)
+        order = np.argsort(body.rows[:, 2], kind="stable")
+        arguments = (
+            body.links, body.capsules, halves_m, balls, body.rows[order], shapes, floor_m,
+            np.vstack([body.pair_reach_m, body.reach_m]),
+            np.zeros((links, 4)) if sag is None else sag.masses,
+            np.zeros((3, body.dof)) if sag is None else sag.bounds,
+            np.empty((links, 12)), np.empty((len(body.capsules), 6)), np.empty((links, 6)),
+            np.empty((3, body.dof)), np.zeros(len(body.pairs) + links), allowed_m,
+            0.0 if sag is None else load,
+        )  # fmt: skip
+        self._first_contact = bind("first_contact", *arguments)
+        self._free_postures = bind("free_postures", *arguments)
+
+    def is_free(self, path: Matrix) -> bool:
+        """Return whether the straight motions through postures (n, dof) keep the distances."""
+        return self._first_contact(path) == self._no_contact
+
+    def contains(self, postures: Matrix) -> NDArray[np.bool_]:
+        """Return for each posture (n, dof) whether it keeps the distances (n,)."""
+        q = finite_vectors(np.array(postures), self._dof, "q")
+        free = np.zeros(len(q), dtype=np.int64)
+        self._free_postures(q, free)
+        return free == 1
+
+
+def _balls(body: PackedBody) -> tuple[Vector, Matrix]:
+    """Compute half the length of each capsule, and a ball around those of each link."""
+    starts, ends = body.capsules[:, START : START + 3], body.capsules[:, END : END + 3]
+    balls = np.zeros((len(body.names), CAPSULE_WIDTH))
+    balls[:, LINK] = np.arange(len(body.names))
+    for link, ball in enumerate(balls):
+        own = body.capsules[:, LINK] == link
+        if own.any():
+            points = np.vstack([starts[own], ends[own]])
+            centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
+            ball[START : START + 3] = ball[END : END + 3] = centre
+            apart_m = np.linalg.norm(points - centre, axis=1)
+            ball[RADIUS] = (apart_m + np.tile(body.capsules[own, RADIUS], 2)).max()
+    return 0.5 * np.linalg.norm(ends - starts, axis=1), balls
