@@ -182,6 +182,13 @@ class ArmContext:
             path = self.planner.sample_trajectory(trajectory, speed)
             self._check_path(path, self.planner.dynamic_load_factor(speed))
 
+    def path_clearance_m(self, trajectory: Trajectory, speed: str) -> float:
+        """Compute the smallest distance of the body [m] on a trajectory; see ``clearance_m``."""
+        if self.checked_collision is None:
+            return math.inf
+        path = self.planner.sample_trajectory(trajectory, speed)
+        return float(self.checked_collision.distances(self.index.body_joints(path)).min())
+
     def check_trajectory(self, move: RuckigMotion) -> None:
         """Check the path of an online trajectory, braking and reversing included.
 

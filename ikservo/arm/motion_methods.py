@@ -69,6 +69,12 @@ class JointOptions(TypedDict, total=False):
     on_progress: OnProgress | None
 
 
+class GoalOptions(JointOptions, total=False):
+    """Options of ``move_joints`` and ``pose``; see ``MoveJoints``."""
+
+    straight: bool
+
+
 class TipOptions(JointOptions, total=False):
     """Options of every motion of the tip; see ``MoveTo``.
 
@@ -78,6 +84,12 @@ class TipOptions(JointOptions, total=False):
 
     stance: ToolOrientation
     orientation: ArrayLike | None
+
+
+class PointOptions(TipOptions, total=False):
+    """Options of ``move_to``; see ``MoveTo``."""
+
+    straight: bool
 
 
 class LineOptions(TipOptions, total=False):
@@ -238,18 +250,18 @@ class MotionMethods(Protocol):
 
     @overload
     def move_to(
-        self, position_m: ArrayLike, *, wait: Literal[True] = True, **options: Unpack[TipOptions]
+        self, position_m: ArrayLike, *, wait: Literal[True] = True, **options: Unpack[PointOptions]
     ) -> MoveResult: ...
 
     @overload
     def move_to(
-        self, position_m: ArrayLike, *, wait: Literal[False], **options: Unpack[TipOptions]
+        self, position_m: ArrayLike, *, wait: Literal[False], **options: Unpack[PointOptions]
     ) -> RunningMotion[MoveResult]: ...
 
     def move_to(
-        self, position_m: ArrayLike, *, wait: bool = True, **options: Unpack[TipOptions]
+        self, position_m: ArrayLike, *, wait: bool = True, **options: Unpack[PointOptions]
     ) -> MoveResult | RunningMotion[MoveResult]:
-        """Move the tip to a point (3,) [m]; options: see ``MoveTo`` and ``TipOptions``.
+        """Move the tip to a point (3,) [m]; options: see ``MoveTo`` and ``PointOptions``.
 
         Raises:
             UnreachableError: No joint positions within the limits reach it; nothing has moved.
@@ -382,16 +394,20 @@ class MotionMethods(Protocol):
 
     @overload
     def move_joints(
-        self, positions: Positions, *, wait: Literal[True] = True, **options: Unpack[JointOptions]
+        self,
+        positions: Positions,
+        *,
+        wait: Literal[True] = True,
+        **options: Unpack[GoalOptions],
     ) -> JointMoveResult: ...
 
     @overload
     def move_joints(
-        self, positions: Positions, *, wait: Literal[False], **options: Unpack[JointOptions]
+        self, positions: Positions, *, wait: Literal[False], **options: Unpack[GoalOptions]
     ) -> RunningMotion[JointMoveResult]: ...
 
     def move_joints(
-        self, positions: Positions, *, wait: bool = True, **options: Unpack[JointOptions]
+        self, positions: Positions, *, wait: bool = True, **options: Unpack[GoalOptions]
     ) -> JointMoveResult | RunningMotion[JointMoveResult]:
         """Move some joints, given by name [rad or m]; the others stay. Or all of them (n,).
 
@@ -408,16 +424,16 @@ class MotionMethods(Protocol):
 
     @overload
     def pose(
-        self, name: str, *, wait: Literal[True] = True, **options: Unpack[JointOptions]
+        self, name: str, *, wait: Literal[True] = True, **options: Unpack[GoalOptions]
     ) -> JointMoveResult: ...
 
     @overload
     def pose(
-        self, name: str, *, wait: Literal[False], **options: Unpack[JointOptions]
+        self, name: str, *, wait: Literal[False], **options: Unpack[GoalOptions]
     ) -> RunningMotion[JointMoveResult]: ...
 
     def pose(
-        self, name: str, *, wait: bool = True, **options: Unpack[JointOptions]
+        self, name: str, *, wait: bool = True, **options: Unpack[GoalOptions]
     ) -> JointMoveResult | RunningMotion[JointMoveResult]:
         """Move to a pose of the arm file, or to a taught one, clamped to the limits.
 
@@ -506,7 +522,7 @@ class MotionMethods(Protocol):
         motion = Replay(path, **_fields(Replay, options))
         return self._run(motion, on_progress, wait=wait)
 
-    def plan_to(self, position_m: ArrayLike, **options: Unpack[TipOptions]) -> MotionPlan:
+    def plan_to(self, position_m: ArrayLike, **options: Unpack[PointOptions]) -> MotionPlan:
         """Plan a motion of the tip to a point (3,) [m]; see ``move_to``.
 
         Raises:
@@ -537,10 +553,12 @@ class MotionMethods(Protocol):
         """Plan strokes of the tip, points (k, 3) [m] each; see ``draw``."""
         return self.plan(Draw(strokes_m, **_fields(Draw, options)))
 
-    def plan_joints(self, positions: Positions, *, speed: str = "normal") -> MotionPlan:
+    def plan_joints(
+        self, positions: Positions, *, speed: str = "normal", straight: bool = False
+    ) -> MotionPlan:
         """Plan a motion of some joints; see ``move_joints``."""
         goals = parse_all_positions(positions, self.joint_names)
-        return self.plan(MoveJoints(goals, speed=speed))
+        return self.plan(MoveJoints(goals, speed=speed, straight=straight))
 
     def plan_look(self, point_m: ArrayLike, *, speed: str = "normal") -> MotionPlan:
         """Plan a motion after which the tool axis points at a point (3,) [m]; see ``look_at``."""

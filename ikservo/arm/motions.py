@@ -125,12 +125,15 @@ class MoveTo(MotionValue[MoveResult]):
             comes on is slow.
         stance: The orientation of the tool at the end. By default the arm keeps the present one as
             well as it can.
+        straight: Whether the joints move straight or not at all; else they go around what is in
+            the way.
     """
 
     position_m: ArrayLike
     _: KW_ONLY
     speed: str = "normal"
     stance: ToolOrientation = KEEP_BEST_EFFORT
+    straight: bool = False
 
     def _words(self) -> str:
         return f"joints to {_format_point(self.position_m)}"
@@ -293,15 +296,17 @@ class MoveJoints(MotionValue[JointMoveResult]):
     Attributes:
         positions: The goals by joint, rad or m.
         speed: As of ``MoveTo``.
+        straight: As of ``MoveTo``; where joints of the chain stay, they always move straight.
     """
 
     positions: Mapping[str, float]
     _: KW_ONLY
     speed: str = "normal"
+    straight: bool = False
 
     def __hash__(self) -> int:
         """Return a hash; a mapping has none of its own."""
-        return hash((tuple(self.positions.items()), self.speed))
+        return hash((tuple(self.positions.items()), self.speed, self.straight))
 
     def _words(self) -> str:
         return ", ".join(f"{name} {value:.4g}" for name, value in self.positions.items())
@@ -314,11 +319,13 @@ class MovePose(MotionValue[JointMoveResult]):
     Attributes:
         name: Of a pose of the arm file, or of a taught one.
         speed: As of ``MoveTo``.
+        straight: As of ``MoveTo``.
     """
 
     name: str
     _: KW_ONLY
     speed: str = "normal"
+    straight: bool = False
 
     def _words(self) -> str:
         return f"pose {self.name}"
@@ -466,6 +473,7 @@ _PARSERS: Mapping[str, Callable[[object], object]] = {
     "center_m": _vector("The centre of the circle"),
     "normal": _vector("The normal of the circle"),
     "angle_rad": _number("The angle of the arc"),
+    "straight": _flag("straight"),
     "full_circle": _flag("full_circle"),
     "line": _flag("line"),
     "blend_m": _number("The blend"),

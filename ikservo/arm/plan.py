@@ -81,6 +81,10 @@ class MotionPlan:
         cartesian_s: For how long it does, up to the end of the trajectory.
         tool_speed: The speed of the tip along them; None where none was requested.
         via_pose: The retract pose in between; empty where the path is direct.
+        around: What would touch what on the straight path, which this one goes around; else empty.
+        clearance_m: The least distance of the body on the path to itself, the table and the boxes;
+            infinite where paths are not checked.
+        planning_s: How long it took to plan.
         names: The joints, in the order of ``start`` and ``goal``.
         units: ``rad`` or ``m`` for each joint.
         motion: What was requested.
@@ -110,6 +114,9 @@ class MotionPlan:
     cartesian_s: float = 0.0
     tool_speed: ToolSpeed | None = None
     via_pose: str = ""
+    around: str = ""
+    clearance_m: float = math.inf
+    planning_s: float = 0.0
     names: tuple[str, ...] = ()
     units: tuple[str, ...] = ()
     motion: MotionValue[Any] | None = None

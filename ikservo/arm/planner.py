@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from contextlib import suppress
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -25,7 +26,13 @@ from ikservo.arm.tool_orientation import (
     solve_with_orientation,
 )
 from ikservo.arm.tool_speed import ToolSpeed, sample_times_s, tool_speed_between
-from ikservo.errors import AimError, BadValueError, CartesianPathError, UnreachableError
+from ikservo.errors import (
+    AimError,
+    BadValueError,
+    CartesianPathError,
+    OrientationError,
+    UnreachableError,
+)
 from ikservo.guard import MAX_TRAVEL_RAD, sample_path
 from ikservo.ik import Result, Target, solve_sight
 from ikservo.kinematics import Chain, JointIndex
@@ -47,7 +54,7 @@ from ikservo.motion import (
     straight_lines,
 )
 
-__all__ = ["Planner", "unreachable_error"]
+__all__ = ["Planner", "PointGoal", "unreachable_error"]
 
 
 def unreachable_error(target: Target, solution: Result) -> UnreachableError:
@@ -65,8 +72,31 @@ _MAX_JOINT_STEP_RAD = 1000.0
 _LONGEST_S = 3600.0
 # Top speed of the tip on a line; 0.25 m/s is what safety standards call reduced speed.
 _TIP_M_S = {"slow": 0.1, "normal": 0.25, "fast": 0.5}
+# Random starts from which a point is solved; solutions that differ by less are the same.
+_STARTS, _SAME_GOAL = 24, 0.05
 # The fraction of a blend by which a waypoint is passed; see ``BlendedPath``.
 _PASSED = 0.375
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointGoal:
+    """Joints with the tip at a point.
+
+    Attributes:
+        joints: All joints (n,), rad or m.
+        target: The point.
+        solved: How the tool is oriented there.
+        stance: How it was to be.
+    """
+
+    joints: Vector
+    target: Target
+    solved: OrientationSolution
+    stance: ToolOrientation
+
+    def reached_by(self, plan: MotionPlan) -> MotionPlan:
+        """Return a plan that ends here with its target and how the tool is oriented there."""
+        return _with_target(plan, self.target, self.solved, self.stance)
 
 
 class Planner:
@@ -211,6 +241,51 @@ class Planner:
         goals.append(self._index.with_chain(start, solved.solution.q))
         plan = self._make_plan(start, JointWaypointTrajectory(start, goals, limits, blends), speed)
         return _with_target(plan, target, solved, stance)
+
+    def plan_along(
+        self, start: Vector, points: Sequence[Vector], speed: str, blend: float
+    ) -> MotionPlan:
+        """Plan a motion of the joints through points (n,), their corners rounded; rests at the end.
+
+        Args:
+            start: All joints.
+            points: The points, the last one being the goal.
+            speed: slow, normal or fast.
+            blend: How far before a point the straight path is left, rad or m.
+        """
+        limits = self.motion_limits(speed)
+        if len(points) == 1:
+            return self._make_plan(start, JointMove(start, points[0], limits), speed)
+        trajectory = JointWaypointTrajectory(start, points, limits, blend)
+        return self._make_plan(start, trajectory, speed)
+
+    def goals_at(
+        self, start: Vector, position_m: ArrayLike, stance: ToolOrientation
+    ) -> list[PointGoal]:
+        """Solve all joints (n,) with the tip at a point (3,) [m] from many starts.
+
+        Returns:
+            Solutions that differ, the one that is found from ``start`` (n,) first, then by their
+            distance; empty where there is none.
+        """
+        target, q0 = Target(position_m), self._index.chain_joints(start)
+        if stance.keep:
+            stance = ToolOrientation(orientation=self.tip_pose(start)[:3, :3])
+        lower = np.maximum(self._chain.lower_rad, -math.pi)
+        upper = np.minimum(self._chain.upper_rad, math.pi)
+        random = np.random.default_rng(len(q0))
+        tried = random.uniform(lower, upper, (_STARTS, len(q0)))
+        found = list[PointGoal]()
+        for q in (q0, *sorted(tried, key=lambda each: float(np.linalg.norm(each - q0)))):
+            with suppress(OrientationError):
+                solved = solve_with_orientation(self._chain, self._tool, target, stance, q)
+                joints = self._index.with_chain(start, solved.solution.q)
+                apart = [float(np.abs(joints - each.joints).max()) for each in found]
+                if solved.solution.reached and min(apart, default=1.0) > _SAME_GOAL:
+                    found.append(PointGoal(joints, target, solved, stance))
+        return found[:1] + sorted(
+            found[1:], key=lambda each: float(np.linalg.norm(each.joints - start))
+        )
 
     def plan_to_joints(
         self, start: Vector, positions: Mapping[str, float], speed: str

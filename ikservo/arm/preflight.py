@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from math import radians
+from time import perf_counter
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,11 +17,13 @@ from ikservo.arm.arguments import parse_all_positions
 from ikservo.arm.calibrated_arm import MAX_UNCALIBRATED_STEP_RAD
 from ikservo.arm.context import ArmContext
 from ikservo.arm.motions import (
+    Draw,
     LookAt,
     Lower,
     MotionValue,
     MoveJoints,
     MovePose,
+    MoveThrough,
     MoveTo,
     MoveToRest,
     TipMotion,
@@ -33,12 +36,21 @@ from ikservo.arm.plan import (
     clamp_positions,
     via_pose_plan,
 )
+from ikservo.arm.planner import PointGoal
 from ikservo.arm.planning import plan_motion
 from ikservo.arm.poses import PoseLibrary
-from ikservo.errors import BadValueError, OrientationError, RefusedError, UnreachableError
+from ikservo.arm.ways_around import BLENDS_RAD, HOW_TO_SEARCH, ways_around
+from ikservo.errors import (
+    BadValueError,
+    CollisionError,
+    OrientationError,
+    RefusedError,
+    UnreachableError,
+)
 from ikservo.ik import in_millimetres
 from ikservo.kinematics import finite_array, finite_vector
-from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.motion.avoidance import can_search
 
 __all__ = ["MotionStart", "PreflightPlanner"]
 
@@ -91,7 +103,12 @@ class PreflightPlanner:
             CalibrationError: The arm is not calibrated.
             BadValueError: The motion has no plan: it is none of the tip or of joints.
         """
-        plan = replace(self._plan_checked(motion), motion=motion)
+        since_s = perf_counter()
+        plan = self._plan_checked(motion)
+        clearance_m = self._context.path_clearance_m(plan.trajectory, plan.speed)
+        plan = replace(
+            plan, motion=motion, clearance_m=clearance_m, planning_s=perf_counter() - since_s
+        )
         return plan if self._servos.torque.is_on else replace(plan, limp_arm=self._context)
 
     def _plan_checked(self, motion: MotionValue[Any]) -> MotionPlan:
@@ -108,8 +125,8 @@ class PreflightPlanner:
                 return self._plan_joints(motion)
             case MovePose():
                 inside = self.pose_within_limits(motion.name)
-                plan = self._plan_joints(MoveJoints(inside.positions, speed=motion.speed))
-                return replace(plan, clamped=inside.changed)
+                to_pose = MoveJoints(inside.positions, speed=motion.speed, straight=motion.straight)
+                return replace(self._plan_joints(to_pose), clamped=inside.changed)
             case MoveToRest():
                 return self._plan_rest()
             case Lower():
@@ -123,8 +140,13 @@ class PreflightPlanner:
         start = self._runner.start_position()
         if not motion.starts_at_tip:
             return self._plan_clear_or_via(motion, start)
-        plan = plan_motion(self._planner, motion, start, self._runner.allowed_speed(motion.speed))
-        return self._check_clear(plan, motion.speed)
+        allowed = self._runner.allowed_speed(motion.speed)
+        plan = plan_motion(self._planner, motion, start, allowed)
+        try:
+            return self._check_clear(plan, motion.speed)
+        except CollisionError as error:
+            self._plan_around(motion, start, allowed, error)
+            raise
 
     def _plan_to_point(self, motion: MoveTo) -> MotionPlan:
         """Plan a motion to a point; where it is out of reach, name a point that is accepted."""
@@ -146,7 +168,7 @@ class PreflightPlanner:
         for fraction in _STEPS_BACK:
             point_m = np.round(nearest_m + fraction * (tip_m - nearest_m), 3)
             with suppress(UnreachableError, RefusedError):
-                self._plan_tip(replace(motion, position_m=point_m))
+                self._plan_tip(replace(motion, position_m=point_m, straight=True))
                 return point_m.tolist()
         return None
 
@@ -203,11 +225,14 @@ class PreflightPlanner:
     def _plan_rest(self) -> MotionPlan:
         """Plan the slow motion to the rest pose, by another pose where the path is not free."""
         rest = self.rest_pose()
-        motion = MoveJoints(rest.positions, speed="slow")
+        motion = MoveJoints(rest.positions, speed="slow", straight=True)
         try:
             plan = self._plan_joints(motion)
-        except RefusedError:
-            found = self._plan_via_pose(motion, self._runner.start_position(), "slow")
+        except RefusedError as error:
+            start = self._runner.start_position()
+            found = self._plan_via_pose(motion, start, "slow")
+            if found is None and isinstance(error, CollisionError):
+                found = self._plan_around(replace(motion, straight=False), start, "slow", error)
             if found is None:
                 raise
             plan = found
@@ -234,7 +259,7 @@ class PreflightPlanner:
                     for name, goal in rest.positions.items()
                 }
                 with suppress(RefusedError):
-                    plan = self._plan_joints(MoveJoints(part, speed="slow"))
+                    plan = self._plan_joints(MoveJoints(part, speed="slow", straight=True))
                     return replace(plan, requested=rest.positions, clamped=rest.changed)
             raise
 
@@ -281,10 +306,12 @@ class PreflightPlanner:
         try:
             plan = plan_motion(self._planner, motion, start, allowed)
             return self._check_clear(plan, motion.speed)
-        except RefusedError:
-            if not self._context.is_in_contact(start):
-                raise
-            found = self._plan_via_pose(motion, start, allowed)
+        except RefusedError as error:
+            found = None
+            if self._context.is_in_contact(start):
+                found = self._plan_via_pose(motion, start, allowed)
+            if found is None and isinstance(error, CollisionError):
+                found = self._plan_around(motion, start, allowed, error)
             if found is None:
                 raise
             return found
@@ -298,6 +325,62 @@ class PreflightPlanner:
                 then = plan_motion(self._planner, motion, first.goal, allowed)
                 return self._check_clear(self._join(first, then, pose), motion.speed)
         return None
+
+    def _plan_around(
+        self,
+        motion: TipMotion | MoveJoints | LookAt,
+        start: Vector,
+        allowed: str,
+        blocked: CollisionError,
+    ) -> MotionPlan | None:
+        """Return a plan of the joints around what blocks the straight one; None without any.
+
+        For a line the error says that the joints can go around, where they can.
+        """
+        if isinstance(motion, MoveTo | MoveJoints):
+            if motion.straight:
+                return None
+            if not can_search():
+                blocked.command_hint += f" {HOW_TO_SEARCH}"
+                return None
+        elif isinstance(motion, Draw | LookAt) or (
+            isinstance(motion, MoveThrough) and not motion.line
+        ):
+            return None
+        goals = [plan_motion(self._planner, motion, start, allowed).goal]
+        points = list[PointGoal]()
+        if isinstance(motion, MoveTo):
+            points = self._planner.goals_at(start, motion.position_m, motion.stance)
+            goals = [point.joints for point in points]
+        for tried in self._ways_around(start, np.array(goals), allowed):
+            with suppress(RefusedError):
+                plan = self._check_clear(tried, motion.speed)
+                if isinstance(motion, MoveTo | MoveJoints):
+                    for point in points:
+                        if np.allclose(point.joints, plan.goal):
+                            plan = point.reached_by(plan)
+                    return replace(plan, around=blocked.contact)
+                to = " ".join(f"{x:.3f}" for x in plan.tip_m.tolist())
+                blocked.command_hint += f" The joints can go around it: ikservo move {to}."
+                return None
+        return None
+
+    def _ways_around(self, start: Vector, goals: Matrix, allowed: str) -> Iterator[MotionPlan]:
+        """Yield plans around things to one of some goals (m, n), the roundest first.
+
+        An arm that touches something leaves that first.
+        """
+        load_factor, firsts = self._planner.dynamic_load_factor(allowed), [None]
+        if self._context.is_in_contact(start):
+            firsts = [None, *(first for _, first in self._ways_out(start, allowed))]
+        for first in firsts:
+            begin = start if first is None else first.goal
+            if first is not None and not self._is_clear(first):
+                continue
+            for way in ways_around(self._context, begin, goals, load_factor):
+                for blend in BLENDS_RAD if len(way) > 2 else BLENDS_RAD[:1]:
+                    plan = self._planner.plan_along(begin, list(way[1:]), allowed, blend)
+                    yield plan if first is None else self._join(first, plan, "")
 
     def _ways_out(self, start: Vector, allowed: str) -> Iterator[tuple[str, MotionPlan]]:
         """Yield motions out of a contact, and the retract poses where they end ("" for none).
@@ -325,6 +408,13 @@ class PreflightPlanner:
     def _join(self, first: MotionPlan, then: MotionPlan, pose: str) -> MotionPlan:
         change_rad = self._planner.rotation_between(first.start, then.goal)
         return via_pose_plan(first, then, pose, change_rad)
+
+    def _is_clear(self, plan: MotionPlan) -> bool:
+        try:
+            self._check_clear(plan, plan.speed)
+        except RefusedError:
+            return False
+        return True
 
     def _check_clear(self, plan: MotionPlan, requested: str) -> MotionPlan:
         """Return the plan if its path is free, with whether it is slower than requested."""

@@ -64,6 +64,8 @@ def _plan_fields(goal: Mapping[str, float], change_rad: float) -> Fields[MotionP
         Field("duration_s", "duration", lambda plan: f"{plan.duration_s:.2f} s"),
         Field("path_m", "path", lambda plan: f"{plan.path_m:.3f} m of the tip"),
         Field("speed", "speed"),
+        Field("around", "around", lambda plan: [plan.around] if plan.around else []),
+        Field("clearance_m", "nearest", _describe_clearance, _finite_clearance_m),
         Field("binding", "limit", _limiting_lines, _limiting_lines),
         Field(
             "near_limits",
@@ -80,7 +82,17 @@ def _plan_fields(goal: Mapping[str, float], change_rad: float) -> Fields[MotionP
     )
 
 
-_PLAN_LINES = "duration_s path_m speed tool_speed binding near_limits orientation_error_rad"
+_PLAN_LINES = "duration_s path_m speed around clearance_m tool_speed binding near_limits orientation_error_rad"
+
+
+def _describe_clearance(plan: MotionPlan) -> str | list[str]:
+    if not math.isfinite(plan.clearance_m):
+        return []
+    return f"{plan.clearance_m * 1000:.0f} mm to the arm itself, the table or a box"
+
+
+def _finite_clearance_m(plan: MotionPlan) -> float | None:
+    return plan.clearance_m if math.isfinite(plan.clearance_m) else None
 
 
 def make_tip_motion(

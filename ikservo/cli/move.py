@@ -16,6 +16,7 @@ from ikservo.cli.options import (
     Length,
     MotionOptions,
     SpeedOption,
+    StraightOption,
     ToolOptions,
     ToolSpeedOption,
 )
@@ -59,6 +60,7 @@ def command(
     tool_speed: ToolSpeedOption = None,
     tool: ToolOptions,
     preferred: PostureOptions,
+    straight: StraightOption = False,
     options: MotionOptions,
 ) -> None:
     """Move the tip to the point X Y Z in the arm's base frame.
@@ -100,7 +102,7 @@ def command(
             motion = MoveThrough(points, blend_m=blend, line=line, tool_speed_m_s=tool_speed,
                                  speed=speed, stance=orientation)  # fmt: skip
         else:
-            motion = MoveTo((x, y, z), speed=speed, stance=orientation)
+            motion = MoveTo((x, y, z), speed=speed, stance=orientation, straight=straight)
         plan = machine.plan(motion)
         if posture is not None and plan.solution is not None:
             report_missing_freedom(machine.chain, plan.solution.q, directed=False)

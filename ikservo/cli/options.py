@@ -32,6 +32,7 @@ __all__ = [
     "OverwriteOption",
     "ServoConnection",
     "SpeedOption",
+    "StraightOption",
     "TipOption",
     "ToolOptions",
     "ToolSpeedOption",
@@ -106,6 +107,10 @@ DurationOption = Annotated[
 ]
 CountOption = Annotated[
     int | None, typer.Option("--count", min=1, help="End after this many readings.")
+]
+StraightOption = Annotated[
+    bool,
+    typer.Option("--straight", help="Do not move around what is in the way: refuse."),
 ]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
 UncalibratedOption = Annotated[

@@ -15,7 +15,7 @@ from ikservo.cli.completion import complete_poses
 from ikservo.cli.joints import make_joint_motion, print_report
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.option_groups import Without
-from ikservo.cli.options import ArmConnection, MotionOptions, SpeedOption
+from ikservo.cli.options import ArmConnection, MotionOptions, SpeedOption, StraightOption
 from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
 from ikservo.errors import NoPortError
@@ -37,6 +37,7 @@ def command(
     *,
     connection: ArmConnection,
     speed: SpeedOption = "normal",
+    straight: StraightOption = False,
     options: Annotated[MotionOptions, Without("tip")],
 ) -> None:
     """Move to a pose of the arm file or to one you taught; without a name, list them.
@@ -52,7 +53,8 @@ def command(
         inside = machine.pose_within_limits(name)
         for words in inside.changed:
             print_status(f"{words}.")
-        report = make_joint_motion(machine, MoveJoints(inside.positions, speed=speed), options)
+        motion = MoveJoints(inside.positions, speed=speed, straight=straight)
+        report = make_joint_motion(machine, motion, options)
     print_report(report, machine.model, json=options.json)
 
 

@@ -197,7 +197,7 @@ class CollisionChecker:
         """
         near_m, count = np.full(len(self._pairs_with_sag), margin_m), len(self.pairs)
         if ends is not None:
-            nearest_m = self.distances_with_sag(ends).min(axis=0, initial=margin_m)
+            nearest_m = self.distances_with_sag(ends, load).min(axis=0, initial=margin_m)
             near_m = np.maximum(nearest_m, 0.0)
         allowed_m = np.tile(near_m[:count] - self.overlap_m, (2, 1))
         if self.sag is not None:

@@ -1,0 +1,151 @@
+"""What is in the straight way is gone around, with a planner; without one it is refused."""
+
+import itertools
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.arm.motions import MoveTo, motion_fields, parse_motion
+from ikservo.errors import CollisionError
+from ikservo.guard import KeepOutBox
+from ikservo.motion.avoidance import can_search, find_way
+from tests.arm.simulated import context_of, line_of, registers
+
+POST = KeepOutBox("the post", (0.15, -0.02, 0.0), (0.30, 0.02, 0.25))
+LEFT, RIGHT = (0.2, 0.12, 0.1), (0.2, -0.12, 0.1)
+needs_planner = pytest.mark.skipif(not can_search(), reason="ompl has no wheel here")
+
+
+@pytest.fixture
+def beside_post():
+    """An arm to the left of a post, which is as high as its elbow."""
+    with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
+        joints = dict(zip(arm.joint_names, arm.plan_to(LEFT).goal.tolist(), strict=True))
+    model = replace(ikservo.load_model("so101"), keep_out=(POST,))
+    with ikservo.open_arm(model, port="sim") as arm:
+        for joint, position in joints.items():
+            line_of(arm).world.place(joint, position)
+        arm.enable()
+        yield arm
+
+
+def nearest_m(arm, postures):
+    context = context_of(arm)
+    return context.collision.distances(context.index.body_joints(np.array(postures))).min()
+
+
+@needs_planner
+def test_an_arm_goes_around_a_post_and_says_so(beside_post):
+    plan = beside_post.plan_to(RIGHT)
+    assert "would touch the post" in plan.around
+    postures = plan.sample(0.005).positions
+    assert 0.0 < plan.clearance_m <= nearest_m(beside_post, postures) + 1e-3
+    assert plan.path_m > 0.24
+    assert plan.planning_s > 0.0
+    again = beside_post.plan_to(RIGHT).sample(0.005).positions
+    np.testing.assert_array_equal(postures, again)
+    seen = []
+    report = beside_post.move_to(RIGHT, on_progress=lambda now: seen.append(now.joints_rad))
+    assert report.reached
+    assert nearest_m(beside_post, seen) > 0.0
+
+
+@needs_planner
+def test_poses_and_joints_are_reached_around_things(beside_post):
+    goal = dict(zip(beside_post.joint_names, beside_post.plan_to(RIGHT).goal.tolist(), strict=True))
+    assert beside_post.move_joints(goal).reached
+    beside_post.move_to(LEFT)
+    with pytest.raises(CollisionError, match="the post"):
+        beside_post.move_joints(goal, straight=True)
+    others = {name: at for name, at in goal.items() if name != "wrist_roll"}
+    with pytest.raises(CollisionError, match="the post"):
+        beside_post.move_joints(others)  # the one that is not named stays
+
+
+@needs_planner
+def test_a_line_stays_a_line_and_the_refusal_offers_the_joints(beside_post):
+    before = registers(beside_post, "goal_position")
+    with pytest.raises(CollisionError, match=r"would touch the post: .* mm deep") as refused:
+        beside_post.move_line(RIGHT)
+    assert "ikservo move 0.200 -0.120 0.100" in refused.value.command_hint
+    assert registers(beside_post, "goal_position") == before
+
+
+@needs_planner
+def test_a_goal_in_a_wall_is_refused_soon(beside_post):
+    with pytest.raises(CollisionError, match="the post"):
+        beside_post.plan_to((0.22, 0.0, 0.1))
+
+
+def test_straight_or_without_a_planner_it_is_refused(monkeypatch, beside_post):
+    with pytest.raises(CollisionError, match="the post") as refused:
+        beside_post.move_to(RIGHT, straight=True)
+    assert "ikservo[plan]" not in refused.value.command_hint
+    for name in ("ompl", "ompl.base"):
+        monkeypatch.setitem(sys.modules, name, None)
+    with pytest.raises(CollisionError, match="the post") as refused:
+        beside_post.move_to(RIGHT)
+    assert "pip install 'ikservo[plan]'" in refused.value.command_hint
+
+
+def test_straight_is_a_field_of_the_motion():
+    assert parse_motion(motion_fields(MoveTo(LEFT, straight=True))) == MoveTo(LEFT, straight=True)
+    assert motion_fields(MoveTo(LEFT)) == {"move_to": {"position_m": list(LEFT)}}
+
+
+def test_a_point_has_several_goals_that_reach_it():
+    with ikservo.open_arm("wx250s", port="sim:?pose=home") as arm:
+        planner, at = context_of(arm).planner, np.array(list(arm.where().positions.values()))
+        tip_m = planner.tip(at)
+        found = planner.goals_at(at, tip_m, ikservo.ToolOrientation())
+        assert len(found) > 3
+        for each in found:
+            np.testing.assert_allclose(planner.tip(each.joints), tip_m, atol=2e-5)
+        level = planner.goals_at(at, tip_m, ikservo.ToolOrientation(pitch_rad=0.0))
+        turned = {round(each.joints[arm.joint_names.index("forearm_roll")], 1) for each in level}
+        assert len(turned) > 1
+        assert max(each.solved.error_rad for each in level) < 0.01
+
+
+class Maze:
+    """A square with a wall that has a gap."""
+
+    def __init__(self, half=0.05, gap=0.9):
+        self.half, self.gap = half, gap
+
+    def contains(self, postures):
+        x, y = np.asarray(postures).T
+        return (np.abs(x - 0.5) > self.half) | (np.abs(y - self.gap) < 0.15 - self.half)
+
+    def is_free(self, path):
+        return all(self.contains(np.linspace(a, b, 200)).all() for a, b in itertools.pairwise(path))
+
+
+@needs_planner
+def test_a_way_leads_through_a_gap_to_the_goal_that_can_be_reached():
+    start, goals = np.array([0.1, 0.1]), np.array([[0.9, 0.1], [0.5, 0.2]])
+    way = find_way(Maze(), start, goals, np.zeros(2), np.ones(2))
+    assert Maze(half=0.04).is_free(way)  # looked at between samples, too
+    np.testing.assert_array_equal(way[[0, -1]], [start, goals[0]])
+    assert 1.6 < np.linalg.norm(np.diff(way, axis=0), axis=1).sum() < 2.2
+    np.testing.assert_array_equal(way, find_way(Maze(), start, goals, np.zeros(2), np.ones(2)))
+
+
+@needs_planner
+def test_where_there_is_no_way_there_is_none():
+    walled, start = Maze(), np.array([0.1, 0.1])
+    assert find_way(walled, start, np.array([[0.5, 0.2]]), np.zeros(2), np.ones(2)) is None
+    assert find_way(walled, start, np.array([[0.9, 1.9]]), np.zeros(2), np.ones(2)) is None
+    goals = np.array([[0.9, 0.1]])
+    assert find_way(Maze(gap=5.0), start, goals, np.zeros(2), np.ones(2), most=300) is None
+
+
+@needs_planner
+def test_a_limp_arm_that_lies_folded_gets_home():
+    with ikservo.open_arm("wx250s", port="sim") as arm:
+        for joint, position in arm.model.pose("rest").items():
+            line_of(arm).world.place(joint, position)
+        assert arm.pose("home").reached
