@@ -82,7 +82,10 @@ def _plan_fields(goal: Mapping[str, float], change_rad: float) -> Fields[MotionP
     )
 
 
-_PLAN_LINES = "duration_s path_m speed around clearance_m tool_speed binding near_limits orientation_error_rad"
+_PLAN_LINES = (
+    "duration_s path_m speed around clearance_m tool_speed binding near_limits "
+    "orientation_error_rad"
+)
 
 
 def _describe_clearance(plan: MotionPlan) -> str | list[str]:
