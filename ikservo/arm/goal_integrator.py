@@ -23,7 +23,9 @@ _FRICTION_MARGIN = 0.15
 _BRAKE_S, _BRAKE_FILTER_S, _MAX_BRAKE_TICKS = 0.05, 0.02, 4.0
 # Once a joint that swung in the play of its gears rests it is corrected again, each time slower
 # [rad/s at the horn], for it must not coast across its play.
-_SWUNG_RAD_S = (0.015, 0.005)
+_SWUNG_RAD_S = (0.015, 0.01)
+# It drifts on inside its play when its goal has stopped; turning round there would throw it again.
+_SWUNG_ENOUGH_TICKS = 2
 # Near its target a joint that has just moved is waited for: after stiction it still slides.
 _NEAR_TICKS = 3
 _MIN_WAIT_S = 0.04
@@ -122,6 +124,11 @@ class GoalIntegrator:
         return self._swing.swings
 
     @property
+    def has_swung(self) -> bool:
+        """Whether the joint swings or has swung, and may do so again."""
+        return self._swing.swings or self._swing.rests > 0
+
+    @property
     def swing_ticks(self) -> int:
         """How far the joint went between the last two times that it turned round."""
         return self._swing.ticks
@@ -193,7 +200,7 @@ class GoalIntegrator:
         if self.swings and self._swing.rests < len(_SWUNG_RAD_S) and not self.moves_at(time_s):
             self.goal = self._inside(self.goal + self._along)  # the torque stays
             self._swing.rest()
-            self._furthest = self._enough = 0
+            self._furthest, self._enough = 0, _SWUNG_ENOUGH_TICKS
 
     @property
     def _along(self) -> float:

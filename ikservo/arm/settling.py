@@ -35,6 +35,8 @@ _MIN_RAD_S2 = 4.0
 _MAX_DURATION_S = 5.0
 # A joint that friction lets go just before that comes to rest at its goal within this time.
 _MAX_COAST_S = 0.5
+# A swing that a last correction began comes to rest within this time.
+_MAX_SWING_S = 2.5
 # A swing further than this, at the horn, is more than worn gears explain: something is loose.
 _MAX_PLAY_SWING_RAD = math.radians(4.0)
 # An error is reported where it exceeds sensor noise.
@@ -107,7 +109,9 @@ class SettlingTrajectory:
         self._updated_s = time_s
         ended = not correcting or all(_has_ended(j) for j in self._joints)
         rests = all(j.has_swung_at(time_s) or not j.moves_at(time_s) for j in self._joints)
-        if (ended and rests) or time_s >= _MAX_DURATION_S + _MAX_COAST_S:
+        swung = any(j.has_swung for j in self._joints)
+        most_s = _MAX_DURATION_S + (_MAX_SWING_S if swung else _MAX_COAST_S)
+        if (ended and rests) or time_s >= most_s:
             self._end_s = min(self._end_s, time_s)
 
     @property
@@ -142,7 +146,7 @@ class SettlingTrajectory:
         return [
             j
             for j in self._joints
-            if abs(j.error_ticks) >= _RESIDUAL_TICKS or (j.swings and j.moves_at(self._updated_s))
+            if abs(j.error_ticks) >= _RESIDUAL_TICKS or _still_swings(j, self._updated_s)
         ]
 
 
@@ -163,16 +167,20 @@ def _has_ended(joint: GoalIntegrator) -> bool:
     return joint.arrived or joint.swings or joint.saturation_reason is not None
 
 
+def _still_swings(joint: GoalIntegrator, time_s: float) -> bool:
+    return joint.has_swung and joint.moves_at(time_s)
+
+
 def _is_trusted(joint: GoalIntegrator, time_s: float) -> bool:
     """Check whether a joint rests, or swings no further than the play of its gears explains."""
     swing_rad = joint.swing_ticks * joint.driven.joint_map.horn_rad_per_tick
-    return not joint.moves_at(time_s) or (joint.swings and swing_rad <= _MAX_PLAY_SWING_RAD)
+    return not joint.moves_at(time_s) or (joint.has_swung and swing_rad <= _MAX_PLAY_SWING_RAD)
 
 
 def _describe_residual(joint: GoalIntegrator, time_s: float) -> str:
     reason, joint_map = joint.saturation_reason, joint.driven.joint_map
     missing = joint_map.format(abs(joint.error_ticks) * joint_map.unit_per_tick)
-    if not joint.swings:
+    if not (joint.swings or _still_swings(joint, time_s)):
         why = reason.text if reason else "it jumps across its goal" if joint.arrived else "timeout"
         return f"{joint_map.joint} is {missing} short: {why}"
     swing = joint_map.format(joint.swing_ticks * joint_map.unit_per_tick)
