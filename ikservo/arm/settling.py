@@ -195,7 +195,7 @@ class SettlingResult:
     Attributes:
         measured: The joints (n,), rad or m.
         residuals: The joints that did not arrive, by how much and why.
-        motion_s: How long the motion took up to its planned end.
+        motion_s: How long the motion took up to its planned end, with the preload before it.
         settling_s: How long settling took after that.
         unsettled: The joints that still move by more than the play of gears explains.
     """

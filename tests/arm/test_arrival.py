@@ -134,7 +134,8 @@ def arm():
 def test_the_report_parts_motion_from_settling(arm):
     plan = arm.plan_to((0.25, 0.05, 0.15))
     report = arm.execute(plan)
-    assert report.motion_s == pytest.approx(plan.duration_s, rel=0.05)
+    before_s = 0.2  # in which rotors come to their flanks
+    assert plan.duration_s <= report.motion_s <= 1.05 * plan.duration_s + before_s
     assert report.duration_s == pytest.approx(report.motion_s + report.settling_s)
 
 

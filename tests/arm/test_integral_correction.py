@@ -257,6 +257,25 @@ def test_a_joint_that_swung_is_corrected_again_at_rest_twice_and_slowly():
     assert joint.swings
 
 
+def test_a_joint_that_swung_is_not_turned_round_for_what_it_drifts_over_its_target():
+    joint = creep(goal=2004)
+    swing_then_rest(joint, 1990, 0.0)
+    goals = feed(joint, [*range(1990, 2005), *[2004] * 100], 2.0)
+    assert joint.arrived
+    assert goals[-1] == goals[-100]
+
+
+def test_a_joint_that_begins_to_swing_again_when_time_is_over_is_reported_not_an_error():
+    def tick_at(time_s):
+        swung = time_s < 1.0 or time_s > 5.2
+        return swing(12)(time_s) if swung else 1990
+
+    trajectory = settle_with(tick_at)
+    assert trajectory.moving_joints == ("elbow",)
+    assert trajectory.unsettled_joints == ()
+    assert "swings" in trajectory.residuals[0]
+
+
 def test_a_gripper_that_swings_keeps_its_goal():
     sent, _ = swing_then_rest(creep(wanted=None), 2009, 0.0)
     assert set(sent) == {2000.0}
