@@ -109,7 +109,8 @@ class Operator:
         """
         while self.interactive:
             default = f" [{entry.default}]" if entry.default else ""
-            answer = read_answer(f"{entry.text}{default}: ").strip() or entry.default
+            listed = f" ({', '.join(entry.choices)})" if entry.choices else ""
+            answer = read_answer(f"{entry.text}{listed}{default}: ").strip() or entry.default
             if answer and (not entry.choices or answer in entry.choices):
                 return answer
             print_status(f"Type one of: {', '.join(entry.choices)}." if entry.choices else

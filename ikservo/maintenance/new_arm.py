@@ -153,8 +153,7 @@ def _choose_tips(description: Description, options: ImportOptions) -> EntryDialo
     only = structures[0]
     if only.other_tips:
         choices = (only.tip, *only.other_tips)
-        yield Notice(f"Links that can be the tip: {', '.join(choices)}.")
-        answer = yield Entry("Tip", "--tip LINK", only.tip, choices)
+        answer = yield Entry("Which link is the tip?", "--tip LINK", only.tip, choices)
         return replace(options, tips=(answer or only.tip,))
     return options
 

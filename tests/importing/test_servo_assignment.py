@@ -15,27 +15,16 @@ from ikservo.importing.draft import DraftServo
 from ikservo.importing.sources import read_foreign
 from ikservo.maintenance.dialogue import ACCEPT, Entry, Question
 from ikservo.maintenance.servo_assignment import assign_servos
+from tests.importing.hidden_arm import IDS, SIGNS, hide_arm
 from tests.oracle import CONFIGS
 
 ARM = CONFIGS / "so101"
-IDS = {"shoulder_pan": 9, "shoulder_lift": 4, "elbow_flex": 11, "wrist_flex": 2, "wrist_roll": 30,
-       "gripper": 7}  # fmt: skip
-SIGNS = {"shoulder_pan": -1, "shoulder_lift": 1, "elbow_flex": -1, "wrist_flex": -1,
-         "wrist_roll": 1, "gripper": -1}  # fmt: skip
 
 
 @pytest.fixture
 def port(tmp_path, monkeypatch):
     """Return a simulated bus of an arm whose ids, signs and zeros nobody knows."""
-    text = (ARM / "arm.toml").read_text()
-    for i, name in enumerate(IDS, start=1):
-        old = f'id = {i}, model = "STS3215", sign = 1, zero_tick = 2048'
-        assert old in text
-        zero = f"sign = {SIGNS[name]}, zero_tick = {1900 + 40 * i}"
-        new = f'id = {IDS[name]}, model = "STS3215", {zero}'
-        text = text.replace(old, new)
-    (tmp_path / "arm.toml").write_text(text)
-    (tmp_path / "arm.urdf").write_text((ARM / "arm.urdf").read_text())
+    hide_arm(tmp_path)
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
     return f"sim:{tmp_path}/arm.toml?pose=home"
 
