@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
+from itertools import chain, islice
 from math import radians
 from time import perf_counter
 from typing import Any, Protocol
@@ -39,7 +40,12 @@ from ikservo.arm.plan import (
 from ikservo.arm.planner import PointGoal
 from ikservo.arm.planning import plan_motion
 from ikservo.arm.poses import PoseLibrary
-from ikservo.arm.ways_around import BLENDS_RAD, HOW_TO_SEARCH, ways_around
+from ikservo.arm.ways_around import (
+    BLENDS_RAD,
+    HOW_TO_SEARCH,
+    postures_nearby,
+    ways_around,
+)
 from ikservo.errors import (
     BadValueError,
     CollisionError,
@@ -58,6 +64,8 @@ __all__ = ["MotionStart", "PreflightPlanner"]
 _PRESSING_LAG_RAD = 0.05
 # Where the whole path to the rest pose is not free, these fractions of it are tried.
 _PATH_FRACTIONS = (0.8, 0.6, 0.4, 0.2)
+# From where ways around are looked for; and how many postures are tried for that.
+_EXITS, _NEARBY = 3, 300
 # A point is suggested at these fractions of the line from the nearest one back to the tip.
 _STEPS_BACK = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
 
@@ -370,17 +378,25 @@ class PreflightPlanner:
 
         An arm that touches something leaves that first.
         """
-        load_factor, firsts = self._planner.dynamic_load_factor(allowed), [None]
-        if self._context.is_in_contact(start):
-            firsts = [None, *(first for _, first in self._ways_out(start, allowed))]
-        for first in firsts:
+        load_factor = self._planner.dynamic_load_factor(allowed)
+        exits = self._exits(start, allowed, load_factor)
+        for first in chain([None], islice(exits, _EXITS)):
             begin = start if first is None else first.goal
-            if first is not None and not self._is_clear(first):
-                continue
             for way in ways_around(self._context, begin, goals, load_factor):
                 for blend in BLENDS_RAD if len(way) > 2 else BLENDS_RAD[:1]:
                     plan = self._planner.plan_along(begin, list(way[1:]), allowed, blend)
                     yield plan if first is None else self._join(first, plan, "")
+
+    def _exits(self, start: Vector, allowed: str, load_factor: float) -> Iterator[MotionPlan]:
+        """Yield short motions, whose paths are free, from a contact to where nothing is touched."""
+        if not self._context.is_in_contact(start):
+            return
+        nearest = self._context.nearest_free_joints(start)
+        nearby = postures_nearby(self._context, start, load_factor)
+        for free in chain([] if nearest is None else [nearest], islice(nearby, _NEARBY)):
+            first = self._planner.plan_to_joints(start, self._context.index.by_name(free), allowed)
+            with suppress(RefusedError):
+                yield self._check_clear(first, allowed)
 
     def _ways_out(self, start: Vector, allowed: str) -> Iterator[tuple[str, MotionPlan]]:
         """Yield motions out of a contact, and the retract poses where they end ("" for none).
@@ -408,13 +424,6 @@ class PreflightPlanner:
     def _join(self, first: MotionPlan, then: MotionPlan, pose: str) -> MotionPlan:
         change_rad = self._planner.rotation_between(first.start, then.goal)
         return via_pose_plan(first, then, pose, change_rad)
-
-    def _is_clear(self, plan: MotionPlan) -> bool:
-        try:
-            self._check_clear(plan, plan.speed)
-        except RefusedError:
-            return False
-        return True
 
     def _check_clear(self, plan: MotionPlan, requested: str) -> MotionPlan:
         """Return the plan if its path is free, with whether it is slower than requested."""

@@ -13,7 +13,7 @@ from ikservo.guard import ClearSpace
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion.avoidance import find_way
 
-__all__ = ["BLENDS_RAD", "HOW_TO_SEARCH", "ways_around"]
+__all__ = ["BLENDS_RAD", "HOW_TO_SEARCH", "postures_nearby", "ways_around"]
 
 BLENDS_RAD = (0.3, 0.1, 0.03, 0.01, 0.003)
 """How far before a corner the joints may begin to turn, from the roundest way to the closest."""
@@ -22,6 +22,10 @@ HOW_TO_SEARCH = "To go around it, install a planner: pip install 'ikservo[plan]'
 
 # Distances that are kept from everything, and how many motions are looked at for each.
 _MARGINS_M = ((0.01, 3000), (0.003, 20000))
+
+
+# Postures tried around one in contact, up to so far in any joint; the fraction of joints that move.
+_TRIED, _AROUND_RAD, _MOVING = 20000, 2.5, 0.6
 
 
 class _MovingSpace:
@@ -82,3 +86,24 @@ def ways_around(
             joints = moving_space.joints(way)
             joints[0] = start
             yield joints
+
+
+def postures_nearby(context: ArmContext, start: Vector, load_factor: float) -> Iterator[Vector]:
+    """Yield joints (n,) that touch nothing, those nearest to ``start`` (n,) first.
+
+    Joints beside the chain keep their positions.
+    """
+    checker = context.checked_collision
+    if checker is None:
+        return
+    random, index = np.random.default_rng(1), context.index
+    at = index.chain_joints(start)
+    lower, upper = (index.chain_joints(limit) for limit in context.limits())
+    shape = (_TRIED, len(at))
+    step = random.uniform(-1.0, 1.0, shape) * random.uniform(0.0, _AROUND_RAD, (_TRIED, 1))
+    step *= random.random(shape) < _MOVING
+    joints = np.tile(start, (_TRIED, 1))
+    joints[:, list(index.chain)] = np.clip(at + step, np.minimum(lower, at), np.maximum(upper, at))
+    joints = joints[np.argsort(np.abs(joints - start).max(axis=1))]
+    space = checker.clear_space(_MARGINS_M[-1][0], load=load_factor)
+    yield from joints[space.contains(index.body_joints(joints))]

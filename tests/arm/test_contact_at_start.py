@@ -10,6 +10,7 @@ import ikservo
 from ikservo.arm.recorder import recording_header
 from ikservo.errors import CollisionError
 from ikservo.guard import KeepOutBox
+from ikservo.motion.avoidance import can_search
 from ikservo.recording.recording import RecordingWriter
 from tests.arm.simulated import clock_of, context_of, line_of, registers
 
@@ -108,9 +109,12 @@ def test_a_limp_arm_leaves_the_table_for_its_home_pose(seed):
 
 @pytest.mark.campaign
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("name", ["so101", "koch", "open_manipulator_x", "px100"])
+@pytest.mark.parametrize(
+    "name", ["so101", "koch", "open_manipulator_x", "px100", "wx250s", "vx300s"]
+)
 def test_a_limp_arm_leaves_the_table_from_nearly_every_posture(name):
-    assert sum(goes_home(name, seed) for seed in range(20)) >= 18
+    homes = [goes_home(name, seed) for seed in range(20)]
+    assert sum(homes) >= 19 if can_search() else sum(homes) >= 8
 
 
 @pytest.fixture

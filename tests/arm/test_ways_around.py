@@ -13,6 +13,7 @@ from ikservo.errors import CollisionError
 from ikservo.guard import KeepOutBox
 from ikservo.motion.avoidance import can_search, find_way
 from tests.arm.simulated import context_of, line_of, registers
+from tests.arm.test_contact_at_start import goes_home
 
 POST = KeepOutBox("the post", (0.15, -0.02, 0.0), (0.30, 0.02, 0.25))
 LEFT, RIGHT = (0.2, 0.12, 0.1), (0.2, -0.12, 0.1)
@@ -144,8 +145,6 @@ def test_where_there_is_no_way_there_is_none():
 
 
 @needs_planner
-def test_a_limp_arm_that_lies_folded_gets_home():
-    with ikservo.open_arm("wx250s", port="sim") as arm:
-        for joint, position in arm.model.pose("rest").items():
-            line_of(arm).world.place(joint, position)
-        assert arm.pose("home").reached
+@pytest.mark.parametrize(("name", "seed"), [("px100", 12), ("wx250s", 2)])
+def test_a_limp_arm_leaves_a_contact_for_its_home_pose(name, seed):
+    assert goes_home(name, seed)
