@@ -11,7 +11,6 @@ from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 __all__ = ["Capsule", "segment_box_distance", "segment_distance"]
 
 _TINY = 1e-30
-_ROUNDING_M = 3e-6  # of lengths in a file
 _GOLDEN = (5**0.5 - 1) / 2
 
 
@@ -38,12 +37,6 @@ class Capsule:
     def length_m(self) -> float:
         """The length of the segment."""
         return float(np.linalg.norm(self.end_m - self.start_m))
-
-    def contains(self, other: Capsule) -> bool:
-        """Check whether a capsule of the same link is inside; they are convex, so ends decide."""
-        own = self.start_m, self.end_m
-        away_m = [float(segment_distance(*own, end, end)) for end in (other.start_m, other.end_m)]
-        return max(away_m) + other.radius_m <= self.radius_m + _ROUNDING_M
 
     def ends(self, T_world_link: Matrix) -> tuple[Vector, Vector]:
         """Return both ends (…, 3) in world coordinates, metres, for poses (…, 4, 4)."""

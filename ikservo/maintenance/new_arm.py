@@ -89,6 +89,8 @@ def draft_new_arm(new: NewArm) -> EntryDialogue[list[ArmDraft]]:
         except StopIteration as end:
             drafts: list[ArmDraft] = end.value
             break
+        if not step.done:
+            yield Notice(f"Fitting capsules to {step.count} meshes: a second or two for each.")
         yield Progress(f"mesh {step.done + 1} of {step.count}: {step.name}")
     check_new([draft.name for draft in drafts], new.folder, overwrite=new.overwrite)
     for draft in drafts:

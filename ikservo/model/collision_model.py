@@ -10,7 +10,7 @@ import numpy as np
 from ikservo.errors import InputError
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector
-from ikservo.kinematics.capsules import Capsule
+from ikservo.kinematics.capsules import Capsule, segment_distance
 from ikservo.kinematics.collision import CollisionBody
 from ikservo.kinematics.se3 import rotation_rpy
 from ikservo.model.loading import build_chain
@@ -86,12 +86,28 @@ def capsules_of(model: Model) -> list[Capsule]:
 
 
 def _without_contained(capsules: list[Capsule]) -> list[Capsule]:
-    """Leave out what another capsule contains, such as the balls at the ends of a cylinder."""
-    kept: list[Capsule] = []
-    for capsule in sorted(capsules, key=lambda each: (-each.radius_m, -each.length_m)):
-        if not any(other.contains(capsule) for other in kept):
-            kept.append(capsule)
-    return kept
+    """Leave out what another capsule contains, such as the balls at the ends of a cylinder.
+
+    Capsules are convex, so that one contains another if it contains both its ends.
+    """
+    if len(capsules) < 2:
+        return capsules
+    ordered = sorted(capsules, key=lambda each: (-each.radius_m, -each.length_m))
+    starts, ends = (np.array([getattr(each, end) for each in ordered])
+                    for end in ("start_m", "end_m"))  # fmt: skip
+    radii_m = np.array([each.radius_m for each in ordered])
+    away_m = np.maximum(
+        *(segment_distance(starts, ends, at[:, None], at[:, None]) for at in (starts, ends))
+    )
+    inside = away_m + radii_m[:, None] <= radii_m + _ROUNDING_M
+    kept: list[int] = []
+    for i in range(len(ordered)):
+        if not inside[i, kept].any():
+            kept.append(i)
+    return [ordered[i] for i in kept]
+
+
+_ROUNDING_M = 3e-6  # of lengths in a file
 
 
 def _require_capsules(model: Model) -> list[Capsule]:
