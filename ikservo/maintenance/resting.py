@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
+from ikservo.arm.arm import Arm
 from ikservo.arm.opening import open_arm
 
 __all__ = ["RestingPlace", "find_resting_place"]
 
 _STEP_S, _MIN_S, _MAX_S = 1.0, 4.0, 60.0
 _STILL = 0.001  # rad or m, in a step
+_ROOM_M = 0.006  # an arm sags below its path
+_MAX_SHARE, _SHARES = 0.4, 81  # of the way back to where it was released
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +24,7 @@ class RestingPlace:
     """Where an arm comes to rest.
 
     Attributes:
-        positions: By joint, rad or m.
+        positions: By joint, rad or m; a little above, where the guard would find a contact.
         sank_s: How long it took.
         gap_m: The smallest distance of its body there, as the guard measures it; negative where
             its shapes overlap.
@@ -57,4 +61,21 @@ def find_resting_place(folder: Path, pose: str = "home") -> RestingPlace:
             name: float(np.clip(at, limits[name].lower.value, limits[name].upper.value))
             for name, at in before.items()
         }
-        return RestingPlace(inside, sank_s, arm.clearance_m(inside), still)
+        free, gap_m = _free_above(arm, inside, arm.model.pose(pose))
+        return RestingPlace(free, sank_s, gap_m, still)
+
+
+def _free_above(
+    arm: Arm, resting: Mapping[str, float], start: Mapping[str, float]
+) -> tuple[dict[str, float], float]:
+    """Return the first posture on the way back up in which the guard finds room, and the room.
+
+    A limp arm lies on its parts, and what the guard checks is a little thicker; where no posture
+    near is free, it is the place where it lies.
+    """
+    for share in np.linspace(0.0, _MAX_SHARE, _SHARES).tolist():
+        raised = {name: at + share * (start[name] - at) for name, at in resting.items()}
+        gap_m = arm.clearance_m(raised)
+        if gap_m >= _ROOM_M:
+            return raised, gap_m
+    return dict(resting), arm.clearance_m(resting)

@@ -327,3 +327,10 @@ def test_an_arm_folder_of_a_foreign_description_gets_the_command(what, run_cli, 
         result = run_cli(f"{command} --arm {tmp_path}")
         assert result.code == 2
         assert f"ikservo arms new NAME --from {tmp_path}" in result.err
+
+
+@pytest.mark.parametrize("pose", ["home", "rest"])
+def test_its_poses_are_free_for_the_guard(make, tmp_path, pose):
+    make()
+    with ikservo.open_arm(tmp_path / "mine", port="sim:?pose=home", uncalibrated=True) as arm:
+        assert arm.clearance_m(arm.model.pose(pose)) >= 0.0
