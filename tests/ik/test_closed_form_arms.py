@@ -18,13 +18,19 @@ from tests.kinematics.chains import crane, joint
 STRUCTURES = {
     "koch": "yaw + planar 3R + roll",
     "omx_f": "yaw + planar 3R + roll",
+    "omx_l": "yaw + planar 3R + roll",
     "open_manipulator_x": "yaw + planar 3R",
     "planar2": "planar 2R",
     "planar3": "planar 3R",
     "px100": "yaw + planar 3R",
+    "px150": "yaw + planar 3R + roll",
+    "rx150": "yaw + planar 3R + roll",
+    "rx200": "yaw + planar 3R + roll",
     "so100": "yaw + planar 3R + roll",
     "so101": "yaw + planar 3R + roll",
+    "vx250": "yaw + planar 3R + roll",
     "vx300s": "yaw + planar 2R + 3R wrist that meets in a point",
+    "wx200": "yaw + planar 3R + roll",
     "wx250s": "yaw + planar 2R + 3R wrist that meets in a point",
 }
 # Two of its axes are 2.7e-6 rad from parallel, by the rounded angles of its source.

@@ -66,7 +66,7 @@ _NEEDED = {  # options that a command cannot do without
     "draw": ("--origin", "{x},{y},{z}", "--lift", "0"),  # planar arms stay in their plane
 }
 _WHOLE = {  # arguments that depend on each other: their names and the command line
-    "arms": (("action", "file"), ["list"]),
+    "arms": (("action", "name"), ["list"]),
     "export": (
         ("kind", "recordings"),
         ["lerobot", "csv {folder}/wave.jsonl", "dataset {folder}/wave.jsonl --to {folder}/set"],

@@ -114,6 +114,9 @@ _VALUES = {
     "source": lambda *_: _Silent(),
     "leader": _leader,
     "what": lambda arm, _: arm.chain.names[0],
+    "joints": lambda arm, _: arm.chain.names,
+    "period_s": lambda *_: 0.02,
+    "until": lambda *_: _stop_after_20(),
     "wanted": lambda *_: _continue_for_20(),
 }
 _OPTIONS = {  # planar arms stay in their plane

@@ -535,7 +535,7 @@ def test_a_drag_leans_towards_the_posture_and_the_tip_stays_where_it_is_pulled(m
     last = answers[-1]
     assert last.settled
     assert last.marker.gap_m < 1e-4
-    assert np.linalg.norm(last.q - wanted) < 0.8 * np.linalg.norm(plain.q - wanted)
+    assert np.linalg.norm(last.q - wanted) < 0.85 * np.linalg.norm(plain.q - wanted)
     assert np.abs(np.diff([view_state.arms[0], *(a.q for a in answers)], axis=0)).max() <= 0.14
 
 
