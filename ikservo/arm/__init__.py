@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from ikservo.arm.background_motion import Motion, RunningMotion
     from ikservo.arm.calibrated_arm import ZeroSource
     from ikservo.arm.following import check_followed_goal
+    from ikservo.arm.motion_plan import MotionPlan
     from ikservo.arm.opening import open_arm
-    from ikservo.arm.plan import MotionPlan
     from ikservo.arm.recorder import read_recording
     from ikservo.arm.reports import ArmState, JointMoveResult, MotionProgress, MoveResult
     from ikservo.arm.setpoint_stream import SetpointStream
@@ -57,7 +57,7 @@ _HOMES = {
     "JointMoveResult": "arm.reports",
     "JointState": "control.feedback",
     "Motion": "arm.background_motion",
-    "MotionPlan": "arm.plan",
+    "MotionPlan": "arm.motion_plan",
     "MotionProgress": "arm.reports",
     "MoveResult": "arm.reports",
     "OnExit": "arm.arguments",

@@ -12,18 +12,18 @@ from ikservo.arm import replay as replaying
 from ikservo.arm.arguments import OnExit, check_exit
 from ikservo.arm.background_motion import Background
 from ikservo.arm.calibrated_arm import ZeroSource
+from ikservo.arm.checked_planning import PreflightPlanner
 from ikservo.arm.context import ArmContext
 from ikservo.arm.control_server import ControlServer, command_handler, serve
-from ikservo.arm.execution import execute, lower, relax
 from ikservo.arm.motion_methods import MotionMethods, Positions
+from ikservo.arm.motion_plan import MotionPlan, PoseWithinLimits
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.motions import MotionValue, check_motion
-from ikservo.arm.plan import MotionPlan, PoseWithinLimits
+from ikservo.arm.plan_execution import execute, lower, relax
 from ikservo.arm.poses import PoseLibrary, teach
-from ikservo.arm.preflight import PreflightPlanner
 from ikservo.arm.recorder import RecordResult, RecordSettings, record_arm
 from ikservo.arm.reports import ArmState, JointMoveResult, MoveResult, OnProgress
-from ikservo.arm.running import run_motion
+from ikservo.arm.run_by_kind import run_motion
 from ikservo.arm.service import ArmService
 from ikservo.arm.setpoint_stream import open_stream
 from ikservo.clock import Clock

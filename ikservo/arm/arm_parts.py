@@ -5,9 +5,9 @@ from __future__ import annotations
 from typing import Protocol, runtime_checkable
 
 from ikservo.arm.background_motion import Background
+from ikservo.arm.checked_planning import PreflightPlanner
 from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_runner import MotionRunner
-from ikservo.arm.preflight import PreflightPlanner
 
 __all__ = ["ArmParts"]
 

@@ -18,7 +18,7 @@ from ikservo.arm.calibrated_arm import ZeroSource
 from ikservo.arm.following import FollowResult
 from ikservo.arm.jogging import JogResult, KeepGoing
 from ikservo.arm.motion_methods import MotionMethods, Positions
-from ikservo.arm.plan import PoseWithinLimits
+from ikservo.arm.motion_plan import PoseWithinLimits
 from ikservo.arm.poses import PoseLibrary
 from ikservo.arm.recorder import RecordResult
 from ikservo.arm.replay import RecordedTrajectory

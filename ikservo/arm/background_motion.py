@@ -14,7 +14,7 @@ from functools import partial
 from typing import Generic, ParamSpec, Protocol, TypeVar, cast
 
 from ikservo.arm.arguments import parse_number
-from ikservo.control.stopping import StopRequest, stop_on_signals
+from ikservo.control.stop_requests import StopRequest, stop_on_signals
 from ikservo.errors import IkservoError, NotSettledError, RefusedError, StoppedError
 from ikservo.guard import StopKind, StopReason
 

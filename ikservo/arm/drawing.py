@@ -11,8 +11,8 @@ from typing import cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ikservo.arm.motion_plan import MotionPlan
 from ikservo.arm.motions import Draw
-from ikservo.arm.plan import MotionPlan
 from ikservo.arm.planner import Planner
 from ikservo.arm.tool_speed import ToolSpeed
 from ikservo.errors import UnreachableError

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from ikservo.arm.arguments import OnExit, check_callable, parse_all_positions
 from ikservo.arm.background_motion import Background, RunningMotion
+from ikservo.arm.motion_plan import MotionPlan
 from ikservo.arm.motions import (
     Draw,
     LookAt,
@@ -33,7 +34,6 @@ from ikservo.arm.motions import (
     Replay,
     check_motion,
 )
-from ikservo.arm.plan import MotionPlan
 from ikservo.arm.reports import (
     GraspResult,
     JointMoveResult,
@@ -42,7 +42,7 @@ from ikservo.arm.reports import (
     ReplayResult,
 )
 from ikservo.arm.tool_orientation import KEEP_BEST_EFFORT, ToolOrientation, check_orientation
-from ikservo.control.stopping import STOPPED_BY_PROGRAM
+from ikservo.control.stop_requests import STOPPED_BY_PROGRAM
 from ikservo.errors import BadValueError
 from ikservo.guard import StopKind, StopReason
 

@@ -17,7 +17,7 @@ from ikservo.arm.context import ArmContext
 from ikservo.arm.reports import ArmState
 from ikservo.control.feedback import JointState
 from ikservo.control.loop import ControlLoop, OnCycle
-from ikservo.control.stopping import (
+from ikservo.control.stop_requests import (
     CTRL_C,
     StopOutcome,
     exit_exception,

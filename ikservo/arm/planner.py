@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.arm.loaded_limits import limits_under_load
-from ikservo.arm.plan import (
+from ikservo.arm.motion_plan import (
     MotionPlan,
     near_limits,
     path_length_m,
@@ -41,7 +41,7 @@ from ikservo.kinematics.inertia import GRAVITY_M_S2
 from ikservo.kinematics.se3 import log_so3
 from ikservo.model import Model
 from ikservo.model.joint_drive import nominal_parameters
-from ikservo.model.stopping import stopping_times_s
+from ikservo.model.stopping_times import stopping_times_s
 from ikservo.model.tool import tool_frame
 from ikservo.motion import (
     CartesianTrajectory,

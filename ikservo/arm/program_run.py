@@ -8,9 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from ikservo.arm.arm_parts import ArmParts
+from ikservo.arm.checked_planning import PreflightPlanner
 from ikservo.arm.motions import MotionValue, Replay, Wait
 from ikservo.arm.poses import PoseLibrary
-from ikservo.arm.preflight import PreflightPlanner
 from ikservo.arm.program import Program, ProgramStep
 from ikservo.arm.reports import (
     GraspResult,
@@ -19,7 +19,7 @@ from ikservo.arm.reports import (
     OnProgress,
     ReplayResult,
 )
-from ikservo.arm.running import end_of_motion, run_motion, wait
+from ikservo.arm.run_by_kind import end_of_motion, run_motion, wait
 from ikservo.errors import BadValueError, IkservoError
 from ikservo.kinematics.arrays import Vector
 

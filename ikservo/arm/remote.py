@@ -22,7 +22,7 @@ from ikservo.arm.reports import ArmState, JointMoveResult
 from ikservo.arm.result_json import decode_as
 from ikservo.calibration.paths import calibration_path
 from ikservo.clock import Clock, RealClock
-from ikservo.control.stopping import StopOutcome, hold_servos
+from ikservo.control.stop_requests import StopOutcome, hold_servos
 from ikservo.errors import IkservoError, PortBusyError
 from ikservo.guard import DrivenJoint
 from ikservo.hardware.remembered_port import is_simulated, serial_number_of

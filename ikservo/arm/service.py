@@ -22,7 +22,7 @@ from ikservo.arm.lease import IDLE_TIMEOUT_S, ArmLease, Holder
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.reports import JointMoveResult
 from ikservo.clock import Clock, RealClock
-from ikservo.control.stopping import StopOutcome
+from ikservo.control.stop_requests import StopOutcome
 from ikservo.errors import IkservoError
 from ikservo.guard import StopKind, StopReason
 from ikservo.kinematics.arrays import Vector, freeze_arrays

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo.arm.plan import MotionPlan
+from ikservo.arm.motion_plan import MotionPlan
 from ikservo.calibration import Limits
 from ikservo.guard import DrivenJoint
 from ikservo.kinematics import Chain, JointIndex

@@ -9,7 +9,7 @@ from typing import cast
 import typer
 
 from ikservo.arm import MotionPlan, MoveResult, OpenArm
-from ikservo.arm.plan import NearLimit
+from ikservo.arm.motion_plan import NearLimit
 from ikservo.calibration import JointUnit
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.options import MotionOptions

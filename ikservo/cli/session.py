@@ -13,7 +13,7 @@ from ikservo.cli.options import ArmConnection, MotionOptions
 from ikservo.cli.terminal import confirm, format_port, print_status, progress_bar
 from ikservo.clock import Clock, RealClock
 from ikservo.control.real_time import allowed_priority
-from ikservo.control.stopping import RELAX_HINT
+from ikservo.control.stop_requests import RELAX_HINT
 from ikservo.errors import IkservoError, InputError, StoppedError, format_point
 from ikservo.ik.kernel.compiled import is_compiled
 

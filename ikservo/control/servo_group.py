@@ -23,7 +23,7 @@ from ikservo.control.feedback import (
 from ikservo.control.health_polling import HealthPoller, read_supply_ranges
 from ikservo.control.servo_gains import raise_gains, read_gain_shares
 from ikservo.control.servo_limits import limit_torque
-from ikservo.control.stopping import StopOutcome, hold_servos
+from ikservo.control.stop_requests import StopOutcome, hold_servos
 from ikservo.control.streamed_servos import StreamedServos
 from ikservo.guard import (
     DrivenJoint,

@@ -14,7 +14,7 @@ from ikservo.control.goal_compensation import GoalCompensator
 from ikservo.control.health_polling import HealthPoller
 from ikservo.control.servo_limits import ServoRamLimits
 from ikservo.control.servo_preparation import prepare_servos
-from ikservo.control.stopping import StopRequest, check_pause, fault_reason
+from ikservo.control.stop_requests import StopRequest, check_pause, fault_reason
 from ikservo.control.torque_state import TorqueStateMachine
 from ikservo.errors import (
     HeldUpError,

@@ -11,7 +11,7 @@ from ikservo.arm.arguments import check_callable
 from ikservo.arm.motions import MotionValue, motion_fields
 from ikservo.arm.reports import OnProgress
 from ikservo.arm.result_json import decode_fields
-from ikservo.control.stopping import StopRequest
+from ikservo.control.stop_requests import StopRequest
 from ikservo.errors import IkservoError
 from ikservo.network.connection import Connection, PendingCall
 from ikservo.network.plan_fields import PathSamples, plan_from_fields

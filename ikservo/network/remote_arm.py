@@ -30,15 +30,15 @@ from ikservo.arm.following import FollowResult
 from ikservo.arm.jogging import JogResult, KeepGoing
 from ikservo.arm.leader_following import follow_arm, published_positions
 from ikservo.arm.motion_methods import MotionMethods
+from ikservo.arm.motion_plan import PoseWithinLimits
 from ikservo.arm.motions import MotionValue, check_motion, motion_fields
-from ikservo.arm.plan import PoseWithinLimits
 from ikservo.arm.poses import PoseLibrary
 from ikservo.arm.recorder import RecordResult, RecordSettings, describe_arm, record
 from ikservo.arm.replay import RecordedTrajectory
 from ikservo.arm.reports import OnProgress
 from ikservo.arm.target_tracking import CartesianOrJointTarget, parse_target
 from ikservo.clock import Clock, RealClock
-from ikservo.control.stopping import REQUEST_HINT, STOPPED_AFTER_REQUEST
+from ikservo.control.stop_requests import REQUEST_HINT, STOPPED_AFTER_REQUEST
 from ikservo.errors import BadValueError, IkservoError, PortError, RefusedError, StoppedError
 from ikservo.kinematics import JointIndex
 from ikservo.kinematics.arrays import Vector

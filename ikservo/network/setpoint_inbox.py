@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from ikservo.arm import OpenArm, StopKind, StopReason
 from ikservo.arm.target_tracking import CartesianOrJointTarget
 from ikservo.clock import RealClock
-from ikservo.control.stopping import RELAX_HINT
+from ikservo.control.stop_requests import RELAX_HINT
 from ikservo.errors import StoppedError
 from ikservo.guard import DEAD_MAN_TIMEOUT_S
 from ikservo.kinematics import finite_array

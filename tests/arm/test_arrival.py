@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm import execution
-from ikservo.arm.plan import rebase_trajectory
+from ikservo.arm import plan_execution
+from ikservo.arm.motion_plan import rebase_trajectory
 from ikservo.arm.tick_rounding import SettlingTarget
 from ikservo.errors import IkservoError, NotSettledError, RefusedError
 from ikservo.motion import JointMove
@@ -141,9 +141,9 @@ def test_the_report_parts_motion_from_settling(arm):
 
 @pytest.mark.full
 def test_an_error_that_the_arm_has_not_settled_has_the_report(arm, monkeypatch):
-    settle = execution.settle
+    settle = plan_execution.settle
     loose = lambda *args: replace(settle(*args), unsettled=("shoulder_pan",))  # noqa: E731
-    monkeypatch.setattr(execution, "settle", loose)
+    monkeypatch.setattr(plan_execution, "settle", loose)
     target_m = arm.where().tip_m + np.array([0.0, 0.0, 0.05])
     with pytest.raises(
         NotSettledError, match=r"shoulder_pan did .*; the tip is .* mm beside"

@@ -3,7 +3,7 @@
 import pytest
 
 import ikservo
-from ikservo.control.stopping import STOPPED_BY_PROGRAM
+from ikservo.control.stop_requests import STOPPED_BY_PROGRAM
 from ikservo.errors import IkservoError, RefusedError, StoppedError
 from servosim.faults import Fault
 from tests.arm.simulated import clock_of, line_of, motion_runner

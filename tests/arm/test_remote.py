@@ -15,7 +15,7 @@ from ikservo.arm.control_server import command_handler, serve
 from ikservo.arm.recorder import RecordSettings, read_recording
 from ikservo.arm.result_json import encode_value
 from ikservo.arm.service import ArmService
-from ikservo.control.stopping import hold_servos
+from ikservo.control.stop_requests import hold_servos
 from ikservo.errors import IkservoError, PortBusyError, RefusedError, StoppedError
 from ikservo.guard import StopKind, StopReason
 from servosim.clock import VirtualClock

@@ -7,7 +7,7 @@ import pytest
 
 import ikservo
 from ikservo.arm.background_motion import CANCELLED
-from ikservo.control.stopping import CTRL_C, StopRequest
+from ikservo.control.stop_requests import CTRL_C, StopRequest
 from ikservo.errors import BusError, StoppedError
 from ikservo.guard import StopKind, StopReason
 from tests.arm.simulated import servo_group

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 
 import ikservo
 from ikservo.arm import Arm, MotionPlan, MoveResult
+from ikservo.arm.motion_plan import rebase_trajectory
 from ikservo.arm.opening import open_own_arm
-from ikservo.arm.plan import rebase_trajectory
 from ikservo.errors import IkservoError
 from ikservo.kinematics.se3 import log_so3
 

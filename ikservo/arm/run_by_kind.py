@@ -6,11 +6,11 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 from ikservo.arm.arm_parts import ArmParts
+from ikservo.arm.checked_planning import PreflightPlanner
 from ikservo.arm.context import ArmContext
-from ikservo.arm.execution import plan_and_execute
 from ikservo.arm.gripper import plan_gripper, run_gripper
 from ikservo.arm.motions import MotionValue, MoveGripper, MoveJoints, MovePose, Replay, Wait
-from ikservo.arm.preflight import PreflightPlanner
+from ikservo.arm.plan_execution import plan_and_execute
 from ikservo.arm.replay import plan_replay, run_replay
 from ikservo.arm.reports import OnProgress
 from ikservo.kinematics.arrays import Vector

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any, cast
 
 from ikservo.arm.drawing import plan_drawing
+from ikservo.arm.motion_plan import MotionPlan
 from ikservo.arm.motions import (
     Draw,
     LookAt,
@@ -15,7 +16,6 @@ from ikservo.arm.motions import (
     MoveTo,
     TipMotion,
 )
-from ikservo.arm.plan import MotionPlan
 from ikservo.arm.planner import Planner
 from ikservo.errors import BadValueError
 from ikservo.kinematics.arrays import Vector

@@ -12,10 +12,10 @@ import numpy as np
 from ikservo.arm.arguments import check_callable
 from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.context import ArmContext
+from ikservo.arm.motion_plan import MotionPlan, has_moved, rebase_trajectory
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.motions import Lower, MotionValue
 from ikservo.arm.path_error import PathDeviation, PathRecorder
-from ikservo.arm.plan import MotionPlan, has_moved, rebase_trajectory
 from ikservo.arm.reports import JointMoveResult, MoveResult, OnProgress
 from ikservo.arm.settling import SettlingResult, settle
 from ikservo.arm.tick_rounding import SettlingTarget, backlash_approach

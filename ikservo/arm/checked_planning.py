@@ -17,6 +17,14 @@ from numpy.typing import ArrayLike
 from ikservo.arm.arguments import parse_all_positions
 from ikservo.arm.calibrated_arm import MAX_UNCALIBRATED_STEP_RAD
 from ikservo.arm.context import ArmContext
+from ikservo.arm.motion_plan import (
+    RETRACT_POSES,
+    MotionPlan,
+    PoseWithinLimits,
+    clamp_pose,
+    clamp_positions,
+    via_pose_plan,
+)
 from ikservo.arm.motions import (
     Draw,
     LookAt,
@@ -29,16 +37,8 @@ from ikservo.arm.motions import (
     MoveToRest,
     TipMotion,
 )
-from ikservo.arm.plan import (
-    RETRACT_POSES,
-    MotionPlan,
-    PoseWithinLimits,
-    clamp_pose,
-    clamp_positions,
-    via_pose_plan,
-)
+from ikservo.arm.plan_by_kind import plan_motion
 from ikservo.arm.planner import PointGoal
-from ikservo.arm.planning import plan_motion
 from ikservo.arm.poses import PoseLibrary
 from ikservo.arm.ways_around import (
     BLENDS_RAD,
