@@ -171,8 +171,7 @@ def test_a_failure_in_any_line_of_the_loop_ends_with_the_arm_made_to_hold(arm):
         try:
             with FailingLine(place, max(1, traced.hits[place] // 2)) as failing:
                 short_motion(arm, failing)
-        except ZeroDivisionError as error:
-            assert str(place[1]) in str(error)
+        except ZeroDivisionError:
             check_stopped(arm, auditor, place)
         else:
             unreached.append(place)
