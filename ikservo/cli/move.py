@@ -15,6 +15,7 @@ from ikservo.cli.options import (
     ArmConnection,
     Length,
     MotionOptions,
+    SceneOption,
     SpeedOption,
     StraightOption,
     ToolOptions,
@@ -61,6 +62,7 @@ def command(
     tool: ToolOptions,
     preferred: PostureOptions,
     straight: StraightOption = False,
+    scene: SceneOption = None,
     options: MotionOptions,
 ) -> None:
     """Move the tip to the point X Y Z in the arm's base frame.
@@ -89,13 +91,13 @@ def command(
             raise BadValueError(
                 "--look-at", f"given with {', '.join(given)}", "no option of the path or the tool"
             )
-        with open_from_options(connection, options) as machine:
+        with open_from_options(connection, options, scene) as machine:
             looked = make_joint_motion(machine, LookAt((x, y, z), speed=speed), options)
             print_report(looked, machine.model, json=options.json)
         return
     orientation = tool.orientation()
     points = [*(parse_point_m(text) for text in via or ()), (x, y, z)]
-    with open_from_options(connection, options) as machine:
+    with open_from_options(connection, options, scene) as machine:
         posture = preferred.posture(machine.model, machine.chain)
         orientation = orientation if posture is None else replace(orientation, posture=posture)
         if via or line or tool_speed is not None:

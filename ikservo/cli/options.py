@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -30,6 +31,7 @@ __all__ = [
     "NamedArmConnection",
     "NamedServoConnection",
     "OverwriteOption",
+    "SceneOption",
     "ServoConnection",
     "SpeedOption",
     "StraightOption",
@@ -111,6 +113,10 @@ CountOption = Annotated[
 StraightOption = Annotated[
     bool,
     typer.Option("--straight", help="Do not move around what is in the way: refuse."),
+]
+SceneOption = Annotated[
+    Path | None,
+    typer.Option("--scene", metavar="FILE", help="TOML file of the things around the arm."),
 ]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
 UncalibratedOption = Annotated[

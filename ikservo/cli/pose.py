@@ -15,7 +15,13 @@ from ikservo.cli.completion import complete_poses
 from ikservo.cli.joints import make_joint_motion, print_report
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.option_groups import Without
-from ikservo.cli.options import ArmConnection, MotionOptions, SpeedOption, StraightOption
+from ikservo.cli.options import (
+    ArmConnection,
+    MotionOptions,
+    SceneOption,
+    SpeedOption,
+    StraightOption,
+)
 from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
 from ikservo.errors import NoPortError
@@ -38,6 +44,7 @@ def command(
     connection: ArmConnection,
     speed: SpeedOption = "normal",
     straight: StraightOption = False,
+    scene: SceneOption = None,
     options: Annotated[MotionOptions, Without("tip")],
 ) -> None:
     """Move to a pose of the arm file or to one you taught; without a name, list them.
@@ -49,7 +56,7 @@ def command(
     if name is None:
         _list_poses(connection, json=options.json)
         return
-    with open_from_options(connection, options) as machine:
+    with open_from_options(connection, options, scene) as machine:
         inside = machine.pose_within_limits(name)
         for words in inside.changed:
             print_status(f"{words}.")

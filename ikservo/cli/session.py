@@ -6,6 +6,7 @@ import signal
 import sys
 from collections.abc import Callable, Generator
 from contextlib import contextmanager
+from pathlib import Path
 
 from ikservo.arm import MotionPlan, MotionProgress, OpenArm, StopKind, ZeroSource, open_arm
 from ikservo.cli.model_options import model_from_option
@@ -16,6 +17,7 @@ from ikservo.control.real_time import allowed_priority
 from ikservo.control.stop_requests import RELAX_HINT
 from ikservo.errors import IkservoError, InputError, StoppedError, format_point
 from ikservo.ik.kernel.compiled import is_compiled
+from ikservo.model.scene import with_scene
 
 __all__ = [
     "announce",
@@ -89,12 +91,15 @@ def _lower_arm(machine: OpenArm) -> str:
 
 @contextmanager
 def open_from_options(
-    connection: ArmConnection, options: MotionOptions | None = None
+    connection: ArmConnection, options: MotionOptions | None = None, scene: Path | None = None
 ) -> Generator[OpenArm]:
-    """Open the arm of a command; it keeps holding afterwards."""
+    """Open the arm of a command among the things of a scene; it keeps holding afterwards."""
     options = options or MotionOptions()
+    model = model_from_option(connection.arm, options.tip)
+    if scene is not None:
+        model = with_scene(model, scene)
     with open_arm(
-        model_from_option(connection.arm, options.tip),
+        model,
         connection.port,
         collisions=options.collision,
         uncalibrated=options.uncalibrated,

@@ -15,7 +15,7 @@ from ikservo.guard.sag import GravitySag, Sag
 from ikservo.kinematics.arrays import Matrix, Vector, finite_vectors
 from ikservo.kinematics.collision import CollisionBody
 from ikservo.kinematics.packed import SHAPE_WIDTH
-from ikservo.model.model import KeepOutBox
+from ikservo.model.model import Obstacle
 
 __all__ = [
     "MAX_SAMPLE_STEP_RAD",
@@ -104,7 +104,7 @@ class CollisionChecker:
         self,
         body: CollisionBody,
         floor_m: float | None = 0.0,
-        boxes: Sequence[KeepOutBox] = (),
+        boxes: Sequence[Obstacle] = (),
         sag: Sag | None = None,
     ) -> None:
         self.body = packed = body.pack()

@@ -10,6 +10,7 @@ import numpy as np
 
 from ikservo.arm.arm import Arm
 from ikservo.arm.opening import open_own_arm
+from ikservo.model.loading import load_model
 
 __all__ = ["RestingPlace", "find_resting_place"]
 
@@ -47,7 +48,7 @@ def find_resting_place(folder: Path, pose: str = "home") -> RestingPlace:
     Raises:
         IkservoError: The arm cannot be simulated.
     """
-    with open_own_arm(folder, f"sim:?pose={pose}", uncalibrated=True) as arm:
+    with open_own_arm(load_model(folder), f"sim:?pose={pose}", uncalibrated=True) as arm:
         limits = {joint.name: joint.limits for joint in arm.model.joints}
         before = arm.where().positions
         sank_s, still = 0.0, False

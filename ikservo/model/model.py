@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from types import MappingProxyType
-from typing import Literal, TypeVar
+from typing import Literal, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -153,6 +153,30 @@ class SpeedClass:
     rad_s3: float
 
 
+class Obstacle(Protocol):
+    """A thing that the arm keeps out of."""
+
+    @property
+    def name(self) -> str:
+        """Its name, for messages: ``the cup``."""
+        ...
+
+    @property
+    def low_m(self) -> tuple[float, float, float]:
+        """The lowest corner (3,) of the upright box around it, metres, base frame."""
+        ...
+
+    @property
+    def high_m(self) -> tuple[float, float, float]:
+        """The highest corner (3,) of that box."""
+        ...
+
+    @property
+    def row(self) -> Vector:
+        """The thing as a row (17,) for the kernels; see ``kinematics.packed``."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class KeepOutBox:
     """An upright box that the arm keeps out of.
@@ -218,7 +242,7 @@ class Model:
     path: Path
     supply_v: float | None = None
     floor_m: float | None = None
-    keep_out: tuple[KeepOutBox, ...] = ()
+    keep_out: tuple[Obstacle, ...] = ()
     health: HealthLimits = _USUAL_HEALTH
     auto_unsafe: str = ""
     gripper: Gripper | None = None

@@ -26,7 +26,7 @@ READ = {
     ("arms", "source"), ("calibrate", "from_script"), ("calibrate", "points"),
     ("calibration", "source"),
     ("draw", "file"), ("export", "recordings"), ("import", "from_script"), ("replay", "file"),
-    ("setup", "restore"), ("test", "points"),
+    ("move", "scene"), ("pose", "scene"), ("setup", "restore"), ("test", "points"),
 }  # fmt: skip
 # Those that name a file or folder which is written: command lines, and the file that is named in
 # the error. {} is the folder.

@@ -7,6 +7,7 @@ import pytest
 
 from ikservo.arm import MotionProgress
 from ikservo.cli.session import motion_progress_bar
+from ikservo.errors import ExitCode
 
 SO101 = "--arm so101 --port sim"
 
@@ -112,3 +113,11 @@ def test_a_bar_is_drawn_also_for_a_motion_that_has_no_end_yet(monkeypatch, capsy
         for time_s in (0.0, 0.1, 0.2):
             draw(MotionProgress(time_s, math.inf, np.zeros(3)))
     assert "(0.000, 0.000, 0.000) m" in capsys.readouterr().err
+
+
+def test_a_scene_is_what_the_arm_keeps_out_of(run_cli, tmp_path):
+    scene = tmp_path / "scene.toml"
+    scene.write_text('[[sphere]]\nname = "the ball"\ncentre_m = [0.25, 0, 0.15]\nradius_m = 0.03\n')
+    answer = run_cli(f"move 0.25 0 0.15 {SO101} --scene {scene}")
+    assert answer.code == ExitCode.REFUSED
+    assert "the ball" in answer.err

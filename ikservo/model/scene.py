@@ -1,0 +1,152 @@
+"""Scene files: what else stands around an arm, in its base frame."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from ikservo.errors import BadValueError
+from ikservo.files.reading import read_toml
+from ikservo.files.validation import StrictModel, first_issue, validation_issues
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.packed import rotation_z_to
+from ikservo.kinematics.se3 import rotation_rpy
+from ikservo.model.arm_schema import Positive, Text
+from ikservo.model.model import Model
+
+__all__ = ["KeepOutShape", "read_scene", "with_scene"]
+
+_FAR_M = 10.0  # half the sides of the box that stands for a half-space
+
+Triple = Annotated[tuple[float, float, float], Field(strict=False)]
+Sides = Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class KeepOutShape:
+    """A thing that the arm keeps out of: a turned box, a cylinder or a ball.
+
+    Attributes:
+        name: For messages: ``the cup``.
+        row: The thing (17,), metres, base frame; see ``kinematics.packed``.
+    """
+
+    name: str
+    row: Vector
+
+    @property
+    def low_m(self) -> tuple[float, float, float]:
+        """The lowest corner (3,) of the upright box around it."""
+        return self._corner(-1.0)
+
+    @property
+    def high_m(self) -> tuple[float, float, float]:
+        """The highest corner (3,) of the upright box around it."""
+        return self._corner(1.0)
+
+    def _corner(self, side: float) -> tuple[float, float, float]:
+        R, centre, half = self.row[:9].reshape(3, 3), self.row[9:12], self.row[12:15]
+        x, y, z = (centre + side * (np.abs(R) @ half + self.row[15])).tolist()
+        return x, y, z
+
+
+class _Thing(StrictModel):
+    name: Text = Field(description="one line of text")
+
+
+class _SceneBox(_Thing):
+    centre_m: Triple = Field(description="[x, y, z] in metres")
+    size_m: Sides = Field(description="[x, y, z] in metres, above 0")
+    rpy_deg: Triple = Field(default=(0.0, 0.0, 0.0), description="[roll, pitch, yaw] in degrees")
+
+
+class _SceneCylinder(_Thing):
+    centre_m: Triple = Field(description="[x, y, z] in metres")
+    radius_m: Positive = Field(description="metres above 0")
+    height_m: Positive = Field(description="metres above 0")
+    axis: Triple = Field(default=(0.0, 0.0, 1.0), description="a direction [x, y, z]")
+
+
+class _SceneSphere(_Thing):
+    centre_m: Triple = Field(description="[x, y, z] in metres")
+    radius_m: Positive = Field(description="metres above 0")
+
+
+class _SceneHalfSpace(_Thing):
+    point_m: Triple = Field(description="a point [x, y, z] of its surface, in metres")
+    normal: Triple = Field(description="the direction [x, y, z] in which it is free")
+
+
+class _Scene(StrictModel):
+    margin_m: Annotated[float, Field(ge=0, le=1)] = Field(default=0.0, description="0 to 1 metres")
+    box: tuple[_SceneBox, ...] = Field(default=(), strict=False, description="tables [[box]]")
+    cylinder: tuple[_SceneCylinder, ...] = Field(
+        default=(), strict=False, description="tables [[cylinder]]"
+    )
+    sphere: tuple[_SceneSphere, ...] = Field(
+        default=(), strict=False, description="tables [[sphere]]"
+    )
+    half_space: tuple[_SceneHalfSpace, ...] = Field(
+        default=(), strict=False, description="tables [[half_space]]"
+    )
+
+
+def read_scene(path: Path | str) -> tuple[KeepOutShape, ...]:
+    """Read the things of a scene file.
+
+    Raises:
+        FileFormatError: It cannot be read or is malformed; names the key.
+        BadValueError: A direction has no length.
+    """
+    path = Path(path)
+    try:
+        scene = _Scene.model_validate(read_toml(path))
+    except ValidationError as error:
+        raise first_issue(validation_issues(error, _Scene), path) from error
+    return tuple(_things(scene))
+
+
+def with_scene(model: Model, path: Path | str) -> Model:
+    """Return a model with the things of a scene file around it, beside those of its arm file.
+
+    Raises:
+        FileFormatError: The file cannot be read or is malformed.
+        BadValueError: A direction in it has no length.
+    """
+    return replace(model, keep_out=(*model.keep_out, *read_scene(path)))
+
+
+def _things(scene: _Scene) -> Iterator[KeepOutShape]:
+    def shape(
+        name: str, R: Matrix, centre: Vector, half: Vector, rounding: float = 0.0, kind: float = 0.0
+    ) -> KeepOutShape:
+        row = [*R.ravel(), *centre, *half, rounding + scene.margin_m, kind]
+        return KeepOutShape(name, np.array(row, dtype=np.float64))
+
+    for each in scene.box:
+        R = rotation_rpy(*(math.radians(angle) for angle in each.rpy_deg))
+        yield shape(each.name, R, np.array(each.centre_m), 0.5 * np.array(each.size_m))
+    for each in scene.cylinder:
+        half = np.array([each.radius_m, each.radius_m, 0.5 * each.height_m])
+        yield shape(
+            each.name, _turned_to(each.name, each.axis), np.array(each.centre_m), half, 0.0, 1.0
+        )
+    for each in scene.sphere:
+        yield shape(each.name, np.eye(3), np.array(each.centre_m), np.zeros(3), each.radius_m)
+    for each in scene.half_space:
+        R = _turned_to(each.name, each.normal)
+        centre = np.array(each.point_m) - _FAR_M * R[:, 2]
+        yield shape(each.name, R, centre, np.full(3, _FAR_M))
+
+
+def _turned_to(name: str, axis: tuple[float, float, float]) -> Matrix:
+    length = math.hypot(*axis)
+    if not 0.0 < length < math.inf:
+        raise BadValueError(f"The direction of {name}", list(axis), "a direction with a length")
+    return rotation_z_to(np.array(axis) / length)

@@ -1,0 +1,95 @@
+"""Scene files: turned boxes, cylinders, balls and half-spaces around an arm."""
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.errors import BadValueError, FileFormatError
+from ikservo.guard.collision_kernel import point_shape_distance
+from ikservo.model import load_model
+from ikservo.model.scene import read_scene, with_scene
+from tests.view.view_fixtures import graph_of
+
+SCENE = """
+margin_m = 0.01
+[[box]]
+name = "the shelf"
+centre_m = [0.5, 0.0, 0.2]
+size_m = [0.4, 0.2, 0.02]
+rpy_deg = [0, 0, 90]
+[[cylinder]]
+name = "the can"
+centre_m = [0.0, 0.4, 0.1]
+radius_m = 0.03
+height_m = 0.2
+axis = [1, 0, 0]
+[[sphere]]
+name = "the ball"
+centre_m = [0.0, -0.4, 0.1]
+radius_m = 0.05
+[[half_space]]
+name = "the wall"
+point_m = [-0.5, 0.0, 0.0]
+normal = [2, 0, 0]
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    def write(text=SCENE):
+        path = tmp_path / "scene.toml"
+        path.write_text(text)
+        return path
+
+    return write
+
+
+@pytest.mark.parametrize(
+    ("name", "point", "distance_m"),
+    [
+        ("the shelf", (0.5, 0.3, 0.2), 0.1),  # a long side along y, after a quarter turn
+        ("the shelf", (0.7, 0.0, 0.2), 0.1),
+        ("the can", (0.2, 0.4, 0.1), 0.1),
+        ("the can", (0.0, 0.4, 0.2), 0.07),
+        ("the ball", (0.0, -0.4, 0.4), 0.25),
+        ("the wall", (0.3, 2.0, 1.0), 0.8),
+    ],
+)
+def test_things_are_where_the_file_says_with_its_margin(scene, name, point, distance_m):
+    rows = {each.name: each.row for each in read_scene(scene())}
+    found_m = point_shape_distance(*point, np.array([rows[name]]), 0)
+    assert found_m == pytest.approx(distance_m - 0.01, abs=1e-12)
+
+
+def test_the_arm_keeps_out_of_a_scene_and_the_page_draws_it(scene):
+    model = with_scene(load_model("so101"), scene())
+    drawn = graph_of(model).description["boxes"]
+    assert [box["name"] for box in drawn] == ["the shelf", "the can", "the ball"]
+    np.testing.assert_allclose(drawn[1]["low"], (-0.11, 0.36, 0.06), atol=1e-12)
+    ball = '[[sphere]]\nname = "the ball"\ncentre_m = [0.25, 0.0, 0.15]\nradius_m = 0.03\n'
+    model = with_scene(load_model("so101"), scene(ball))
+    with (
+        ikservo.open_arm(model, port="sim:?pose=home") as arm,
+        pytest.raises(ikservo.errors.CollisionError, match="would touch the ball"),
+    ):
+        arm.move_to((0.25, 0.0, 0.15))
+
+
+@pytest.mark.parametrize(
+    ("text", "where"),
+    [
+        ("[[ball]]\nname = 'x'\n", "ball"),
+        (SCENE.replace("radius_m = 0.05", "radius_m = -1.0"), r"sphere\[0\].radius_m"),
+        (SCENE.replace("[0.4, 0.2, 0.02]", "[0.4, 0.2]"), r"box\[0\].size_m"),
+        (SCENE.replace("margin_m = 0.01", "margin_m = nan"), "margin_m"),
+        ("box = 3", "box"),
+    ],
+)
+def test_a_malformed_scene_names_the_key(scene, text, where):
+    with pytest.raises(FileFormatError, match=where):
+        read_scene(scene(text))
+
+
+def test_a_direction_without_length_is_none(scene):
+    with pytest.raises(BadValueError, match="the wall"):
+        read_scene(scene(SCENE.replace("[2, 0, 0]", "[0, 0, 0]")))
