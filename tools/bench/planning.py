@@ -1,0 +1,319 @@
+"""Ways around things: how many are found, how soon, and whether other programs find them free.
+
+    python tools/bench/planning.py panda FOLDER --urdf FILE     # MotionBenchMaker's problems
+    python tools/bench/planning.py arms                         # random scenes of four arms
+
+FOLDER holds folders with request*.yaml and scene*.yaml. Every path is checked by Coal (through
+Pinocchio) and by MuJoCo, at samples between which nothing moves by more than a millimetre.
+"""
+
+from __future__ import annotations
+
+import argparse
+import importlib
+import itertools
+import random
+import re
+import tempfile
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+import ikservo
+from ikservo.arm.motions import MoveJoints
+from ikservo.arm.plan import MotionPlan
+from ikservo.arm.poses import PoseLibrary
+from ikservo.arm.preflight import PreflightPlanner
+from ikservo.errors import RefusedError
+from ikservo.guard import CollisionChecker, KeepOutBox
+from ikservo.kinematics.collision import CollisionBody
+from ikservo.kinematics.packed import PackedBody
+from ikservo.kinematics.se3 import exp_so3
+from ikservo.model import load_model
+from ikservo.model.collision_model import capsules_of
+from ikservo.motion.avoidance import find_way, path_length
+
+Array = NDArray[np.float64]
+
+_SETTLED_MARGIN_M = 0.002
+_STEP_M = 0.001
+_ARMS = ("so101", "koch", "open_manipulator_x", "wx250s")
+
+
+@dataclass
+class Thing:
+    """A box or a cylinder of a scene, as a row for the checker."""
+
+    name: str
+    row: Array
+
+
+@dataclass
+class Judged:
+    """How one problem ended: the time, the path, and who finds it free."""
+
+    seconds: float
+    path: Array | None
+    free: dict[str, bool]
+
+
+def rotation(x: float, y: float, z: float, w: float) -> Array:
+    """Return the rotation (3, 3) of a quaternion."""
+    axis = np.array([x, y, z])
+    sine = float(np.linalg.norm(axis))
+    return exp_so3(axis / sine * 2.0 * np.arctan2(sine, w) if sine > 0.0 else axis)
+
+
+def things_of(scene: dict[str, Any]) -> Iterator[Thing]:
+    """Yield the things of a scene of MoveIt."""
+    for each in scene["world"]["collision_objects"]:
+        for shape, pose in zip(each["primitives"], each["primitive_poses"], strict=True):
+            size = shape["dimensions"]
+            is_cylinder = shape["type"] == "cylinder"
+            half = [size[1], size[1], 0.5 * size[0]] if is_cylinder else [0.5 * x for x in size]
+            R = rotation(*pose["orientation"])
+            row = [*R.ravel(), *pose["position"], *half, 0.0, float(is_cylinder)]
+            yield Thing(each["id"], np.array(row, dtype=float))
+
+
+def allowed_pairs(scene: dict[str, Any]) -> set[tuple[str, str]]:
+    """Return the pairs of links that may touch."""
+    matrix = scene["allowed_collision_matrix"]
+    names, values = matrix["entry_names"], matrix["entry_values"]
+    pairs = itertools.product(range(len(names)), repeat=2)
+    return {(names[i], names[j]) for i, j in pairs if values[i][j]}
+
+
+def dense(body: PackedBody, path: Array) -> Array:
+    """Return a path (k, n) at samples between which nothing moves by more than a millimetre."""
+    rows: list[Array] = [path[:1]]
+    for a, b in itertools.pairwise(path):
+        count = int(np.ceil((body.reach_m @ np.abs(b - a)).max() / _STEP_M)) + 1
+        fractions: Array = np.linspace(0.0, 1.0, count + 1)[1:, None]
+        rows.append(a + fractions * (b - a))
+    return np.vstack(rows)
+
+
+class Coal:
+    """Coal's exact shapes, placed by Pinocchio."""
+
+    def __init__(self, urdf: Path, ignored: set[tuple[str, str]], things: list[Thing]) -> None:
+        coal: Any = importlib.import_module("coal")
+        pin: Any = importlib.import_module("pinocchio")
+        self._pin = pin
+        self._model: Any = pin.buildModelFromUrdf(str(urdf))
+        self._shapes: Any = pin.buildGeomFromUrdf(
+            self._model, str(urdf), pin.GeometryType.COLLISION
+        )
+        own = list(self._shapes.geometryObjects)
+        links = [self._model.frames[each.parentFrame].name for each in own]
+        for i, j in itertools.combinations(range(len(own)), 2):
+            if links[i] != links[j] and (links[i], links[j]) not in ignored:
+                self._shapes.addCollisionPair(pin.CollisionPair(i, j))
+        for thing in things:
+            R, p, half = thing.row[:9].reshape(3, 3), thing.row[9:12], thing.row[12:15]
+            shape: Any = (
+                coal.Cylinder(half[0], 2.0 * half[2]) if thing.row[16] else coal.Box(*(2.0 * half))
+            )
+            new = self._shapes.addGeometryObject(
+                pin.GeometryObject(thing.name, 0, pin.SE3(R, p), shape)
+            )
+            for i, link in enumerate(links):
+                if link != links[0]:
+                    self._shapes.addCollisionPair(pin.CollisionPair(i, new))
+        self._data, self._placed = self._model.createData(), self._shapes.createData()
+
+    def is_free(self, q: Array) -> bool:
+        """Return whether a posture touches nothing."""
+        q = np.concatenate([q, np.zeros(self._model.nq - len(q))])
+        return not self._pin.computeCollisions(
+            self._model, self._data, self._shapes, self._placed, q, True
+        )
+
+
+class MuJoCo:
+    """MuJoCo's own collision detection of the same bodies."""
+
+    def __init__(self, urdf: Path, ignored: set[tuple[str, str]], things: list[Thing]) -> None:
+        mujoco: Any = importlib.import_module("mujoco")
+        self._mujoco = mujoco
+        text = urdf.read_text().replace(
+            "<link", '<mujoco><compiler discardvisual="true" fusestatic="false"/></mujoco><link', 1
+        )
+        spec: Any = mujoco.MjSpec.from_string(text)
+        for thing in things:
+            R, p, half = thing.row[:9].reshape(3, 3), thing.row[9:12], thing.row[12:15]
+            quaternion = np.empty(4)
+            mujoco.mju_mat2Quat(quaternion, R.ravel().copy())
+            kind = mujoco.mjtGeom.mjGEOM_CYLINDER if thing.row[16] else mujoco.mjtGeom.mjGEOM_BOX
+            size = [half[0], half[2], 0.0] if thing.row[16] else half
+            spec.worldbody.add_geom(
+                name=f"thing {thing.name}", type=kind, size=size, pos=p, quat=quaternion
+            )
+        self._model: Any = spec.compile()
+        self._data: Any = mujoco.MjData(self._model)
+        self._ignored = ignored
+        self._links = [self._model.body(i).name for i in self._model.geom_bodyid]
+
+    def is_free(self, q: Array) -> bool:
+        """Return whether a posture touches nothing."""
+        self._data.qpos[: len(q)] = q
+        self._mujoco.mj_kinematics(self._model, self._data)
+        self._mujoco.mj_collision(self._model, self._data)
+        for contact in self._data.contact[: self._data.ncon]:
+            one, other = (self._links[i] for i in contact.geom)
+            fixed = {one, other} <= {"world", "panda_link0"}
+            if contact.dist < 0.0 and not fixed and (one, other) not in self._ignored:
+                return False
+        return True
+
+
+def panda(folder: Path, urdf: Path, every: int) -> None:
+    """Solve MotionBenchMaker's problems of the Panda."""
+    yaml: Any = importlib.import_module("yaml")
+    total: list[Judged] = []
+    fixed = Path(tempfile.mkdtemp()) / "panda.urdf"  # a fixed finger that mimics a fixed one
+    fixed.write_text(re.sub(r"<mimic[^>]*>(</mimic>)?", "", urdf.read_text()))
+    urdf, model = fixed, load_model(fixed, tip="panda_hand")
+    for kind in sorted(folder.iterdir()):
+        found: list[Judged] = []
+        for request_file in sorted(kind.glob("request*.yaml"))[::every]:
+            request = yaml.load(request_file.read_text(), Loader=yaml.CSafeLoader)
+            scene_file = kind / request_file.name.replace("request", "scene")
+            scene = yaml.load(scene_file.read_text(), Loader=yaml.CSafeLoader)
+            start_q = np.array(request["start_state"]["joint_state"]["position"][:7])
+            by_name = {
+                each["joint_name"]: each["position"]
+                for each in request["goal_constraints"][0]["joint_constraints"]
+            }
+            goal = np.array([by_name[name] for name in model.chain.names])
+            things, ignored = list(things_of(scene)), allowed_pairs(scene)
+            body = CollisionBody(model.chain, capsules_of(model))
+            checker = CollisionChecker(body, None, cast("Any", things))
+            checker.watched[:] = [
+                pair[0] != body.chain.base and pair not in ignored for pair in checker.pairs
+            ]
+            began = time.process_time()
+            space = checker.clear_space(_SETTLED_MARGIN_M, np.array([start_q, goal]), load=0.0)
+            path = find_way(
+                space, start_q, goal[None], model.chain.lower_rad, model.chain.upper_rad
+            )
+            seconds, free = time.process_time() - began, dict[str, bool]()
+            if path is not None:
+                samples = dense(checker.body, path)
+                for judge in (Coal, MuJoCo):
+                    posture = judge(urdf, ignored, things)
+                    free[judge.__name__] = all(posture.is_free(q) for q in samples)
+            found.append(Judged(seconds, path, free))
+        report(kind.name, found)
+        total += found
+    report("all", total)
+
+
+def report(name: str, found: list[Judged]) -> None:
+    """Print a line of the table."""
+    solved = [each for each in found if each.path is not None]
+    times_ms = 1e3 * np.array([each.seconds for each in solved] or [0.0])
+    judged = {
+        who: sum(each.free[who] for each in solved) for who in (solved[0].free if solved else ())
+    }
+    print(
+        f"{name:24} {len(solved):4} of {len(found):4}  median {np.median(times_ms):7.1f} ms"
+        f"  p95 {np.percentile(times_ms, 95):8.1f} ms  free: {judged}",
+        flush=True,
+    )
+
+
+class StandsAt:
+    """Where a motion would start: a posture of a held arm."""
+
+    def __init__(self, q: Array) -> None:
+        self._q = q
+
+    def start_position(self) -> Array:
+        """Return the posture."""
+        return self._q
+
+    def allowed_speed(self, speed: str) -> str:
+        """Return the speed class."""
+        return speed
+
+    def enable(self) -> None:
+        """Do nothing."""
+
+
+def arms(scenes: int) -> None:
+    """Plan from random starts to random goals among one to five random boxes."""
+    for name in _ARMS:
+        found, lengths, straight = list[Judged](), list[float](), 0
+        model = load_model(name)
+        for seed in range(scenes):
+            chance = random.Random(f"{name} {seed}")
+            boxes = tuple(random_box(chance, i) for i in range(chance.randint(1, 5)))
+            with ikservo.open_arm(replace(model, keep_out=boxes), port="sim") as arm:
+                context = arm._context  # pyright: ignore[reportPrivateUsage]
+                ends = free_ends(context, chance)
+                if ends is None:
+                    continue
+                preflight = PreflightPlanner(context, StandsAt(ends[0]), PoseLibrary(model, ""))
+                goals = dict(zip(arm.joint_names, ends[1].tolist(), strict=True))
+                began = time.process_time()
+                plan: MotionPlan | None = None
+                try:
+                    plan = preflight.plan(MoveJoints(goals))
+                except RefusedError:
+                    plan = None
+                seconds = time.process_time() - began
+                if plan is not None and not plan.around:
+                    straight += 1
+                    continue
+                found.append(Judged(seconds, None if plan is None else plan.goal[None], {}))
+                if plan is not None:
+                    lengths.append(path_length(plan.sample(0.02).positions))
+        print(f"{straight} straight")
+        report(name, found)
+
+
+def free_ends(context: Any, chance: random.Random) -> Array | None:  # noqa: ANN401
+    """Return a start and a goal (2, n) that touch nothing, sagging or not; None where rare."""
+    lower, upper = context.limits()
+    postures = np.array([
+        [chance.uniform(a, b) for a, b in zip(lower, upper, strict=True)] for _ in range(300)
+    ])  # fmt: skip
+    load = context.planner.dynamic_load_factor("normal")
+    near_m = context.collision.distances_with_sag(context.index.body_joints(postures), load)
+    free = postures[near_m.min(axis=1) > _SETTLED_MARGIN_M]
+    return free[:2] if len(free) > 1 else None
+
+
+def random_box(chance: random.Random, number: int) -> KeepOutBox:
+    """Return a box around the arm."""
+    centre = np.array(
+        [chance.uniform(-0.1, 0.35), chance.uniform(-0.3, 0.3), chance.uniform(0.02, 0.3)]
+    )
+    half = np.array([chance.uniform(0.01, 0.06) for _ in range(3)])
+    return KeepOutBox(f"box {number}", tuple(centre - half), tuple(centre + half))
+
+
+def main() -> None:
+    """Run the part that was asked for."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("part", choices=["panda", "arms"])
+    parser.add_argument("folder", type=Path, nargs="?")
+    parser.add_argument("--urdf", type=Path)
+    parser.add_argument("--every", type=int, default=1, help="take each n-th problem")
+    parser.add_argument("--scenes", type=int, default=200)
+    given = parser.parse_args()
+    if given.part == "panda":
+        panda(given.folder, given.urdf, given.every)
+    else:
+        arms(given.scenes)
+
+
+if __name__ == "__main__":
+    main()
