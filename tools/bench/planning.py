@@ -196,7 +196,8 @@ def panda(folder: Path, urdf: Path, every: int) -> None:
             body = CollisionBody(model.chain, capsules_of(model))
             checker = CollisionChecker(body, None, cast("Any", things))
             checker.watched[:] = [
-                pair[0] != body.chain.base and pair not in ignored for pair in checker.pairs
+                pair not in ignored and (pair[0] != model.chain.base or pair in body.pairs)
+                for pair in checker.pairs
             ]
             began = time.process_time()
             space = checker.clear_space(_SETTLED_MARGIN_M, np.array([start_q, goal]), load=0.0)
