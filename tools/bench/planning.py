@@ -24,11 +24,11 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import NDArray
 
-import ikservo
+from ikservo.arm.checked_planning import PreflightPlanner
+from ikservo.arm.motion_plan import MotionPlan
 from ikservo.arm.motions import MoveJoints
-from ikservo.arm.plan import MotionPlan
+from ikservo.arm.opening import open_own_arm
 from ikservo.arm.poses import PoseLibrary
-from ikservo.arm.preflight import PreflightPlanner
 from ikservo.errors import RefusedError
 from ikservo.guard import CollisionChecker, KeepOutBox
 from ikservo.kinematics.collision import CollisionBody
@@ -256,8 +256,8 @@ def arms(scenes: int) -> None:
         for seed in range(scenes):
             chance = random.Random(f"{name} {seed}")
             boxes = tuple(random_box(chance, i) for i in range(chance.randint(1, 5)))
-            with ikservo.open_arm(replace(model, keep_out=boxes), port="sim") as arm:
-                context = arm._context  # pyright: ignore[reportPrivateUsage]
+            with open_own_arm(replace(model, keep_out=boxes), port="sim") as arm:
+                context = arm.context
                 ends = free_ends(context, chance)
                 if ends is None:
                     continue
