@@ -350,10 +350,11 @@ class PreflightPlanner:
                 return None
             if not can_search():
                 blocked.command_hint += f" {HOW_TO_SEARCH}"
-                return None
         elif isinstance(motion, Draw | LookAt) or (
             isinstance(motion, MoveThrough) and not motion.line
         ):
+            return None
+        if not can_search():
             return None
         goals = [plan_motion(self._planner, motion, start, allowed).goal]
         points = list[PointGoal]()

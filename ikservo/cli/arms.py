@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
@@ -15,6 +15,9 @@ from ikservo.cli.terminal import print_json, print_lines, print_status, print_ta
 from ikservo.errors import BadValueError, InputError, UnknownNameError
 from ikservo.importing.draft import ArmDraft, DraftServo
 from ikservo.model import Model, ModelServo, arm_names, load_model
+
+if TYPE_CHECKING:
+    from ikservo.importing.ruler import RulerJoint
 
 __all__ = ["command"]
 
@@ -141,12 +144,25 @@ def command(  # one option each
             "No name for the arm." if name is None else f"{action} takes no name.",
             "Name it: ikservo arms new NAME --from FILE",
         )
+    of_descriptions: dict[str, object] = {"--file": file, "--package": package}
+    of_descriptions |= {"--xacro-arg": xacro_arg, "--allow-xacro": allow_xacro}
     if name is None:
+        of_new: dict[str, object] = {
+            "--from": source,
+            "--joint": joint,
+            "--tip": tip,
+            "--base": base,
+        }
+        of_new |= {"--base-frame": base_frame, "--gripper": gripper, "--servo": servo}
+        of_new |= {"--servo-model": servo_model, "--limits": limits, "--m-per-turn": m_per_turn}
+        of_new |= {"--port": port, "--overwrite": overwrite, "--dry-run": dry_run}
+        _refuse_given(of_new | of_descriptions, "list", "ikservo arms new NAME --from FILE")
         _list_arms(json=json)
         return
+    if joint:
+        _refuse_given(of_descriptions, "--joint", "ikservo arms new NAME --from FILE")
     from ikservo.importing.building import ImportOptions  # noqa: PLC0415  # seldom needed
     from ikservo.importing.folder import write_drafts  # noqa: PLC0415
-    from ikservo.importing.ruler import parse_measured  # noqa: PLC0415
     from ikservo.maintenance.new_arm import NewArm, draft_new_arm  # noqa: PLC0415
 
     options = ImportOptions(
@@ -164,7 +180,7 @@ def command(  # one option each
         folder,
         source,
         file,
-        tuple(parse_measured(text) for text in joint or ()),
+        _parse_joints(joint or []),
         dict(_parse_pairs("--package", package, Path, "NAME=FOLDER")),
         dict(_parse_pairs("--xacro-arg", xacro_arg, str, "NAME:=VALUE", ":=")),
         allow_xacro,
@@ -175,6 +191,17 @@ def command(  # one option each
     drafts = Operator.of(None, yes=False, no_input=json).run(draft_new_arm(new))
     written = [] if dry_run else write_drafts(drafts, folder)
     _print_drafts(drafts, written, folder, json=json)
+
+
+def _refuse_given(options: Mapping[str, object], beside: str, usage: str) -> None:
+    """Refuse options that would be ignored.
+
+    Raises:
+        InputError: One is given.
+    """
+    given = [name for name, value in options.items() if value]
+    if given:
+        raise InputError(f"{', '.join(given)} cannot be given with {beside}.", f"Use: {usage}")
 
 
 def _list_arms(*, json: bool) -> None:
@@ -226,6 +253,8 @@ def _parse_pairs(
 
 def _parse_range(text: str) -> tuple[float, float]:
     low, high = (float(part) for part in text.split(":"))
+    if not (math.isfinite(low) and math.isfinite(high)):
+        raise ValueError
     return low, high
 
 
@@ -236,10 +265,24 @@ def _parse_positive(text: str) -> float:
     return value
 
 
+def _parse_joints(texts: Sequence[str]) -> tuple[RulerJoint, ...]:
+    """Parse ``NAME=AXIS:METRES``, each name once."""
+    from ikservo.importing.ruler import parse_measured  # noqa: PLC0415  # seldom needed
+
+    joints = tuple(parse_measured(text) for text in texts)
+    names = [joint.name for joint in joints]
+    for name in names:
+        if names.count(name) > 1:
+            raise BadValueError("--joint", f"{name} twice", "each name once")
+    return joints
+
+
 def _parse_servos(texts: Sequence[str]) -> dict[str, tuple[DraftServo, ...]]:
     """Parse ``JOINT=[-]ID[:MODEL]``; further servos of a joint drive it together."""
     found: dict[str, tuple[DraftServo, ...]] = {}
     for name, servo in _parse_pairs("--servo", texts, _parse_servo, "elbow=3:STS3215 or elbow=-3"):
+        if any(servo.id == other.id for servos in found.values() for other in servos):
+            raise BadValueError("--servo", f"the id {servo.id} twice", "each id once")
         found[name] = (*found.get(name, ()), servo)
     return found
 

@@ -90,6 +90,8 @@ def test_straight_or_without_a_planner_it_is_refused(monkeypatch, beside_post):
     with pytest.raises(CollisionError, match="the post") as refused:
         beside_post.move_to(RIGHT)
     assert "pip install 'ikservo[plan]'" in refused.value.command_hint
+    with pytest.raises(CollisionError, match="the post"):
+        beside_post.move_line(RIGHT)
 
 
 def test_straight_is_a_field_of_the_motion():

@@ -266,6 +266,24 @@ def test_an_option_that_does_not_fit_is_answered(make, tmp_path, options, said):
     assert not (tmp_path / "mine").exists()
 
 
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("list --joint pan=z:0.1", "--joint cannot be given with list"),
+        ("--tip tool", "--tip cannot be given with list"),
+        ("new a --joint pan=z:0.1 --package b=c", "--package cannot be given with --joint"),
+        ("new a --joint pan=z:0.1 --joint pan=y:0.1", "pan twice"),
+        ("new a --joint p=z:0.1 --joint q=y:0.1 --servo p=1 --servo q=1", "the id 1 twice"),
+        ("new a --joint pan=z:0.1 --limits pan=-inf:inf", "-inf:inf"),
+    ],
+)
+def test_what_would_be_ignored_or_contradicts_itself_is_refused(run_cli, tmp_path, words, said):
+    answer = run_cli(f"arms {words} --folder {tmp_path}")
+    assert answer.code == 2
+    assert said in answer.err
+    assert list(tmp_path.iterdir()) == []
+
+
 @pytest.mark.parametrize("name", ["so101", "a/b", "", "x" * 65])
 def test_a_name_that_an_arm_cannot_have_is_refused(run_cli, source, tmp_path, name):
     result = run_cli(f"arms new '{name}' --from {source} --folder {tmp_path}")
