@@ -54,6 +54,11 @@ def pytest_configure(config):
     tiers.choose_tier(config)
 
 
+@pytest.hookimpl(optionalhook=True)  # of xdist
+def pytest_configure_node(node):
+    node.workerinput["all"] = node.config.option.all
+
+
 def pytest_sessionstart():
     gc.disable()  # collection makes thousands of objects, and all of them stay
 

@@ -25,8 +25,10 @@ def add_option(parser):
 
 
 def choose_tier(config):
-    """Run everything where paths are given; the workers of xdist get the option from here."""
-    if not hasattr(config, "workerinput"):
+    """Run everything where paths are given; the workers of xdist are told."""
+    if hasattr(config, "workerinput"):
+        config.option.all = config.workerinput["all"]
+    else:
         whole_suite = config.args_source is pytest.Config.ArgsSource.TESTPATHS
         config.option.all = config.option.all or not whole_suite
 
