@@ -151,8 +151,9 @@ class UnknownNameError(InputError, LookupError):
     def __init__(self, kind: str, name: object, known: Iterable[str]) -> None:
         self.kind, self.name, self.known = kind, name, sorted(known)
         close = difflib.get_close_matches(str(name).lower(), self.known, n=1)
+        self.closest = close[0] if close else None
         listing = ", ".join(self.known) or "none"
-        hint = f"Did you mean {close[0]}? " if close else ""
+        hint = f"Did you mean {self.closest}? " if self.closest else ""
         super().__init__(f"There is no {kind} named {name!r}.", f"{hint}Known: {listing}.")
 
 

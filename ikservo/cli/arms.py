@@ -326,7 +326,7 @@ def _print_drafts(
                     print_lines(content.decode().splitlines())
     for path in written:
         print_lines([f"Written to {path}/; {path / 'import.md'} has every decision."])
-        print_status(f"Try it: ikservo view --arm {path} --port sim")
+        print_status(f"Try it: ikservo view --arm {path}/ --port sim")
 
 
 def _arm_metadata(model: Model) -> dict[str, object]:

@@ -37,7 +37,10 @@ def find_arm(name_or_path: str | Path) -> Path:
     for shelf in _arm_folders():
         if _NAME.fullmatch(text) and text in _arm_names_in(shelf):
             return shelf / text / ARM_FILE
-    raise UnknownNameError("arm", _shorten_text(text), arm_names())
+    unknown = UnknownNameError("arm", _shorten_text(text), arm_names())
+    if unknown.closest is None and _NAME.fullmatch(text):
+        unknown.command_hint += f" Give the folder of an arm of your own as a path: ./{text}"
+    raise unknown
 
 
 def catalogue_name(path: Path) -> str | None:

@@ -352,3 +352,13 @@ def test_its_poses_are_free_for_the_guard(make, tmp_path, pose):
     make()
     with ikservo.open_arm(tmp_path / "mine", port="sim:?pose=home", uncalibrated=True) as arm:
         assert arm.clearance_m(arm.model.pose(pose)) >= 0.0
+
+
+def test_the_command_that_is_printed_finds_the_new_arm(run_cli, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    made = run_cli("arms new ruled --joint pan=z:0.1 --joint lift=y:0.1")
+    path = re.search(r"--arm (\S+)", made.err).group(1)
+    assert run_cli(f"solve 0.05 0 0.2 --arm {path}").code in (0, 7)
+    named = run_cli("solve 0.05 0 0.2 --arm ruled")
+    assert named.code == 2
+    assert "./ruled" in named.err
