@@ -25,6 +25,7 @@ ABSENT = ServoSpec(99, STS3215, "nobody")
 ARMS = ("so101", "koch")
 # A busy machine holds the server of a pseudo-terminal up for longer than three replies are awaited.
 RETRIES = {"pty": 9}
+LATE = {"pty": 0.02}  # so many replies of readings that are not repeated may be late there
 MODES = ("", "?echo=1", "?echo=1&usb_frame_ms=1", "?latency_ms=16&usb_frame_ms=1")
 PLACES = [
     *(
@@ -148,12 +149,13 @@ def test_what_is_measured_cannot_be_written(bus, ids):
         bus.write(ids[0], RegisterName.PRESENT_POSITION, 0)
 
 
-def test_a_thousand_positions_in_a_row_are_all_there(bus, ids):
+def test_a_thousand_positions_in_a_row_are_all_there(bus, ids, request):
     asked = 1000 // len(ids)
     answered = sum(
         not bus.sync_read(ids, RegisterName.PRESENT_POSITION).errors for _ in range(asked)
     )
-    assert answered >= 0.98 * asked  # on a busy machine the simulator of a pty may answer late
+    place, _ = request.node.callspec.params["bus"]
+    assert answered >= (1.0 - LATE.get(place, 0.0)) * asked
 
 
 def test_every_answer_was_timed(bus, ids):

@@ -527,7 +527,7 @@ def leaning(name, method="auto", weights=None):
 @pytest.mark.parametrize("method", ["auto", "pseudo_inverse"])
 def test_a_drag_leans_towards_the_posture_and_the_tip_stays_where_it_is_pulled(method):
     view_state, drag = sight("so101", "side"), drag_of("so101")
-    px = pixel_on("so101", view_state, "gripper")
+    px = pixel_of("so101", "side", view_state.arms[0], "gripper", (-0.009, -0.023, -0.006))
     drag.press(px, view_state)
     command, (solver, wanted) = drag.move(px + np.array([10.0, 5.0])), leaning("so101", method)
     plain = answers_of(DragSolver(model_of("so101").chain), command, view_state.arms[0])[-1]
@@ -535,7 +535,7 @@ def test_a_drag_leans_towards_the_posture_and_the_tip_stays_where_it_is_pulled(m
     last = answers[-1]
     assert last.settled
     assert last.marker.gap_m < 1e-4
-    assert np.linalg.norm(last.q - wanted) < 0.85 * np.linalg.norm(plain.q - wanted)
+    assert np.linalg.norm(last.q - wanted) < 0.8 * np.linalg.norm(plain.q - wanted)
     assert np.abs(np.diff([view_state.arms[0], *(a.q for a in answers)], axis=0)).max() <= 0.14
 
 
