@@ -65,6 +65,7 @@ _NEEDED = {  # options that a command cannot do without
     "test": ("--parts", "poses", "--cycles", "2", "--html", "{folder}/test.html"),
     "draw": ("--origin", "{x},{y},{z}", "--lift", "0"),  # planar arms stay in their plane
 }
+_WITHOUT_OPTIONS = ("arms",)  # they belong to `arms new`, which has journeys of its own
 _WHOLE = {  # arguments that depend on each other: their names and the command line
     "arms": (("action", "name"), ["list"]),
     "export": (
@@ -94,7 +95,8 @@ def lines_of(command):
     else:
         lines = list(itertools.product(*(_values(command, name) for name in names)))
     options = list(_NEEDED.get(command, ()))
-    options += [word for p in parameters for word in _typed(p) if p.param_type_name == "option"]
+    if command not in _WITHOUT_OPTIONS:
+        options += [w for p in parameters for w in _typed(p) if p.param_type_name == "option"]
     return [" ".join((command, *line, *options)) for line in lines]
 
 
