@@ -8,10 +8,10 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm.opening import open_bus
 from ikservo.cli.dialogue import Operator
 from ikservo.cli.options import JsonOption, ServoPortOption
 from ikservo.cli.quantities import parse_time_s
+from ikservo.cli.servo import restore_backup
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.errors import IkservoError, InputError
 from ikservo.hardware.eeprom import read_backup
@@ -22,9 +22,9 @@ from ikservo.maintenance.commissioning import (
     remaining_settings,
     wait_for_unplugging,
 )
-from ikservo.maintenance.dialogue import Question, Unasked
-from ikservo.maintenance.eeprom_restore import Restoration, plan_restoration, restore
-from ikservo.model import Model, load_model
+from ikservo.maintenance.eeprom_restore import plan_restoration
+from ikservo.maintenance.servo_workbench import open_servos
+from ikservo.model import load_model
 
 __all__ = ["command"]
 
@@ -68,56 +68,6 @@ class RestoreOptions:
     ] = False
 
 
-def _restore_backup(
-    model: Model, port: str | None, path: Path, options: RestoreOptions, *, yes: bool, json: bool
-) -> None:
-    """Write an EEPROM backup to its servo, after confirmation."""
-    backup = read_backup(path)
-    with open_bus(model, port) as bus:
-        plan = plan_restoration(bus, backup, options.servo, other_model=options.other_model)
-        _print_restoration(plan)
-        question = Question(f"Write these to {plan.servo}?", Unasked.ERROR)
-        if plan.changes and not Operator.of(None, yes=yes).agrees(question):
-            raise IkservoError("Cancelled; the servo was not changed.")
-        restore(bus, plan)
-    written = [
-        _format_change(each.register.name, each.found, each.expected) for each in plan.changes
-    ]
-    if json:
-        _print_json(plan, written)
-    else:
-        print_lines([f"✓ {plan.servo}: {', '.join(written) or 'nothing to change'}"])
-    if written:
-        print_status(
-            "A calibration may depend on the changed values. Check the arm: ikservo doctor"
-        )
-
-
-def _print_restoration(plan: Restoration) -> None:
-    count = len(plan.changes)
-    print_status(f"{plan.servo}: {count or 'no'} register{'s' * (count != 1)} to restore.")
-    for each in plan.changes:
-        print_status(f"    {_format_change(each.register.name, each.found, each.expected)}")
-    for each in plan.kept:
-        print_status(f"    {each.register} stays {each.found}; the backup has {each.expected}")
-
-
-def _format_change(register: str, found: int, wanted: int) -> str:
-    return f"{register} {found} → {wanted}"
-
-
-def _print_json(plan: Restoration, written: list[str]) -> None:
-    print_json(
-        "setup",
-        joint=plan.servo.name,
-        id=plan.servo.id,
-        model=plan.servo.table.model_name,
-        backup=str(plan.backup.path),
-        written=written,
-        kept=[each.register.name for each in plan.kept],
-    )
-
-
 def command(
     arm: ArmName = None,
     *,
@@ -144,7 +94,10 @@ def command(
     if not model.joints:
         raise InputError(f"{model.path} names no servos.", "An arm that moves needs an arm.toml.")
     if backup.restore:
-        _restore_backup(model, port, backup.restore, backup, yes=yes, json=json)
+        copy = read_backup(backup.restore)
+        with open_servos(model, port) as line:
+            plan = plan_restoration(line.bus, copy, backup.servo, other_model=backup.other_model)
+            restore_backup(line, plan, yes=yes, json=json)
         return
     if backup != RestoreOptions():
         raise InputError("--servo and --other-model belong to --restore.", "Add --restore FILE.")

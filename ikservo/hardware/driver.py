@@ -154,6 +154,10 @@ class ProtocolDriver(Protocol):
         """Execute the prepared writes of all servos at the same time."""
         ...
 
+    def factory_reset(self, servo_id: int) -> Reply:
+        """Give one servo its factory settings; its id stays."""
+        ...
+
     def reboot(self, servo_id: int) -> Reply:
         """Restart one servo; its torque is off afterwards."""
         ...

@@ -45,6 +45,7 @@ __all__ = ["Dynamixel1Driver", "DynamixelDriver"]
 
 
 _PING, _READ, _WRITE, _REG_WRITE, _ACTION, _REBOOT = 0x01, 0x02, 0x03, 0x04, 0x05, 0x08
+_FACTORY_RESET, _KEEP_ID_AND_RATE = 0x06, b"\x02"
 _SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A
 _BULK_READ, _BULK_WRITE = 0x92, 0x93
 _REQUEST_INSTRUCTIONS = frozenset((_READ, _SYNC_READ, _FAST_SYNC_READ, _BULK_READ))
@@ -191,6 +192,11 @@ class DynamixelDriver:
         self._port.pending.invalidate(range(BROADCAST_ID))
         self.transceiver.transact(lambda: self._send(BROADCAST_ID, _ACTION, b""))
 
+    def factory_reset(self, servo_id: int) -> Reply:
+        """Give one servo its factory settings; id and baud rate stay."""
+        self._port.pending.invalidate((servo_id,))
+        return self._request_packet(servo_id, _FACTORY_RESET, _KEEP_ID_AND_RATE)
+
     def reboot(self, servo_id: int) -> Reply:
         """Restart one servo; its torque is off afterwards."""
         self._port.pending.invalidate((servo_id,))
@@ -284,6 +290,11 @@ class Dynamixel1Driver(Protocol1Driver):
                 windows,
             )
         return {i: spans[i].extract(reply, windows[i]) for i, reply in replies.items()}
+
+    def factory_reset(self, servo_id: int) -> Reply:
+        """Return a fault: it would become id 1, which another servo may have."""
+        found = "would become id 1 by a factory reset; restore a backup instead"
+        return ReplyFault(servo_id, FaultKind.REFUSED, found)
 
     def reboot(self, servo_id: int) -> Reply:
         """Restart one servo; its torque is off afterwards. Old AX do not support it."""

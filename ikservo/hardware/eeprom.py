@@ -36,11 +36,13 @@ __all__ = [
     "back_up_once",
     "backup_path",
     "eeprom_registers",
+    "lock_eeprom",
     "read_backup",
     "read_eeprom",
     "refuse_under_torque",
     "register_differences",
     "update_eeprom",
+    "write_backup",
 ]
 
 
@@ -116,7 +118,7 @@ def update_eeprom(
                 bus.write(servo_id, change.register, change.expected, raw=True)
             _verify_registers(bus, servo_id, expected)
     else:
-        _lock_if_unlocked(bus, servo_id)
+        lock_eeprom(bus, servo_id)
     return changes
 
 
@@ -157,7 +159,12 @@ def _unlocked_eeprom(bus: ServoBus, servo_id: int) -> Generator[None]:
         bus.write(servo_id, lock, 1, raw=True)
 
 
-def _lock_if_unlocked(bus: ServoBus, servo_id: int) -> None:
+def lock_eeprom(bus: ServoBus, servo_id: int) -> None:
+    """Lock a servo's EEPROM if a program that was killed has left it unlocked.
+
+    Raises:
+        BusError: The servo does not reply.
+    """
     lock = bus.servos[servo_id].table.eeprom_lock
     if lock is not None and bus.read(servo_id, lock, raw=True) == 0:
         bus.write(servo_id, lock, 1, raw=True)
@@ -222,9 +229,19 @@ def back_up_once(bus: ServoBus, owner: str, servo_ids: Iterable[int] | None = No
     for servo_id in bus.servos if servo_ids is None else servo_ids:
         path = backup_path(owner, bus.servos[servo_id])
         if not path.exists():
-            write_atomic(path, _format_backup(bus.servos[servo_id], read_eeprom(bus, servo_id)))
+            write_backup(bus, servo_id, path)
             written.append(path)
     return written
+
+
+def write_backup(bus: ServoBus, servo_id: int, path: Path) -> None:
+    """Write a copy of a servo's EEPROM; a file of this name is replaced.
+
+    Raises:
+        BusError: The servo does not reply; nothing was written.
+        FileWriteError: The file cannot be written.
+    """
+    write_atomic(path, _format_backup(bus.servos[servo_id], read_eeprom(bus, servo_id)))
 
 
 def read_backup(path: Path) -> Backup:

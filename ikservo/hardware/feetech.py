@@ -30,7 +30,7 @@ with importing_from("feetech-servo-sdk", "scservo_sdk"):
 
 __all__ = ["FeetechDriver"]
 
-_SYNC_READ = 0x82
+_FACTORY_RESET, _SYNC_READ = 0x06, 0x82
 
 
 def _packet_sender() -> SendPacket:
@@ -78,6 +78,11 @@ class FeetechDriver(Protocol1Driver):
         if window is span:
             return replies
         return {servo_id: span.extract(reply, window) for servo_id, reply in replies.items()}
+
+    def factory_reset(self, servo_id: int) -> Reply:
+        """Give one servo its factory settings; the id stays, the baud rate does not."""
+        self._port.pending.invalidate((servo_id,))
+        return self._request_packet(servo_id, _FACTORY_RESET, b"")
 
     def reboot(self, servo_id: int) -> Reply:
         """Return a fault: this family has no such instruction."""

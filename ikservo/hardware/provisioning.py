@@ -11,6 +11,7 @@ from ikservo.errors import (
     BadValueError,
     BusError,
     CalibrationError,
+    InputError,
     ServoRejectedError,
     ServoSilentError,
 )
@@ -23,7 +24,14 @@ from ikservo.hardware.scan import FoundServo, candidate_baud_rates, identify, sc
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import ControlTable, Register, RegisterName
 
-__all__ = ["ServoSettings", "check_model", "provision", "wait_for_servo", "wait_until_unplugged"]
+__all__ = [
+    "ServoSettings",
+    "change_address",
+    "check_model",
+    "provision",
+    "wait_for_servo",
+    "wait_until_unplugged",
+]
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,6 +86,33 @@ def provision(port: Port, found: FoundServo, settings: ServoSettings) -> tuple[s
         servo.set_id_and_rate(settings.servo.id, code)
         servo.write_registers(expected)
     return tuple(servo.written)
+
+
+def change_address(port: Port, servo: ServoSpec, new_id: int, new_rate: int) -> None:
+    """Give one servo of a line another id and baud rate, and verify both.
+
+    Args:
+        port: The port; afterwards at the new rate.
+        servo: The servo, which replies at the port's rate; its torque goes off.
+        new_id: The id to give it; its own if only the rate changes.
+        new_rate: The baud rate to give it.
+
+    Raises:
+        InputError: Another servo has this id; nothing was written.
+        BadValueError: It does not support the rate; nothing was written.
+        ServoRejectedError: A number was not stored.
+        BusError: It does not reply.
+    """
+    settings = ServoSettings(replace(servo, id=new_id), new_rate, {})
+    code = settings.baud_code
+    if new_id != servo.id and identify(port, framing_of(servo.table.family), new_id):
+        raise InputError(
+            f"Id {new_id} belongs to another servo on this line.",
+            "Choose a free id, or unplug that servo. Nothing was written.",
+        )
+    found = FoundServo(servo.id, port.baudrate, "", servo.table)
+    with _ServoBeingProvisioned(port, found, settings) as changing:
+        changing.set_id_and_rate(new_id, code)
 
 
 def check_model(found: FoundServo, settings: ServoSettings) -> None:

@@ -188,6 +188,19 @@ class RegisterAccess:
         self._prepared_goals.discard(servo_id)
         self._torque_on.discard(servo_id)
 
+    def factory_reset(self, servo_id: int) -> None:
+        """Give a servo its factory settings except its id; its torque is off afterwards.
+
+        Raises:
+            BusError: It refused, or its family cannot keep its id.
+        """
+        servo = self._require_servo(servo_id)
+        driver = self._requester.driver_of(servo)
+        self.write(servo_id, RegisterName.TORQUE_ENABLE, 0, raw=True)
+        self._requester.request(
+            servo, "reset to factory settings", lambda: driver.factory_reset(servo_id), repeat=False
+        )
+
     def is_torque_on(self, servo_id: int) -> bool:
         """Check whether a servo's torque was on when it was last read or written."""
         return servo_id in self._torque_on

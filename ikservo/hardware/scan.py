@@ -23,6 +23,7 @@ __all__ = [
     "identify",
     "scan",
     "scan_rate",
+    "scan_servo",
 ]
 
 
@@ -250,6 +251,19 @@ def scan(
     if found:
         port.setBaudRate(found[-1].baud_rate)
     return found
+
+
+def scan_servo(port: Port, servo_id: int, rates: Iterable[int]) -> list[FoundServo]:
+    """Return the servo of one id, at the first rate at which it replies; empty if at none.
+
+    Raises:
+        PortLostError: The port is lost.
+    """
+    framings = [replace(framing, ids=range(servo_id, servo_id + 1)) for framing in FRAMINGS]
+    for rate in rates:
+        if found := scan_rate(port, rate, framings):
+            return found
+    return []
 
 
 def scan_rate(

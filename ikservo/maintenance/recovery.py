@@ -13,7 +13,7 @@ from ikservo.hardware.servo import ServoSpec
 from ikservo.hardware.torque import read_goal_range, torque_on
 from ikservo.registers import Alarm, Family, RegisterName
 
-__all__ = ["RecoveryResult", "recover"]
+__all__ = ["RecoveryResult", "recover", "wait_for_boot"]
 
 _BOOT_S = 3.0  # the longest time until a servo replies again
 _BOOT_STEP_S = 0.05
@@ -95,7 +95,7 @@ def _clear_alarm(bus: ServoBus, servo: ServoSpec, *, reboot: bool) -> str:
     if not reboot:
         return _NEEDS_REBOOT
     bus.reboot(servo.id)
-    _wait_for_boot(bus, servo)
+    wait_for_boot(bus, servo)
     return "restarted; torque off"
 
 
@@ -111,7 +111,7 @@ def _cycle_torque(bus: ServoBus, servo: ServoSpec) -> str:
     return "torque off and on again"
 
 
-def _wait_for_boot(bus: ServoBus, servo: ServoSpec) -> None:
+def wait_for_boot(bus: ServoBus, servo: ServoSpec) -> None:
     """Wait until a restarting servo replies again.
 
     Raises:

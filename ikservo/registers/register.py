@@ -165,6 +165,11 @@ class Register:
         return self.address + self.size
 
     @property
+    def is_writable(self) -> bool:
+        """Whether it can be written."""
+        return self.access is Access.RW
+
+    @property
     def steady(self) -> bool:
         """Whether it changes only when it is written, so that two readings must agree."""
         return self.access is Access.RW or self.area is Area.EEPROM

@@ -1,0 +1,351 @@
+"""``ikservo servo``: registers of single servos, on an arm or alone on a line."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ikservo.cli.completion import complete_from
+from ikservo.cli.dialogue import Operator
+from ikservo.cli.model_options import model_from_option
+from ikservo.cli.options import ArmOption, JsonOption, OverwriteOption, ServoPortOption, YesOption
+from ikservo.cli.results import Field, Fields, json_values, print_records
+from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
+from ikservo.errors import IkservoError, InputError, UnknownNameError
+from ikservo.hardware.eeprom import RegisterDifference, read_backup, write_backup
+from ikservo.hardware.servo import ServoSpec
+from ikservo.maintenance.dialogue import Question, Unasked
+from ikservo.maintenance.eeprom_restore import Restoration, plan_restoration, restore
+from ikservo.maintenance.servo_workbench import (
+    RegisterReading,
+    ServoLine,
+    find_register,
+    find_table,
+    identify_servo,
+    open_servos,
+    parse_register_value,
+    plan_writes,
+    read_registers,
+    reset_servo,
+    restart_servo,
+    write_registers,
+)
+
+__all__ = ["command", "restore_backup"]
+
+ACTIONS = ("table", "read", "write", "ping", "reboot", "reset", "backup", "restore")
+Action = Annotated[
+    str,
+    typer.Argument(
+        metavar="|".join(ACTIONS),
+        autocompletion=complete_from(*ACTIONS),
+        help="table: every register. read, write: some. ping: identity. reboot: restart, torque "
+        "goes off. reset: factory settings. backup, restore: the EEPROM to and from a file.",
+    ),
+]
+
+
+def _complete_registers(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401  # typer hides click's types
+    """Return the registers of the model, or of all models, that start with a prefix."""
+    from ikservo.maintenance.servo_workbench import register_names  # noqa: PLC0415
+
+    ending = "=" if ctx.params.get("action") == "write" else ""
+    names = register_names(ctx.params.get("servo_model"))
+    return [f"{name}{ending}" for name in names if name.startswith(incomplete)]
+
+
+Words = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="[REGISTER[=VALUE]...|FILE]",
+        autocompletion=_complete_registers,
+        help="A plain integer is the raw value of the sheet; with a unit it is a quantity: "
+        "90deg, 7.4V, 500mA, 20ms, 60%. With restore: the file.",
+    ),
+]
+ServoId = Annotated[
+    str | None,
+    typer.Option("--id", metavar="ID", help="The servo: its id, or its joint with --arm."),
+]
+ServoModel = Annotated[
+    str | None, typer.Option("--model", help="Without --arm: its model, if it is not recognized.")
+]
+BaudRate = Annotated[
+    int | None,
+    typer.Option("--baud", min=1_200, max=12_000_000, help="Without --arm: try only this rate."),
+]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be written.")]
+To = Annotated[
+    Path | None,
+    typer.Option("--to", metavar="FILE", help="File of the backup; default: ID_MODEL.toml."),
+]
+OtherModel = Annotated[
+    bool, typer.Option("--other-model", help="Restore a backup of another servo model.")
+]
+
+
+def command(
+    action: Action,
+    words: Words = None,
+    *,
+    arm: ArmOption = None,
+    port: ServoPortOption = None,
+    servo_id: ServoId = None,
+    servo_model: ServoModel = None,
+    baud: BaudRate = None,
+    to: To = None,
+    overwrite: OverwriteOption = False,
+    other_model: OtherModel = False,
+    dry_run: DryRun = False,
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Read and write the registers of a servo; nothing moves unless a goal is written.
+
+    ikservo servo table --port /dev/ttyACM0 --id 3
+
+    ikservo servo read present_voltage p_gain --arm so101 --id elbow_flex
+
+    ikservo servo write p_gain=16 max_temperature_limit=65C --arm so101 --id 3
+
+    ikservo servo backup --arm so101 --id 3        ikservo servo restore FILE --arm so101
+    """
+    given = words or []
+    _check_words(action, given)
+    backup = read_backup(Path(given[0])) if action == "restore" else None
+    with _open_line(arm, port, servo_id, servo_model, baud) as line:
+        if backup is not None:
+            plan = plan_restoration(line.bus, backup, servo_id, other_model=other_model)
+            restore_backup(line, plan, dry_run=dry_run, yes=yes, json=json)
+        elif action in ("table", "read"):
+            _print_registers(line, line.find(servo_id), given, json=json)
+        elif action == "ping":
+            _print_identities(line, servo_id, json=json)
+        elif action == "write":
+            _write(line, line.find(servo_id), given, dry_run=dry_run, yes=yes, json=json)
+        elif action == "backup":
+            _back_up(line, line.find(servo_id), to, overwrite=overwrite, json=json)
+        else:
+            _restart(line, line.find(servo_id), action, yes=yes, json=json)
+
+
+def _check_words(action: str, words: Sequence[str]) -> None:
+    if action not in ACTIONS:
+        raise UnknownNameError("action", action, ACTIONS)
+    if action in ("read", "write") and not words:
+        example = "p_gain" if action == "read" else "p_gain=16"
+        raise InputError("No register is named.", f"As in: ikservo servo {action} {example}")
+    if action == "restore" and len(words) != 1:
+        raise InputError("restore needs one file.", "As in: ikservo servo restore FILE")
+    if action not in ("read", "write", "restore") and words:
+        raise InputError(f"{action} takes no {words[0]!r}.", f"Try: ikservo servo {action}")
+
+
+def _open_line(
+    arm: str | None,
+    port: str | None,
+    servo_id: str | None,
+    servo_model: str | None,
+    baud: int | None,
+) -> AbstractContextManager[ServoLine]:
+    if arm:
+        if servo_model or baud:
+            raise InputError("--model and --baud belong to servos of no arm.", "Omit --arm.")
+        return open_servos(model_from_option(arm), port)
+    if servo_id is not None and not servo_id.isdecimal():
+        raise InputError(f"{servo_id!r} is no id.", "Name its joint with --arm, or give an id.")
+    number = None if servo_id is None else int(servo_id)
+    table = find_table(servo_model) if servo_model else None
+    return open_servos(None, port, servo_id=number, table=table, baud_rate=baud)
+
+
+_SHOWN_UNITS = {"rad": ("°", math.degrees(1)), "rad/s": ("°/s", math.degrees(1)),
+                "rad/s²": ("°/s²", math.degrees(1)), "1": ("%", 100.0)}  # fmt: skip
+
+
+def _format_value(reading: RegisterReading) -> str:
+    symbol = reading.register.unit.symbol
+    if not symbol:
+        return ""
+    shown, factor = _SHOWN_UNITS.get(symbol, (symbol, 1.0))
+    return f"{reading.value * factor:.4g} {shown}"
+
+
+def _format_first(reading: RegisterReading) -> str:
+    return str(reading.first) if reading.changed else ""
+
+
+_REGISTERS: Fields[RegisterReading] = (
+    Field("name", "register", value=lambda one: one.register.name),
+    Field("address", "address", value=lambda one: one.register.address),
+    Field("size", value=lambda one: one.register.size),
+    Field("raw", "raw"),
+    Field("value", "value", _format_value),
+    Field("unit", value=lambda one: one.register.unit.symbol),
+    Field("lower", value=lambda one: one.register.range[0]),
+    Field("upper", value=lambda one: one.register.range[1]),
+    Field(
+        "range",
+        "range",
+        lambda one: "{}…{}".format(*one.register.range) if one.register.is_writable else "",
+        lambda one: list(one.register.range),
+    ),
+    Field(
+        "access",
+        "access",
+        lambda one: "write" if one.register.is_writable else "read",
+        lambda one: one.register.access.name,
+    ),
+    Field("area", "area", value=lambda one: one.register.area.name),
+    Field("first", "first copy", _format_first),
+)
+
+
+def _print_registers(
+    line: ServoLine, servo: ServoSpec, names: Sequence[str], *, json: bool
+) -> None:
+    readings = read_registers(line, servo, names)
+    if json:
+        print_json(
+            "servo-registers", id=servo.id, joint=servo.name, model=servo.table.model_name,
+            registers=[json_values(each, _REGISTERS) for each in readings],
+        )  # fmt: skip
+        return
+    print_status(f"{servo}, {servo.table.model_name}")
+    columns = [field for field in _REGISTERS if field.label]
+    rows = [[", ".join(field.texts(each)) for field in columns] for each in readings]
+    print_table([field.label for field in columns], rows)
+
+
+@dataclass(frozen=True, slots=True)
+class _Identity:
+    servo: ServoSpec
+    number: int
+    firmware: str
+
+
+_IDENTITIES: Fields[_Identity] = (
+    Field("id", "id", value=lambda one: one.servo.id),
+    Field("joint", "joint", value=lambda one: one.servo.name),
+    Field("model", "model", value=lambda one: one.servo.table.model_name),
+    Field("model_number", "number", value=lambda one: one.number),
+    Field("firmware", "firmware"),
+)
+
+
+def _print_identities(line: ServoLine, servo_id: str | None, *, json: bool) -> None:
+    chosen = line.bus.servos.values() if servo_id is None else [line.find(servo_id)]
+    rows = [_Identity(servo, *identify_servo(line, servo)) for servo in chosen]
+    print_records("servo-ping", "servos", rows, _IDENTITIES, json=json)
+
+
+def _write(
+    line: ServoLine,
+    servo: ServoSpec,
+    words: Sequence[str],
+    *,
+    dry_run: bool,
+    yes: bool,
+    json: bool,
+) -> None:
+    values: dict[Any, int] = {}
+    for word in words:
+        name, equals, text = word.partition("=")
+        if not equals:
+            raise InputError(f"{word!r} has no value.", f"As in: {name}=16")
+        register = find_register(servo.table, name)
+        values[register] = parse_register_value(register, text)
+    changes = plan_writes(line, servo, values)
+    texts = [_format_change(each) for each in changes]
+    if changes and not dry_run:
+        print_status(f"{servo}: {', '.join(texts)}")
+        moving = any(each.register.name.startswith("goal_") for each in changes)
+        warning = " The joint moves at once; nothing checks what it meets." if moving else ""
+        question = Question(f"Write {servo}?{warning}", Unasked.ERROR)
+        if not Operator.of(None, yes=yes).agrees(question):
+            raise IkservoError("Cancelled; nothing was written.")
+    if not dry_run:
+        write_registers(line, servo, changes)
+    if json:
+        print_json(
+            "servo-write", id=servo.id, joint=servo.name, model=servo.table.model_name,
+            written=not dry_run,
+            changes=[
+                {"register": each.register.name, "before": each.found, "after": each.expected}
+                for each in changes
+            ],
+        )  # fmt: skip
+        return
+    mark = "would write" if dry_run else "✓"
+    print_lines([f"{mark} {servo}: {', '.join(texts) or 'nothing to change'}"])
+
+
+def _format_change(change: RegisterDifference) -> str:
+    return f"{change.register} {change.found} → {change.expected}"
+
+
+def _back_up(
+    line: ServoLine, servo: ServoSpec, to: Path | None, *, overwrite: bool, json: bool
+) -> None:
+    path = to or Path(f"{servo.id:03}_{servo.table.model_name}.toml")
+    if path.exists() and not overwrite:
+        raise InputError(f"{path} exists.", "Choose another file, or add --overwrite.")
+    write_backup(line.bus, servo.id, path)
+    if json:
+        print_json("servo-backup", id=servo.id, joint=servo.name, path=path)
+        return
+    print_lines([f"✓ {servo}: EEPROM copied to {path}"])
+
+
+def _restart(line: ServoLine, servo: ServoSpec, action: str, *, yes: bool, json: bool) -> None:
+    result = "restarted" if action == "reboot" else "reset to factory settings"
+    lost = "" if action == "reboot" else " Its calibration and settings are lost."
+    text = f"{servo}: torque goes off, support the arm.{lost} Go on?"
+    if not Operator.of(None, yes=yes).agrees(Question(text, Unasked.ERROR)):
+        raise IkservoError("Cancelled; nothing was changed.")
+    (restart_servo if action == "reboot" else reset_servo)(line, servo)
+    if json:
+        print_json(f"servo-{action}", id=servo.id, joint=servo.name, done=result)
+        return
+    print_lines([f"✓ {servo}: {result}; torque off"])
+
+
+def restore_backup(
+    line: ServoLine, plan: Restoration, *, dry_run: bool = False, yes: bool, json: bool
+) -> None:
+    """Print a restoration, ask, write it to its servo, and print the result.
+
+    Raises:
+        IkservoError: The user declined.
+        BusError: The servo does not reply, or did not keep a value.
+    """
+    count = len(plan.changes)
+    print_status(f"{plan.servo}: {count or 'no'} register{'s' * (count != 1)} to restore.")
+    texts = [_format_change(each) for each in plan.changes]
+    for text in texts:
+        print_status(f"    {text}")
+    for each in plan.kept:
+        print_status(f"    {each.register} stays {each.found}; the backup has {each.expected}")
+    if not dry_run:
+        question = Question(f"Write these to {plan.servo}?", Unasked.ERROR)
+        if plan.changes and not Operator.of(None, yes=yes).agrees(question):
+            raise IkservoError("Cancelled; the servo was not changed.")
+        restore(line.bus, plan)
+    if json:
+        print_json(
+            "setup", joint=plan.servo.name, id=plan.servo.id, model=plan.servo.table.model_name,
+            backup=str(plan.backup.path), written=[] if dry_run else texts,
+            kept=[each.register.name for each in plan.kept],
+        )  # fmt: skip
+    elif not dry_run:
+        print_lines([f"✓ {plan.servo}: {', '.join(texts) or 'nothing to change'}"])
+    if texts and not dry_run:
+        print_status(
+            "A calibration may depend on the changed values. Check the arm: ikservo doctor"
+        )

@@ -1,0 +1,119 @@
+"""``ikservo servo``: registers of an arm's servos, and of servos of no arm, on the command line."""
+
+import pytest
+
+from ikservo.errors import ExitCode
+from tests.cli.fixtures_ports import change_bus
+
+ELBOW = "--arm so101 --port sim --id elbow_flex"
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
+    monkeypatch.chdir(tmp_path)
+
+
+@pytest.fixture
+def ports(monkeypatch):
+    return change_bus(monkeypatch, lambda line: None)
+
+
+def held(ports, servo_id=3):
+    return ports[-1].line.servos[servo_id]
+
+
+def test_a_table_has_a_row_for_each_register(run_cli, ports):
+    lines = run_cli(f"servo table {ELBOW}").out.splitlines()
+    rows = {line.split()[0]: line for line in lines[1:]}
+    assert len(rows) == len(held(ports).table.by_name)
+    assert "70 °C" in rows["max_temperature_limit"]
+    assert "0…254" in rows["p_gain"]
+
+
+def test_read_prints_raw_numbers_and_quantities(run_cli):
+    answer = run_cli(f"servo read present_voltage id {ELBOW} --json").json
+    voltage, own_id = answer["registers"]
+    assert (answer["schema"], answer["joint"]) == ("ikservo/servo-registers/1", "elbow_flex")
+    assert (voltage["raw"], voltage["value"], voltage["unit"]) == (74, pytest.approx(7.4), "V")
+    assert (own_id["raw"], own_id["range"], own_id["area"]) == (3, [0, 253], "EEPROM")
+
+
+def test_write_changes_what_differs_and_locks_again(run_cli, ports):
+    result = run_cli(f"servo write p_gain=20 d_gain=32 max_torque=60% {ELBOW} --yes")
+    assert result.code == 0
+    assert result.out.strip() == "✓ elbow_flex (id 3): p_gain 32 → 20, max_torque 1000 → 600"
+    assert [held(ports).read(name) for name in ("p_gain", "max_torque", "lock")] == [20, 600, 1]
+
+
+def test_a_dry_run_writes_nothing(run_cli, ports):
+    result = run_cli(f"servo write p_gain=20 {ELBOW} --dry-run")
+    assert result.out.strip() == "would write elbow_flex (id 3): p_gain 32 → 20"
+    assert held(ports).read("p_gain") == 32
+
+
+@pytest.mark.parametrize(
+    ("words", "code", "said"),
+    [
+        (f"servo polish {ELBOW}", ExitCode.USAGE, "polish"),
+        (f"servo write p_gain=255 {ELBOW} --yes", ExitCode.FAILED, "255 is outside 0 to 254"),
+        (f"servo write present_load=3 {ELBOW} --yes", ExitCode.FAILED, "read-only"),
+        (f"servo write p_gain=20 {ELBOW}", ExitCode.USAGE, "--yes"),
+        (f"servo write p_gain {ELBOW}", ExitCode.USAGE, "has no value"),
+        (f"servo write id=4 {ELBOW} --yes", ExitCode.USAGE, "belongs to another servo"),
+        (f"servo write goal_position=2048 {ELBOW} --yes", ExitCode.FAILED, "torque is off"),
+        (f"servo read p_gian {ELBOW}", ExitCode.USAGE, "p_gain"),
+        (f"servo read {ELBOW}", ExitCode.USAGE, "No register is named"),
+        (f"servo table p_gain {ELBOW}", ExitCode.USAGE, "takes no"),
+        ("servo table --arm so101 --port sim", ExitCode.USAGE, "Name one by its id"),
+        ("servo table --arm so101 --port sim --id 9", ExitCode.USAGE, "9"),
+        ("servo table --port sim --id 3", ExitCode.USAGE, "--arm"),
+        (f"servo table {ELBOW} --model STS3215", ExitCode.USAGE, "Omit --arm"),
+        ("servo restore nothing.toml --arm so101 --port sim", ExitCode.USAGE, "nothing.toml"),
+        (f"servo reboot {ELBOW} --yes", ExitCode.SILENT, "does not support reboot"),
+    ],
+)
+def test_mistakes_are_one_error_and_change_nothing(run_cli, ports, words, code, said):
+    result = run_cli(words)
+    assert result.code == code, result.err
+    assert said in result.err
+    assert result.out == ""
+    if ports:
+        assert held(ports).read("p_gain") == 32
+
+
+def test_a_restored_servo_holds_its_backup(run_cli, monkeypatch):
+    assert run_cli(f"servo backup {ELBOW} --to first.toml").code == 0
+    assert run_cli(f"servo backup {ELBOW} --to first.toml").code == ExitCode.USAGE
+
+    def spoil(line):
+        for name, raw in {"p_gain": 40, "homing_offset": -100}.items():
+            line.servos[3].memory.put(name, raw)
+            line.servos[3].memory.persist_value(name)
+
+    ports = change_bus(monkeypatch, spoil)
+    result = run_cli("servo restore first.toml --arm so101 --port sim --yes")
+    assert "homing_offset -100 → 0" in result.out
+    restored = held(ports)
+    assert [restored.read(n) for n in ("p_gain", "homing_offset", "lock")] == [32, 0, 1]
+
+
+def test_ping_names_every_servo(run_cli):
+    servos = run_cli("servo ping --arm koch --port sim --json").json["servos"]
+    assert [servo["model"] for servo in servos] == ["XL430-W250"] * 2 + ["XL330-M288"] * 4
+
+
+def test_servos_of_no_arm_are_found_at_any_rate(run_cli, monkeypatch):
+    from servosim import open_port
+
+    transport = open_port(f"sim:{_arm_file('koch')}")
+    transport.line.servos[3].memory.put("baud_rate", 1)
+    monkeypatch.setattr("ikservo.hardware.port.open_transport", lambda *_, **__: transport)
+    result = run_cli("servo read id baud_rate --port /dev/ttyUSB7 --id 3 --json")
+    assert [one["raw"] for one in result.json["registers"]] == [3, 1]
+
+
+def _arm_file(name):
+    from ikservo.model import load_model
+
+    return load_model(name).path.resolve()
