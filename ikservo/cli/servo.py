@@ -11,6 +11,7 @@ from typing import Annotated, Any
 
 import typer
 
+from ikservo.arm.opening import servo_specs
 from ikservo.cli.completion import complete_from
 from ikservo.cli.dialogue import Operator
 from ikservo.cli.model_options import model_from_option
@@ -19,9 +20,12 @@ from ikservo.cli.results import Field, Fields, json_values, print_records
 from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
 from ikservo.errors import IkservoError, InputError, UnknownNameError
 from ikservo.hardware.eeprom import RegisterDifference, read_backup, write_backup
+from ikservo.hardware.packet_log import read_packet_log
+from ikservo.hardware.packets import BROADCAST_ID
 from ikservo.hardware.servo import ServoSpec
 from ikservo.maintenance.dialogue import Question, Unasked
 from ikservo.maintenance.eeprom_restore import Restoration, plan_restoration, restore
+from ikservo.maintenance.packet_decoding import decode_packets
 from ikservo.maintenance.servo_workbench import (
     RegisterReading,
     ServoLine,
@@ -39,14 +43,15 @@ from ikservo.maintenance.servo_workbench import (
 
 __all__ = ["command", "restore_backup"]
 
-ACTIONS = ("table", "read", "write", "ping", "reboot", "reset", "backup", "restore")
+ACTIONS = ("table", "read", "write", "ping", "reboot", "reset", "backup", "restore", "packets")
 Action = Annotated[
     str,
     typer.Argument(
         metavar="|".join(ACTIONS),
         autocompletion=complete_from(*ACTIONS),
         help="table: every register. read, write: some. ping: identity. reboot: restart, torque "
-        "goes off. reset: factory settings. backup, restore: the EEPROM to and from a file.",
+        "goes off. reset: factory settings. backup, restore: the EEPROM to and from a file. "
+        "packets: print a file of recorded packets.",
     ),
 ]
 
@@ -66,7 +71,7 @@ Words = Annotated[
         metavar="[REGISTER[=VALUE]...|FILE]",
         autocompletion=_complete_registers,
         help="A plain integer is the raw value of the sheet; with a unit it is a quantity: "
-        "90deg, 7.4V, 500mA, 20ms, 60%. With restore: the file.",
+        "90deg, 7.4V, 500mA, 20ms, 60%. With restore and packets: the file.",
     ),
 ]
 ServoId = Annotated[
@@ -80,6 +85,7 @@ BaudRate = Annotated[
     int | None,
     typer.Option("--baud", min=1_200, max=12_000_000, help="Without --arm: try only this rate."),
 ]
+Errors = Annotated[bool, typer.Option("--errors", help="With packets: only faulty ones.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be written.")]
 To = Annotated[
     Path | None,
@@ -102,6 +108,7 @@ def command(
     to: To = None,
     overwrite: OverwriteOption = False,
     other_model: OtherModel = False,
+    errors: Errors = False,
     dry_run: DryRun = False,
     yes: YesOption = False,
     json: JsonOption = False,
@@ -115,9 +122,15 @@ def command(
     ikservo servo write p_gain=16 max_temperature_limit=65C --arm so101 --id 3
 
     ikservo servo backup --arm so101 --id 3        ikservo servo restore FILE --arm so101
+
+    IKSERVO_PACKETS=log.pcapng ikservo move ...    ikservo servo packets log.pcapng --arm so101
     """
     given = words or []
     _check_words(action, given)
+    if action == "packets":
+        path = Path(given[0])
+        _print_packets(path, arm, servo_id, servo_model, faulty=errors, json=json)
+        return
     backup = read_backup(Path(given[0])) if action == "restore" else None
     with _open_line(arm, port, servo_id, servo_model, baud) as line:
         if backup is not None:
@@ -141,9 +154,9 @@ def _check_words(action: str, words: Sequence[str]) -> None:
     if action in ("read", "write") and not words:
         example = "p_gain" if action == "read" else "p_gain=16"
         raise InputError("No register is named.", f"As in: ikservo servo {action} {example}")
-    if action == "restore" and len(words) != 1:
-        raise InputError("restore needs one file.", "As in: ikservo servo restore FILE")
-    if action not in ("read", "write", "restore") and words:
+    if action in ("restore", "packets") and len(words) != 1:
+        raise InputError(f"{action} needs one file.", f"As in: ikservo servo {action} FILE")
+    if action not in ("read", "write", "restore", "packets") and words:
         raise InputError(f"{action} takes no {words[0]!r}.", f"Try: ikservo servo {action}")
 
 
@@ -311,9 +324,47 @@ def _restart(line: ServoLine, servo: ServoSpec, action: str, *, yes: bool, json:
         raise IkservoError("Cancelled; nothing was changed.")
     (restart_servo if action == "reboot" else reset_servo)(line, servo)
     if json:
-        print_json(f"servo-{action}", id=servo.id, joint=servo.name, done=result)
+        print_json("servo-restart", id=servo.id, joint=servo.name, done=result)
         return
     print_lines([f"✓ {servo}: {result}; torque off"])
+
+
+def _print_packets(
+    path: Path, arm: str | None, servo: str | None, model: str | None, *, faulty: bool, json: bool
+) -> None:
+    """Print packets as they are read; those to all servos are shown with each servo's."""
+    specs = servo_specs(model_from_option(arm)) if arm else []
+    only = {spec.id for spec in specs if servo in (spec.name, str(spec.id))}
+    if servo is not None and not only:
+        if not servo.isdecimal():
+            raise UnknownNameError("servo", servo, [spec.name for spec in specs])
+        only = {int(servo)}
+    tables = {spec.id: spec.table for spec in specs}
+    if model:
+        tables = dict.fromkeys(range(BROADCAST_ID), find_table(model))
+    before_s: float | None = None
+    count = errors = 0
+    for packet in decode_packets(read_packet_log(path), tables):
+        count, errors = count + 1, errors + bool(packet.error)
+        gap_ms = 0.0 if before_s is None else 1000 * (packet.time_s - before_s)
+        before_s = packet.time_s
+        if only and packet.servo_id not in (*only, BROADCAST_ID):
+            continue
+        if faulty and not packet.error:
+            continue
+        if json:
+            print_json(
+                "servo-packet", time_s=packet.time_s, sent=packet.sent, id=packet.servo_id,
+                meaning=packet.meaning, error=packet.error, bytes=packet.data.hex(" "),
+            )  # fmt: skip
+            continue
+        arrow = "→" if packet.sent else "←"
+        whom = {None: "?", BROADCAST_ID: "all"}.get(packet.servo_id, str(packet.servo_id))
+        text = f"{packet.meaning} [{packet.error}]" if packet.error else packet.meaning
+        start = f"{packet.time_s % 1000:10.6f} {gap_ms:+8.3f} ms {arrow} {whom:>3}  "
+        print_lines([f"{start}{text}  {packet.data.hex(' ').upper()}"], indent=len(start))
+    if not json:
+        print_status(f"{count} packets, {errors} with an error.")
 
 
 def restore_backup(

@@ -16,6 +16,7 @@ from weakref import WeakKeyDictionary
 
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import PortError, PortLostError
+from ikservo.hardware.packet_log import recorded_transport
 from ikservo.hardware.pending import AdaptiveTimeout, ByteRateCheck, LineHealth, PendingReplies
 from ikservo.hardware.transport import Transport, abandon_in_forked_children, open_transport
 
@@ -405,7 +406,7 @@ def open_port(name: str, baud_rate: int, arm: str = "", servo_ids: Collection[in
         PortError: It does not exist, is busy or may not be opened.
     """
     if not name or ":" in name or not servo_ids:  # nothing, a simulated bus or a network; any id
-        return Port(open_transport(name, baud_rate), name, baud_rate)
+        return Port(_open_line(name, baud_rate), name, baud_rate)
     own = _Opening(str(Path(name).resolve()), arm, frozenset(servo_ids))
     with _opening:
         others = {
@@ -416,9 +417,13 @@ def open_port(name: str, baud_rate: int, arm: str = "", servo_ids: Collection[in
             _check_sharing(shared, baud_rate, own, others.values())
             port = shared.reopen()
         else:
-            port = Port(open_transport(name, baud_rate), name, baud_rate)
+            port = Port(_open_line(name, baud_rate), name, baud_rate)
         _openings[port] = own
         return port
+
+
+def _open_line(name: str, baud_rate: int) -> Transport:
+    return recorded_transport(open_transport(name, baud_rate), name)
 
 
 def _is_same_line(port: Port, other: _Opening, own: _Opening) -> bool:

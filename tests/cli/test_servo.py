@@ -117,3 +117,16 @@ def _arm_file(name):
     from ikservo.model import load_model
 
     return load_model(name).path.resolve()
+
+
+def test_packets_of_a_command_are_recorded_and_printed(run_cli, monkeypatch, tmp_path):
+    monkeypatch.setenv("IKSERVO_PACKETS", str(tmp_path / "log.pcapng"))
+    assert run_cli("where --arm so101 --port sim").code == 0
+    monkeypatch.delenv("IKSERVO_PACKETS")
+    result = run_cli("servo packets log.pcapng --arm so101 --id elbow_flex")
+    assert result.err.endswith("packets, 0 with an error.\n")
+    assert "position = 3118" in result.out
+    assert {line.split()[4] for line in result.out.splitlines() if " ms " in line} == {"3", "all"}
+    assert run_cli("servo packets log.pcapng --errors").out == ""
+    (tmp_path / "log.pcapng").write_bytes(b"text")
+    assert run_cli("servo packets log.pcapng").code == ExitCode.USAGE
