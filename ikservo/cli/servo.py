@@ -15,8 +15,17 @@ from ikservo.arm.opening import servo_specs
 from ikservo.cli.completion import complete_from
 from ikservo.cli.dialogue import Operator
 from ikservo.cli.model_options import model_from_option
-from ikservo.cli.options import ArmOption, JsonOption, OverwriteOption, ServoPortOption, YesOption
+from ikservo.cli.options import (
+    ArmConnection,
+    ArmOption,
+    JsonOption,
+    OverwriteOption,
+    ServoPortOption,
+    YesOption,
+)
+from ikservo.cli.quantities import parse_angle_rad
 from ikservo.cli.results import Field, Fields, json_values, print_records
+from ikservo.cli.servo_tune import tune
 from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
 from ikservo.errors import IkservoError, InputError, UnknownNameError
 from ikservo.hardware.eeprom import RegisterDifference, read_backup, write_backup
@@ -43,7 +52,18 @@ from ikservo.maintenance.servo_workbench import (
 
 __all__ = ["command", "restore_backup"]
 
-ACTIONS = ("table", "read", "write", "ping", "reboot", "reset", "backup", "restore", "packets")
+ACTIONS = (
+    "table",
+    "read",
+    "write",
+    "ping",
+    "reboot",
+    "reset",
+    "backup",
+    "restore",
+    "packets",
+    "tune",
+)
 Action = Annotated[
     str,
     typer.Argument(
@@ -51,7 +71,7 @@ Action = Annotated[
         autocompletion=complete_from(*ACTIONS),
         help="table: every register. read, write: some. ping: identity. reboot: restart, torque "
         "goes off. reset: factory settings. backup, restore: the EEPROM to and from a file. "
-        "packets: print a file of recorded packets.",
+        "packets: print a file of recorded packets. tune: how the servo of a joint follows.",
     ),
 ]
 
@@ -86,6 +106,11 @@ BaudRate = Annotated[
     typer.Option("--baud", min=1_200, max=12_000_000, help="Without --arm: try only this rate."),
 ]
 Errors = Annotated[bool, typer.Option("--errors", help="With packets: only faulty ones.")]
+Step = Annotated[
+    float | None,
+    typer.Option("--step", parser=parse_angle_rad, help="With tune: how far; default: 10deg."),
+]
+Suggest = Annotated[bool, typer.Option("--suggest", help="With tune: try gains, some ten.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be written.")]
 To = Annotated[
     Path | None,
@@ -109,6 +134,8 @@ def command(
     overwrite: OverwriteOption = False,
     other_model: OtherModel = False,
     errors: Errors = False,
+    step: Step = None,
+    suggest: Suggest = False,
     dry_run: DryRun = False,
     yes: YesOption = False,
     json: JsonOption = False,
@@ -123,6 +150,8 @@ def command(
 
     ikservo servo backup --arm so101 --id 3        ikservo servo restore FILE --arm so101
 
+    ikservo servo tune --suggest --arm so101 --id elbow_flex
+
     IKSERVO_PACKETS=log.pcapng ikservo move ...    ikservo servo packets log.pcapng --arm so101
     """
     given = words or []
@@ -130,6 +159,10 @@ def command(
     if action == "packets":
         path = Path(given[0])
         _print_packets(path, arm, servo_id, servo_model, faulty=errors, json=json)
+        return
+    if action == "tune":
+        tune(ArmConnection(arm=arm, port=port), servo_id, given, step or math.radians(10),
+             suggest=suggest, yes=yes, json=json)  # fmt: skip
         return
     backup = read_backup(Path(given[0])) if action == "restore" else None
     with _open_line(arm, port, servo_id, servo_model, baud) as line:
@@ -156,7 +189,7 @@ def _check_words(action: str, words: Sequence[str]) -> None:
         raise InputError("No register is named.", f"As in: ikservo servo {action} {example}")
     if action in ("restore", "packets") and len(words) != 1:
         raise InputError(f"{action} needs one file.", f"As in: ikservo servo {action} FILE")
-    if action not in ("read", "write", "restore", "packets") and words:
+    if action not in ("read", "write", "restore", "packets", "tune") and words:
         raise InputError(f"{action} takes no {words[0]!r}.", f"Try: ikservo servo {action}")
 
 

@@ -160,6 +160,11 @@ class ServoGroup(StreamedServos):
             self._health = usual
 
     @property
+    def bus(self) -> ServoBus:
+        """The servos' bus, for registers that motions do not use."""
+        return self._bus
+
+    @property
     def overheated(self) -> bool:
         """Whether a servo was too hot in the last motion to hold any longer."""
         return self._health_poller is not None and self._health_poller.is_overheated

@@ -135,6 +135,33 @@ class RegisterAccess:
         )
         self._track_state(servo, register, number)
 
+    def write_until_power_off(self, servo_id: int, register: Register, raw: int) -> None:
+        """Write a register so that it is in force at once, also under torque, and not stored.
+
+        A Feetech servo takes a number for its EEPROM while this is locked, and forgets it without
+        power (memory tables, register ``lock``).
+
+        Raises:
+            RegisterAccessError: The register forbids it, or would be stored.
+            BusError: The servo refused, or sent no usable reply after retries.
+        """
+        servo = self._require_servo(servo_id)
+        lock = servo.table.eeprom_lock
+        if register.area is not Area.EEPROM:
+            self.write(servo_id, register, raw, raw=True)
+            return
+        if lock is None or not self.read(servo_id, lock, raw=True):
+            raise RegisterAccessError(str(servo), register.name, "it would be stored")
+        data, driver = (
+            encode_value(servo, register, raw, raw=True),
+            self._requester.driver_of(servo),
+        )
+        self._requester.request(
+            servo,
+            f"write {register} = {raw}",
+            lambda: driver.write(servo_id, register.address, data),
+        )
+
     def reg_write(
         self, servo_id: int, ref: RegisterRef, value: float, *, raw: bool = False
     ) -> None:

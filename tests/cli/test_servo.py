@@ -130,3 +130,19 @@ def test_packets_of_a_command_are_recorded_and_printed(run_cli, monkeypatch, tmp
     assert run_cli("servo packets log.pcapng --errors").out == ""
     (tmp_path / "log.pcapng").write_bytes(b"text")
     assert run_cli("servo packets log.pcapng").code == ExitCode.USAGE
+
+
+def test_tune_compares_gains_and_says_how_to_keep_the_best(run_cli, ports):
+    result = run_cli("servo tune position_p_gain=1500 --arm koch --port sim:?pose=home --id 2")
+    assert result.code == 0, result.err
+    rows = result.out.splitlines()
+    assert len(rows) == 3
+    assert "position_p_gain 1500" in rows[2]
+    assert "ikservo servo write position_p_gain=1500" in result.err or "present gains" in result.err
+    assert held(ports, 2).read("position_p_gain") != 1500
+
+
+@pytest.mark.parametrize("word", ["p_gain", "max_torque=500", "goal_position=5"])
+def test_tune_takes_gains_only(run_cli, ports, word):
+    result = run_cli(f"servo tune {word} {ELBOW}")
+    assert (result.code, result.out) == (ExitCode.USAGE, "")

@@ -1,0 +1,269 @@
+"""Measure how one servo follows a quick motion, and find gains with which it follows better."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Generator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ikservo.arm.arm import Arm
+from ikservo.control.loop import ControlCycle
+from ikservo.errors import RefusedError
+from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.servo import ServoSpec
+from ikservo.kinematics.arrays import Vector, freeze_arrays
+from ikservo.motion import JointMove, KinematicLimits, Trajectory, TrajectoryPoint
+from ikservo.registers import Register
+
+__all__ = [
+    "StepResponse",
+    "Trial",
+    "gain_registers",
+    "keeping_gains",
+    "measure_response",
+    "search_gains",
+    "write_gains",
+]
+
+_REST_S = 1.0  # after each of the two motions
+_JUDGED_S = 0.5  # the last part of a rest, in which a joint should be still
+_SETTLED_RAD = np.radians(0.2)
+_SWINGING_RAD = np.radians(0.25)
+_GAIN_NAMES = (("p_gain", "position_p_gain"), ("d_gain", "position_d_gain"))
+_FACTORS = (0.5, 0.7, 1.0, 1.4, 2.0)  # of the present gain
+_LEAST_TRIALS = (8, 16, 32)  # raw gains that are tried where the present one is 0
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class StepResponse:
+    """A joint on a quick motion there and back, without corrections by ikservo.
+
+    Attributes:
+        time_s: Since the start (m,).
+        goal_rad: Of the servo (m,).
+        position_rad: Measured (m,).
+        ends_s: When the two motions ended.
+    """
+
+    time_s: Vector
+    goal_rad: Vector
+    position_rad: Vector
+    ends_s: tuple[float, float]
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+    @property
+    def overshoot_rad(self) -> float:
+        """How far it went past where it came to rest, in the direction of the motion, at most."""
+        return 0.0 + max(float(beyond.max(initial=0.0)) for beyond in self._beyond_rest())
+
+    @property
+    def settling_s(self) -> float:
+        """How long after the goals it was within 0.2° of where it came to rest, at most."""
+        longest_s = 0.0
+        for beyond, time_s, end_s in zip(
+            self._beyond_rest(), self._rest_times(), self.ends_s, strict=True
+        ):
+            away = np.flatnonzero(np.abs(beyond) > _SETTLED_RAD)
+            longest_s = max(longest_s, float(time_s[away[-1]] - end_s) if away.size else 0.0)
+        return longest_s
+
+    @property
+    def steady_error_rad(self) -> float:
+        """How far it rests from its goal, at most."""
+        rows = (self._judged(end_s) for end_s in self.ends_s)
+        return max(abs(float(np.mean(self.goal_rad[r] - self.position_rad[r]))) for r in rows)
+
+    @property
+    def swing_rad(self) -> float:
+        """How far it still moves to and fro in the last half second of a rest, at most."""
+        return max(float(np.ptp(self.position_rad[self._judged(end_s)])) for end_s in self.ends_s)
+
+    @property
+    def lag_s(self) -> float:
+        """How far it is behind its goals while they move, as a time."""
+        speed = np.gradient(self.goal_rad, self.time_s)
+        fast = np.abs(speed) > 0.7 * np.abs(speed).max(initial=1e-9)
+        behind = (self.goal_rad - self.position_rad)[fast]
+        return float(np.sum(behind * np.sign(speed[fast])) / np.sum(np.abs(speed[fast])))
+
+    @property
+    def swings(self) -> bool:
+        """Whether it does not come to rest."""
+        return self.swing_rad > _SWINGING_RAD
+
+    @property
+    def cost(self) -> float:
+        """One number to compare gains by: 1 for each degree and each 0.2 s, much for swinging."""
+        far = np.degrees(self.overshoot_rad + self.steady_error_rad)
+        return float(far + self.settling_s / 0.2 + (10.0 if self.swings else 0.0))
+
+    def _judged(self, end_s: float) -> slice:
+        first, last = np.searchsorted(self.time_s, (end_s + _REST_S - _JUDGED_S, end_s + _REST_S))
+        return slice(int(first), max(int(last), int(first) + 1))
+
+    def _rest_times(self) -> list[Vector]:
+        return [self.time_s[self._rest(end_s)] for end_s in self.ends_s]
+
+    def _rest(self, end_s: float) -> slice:
+        first, last = np.searchsorted(self.time_s, (end_s, end_s + _REST_S))
+        return slice(int(first), max(int(last), int(first) + 1))
+
+    def _beyond_rest(self) -> list[Vector]:
+        """Return how far the joint is past where it comes to rest, after each motion."""
+        there_rad = self.goal_rad[self._rest(self.ends_s[0])][0] - self.goal_rad[0]
+        sign = 1.0 if there_rad > 0 else -1.0
+        return [
+            direction * (self.position_rad[self._rest(end_s)]
+                         - np.mean(self.position_rad[self._judged(end_s)]))
+            for direction, end_s in zip((sign, -sign), self.ends_s, strict=True)
+        ]  # fmt: skip
+
+
+class _ThereAndBack:
+    """One joint to a goal and back, with a rest after each."""
+
+    def __init__(self, start: Vector, goal: Vector, limits: Sequence[KinematicLimits]) -> None:
+        self._there, self._back = JointMove(start, goal, limits), JointMove(goal, start, limits)
+        self.start = start
+        self.ends_s = (
+            self._there.duration_s,
+            self._there.duration_s + _REST_S + self._back.duration_s,
+        )
+        self.duration_s = self.ends_s[1] + _REST_S
+
+    def state(self, time_s: float) -> TrajectoryPoint:
+        """Return position, velocity and acceleration (n,) at a time."""
+        back_s = self._there.duration_s + _REST_S
+        if time_s < back_s:
+            return self._there.state(min(time_s, self._there.duration_s))
+        return self._back.state(min(time_s - back_s, self._back.duration_s))
+
+
+def measure_response(arm: Arm, joint: str, step_rad: float) -> StepResponse:
+    """Move a joint there and back at the speed ``fast``, and return how its servo followed.
+
+    ikservo's own corrections are off: what is measured is the servo with its gains.
+
+    Args:
+        arm: The arm; its other joints hold.
+        joint: A joint that turns.
+        step_rad: How far; the other way where there is no room.
+
+    Raises:
+        RefusedError: There is no room, or something is in the way; nothing moved.
+        IkservoError: Those of every motion; see ``Arm``.
+    """
+    context, column = arm.context, arm.context.index.names.index(joint)
+    lower, upper = context.limits()
+    at_rad = context.servos.measure_positions()[column]
+    moves_rad = [move for move in (step_rad, -step_rad)
+                 if lower[column] <= at_rad + move <= upper[column]]  # fmt: skip
+    if not moves_rad:
+        raise RefusedError(
+            f"{joint} has no room for {abs(np.degrees(step_rad)):.0f}°.",
+            "Move it away from its limits, or choose a smaller --step.",
+        )
+    limits = context.planner.motion_limits("fast")
+    rows: list[tuple[float, float, float]] = []
+    ends_s: list[float] = []
+
+    def make_motion(start: Vector) -> Trajectory:
+        motions = [_ThereAndBack(start, start + move * (np.arange(len(start)) == column), limits)
+                   for move in moves_rad]  # fmt: skip
+        motion = motions[0]
+        try:
+            context.check_streamed_path(motion, "fast")
+        except RefusedError:
+            motion = motions[-1]
+            context.check_streamed_path(motion, "fast")
+        ends_s.extend(motion.ends_s)
+        return motion
+
+    def record(cycle: ControlCycle) -> None:
+        row = (context.now_s(), cycle.goals[column], cycle.measured[column])
+        rows.append((row[0], float(row[1]), float(row[2])))
+
+    arm.runner.run(make_motion, record, "fast", compensated=False)
+    time_s, goals, positions = np.array(rows).T
+    return StepResponse(time_s - time_s[0], goals, positions, (ends_s[0], ends_s[1]))
+
+
+def gain_registers(servo: ServoSpec) -> tuple[Register, Register]:
+    """Return the registers of the P and the D gain of a servo's position loop.
+
+    Raises:
+        RefusedError: Its model has none.
+    """
+    registers = servo.table.registers
+    found = [registers[name] for names in _GAIN_NAMES for name in names if name in registers]
+    if len(found) != len(_GAIN_NAMES):
+        raise RefusedError(
+            f"{servo} is a {servo.table.model_name}, which has no P and D gain.",
+            "Its compliance registers can be set: ikservo servo table",
+        )
+    return found[0], found[1]
+
+
+@contextlib.contextmanager
+def keeping_gains(bus: ServoBus, servo: ServoSpec) -> Generator[Mapping[Register, int]]:
+    """Give the present gains, and write them again at the end, however the block ends."""
+    before = {each: bus.read(servo.id, each, raw=True) for each in gain_registers(servo)}
+    try:
+        yield before
+    finally:
+        write_gains(bus, servo, before)
+
+
+def write_gains(bus: ServoBus, servo: ServoSpec, gains: Mapping[Register, int]) -> None:
+    """Write gains until the servo's power goes off; torque stays on.
+
+    Raises:
+        RegisterAccessError: A number is outside its range.
+        BusError: The servo does not reply.
+    """
+    for register, raw in gains.items():
+        bus.write_until_power_off(servo.id, register, raw)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Trial:
+    """Gains that were tried, and how the servo followed with them."""
+
+    gains: Mapping[Register, int]
+    response: StepResponse
+
+    @property
+    def named_gains(self) -> Mapping[str, int]:
+        """The raw gains by the names of their registers."""
+        return {register.name: raw for register, raw in self.gains.items()}
+
+
+def search_gains(arm: Arm, servo: ServoSpec, before: Trial, step_rad: float) -> Generator[Trial]:
+    """Try gains on the joint, P first and then D with the best P; yield each trial.
+
+    Higher gains are not tried beyond one with which the joint swings.
+
+    Args:
+        arm: The arm.
+        servo: The servo of the joint.
+        before: The present gains and their response.
+        step_rad: See ``measure_response``.
+    """
+    best, bus = before, arm.context.servos.bus
+    for register in gain_registers(servo):
+        present = best.gains[register]
+        lower, upper = register.range
+        wanted = [round(present * f) for f in _FACTORS] if present else list(_LEAST_TRIALS)
+        for raw in sorted({min(max(each, lower, 1), upper) for each in wanted} - {present}):
+            gains = {**best.gains, register: raw}
+            write_gains(bus, servo, gains)
+            trial = Trial(gains, measure_response(arm, servo.name, step_rad))
+            yield trial
+            if trial.response.cost < best.response.cost:
+                best = trial
+            elif trial.response.swings and raw > best.gains[register]:
+                break
