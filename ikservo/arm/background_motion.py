@@ -151,8 +151,9 @@ class RunningMotion(Generic[T]):
         return f"RunningMotion(done, {f'error {self._error!r}' if failed else repr(self._report)})"
 
     def __del__(self) -> None:
-        """Log an error that no ``wait`` has raised."""
-        if self._error is not None and not self._raised and not self._cancelled:
+        """Log an error that no ``wait`` has raised; a signal was raised where the program was."""
+        unraised = isinstance(self._error, Exception) and not self._raised
+        if unraised and not self._cancelled:
             logging.getLogger("ikservo").error("A motion nobody waited for failed: %s", self._error)
 
     async def _result_or_raise(self) -> T:

@@ -277,7 +277,9 @@ def test_a_motion_does_not_wait_for_itself(arm):
 @pytest.mark.parametrize(
     ("number", "ends"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)]
 )
-def test_a_signal_while_the_program_waits_brakes_the_arm_and_ends_the_program(arm, number, ends):
+def test_a_signal_while_the_program_waits_brakes_the_arm_and_ends_the_program(
+    arm, caplog, number, ends
+):
     motion, gate = begun(arm, pan=1.6)
 
     def strike():
@@ -292,6 +294,8 @@ def test_a_signal_while_the_program_waits_brakes_the_arm_and_ends_the_program(ar
     assert motion.done
     assert holding(arm)
     assert true_joints(arm)["shoulder_pan"] < 1.4
+    motion.__del__()  # the program drops it
+    assert caplog.text == ""
 
 
 def test_a_signal_while_the_program_does_something_else_brakes_the_arm(arm):
@@ -299,7 +303,7 @@ def test_a_signal_while_the_program_does_something_else_brakes_the_arm(arm):
     with pytest.raises(KeyboardInterrupt):
         signal.raise_signal(signal.SIGINT)
     gate.open()
-    assert motion.join()
+    assert motion.join(60.0)
     assert holding(arm)
     assert true_joints(arm)["shoulder_pan"] < 1.4
 
