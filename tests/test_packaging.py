@@ -37,6 +37,7 @@ def test_the_wheel_carries_every_arm(wheel):
     assert files <= set(wheel.namelist())
 
 
+@pytest.mark.full
 def test_the_wheel_carries_the_udev_rule(wheel):
     rule = wheel.read("ikservo/_rules/60-ikservo.rules")
     assert rule == (ROOT / "tools" / "60-ikservo.rules").read_bytes()

@@ -103,6 +103,7 @@ def test_every_motion_runs_in_the_background_if_asked_to(arm, start):
     assert start(arm).wait().reached
 
 
+@pytest.mark.full
 def test_a_recording_is_replayed_in_the_background(arm, tmp_path):
     arm.enable()
     arm.record(tmp_path / "still.jsonl", duration_s=0.2)
@@ -179,6 +180,7 @@ def test_a_stop_beside_a_cancel_stays_until_it_is_acknowledged(arm):
         arm.move_joints({"shoulder_pan": 0.1})
 
 
+@pytest.mark.full
 def test_cancelling_a_motion_that_is_over_changes_nothing(arm):
     motion = arm.move_joints({"shoulder_pan": 0.1}, wait=False)
     motion.wait()
@@ -308,6 +310,7 @@ def test_a_signal_while_the_program_does_something_else_brakes_the_arm(arm):
     assert true_joints(arm)["shoulder_pan"] < 1.4
 
 
+@pytest.mark.full
 def test_signals_do_what_they_did_once_nothing_runs(arm):
     arm.move_joints({"shoulder_pan": 0.1}, wait=False).wait()
     with pytest.raises(KeyboardInterrupt):
@@ -381,6 +384,7 @@ def test_an_error_that_was_not_waited_for_is_logged(arm, caplog):
     assert "nobody waited for" in caplog.text
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("timeout", ["soon", [1]])
 def test_a_timeout_is_a_number(arm, timeout):
     motion = arm.move_joints({"shoulder_pan": 0.1}, wait=False)

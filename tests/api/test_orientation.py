@@ -28,6 +28,7 @@ def turned_by(arm, plan, R):
     return float(np.linalg.norm(log_so3(R @ reached.T)))
 
 
+@pytest.mark.full
 def test_an_arm_with_six_joints_takes_a_whole_orientation(six):
     here = six.where()
     wanted = exp_so3(np.array([0.0, 0.3, 0.2])) @ here.orientation

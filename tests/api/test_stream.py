@@ -211,6 +211,7 @@ def test_an_error_in_the_block_brakes_and_holds_and_is_the_one_that_is_raised(ar
     assert arm.move_joints({"shoulder_pan": 0.0}).reached
 
 
+@pytest.mark.full
 def test_other_motions_are_refused_while_a_stream_is_open_and_asking_is_not(arm):
     with arm.stream(rate_hz=50) as stream:
         stream.send({"wrist_roll": 0.1})
@@ -252,6 +253,7 @@ def test_closing_the_arm_ends_its_stream(arm):
             send_for_ever(stream)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("rate", [0.0, 2.0, -50, math.nan, 1e6, "often"])
 def test_a_rate_that_makes_no_sense_is_refused(arm, rate):
     with pytest.raises(ikservo.BadValueError, match="rate"):

@@ -55,6 +55,7 @@ def test_an_arc_passes_its_via_point():
         assert np.linalg.norm(true_tip_m(arm) - end) < 2e-3
 
 
+@pytest.mark.full
 def test_a_plan_says_whether_the_tool_speed_is_reached():
     arm, tip_m = held("so101")
     with arm:

@@ -82,6 +82,7 @@ def test_a_plan_of_another_arm_is_refused():
         arm.execute(plan)
 
 
+@pytest.mark.full
 def test_an_arm_is_what_its_file_said_when_it_was_opened(tmp_path, monkeypatch):
     source = ikservo.load_model("so101").path.parent
     for file in source.iterdir():

@@ -142,6 +142,7 @@ def test_a_pose_far_outside_the_limits_is_refused_before_anything_moves():
         assert limp(arm)
 
 
+@pytest.mark.full
 def test_an_arm_that_cannot_be_lowered_is_let_go_and_says_why():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         arm.pose("home")

@@ -422,6 +422,7 @@ def test_the_first_motion_after_torque_comes_on_is_slow(arm, motion):
     assert fastest_deg_s(arm, lambda: motion(arm)) > 1.3 * slow
 
 
+@pytest.mark.full
 def test_a_stream_takes_up_speed_once_the_arm_is_where_it_wants_it(arm):
     slow = math.degrees(arm.model.speed("slow").rad_s)
     here = [{"shoulder_pan": 0.02}] * cycle_count(arm, 0.2)

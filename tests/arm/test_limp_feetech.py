@@ -31,6 +31,7 @@ def test_torque_that_a_callback_switches_off_stays_off(arm):
     assert torques(arm) == [False] * 6
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("stop", ["stop", "hold_servos"])
 def test_a_stop_leaves_a_limp_arm_limp(arm, stop):
     arm.move_joints({"shoulder_pan": 0.1})

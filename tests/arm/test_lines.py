@@ -54,6 +54,7 @@ def test_the_setpoints_of_a_line_stay_on_it(ready):
     assert from_line_m(tips, tips[0], goal).max() < 1.5e-3
 
 
+@pytest.mark.full
 def test_what_was_checked_is_what_a_plan_carries(ready):
     plan = ready.plan_line((0.22, -0.08, 0.18))
     np.testing.assert_array_equal(plan.trajectory.state(plan.duration_s).position, plan.goal)
@@ -140,6 +141,7 @@ def test_the_first_motion_is_slow_also_where_torque_was_switched_on_before(arm):
     assert arm.plan_joints({"elbow_flex": 0.3}).speed == "slow"
 
 
+@pytest.mark.full
 def test_an_arm_that_holds_already_need_not_begin_slowly(ready):
     servos = line_of(ready).servos
     assert all(servo.read("torque_enable") for servo in servos.values())
@@ -147,6 +149,7 @@ def test_an_arm_that_holds_already_need_not_begin_slowly(ready):
     assert ready.plan_to((0.22, -0.05, 0.15)).speed == "normal"
 
 
+@pytest.mark.full
 def test_after_letting_go_the_next_motion_is_slow_again(ready):
     plan = ready.plan_to((0.22, -0.05, 0.15))
     ready.disable_torque()

@@ -195,6 +195,7 @@ def test_a_damaged_file_is_read_up_to_there_and_the_place_is_named(tmp_path):
     np.testing.assert_array_equal(read.joints, tape.joints[: len(read.times_s)])
 
 
+@pytest.mark.full
 def test_it_is_replayed_as_the_same_samples_in_json_lines(tmp_path):
     tapes = {suffix: Tape(tmp_path / f"wave.{suffix}", 1.0) for suffix in ("mcap", "jsonl")}
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:

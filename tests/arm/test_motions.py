@@ -225,6 +225,7 @@ def test_what_is_no_motion_is_refused(arm, what):
     assert not any(registers(arm, "torque_enable").values())
 
 
+@pytest.mark.full
 def test_a_plan_of_a_limp_arm_is_made_again_from_its_motion_where_it_has_sunk():
     with ikservo.open_arm("so101", port="sim") as limp:
         plan = limp.plan(MovePose("home"))

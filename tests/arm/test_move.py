@@ -57,6 +57,7 @@ def test_torque_comes_on_where_the_joints_are(arm):
     assert all(abs(goal.tick - goal.present) <= 2 for goal in auditor.goals)
 
 
+@pytest.mark.full
 def test_enabling_an_arm_that_holds_keeps_its_goals(arm):
     arm.move_to(NEAR)
     goals = registers(arm, "goal_position")
@@ -64,6 +65,7 @@ def test_enabling_an_arm_that_holds_keeps_its_goals(arm):
     assert registers(arm, "goal_position") == goals
 
 
+@pytest.mark.full
 def test_a_second_move_starts_from_the_first(arm):
     arm.move_to(NEAR)
     report = arm.move_to((0.22, -0.02, 0.12), speed="fast")
@@ -71,6 +73,7 @@ def test_a_second_move_starts_from_the_first(arm):
     np.testing.assert_allclose(true_tip_m(arm), (0.22, -0.02, 0.12), atol=2e-3)
 
 
+@pytest.mark.full
 def test_a_move_to_where_it_is_takes_hardly_any_time(arm):
     here = arm.move_to(NEAR).measured_tip_m
     assert arm.move_to(here).reached
@@ -144,6 +147,7 @@ def test_a_way_through_the_table_is_refused_before_anything_moves(arm):
     assert registers(arm, "goal_position") == before
 
 
+@pytest.mark.full
 def test_whoever_says_so_may_do_without_the_look_at_the_way():
     with ikservo.open_arm("so101", port="sim:?pose=home", collisions=False) as arm:
         assert arm.move_to((0.25, 0.0, -0.05)).reached
@@ -239,6 +243,7 @@ def test_an_unknown_way_to_exit_is_refused():
         ikservo.open_arm("so101", port="sim", on_exit="drop")
 
 
+@pytest.mark.full
 def test_a_prismatic_gripper_is_reported_in_metres():
     with ikservo.open_arm("open_manipulator_x", port="sim") as arm:
         assert arm.move_joints({"gripper": 0.01}).reached

@@ -42,6 +42,7 @@ def test_the_true_tip_stays_on_a_line_under_gravity_and_with_play(name):
         assert beside.max() < most_mm
 
 
+@pytest.mark.full
 def test_at_the_end_of_a_line_the_tip_is_at_its_target_before_any_correction(name):
     start_m, end_m, _, most_mm = LINES[name]
     with ikservo.open_arm(name, port="sim:?pose=home&backlash_deg=0.5&seed=3") as arm:
@@ -51,6 +52,7 @@ def test_at_the_end_of_a_line_the_tip_is_at_its_target_before_any_correction(nam
         assert 1000.0 * np.linalg.norm(tips[-1] - end_m) < (2.0 if most_mm == 3.0 else 4.0)
 
 
+@pytest.mark.full
 def test_friction_that_falls_with_speed_does_not_swing_a_joint_that_lifts(monkeypatch):
     # an XL330 that lifted the forearm of a Koch swung by a degree to both sides of its path
     with ikservo.open_arm("koch", port="sim:?pose=home&backlash_deg=0.5&seed=1") as arm:

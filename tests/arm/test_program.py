@@ -185,6 +185,7 @@ def test_a_stop_ends_a_wait(arm, tmp_path):
     assert clock_of(arm).now_s() - begin_s < 1.0
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["so101", "koch"])
 def test_a_supply_that_drops_during_a_wait_stops_the_program(tmp_path, name):
     with ikservo.open_arm(name, port="sim:?pose=home") as arm:
@@ -198,6 +199,7 @@ def test_a_supply_that_drops_during_a_wait_stops_the_program(tmp_path, name):
         assert clock_of(arm).now_s() - begin_s < 3.0
 
 
+@pytest.mark.full
 def test_a_long_wait_of_an_arm_in_order_ends_by_itself(arm, tmp_path):
     steps = [{"wait_s": 1.0}, {"deg": {"wrist_roll": 2.0}}, {"wait_s": 4.0}]
     assert len(list(run_of(arm, tmp_path, *steps).run())) == 3

@@ -14,6 +14,7 @@ PAUSED = 1e-5  # s for each line that is run: each cycle takes two or three time
 PAUSES_S = (0.002, 0.012, 0.06, 0.15, 0.4, 3.0)
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["so101", "koch"])
 @pytest.mark.parametrize("most", [6, pytest.param(None, marks=pytest.mark.campaign)])

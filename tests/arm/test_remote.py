@@ -144,6 +144,7 @@ def test_a_program_that_does_not_answer_keeps_no_other_from_stopping(arm, tmp_pa
     assert "does not answer" in error.message
 
 
+@pytest.mark.full
 def test_after_it_was_acknowledged_the_arm_moves_again(arm):
     remote.stop_arm(arm.model, None)
     arm.acknowledge()

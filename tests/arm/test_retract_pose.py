@@ -51,6 +51,7 @@ def test_an_arm_that_stands_free_is_sent_nowhere_else(folded):
     assert folded.plan_to(TARGET_M).via_pose == ""
 
 
+@pytest.mark.full
 def test_what_cannot_be_reached_freely_is_refused_as_before(folded):
     before = registers(folded, "goal_position")
     with pytest.raises(RefusedError, match="would touch"):

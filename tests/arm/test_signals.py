@@ -27,6 +27,7 @@ def strike(number, at_s=0.4):
     return watch
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("number", "ends", "words"),
     [

@@ -42,6 +42,7 @@ def descriptors():
     return len(list(Path("/proc/self/fd").iterdir()))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["so101", "koch"])
 def test_cycles_leave_no_objects_behind(name):
     counts = []

@@ -33,6 +33,7 @@ def errors_rad(name, joint, stall_s):
         return np.abs(found[1:])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(("name", "joint"), [("so101", "elbow_flex"), ("koch", "shoulder_pan")])
 def test_a_joint_keeps_to_its_path_when_a_stalled_program_goes_on(name, joint):
     usual, after = (errors_rad(name, joint, stall_s) for stall_s in (0.0, STALL_S))

@@ -32,6 +32,7 @@ def stop_and_acknowledge(arm):
     arm.acknowledge()
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("request_motion", REQUESTS.values(), ids=REQUESTS)
 def test_a_stop_while_a_motion_is_prepared_ends_it(arm, monkeypatch, request_motion):
     before = registers(arm, "goal_position")
@@ -52,6 +53,7 @@ def test_a_stop_while_torque_comes_on_ends_the_motion(monkeypatch):
         assert abs(arm.where().positions_rad - before).max() < 0.05  # it sags
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("method", ["refresh_reference", "reference", "goals"])
 def test_a_stop_that_is_acknowledged_between_two_steps_of_a_motion_ends_it(
     arm, monkeypatch, method
@@ -63,6 +65,7 @@ def test_a_stop_that_is_acknowledged_between_two_steps_of_a_motion_ends_it(
     assert registers(arm, "goal_position") == before
 
 
+@pytest.mark.full
 def test_a_stop_ends_queued_motions_even_if_it_is_acknowledged(arm):
     with motion_runner(arm).lock:  # the first cannot start before all are queued
         motions = [arm.move_joints({"shoulder_pan": x}, wait=False) for x in (0.2, -0.2, 0.2)]
@@ -73,6 +76,7 @@ def test_a_stop_ends_queued_motions_even_if_it_is_acknowledged(arm):
     assert abs(arm.where()["shoulder_pan"].position_rad) < 0.01
 
 
+@pytest.mark.full
 def test_a_cancelled_motion_does_not_end_the_next_one(arm):
     with motion_runner(arm).lock:
         first, second = (arm.move_joints({"shoulder_pan": x}, wait=False) for x in (0.2, 0.3))
@@ -86,6 +90,7 @@ def test_a_motion_that_is_requested_after_the_stop_runs(arm):
     assert arm.pose("zero").reached
 
 
+@pytest.mark.full
 def test_a_motion_that_is_requested_while_the_stopped_one_brakes_runs(arm):
     later = []
 
@@ -99,6 +104,7 @@ def test_a_motion_that_is_requested_while_the_stopped_one_brakes_runs(arm):
     assert later[0].wait().reached
 
 
+@pytest.mark.full
 def test_a_stop_while_a_plan_is_checked_ends_its_execution(arm, monkeypatch):
     plan = arm.plan_joints({"shoulder_pan": 0.3})
     stop_and_acknowledge(arm)  # its torque is read again before the next motion
@@ -117,6 +123,7 @@ def test_a_stop_between_two_steps_ends_a_program(arm):
             arm.move_joints({"shoulder_pan": 0.2})
 
 
+@pytest.mark.full
 def test_a_stop_of_servos_at_rest_ends_what_was_requested_before(arm):
     with motion_runner(arm).lock:
         motion = arm.move_joints({"shoulder_pan": 0.2}, wait=False)
@@ -127,6 +134,7 @@ def test_a_stop_of_servos_at_rest_ends_what_was_requested_before(arm):
         motion.wait()
 
 
+@pytest.mark.full
 def test_a_refused_motion_after_a_stop_sends_nothing(arm):
     old_plan = arm.plan_to((0.25, 0.05, 0.15))
     arm.pose("zero")

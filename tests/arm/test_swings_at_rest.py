@@ -13,6 +13,7 @@ from tests.arm.simulated import clock_of, line_of
 TICK_RAD = 2.0 * np.pi / 4096
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("seed", [154, 188])
 def test_a_pan_whose_servo_swings_by_itself_is_brought_to_rest(seed):
     with ikservo.open_arm("so101", port=f"sim:?seed={seed}&pose=home") as arm:

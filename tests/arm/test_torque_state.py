@@ -152,6 +152,7 @@ def test_a_stopped_first_motion_is_no_first_motion_and_the_next_one_is_slow(arm)
     assert not arm.plan_joints({"shoulder_pan": 0.0}, speed="fast").speed_reduced
 
 
+@pytest.mark.full
 def test_a_stopped_later_motion_is_followed_by_one_of_any_speed(arm):
     arm.move_joints({"shoulder_pan": 0.1})
     with pytest.raises(StoppedError):
@@ -170,6 +171,7 @@ def test_torque_that_could_not_be_switched_off_everywhere_is_unknown(arm):
     assert state(arm) is UNKNOWN
 
 
+@pytest.mark.full
 def test_torque_that_could_not_be_switched_on_everywhere_is_unknown(arm, monkeypatch):
     arm.move_joints({"shoulder_pan": 0.1})
 
@@ -201,6 +203,7 @@ def test_a_second_control_loop_is_refused_and_the_first_goes_on(arm):
     assert measured[0] == pytest.approx(goal[0], abs=0.1)
 
 
+@pytest.mark.full
 def test_acknowledging_in_a_motion_that_was_not_stopped_changes_nothing(arm):
     seen = []
 
@@ -213,6 +216,7 @@ def test_acknowledging_in_a_motion_that_was_not_stopped_changes_nothing(arm):
     assert state(arm) is HOLDING
 
 
+@pytest.mark.full
 def test_an_overheated_arm_that_fails_again_while_it_is_lowered_is_lowered_once(arm, monkeypatch):
     arm.move_joints({"shoulder_pan": 0.1})
     started, hot = [], ServoAlarmError("elbow_flex is too hot", "Let it cool down.")

@@ -41,6 +41,7 @@ SKILLS = {
 FEW = ("follow",)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("name", ["so101", pytest.param("koch", marks=pytest.mark.campaign)])
 @pytest.mark.parametrize(
     "skill", [pytest.param(s, marks=() if s in FEW else pytest.mark.campaign) for s in SKILLS]

@@ -54,6 +54,7 @@ def test_an_arm_goes_around_a_post_and_says_so(beside_post):
     assert nearest_m(beside_post, seen) > 0.0
 
 
+@pytest.mark.full
 @needs_planner
 def test_poses_and_joints_are_reached_around_things(beside_post):
     goal = dict(zip(beside_post.joint_names, beside_post.plan_to(RIGHT).goal.tolist(), strict=True))

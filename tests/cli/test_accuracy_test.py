@@ -90,6 +90,7 @@ def test_paths_are_measured_at_three_speeds(run_cli):
         assert 0.0 < path["at_m"] == pytest.approx(max(path["deviations_m"]))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "error",
     [

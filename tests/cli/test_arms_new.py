@@ -77,6 +77,7 @@ def make(run_cli, source, tmp_path):
     return run
 
 
+@pytest.mark.full
 def test_a_published_arm_moves_after_one_command(make, run_cli, tmp_path):
     assert make().code == 0
     arm = f"--arm {tmp_path}/mine"

@@ -28,6 +28,7 @@ def test_the_bytes_of_a_cycle_are_those_of_the_protocol(rows, arm):
     assert positions["sent_bytes"] + positions["received_bytes"] == WIRE_BYTES[arm]
 
 
+@pytest.mark.full
 def test_the_limit_follows_from_bytes_and_baud_rate(rows):
     positions = rows["so101"]["rows"][0]
     assert positions["wire_limit_per_s"] == pytest.approx(1e6 / 10 / WIRE_BYTES["so101"])

@@ -439,6 +439,7 @@ def test_an_arm_that_holds_is_asked_about_before_a_writing_is_mended(mount_arm, 
     assert holds()
 
 
+@pytest.mark.full
 def test_a_new_calibration_says_that_it_drops_what_a_touch_off_found(mount_arm, run_cli, home):
     arm = mount_arm()
     calibrated(arm, run_cli)

@@ -134,6 +134,7 @@ def back_to_the_pose(arm):
         arm.world.release(joint.name)
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "text", ["no table", *(pytest.param(t, marks=pytest.mark.campaign) for t in ("", "format = 2"))]
 )

@@ -220,6 +220,7 @@ def test_what_was_recorded_until_the_disk_was_full_is_read(place, tmp_path):
     assert len(read_recording(place / "a.jsonl").times_s) > 10
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("suffix", [".jsonl", ".mcap"])
 def test_a_recording_over_another_replaces_it_at_its_end(suffix, place, run_cli):
     path, before = place / f"old{suffix}", set(content(place))

@@ -64,6 +64,7 @@ HEAVY = ("numpy", "scipy", "pydantic", "ruckig", "serial", "dynamixel_sdk", "scs
          "servosim", "ikservo.model", "ikservo.hardware")  # fmt: skip
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     ("words", "allowed"),
     [

@@ -60,6 +60,7 @@ def test_commands_in_messages_exist():
     assert [(file, name) for file, name, _ in mentions() if name not in COMMANDS] == []
 
 
+@pytest.mark.full
 def test_options_of_commands_in_messages_exist():
     wrong = []
     for file, name, arguments in mentions():

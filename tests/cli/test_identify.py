@@ -58,6 +58,7 @@ def test_it_reports_and_saves_what_it_found(identified, home):
     assert read_identified(home / "identified" / answer["path"].split("/")[-1]).arm == ARM
 
 
+@pytest.mark.full
 def test_the_parameters_of_the_arm_follow_the_file(home):
     found = load_identified(ARM, "sim")
     own = identified_parameters(MODEL, MODEL.chain, found)

@@ -115,6 +115,7 @@ def test_arms_says_whose_base_frame_is_not_as_the_others(run_cli):
     assert "the maker's: origin 38.84 mm behind the first axis" in so101
 
 
+@pytest.mark.full
 def test_a_plain_move_says_how_far_the_tool_turned_and_that_nothing_was_requested(run_cli):
     result = run_cli("move 0.23 0.02 0.10 --arm so101 --port sim:?pose=home")
     assert re.search(r"^tool       orientation changed by \d+\.\d° \(none was requested\)$",

@@ -54,6 +54,7 @@ def run_stop(*args, code=0):
     return json.loads(report), set(modules.split())
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(
     "args",
     [

@@ -112,6 +112,7 @@ def test_each_servo_becomes_what_the_arm_file_says_and_stays_so_without_power(se
         assert servo.baud == baud
 
 
+@pytest.mark.full
 def test_the_memory_of_each_servo_is_locked_again(set_up):
     operator, _ = set_up["so101"]
     assert [servo.memory.get("lock") for servo in operator.servos] == [1] * 6
@@ -288,6 +289,7 @@ def at_rate(code):
     return change
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "rate",
     [r if r == 115_200 else pytest.param(r, marks=pytest.mark.campaign) for r in STS_CODES],

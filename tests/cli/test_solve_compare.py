@@ -253,6 +253,7 @@ def test_the_picture_of_a_comparison_names_every_method_and_has_units(run_cli, t
     assert "SO-101 follower: the tip to (0.250, 0.050, 0.150) m" in words
 
 
+@pytest.mark.full
 def test_a_wanted_direction_has_a_curve_of_its_own(run_cli, tmp_path):
     file = tmp_path / "arm.svg"
     run_cli(f"{FLAT} --direction 1,0,0 --tool-axis x --method ccd --plot {file}")

@@ -63,6 +63,7 @@ def test_ctrl_c_leaves_the_arm_holding_and_says_how_to_release_it(servos, monkey
     assert torques(servos) == {1}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_being_asked_to_end_leaves_the_arm_holding(servos, monkeypatch, number):
     press(monkeypatch, [number])

@@ -158,6 +158,7 @@ def swapped(monkeypatch, pair):
     return arm
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("pair", PAIRS, ids=str)
 def test_any_two_swapped_ids_are_seen(monkeypatch, run_cli, watcher, pair):
     arm = swapped(monkeypatch, pair)
@@ -168,6 +169,7 @@ def test_any_two_swapped_ids_are_seen(monkeypatch, run_cli, watcher, pair):
     assert not directions_confirmed(load_model("so101"), PORT)
 
 
+@pytest.mark.full
 def test_a_mirrored_sign_is_seen(monkeypatch, run_cli, watcher):
     arm = connect_arm(monkeypatch, NAME, zero=2048, sign=-1, spoiled=False)
     watcher(arm)

@@ -206,6 +206,7 @@ def error_rad(motor, p_gain, feedback=None):
     return float(np.sqrt(np.mean(np.square(errors))))
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize(
     ("model", "p_gain"), [("STS3215", 5.2), ("STS3215-C018", 5.2), ("XM430-W350", 5.3)]
 )

@@ -45,6 +45,7 @@ def jam(name, joint, after_s):
         return sum(behind), str(caught.value)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize(("name", "joint"), [*CASES[:6:2], CASES[7]])
 def test_a_jammed_joint_is_named_at_the_third_cycle_that_it_is_too_far_behind(name, joint):
     cycles, words = jam(name, joint, 0.4)

@@ -28,6 +28,7 @@ FAULTS = {"late": LATE, "doubled": DOUBLED, "damaged": DAMAGED, "everything": EV
 both = pytest.mark.parametrize("models", FAMILIES.values(), ids=FAMILIES)
 
 
+@pytest.mark.sample(3)
 @both
 @pytest.mark.parametrize("faults", FAULTS.values(), ids=FAULTS)
 def test_no_wrong_value_is_returned_as_good(models, faults):

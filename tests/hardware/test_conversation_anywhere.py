@@ -90,6 +90,7 @@ def test_every_servo_says_that_it_is_the_model_of_the_arm_file(bus, ids):
     assert numbers == {i: bus.servos[i].table.number for i in ids}
 
 
+@pytest.mark.sample(3)
 def test_all_together_say_what_each_says_alone(bus, ids):
     together = bus.sync_read(ids, RegisterName.MAX_POSITION_LIMIT, raw=True).require_all()
     assert together == {i: bus.read(i, RegisterName.MAX_POSITION_LIMIT, raw=True) for i in ids}
@@ -149,6 +150,7 @@ def test_what_is_measured_cannot_be_written(bus, ids):
         bus.write(ids[0], RegisterName.PRESENT_POSITION, 0)
 
 
+@pytest.mark.sample(3)
 def test_a_thousand_positions_in_a_row_are_all_there(bus, ids, request):
     asked = 1000 // len(ids)
     answered = sum(

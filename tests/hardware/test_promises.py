@@ -69,6 +69,7 @@ def test_damaged_packets_are_refused_and_the_next_good_one_is_found(protocol, pa
 # --- B3: a servo that falls silent costs little time, and is missed at once ---
 
 
+@pytest.mark.sample(2)
 @pytest.mark.usefixtures("plain_line")
 @six
 @pytest.mark.parametrize("silent", [1, 3, 6])

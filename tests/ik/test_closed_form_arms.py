@@ -106,6 +106,7 @@ def test_an_arm_with_a_slide_has_no_structure():
     assert solutions(crane(), Target((0.2, 0.1, 0.3))) == ()
 
 
+@pytest.mark.sample(24)
 @pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize("name", sorted(STRUCTURES))
 def test_every_solution_is_one_and_inside_the_limits(name, kind):
@@ -186,6 +187,7 @@ def test_straight_down_is_a_direction_for_every_yaw_despite_rounded_axes(name, p
     assert result.orientation_error_rad < 2e-5
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("name", ["open_manipulator_x", "px100"])
 def test_a_direction_out_of_the_arms_plane_costs_no_position_and_is_met_as_nearly_as_possible(name):
     arm, rng = chain(name), np.random.default_rng(13)

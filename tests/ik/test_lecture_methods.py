@@ -17,6 +17,7 @@ EACH = pytest.mark.parametrize("method", LECTURE)
 TWO_DEGREES = math.radians(2.0)
 
 
+@pytest.mark.sample(1)
 @EACH
 @settings(max_examples=25, deadline=None)
 @given(question=questions())

@@ -14,6 +14,7 @@ from tests.kinematics.chains import planar
 numbers = st.floats(-3, 3)
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize("method", DOWNHILL)
 @settings(max_examples=30, deadline=None)
 @given(question=questions())

@@ -49,6 +49,7 @@ def union_points(fit):
     return np.concatenate(found)
 
 
+@pytest.mark.sample(2)
 @pytest.mark.parametrize("name", [*MESHES, "a bracket"])
 def test_capsules_contain_a_mesh_and_stay_near_it(name):
     mesh = MESHES.get(name) or bracket()
@@ -62,6 +63,7 @@ def test_capsules_contain_a_mesh_and_stay_near_it(name):
         assert fit.excess_m <= fit.allowed_m
 
 
+@pytest.mark.full
 def test_a_simple_part_gets_few_capsules():
     counts = {name: len(fit_capsules(np.array(m.triangles)).capsules) for name, m in MESHES.items()}
     assert counts["a long rod"] == 1

@@ -85,6 +85,7 @@ def test_each_joint_gets_the_servo_that_moved_it(draft, port):
     assert {joint["servo"]["model"] for joint in written["joints"]} == {"STS3215"}
 
 
+@pytest.mark.full
 def test_a_servo_is_moved_alone_and_limp_whenever_something_is_asked(draft, port, monkeypatch):
     worlds, moved = [], []
     make = servosim.port.make_arm_world

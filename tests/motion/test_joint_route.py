@@ -43,6 +43,7 @@ def test_no_joint_leaves_the_range_that_the_points_span(seed):
     assert_inside(route_of(seed), corners.min(axis=0), corners.max(axis=0), count=800)
 
 
+@pytest.mark.sample(4)
 @pytest.mark.parametrize("blend", [0.02, 0.2])
 @pytest.mark.parametrize("seed", SEEDS)
 def test_each_point_is_passed_within_the_blend(seed, blend):

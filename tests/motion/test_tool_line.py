@@ -56,17 +56,20 @@ def strays_m(chain, motion):
     return np.linalg.norm(gone - np.outer(gone @ along, along), axis=1)
 
 
+@pytest.mark.sample(8)
 @pytest.mark.parametrize(("name", "seed"), TOGETHER)
 def test_the_tip_strays_less_than_half_a_millimetre_from_the_line(name, seed):
     assert strays_m(*seeded(name, seed)).max() < 5e-4
 
 
+@pytest.mark.sample(8)
 @pytest.mark.parametrize(("name", "seed"), TOGETHER)
 def test_every_joint_keeps_its_pace_at_every_instant(name, seed):
     chain, motion = seeded(name, seed)
     assert_keeps_paces(motion, [PACES[0]] * chain.dof, count=1000)
 
 
+@pytest.mark.sample(8)
 @pytest.mark.parametrize(("name", "seed"), TOGETHER)
 def test_no_joint_leaves_its_limits_nor_jumps(name, seed):
     chain, motion = seeded(name, seed)

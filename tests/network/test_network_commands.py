@@ -81,6 +81,7 @@ def test_a_stop_is_acknowledged_at_the_command_line(served, run):
     assert run("joints", "gripper=10", *there)[0] == 0
 
 
+@pytest.mark.full
 def test_a_stop_of_a_limp_arm_there_says_nothing_of_torque_that_is_on(served, run):
     served.arm.disable_torque()
     code, out, _ = run("stop", "--arm", "so101", "--port", served.address)

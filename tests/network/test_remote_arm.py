@@ -224,6 +224,7 @@ def test_a_motion_that_is_prepared_in_a_program_is_ended_by_the_stop_of_another(
         assert registers(served.arm, "goal_position") == before
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     "go_on",
     [
@@ -262,6 +263,7 @@ def test_a_taught_pose_is_kept_beside_the_arm(served):
         assert arm.pose("cup").reached
 
 
+@pytest.mark.full
 def test_a_stop_lasts_until_it_is_acknowledged(served):
     with served.open() as arm:
         arm.move_joints({"gripper": 0.2})

@@ -247,6 +247,7 @@ class TestDynamixelSdk:
         assert (answer, first_reply(packets.ping, port, 6)) == ((1200, 0, 0), (1200, 0, 0))
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_signal_ends_the_server_cleanly(server, number):
     process, link = server("so101")

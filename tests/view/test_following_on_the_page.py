@@ -87,6 +87,7 @@ def test_the_follower_goes_where_the_leader_is_led_and_says_how_far_behind_it_is
     assert pair.notices() == [None, None]
 
 
+@pytest.mark.full
 def test_a_refused_target_is_reported_and_the_follower_keeps_the_one_before(pair, monkeypatch):
     def refuse(*_):
         raise RefusedError("The cup is in the way.")

@@ -175,6 +175,7 @@ def test_first_the_past_is_sent_then_what_is_new_five_times_a_second():
     assert "series" not in later
 
 
+@pytest.mark.full
 def test_ten_minutes_are_thinned_to_what_a_screen_shows():
     history, feed = fill(make_history(), 31000), PlotFeed()
     feed.choose(1, chosen("position", span_s=600), history)

@@ -363,6 +363,7 @@ def test_a_stop_ends_a_recording_without_a_step_and_it_can_be_added_from_the_lis
         add(session, "recording", recording="elsewhere")
 
 
+@pytest.mark.full
 def test_steps_of_any_motion_are_loaded_shown_played_and_saved(session, own_folder):
     own_folder.mkdir(parents=True, exist_ok=True)
     (own_folder / "mixed.toml").write_text(

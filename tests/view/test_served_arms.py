@@ -137,6 +137,7 @@ def test_a_second_arm_of_a_kind_has_a_name_of_its_own(two_arms):
     assert [arm.name for arm in arms.all()] == ["so101", "koch", "koch-2"]
 
 
+@pytest.mark.full
 def test_an_arm_that_cannot_be_opened_says_why_and_leaves_the_others_alone():
     with served(("koch", NOT_THERE), ("so101", "sim")) as (arms, listed):
         client = listed.connect(Permission.CONTROL)
@@ -149,6 +150,7 @@ def test_an_arm_that_cannot_be_opened_says_why_and_leaves_the_others_alone():
         until(lambda: "koch" not in said(listed, client))
 
 
+@pytest.mark.full
 def test_a_port_that_is_not_offered_or_in_use_is_refused(two_arms, monkeypatch):
     arms, listed = two_arms
     client = listed.connect(Permission.CONTROL)

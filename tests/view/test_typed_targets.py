@@ -47,6 +47,7 @@ def test_in_preview_a_typed_joint_moves_the_goal_only(session):
     assert math.degrees(goal_of(session, "wrist_roll")) == pytest.approx(25.0)
 
 
+@pytest.mark.sample(3)
 @pytest.mark.parametrize(
     ("message", "fields", "words"),
     [

@@ -98,6 +98,7 @@ def test_the_address_of_a_camera_hides_what_may_be_secret_in_it():
     assert source.name == "cam.lan"
 
 
+@pytest.mark.full
 def test_without_a_camera_there_is_none_to_ask_for():
     app = ViewApp([ArmAtPort(load_model("planar2"), "sim")])
     with app as urls, app.serve_in_thread():

@@ -181,6 +181,7 @@ def test_a_page_receives_the_arm_once_and_at_rest_and_dragging_little(session, v
     assert wire.kinds.count("shapes") == (view == "orbit")
 
 
+@pytest.mark.full
 def test_the_region_travels_when_it_changes_and_not_with_every_scene(session):
     session.send_message(page_messages.SetViewport, w=900, h=700, dpr=1, view="top")
     wire = Wire(session)

@@ -393,6 +393,7 @@ def test_a_method_without_a_null_space_says_that_it_does_not_lean(session):
     assert "does not lean" in session.latest_frames()["status"]["preference"]["note"]
 
 
+@pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("fields", "why"),
     [

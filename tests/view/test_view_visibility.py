@@ -89,6 +89,7 @@ def test_a_point_that_is_none_is_refused(eye):
         seen(eye)
 
 
+@pytest.mark.full
 def test_the_manipulability_is_computed_three_times_a_second_at_most(monkeypatch):
     with ViewSession() as session:
         computed = []

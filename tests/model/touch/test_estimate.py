@@ -76,6 +76,7 @@ def test_a_third_that_contradicts_the_others_is_refused_and_named():
         select_and_fit(arm.chain, touches_of(arm, offs=(1, 4, 7, 10, 12, 14)))
 
 
+@pytest.mark.full
 def test_touches_that_fit_no_arm_at_all_are_refused():
     arm = hidden("planar2", 3)
     chaos = [TouchPoint(t.q, t.point, arm.chance.uniform(-0.2, 0.2, 3)) for t in touches_of(arm)]
@@ -98,6 +99,7 @@ def test_four_touches_say_too_little():
         select_and_fit(arm.chain, touches_of(arm, 4))
 
 
+@pytest.mark.full
 def test_the_error_that_is_promised_is_the_error_that_is_found():
     arm = hidden("wx250s", 6)
     found = select_and_fit(arm.chain, touches_of(arm))
