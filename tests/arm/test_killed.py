@@ -42,21 +42,22 @@ def furthest(names, seeds, payload, capsys):
     worst = dict.fromkeys(names, 0)
     for seed in seeds:
         name = names[seed % len(names)]
-        worst[name] = max(worst[name], travel(name, seeded(seed), payload))
+        worst[name] = max(worst[name], travel(name, seed, payload))
     log(capsys, f"{len(seeds)} dead programs, {payload} x payload: at most {worst} ticks")
     return worst
 
 
-def travel(name, dice, payload):
+def travel(name, seed, payload):
     """Return how far the furthest joint goes once nobody speaks any more, ticks.
 
     Args:
         name: The arm.
-        dice: Chooses motion and time.
+        seed: Of the arm's play, friction and masses, and of motion and time.
         payload: How much it carries, as a share of the payload in its file.
     """
-    payload_g = 1000.0 * payload * ikservo.load_model(name).payload_kg
-    with ikservo.open_arm(name, port=f"sim:?payload_g={payload_g}", collisions=False) as arm:
+    dice, payload_g = seeded(seed), 1000.0 * payload * ikservo.load_model(name).payload_kg
+    port = f"sim:?seed={seed}&payload_g={payload_g}"
+    with ikservo.open_arm(name, port=port, collisions=False) as arm:
         arm.enable()
         servos, speed = servo_group(arm), "fast"
         goals, _ = random_goals(arm, dice, speed)
