@@ -18,7 +18,15 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     __version__: str
-    from ikservo.arm import Arm, MotionPlan, OpenArm, ToolOrientation, open_arm, read_recording
+    from ikservo.arm import (
+        Arm,
+        MotionPlan,
+        OpenArm,
+        PathConstraint,
+        ToolOrientation,
+        open_arm,
+        read_recording,
+    )
     from ikservo.errors import (
         AimError,
         BadReplyError,
@@ -27,6 +35,7 @@ if TYPE_CHECKING:
         CalibrationError,
         CartesianPathError,
         CollisionError,
+        ConstraintError,
         ExitCode,
         FileFormatError,
         HeldUpError,
@@ -66,6 +75,7 @@ __all__ = [
     "CartesianPathError",
     "Chain",
     "CollisionError",
+    "ConstraintError",
     "Drawing",
     "ExitCode",
     "FileFormatError",
@@ -81,6 +91,7 @@ __all__ = [
     "NotSettledError",
     "OpenArm",
     "OrientationError",
+    "PathConstraint",
     "PortBusyError",
     "PortError",
     "PortLostError",
@@ -116,6 +127,7 @@ _HOMES = {
     "CalibrationError": "errors",
     "Chain": "kinematics",
     "CollisionError": "errors",
+    "ConstraintError": "errors",
     "Drawing": "files.drawing",
     "ExitCode": "errors",
     "FileFormatError": "errors",
@@ -135,6 +147,7 @@ _HOMES = {
     "PortBusyError": "errors",
     "PortError": "errors",
     "PortLostError": "errors",
+    "PathConstraint": "arm",
     "Posture": "ik",
     "RefusedError": "errors",
     "RegisterAccessError": "errors",

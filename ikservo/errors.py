@@ -24,6 +24,8 @@ the builtin that fits, so that ``except TimeoutError`` works for a silent servo:
     │   ├── CartesianPathError                  not along the path; names the place
     │   └── OrientationError                    the point, but not in this orientation
     ├── RefusedError                   exit 8   the guard does not allow a goal
+    │   ├── CollisionError                      something would be touched
+    │   ├── ConstraintError                     the tool would tilt, or leave where it may be
     │   ├── LatchedStopError                    it was stopped, and that is not acknowledged
     │   └── LeaseLostError                      another program controls the arm
     ├── NotSettledError   TimeoutError exit 1   the arm did not arrive
@@ -44,10 +46,12 @@ __all__ = [
     "AimError",
     "BadReplyError",
     "BadValueError",
+    "BlockedError",
     "BusError",
     "CalibrationError",
     "CartesianPathError",
     "CollisionError",
+    "ConstraintError",
     "ExitCode",
     "FileFormatError",
     "HeldUpError",
@@ -430,21 +434,55 @@ class RefusedError(IkservoError):
     exit_code = ExitCode.REFUSED
 
 
-class CollisionError(RefusedError):
+class BlockedError(RefusedError):
+    """A path cannot be taken, though another one perhaps can; nothing was sent.
+
+    Attributes:
+        cause: What is in the way, without the place on the path.
+    """
+
+    def __init__(self, cause: str, message: str, hint: str) -> None:
+        self.cause = cause
+        super().__init__(message, hint)
+
+
+class CollisionError(BlockedError):
     """The path of a goal touches something; nothing was sent.
 
     Attributes:
         pair: A link, and another link or the name of a thing.
-        contact: What would touch what, without the place on the path.
     """
 
     def __init__(self, pair: tuple[str, str], depth_m: float, fraction: float) -> None:
         self.pair = pair
-        self.contact = f"{pair[0]} would touch {pair[1]}"
+        cause = f"{pair[0]} would touch {pair[1]}"
         super().__init__(
-            f"{self.contact}: {depth_m * 1e3:.1f} mm deep, at {fraction * 100:.0f} % of the path.",
+            cause,
+            f"{cause}: {depth_m * 1e3:.1f} mm deep, at {fraction * 100:.0f} % of the path.",
             "Use --via, correct the obstacles in the arm file, or --no-collision if you can see "
             "that the path is clear.",
+        )
+
+
+class ConstraintError(BlockedError):
+    """The tool would break a constraint on its path; nothing was sent.
+
+    Attributes:
+        beyond: By how much, rad or m.
+    """
+
+    def __init__(self, what: str, most: float, beyond: float, unit: str, fraction: float) -> None:
+        self.beyond = beyond
+        if unit == "°":
+            found, allowed = math.degrees(most + beyond), math.degrees(most)
+            cause = f"{what} would be {found:.1f}° where {allowed:.1f}° are allowed"
+        else:
+            cause = f"the tip would be {beyond * 1e3:.1f} mm outside the {what}"
+        message = f"{cause}: at {fraction * 100:.0f} % of the path."
+        super().__init__(
+            cause,
+            message[0].upper() + message[1:],
+            "Nothing was sent. Allow more, or choose another goal or path.",
         )
 
 

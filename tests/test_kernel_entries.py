@@ -8,6 +8,7 @@ import array
 import numpy as np
 import pytest
 
+from ikservo.arm.path_constraint import ConstrainedTool, PathConstraint
 from ikservo.guard import (
     CollisionChecker,
     clear_space,
@@ -16,7 +17,7 @@ from ikservo.guard import (
 )
 from ikservo.guard.sag import Weight, sag_of
 from ikservo.ik import Solver, solver
-from ikservo.ik.kernel import compiled, search, single
+from ikservo.ik.kernel import compiled, search, single, tool_limits
 from ikservo.ik.prepare import TargetKind
 from ikservo.kinematics.inertia import LinkMass
 from ikservo.model import load_model
@@ -78,6 +79,13 @@ def first_contact(monkeypatch):
         space.contains(np.zeros((2, 4)))
 
 
+def project_tool(_):
+    model = load_model("so101")
+    constraint = PathConstraint(upright_rad=0.2, above_m=(0, 0, 0.1))
+    tool = ConstrainedTool(constraint, model.chain, np.eye(3)[0], model.chain_pose("home"))
+    tool.project(model.chain_pose("home") + 0.3, np.array([0.2, 0.0, 0.2]))
+
+
 def cast_rays(_):
     random = np.random.default_rng(1)
     shapes = {link: cloud(random, 30, "triangles") for link in ("a", "b")}
@@ -101,6 +109,8 @@ ENTRIES = [
     (search, "solve_all", solve_all),
     (single, "solve_pose", solve_pose),
     (single, "is_target", is_target),
+    (tool_limits, "tool_poses", project_tool),
+    (tool_limits, "project_tool", project_tool),
     (collision_kernel, "min_distances", min_distances),
     (collision_kernel, "gravity_torques_kernel", gravity_torques_kernel),
     (free_path_kernel, "first_contact", first_contact),

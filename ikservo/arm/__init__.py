@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from ikservo.arm.following import check_followed_goal
     from ikservo.arm.motion_plan import MotionPlan
     from ikservo.arm.opening import open_arm
+    from ikservo.arm.path_constraint import PathConstraint
     from ikservo.arm.recorder import read_recording
     from ikservo.arm.reports import ArmState, JointMoveResult, MotionProgress, MoveResult
     from ikservo.arm.setpoint_stream import SetpointStream
@@ -37,6 +38,7 @@ __all__ = [
     "MoveResult",
     "OnExit",
     "OpenArm",
+    "PathConstraint",
     "Recording",
     "RunningMotion",
     "SampledTrajectory",
@@ -68,6 +70,7 @@ _HOMES = {
     "SetpointStream": "arm.setpoint_stream",
     "StopKind": "guard",
     "StopReason": "guard",
+    "PathConstraint": "arm.path_constraint",
     "ToolOrientation": "arm.tool_orientation",
     "ZeroSource": "arm.calibrated_arm",
     "check_followed_goal": "arm.following",

@@ -37,6 +37,7 @@ from ikservo.arm.motions import (
     MoveToRest,
     TipMotion,
 )
+from ikservo.arm.path_constraint import UNCONSTRAINED, PathConstraint
 from ikservo.arm.plan_by_kind import plan_motion
 from ikservo.arm.planner import PointGoal
 from ikservo.arm.poses import PoseLibrary
@@ -48,6 +49,7 @@ from ikservo.arm.ways_around import (
 )
 from ikservo.errors import (
     BadValueError,
+    BlockedError,
     CollisionError,
     OrientationError,
     RefusedError,
@@ -107,12 +109,15 @@ class PreflightPlanner:
 
         Raises:
             UnreachableError: A point is out of reach; nothing has moved.
-            RefusedError: The arm would touch itself, the table or a box, or leave its limits.
+            RefusedError: The arm would touch itself, the table or a box, leave its limits, or break
+                a constraint.
+            StoppedError: The arm was stopped meanwhile.
             CalibrationError: The arm is not calibrated.
             BadValueError: The motion has no plan: it is none of the tip or of joints.
         """
         since_s = perf_counter()
-        plan = self._plan_checked(motion)
+        with self._servos.stop_request.requested():
+            plan = self._plan_checked(motion)
         clearance_m = self._context.path_clearance_m(plan.trajectory, plan.speed)
         plan = replace(
             plan, motion=motion, clearance_m=clearance_m, planning_s=perf_counter() - since_s
@@ -133,7 +138,12 @@ class PreflightPlanner:
                 return self._plan_joints(motion)
             case MovePose():
                 inside = self.pose_within_limits(motion.name)
-                to_pose = MoveJoints(inside.positions, speed=motion.speed, straight=motion.straight)
+                to_pose = MoveJoints(
+                    inside.positions,
+                    speed=motion.speed,
+                    straight=motion.straight,
+                    within=motion.within,
+                )
                 return replace(self._plan_joints(to_pose), clamped=inside.changed)
             case MoveToRest():
                 return self._plan_rest()
@@ -151,9 +161,9 @@ class PreflightPlanner:
         allowed = self._runner.allowed_speed(motion.speed)
         plan = plan_motion(self._planner, motion, start, allowed)
         try:
-            return self._check_clear(plan, motion.speed)
+            return self._check_clear(plan, motion.speed, _within(motion))
         except CollisionError as error:
-            self._plan_around(motion, start, allowed, error)
+            self._plan_around(motion, start, plan.goal, allowed, error)
             raise
 
     def _plan_to_point(self, motion: MoveTo) -> MotionPlan:
@@ -192,7 +202,7 @@ class PreflightPlanner:
         if zeros.are_known and set(self._context.chain.names) <= set(goals):  # the whole arm
             plan = self._plan_clear_or_via(motion, start)
         else:
-            plan = self._check_clear(plan, motion.speed)
+            plan = self._check_clear(plan, motion.speed, motion.within)
         return replace(plan, requested=goals)
 
     def _ask_about_degrees(self, goals: Mapping[str, float]) -> str:
@@ -240,7 +250,9 @@ class PreflightPlanner:
             start = self._runner.start_position()
             found = self._plan_via_pose(motion, start, "slow")
             if found is None and isinstance(error, CollisionError):
-                found = self._plan_around(replace(motion, straight=False), start, "slow", error)
+                goal = plan_motion(self._planner, motion, start, "slow").goal
+                around = replace(motion, straight=False)
+                found = self._plan_around(around, start, goal, "slow", error)
             if found is None:
                 raise
             plan = found
@@ -308,18 +320,22 @@ class PreflightPlanner:
         """Return a plan whose path is free: direct, or one that leaves a contact first.
 
         Raises:
-            RefusedError: The arm would touch itself, the table or a box.
+            RefusedError: The arm would touch itself, the table or a box, or break a constraint.
         """
-        allowed = self._runner.allowed_speed(motion.speed)
+        tool = self._planner.constrained_tool(_within(motion), start)
+        if tool is not None:
+            tool.check(self._context.index.chain_joints(start)[None])
+        allowed, goal = self._runner.allowed_speed(motion.speed), start
         try:
             plan = plan_motion(self._planner, motion, start, allowed)
-            return self._check_clear(plan, motion.speed)
+            goal = plan.goal
+            return self._check_clear(plan, motion.speed, _within(motion))
         except RefusedError as error:
             found = None
             if self._context.is_in_contact(start):
                 found = self._plan_via_pose(motion, start, allowed)
-            if found is None and isinstance(error, CollisionError):
-                found = self._plan_around(motion, start, allowed, error)
+            if found is None and isinstance(error, BlockedError):
+                found = self._plan_around(motion, start, goal, allowed, error)
             if found is None:
                 raise
             return found
@@ -331,20 +347,23 @@ class PreflightPlanner:
         for pose, first in self._ways_out(start, allowed):
             with suppress(RefusedError):
                 then = plan_motion(self._planner, motion, first.goal, allowed)
-                return self._check_clear(self._join(first, then, pose), motion.speed)
+                joined = self._join(first, then, pose)
+                return self._check_clear(joined, motion.speed, _within(motion))
         return None
 
     def _plan_around(
         self,
         motion: TipMotion | MoveJoints | LookAt,
         start: Vector,
+        goal: Vector,
         allowed: str,
-        blocked: CollisionError,
+        blocked: BlockedError,
     ) -> MotionPlan | None:
         """Return a plan of the joints around what blocks the straight one; None without any.
 
         For a line the error says that the joints can go around, where they can.
         """
+        within = _within(motion)
         if isinstance(motion, MoveTo | MoveJoints):
             if motion.straight:
                 return None
@@ -356,25 +375,29 @@ class PreflightPlanner:
             return None
         if not can_search():
             return None
-        goals = [plan_motion(self._planner, motion, start, allowed).goal]
-        points = list[PointGoal]()
+        goals, points = [goal], list[PointGoal]()
         if isinstance(motion, MoveTo):
-            points = self._planner.goals_at(start, motion.position_m, motion.stance)
+            tool = self._planner.constrained_tool(within, start)
+            points = self._planner.goals_at(start, motion.position_m, motion.stance, tool)
             goals = [point.joints for point in points]
-        for tried in self._ways_around(start, np.array(goals), allowed):
+        if not goals:
+            return None
+        for tried in self._ways_around(start, np.array(goals), allowed, within):
             with suppress(RefusedError):
-                plan = self._check_clear(tried, motion.speed)
+                plan = self._check_clear(tried, motion.speed, within)
                 if isinstance(motion, MoveTo | MoveJoints):
                     for point in points:
                         if np.allclose(point.joints, plan.goal):
                             plan = point.reached_by(plan)
-                    return replace(plan, around=blocked.contact)
+                    return replace(plan, around=blocked.cause)
                 to = " ".join(f"{x:.3f}" for x in plan.tip_m.tolist())
                 blocked.command_hint += f" The joints can go around it: ikservo move {to}."
                 return None
         return None
 
-    def _ways_around(self, start: Vector, goals: Matrix, allowed: str) -> Iterator[MotionPlan]:
+    def _ways_around(
+        self, start: Vector, goals: Matrix, allowed: str, within: PathConstraint
+    ) -> Iterator[MotionPlan]:
         """Yield plans around things to one of some goals (m, n), the roundest first.
 
         An arm that touches something leaves that first.
@@ -383,7 +406,10 @@ class PreflightPlanner:
         exits = self._exits(start, allowed, load_factor)
         for first in chain([None], islice(exits, _EXITS)):
             begin = start if first is None else first.goal
-            for way in ways_around(self._context, begin, goals, load_factor):
+            tool = self._planner.constrained_tool(within, start)
+            if tool is not None:
+                tool.admit(self._context.index.chain_joints(goals))
+            for way in ways_around(self._context, begin, goals, load_factor, tool):
                 for blend in BLENDS_RAD if len(way) > 2 else BLENDS_RAD[:1]:
                     plan = self._planner.plan_along(begin, list(way[1:]), allowed, blend)
                     yield plan if first is None else self._join(first, plan, "")
@@ -426,7 +452,23 @@ class PreflightPlanner:
         change_rad = self._planner.rotation_between(first.start, then.goal)
         return via_pose_plan(first, then, pose, change_rad)
 
-    def _check_clear(self, plan: MotionPlan, requested: str) -> MotionPlan:
-        """Return the plan if its path is free, with whether it is slower than requested."""
+    def _check_clear(
+        self, plan: MotionPlan, requested: str, within: PathConstraint = UNCONSTRAINED
+    ) -> MotionPlan:
+        """Return the plan if its path is free, with what else is known of it.
+
+        Args:
+            plan: The plan.
+            requested: The speed class that was asked for.
+            within: What the tool keeps to.
+
+        Raises:
+            RefusedError: Something would be touched, or a constraint broken.
+        """
+        kept = self._planner.check_constraint(within, plan.trajectory, plan.speed)
         self._context.check_streamed_path(plan.trajectory, plan.speed)
-        return replace(plan, speed_reduced=plan.speed != requested)
+        return replace(plan, kept=kept, speed_reduced=plan.speed != requested)
+
+
+def _within(motion: TipMotion | MoveJoints | LookAt) -> PathConstraint:
+    return UNCONSTRAINED if isinstance(motion, LookAt) else motion.within

@@ -154,7 +154,7 @@ class _JogController:
             start, end = (trajectory.state(at_s).position for at_s in times_s)
             self._context.check_straight_path(start, end)
         except CollisionError as error:  # its place on the braking distance tells nothing
-            return f"{error.contact}."
+            return f"{error.cause}."
         except RefusedError as error:
             return error.message
         return ""

@@ -34,6 +34,7 @@ from ikservo.arm.motions import (
     Replay,
     check_motion,
 )
+from ikservo.arm.path_constraint import UNCONSTRAINED, PathConstraint
 from ikservo.arm.reports import (
     GraspResult,
     JointMoveResult,
@@ -73,6 +74,7 @@ class GoalOptions(JointOptions, total=False):
     """Options of ``move_joints`` and ``pose``; see ``MoveJoints``."""
 
     straight: bool
+    within: PathConstraint
 
 
 class TipOptions(JointOptions, total=False):
@@ -84,6 +86,7 @@ class TipOptions(JointOptions, total=False):
 
     stance: ToolOrientation
     orientation: ArrayLike | None
+    within: PathConstraint
 
 
 class PointOptions(TipOptions, total=False):
@@ -554,11 +557,16 @@ class MotionMethods(Protocol):
         return self.plan(Draw(strokes_m, **_fields(Draw, options)))
 
     def plan_joints(
-        self, positions: Positions, *, speed: str = "normal", straight: bool = False
+        self,
+        positions: Positions,
+        *,
+        speed: str = "normal",
+        straight: bool = False,
+        within: PathConstraint = UNCONSTRAINED,
     ) -> MotionPlan:
         """Plan a motion of some joints; see ``move_joints``."""
         goals = parse_all_positions(positions, self.joint_names)
-        return self.plan(MoveJoints(goals, speed=speed, straight=straight))
+        return self.plan(MoveJoints(goals, speed=speed, straight=straight, within=within))
 
     def plan_look(self, point_m: ArrayLike, *, speed: str = "normal") -> MotionPlan:
         """Plan a motion after which the tool axis points at a point (3,) [m]; see ``look_at``."""

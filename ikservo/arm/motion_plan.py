@@ -82,6 +82,7 @@ class MotionPlan:
         tool_speed: The speed of the tip along them; None where none was requested.
         via_pose: The retract pose in between; empty where the path is direct.
         around: What would touch what on the straight path, which this one goes around; else empty.
+        kept: What the tool keeps to all the way, and how much of it is used, described.
         clearance_m: The least distance of the body on the path to itself, the table and the boxes;
             infinite where paths are not checked.
         planning_s: How long it took to plan.
@@ -115,6 +116,7 @@ class MotionPlan:
     tool_speed: ToolSpeed | None = None
     via_pose: str = ""
     around: str = ""
+    kept: tuple[str, ...] = ()
     clearance_m: float = math.inf
     planning_s: float = 0.0
     names: tuple[str, ...] = ()

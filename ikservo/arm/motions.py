@@ -31,6 +31,7 @@ from ikservo.arm.arguments import (
     parse_path,
     parse_points,
 )
+from ikservo.arm.path_constraint import UNCONSTRAINED, PathConstraint
 from ikservo.arm.reports import GraspResult, JointMoveResult, MoveResult, ReplayResult
 from ikservo.arm.tool_orientation import KEEP_BEST_EFFORT, ToolOrientation, check_orientation
 from ikservo.errors import BadValueError, InputError
@@ -127,6 +128,7 @@ class MoveTo(MotionValue[MoveResult]):
             well as it can.
         straight: Whether the joints move straight or not at all; else they go around what is in
             the way.
+        within: What the tool keeps to all the way.
     """
 
     position_m: ArrayLike
@@ -134,6 +136,7 @@ class MoveTo(MotionValue[MoveResult]):
     speed: str = "normal"
     stance: ToolOrientation = KEEP_BEST_EFFORT
     straight: bool = False
+    within: PathConstraint = UNCONSTRAINED
 
     def _words(self) -> str:
         return f"joints to {_format_point(self.position_m)}"
@@ -150,6 +153,7 @@ class MoveLine(MotionValue[MoveResult]):
             says what is reached. None: the fastest.
         speed: As of ``MoveTo``.
         stance: As of ``MoveTo``.
+        within: As of ``MoveTo``.
     """
 
     position_m: ArrayLike
@@ -157,6 +161,7 @@ class MoveLine(MotionValue[MoveResult]):
     tool_speed_m_s: float | None = None
     speed: str = "normal"
     stance: ToolOrientation = KEEP_BEST_EFFORT
+    within: PathConstraint = UNCONSTRAINED
 
     def _words(self) -> str:
         return f"line to {_format_point(self.position_m)}"
@@ -177,6 +182,7 @@ class MoveArc(MotionValue[MoveResult]):
         tool_speed_m_s: As of ``MoveLine``.
         speed: As of ``MoveTo``.
         stance: As of ``MoveTo``.
+        within: As of ``MoveTo``.
 
     Raises:
         BadValueError: Neither a via point with an end nor a centre is given, or both.
@@ -194,6 +200,7 @@ class MoveArc(MotionValue[MoveResult]):
     tool_speed_m_s: float | None = None
     speed: str = "normal"
     stance: ToolOrientation = KEEP_BEST_EFFORT
+    within: PathConstraint = UNCONSTRAINED
 
     def _check(self) -> None:
         given = {"a via point": self.via_m, "an end": self.end_m, "a centre": self.center_m}
@@ -226,6 +233,7 @@ class MoveThrough(MotionValue[MoveResult]):
         tool_speed_m_s: As of ``MoveLine``, on lines only.
         speed: As of ``MoveTo``.
         stance: As of ``MoveTo``, at the last point.
+        within: As of ``MoveTo``.
     """
 
     points_m: Iterable[ArrayLike]
@@ -235,6 +243,7 @@ class MoveThrough(MotionValue[MoveResult]):
     tool_speed_m_s: float | None = None
     speed: str = "normal"
     stance: ToolOrientation = KEEP_BEST_EFFORT
+    within: PathConstraint = UNCONSTRAINED
 
     def _check(self) -> None:
         if not self.points_m:
@@ -265,6 +274,7 @@ class Draw(MotionValue[MoveResult]):
         tool_speed_m_s: As of ``MoveLine``, along a stroke.
         speed: As of ``MoveTo``.
         stance: As of ``MoveTo``.
+        within: As of ``MoveTo``.
     """
 
     strokes_m: Iterable[ArrayLike]
@@ -273,6 +283,7 @@ class Draw(MotionValue[MoveResult]):
     tool_speed_m_s: float | None = None
     speed: str = "normal"
     stance: ToolOrientation = KEEP_BEST_EFFORT
+    within: PathConstraint = UNCONSTRAINED
 
     def _check(self) -> None:
         if not self.strokes_m or not all(cast("tuple[tuple[Point, ...], ...]", self.strokes_m)):
@@ -297,16 +308,18 @@ class MoveJoints(MotionValue[JointMoveResult]):
         positions: The goals by joint, rad or m.
         speed: As of ``MoveTo``.
         straight: As of ``MoveTo``; where joints of the chain stay, they always move straight.
+        within: As of ``MoveTo``.
     """
 
     positions: Mapping[str, float]
     _: KW_ONLY
     speed: str = "normal"
     straight: bool = False
+    within: PathConstraint = UNCONSTRAINED
 
     def __hash__(self) -> int:
         """Return a hash; a mapping has none of its own."""
-        return hash((tuple(self.positions.items()), self.speed, self.straight))
+        return hash((tuple(self.positions.items()), self.speed, self.straight, self.within))
 
     def _words(self) -> str:
         return ", ".join(f"{name} {value:.4g}" for name, value in self.positions.items())
@@ -320,12 +333,14 @@ class MovePose(MotionValue[JointMoveResult]):
         name: Of a pose of the arm file, or of a taught one.
         speed: As of ``MoveTo``.
         straight: As of ``MoveTo``.
+        within: As of ``MoveTo``.
     """
 
     name: str
     _: KW_ONLY
     speed: str = "normal"
     straight: bool = False
+    within: PathConstraint = UNCONSTRAINED
 
     def _words(self) -> str:
         return f"pose {self.name}"
@@ -454,6 +469,14 @@ def _flag(what: str) -> Callable[[object], bool]:
     return parse
 
 
+def _parse_constraint(value: object) -> PathConstraint:
+    if not isinstance(value, PathConstraint):
+        raise BadValueError(
+            "within", repr(value), "a PathConstraint, such as PathConstraint(upright_rad=0.2)"
+        )
+    return value
+
+
 def _parse_name(value: object) -> str:
     if not isinstance(value, str):
         raise BadValueError("The name of the pose", repr(value), "text")
@@ -474,6 +497,7 @@ _PARSERS: Mapping[str, Callable[[object], object]] = {
     "normal": _vector("The normal of the circle"),
     "angle_rad": _number("The angle of the arc"),
     "straight": _flag("straight"),
+    "within": _parse_constraint,
     "full_circle": _flag("full_circle"),
     "line": _flag("line"),
     "blend_m": _number("The blend"),
@@ -575,7 +599,11 @@ def _from_fields(what: str, kind: Callable[..., object], given: object) -> objec
     return kind(**values)
 
 
-_NESTED: Mapping[str, Callable[..., object]] = {"stance": ToolOrientation, "posture": Posture}
+_NESTED: Mapping[str, Callable[..., object]] = {
+    "stance": ToolOrientation,
+    "posture": Posture,
+    "within": PathConstraint,
+}
 """The fields that are dataclasses."""
 
 

@@ -15,6 +15,7 @@ from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_plan import MotionPlan, has_moved, rebase_trajectory
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.motions import Lower, MotionValue
+from ikservo.arm.path_constraint import UNCONSTRAINED
 from ikservo.arm.path_error import PathDeviation, PathRecorder
 from ikservo.arm.reports import JointMoveResult, MoveResult, OnProgress
 from ikservo.arm.settling import SettlingResult, settle
@@ -135,8 +136,9 @@ def _checked_trajectory(context: ArmContext, plan: MotionPlan, start: Vector) ->
     """Return a plan's trajectory from where the arm is (n,).
 
     Raises:
-        RefusedError: The arm has moved since it was planned, something is in the way, or the plan's
-            goal, where the arm settles, is not the end of its trajectory.
+        RefusedError: The arm has moved since it was planned, something is in the way, a constraint
+            would be broken, or the plan's goal, where the arm settles, is not the end of its
+            trajectory.
     """
     end = plan.trajectory.state(plan.trajectory.duration_s).position
     if np.abs(end - plan.goal).max() > _SAME_GOAL:
@@ -147,6 +149,8 @@ def _checked_trajectory(context: ArmContext, plan: MotionPlan, start: Vector) ->
     limits = context.planner.motion_limits(plan.speed)
     trajectory = rebase_trajectory(plan, start, limits, context.servos.names)
     context.check_streamed_path(trajectory, plan.speed)
+    within = getattr(plan.motion, "within", UNCONSTRAINED)
+    context.planner.check_constraint(within, trajectory, plan.speed)
     return trajectory
 
 

@@ -18,6 +18,7 @@ from ikservo.arm.motion_plan import (
     sample_states,
     time_limiting_joints,
 )
+from ikservo.arm.path_constraint import ConstrainedTool, PathConstraint
 from ikservo.arm.tool_orientation import (
     KEEP_BEST_EFFORT,
     OrientationSolution,
@@ -259,10 +260,36 @@ class Planner:
         trajectory = JointWaypointTrajectory(start, points, limits, blend)
         return self._make_plan(start, trajectory, speed)
 
+    def constrained_tool(self, within: PathConstraint, start: Vector) -> ConstrainedTool | None:
+        """Return the tool as a constraint keeps it from joints (n,) on; None without one."""
+        if not within.constrains:
+            return None
+        q = self._index.chain_joints(start)
+        return ConstrainedTool(within, self._chain, self._tool.approach_axis, q)
+
+    def check_constraint(
+        self, within: PathConstraint, trajectory: Trajectory, speed: str
+    ) -> tuple[str, ...]:
+        """Check what the tool keeps to along a trajectory; return how much of it is used.
+
+        Raises:
+            ConstraintError: It is broken; says how far and where.
+        """
+        tool = self.constrained_tool(within, trajectory.state(0.0).position)
+        if tool is None:
+            return ()
+        return tool.check(self._index.chain_joints(self.sample_trajectory(trajectory, speed)))
+
     def goals_at(
-        self, start: Vector, position_m: ArrayLike, stance: ToolOrientation
+        self,
+        start: Vector,
+        position_m: ArrayLike,
+        stance: ToolOrientation,
+        tool: ConstrainedTool | None = None,
     ) -> list[PointGoal]:
         """Solve all joints (n,) with the tip at a point (3,) [m] from many starts.
+
+        Where ``tool`` is constrained, the solutions are inside of that.
 
         Returns:
             Solutions that differ, the one that is found from ``start`` (n,) first, then by their
@@ -279,6 +306,11 @@ class Planner:
         for q in (q0, *sorted(tried, key=lambda each: float(np.linalg.norm(each - q0)))):
             with suppress(OrientationError):
                 solved = solve_with_orientation(self._chain, self._tool, target, stance, q)
+                if tool is not None and not tool.keeps(solved.solution.q[None])[0]:
+                    inside = tool.project(solved.solution.q, target.position)
+                    if inside is None or stance.is_constrained:
+                        continue
+                    solved = replace(solved, solution=replace(solved.solution, q=inside))
                 joints = self._index.with_chain(start, solved.solution.q)
                 apart = [float(np.abs(joints - each.joints).max()) for each in found]
                 if solved.solution.reached and min(apart, default=1.0) > _SAME_GOAL:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator
 
@@ -9,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.arm.context import ArmContext
-from ikservo.guard import ClearSpace
+from ikservo.arm.path_constraint import ConstrainedTool
+from ikservo.guard import ClearSpace, sample_line
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion.avoidance import find_way
 
@@ -32,16 +34,49 @@ class _MovingSpace:
     """The space of those joints that move, in radians of their horns."""
 
     def __init__(
-        self, context: ArmContext, space: ClearSpace, at: Vector, columns: list[int], units: Vector
+        self,
+        context: ArmContext,
+        space: ClearSpace,
+        at: Vector,
+        columns: list[int],
+        units: Vector,
+        tool: ConstrainedTool | None,
     ) -> None:
         self._index, self._space, self._at = context.index, space, at
-        self._columns, self._units = columns, units
+        self._columns, self._units, self._tool = columns, units, tool
+        self._body = context.index.body_joints(at)
+        self._of_body = [i for i, column in enumerate(context.index.body) if column in columns]
+        moved = [columns.index(context.index.body[i]) for i in self._of_body]
+        self._moved, self._moved_units = moved, units[moved]
 
     def is_free(self, path: Matrix) -> bool:
-        return self._space.is_free(self._index.body_joints(self.joints(path)))
+        if not self._space.is_free(self._bodies(path)):
+            return False
+        if self._tool is None:
+            return True
+        dense = np.vstack([sample_line(a, b) for a, b in itertools.pairwise(path)])
+        return bool(self._tool.keeps(self._index.chain_joints(self.joints(dense))).all())
 
     def contains(self, postures: Matrix) -> NDArray[np.bool_]:
-        return self._space.contains(self._index.body_joints(self.joints(postures)))
+        free = self._space.contains(self._bodies(postures))
+        if self._tool is not None:
+            free &= self._tool.keeps(self._index.chain_joints(self.joints(postures)))
+        return free
+
+    def _bodies(self, path: Matrix) -> Matrix:
+        """Return the joints of the body (k, m): the same as of ``joints``, in less time."""
+        bodies = np.empty((len(path), len(self._body)))
+        bodies[:] = self._body
+        bodies[:, self._of_body] = path[:, self._moved] * self._moved_units
+        return bodies
+
+    def project(self, posture: Vector) -> Vector | None:
+        """Return a posture nearby at which the tool keeps its constraint; None without one."""
+        joints = self.joints(posture[None])[0]
+        found = None if self._tool is None else self._tool.project(self._index.chain_joints(joints))
+        if found is None:
+            return None
+        return self._index.with_chain(joints, found)[self._columns] / self._units
 
     def joints(self, path: Matrix) -> Matrix:
         """Return all joints (k, n), rad or m."""
@@ -51,7 +86,11 @@ class _MovingSpace:
 
 
 def ways_around(
-    context: ArmContext, start: Vector, goals: Matrix, load_factor: float
+    context: ArmContext,
+    start: Vector,
+    goals: Matrix,
+    load_factor: float,
+    tool: ConstrainedTool | None = None,
 ) -> Iterator[Matrix]:
     """Find postures (k, n) through which straight motions of the joints reach a goal.
 
@@ -60,9 +99,13 @@ def ways_around(
         start: All joints (n,), touching nothing.
         goals: Where the motion may end (m, n).
         load_factor: Multiple of gravity while the arm brakes.
+        tool: What the tool keeps to on the way.
 
     Yields:
         Ways that keep less and less distance; none where OMPL finds none.
+
+    Raises:
+        StoppedError: The arm was stopped meanwhile.
     """
     checker = context.checked_collision
     if checker is None:
@@ -76,12 +119,21 @@ def ways_around(
     bodies = context.index.body_joints(goals)
     goals = goals[checker.distances_with_sag(bodies, load_factor).min(axis=1) >= 0.0]
     ends = context.index.body_joints(np.vstack([start, goals]))
+    stop = context.servos.stop_request
     for margin_m, most in _MARGINS_M if len(goals) else ():
         space = checker.clear_space(margin_m, ends, load_factor)
-        moving_space = _MovingSpace(context, space, start, columns, units)
+        moving_space = _MovingSpace(context, space, start, columns, units, tool)
         way = find_way(
-            moving_space, start[columns] / units, goals[:, columns] / units, lower, upper, most=most
+            moving_space,
+            start[columns] / units,
+            goals[:, columns] / units,
+            lower,
+            upper,
+            most=most,
+            project=None if tool is None else moving_space.project,
+            is_over=lambda: stop.count != stop.count_at_request,
         )
+        stop.check_request()
         if way is not None:
             joints = moving_space.joints(way)
             joints[0] = start

@@ -12,6 +12,7 @@ from ikservo.cli.motion_report import make_tip_motion, print_move_report
 from ikservo.cli.options import (
     ArmConnection,
     MotionOptions,
+    PathOptions,
     SpeedOption,
     ToolOptions,
     ToolSpeedOption,
@@ -66,6 +67,7 @@ def command(
     speed: SpeedOption = "normal",
     tool_speed: ToolSpeedOption = None,
     tool: ToolOptions,
+    path: PathOptions,
     options: MotionOptions,
 ) -> None:
     """Move the tip on an arc through --via to X Y Z, or about --center.
@@ -86,8 +88,9 @@ def command(
         tool_speed_m_s=tool_speed,
         speed=speed,
         stance=tool.orientation(),
+        within=path.within(),
     )
-    with open_from_options(connection, options) as machine:
+    with open_from_options(connection, options, path.scene) as machine:
         report = make_tip_motion(machine, machine.plan(motion), options)
     print_move_report(report, json=options.json)
 

@@ -12,6 +12,7 @@ from ikservo.cli.motion_report import make_tip_motion, print_move_report
 from ikservo.cli.options import (
     ArmConnection,
     MotionOptions,
+    PathOptions,
     SpeedOption,
     ToolOptions,
     ToolSpeedOption,
@@ -84,6 +85,7 @@ def command(
     speed: SpeedOption = "normal",
     tool_speed: ToolSpeedOption = None,
     tool: ToolOptions,
+    path: PathOptions,
     options: MotionOptions,
 ) -> None:
     """Move the tip along the strokes of a file, lifted between them.
@@ -99,11 +101,11 @@ def command(
     drawing = _read(file, unit, scale, width)
     orientation = tool.orientation()
     origin_m = None if origin is None else parse_point_m(origin)
-    with open_from_options(connection, options) as machine:
+    with open_from_options(connection, options, path.scene) as machine:
         origin_m = origin_m or tuple(machine.where().tip_m.tolist())
         placed = drawing.placed(origin_m, rotate or 0.0)
         motion = Draw(placed.strokes_m, lift_m=lift, tool_speed_m_s=tool_speed,
-                      speed=speed, stance=orientation)  # fmt: skip
+                      speed=speed, stance=orientation, within=path.within())  # fmt: skip
         plan = machine.plan(motion)
         _announce_drawing(placed, origin_m)
         report = make_tip_motion(machine, plan, options)

@@ -12,7 +12,7 @@ from ikservo.cli.completion import complete_joints
 from ikservo.cli.direction_check import check_directions_once
 from ikservo.cli.motion_report import print_plan
 from ikservo.cli.option_groups import Without
-from ikservo.cli.options import ArmConnection, MotionOptions, SpeedOption
+from ikservo.cli.options import ArmConnection, MotionOptions, PathOptions, SpeedOption
 from ikservo.cli.quantities import parse_angle_rad, parse_length_m
 from ikservo.cli.results import Field, Fields, print_fields
 from ikservo.cli.session import announce, motion_progress_bar, open_from_options
@@ -37,15 +37,17 @@ def command(
     *,
     connection: ArmConnection,
     speed: SpeedOption = "normal",
+    path: PathOptions,
     options: Annotated[MotionOptions, Without("tip")],
 ) -> None:
     """Move single joints to positions.
 
     ikservo joints elbow_flex=30 gripper=0.5rad --arm so101 --port sim
     """
-    with open_from_options(connection, options) as machine:
+    with open_from_options(connection, options, path.scene) as machine:
         positions = _parse_positions(goals, machine.model)
-        report = make_joint_motion(machine, MoveJoints(positions, speed=speed), options)
+        motion = MoveJoints(positions, speed=speed, within=path.within())
+        report = make_joint_motion(machine, motion, options)
     print_report(report, machine.model, json=options.json)
 
 

@@ -65,6 +65,7 @@ def _plan_fields(goal: Mapping[str, float], change_rad: float) -> Fields[MotionP
         Field("path_m", "path", lambda plan: f"{plan.path_m:.3f} m of the tip"),
         Field("speed", "speed"),
         Field("around", "around", lambda plan: [plan.around] if plan.around else []),
+        Field("kept", "kept", lambda plan: list(plan.kept), lambda plan: list(plan.kept)),
         Field("clearance_m", "nearest", _describe_clearance, _finite_clearance_m),
         Field("binding", "limit", _limiting_lines, _limiting_lines),
         Field(
@@ -83,7 +84,7 @@ def _plan_fields(goal: Mapping[str, float], change_rad: float) -> Fields[MotionP
 
 
 _PLAN_LINES = (
-    "duration_s path_m speed around clearance_m tool_speed binding near_limits "
+    "duration_s path_m speed around kept clearance_m tool_speed binding near_limits "
     "orientation_error_rad"
 )
 

@@ -15,7 +15,7 @@ from ikservo.cli.options import (
     ArmConnection,
     Length,
     MotionOptions,
-    SceneOption,
+    PathOptions,
     SpeedOption,
     StraightOption,
     ToolOptions,
@@ -62,7 +62,7 @@ def command(
     tool: ToolOptions,
     preferred: PostureOptions,
     straight: StraightOption = False,
-    scene: SceneOption = None,
+    path: PathOptions,
     options: MotionOptions,
 ) -> None:
     """Move the tip to the point X Y Z in the arm's base frame.
@@ -79,32 +79,44 @@ def command(
 
     ikservo move 0.2 0.1 0.1 --via 0.2,0,0.2 --via 0.25,0.05,0.2 --blend 30mm
 
+    ikservo move 0.2 0.1 0.1 --upright 10 --scene table.toml
+
     ikservo move --look-at 1 0.5 0.3
     """
+    within = path.within()
+    if straight and (line or via or tool_speed is not None):
+        raise BadValueError(
+            "--straight", "given for a path through points", "no option: such a path is never left"
+        )
     if look_at:
         others = {"--line": line, "--via": via, "--tool-speed": tool_speed}
         others |= {"--pitch": tool.pitch_rad, "--roll": tool.roll_rad}
         others |= {"--direction": tool.direction, "--keep": tool.keep}
+        others |= {"--upright": path.upright_rad, "--keep-axis": path.keep_axis}
+        others |= {"--keep-in": path.keep_in, "--keep-above": path.keep_above}
+        others |= {"--straight": straight}
         others |= {"--prefer": preferred.prefer, "--weight": preferred.weight}
         given = [name for name, value in others.items() if value not in (None, False, [])]
         if given:
             raise BadValueError(
                 "--look-at", f"given with {', '.join(given)}", "no option of the path or the tool"
             )
-        with open_from_options(connection, options, scene) as machine:
+        with open_from_options(connection, options, path.scene) as machine:
             looked = make_joint_motion(machine, LookAt((x, y, z), speed=speed), options)
             print_report(looked, machine.model, json=options.json)
         return
     orientation = tool.orientation()
     points = [*(parse_point_m(text) for text in via or ()), (x, y, z)]
-    with open_from_options(connection, options, scene) as machine:
+    with open_from_options(connection, options, path.scene) as machine:
         posture = preferred.posture(machine.model, machine.chain)
         orientation = orientation if posture is None else replace(orientation, posture=posture)
         if via or line or tool_speed is not None:
             motion = MoveThrough(points, blend_m=blend, line=line, tool_speed_m_s=tool_speed,
-                                 speed=speed, stance=orientation)  # fmt: skip
+                                 speed=speed, stance=orientation, within=within)  # fmt: skip
         else:
-            motion = MoveTo((x, y, z), speed=speed, stance=orientation, straight=straight)
+            motion = MoveTo(
+                (x, y, z), speed=speed, stance=orientation, straight=straight, within=within
+            )
         plan = machine.plan(motion)
         if posture is not None and plan.solution is not None:
             report_missing_freedom(machine.chain, plan.solution.q, directed=False)

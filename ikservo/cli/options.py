@@ -13,11 +13,13 @@ from ikservo.cli.quantities import (
     parse_angle_rad,
     parse_axis,
     parse_length_m,
+    parse_point_m,
     parse_time_s,
     parse_tool_speed_m_s,
 )
 
 if TYPE_CHECKING:
+    from ikservo.arm.path_constraint import PathConstraint
     from ikservo.arm.tool_orientation import ToolOrientation
 
 __all__ = [
@@ -31,7 +33,7 @@ __all__ = [
     "NamedArmConnection",
     "NamedServoConnection",
     "OverwriteOption",
-    "SceneOption",
+    "PathOptions",
     "ServoConnection",
     "SpeedOption",
     "StraightOption",
@@ -113,10 +115,6 @@ CountOption = Annotated[
 StraightOption = Annotated[
     bool,
     typer.Option("--straight", help="Do not move around what is in the way: refuse."),
-]
-SceneOption = Annotated[
-    Path | None,
-    typer.Option("--scene", metavar="FILE", help="TOML file of the things around the arm."),
 ]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
 UncalibratedOption = Annotated[
@@ -230,3 +228,75 @@ class ToolOptions:
 
         axis = None if self.direction is None else parse_axis(self.direction)
         return ToolOrientation(self.pitch_rad, self.roll_rad, axis, self.keep)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PathOptions:
+    """What stands around the arm, and what the tool keeps to all the way."""
+
+    scene: Annotated[
+        Path | None,
+        typer.Option("--scene", metavar="FILE", help="TOML file of the things around the arm."),
+    ] = None
+    upright_rad: Annotated[
+        float | None,
+        typer.Option(
+            "--upright",
+            parser=parse_angle_rad,
+            metavar="DEG",
+            help="Largest tilt, on the way, of what points up in the gripper now: a cup.",
+        ),
+    ] = None
+    keep_axis: Annotated[
+        str | None,
+        typer.Option(
+            "--keep-axis",
+            metavar="X,Y,Z:DEG",
+            help="Direction near which the tool axis stays on the way, and the largest angle.",
+        ),
+    ] = None
+    keep_in: Annotated[
+        str | None,
+        typer.Option(
+            "--keep-in",
+            metavar="X,Y,Z:X,Y,Z",
+            help="Lowest and highest corner of a box that the tip stays in on the way.",
+        ),
+    ] = None
+    keep_above: Annotated[
+        str | None,
+        typer.Option(
+            "--keep-above",
+            metavar="Z",
+            help="Height above which the tip stays; or a point and what is above: X,Y,Z:X,Y,Z.",
+        ),
+    ] = None
+
+    def within(self) -> PathConstraint:
+        """Return what the tool keeps to.
+
+        Raises:
+            BadValueError: A corner is not below the other, or a number out of its range.
+        """
+        from ikservo.arm.path_constraint import PathConstraint  # noqa: PLC0415  # as above
+
+        given: dict[str, object] = {"upright_rad": self.upright_rad}
+        if self.keep_axis is not None:
+            axis, angle = _halves("--keep-axis", self.keep_axis)
+            given |= {"axis": parse_axis(axis), "axis_rad": parse_angle_rad(angle)}
+        if self.keep_in is not None:
+            low, high = _halves("--keep-in", self.keep_in)
+            given |= {"low_m": parse_point_m(low), "high_m": parse_point_m(high)}
+        if self.keep_above is not None and ":" in self.keep_above:
+            point, normal = _halves("--keep-above", self.keep_above)
+            given |= {"above_m": parse_point_m(point), "normal": parse_axis(normal)}
+        elif self.keep_above is not None:
+            given["above_m"] = (0.0, 0.0, parse_length_m(self.keep_above))
+        return PathConstraint(**given)  # pyright: ignore[reportArgumentType]
+
+
+def _halves(option: str, text: str) -> tuple[str, str]:
+    first, colon, second = text.partition(":")
+    if not colon:
+        raise typer.BadParameter(f"{option} has two parts with a colon between, not {text!r}.")
+    return first, second

@@ -18,7 +18,7 @@ from ikservo.cli.option_groups import Without
 from ikservo.cli.options import (
     ArmConnection,
     MotionOptions,
-    SceneOption,
+    PathOptions,
     SpeedOption,
     StraightOption,
 )
@@ -44,7 +44,7 @@ def command(
     connection: ArmConnection,
     speed: SpeedOption = "normal",
     straight: StraightOption = False,
-    scene: SceneOption = None,
+    path: PathOptions,
     options: Annotated[MotionOptions, Without("tip")],
 ) -> None:
     """Move to a pose of the arm file or to one you taught; without a name, list them.
@@ -56,11 +56,11 @@ def command(
     if name is None:
         _list_poses(connection, json=options.json)
         return
-    with open_from_options(connection, options, scene) as machine:
+    with open_from_options(connection, options, path.scene) as machine:
         inside = machine.pose_within_limits(name)
         for words in inside.changed:
             print_status(f"{words}.")
-        motion = MoveJoints(inside.positions, speed=speed, straight=straight)
+        motion = MoveJoints(inside.positions, speed=speed, straight=straight, within=path.within())
         report = make_joint_motion(machine, motion, options)
     print_report(report, machine.model, json=options.json)
 

@@ -124,7 +124,7 @@ def announce(plan: MotionPlan, machine: OpenArm, options: MotionOptions) -> None
     if plan.via_pose:
         print_status(f'Direct path would collide; moving via pose "{plan.via_pose}".')
     if plan.around:
-        print_status(f"On the straight path {plan.around}; moving around it.")
+        print_status(f"On the straight path {plan.around}; moving another way.")
     if plan.speed_reduced:
         print_status("First motion after torque-on: slow speed.")
     if plan.tool_speed is not None and not plan.tool_speed.is_constant:

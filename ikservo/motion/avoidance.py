@@ -1,14 +1,18 @@
 """The search for a way of the joints around what is in their straight way.
 
 Bidirectional: a tree of straight motions grows from the start, another from the goals, until they
-meet (RRT-Connect; Kuffner and LaValle 2000), in OMPL. What was found is then shortened. One
-question has one answer: chance begins at the same seed each time.
+meet (RRT-Connect; Kuffner and LaValle 2000), in OMPL. Where the tool is constrained, trees grow in
+short steps that are projected back to where the constraint is kept (CBiRRT; Berenson and others
+2009). What was found is then shortened. One question has one answer: chance begins at the same
+seed each time.
 """
 
 from __future__ import annotations
 
 import importlib
+import itertools
 import threading
+from collections.abc import Callable
 from typing import Any, Protocol
 
 import numpy as np
@@ -20,7 +24,10 @@ __all__ = ["MotionSpace", "can_search", "find_way", "path_length"]
 
 # Cuts tried on a path, and how many in a row may fail.
 _CUTS, _FAILED_CUTS = 60, 15
+_HALVED = 8  # corners of longer paths are left out by so large a part of the rest
 _REACH_RAD = 0.8  # of one motion of a tree
+# Of one step of a tree that is projected; how much nearer it must come; how far it may be moved.
+_STEP_RAD, _NEARER, _FURTHEST = 0.3, 0.1, 2.0
 _SAME = 1e-9
 _lock = threading.Lock()  # OMPL has one source of chance in a process
 
@@ -35,6 +42,10 @@ class MotionSpace(Protocol):
     def contains(self, postures: Matrix) -> NDArray[np.bool_]:
         """Return for each posture (n, dof) whether it is free (n,)."""
         ...
+
+
+Projection = Callable[[Vector], Vector | None]
+"""Returns a posture (n,) nearby that keeps a constraint; None where there is none."""
 
 
 def can_search() -> bool:
@@ -60,6 +71,8 @@ def find_way(
     *,
     most: int = 20000,
     seed: int = 1,
+    project: Projection | None = None,
+    is_over: Callable[[], bool] = bool,
 ) -> Matrix | None:
     """Find postures (k, n) through which straight motions lead from a start to one of some goals.
 
@@ -71,6 +84,9 @@ def find_way(
         upper: The highest positions (n,).
         most: How many motions are looked at, at most: a hundred take some 10 ms.
         seed: Where chance begins, above 0.
+        project: What brings a posture back to where the constraint of ``space`` is kept, if it has
+            one.
+        is_over: Whether the search is to end without a way; asked often.
 
     Returns:
         None where none was found, or the start or all goals are not free.
@@ -82,7 +98,10 @@ def find_way(
     for goal in goals:
         if space.is_free(np.array([start, goal])):
             return np.array([start, goal])
-    path = _search(space, start, goals, lower, upper, most, seed)
+    if project is None:
+        path = _search(space, start, goals, lower, upper, most, seed, is_over)
+    else:
+        path = _search_projected(space, start, goals, lower, upper, most, seed, is_over, project)
     return None if path is None else _shortened(space, path, np.random.default_rng(seed))
 
 
@@ -94,6 +113,7 @@ def _search(
     upper: Vector,
     most: int,
     seed: int,
+    is_over: Callable[[], bool],
 ) -> Matrix | None:
     ob: Any = importlib.import_module("ompl.base")
     og: Any = importlib.import_module("ompl.geometric")
@@ -140,11 +160,89 @@ def _search(
         planner.setRange(_REACH_RAD)
         planner.setProblemDefinition(question)
         planner.setup()
-        planner.solve(ob.PlannerTerminationCondition(lambda: looked_at >= most))
+        planner.solve(ob.PlannerTerminationCondition(lambda: looked_at >= most or is_over()))
         if not question.hasExactSolution():
             return None
         states = question.getSolutionPath().getStates()
         return np.array([[state[k] for k in columns] for state in states])
+
+
+class _Tree:
+    """Postures, each but the roots with the one that it was reached from."""
+
+    def __init__(self, roots: Matrix) -> None:
+        self._rows, self._count = roots.copy(), len(roots)
+        self._before = [-1] * len(roots)
+
+    def __getitem__(self, i: int) -> Vector:
+        return self._rows[i]
+
+    def nearest(self, q: Vector) -> int:
+        """Return the index of the posture nearest to ``q`` (n,)."""
+        return int(((self._rows[: self._count] - q) ** 2).sum(axis=1).argmin())
+
+    def add(self, q: Vector, before: int) -> int:
+        """Add a posture (n,), and return its index."""
+        if self._count == len(self._rows):
+            self._rows = np.concatenate([self._rows, np.empty_like(self._rows)])
+        self._rows[self._count] = q
+        self._before.append(before)
+        self._count += 1
+        return self._count - 1
+
+    def branch(self, i: int) -> list[Vector]:
+        """Return the postures from one to its root."""
+        found = list[Vector]()
+        while i >= 0:
+            found.append(self._rows[i])
+            i = self._before[i]
+        return found
+
+
+def _search_projected(
+    space: MotionSpace,
+    start: Vector,
+    goals: Matrix,
+    lower: Vector,
+    upper: Vector,
+    most: int,
+    seed: int,
+    is_over: Callable[[], bool],
+    project: Projection,
+) -> Matrix | None:
+    random, looked_at = np.random.default_rng(seed), 0
+
+    def step(at: Vector, towards: Vector) -> Vector | None:
+        left = float(np.linalg.norm(towards - at))
+        if left <= _STEP_RAD:
+            return towards
+        new = project(at + _STEP_RAD / left * (towards - at))
+        if new is None or float(np.linalg.norm(towards - new)) > left - _NEARER * _STEP_RAD:
+            return None
+        return new if float(np.linalg.norm(new - at)) < _FURTHEST * _STEP_RAD else None
+
+    def grow(tree: _Tree, towards: Vector) -> int:
+        nonlocal looked_at
+        i = tree.nearest(towards)
+        while not np.array_equal(tree[i], towards):
+            looked_at += 1
+            new = step(tree[i], towards)
+            if new is None or not space.is_free(np.array([tree[i], new])):
+                break
+            i = tree.add(new, i)
+        return i
+
+    trees = (_Tree(start[None]), _Tree(goals))
+    for turn in itertools.count():
+        if looked_at >= most or is_over():
+            return None
+        one, other = trees if turn % 2 == 0 else trees[::-1]
+        reached = grow(one, random.uniform(lower, upper))
+        met = grow(other, one[reached])
+        if np.array_equal(one[reached], other[met]):
+            ends = (reached, met) if one is trees[0] else (met, reached)
+            return np.array(trees[0].branch(ends[0])[::-1] + trees[1].branch(ends[1])[1:])
+    return None
 
 
 def _shortened(space: MotionSpace, path: Matrix, random: np.random.Generator) -> Matrix:
@@ -173,7 +271,7 @@ def _without_corners(space: MotionSpace, path: Matrix) -> Matrix:
     while i < len(path) - 1:
         j = len(path) - 1
         while j > i + 1 and not space.is_free(path[[i, j]]):
-            j -= 1
+            j -= max(1, (j - i) // _HALVED)
         kept.append(path[j])
         i = j
     return np.array(kept)

@@ -17,7 +17,7 @@ def refusal_of(goal: Vector, error: RefusedError) -> GoalRefusal:
     """Return the refusal of a goal (n,), in words for a page."""
     if not isinstance(error, CollisionError):
         return GoalRefusal(goal, error.message)
-    return GoalRefusal(goal, f"Refused: {error.contact}.", error.pair)
+    return GoalRefusal(goal, f"Refused: {error.cause}.", error.pair)
 
 
 class PreviewGuard:

@@ -2,6 +2,7 @@
 
 import itertools
 import sys
+from contextlib import contextmanager
 from dataclasses import replace
 
 import numpy as np
@@ -20,16 +21,23 @@ LEFT, RIGHT = (0.2, 0.12, 0.1), (0.2, -0.12, 0.1)
 needs_planner = pytest.mark.skipif(not can_search(), reason="ompl has no wheel here")
 
 
-@pytest.fixture
-def beside_post():
-    """An arm to the left of a post, which is as high as its elbow."""
+@contextmanager
+def left_of(post):
+    """Yield an arm that stands to the left of a post."""
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         joints = dict(zip(arm.joint_names, arm.plan_to(LEFT).goal.tolist(), strict=True))
-    model = replace(ikservo.load_model("so101"), keep_out=(POST,))
+    model = replace(ikservo.load_model("so101"), keep_out=(post,))
     with ikservo.open_arm(model, port="sim") as arm:
         for joint, position in joints.items():
             line_of(arm).world.place(joint, position)
         arm.enable()
+        yield arm
+
+
+@pytest.fixture
+def beside_post():
+    """An arm to the left of a post, which is as high as its elbow."""
+    with left_of(POST) as arm:
         yield arm
 
 

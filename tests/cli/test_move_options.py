@@ -32,8 +32,8 @@ def test_a_preview_tells_time_way_speed_and_limits(run_cli):
     answer = run_cli(f"move 0.25 0.05 0.15 --line {SO101} --dry-run --json").json
     assert set(answer) == {
         "schema", "target_m", "q_rad", "joints_rad", "duration_s", "path_m", "speed", "around",
-        "clearance_m", "binding", "near_limits", "orientation_error_rad", "orientation_requested",
-        "tool_speed",
+        "kept", "clearance_m", "binding", "near_limits", "orientation_error_rad",
+        "orientation_requested", "tool_speed",
     }  # fmt: skip
     assert answer["path_m"] > 0.05
     assert answer["binding"]

@@ -33,6 +33,7 @@ _SWITCH = "IKSERVO_COMPILED"
 _MODULES = [
     "ikservo.ik.kernel.search",
     "ikservo.ik.kernel.single",
+    "ikservo.ik.kernel.tool_limits",
     "ikservo.guard.collision_kernel",
     "ikservo.guard.free_path_kernel",
     "ikservo.view.raycast",

@@ -61,6 +61,7 @@ __all__ = [
     "distance_from",
     "fits",
     "is_better",
+    "is_packed_chain",
     "is_rotation",
     "solve_all",
     "solve_rows",
@@ -211,7 +212,7 @@ def fits(
     results: Matrix,
 ) -> bool:
     """Check whether arrays have the shapes that ``solve_all`` needs, and indices are in range."""
-    if len(settings) != SETTINGS_SIZE or not _is_packed_chain(arm):
+    if len(settings) != SETTINGS_SIZE or not is_packed_chain(arm):
         return False
     n, restarts, count = int(arm[0, DOF]), int(settings[RESTARTS]), len(problems)
     if restarts < 1 or len(starts) != count or len(results) != count:
@@ -230,7 +231,7 @@ def fits(
     )
 
 
-def _is_packed_chain(arm: Matrix) -> bool:
+def is_packed_chain(arm: Matrix) -> bool:
     """Check whether an array is of a packed chain's shape, and its columns exist."""
     if len(arm) < 2 or arm.shape[1] != WIDTH:
         return False
