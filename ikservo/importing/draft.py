@@ -22,6 +22,16 @@ _SPEEDS = {"slow": (25.0, 50.0, 500.0), "normal": (60.0, 180.0, 1800.0),
            "fast": (120.0, 480.0, 4800.0)}  # fmt: skip
 
 
+_CONTACT_LINES = (
+    "Capsules contain each mesh. Of a link with several, the smallest was fitted first, and what "
+    "its capsules contain needs no others.",
+    "The farthest point of their surface is so far from the meshes of the link:",
+    "",
+    "| link | mesh | triangles | capsules | excess |",
+    "|---|---|---|---|---|",
+)
+
+
 @dataclass(frozen=True, slots=True)
 class DraftServo:
     """A servo of a joint: its id, model and the direction in which it counts."""
@@ -181,14 +191,11 @@ class ArmDraft:
             )
             lines.append(f"| {joint.name} | {servos} | {format_range(self.joint(joint.name))} |")
         if self.fits:
-            lines += ["", "## Contact", "",
-                      "Capsules contain each mesh; the farthest point of their surface is so far "
-                      "from it:", "", "| link | mesh | triangles | capsules | excess |",
-                      "|---|---|---|---|---|"]  # fmt: skip
+            lines += ["", "## Contact", "", *_CONTACT_LINES]
         for fit in self.fits:
             excess = f"{1000 * fit.excess_m:.1f} mm"
             if fit.excess_m > fit.allowed_m:
-                excess += f", more than {1000 * fit.allowed_m:.0f} mm: eight do not suffice"
+                excess += f", more than {1000 * fit.allowed_m:.0f} mm: no nearer eight were found"
             lines.append(
                 f"| {fit.link} | {fit.name} | {fit.triangles:,} | {fit.capsules} | {excess} |"
             )

@@ -28,6 +28,7 @@ Triangles = NDArray[np.float64]
 MAX_CAPSULES = 8
 _EXCESS_M, _EXCESS_FRACTION = 0.010, 0.10
 _CELL_FRACTION = 1 / 200  # of the size of a mesh: vertices nearer to each other become one
+_PIECE_FRACTION = 1 / 10  # of the size: pieces that are contained by other meshes or not
 _SAMPLES = 40  # of the size: points of the surface are at most so far apart
 _CUTS = (0.5, 0.35, 0.65)  # where a part is cut, of its extent
 _CIRCLE_STEPS = 60
@@ -84,21 +85,34 @@ def allowed_excess_m(triangles: Triangles) -> float:
     return max(_EXCESS_M, _EXCESS_FRACTION * float(np.ptp(triangles.reshape(-1, 3), axis=0).max()))
 
 
-def fit_capsules(triangles: Triangles) -> MeshFit:
+def fit_capsules(
+    triangles: Triangles,
+    beside: Sequence[Triangles] = (),
+    given: Sequence[FittedCapsule] = (),
+) -> MeshFit:
     """Find few capsules that together contain a surface, and the solid inside if it is closed.
 
     The part whose capsule is farthest from the mesh is cut by a plane until all are near enough,
     or there are eight. Each capsule contains the convex hull of its part, so cutting leaves no
     gap. Vertices are merged before, and the capsules are as much thicker as that moved them.
 
+    A mesh of a link that has others is fitted beside them: what their capsules contain needs no
+    further one, and what is near one of them is near the link.
+
     Args:
         triangles: At least one.
+        beside: The other meshes of the link, in the coordinates of this one.
+        given: The capsules of those of them that were fitted before.
     """
     allowed_m = allowed_excess_m(triangles)
     size_m = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
     merged, moved_m = merge_vertices(triangles, size_m * _CELL_FRACTION)
-    surface = _SampledSurface(merged, max(size_m / _SAMPLES, 1e-6))
-    parts = [_fit_parts([merged])[0]]
+    outside = _outside(merged, given, moved_m, size_m * _PIECE_FRACTION)
+    if not len(outside):
+        return MeshFit((), 0.0, allowed_m)
+    near = [_near(each, triangles, 2.0 * allowed_m) for each in beside]
+    surface = _SampledSurface([merged, *filter(len, near)], max(size_m / _SAMPLES, 1e-6), given)
+    parts = [_fit_parts([outside])[0]]
     while len(parts) < MAX_CAPSULES:
         excesses = [surface.excess_m(i, parts, moved_m) for i in range(len(parts))]
         far = [i for i, excess_m in enumerate(excesses) if excess_m > allowed_m]
@@ -117,6 +131,28 @@ def fit_capsules(triangles: Triangles) -> MeshFit:
     excess_m = max(surface.excess_m(i, parts, moved_m) for i in range(len(parts)))
     capsules = [FittedCapsule(p.fit.start_m, p.fit.end_m, p.fit.radius_m + moved_m) for p in parts]
     return MeshFit(tuple(capsules), excess_m, allowed_m)
+
+
+def _near(triangles: Triangles, others: Triangles, away_m: float) -> Triangles:
+    """Return the triangles whose upright boxes are near that of all others together."""
+    low, high = others.min(axis=(0, 1)) - away_m, others.max(axis=(0, 1)) + away_m
+    near = (triangles.max(axis=1) >= low) & (triangles.min(axis=1) <= high)
+    return triangles[near.all(axis=1)]
+
+
+def _outside(
+    triangles: Triangles, capsules: Sequence[FittedCapsule], moved_m: float, edge_m: float
+) -> Triangles:
+    """Return what of some triangles no capsule contains, in pieces about as long as an edge."""
+    kept: list[Triangles] = []
+    while len(triangles) and capsules:
+        depths_m = [capsule.depth_m(triangles.reshape(-1, 3)) for capsule in capsules]
+        inside = (np.array(depths_m).reshape(len(capsules), -1, 3).min(axis=2) >= moved_m).any(0)
+        triangles = triangles[~inside]
+        edges = np.sqrt(_squares(triangles - triangles[:, (2, 0, 1)]).max(axis=1))
+        kept.append(triangles[edges <= edge_m])
+        triangles = _quarters(triangles[edges > edge_m])
+    return np.concatenate([*kept, triangles])
 
 
 def merge_vertices(triangles: Triangles, cell_m: float) -> tuple[Triangles, float]:
@@ -140,10 +176,13 @@ def merge_vertices(triangles: Triangles, cell_m: float) -> tuple[Triangles, floa
 class _SampledSurface:
     """Points of a surface, to measure how far capsules are from it."""
 
-    def __init__(self, triangles: Triangles, spacing_m: float) -> None:
+    def __init__(
+        self, meshes: Sequence[Triangles], spacing_m: float, given: Sequence[FittedCapsule] = ()
+    ) -> None:
         from scipy.spatial import cKDTree  # noqa: PLC0415  # slow to import
 
-        self._tree = cKDTree(_sample_surface(triangles, spacing_m))
+        self._given = given
+        self._tree = cKDTree(np.concatenate([_sample_surface(m, spacing_m) for m in meshes]))
 
     def excess_m(self, index: int, parts: Sequence[_Part], moved_m: float = 0.0) -> float:
         """Compute how far a capsule's surface is from the mesh, without what others contain."""
@@ -163,6 +202,8 @@ class _SampledSurface:
         for other, part in enumerate(parts):
             if other != index:
                 points = points[part.fit.depth_m(points) < 0.0]
+        for capsule in self._given:
+            points = points[capsule.depth_m(points) < 0.0]
         return np.asarray(self._tree.query(points)[0])
 
 
@@ -175,12 +216,16 @@ def _sample_surface(triangles: Triangles, spacing_m: float) -> Matrix:
         triangles = triangles[edges > spacing_m]
         if not len(triangles):
             break
-        a, b, c = triangles.transpose(1, 0, 2)
-        ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
-        quarters = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-        triangles = np.concatenate([np.stack(quarter, axis=1) for quarter in quarters])
-        triangles, _ = merge_vertices(triangles, 0.2 * spacing_m)
+        triangles, _ = merge_vertices(_quarters(triangles), 0.2 * spacing_m)
     return _thin_out(np.concatenate([*done, triangles.reshape(-1, 3)]), 0.3 * spacing_m)
+
+
+def _quarters(triangles: Triangles) -> Triangles:
+    """Cut each triangle in four."""
+    a, b, c = triangles.transpose(1, 0, 2)
+    ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
+    corners = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
+    return np.concatenate([np.stack(each, axis=1) for each in corners])
 
 
 def _thin_out(points: Matrix, cell_m: float) -> Matrix:

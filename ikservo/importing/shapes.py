@@ -104,15 +104,16 @@ def convert_shapes(urdf: Urdf) -> Generator[MeshStep, object, ShapeConversion]:
     """
     converter = _ShapeConverter(urdf)
     meshes = [
-        (link.name, shape)
-        for link in urdf.links
-        for shape in link.collisions or link.visuals
-        if isinstance(shape, Mesh | Surface)
+        (link, shape) for link in urdf.links for shape in _meshes(link.collisions or link.visuals)
     ]
     for done, (link, shape) in enumerate(meshes):
         yield MeshStep(_name_of(shape), done, len(meshes))
-        converter.fit(link, shape)
+        converter.fit_next(link.name, link.collisions or link.visuals)
     return converter.convert()
+
+
+def _meshes(shapes: Sequence[Shape]) -> list[Mesh | Surface]:
+    return [shape for shape in shapes if isinstance(shape, Mesh | Surface)]
 
 
 @dataclass(slots=True)
@@ -120,14 +121,22 @@ class _LoadedMesh:
     """A mesh, and what it has become; the same file is often used several times."""
 
     triangles: Triangles | None
-    fit: MeshFit | None = None
+    fit: MeshFit | None = None  # where it is the only mesh of its link
     picture: str = ""
+
+    @property
+    def size_m(self) -> float:
+        """Its largest extent."""
+        corners = np.zeros((1, 3)) if self.triangles is None else self.triangles.reshape(-1, 3)
+        return float(np.ptp(corners, axis=0).max())
 
 
 class _ShapeConverter:
     def __init__(self, urdf: Urdf) -> None:
         self._urdf, self._result = urdf, ShapeConversion(urdf)
         self._loaded: dict[object, _LoadedMesh] = {}
+        self._capsules_m: dict[str, list[FittedCapsule]] = {}
+        self._fitted: dict[str, set[int]] = {}
 
     def convert(self) -> ShapeConversion:
         """Convert each link."""
@@ -166,36 +175,53 @@ class _ShapeConverter:
     def _contact_shapes(self, link: str, shapes: Sequence[Shape]) -> list[Shape]:
         """Return simple shapes of a link: those it has, and capsules around its meshes."""
         simple: list[Shape] = []
-        capsules: list[FittedCapsule] = []
         for shape in shapes:
-            if isinstance(shape, Mesh | Surface):
-                capsules += self._capsules(link, shape)
-            else:
+            if not isinstance(shape, Mesh | Surface):
                 simple.append(shape)
                 self._note_corners(link, _box_corners(shape))
+        while self.fit_next(link, shapes):
+            pass
+        capsules = self._capsules_m.get(link, ())
         return [*simple, *(each for capsule in capsules for each in capsule_shapes(capsule))]
 
-    def fit(self, link: str, shape: Mesh | Surface) -> _LoadedMesh:
-        """Load a mesh and fit its capsules, once."""
-        loaded = self._load(link, shape)
-        if loaded.triangles is not None and loaded.fit is None:
-            loaded.fit = fit_capsules(loaded.triangles)
-        return loaded
+    def fit_next(self, link: str, shapes: Sequence[Shape]) -> bool:
+        """Fit capsules to the smallest mesh of a link that has none yet; False if all have.
 
-    def _capsules(self, link: str, shape: Mesh | Surface) -> list[FittedCapsule]:
-        """Return the capsules around a mesh, in link coordinates."""
-        loaded, name = self.fit(link, shape), _name_of(shape)
-        if loaded.triangles is None or loaded.fit is None:
-            return []
-        fit = loaded.fit
+        The meshes of a link are fitted beside each other: a servo in its bracket, and the bracket
+        around the servo, have no surface where they touch.
+        """
+        meshes, fitted = _meshes(shapes), self._fitted.setdefault(link, set())
+        waiting = [shape for shape in meshes if id(shape) not in fitted]
+        if not waiting:
+            return False
+        shape = min(waiting, key=lambda each: self._load(link, each).size_m)
+        fitted.add(id(shape))
+        loaded = self._load(link, shape)
+        if loaded.triangles is None:
+            return True
         R, origin_m = rotation_rpy(*shape.rpy_rad), np.array(shape.xyz_m)
+        capsules = self._capsules_m.setdefault(link, [])
+        beside = [(self._in_link(link, other) - origin_m) @ R for other in meshes
+                  if other is not shape]  # fmt: skip
+        if any(map(len, beside)):
+            given = [_moved(each, R.T, -R.T @ origin_m) for each in capsules]
+            fit = fit_capsules(loaded.triangles, beside, given)
+        else:
+            fit = loaded.fit = loaded.fit or fit_capsules(loaded.triangles)
         self._note_corners(link, outermost(loaded.triangles.reshape(-1, 3)) @ R.T + origin_m)
         count = len(loaded.triangles), len(fit.capsules)
+        name = _name_of(shape)
         self._result.fits.append(ContactFit(link, name, *count, fit.excess_m, fit.allowed_m))
-        return [
-            FittedCapsule(origin_m + R @ each.start_m, origin_m + R @ each.end_m, each.radius_m)
-            for each in fit.capsules
-        ]
+        capsules += [_moved(each, R, origin_m) for each in fit.capsules]
+        return True
+
+    def _in_link(self, link: str, shape: Mesh | Surface) -> Triangles:
+        """Return the simplified triangles of a mesh, link coordinates; none if it is unusable."""
+        loaded = self._load(link, shape)
+        if loaded.triangles is None:
+            return np.zeros((0, 3, 3))
+        merged, _ = merge_vertices(loaded.triangles, loaded.size_m * _BESIDE_FRACTION)
+        return merged @ rotation_rpy(*shape.rpy_rad).T + np.array(shape.xyz_m)
 
     def _note_corners(self, link: str, points_m: Matrix) -> None:
         before = self._result.corners_m.get(link, points_m[:0])
@@ -232,6 +258,14 @@ class _ShapeConverter:
             loaded.picture = f"meshes/{len(self._result.pictures) + 1:02}_{stem[:60]}.stl"
             self._result.pictures[loaded.picture] = stl_bytes(_coarser(loaded.triangles))
         return Mesh(loaded.picture, None, (1.0, 1.0, 1.0), shape.xyz_m, shape.rpy_rad)
+
+
+_BESIDE_FRACTION = 1 / 100  # of its size: detail of a mesh beside the one that is fitted
+
+
+def _moved(capsule: FittedCapsule, R: Matrix, origin_m: Vector) -> FittedCapsule:
+    start_m, end_m = R @ capsule.start_m + origin_m, R @ capsule.end_m + origin_m
+    return FittedCapsule(start_m, end_m, capsule.radius_m)
 
 
 _UNUSUAL = re.compile(r"[^A-Za-z0-9_-]+")

@@ -17,7 +17,7 @@ __all__ = ["RestingPlace", "find_resting_place"]
 _STEP_S, _MIN_S, _MAX_S = 1.0, 4.0, 60.0
 _STILL = 0.001  # rad or m, in a step
 _ROOM_M = 0.006  # an arm sags below its path
-_MAX_SHARE, _SHARES = 0.4, 81  # of the way back to where it was released
+_MAX_SHARE, _SHARES = 0.4, 201  # of the way back to where it was released
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,14 +69,18 @@ def find_resting_place(folder: Path, pose: str = "home") -> RestingPlace:
 def _free_above(
     arm: Arm, resting: Mapping[str, float], start: Mapping[str, float]
 ) -> tuple[dict[str, float], float]:
-    """Return the first posture on the way back up in which the guard finds room, and the room.
+    """Return the posture nearest to where an arm lies, up to which its way down is free; its room.
 
-    A limp arm lies on its parts, and what the guard checks is a little thicker; where no posture
-    near is free, it is the place where it lies.
+    A limp arm lies on its parts, and what the guard checks is a little thicker. The way down is
+    straight from where it was released; where it is blocked early, it is the place where it lies.
     """
-    for share in np.linspace(0.0, _MAX_SHARE, _SHARES).tolist():
+    found: tuple[dict[str, float], float] | None = None
+    room_m = min(_ROOM_M, arm.clearance_m(start))
+    for share in np.linspace(1.0, 0.0, _SHARES).tolist():
         raised = {name: at + share * (start[name] - at) for name, at in resting.items()}
         gap_m = arm.clearance_m(raised)
-        if gap_m >= _ROOM_M:
-            return raised, gap_m
-    return dict(resting), arm.clearance_m(resting)
+        if gap_m < room_m:
+            break
+        if share <= _MAX_SHARE:
+            found = raised, gap_m
+    return found or (dict(resting), arm.clearance_m(resting))

@@ -32,17 +32,17 @@ MESHES = {
 }
 
 
-def union_points(fit):
+def union_points(capsules):
     """Return points on the surface of all capsules that no other one contains."""
     found = []
-    for i, capsule in enumerate(fit.capsules):
+    for i, capsule in enumerate(capsules):
         length_m = float(np.linalg.norm(capsule.end_m - capsule.start_m))
         shape = trimesh.creation.capsule(length_m, capsule.radius_m, count=[24, 24])
         along = (capsule.end_m - capsule.start_m) / length_m if length_m else (0.0, 0.0, 1.0)
         points = shape.vertices - [0.0, 0.0, shape.bounds[:, 2].mean()]
         T = trimesh.geometry.align_vectors((0.0, 0.0, 1.0), along)
         points = points @ T[:3, :3].T + 0.5 * (capsule.start_m + capsule.end_m)
-        for k, other in enumerate(fit.capsules):
+        for k, other in enumerate(capsules):
             if k != i:
                 points = points[other.depth_m(points) < 0.0]
         found.append(points)
@@ -56,7 +56,7 @@ def test_capsules_contain_a_mesh_and_stay_near_it(name):
     fit = fit_capsules(np.array(mesh.triangles))
     inside = np.array([c.depth_m(mesh.sample(4000, seed=1)) for c in fit.capsules]).max(axis=0)
     assert inside.min() >= 0.0
-    away_m = float(trimesh.proximity.closest_point_naive(mesh, union_points(fit))[1].max())
+    away_m = float(trimesh.proximity.closest_point_naive(mesh, union_points(fit.capsules))[1].max())
     assert away_m <= fit.excess_m + 0.0005
     assert len(fit.capsules) <= MAX_CAPSULES
     if name in MESHES:
@@ -86,3 +86,27 @@ def test_a_flat_mesh_is_contained(count):
     fit = fit_capsules(triangles)
     inside = [c.depth_m(triangles.reshape(-1, 3)) for c in fit.capsules]
     assert np.max(inside, axis=0).min() >= -1e-12
+
+
+def test_a_bracket_is_fitted_nearer_beside_the_servo_that_fills_it():
+    sides = [trimesh.creation.box((0.09, 0.004, 0.05)).apply_translation((0.0, y, 0.025))
+             for y in (-0.035, 0.035)]  # fmt: skip
+    holder = trimesh.util.concatenate([trimesh.creation.box((0.09, 0.07, 0.004)), *sides])
+    servo = trimesh.creation.box((0.088, 0.064, 0.046)).apply_translation((0.0, 0.0, 0.026))
+    walls, body = np.array(holder.triangles), np.array(servo.triangles)
+    first = fit_capsules(body, [walls])
+    second = fit_capsules(walls, [body], first.capsules)
+    capsules, both = first.capsules + second.capsules, trimesh.util.concatenate([servo, holder])
+    inside = np.array([c.depth_m(both.sample(8000, seed=1)) for c in capsules]).max(axis=0)
+    assert inside.min() >= 0.0
+    away_m = trimesh.proximity.closest_point_naive(both, union_points(capsules))[1]
+    assert away_m.max() <= max(first.excess_m, second.excess_m) + 0.0005
+    assert second.excess_m < fit_capsules(walls).excess_m - 0.003
+
+
+def test_a_mesh_within_the_capsules_beside_it_needs_none():
+    block, core = (trimesh.creation.box((size, size, size)) for size in (0.05, 0.02))
+    outer = fit_capsules(np.array(block.triangles))
+    inner = fit_capsules(np.array(core.triangles), [np.array(block.triangles)], outer.capsules)
+    assert inner.capsules == ()
+    assert inner.excess_m == 0.0
