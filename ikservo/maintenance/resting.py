@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +17,7 @@ __all__ = ["RestingPlace", "find_resting_place"]
 
 _STEP_S, _MIN_S, _MAX_S = 1.0, 4.0, 60.0
 _STILL = 0.001  # rad or m, in a step
-_ROOM_M = 0.006  # an arm sags below its path
+_ROOM_M = 0.004  # of the arm as it would sag: its way down there is no straight line
 _MAX_SHARE, _SHARES = 0.4, 201  # of the way back to where it was released
 
 
@@ -75,12 +76,21 @@ def _free_above(
     straight from where it was released; where it is blocked early, it is the place where it lies.
     """
     found: tuple[dict[str, float], float] | None = None
-    room_m = min(_ROOM_M, arm.clearance_m(start))
+    room_m = min(_ROOM_M, 0.5 * _sagged_clearance_m(arm, start))
     for share in np.linspace(1.0, 0.0, _SHARES).tolist():
         raised = {name: at + share * (start[name] - at) for name, at in resting.items()}
-        gap_m = arm.clearance_m(raised)
-        if gap_m < room_m:
+        if _sagged_clearance_m(arm, raised) < room_m:
             break
         if share <= _MAX_SHARE:
-            found = raised, gap_m
+            found = raised, arm.clearance_m(raised)
     return found or (dict(resting), arm.clearance_m(resting))
+
+
+def _sagged_clearance_m(arm: Arm, positions: Mapping[str, float]) -> float:
+    """Compute the clearance of an arm, as the guard sees it while the arm moves [m]."""
+    context = arm.context
+    if context.checked_collision is None:
+        return math.inf
+    joints = np.array([positions[name] for name in context.servos.names])
+    body = context.index.body_joints(joints)[None]
+    return float(context.checked_collision.distances_with_sag(body).min())
