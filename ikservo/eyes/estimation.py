@@ -1,0 +1,576 @@
+"""What pictures of a board on the gripper tell of the camera and the arm: one joint estimate.
+
+A sample is the measured joints and the pose of the board in the camera. With the pose C of the
+arm's base in the camera, that of the board on the tip B, and the arm's forward kinematics f behind
+zeros, compliance and play (``kinematics.bending``), the board is predicted at ``C f(q) B``. The
+estimate minimises ``Σ (e_k / σ_k)² + Σ (x_j / s_j)²`` over all of them: e has six rows in the frame
+of the ray to the board. The deviations σ of what is across the ray, along it, of the turn about it
+and of the tilt, which differ tenfold, are estimated from the residuals (variance components);
+the deviations s before any picture keep what the data do not determine where it was.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ikservo.errors import CalibrationError
+from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.bending import Bending
+from ikservo.kinematics.dynamics import Dynamics
+from ikservo.kinematics.joints import JointType
+from ikservo.kinematics.se3 import exp_so3, log_so3, make_pose, skew
+
+__all__ = [
+    "MIN_SAMPLES",
+    "BoardSample",
+    "CameraEstimate",
+    "CameraFit",
+    "Extent",
+    "FittedParameter",
+    "estimate_camera",
+    "fit_camera",
+]
+
+MIN_SAMPLES = 6
+_Mask = NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoardSample:
+    """A board on the gripper, as a camera saw it.
+
+    Attributes:
+        q: The measured joints (dof,), rad or m.
+        T_camera_board: The board's pose (4, 4); its origin is best in the middle of the board.
+        name: Of the picture.
+    """
+
+    q: Vector
+    T_camera_board: Matrix
+    name: str = ""
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+
+class Extent(Enum):
+    """What is estimated besides the poses of camera and board."""
+
+    CAMERA = "camera"
+    ZEROS = "camera and zeros"
+    BENDING = "camera and bending"
+    ARM = "camera, zeros and bending"
+    EVERYTHING = "camera, zeros, bending and play"
+
+    @property
+    def zeros(self) -> bool:
+        """Whether zeros are estimated."""
+        return self in (Extent.ZEROS, Extent.ARM, Extent.EVERYTHING)
+
+    @property
+    def bending(self) -> bool:
+        """Whether compliances are estimated."""
+        return self in (Extent.BENDING, Extent.ARM, Extent.EVERYTHING)
+
+
+@dataclass(frozen=True, slots=True)
+class FittedParameter:
+    """One number of the arm.
+
+    Attributes:
+        name: ``elbow_flex zero``, ``elbow_flex compliance``, ``elbow_flex half play``.
+        unit: rad, rad/N m; m and m/N for a prismatic joint.
+        value: The estimate.
+        deviation: Its standard deviation.
+        prior: That before any picture.
+    """
+
+    name: str
+    unit: str
+    value: float
+    deviation: float
+    prior: float
+
+    @property
+    def is_determined(self) -> bool:
+        """Whether the pictures say more of it than was known before."""
+        return self.deviation < 0.5 * self.prior
+
+
+# Standard deviations before any picture: a zero set by eye, printed links and the play of gears.
+_ZERO_RAD, _ZERO_M = math.radians(3.0), 0.002
+_COMPLIANCE, _HALF_PLAY_RAD, _HALF_PLAY_M = 0.1, math.radians(0.25), 0.0003
+_POSE, _SCALE = 100.0, 0.01  # camera and board may be anywhere, printers are off by little
+_POSES = 13  # numbers before the arm's: two poses and the scale
+
+# The rows of a residual, and of which component each is.
+_ACROSS, _DEPTH, _TILT, _TURN = range(4)
+_COMPONENT = np.array([_ACROSS, _ACROSS, _DEPTH, _TILT, _TILT, _TURN])
+_START_SIGMA = np.array([0.002, 0.01, 0.05, 0.02])  # m, m, rad, rad
+_ASSUMED = 6.0  # these count as much as so many samples
+# A sample so much further off than the median one, in squared deviations, is an outlier.
+_OUTLIER = 12.0
+_MAX_OUTLIER_FRACTION = 1.0 / 3.0
+_IMPLAUSIBLE = 150.0  # squared deviations of the median sample: centimetres
+_ROUNDS, _STEPS, _ENOUGH, _MAX_DAMPING = 4, 30, 1e-7, 1e6
+_STARTS, _START_SAMPLES = 40, 5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _State:
+    """Poses and the arm's numbers; a step adds to them."""
+
+    camera: Matrix
+    board: Matrix
+    scale: float
+    arm: Vector
+
+    def moved(self, step: Vector) -> _State:
+        return _State(
+            _turned(self.camera, step[:6]),
+            _turned(self.board, step[6:12]),
+            self.scale + float(step[12]),
+            self.arm + step[_POSES:],
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraFit:
+    """Camera, board and arm fitted to some samples.
+
+    Attributes:
+        bending: The arm that gives way.
+        extent: What was estimated.
+        T_camera_base: The pose (4, 4) of the arm's base.
+        T_tip_board: The pose (4, 4) of the board on the tip.
+        scale: By which share the board is further away than it looks: it was printed larger than it
+            is said to be, or the camera's focal length is not what is known of it.
+        zeros: What is added to the measured joints (dof,), rad or m.
+        sigma: Standard deviations: across the ray and along it [m], tilt and turn [rad].
+        kept: Which samples (n,) are no outliers.
+        covariance: Of the six numbers of each pose, the scale, zeros, compliances and half plays.
+        free: Which of these were estimated.
+    """
+
+    bending: Bending
+    extent: Extent
+    T_camera_base: Matrix
+    T_tip_board: Matrix
+    scale: float
+    zeros: Vector
+    sigma: Vector
+    kept: _Mask
+    covariance: Matrix = field(repr=False)
+    free: _Mask = field(repr=False)
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+    def board_poses(self, q: Matrix) -> Matrix:
+        """Compute the board in the camera (n, 4, 4) at measured joints (n, dof)."""
+        return self.T_camera_base @ self.tip_poses(q) @ self.T_tip_board
+
+    def tip_poses(self, q: Matrix) -> Matrix:
+        """Compute the tip in the base frame (n, 4, 4) at measured joints (n, dof)."""
+        chain = self.bending.dynamics.chain
+        return chain.forward(self.bending.link_joints(np.atleast_2d(q) + self.zeros))
+
+    def residuals(self, samples: Sequence[BoardSample]) -> Matrix:
+        """Compute how far boards are from where they are predicted (n, 6).
+
+        Returns:
+            Two columns across the ray and one along it [m], two of tilt, one of turn [rad].
+        """
+        predicted = self.board_poses(np.array([sample.q for sample in samples]))
+        seen = [self._rescaled(sample.T_camera_board) for sample in samples]
+        return np.array(
+            [_residual(T, S, _ray_frame(S[:3, 3]))[0] for T, S in zip(predicted, seen, strict=True)]
+        )
+
+    def _rescaled(self, seen: Matrix) -> Matrix:
+        return make_pose((1.0 + self.scale) * seen[:3, 3], seen[:3, :3])
+
+    @property
+    def parameters(self) -> tuple[FittedParameter, ...]:
+        """The arm's numbers that were estimated."""
+        chain, n = self.bending.dynamics.chain, len(self.zeros)
+        values = np.concatenate([self.zeros, self.bending.compliance, self.bending.half_play])
+        deviations, priors = (
+            np.sqrt(np.diag(self.covariance))[_POSES:],
+            _priors(self.bending)[_POSES:],
+        )
+        unit = ["rad" if kind is JointType.REVOLUTE else "m" for kind in chain.kinds]
+        moved = ["rad/N m" if each == "rad" else "m/N" for each in unit]
+        named = [
+            (f"{name} {what}", units[i])
+            for what, units in (("zero", unit), ("compliance", moved), ("half play", unit))
+            for i, name in enumerate(chain.names)
+        ]
+        return tuple(
+            FittedParameter(*named[k], float(values[k]), float(deviations[k]), float(priors[k]))
+            for k in range(3 * n)
+            if self.free[_POSES + k]
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraEstimate:
+    """The fit that predicts samples best that were left out.
+
+    Attributes:
+        fit: The chosen fit, of all samples but outliers.
+        left_out_m: By extent: across the ray, root mean square over samples left out one by one.
+    """
+
+    fit: CameraFit
+    left_out_m: dict[Extent, float]
+
+    @property
+    def before_m(self) -> float:
+        """The error across the ray of samples left out, with the arm as it was."""
+        return self.left_out_m[Extent.CAMERA]
+
+    @property
+    def after_m(self) -> float:
+        """The error across the ray of samples left out, with the arm as it is estimated."""
+        return self.left_out_m[self.fit.extent]
+
+
+_BETTER = 0.97  # more numbers are estimated only where that makes the error so much smaller
+
+
+def estimate_camera(dynamics: Dynamics, samples: Sequence[BoardSample]) -> CameraEstimate:
+    """Estimate camera, board and arm; of the arm as much as helps samples that are left out.
+
+    Args:
+        dynamics: The arm with its masses; what it carries besides, the board too, adds to them.
+        samples: At least six, in postures that differ.
+
+    Raises:
+        CalibrationError: Too few samples, or they contradict each other.
+    """
+    if len(samples) < MIN_SAMPLES:
+        raise CalibrationError(
+            f"The board was seen in {len(samples)} pictures; at least {MIN_SAMPLES} are needed.",
+            "Show it in about 20 postures that differ, each near another part of the picture.",
+        )
+    fullest = fit_camera(dynamics, samples, Extent.ARM)
+    found = {each: fit_camera(dynamics, samples, each, fullest) for each in Extent}
+    error_m = {each: _left_out_m(fit, samples) for each, fit in found.items()}
+    best = Extent.CAMERA
+    for extent in Extent:
+        if error_m[extent] < _BETTER * error_m[best]:
+            best = extent
+    return CameraEstimate(found[best], error_m)
+
+
+def fit_camera(
+    dynamics: Dynamics,
+    samples: Sequence[BoardSample],
+    extent: Extent,
+    outliers_of: CameraFit | None = None,
+) -> CameraFit:
+    """Fit camera, board and as much of the arm as ``extent`` says.
+
+    Args:
+        dynamics: The arm with its masses.
+        samples: The samples (n), three or more.
+        extent: What is estimated.
+        outliers_of: The fit whose outliers are left out; they are looked for if None.
+
+    Raises:
+        CalibrationError: More than a third of the samples contradict the others.
+    """
+    dof = dynamics.chain.dof
+    bending = Bending(dynamics, np.zeros(dof), np.zeros(dof))
+    problem = _Problem(bending, samples, extent)
+    kept = np.ones(len(samples), dtype=bool) if outliers_of is None else outliers_of.kept
+    sigma = _START_SIGMA
+    if outliers_of is None:
+        state, kept = _without_outliers(problem, _first_state(problem))
+    else:
+        arm = np.zeros(3 * dof)
+        state = _State(outliers_of.T_camera_base, outliers_of.T_tip_board, 0.0, arm)
+    weight = kept.astype(float)
+    for _ in range(_ROUNDS):
+        state = problem.minimise(state, sigma, weight)
+        sigma = problem.deviations(state, sigma, weight)
+    return problem.fit(problem.minimise(state, sigma, weight), sigma, kept)
+
+
+def _without_outliers(problem: _Problem, state: _State) -> tuple[_State, _Mask]:
+    """Return a fit to most samples, and which they are.
+
+    Raises:
+        CalibrationError: More than a third of the samples contradict the others.
+    """
+    weight, squares, typical = np.ones(len(problem.samples)), np.zeros(0), 1.0
+    for _ in range(_ROUNDS):
+        state = problem.minimise(state, _START_SIGMA, weight)
+        squares = problem.squares(state)
+        typical = max(float(np.median(squares)), 1.0)
+        weight = 1.0 / (1.0 + squares / (2.0 * typical))
+    kept: _Mask = np.less(squares, _OUTLIER * typical)
+    if typical > _IMPLAUSIBLE or np.count_nonzero(~kept) > _MAX_OUTLIER_FRACTION * len(kept):
+        raise _contradiction_error(problem.samples, kept)
+    return state, kept
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _NormalEquations:
+    """Half the cost's second-order expansion: its value, slope (k,) and curvature (k, k)."""
+
+    cost: float
+    slope: Vector
+    curvature: Matrix
+
+
+class _Problem:
+    """The least-squares problem of some samples."""
+
+    def __init__(self, bending: Bending, samples: Sequence[BoardSample], extent: Extent) -> None:
+        self._bending, self.samples, self._extent = bending, samples, extent
+        dof = bending.dynamics.chain.dof
+        self._q = np.array([sample.q for sample in samples])
+        wanted = (True, extent.zeros, extent.bending, extent is Extent.EVERYTHING)
+        self._free = np.repeat(np.array(wanted), [_POSES, dof, dof, dof])
+        self._prior, self.dof = _priors(bending), dof
+        self._distance = [float(np.linalg.norm(s.T_camera_board[:3, 3])) for s in samples]
+        self._rays = [_ray_frame(sample.T_camera_board[:3, 3]) for sample in samples]
+
+    def minimise(self, state: _State, sigma: Vector, weight: Vector) -> _State:
+        """Return the state with the least sum of squares, by Levenberg's steps."""
+        damping = 1e-6
+        equations = self._equations(state, sigma, weight)
+        for _ in range(_STEPS):
+            free = self._free & ~self._at_bound(state, equations.slope)
+            H = equations.curvature[np.ix_(free, free)]
+            step = np.zeros(len(free))
+            step[free] = np.linalg.solve(H + damping * np.diag(np.diag(H)), -equations.slope[free])
+            tried = self._inside(state.moved(step))
+            reached = self._equations(tried, sigma, weight)
+            if reached.cost > equations.cost:
+                damping *= 10.0
+                if damping > _MAX_DAMPING:
+                    break
+                continue
+            done = equations.cost - reached.cost < _ENOUGH * (1.0 + reached.cost)
+            state, equations, damping = tried, reached, max(damping / 10.0, 1e-9)
+            if done:
+                break
+        return state
+
+    def deviations(self, state: _State, sigma: Vector, weight: Vector) -> Vector:
+        """Estimate the deviations of the four components.
+
+        They are those with which the others predict a sample: residuals themselves are
+        small where a sample is far from the others and the fit has followed it.
+        """
+        error = self.left_out(state, sigma, weight)
+        count, found = float(np.sum(weight)), np.empty(4)
+        for k in range(4):
+            rows = np.equal(_COMPONENT, k)
+            spread = weight @ np.mean(error[:, rows] ** 2, axis=1)
+            assumed = _ASSUMED * _START_SIGMA[k] ** 2
+            found[k] = math.sqrt((spread + assumed) / (count + _ASSUMED))
+        return found
+
+    def fit(self, state: _State, sigma: Vector, kept: _Mask) -> CameraFit:
+        """Return the fit at a state."""
+        dof = self.dof
+        curvature = self._equations(state, sigma, kept.astype(float)).curvature
+        covariance, free = np.zeros_like(curvature), np.ix_(self._free, self._free)
+        covariance[free] = np.linalg.inv(curvature[free])
+        bending = self._bent(state)
+        return CameraFit(
+            bending, self._extent, state.camera, state.board, state.scale, state.arm[:dof], sigma,
+            kept, covariance, self._free,
+        )  # fmt: skip
+
+    def left_out(self, state: _State, sigma: Vector, weight: Vector) -> Matrix:
+        """Compute each sample's residual (n, 6) at the fit to all the others.
+
+        The fit without a sample is one step from that with it: its leverage says which.
+        """
+        e, J = self._linearise(state)
+        scaled = J[:, :, self._free] / sigma[_COMPONENT][:, None]
+        scaled *= np.sqrt(weight)[:, None, None]
+        curvature = self._equations(state, sigma, weight).curvature
+        inverse = np.linalg.inv(curvature[np.ix_(self._free, self._free)])
+        leverage = scaled @ inverse @ scaled.swapaxes(1, 2)
+        alone = np.linalg.solve(np.eye(6) - leverage, (e / sigma[_COMPONENT])[:, :, None])
+        return alone[:, :, 0] * sigma[_COMPONENT]
+
+    @staticmethod
+    def state_of(fit: CameraFit) -> _State:
+        """Return the state of a fit."""
+        arm = np.concatenate([fit.zeros, fit.bending.compliance, fit.bending.half_play])
+        return _State(fit.T_camera_base, fit.T_tip_board, fit.scale, arm)
+
+    def squares(self, state: _State) -> Vector:
+        """Compute each sample's squared residual (n,) in the deviations that are assumed first."""
+        return np.sum((self._linearise(state)[0] / _START_SIGMA[_COMPONENT]) ** 2, axis=1)
+
+    def tips(self) -> Matrix:
+        """Return the tip's poses (n, 4, 4) of the arm as it is described."""
+        return self._bending.dynamics.chain.forward(self._q)
+
+    def _bent(self, state: _State) -> Bending:
+        dof = self.dof
+        return replace(
+            self._bending, compliance=state.arm[dof : 2 * dof], half_play=state.arm[2 * dof :]
+        )
+
+    def _at_bound(self, state: _State, slope: Vector) -> _Mask:
+        """Return which numbers would turn negative: compliances and plays that are zero."""
+        bound = np.zeros(len(slope), dtype=bool)
+        first = _POSES + self.dof
+        bound[first:] = (state.arm[self.dof :] <= 0.0) & (slope[first:] >= 0.0)
+        return bound
+
+    def _inside(self, state: _State) -> _State:
+        dof = self.dof
+        arm = np.concatenate([state.arm[:dof], np.maximum(state.arm[dof:], 0.0)])
+        return replace(state, arm=arm)
+
+    def _equations(self, state: _State, sigma: Vector, weight: Vector) -> _NormalEquations:
+        e, J = self._linearise(state)
+        scale = np.sqrt(weight)[:, None] / sigma[_COMPONENT]
+        rows, A = (e * scale).ravel(), (J * scale[:, :, None]).reshape(-1, len(self._free))
+        known = np.concatenate([np.zeros(12), [state.scale], state.arm]) * self._free
+        information = 1.0 / self._prior**2
+        return _NormalEquations(
+            float(rows @ rows + known @ (information * known)),
+            A.T @ rows + information * known,
+            A.T @ A + np.diag(information),
+        )
+
+    def _linearise(self, state: _State) -> tuple[Matrix, Matrix]:
+        """Compute the residuals (n, 6) and their derivatives (n, 6, 13 + 3 dof)."""
+        n, dof = len(self._q), self.dof
+        chain, bending = self._bending.dynamics.chain, self._bent(state)
+        q = bending.link_joints(self._q + state.arm[:dof])
+        e, J = np.empty((n, 6)), np.zeros((n, 6, _POSES + 3 * dof))
+        T, J_tip = chain.forward_and_jacobian(q)
+        by_joint = np.concatenate(bending.derivatives(q), axis=2)
+        boards = state.camera @ T @ state.board
+        for i, sample in enumerate(self.samples):
+            turn = self._rays[i]
+            e[i], inverse = _residual(boards[i], sample.T_camera_board, turn)
+            point = boards[i, :3, 3]
+            R_tip = state.camera[:3, :3] @ T[i, :3, :3]
+            arm = T[i, :3, :3] @ state.board[:3, 3]
+            motion = np.zeros((6, _POSES + 3 * dof))
+            motion[:3, :3] = motion[3:, 3:6] = np.eye(3)
+            motion[:3, 3:6] = -skew(point - state.camera[:3, 3])
+            motion[:3, 6:9] = motion[3:, 9:12] = R_tip
+            tip = J_tip[i].copy()
+            tip[:3] -= skew(arm) @ tip[3:]
+            motion[:3, _POSES:] = state.camera[:3, :3] @ tip[:3] @ by_joint[i]
+            motion[3:, _POSES:] = state.camera[:3, :3] @ tip[3:] @ by_joint[i]
+            J[i, :3] = turn @ motion[:3]
+            J[i, 3:] = turn @ inverse @ motion[3:]
+            J[i, 2, 12] = -self._distance[i]
+            e[i, 2] -= state.scale * self._distance[i]
+        return e, J
+
+
+def _left_out_m(fit: CameraFit, samples: Sequence[BoardSample]) -> float:
+    """Compute the root mean square across the ray over kept samples, each left out once."""
+    problem = _Problem(fit.bending, samples, fit.extent)
+    errors = problem.left_out(problem.state_of(fit), fit.sigma, fit.kept.astype(float))
+    return math.sqrt(float(np.mean(np.sum(errors[fit.kept, :2] ** 2, axis=1))))
+
+
+def _priors(bending: Bending) -> Vector:
+    revolute = np.array([k is JointType.REVOLUTE for k in bending.dynamics.chain.kinds])
+    return np.concatenate(
+        [
+            np.full(12, _POSE),
+            np.array([_SCALE]),
+            np.where(revolute, _ZERO_RAD, _ZERO_M),
+            np.where(revolute, _COMPLIANCE, _COMPLIANCE / 100.0),
+            np.where(revolute, _HALF_PLAY_RAD, _HALF_PLAY_M),
+        ]
+    )
+
+
+def _turned(T: Matrix, step: Vector) -> Matrix:
+    """Return a pose moved by (3,) and turned by a rotation vector (3,) about its own origin.
+
+    The motion is in the frame the pose is in for a camera, and so for the board on its tip.
+    """
+    return make_pose(T[:3, 3] + step[:3], exp_so3(step[3:]) @ T[:3, :3])
+
+
+def _residual(predicted: Matrix, seen: Matrix, turn: Matrix) -> tuple[Vector, Matrix]:
+    """Return the residual (6,) by R_ray_camera, and how the rotation vector changes (3, 3)."""
+    phi = log_so3(predicted[:3, :3] @ seen[:3, :3].T)
+    W = skew(phi)
+    e = np.concatenate([turn @ (predicted[:3, 3] - seen[:3, 3]), turn @ phi])
+    return e, np.eye(3) - 0.5 * W + W @ W / 12.0
+
+
+def _ray_frame(point: Vector) -> Matrix:
+    """Return R_ray_camera (3, 3), whose z axis points at a point (3,)."""
+    z = point / max(float(np.linalg.norm(point)), 1e-9)
+    x = np.cross([0.0, 1.0, 0.0] if abs(z[1]) < 0.9 else [1.0, 0.0, 0.0], z)
+    x /= np.linalg.norm(x)
+    return np.array([x, np.cross(z, x), z])
+
+
+def _first_state(problem: _Problem) -> _State:
+    """Return the closed form of some samples that fits most of them."""
+    tips, seen = problem.tips(), np.array([s.T_camera_board for s in problem.samples])
+    chance, indices = np.random.default_rng(0), np.arange(len(tips))
+    count = min(_START_SAMPLES, len(indices))
+    chosen = [indices, *(chance.choice(indices, count, replace=False) for _ in range(_STARTS))]
+    zeros = np.zeros(3 * problem.dof)
+    starts = [_State(*_closed_form(tips[some], seen[some]), 0.0, zeros) for some in chosen]
+    return min(starts, key=lambda start: float(np.median(problem.squares(start))))
+
+
+def _closed_form(tips: Matrix, seen: Matrix) -> tuple[Matrix, Matrix]:
+    """Compute the poses C and B (4, 4) with ``seen = C tips B``, rotations first.
+
+    The rotations solve ``seen Bᵀ = C tips`` linearly in both (Shah, "Solving the robot-world/
+    hand-eye calibration problem using the Kronecker product", 2013), then the positions follow.
+    """
+    eye = np.eye(3)
+    rows: list[Matrix] = [
+        np.hstack([_kron(eye, S[:3, :3]), -_kron(T[:3, :3].T, eye)])
+        for T, S in zip(tips, seen, strict=True)
+    ]
+    null = np.linalg.svd(np.vstack(rows), full_matrices=False)[2][-1]
+    both = null.reshape(2, 3, 3).swapaxes(1, 2)
+    both *= np.sign(np.linalg.det(both[1])) or 1.0
+    R_board_tip, R_camera = (_nearest_rotation(each) for each in both)
+    A = np.vstack([np.hstack([R_camera @ T[:3, :3], eye]) for T in tips])
+    b = np.concatenate([S[:3, 3] - R_camera @ T[:3, 3] for T, S in zip(tips, seen, strict=True)])
+    at = np.linalg.lstsq(A, b, rcond=None)[0]
+    return make_pose(at[3:], R_camera), make_pose(at[:3], R_board_tip.T)
+
+
+def _kron(A: Matrix, B: Matrix) -> Matrix:
+    return np.einsum("ij,kl->ikjl", A, B).reshape(9, 9)
+
+
+def _nearest_rotation(A: Matrix) -> Matrix:
+    U, _, V = np.linalg.svd(A)
+    return U @ np.diag([1.0, 1.0, np.linalg.det(U @ V)]) @ V
+
+
+def _contradiction_error(samples: Sequence[BoardSample], kept: _Mask) -> CalibrationError:
+    wrong = [s.name or str(i + 1) for i, s in enumerate(samples) if not kept[i]]
+    named = f"{len(wrong)} of {len(samples)}: {', '.join(wrong)}" if wrong else "most of them"
+    return CalibrationError(
+        f"The pictures contradict each other, {named}.",
+        "Does the board sit firmly on the gripper, and does the camera stand still? "
+        "Nothing was saved.",
+    )

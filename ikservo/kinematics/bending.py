@@ -1,0 +1,80 @@
+"""How an arm gives way behind the sensors of its joints: compliance and play, under gravity.
+
+A sensor on a servo's shaft does not see the horn, the screws and the printed link behind it. They
+turn by ``compliance * torque``, and across their play, to the side to which gravity pulls. The
+torque is that of the posture of the links, so the links' joints solve
+``q_link = q - compliance g(q_link) - half_play side(g(q_link))``; the way back is explicit.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.dynamics import Dynamics
+
+__all__ = ["Bending"]
+
+# A torque that presses a joint to one side of its play; below it the side is not certain.
+_SIDE_NM = 0.05
+# Each step makes the error smaller by compliance times stiffness of gravity, a tenth or less.
+_STEPS, _ENOUGH_RAD = 8, 1e-9
+_DERIVATIVE_RAD = 1e-4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Bending:
+    """Compliance and play behind the sensors of a chain's joints.
+
+    Attributes:
+        dynamics: Of the chain that does not bend, with the masses of its links.
+        compliance: Of each joint (dof,), rad for each N m (m for each N).
+        half_play: Half the play of each joint (dof,), rad (m).
+    """
+
+    dynamics: Dynamics
+    compliance: Vector
+    half_play: Vector
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+    def deflection(self, q_link: ArrayLike) -> Vector:
+        """Compute by how much gravity turns the links, from their own joints (dof,) or (n, dof)."""
+        torque = self.dynamics.gravity_torques(q_link)
+        return -self.compliance * torque - self.half_play * self.side(torque)
+
+    def link_joints(self, q: ArrayLike) -> Vector:
+        """Compute the links' joints from the sensors' (dof,) or (n, dof), rad or m."""
+        sensed = np.asarray(q, dtype=np.float64)
+        found = sensed
+        for _ in range(_STEPS):
+            before, found = found, sensed + self.deflection(found)
+            if float(np.abs(found - before).max(initial=0.0)) < _ENOUGH_RAD:
+                break
+        return found
+
+    @staticmethod
+    def side(torque: Vector) -> Vector:
+        """Return to which side of its play a torque presses a joint, -1 to 1."""
+        return np.tanh(torque / _SIDE_NM)
+
+    def derivatives(self, q_link: Matrix) -> tuple[Matrix, Matrix, Matrix]:
+        """Compute how links' joints (n, dof) follow the sensors, compliances and half plays.
+
+        Returns:
+            The derivatives (n, dof, dof) by each, column by column.
+        """
+        n, dof = q_link.shape
+        steps = _DERIVATIVE_RAD * np.eye(dof)
+        near = np.concatenate([q_link[:, None] + steps, q_link[:, None] - steps], axis=1)
+        torques = self.dynamics.gravity_torques(near.reshape(-1, dof)).reshape(n, 2 * dof, dof)
+        slope = (torques[:, :dof] - torques[:, dof:]).swapaxes(1, 2) / (2.0 * _DERIVATIVE_RAD)
+        torque = self.dynamics.gravity_torques(q_link)
+        side = self.side(torque)
+        yields = self.compliance + self.half_play * (1.0 - side**2) / _SIDE_NM
+        follow = np.linalg.inv(np.eye(dof) + yields[:, :, None] * slope).astype(np.float64)
+        return follow, -follow * torque[:, None, :], -follow * side[:, None, :]
