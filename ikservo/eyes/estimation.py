@@ -117,7 +117,7 @@ _ASSUMED = 6.0  # these count as much as so many samples
 # A sample so much further off than the median one, in squared deviations, is an outlier.
 _OUTLIER = 12.0
 _MAX_OUTLIER_FRACTION = 1.0 / 3.0
-_IMPLAUSIBLE = 150.0  # squared deviations of the median sample: centimetres
+_IMPLAUSIBLE = 250.0  # squared deviations of the median sample: centimetres
 _ROUNDS, _STEPS, _ENOUGH, _MAX_DAMPING = 4, 30, 1e-7, 1e6
 _STARTS, _START_SAMPLES = 40, 5
 
@@ -310,12 +310,13 @@ def _without_outliers(problem: _Problem, state: _State) -> tuple[_State, _Mask]:
     Raises:
         CalibrationError: More than a third of the samples contradict the others.
     """
-    weight, squares, typical = np.ones(len(problem.samples)), np.zeros(0), 1.0
-    for _ in range(_ROUNDS):
+    squares = problem.squares(state)
+    typical = max(float(np.median(squares)), 1.0)
+    for power in (2.0,) * _ROUNDS + (1.0,) * _ROUNDS:  # first without the outliers, then with most
+        weight = (1.0 + squares / (2.0 * typical)) ** -power
         state = problem.minimise(state, _START_SIGMA, weight)
         squares = problem.squares(state)
         typical = max(float(np.median(squares)), 1.0)
-        weight = 1.0 / (1.0 + squares / (2.0 * typical))
     kept: _Mask = np.less(squares, _OUTLIER * typical)
     if typical > _IMPLAUSIBLE or np.count_nonzero(~kept) > _MAX_OUTLIER_FRACTION * len(kept):
         raise _contradiction_error(problem.samples, kept)
@@ -485,15 +486,17 @@ def _left_out_m(fit: CameraFit, samples: Sequence[BoardSample]) -> float:
     """Compute the root mean square across the ray over kept samples, each left out once."""
     problem = _Problem(fit.bending, samples, fit.extent)
     errors = problem.left_out(problem.state_of(fit), fit.sigma, fit.kept.astype(float))
-    return math.sqrt(float(np.mean(np.sum(errors[fit.kept, :2] ** 2, axis=1))))
+    across = errors[fit.kept, :2]
+    return math.sqrt(float(np.sum(across**2)) / len(across))
 
 
 def _priors(bending: Bending) -> Vector:
-    revolute = np.array([k is JointType.REVOLUTE for k in bending.dynamics.chain.kinds])
+    kinds = bending.dynamics.chain.kinds
+    revolute = np.array([kind is JointType.REVOLUTE for kind in kinds])
     return np.concatenate(
         [
             np.full(12, _POSE),
-            np.array([_SCALE]),
+            np.full(1, _SCALE),
             np.where(revolute, _ZERO_RAD, _ZERO_M),
             np.where(revolute, _COMPLIANCE, _COMPLIANCE / 100.0),
             np.where(revolute, _HALF_PLAY_RAD, _HALF_PLAY_M),
