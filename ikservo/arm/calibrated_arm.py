@@ -26,10 +26,12 @@ from ikservo.errors import CalibrationError
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.remembered_port import is_simulated, serial_number_of
 from ikservo.hardware.serial_ports import is_pseudo_terminal
-from ikservo.kinematics import Chain
+from ikservo.kinematics import Chain, Dynamics
 from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.bending import Bending
 from ikservo.kinematics.geometric_errors import GeometricErrors, apply_geometric_errors
 from ikservo.model import Model, ModelJoint, load_model
+from ikservo.model.sag import link_masses
 from ikservo.registers import MODELS, RegisterName, control_table_for_number
 
 __all__ = [
@@ -37,6 +39,7 @@ __all__ = [
     "CalibratedArm",
     "CalibratedModel",
     "ZeroSource",
+    "bent_chain",
     "calibrated_limits",
     "calibrated_model",
     "check_calibration_matches",
@@ -45,6 +48,7 @@ __all__ = [
     "geometric_errors_of",
     "limit_to_one_turn",
     "load_calibration_for",
+    "own_chain",
     "registers_allow",
 ]
 
@@ -202,9 +206,9 @@ class CalibratedArm:
         return limits.intersect(_limits_from_registers(joint_map, registers))
 
     def chain(self) -> Chain:
-        """Return the arm's chain with the links and the base that a touch-off found."""
-        chain, filed = self._model.chain, self.calibration and self.calibration.geometry
-        return apply_geometric_errors(chain, geometric_errors_of(filed)) if filed else chain
+        """Return the arm's chain with its own links, base and bending, as far as calibrated."""
+        chain = self._model.chain
+        return chain if self.calibration is None else own_chain(self._model, self.calibration)
 
     def _calibrated_joint(self, joint: ModelJoint) -> CalibratedJoint | None:
         return self.calibration.joint(joint.name) if self.calibration else None
@@ -224,6 +228,25 @@ class CalibratedArm:
         low, high = own.travel_ticks
         turns = unwrap_near((low + high) // 2, present, turn) - present
         return joint_map.with_mounting(joint_map.sign, joint_map.zero_tick - turns)
+
+
+def own_chain(model: Model, calibration: Calibration) -> Chain:
+    """Return the chain of an arm with the links, the base and the bending of its calibration."""
+    filed, chain = calibration.geometry, model.chain
+    if filed is not None:
+        chain = apply_geometric_errors(chain, geometric_errors_of(filed))
+    return bent_chain(model, chain, calibration)
+
+
+def bent_chain(model: Model, chain: Chain, calibration: Calibration) -> Chain:
+    """Return a chain of an arm that gives way as its calibration says; the same if it is rigid."""
+    found = [calibration.joint(name) for name in chain.names]
+    compliance = np.array([joint.compliance if joint else 0.0 for joint in found])
+    half_play = np.radians([joint.play_deg / 2.0 if joint else 0.0 for joint in found])
+    if not (compliance.any() or half_play.any()):
+        return chain
+    dynamics = Dynamics.from_masses(chain, link_masses(model, chain))
+    return replace(chain, link_joints=Bending(dynamics, compliance, half_play).link_joints)
 
 
 def load_calibration_for(
@@ -358,10 +381,7 @@ def calibrated_model(model: Model) -> CalibratedModel:
 
 
 def _with_calibration(model: Model, calibration: Calibration) -> Model:
-    filed = calibration.geometry
-    chain = (
-        apply_geometric_errors(model.chain, geometric_errors_of(filed)) if filed else model.chain
-    )
+    chain = own_chain(model, calibration)
     joints = [_narrow_joint(joint, calibration) for joint in model.joints]
     return replace(model, chain=_chain_within_ranges(chain, joints), joints=tuple(joints))
 

@@ -154,6 +154,9 @@ def dump_calibration(calibration: Calibration) -> str:
     import tomli_w  # noqa: PLC0415  # noqa: PLC0415  # needed for writing only
 
     tables = _plain_tables(calibration.model_dump(mode="python", exclude_none=True))
+    for joint in tables["joints"]:  # a rigid joint is written as before there were others
+        for name in [name for name in ("compliance", "play_deg") if joint[name] == 0.0]:
+            del joint[name]
     return with_checksum(_HEADER + tomli_w.dumps(tables))
 
 

@@ -84,6 +84,10 @@ class CalibratedJoint(StrictModel):
     user_upper_deg: float | None = Field(default=None, description="degrees")
     user_lower_m: float | None = Field(default=None, description="metres")
     user_upper_m: float | None = Field(default=None, description="metres")
+    compliance: float = Field(
+        default=0.0, ge=0.0, le=1.0, description="rad for each N m behind the encoder, 0 to 1"
+    )
+    play_deg: float = Field(default=0.0, ge=0.0, le=5.0, description="degrees behind the encoder")
     servo: CalibratedServo = Field(description="a table [joints.servo]")
     shadows: tuple[CalibratedServo, ...] = Field(
         default=(), strict=False, description="tables [[joints.shadows]]"

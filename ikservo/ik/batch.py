@@ -76,6 +76,8 @@ def solve_batch(
 ) -> BatchResult:
     """Solve m targets with ``bounded``, each from its own start; the order does not matter.
 
+    An arm that gives way under its weight is solved as if it were rigid.
+
     Args:
         chain: The arm, or its model, its name, or the path of its file.
         targets: Points (m, 3) in metres, or poses T_world_tool (m, 4, 4).
@@ -100,7 +102,7 @@ def solve_batch(
     starts = _start_rows(chain, q0s, len(questions))
     offset = None if offset_m is None else check_position(offset_m, "offset_m")
     axis = normalise(tool_axis, "tool_axis") if kind_code is TargetKind.DIRECTION else None
-    ready = pack_problem(chain, frame, offset, axis, options.restarts)
+    ready = pack_problem(chain.rigid, frame, offset, axis, options.restarts)
     settings = pack_settings(kind_code, chain.dof, options)
     answers = SolverBuffers(chain.dof, options.restarts, len(questions)).answer
     search = load_kernel()

@@ -138,6 +138,7 @@ _SAME_POSE = 1e-9
 
 def recognise_structure(chain: Chain, frame: str | None = None) -> ArmStructure | None:
     """Return the structure of the arm that moves a frame (the tip if None), or None."""
+    chain = chain.rigid
     cached = _structure_cache.setdefault(chain, {})
     if frame not in cached:
         cached[frame] = _recognise_chain(chain, frame)

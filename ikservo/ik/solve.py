@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from functools import lru_cache
 from typing import cast
 
@@ -15,6 +16,7 @@ from ikservo.ik.bounded import bounded
 from ikservo.ik.ccd import ccd
 from ikservo.ik.closed_form import closed_form
 from ikservo.ik.closed_form_structure import recognise_structure
+from ikservo.ik.droop import MAX_DROOP_STEPS, Droop
 from ikservo.ik.jacobian_methods import pseudo_inverse, transpose
 from ikservo.ik.kernel.layout import MAX_ANGLE_RAD
 from ikservo.ik.other_solutions import nearest_solution, solution_set
@@ -145,8 +147,25 @@ def solve(
     expected = "radians and metres, at most 1e6"
     start = chain.mid_range() if q0 is None else q0
     start = bounded_vector(start, chain.dof, MAX_ANGLE_RAD, "q0", expected)
-    result = get_method(method)(chain, target, start, options)
-    return result.attach_question(SolvedProblem(chain, target, solution_set))
+    run, rigid = get_method(method), chain.rigid
+    result = run(rigid, target, start, options)
+    if chain.link_joints is not None:
+        target, result = _aim_higher(chain, target, options, run, result)
+    return result.attach_question(SolvedProblem(rigid, target, solution_set))
+
+
+def _aim_higher(
+    chain: Chain, target: Target, options: Options, run: Method, result: Result
+) -> tuple[Target, Result]:
+    """Return the target that a rigid arm would have to be given, and the solution for it."""
+    droop, aimed, asked = Droop(chain, target.frame, target.offset_m), target, options
+    for _ in range(MAX_DROOP_STEPS):
+        if not droop.follow(result.q):
+            break
+        aimed = droop.raised(target)
+        result = run(chain.rigid, aimed, result.q, asked)
+        asked = replace(options, nearest=False, restarts=1) if result.reached else options
+    return aimed, replace(result, nearest_m=droop.lowered(result.nearest_m))
 
 
 _TOLERANCE = Tolerance()

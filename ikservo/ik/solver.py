@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from ikservo.errors import BadValueError
 from ikservo.ik.arm_chain import ArmLike, chain_and_start
 from ikservo.ik.bounded import unpack_result
+from ikservo.ik.droop import MAX_DROOP_STEPS, Droop
 from ikservo.ik.kernel.compiled import bind
 from ikservo.ik.kernel.layout import (
     IDLE_OUTSIDE,
@@ -131,7 +132,8 @@ class Solver:
         self._axis = normalise(tool_axis, "tool_axis")
         offset = None if offset_m is None else check_position(offset_m, "offset_m")
         axis = self._axis if self._kind is TargetKind.DIRECTION else None
-        ready = pack_problem(chain, frame, offset, axis, options.restarts)
+        ready = pack_problem(chain.rigid, frame, offset, axis, options.restarts)
+        self._droop = None if chain.link_joints is None else Droop(chain, frame, offset_m)
         self._idle, self._worker = (
             ready.idle[self._kind],
             SolverBuffers(chain.dof, options.restarts),
@@ -172,7 +174,7 @@ class Solver:
             BadValueError: A shape is wrong, or a number that counts is not finite, too large or
                 no part of a rotation.
         """
-        return self._run_kernel(self._solve, T_world_tool, q0, out)
+        return self._solve_drooping(self._solve, T_world_tool, q0, out)
 
     def track(
         self, T_world_tool: ArrayLike, q0: ArrayLike, out: Vector | None = None
@@ -181,11 +183,12 @@ class Solver:
 
         Args and errors are those of a call; where a limit blocks, ``result`` names it.
         """
-        q, reached = self._run_kernel(self._track, T_world_tool, q0, out)
+        solve = self._solve_drooping
+        q, reached = solve(self._track, T_world_tool, q0, out)
         if reached and self._side.is_beyond_reach(q0):
-            q, reached = self._run_kernel(self._track, T_world_tool, self._side.start_joints(), out)
+            q, reached = solve(self._track, T_world_tool, self._side.start_joints(), out)
             if not reached:
-                q, reached = self._run_kernel(self._track, T_world_tool, q0, out)
+                q, reached = solve(self._track, T_world_tool, q0, out)
         self._side.update(q0, q, reached=reached)
         return q, reached
 
@@ -198,7 +201,24 @@ class Solver:
         """
         if not self._worker.answer[0, 2 * self.chain.dof + ITERATIONS] >= 0.0:
             raise BadValueError("The last question", "none", "a call before its result")
-        return unpack_result(self.chain, self._worker.answer[0], "bounded")
+        found = unpack_result(self.chain, self._worker.answer[0], "bounded")
+        droop = self._droop
+        return found if droop is None else replace(found, nearest_m=droop.lowered(found.nearest_m))
+
+    def _solve_drooping(
+        self, solve: PoseKernel, T: ArrayLike, q0: ArrayLike, out: Vector | None
+    ) -> tuple[Vector, bool]:
+        """Run the kernel; of an arm that gives way, with targets as much higher as it droops."""
+        if self._droop is None:
+            return self._run_kernel(solve, T, q0, out)
+        pose, q = finite_array(T, (4, 4), "T_world_tool"), finite_vector(q0, self.chain.dof, "q0")
+        self._droop.follow(q)
+        reached = False
+        for _ in range(MAX_DROOP_STEPS):
+            q, reached = self._run_kernel(solve, self._droop.raised_pose(pose), q, out)
+            if not self._droop.follow(q):
+                break
+        return q, reached
 
     def _run_kernel(
         self, solve: PoseKernel, T: ArrayLike, q0: ArrayLike, out: Vector | None

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import cast
 
 import numpy as np
@@ -41,6 +42,9 @@ class Chain:
     limits, so that every link of the arm can be used as a frame. A joint that others follow
     (mimic) has the limits that keep these inside theirs, too.
 
+    An arm that gives way behind its joints' sensors has ``link_joints``: poses are then those of
+    its links, for joints as the sensors see them. ``jacobian`` is that of the links' joints.
+
     Attributes:
         base: The root link; its coordinates are world coordinates.
         tip: The default frame of ``forward`` and ``jacobian``.
@@ -48,6 +52,8 @@ class Chain:
         lower_rad: Lower limits (dof,), rad (m for a prismatic joint); -inf for a continuous one.
         upper_rad: Upper limits (dof,).
         kinds: The type of each joint.
+        link_joints: Returns where the links are (dof,) or (n, dof) from where the sensors are (see
+            ``bending``); None for an arm that does not give way.
     """
 
     base: str
@@ -57,6 +63,7 @@ class Chain:
     upper_rad: Vector
     kinds: tuple[JointType, ...]
     _paths: Mapping[str, tuple[ChainJoint, ...]] = field(repr=False)
+    link_joints: Callable[[Vector], Vector] | None = field(default=None, repr=False)
 
     @classmethod
     def from_joints(cls, joints: Sequence[Joint], base: str, tip: str) -> Chain:
@@ -97,6 +104,11 @@ class Chain:
     def frames(self) -> tuple[str, ...]:
         """The names of all links; each can be a ``frame``."""
         return tuple(self._paths)
+
+    @cached_property
+    def rigid(self) -> Chain:
+        """The same chain without ``link_joints``."""
+        return self if self.link_joints is None else replace(self, link_joints=None)
 
     def joints_to(self, frame: str | None = None) -> tuple[ChainJoint, ...]:
         """Return the joints from the base to a link (the tip if None), fixed ones included.
@@ -142,6 +154,7 @@ class Chain:
             lower_rad=read_only(np.append(self.lower_rad, lower_m)),
             upper_rad=read_only(np.append(self.upper_rad, upper_m)),
             kinds=(*self.kinds, JointType.PRISMATIC),
+            link_joints=self.link_joints and _before_slide(self.link_joints),
             _paths={**self._paths, name: path},
         )
 
@@ -200,7 +213,7 @@ class Chain:
             BadValueError: ``q`` or ``offset_m`` has a wrong shape or is not finite.
             UnknownNameError: No link is named ``frame``.
         """
-        q = finite_vectors(q, self.dof, "q")
+        q = self._links(q)
         T = _identity_poses(q)
         for step in self.joints_to(frame):
             T = T @ step.joint.origin @ step.motion(q)
@@ -233,7 +246,7 @@ class Chain:
         self, q: ArrayLike, frame: str | None = None, offset_m: ArrayLike | None = None
     ) -> tuple[Matrix, Matrix]:
         """Return ``forward`` and ``jacobian`` of one point in one pass."""
-        q = finite_vectors(q, self.dof, "q")
+        q = self._links(q)
         T = _identity_poses(q)
         passed: list[tuple[ChainJoint, Matrix]] = []
         for step in self.joints_to(frame):
@@ -250,13 +263,18 @@ class Chain:
 
     def link_poses(self, q: ArrayLike) -> dict[str, Matrix]:
         """Return T_world_link (4, 4) or (n, 4, 4) of every link at ``q`` (dof,) or (n, dof)."""
-        q = finite_vectors(q, self.dof, "q")
+        q = self._links(q)
         poses = {self.base: _identity_poses(q)}
         for link, path in self._paths.items():
             if path:  # the parents come first, the base itself has no joints
                 step = path[-1]
                 poses[link] = poses[step.joint.parent] @ step.joint.origin @ step.motion(q)
         return poses
+
+    def _links(self, q: ArrayLike) -> Vector:
+        """Return the links' joints (dof,) or (n, dof) of joints as their sensors see them."""
+        joints = finite_vectors(q, self.dof, "q")
+        return joints if self.link_joints is None else self.link_joints(joints)
 
     def _check_limits(self, limits: ArrayLike, present: Vector, what: str) -> Vector:
         """Return limits (dof,); those of a continuous joint may stay infinite."""
@@ -266,6 +284,11 @@ class Chain:
             finite_vector(np.where(open_ended, 0.0, array), self.dof, what)
             return array
         return finite_vector(array, self.dof, what)
+
+
+def _before_slide(link_joints: Callable[[Vector], Vector]) -> Callable[[Vector], Vector]:
+    """Return the same for joints with a slide after them, which does not give way."""
+    return lambda q: np.concatenate([link_joints(q[..., :-1]), q[..., -1:]], axis=-1)
 
 
 def _with_origin(step: ChainJoint, origins: Mapping[str, Matrix]) -> ChainJoint:

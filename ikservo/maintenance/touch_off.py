@@ -12,6 +12,7 @@ import numpy as np
 from ikservo.arm.calibrated_arm import (
     CalibratedArm,
     ZeroSource,
+    bent_chain,
     check_calibration_matches,
 )
 from ikservo.calibration import JointMap
@@ -56,7 +57,7 @@ class TouchOffSession:
         self.loose, self.calibration = loose, load_own_calibration(loose)
         check_calibration_matches(self.calibration, loose.model, loose.serial_number)
         raise_on_mismatch(register_mismatches(self.calibration, loose.facts))
-        self.chain: Chain = loose.model.chain
+        self.chain: Chain = bent_chain(loose.model, loose.model.chain, self.calibration)
         own = CalibratedArm(loose.bus, loose.model, ZeroSource.CALIBRATED, self.calibration)
         self.present = own.chain()
         joints = [loose.model.joint(name) for name in self.chain.names]

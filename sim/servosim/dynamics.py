@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Protocol
 
@@ -21,6 +21,7 @@ NEAR_M = 1e-5  # a tick of a servo moves the tip of an arm ten times as far
 ITERATIONS = 200
 DAMPING_M = 0.01  # of the least-squares steps: keeps them short near singular postures
 LONGEST_STEP = 0.2  # rad, or m: the slopes hold no further
+BALANCE_STEPS = 6  # each leaves a tenth of the error
 # As far as an expansion of the dynamics is used: gravity is wrong by the square of it.
 NEAR_RAD, NEAR_SLIDE_M = 0.03, 0.003
 
@@ -33,8 +34,9 @@ class Tip:
         driven: Which position moves each of them.
         tree: Their frames.
         parent: Index of the moving joint behind which the link is fixed, -1 at the base.
-        offset_m: The link's origin in that joint's frame (3,).
+        T_joint_link: The link's frame in that joint's (4, 4).
         limits: Lower and upper limit of each position [rad or m].
+        link_positions: Where links are that give way to gravity, for positions at the sensors.
     """
 
     def __init__(
@@ -43,11 +45,13 @@ class Tip:
         driven: Sequence[MimicDrive],
         tree: MassTree,
         parent: int,
-        offset_m: Matrix,
+        T_joint_link: Matrix,
         limits: Sequence[tuple[float, float]],
+        link_positions: Callable[[Sequence[float]], Sequence[float]],
     ) -> None:
+        self._link_positions = link_positions
         self._joints, self._driven, self._tree = joints, driven, tree
-        self._parent, self._offset_m = parent, offset_m
+        self._parent, self._frame, self._offset_m = parent, T_joint_link, T_joint_link[:3, 3]
         self._lower, self._upper = np.array(limits).T
         self._chain: list[int] = []
         while parent >= 0:
@@ -57,7 +61,14 @@ class Tip:
 
     def position_m(self, positions: Sequence[float]) -> Matrix:
         """Return where the tip is (3,), base frame."""
-        return self._origin_m(self._tree.frames(positions))
+        return self._origin_m(self._tree.frames(self._link_positions(positions)))
+
+    def pose(self, positions: Sequence[float]) -> Matrix:
+        """Return the link's frame (4, 4) in the base frame."""
+        frames = self._tree.frames(self._link_positions(positions))
+        T = np.eye(4)
+        T[:3] = (np.eye(4) if self._parent < 0 else frames[self._parent])[:3]
+        return T @ self._frame
 
     def posture_at(self, point_m: Sequence[float], start: Sequence[float]) -> list[float]:
         """Return positions inside the limits with the tip at a point, near to those at the start.
@@ -88,7 +99,7 @@ class Tip:
         Wampler 1986; a joint at a limit is left out of the steps that would push it further.
         """
         for _ in range(ITERATIONS):
-            frames = self._tree.frames(q.tolist())
+            frames = self._tree.frames(self._link_positions(q.tolist()))
             gap_m = goal_m - self._origin_m(frames)
             if float(np.linalg.norm(gap_m)) < NEAR_M:
                 break
@@ -221,17 +232,33 @@ class RigidArm:
         self._drivers = [self._make_mimic_drive(joint) for joint in joints]
         self._tree = MassTree(joints, self._drivers, len(self.names))
         self._reach = [NEAR_SLIDE_M if by_name[n].sliding else NEAR_RAD for n in self.names]
+        yields = Specimen().compliances if specimen is None else specimen.compliances
+        self._compliance = np.array([yields.get(name, 0.0) for name in self.names])
         self._centre: tuple[float, ...] = ()
         self._local: LocalDynamics | None = None
 
     def load_nm(self, positions: Sequence[float], velocities: Sequence[float]) -> list[float]:
         """Torque (force) of gravity and of the velocities on each joint."""
-        near = self._near(positions)
-        return near.load_at(np.array(positions), np.array(velocities)).tolist()
+        links = self.link_positions(positions)
+        return self._near(links).load_at(np.array(links), np.array(velocities)).tolist()
+
+    def link_positions(self, positions: Sequence[float]) -> Sequence[float]:
+        """Compute where links are that give way to gravity, for positions at the sensors.
+
+        The load is that of the links: ``link = position + compliance load(link)``.
+        """
+        if not self._compliance.any():
+            return positions
+        sensed = links = np.array(positions)
+        for _ in range(BALANCE_STEPS):
+            load = self._near(links.tolist()).load_at(links, np.zeros(len(links)))
+            links = sensed + self._compliance * load
+        return links.tolist()
 
     def mass_matrix(self, positions: Sequence[float]) -> list[list[float]]:
         """The mass matrix, without the motors."""
-        return self._near(positions).mass_at(np.array(positions)).tolist()
+        links = self.link_positions(positions)
+        return self._near(links).mass_at(np.array(links)).tolist()
 
     def _near(self, positions: Sequence[float]) -> LocalDynamics:
         """Return the dynamics about a posture near to this one."""
@@ -262,7 +289,15 @@ class RigidArm:
             ArmFileError: There is no such link.
         """
         parent, T = read_link_frame(self._path, link)
-        return Tip(self._joints, self._drivers, self._tree, parent, T[:3, 3], self.limits)
+        return Tip(
+            self._joints,
+            self._drivers,
+            self._tree,
+            parent,
+            T,
+            self.limits,
+            self.link_positions,
+        )
 
     def _make_mimic_drive(self, joint: MovingJoint) -> MimicDrive:
         if joint.name in self.names:

@@ -18,7 +18,7 @@ from servosim.urdf import Mass, Matrix, MovingJoint
 
 __all__ = ["Specimen", "read_specimen"]
 
-MAX_SCALE, MAX_PAYLOAD_KG = 10.0, 20.0
+MAX_SCALE, MAX_PAYLOAD_KG, MAX_COMPLIANCE = 10.0, 20.0, 1.0
 
 # Keys of a joint's table that are figures of its motors, and the parameter of each.
 _MOTOR_KEYS = MappingProxyType(
@@ -45,6 +45,8 @@ class Specimen:
         mass_scales: Further factor of what hangs on a joint, up to the next ones, by joint.
         payload_kg: A point mass at the tip.
         motors: Figures of the servos of a joint, by joint, with the keys of ``read_specimen``.
+        compliances: How far what hangs on a joint gives way behind the sensor, by joint: rad for
+            each N m, m for each N.
     """
 
     mass_scale: float = 1.0
@@ -54,7 +56,13 @@ class Specimen:
         default_factory=dict[str, Mapping[str, float]]
     )
 
+    compliances: Mapping[str, float] = field(default_factory=dict[str, float])
+
     def __post_init__(self) -> None:
+        for name, compliance in self.compliances.items():
+            if not 0.0 <= compliance <= MAX_COMPLIANCE:
+                most = f"0 to {MAX_COMPLIANCE:g} rad for each N m"
+                raise SimulatorError(f"{name} gives way by {most}, not {compliance:g}")
         for scale in (self.mass_scale, *self.mass_scales.values()):
             if not 0.0 < scale <= MAX_SCALE:
                 raise SimulatorError(f"a mass is scaled by 0 to {MAX_SCALE:g}, not {scale:g}")
@@ -130,7 +138,8 @@ def read_specimen(path: Path) -> Specimen:
     hangs on the joint and the figures of each of its servos: ``full_duty_nm`` (torque of the
     blocked motor for the whole duty at the nominal supply), ``back_emf_nm_s``, ``coulomb_nm``,
     ``viscous_nm_s``, ``slow_nm``, ``slow_rad_s``, ``load``, ``slow_load``,
-    ``backlash_rad``, ``output_friction_nm``, ``output_viscous_nm_s``. Other keys are ignored.
+    ``backlash_rad``, ``output_friction_nm``, ``output_viscous_nm_s``; and ``compliance``, rad for
+    each N m behind the sensor. Other keys are ignored.
 
     Raises:
         ArmFileError: The file is missing, no TOML, or a figure cannot be used.
@@ -143,7 +152,8 @@ def read_specimen(path: Path) -> Specimen:
         tables = [(str(table["name"]), table) for table in document["joints"]]
         scales = {name: float(t["mass_scale"]) for name, t in tables if "mass_scale" in t}
         motors = {name: _motor_figures(table) for name, table in tables}
-        return Specimen(mass_scales=scales, motors=motors)
+        yields = {name: float(t["compliance"]) for name, t in tables if "compliance" in t}
+        return Specimen(mass_scales=scales, motors=motors, compliances=yields)
     except KeyError as error:
         raise ArmFileError(path, "", f"key {error} is missing") from error
     except (TypeError, ValueError, AttributeError) as error:

@@ -88,14 +88,16 @@ def make_mounted_arm(name, seed, *, gravity=False, **how):
         seed: Of everything random.
         gravity: Whether the links have weight.
         how: ``pose``; ``zero`` and ``sign`` instead of random ones, the sign of all or by joint;
-            ``spoiled=False`` for servos with the registers of their arm file.
+            ``spoiled=False`` for servos with the registers of their arm file; ``specimen`` of
+            servosim.
     """
     chance = random.Random(f"{name} {seed}")
     model = load_model(name)
     arm = read_arm_file(model.path)
     entries = [_mount(entry, chance, how) for entry in arm.joints]
     arm = replace(arm, joints=tuple(entries))
-    world = make_arm_world(arm, how.get("pose", "home"), seed, backlash_deg=0.5)
+    pose, specimen = how.get("pose", "home"), how.get("specimen")
+    world = make_arm_world(arm, pose, seed, backlash_deg=0.5, specimen=specimen)
     if not gravity:
         world = World(world.joints)
     stops = {

@@ -1,0 +1,69 @@
+"""Targets for an arm that gives way under its weight: as much higher as its tip droops there.
+
+Kernels know rigid arms. The pose to which a rigid arm has to go is that of the target, less the
+difference between the links as they are and as a rigid arm would have them; with the solution that
+difference changes by a tenth, and a few solutions later by nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.ik.problem import Target
+from ikservo.kinematics import Chain
+from ikservo.kinematics.arrays import Matrix, Vector
+
+__all__ = ["MAX_DROOP_STEPS", "Droop"]
+
+MAX_DROOP_STEPS = 12
+_SAME_M, _SAME_RAD = 1e-8, 1e-7
+
+
+class Droop:
+    """By how much a point of an arm droops, where it was followed to last.
+
+    Args:
+        chain: An arm with ``link_joints``.
+        frame: The link; the tip if None.
+        offset_m: The point (3,) of it, metres; its origin if None.
+    """
+
+    def __init__(self, chain: Chain, frame: str | None, offset_m: ArrayLike | None) -> None:
+        self._chain, self._point = chain, (frame, offset_m)
+        self._moved, self._turned = np.zeros(3), np.eye(3)
+
+    def follow(self, q: Vector) -> bool:
+        """Compute the droop at joints (dof,); return whether it is another one than before."""
+        rigid = self._chain.rigid.forward(q, *self._point)
+        links = self._chain.forward(q, *self._point)
+        moved, turned = links[:3, 3] - rigid[:3, 3], links[:3, :3] @ rigid[:3, :3].T
+        apart = np.abs(moved - self._moved).max(), np.abs(turned - self._turned).max()
+        self._moved, self._turned = moved, turned
+        return bool(apart[0] > _SAME_M or apart[1] > _SAME_RAD)
+
+    def raised_pose(self, T: Matrix) -> Matrix:
+        """Compute to which pose (4, 4) a rigid arm has to go for this one to reach ``T``."""
+        raised = T.copy()
+        raised[:3, 3] -= self._moved
+        raised[:3, :3] = self._turned.T @ T[:3, :3]
+        return raised
+
+    def raised(self, target: Target) -> Target:
+        """Return the target for a rigid arm."""
+        position = target.position - self._moved
+        if target.rotation is not None:
+            return replace(
+                target, position_m=position, orientation=self._turned.T @ target.rotation
+            )
+        if target.target_axis is not None:
+            return replace(
+                target, position_m=position, direction=self._turned.T @ target.target_axis
+            )
+        return replace(target, position_m=position)
+
+    def lowered(self, point_m: Vector) -> Vector:
+        """Compute where this arm's point is when that of a rigid arm is at ``point_m`` (3,)."""
+        return point_m + self._moved
