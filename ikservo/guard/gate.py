@@ -103,18 +103,19 @@ class Gate:
 
     Args:
         limits: One for each joint.
-        send: Writes goal ticks by servo id; called only with goals that passed.
+        write_goals: Writes goal ticks by servo id, as ``StreamedServos`` does through
+            ``hardware/goal_writing.py``; called only with goals that passed.
         clock: Measures the time since the last command.
     """
 
     def __init__(
         self,
         limits: Sequence[DrivenJoint],
-        send: Callable[[Mapping[int, int]], None],
+        write_goals: Callable[[Mapping[int, int]], None],
         clock: Clock,
     ) -> None:
         self._joints = {driven.joint: JointGate(driven) for driven in limits}
-        self._send, self._clock = send, clock
+        self._write_goals, self._clock = write_goals, clock
         self._latch = StopLatch()
         self._passed_s = clock.now_s()
 
@@ -328,7 +329,9 @@ class Gate:
         return joint
 
     def _commit_goals(self, goals: Mapping[str, int], now_s: float) -> None:
-        self._send({self._joints[name].driven.servo_id: tick for name, tick in goals.items()})
+        self._write_goals(
+            {self._joints[name].driven.servo_id: tick for name, tick in goals.items()}
+        )
         for name, tick in goals.items():
             self._joints[name].goal = tick
         self._passed_s = now_s
