@@ -28,6 +28,7 @@ PANELS = {
         "scan": "Find servos at any id and baud rate.",
         "setup": "Give new servos their ids, one at a time.",
         "servo": "Read and write registers of single servos; back up, restore.",
+        "monitor": "Log the health of the servos, and report what wears.",
         "doctor": "Check adapter, bus and servos and report faults.",
         "bench": "Measure how fast servos can be read and written.",
         "test": "Measure accuracy and repeatability after ISO 9283.",

@@ -27,6 +27,12 @@ from ikservo.cli.terminal import (
 from ikservo.files.writing import check_writable
 from ikservo.lab.arm_identification import QUICK_TOUR, IdentificationRun
 from ikservo.lab.duty_model import JOINT_PARAMETERS
+from ikservo.lab.health_log import (
+    HealthRecord,
+    append_record,
+    health_path,
+    identified_health,
+)
 from ikservo.lab.identification import Identification, ParameterEstimate
 from ikservo.model.identified_drives import body_joints
 
@@ -66,7 +72,12 @@ def command(
         with motion_progress_bar() as on_progress:
             recording = run.record(on_progress)
         found = run.identify(recording)
-        path = None if options.dry_run else save_identified(run.file(found, datetime.now(UTC)))
+        now = datetime.now(UTC)
+        path = None if options.dry_run else save_identified(run.file(found, now))
+        if path is not None:
+            log = health_path(machine.model.name, run.arm.context.serial_number)
+            joints = identified_health(run.arm.context.servos.bus, found)
+            append_record(log, HealthRecord(written=now, source="identify", joints=joints))
     carried = dict(zip(body_joints(machine.model, run.dynamics), found.bodies, strict=True))
     if options.json:
         _print_json(machine.model.name, run, found, carried, path)
