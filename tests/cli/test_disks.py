@@ -25,6 +25,7 @@ RECORDING = f"record {{}} --duration 2 {SIM}"
 READ = {
     ("arms", "source"), ("calibrate", "from_script"), ("calibrate", "points"),
     ("calibration", "source"),
+    ("arc", "scene"), ("draw", "scene"), ("joints", "scene"),
     ("draw", "file"), ("export", "recordings"), ("import", "from_script"), ("replay", "file"),
     ("move", "scene"), ("pose", "scene"), ("setup", "restore"), ("test", "points"),
 }  # fmt: skip
@@ -50,6 +51,10 @@ WRITTEN = {
         (RECORDING.format("{}/a.mcap"), "a.mcap"),
         (f"{RECORDING.format('{}/old.jsonl')} --overwrite", "old.jsonl"),
         (f"{RECORDING.format('{}/old.mcap')} --overwrite", "old.mcap"),
+    ],
+    ("servo", "to"): [
+        ("servo backup --arm so101 --port sim --id 3 --to {}/a.toml", "a.toml"),
+        ("servo backup --arm so101 --port sim --id 3 --to {}/old.toml --overwrite", "old.toml"),
     ],
     ("solve", "plot"): [
         ("solve 0.25 0.05 0.15 --arm so101 --compare --plot {}/a.svg", "a.svg"),
