@@ -21,6 +21,8 @@ from ikservo.model.urdf_types import (
 
 __all__ = ["urdf_text"]
 
+_UNLIMITED = 1e6  # N m or rad/s: other readers refuse limits without both
+
 
 def urdf_text(urdf: Urdf) -> str:
     """Return a tree as the text of a URDF; shapes in memory are left out."""
@@ -95,9 +97,8 @@ def _joint(joint: UrdfJoint) -> Iterator[str]:
         yield f'    <axis xyz="{_numbers(joint.axis)}"/>'
     if joint.kind.is_movable and math.isfinite(joint.upper - joint.lower):
         strengths = "".join(
-            f' {name}="{_number(value)}"'
+            f' {name}="{_number(min(value, _UNLIMITED))}"'
             for name, value in (("effort", joint.effort), ("velocity", joint.velocity))
-            if math.isfinite(value)
         )
         limits = f'lower="{_number(joint.lower)}" upper="{_number(joint.upper)}"'
         yield f"    <limit {limits}{strengths}/>"
