@@ -10,6 +10,7 @@ import sys
 from collections.abc import Generator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
 from ikservo.arm import DEAD_MAN_TIMEOUT_S, Arm
@@ -23,6 +24,7 @@ from ikservo.view.arm_list import ArmList, read_arm_list_message
 from ikservo.view.auth import AccessTokens
 from ikservo.view.downloads import DownloadOffers
 from ikservo.view.messages import read_message
+from ikservo.view.new_arm import NewArmPanel
 from ikservo.view.served_arms import ArmAtPort, ServedArms, ViewSettings
 from ikservo.view.server import BoundAddress, PageChannel, make_app, serve, serve_in_thread
 from ikservo.view.video import VideoSource
@@ -124,7 +126,10 @@ class ViewApp:
             self.arms = ServedArms(ViewSettings(self._open_arm, clock, downloads, self._dead_man_s))
             stack.callback(self.arms.close)
             self.arms.open_all(self._places)
-            arm_list = ArmList(self.arms, ChoiceFinder(self._places), clock, downloads, camera)
+            new_arm = NewArmPanel(Path.cwd())
+            stack.callback(new_arm.close)
+            choices = ChoiceFinder(self._places)
+            arm_list = ArmList(self.arms, choices, clock, downloads, camera, new_arm)
             self._app = make_app(self._channels(arm_list), self.keys, clock, downloads)
             stack.enter_context(low_jitter())
             self._exits = stack.pop_all()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from ikservo.calibration.paths import calibration_path, calibrations_of
 from ikservo.errors import IkservoError
@@ -60,7 +61,7 @@ def find_choices(given: Sequence[ArmAtPort] = ()) -> ArmChoices:
     Args:
         given: Arms and ports that the command line has named.
     """
-    models = {model.name: model for model in _load_catalogue()}
+    models = {model.name: model for model in _load_each(arm_names())}
     models |= {place.model.name: place.model for place in given}
     adapters = list_adapters()
     ports = {adapter.device: _describe(adapter) for adapter in adapters}
@@ -70,9 +71,9 @@ def find_choices(given: Sequence[ArmAtPort] = ()) -> ArmChoices:
     return ArmChoices(models, {**ports, _SIMULATED: "simulated arm, no hardware"}, own)
 
 
-def _load_catalogue() -> list[Model]:
+def _load_each(arms: Sequence[str | Path]) -> list[Model]:
     models: list[Model] = []
-    for name in arm_names():
+    for name in arms:
         try:
             models.append(load_model(name))
         except IkservoError:  # a damaged file of one arm hides that arm alone
@@ -120,6 +121,7 @@ class ChoiceFinder:
 
     def __init__(self, given: Sequence[ArmAtPort] = ()) -> None:
         self._given = tuple(given)
+        self._folders: tuple[Path, ...] = ()
         self.found = ArmChoices()
         self._thread: threading.Thread | None = None
 
@@ -134,5 +136,12 @@ class ChoiceFinder:
         if self._thread is not None:
             self._thread.join()
 
+    def add_folders(self, folders: Sequence[Path]) -> None:
+        """Offer the arms of some folders, too."""
+        self._folders += tuple(folders)
+        if folders:
+            self.start()
+
     def _look(self) -> None:
-        self.found = find_choices(self._given)
+        own = [ArmAtPort(model) for model in _load_each(self._folders)]
+        self.found = find_choices([*self._given, *own])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, TypeAdapter
@@ -14,6 +15,7 @@ from ikservo.view.downloads import Download, DownloadOffers
 from ikservo.view.labels import STOP_TEXTS
 from ikservo.view.message_fields import Name, PageMessage, StopInput
 from ikservo.view.messages import BadMessageError, Heartbeat, validate_message
+from ikservo.view.new_arm import AnswerNewArm, CancelNewArm, NewArmPanel, StartNewArm
 from ikservo.view.served_arms import ServedArms
 from ikservo.view.server import Frame
 from ikservo.view.video import VIDEO_TYPE, VideoSource
@@ -68,7 +70,17 @@ class StopArms(PageMessage):
     by: StopInput = "button"
 
 
-ArmListMessage = Heartbeat | FindChoices | OpenChoice | CloseArm | ShowCamera | StopArms
+ArmListMessage = (
+    Heartbeat
+    | FindChoices
+    | OpenChoice
+    | CloseArm
+    | ShowCamera
+    | StopArms
+    | StartNewArm
+    | AnswerNewArm
+    | CancelNewArm
+)
 _MESSAGES: TypeAdapter[ArmListMessage] = TypeAdapter(
     Annotated[ArmListMessage, Field(discriminator="kind")]
 )
@@ -98,6 +110,7 @@ class ArmList:
         clock: Limits the rate of frames.
         downloads: Hands out the address of the camera's pictures.
         camera: The camera, if there is one.
+        new_arm: Makes the folder of a new arm.
     """
 
     def __init__(
@@ -107,7 +120,9 @@ class ArmList:
         clock: Clock,
         downloads: DownloadOffers,
         camera: VideoSource | None = None,
+        new_arm: NewArmPanel | None = None,
     ) -> None:
+        self._new_arm = new_arm or NewArmPanel(Path())
         self._arms, self._choices, self._clock = arms, choices, clock
         self._downloads, self._camera = downloads, camera
         self._addresses: dict[int, list[Frame]] = {}
@@ -149,6 +164,12 @@ class ArmList:
                 self._arms.start_closing(message.name)
             case StopArms():
                 self._arms.stop(message.name, _stopped_by(message))
+            case StartNewArm():
+                self._new_arm.start(message)
+            case AnswerNewArm():
+                self._new_arm.answer(message)
+            case CancelNewArm():
+                self._new_arm.close()
 
     def _offer_camera(self, client_id: int) -> None:
         if self._camera is None:
@@ -165,8 +186,11 @@ class ArmList:
         sent_s, sent = self._sent.get(client_id, (-1e9, None))
         if now_s - sent_s < _PERIOD_S:
             return []
+        self._choices.add_folders(self._new_arm.read())
+        may_control = self._permissions[client_id] is Permission.CONTROL
         frame = {
             "kind": "arms",
+            "new_arm": self._new_arm.fields() if may_control else None,
             "permission": self._permissions[client_id].value,
             "arms": [arm.fields() for arm in self._arms.all()],
             "camera": _camera_fields(self._camera),

@@ -16,7 +16,7 @@ from tests.view.webcam import Webcam
 pytestmark = pytest.mark.browser
 
 # What can be reached inside the list, in its order, and what is reached now.
-IN_ORDER = """() => [...document.querySelectorAll("#arms :is(button, select)")]
+IN_ORDER = """() => [...document.querySelectorAll("#arms :is(button, select, input)")]
   .filter((e) => e.checkVisibility() && !e.disabled)
   .map((e) => e.getAttribute("aria-label") || e.id || e.textContent)"""
 IS_FOCUSED = """() => document.activeElement.getAttribute("aria-label")
@@ -152,3 +152,37 @@ def test_a_camera_is_shown_beside_the_arm_or_behind_it_and_says_when_it_is_unplu
         page.click("#camera-places [value=off]")
         assert page.is_hidden("#camera")
         until(lambda: webcam.released == webcam.opened)
+
+
+def test_an_arm_is_made_on_the_page_and_opened_there(page, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with opened_panel() as served:
+        page.goto(served.urls.control)
+        page.wait_for_selector("#arms-port [value=sim]", state="attached")
+        page.fill("#new-arm-name", "measured")
+        page.click("#new-arm-start")
+        page.set_default_timeout(60_000)
+        page.wait_for_selector("#new-arm form:has-text('How many joints')")
+        assert page.is_disabled("#new-arm-start")
+        page.select_option("#new-arm select", "2")
+        for question, typed in [
+            ("Joint 1: axis", "z"), ("Joint 1: metres", "0.1"), ("Joint 2: axis", "y"),
+            ("Joint 2: metres", "0.12"),
+        ]:  # fmt: skip
+            page.keyboard.press("Tab")  # the answer is sent by the keyboard alone
+            page.keyboard.press("Enter")
+            page.wait_for_selector(f"#new-arm form:has-text('{question}')")
+            entry = page.locator("#new-arm form :is(input, select)")
+            if entry.evaluate("(e) => e.tagName") == "SELECT":
+                entry.select_option(typed)
+            else:
+                entry.fill(typed)
+        page.click("#new-arm form button")
+        page.click("#new-arm form:has-text('Write') button:has-text('write')")
+        page.wait_for_selector("#new-arm p:has-text('Written to')")
+        page.wait_for_selector("#arms-model [value=measured]", state="attached")
+        page.select_option("#arms-model", "measured")
+        page.select_option("#arms-port", "sim")
+        page.click("#arms-form button")
+        page.wait_for_selector("#title:has-text('measured')")
+        assert (tmp_path / "measured" / "arm.toml").is_file()

@@ -3,6 +3,7 @@
 import { CameraPicture } from "./camera.js";
 import { Connection } from "./connection.js";
 import { $, createElement, setText, updateRows } from "./elements.js";
+import { NewArm } from "./new_arm.js";
 
 const FIND_MS = 2000; // between two looks at the ports while the list is shown
 const NOTE_MS = 8000;
@@ -29,6 +30,7 @@ export class Arms {
       },
     }, "arms");
     this.camera = new CameraPicture((kind, fields) => this.send(kind, fields));
+    this.newArm = new NewArm((kind, fields) => this.send(kind, fields));
     $("arms-toggle").onclick = () => ($("arms").hidden ? this.show() : this.close());
     $("arms-close").onclick = () => { this.close(); $("arms-toggle").focus(); };
     $("stop-all").onclick = () => this.send("stop_arms", { name: null });
@@ -76,6 +78,7 @@ export class Arms {
     this.update();
     this.camera.show(message.camera);
     this.showChoices(message);
+    this.newArm.show(message.new_arm);
     this.showWanted();
   }
 
