@@ -90,21 +90,6 @@ class MotionRunner:
         return self._lock
 
     @property
-    def arm_name(self) -> str:
-        """The arm's name."""
-        return self._context.model.name
-
-    @property
-    def port_name(self) -> str:
-        """The name of the port."""
-        return self._context.port.name
-
-    @property
-    def joint_names(self) -> tuple[str, ...]:
-        """All joints."""
-        return self._servos.names
-
-    @property
     def motion_running(self) -> bool:
         """Whether a motion runs, of one control loop or several."""
         return self._servos.stop_request.motion_running
@@ -225,7 +210,7 @@ class MotionRunner:
         self.check_open()
         with self.lock:
             self._servos.torque.check_idle()
-            adapter = "" if is_simulated(self.port_name) else self._context.serial_number
+            adapter = "" if is_simulated(self._context.port.name) else self._context.serial_number
             self._servos.reconnect(adapter, within_s)
 
     def check_open(self) -> None:
@@ -235,7 +220,9 @@ class MotionRunner:
             PortError: It was.
         """
         if self._closed:
-            raise PortError(f"{self.port_name} was closed.", "Open the arm again: open_arm().")
+            raise PortError(
+                f"{self._context.port.name} was closed.", "Open the arm again: open_arm()."
+            )
 
     def close(self, relax: Callable[[], object] | None, close_server: Callable[[], None]) -> None:
         """Close the port; another thread's motion ends with ``StoppedError`` first.
