@@ -32,6 +32,7 @@ _BYTE_ORDER_MAGIC, _LINK_USER0 = 0x1A2B3C4D, 147
 _OPTION_NAME, _OPTION_RESOLUTION, _OPTION_FLAGS = 2, 9, 2
 _INBOUND, _OUTBOUND = 1, 2
 _MAX_BLOCK_BYTES = 1 << 20
+_APPENDING = os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0)  # of Windows
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +81,7 @@ class _RecordedTransport:
         own["_clock"] = cast("Clock | None", getattr(transport, "clock", None))
         own["_start_s"] = 0.0 if own["_clock"] else time.time() - time.monotonic()
         try:
-            own["_file"] = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND, 0o644)
+            own["_file"] = os.open(path, _APPENDING, 0o644)
         except OSError as error:
             raise FileWriteError(path, error.strerror or str(error), changed=False) from error
         options = _option(_OPTION_NAME, name.encode()) + _option(_OPTION_RESOLUTION, b"\x09")
