@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,7 +67,7 @@ ACTIONS = (
 Action = Annotated[
     str,
     typer.Argument(
-        metavar="|".join(ACTIONS),
+        metavar="ACTION",
         autocompletion=complete_from(*ACTIONS),
         help="table: every register. read, write: some. ping: identity. reboot: restart, torque "
         "goes off. reset: factory settings. backup, restore: the EEPROM to and from a file. "
@@ -148,14 +148,28 @@ def command(
 
     ikservo servo write p_gain=16 max_temperature_limit=65C --arm so101 --id 3
 
-    ikservo servo backup --arm so101 --id 3        ikservo servo restore FILE --arm so101
+    ikservo servo backup --arm so101 --id 3
+
+    ikservo servo restore FILE --arm so101
 
     ikservo servo tune --suggest --arm so101 --id elbow_flex
 
-    IKSERVO_PACKETS=log.pcapng ikservo move ...    ikservo servo packets log.pcapng --arm so101
+    ikservo servo packets log.pcapng --arm so101       recorded by IKSERVO_PACKETS=log.pcapng
     """
     given = words or []
     _check_words(action, given)
+    _check_options(
+        action,
+        {
+            "--to": to is not None,
+            "--overwrite": overwrite,
+            "--other-model": other_model,
+            "--errors": errors,
+            "--step": step is not None,
+            "--suggest": suggest,
+            "--dry-run": dry_run,
+        },
+    )
     if action == "packets":
         path = Path(given[0])
         _print_packets(path, arm, servo_id, servo_model, faulty=errors, json=json)
@@ -191,6 +205,26 @@ def _check_words(action: str, words: Sequence[str]) -> None:
         raise InputError(f"{action} needs one file.", f"As in: ikservo servo {action} FILE")
     if action not in ("read", "write", "restore", "packets", "tune") and words:
         raise InputError(f"{action} takes no {words[0]!r}.", f"Try: ikservo servo {action}")
+
+
+_OPTION_OF: Mapping[str, tuple[str, ...]] = {
+    "--to": ("backup",),
+    "--overwrite": ("backup",),
+    "--other-model": ("restore",),
+    "--errors": ("packets",),
+    "--step": ("tune",),
+    "--suggest": ("tune",),
+    "--dry-run": ("write", "restore"),
+}
+
+
+def _check_options(action: str, given: Mapping[str, bool]) -> None:
+    """Refuse an option that the action would ignore."""
+    for option, actions in _OPTION_OF.items():
+        if given[option] and action not in actions:
+            raise InputError(
+                f"{option} cannot be given with {action}.", f"It belongs to: {', '.join(actions)}"
+            )
 
 
 def _open_line(

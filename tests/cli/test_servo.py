@@ -70,6 +70,7 @@ def test_a_dry_run_writes_nothing(run_cli, ports):
         ("servo table --port sim --id 3", ExitCode.USAGE, "--arm"),
         (f"servo table {ELBOW} --model STS3215", ExitCode.USAGE, "Omit --arm"),
         ("servo restore nothing.toml --arm so101 --port sim", ExitCode.USAGE, "nothing.toml"),
+        (f"servo table {ELBOW} --dry-run", ExitCode.USAGE, "cannot be given with table"),
         (f"servo reboot {ELBOW} --yes", ExitCode.SILENT, "does not support reboot"),
     ],
 )
