@@ -32,6 +32,7 @@ from ikservo.view.plots import PlotFeed
 from ikservo.view.program_messages import ProgramMessage
 from ikservo.view.program_panel import ProgramPanel
 from ikservo.view.server import Frame
+from ikservo.view.servo_panel import ServoPanel
 from ikservo.view.snapshot import StopNotice
 from ikservo.view.viewpoints import Viewpoint, available_views
 
@@ -77,6 +78,7 @@ class SessionController:
         self._composer = FrameComposer(arm_thread, self._interaction, clock)
         self._program = ProgramPanel(arm_thread)
         self._following = FollowPanel(arm_thread, clock, find_arm)
+        self._servos = ServoPanel(arm_thread)
         self._clients: dict[int, Client] = {}
         self._numbers = itertools.count(1)
         self._handlers: dict[type, Handler] = {
@@ -107,6 +109,8 @@ class SessionController:
             msg.Undo: self._undo,
             msg.ArmAction: self._start_action,
             msg.FollowArm: self._follow_arm,
+            msg.ReadServo: self._read_servo,
+            msg.WriteRegister: self._write_register,
             **dict.fromkeys(get_args(ProgramMessage), self._handle_program),
         }
 
@@ -146,6 +150,7 @@ class SessionController:
         frames = self._composer.compose(client, controller=controller, fallback=self._fallback)
         frames += self._program.frames(client)
         frames += self._following.frames(client)
+        frames += self._servos.frames(client)
         frames += self._plots.frames(client_id, self._arm_thread.history, self._clock.now_s())
         return frames + client.take_outbox()
 
@@ -304,6 +309,12 @@ class SessionController:
         self._arm.joint_index.column(message.joint)
         self._interaction.reset()
         self._arm_thread.request_torque(message.joint, on=message.on)
+
+    def _read_servo(self, message: msg.ReadServo, _client: Client) -> None:
+        self._servos.read(message.joint)
+
+    def _write_register(self, message: msg.WriteRegister, _client: Client) -> None:
+        self._servos.write(message.joint, message.name, message.value)
 
     def _undo(self, message: msg.Undo, _client: Client) -> None:
         self._require_ready()

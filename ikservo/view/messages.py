@@ -33,6 +33,7 @@ __all__ = [
     "PointTool",
     "Pointer",
     "PreferPosture",
+    "ReadServo",
     "SaveHistory",
     "SelectBehind",
     "SetJoint",
@@ -47,6 +48,7 @@ __all__ = [
     "TakeControl",
     "Undo",
     "Wheel",
+    "WriteRegister",
     "read_hello",
     "read_message",
     "validate_message",
@@ -346,6 +348,22 @@ class FollowArm(PageMessage):
     leader: Name | None = None
 
 
+class ReadServo(PageMessage):
+    """Read the control table of a joint's servo."""
+
+    kind: Literal["read_servo"]
+    joint: Name
+
+
+class WriteRegister(PageMessage):
+    """Write a register of a joint's servo: a raw integer, or a number with a unit."""
+
+    kind: Literal["write_register"]
+    joint: Name
+    name: Name
+    value: Annotated[str, Field(min_length=1, max_length=32)]
+
+
 class CalibrationAnswer(PageMessage):
     """User input of a calibration; ``start`` starts it and ``cancel`` ends it.
 
@@ -390,6 +408,8 @@ Message = (
     | ShowPlots
     | SaveHistory
     | FollowArm
+    | ReadServo
+    | WriteRegister
     | CalibrationAnswer
     | ProgramMessage
 )

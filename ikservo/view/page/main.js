@@ -17,6 +17,7 @@ import { Poses } from "./poses.js";
 import { Program } from "./program.js";
 import { Plots, download } from "./plots.js";
 import { Rendering } from "./rendering.js";
+import { Servos } from "./servos.js";
 import { StopButton } from "./stop.js";
 import { CalibrationScreens } from "./calibration.js";
 
@@ -43,11 +44,13 @@ const connection = new Connection(key, {
     program.setArm(message);
     plots.setArm(message);
     poses.setArm(message);
+    servos.setArm(message);
     sendViewport();
   },
   program(message) { program.setProgram(message); },
   program_state(message) { program.setState(message); },
   following(message) { leader.showFollowing(message); },
+  servo(message) { servos.receive(message); },
   graph(message) {
     picture.setGraph(message);
     rendering.graph = message;
@@ -77,6 +80,7 @@ const panel = new Panel(send);
 const program = new Program(send, (message) => panel.showRefusal({ message, hint: "" }));
 const plots = new Plots(send);
 const poses = new Poses(send);
+const servos = new Servos(send);
 const actions = new Actions(send);
 const leader = new Leader(key, send, () => sendViewport());
 const arms = new Arms(key, options, (name) => leader.choose(name));

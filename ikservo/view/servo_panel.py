@@ -1,0 +1,156 @@
+"""The registers of a joint's servo on the page: read when asked, written after the same checks."""
+
+from __future__ import annotations
+
+import math
+
+from ikservo.arm import Arm
+from ikservo.errors import BusError, IkservoError, InputError, PortError, RegisterAccessError
+from ikservo.hardware.servo import ServoSpec
+from ikservo.maintenance.servo_workbench import (
+    RegisterReading,
+    ServoLine,
+    find_register,
+    parse_register_value,
+    plan_writes,
+    read_registers,
+    write_registers,
+)
+from ikservo.view.arm_job import JobObserver
+from ikservo.view.arm_thread import ArmThread
+from ikservo.view.connection import Client
+from ikservo.view.server import Frame
+
+__all__ = ["ServoPanel"]
+
+# What moves the arm, ends its replies or belongs to its calibration has ways of its own.
+_ELSEWHERE = {
+    "torque_enable": "Use the switch beside the joint.",
+    "id": "In a terminal: ikservo setup",
+    "baud_rate": "In a terminal: ikservo setup",
+    "homing_offset": "Calibrate the arm.",
+    "position_offset": "Calibrate the arm.",
+    "min_position_limit": "Calibrate the arm.",
+    "max_position_limit": "Calibrate the arm.",
+    "operating_mode": "In a terminal: ikservo servo write",
+    "lock": "Each write locks the EEPROM again.",
+}
+_SHOWN_UNITS = {"rad": ("°", math.degrees(1)), "rad/s": ("°/s", math.degrees(1)),
+                "rad/s²": ("°/s²", math.degrees(1)), "1": ("%", 100.0)}  # fmt: skip
+
+
+class ServoPanel:
+    """Shows one servo's control table and writes its registers, in the thread of the arm.
+
+    Args:
+        arm_thread: Owns the arm.
+    """
+
+    def __init__(self, arm_thread: ArmThread) -> None:
+        self._arm_thread = arm_thread
+        self._fields: Frame = {"kind": "servo", "joint": None, "registers": [], "note": ""}
+
+    def read(self, joint: str) -> None:
+        """Read the whole table of a joint's servo.
+
+        Raises:
+            InputError: The arm is busy, follows the page or was stopped, or there is no such joint.
+        """
+        self._start(joint, "", "")
+
+    def write(self, joint: str, name: str, text: str) -> None:
+        """Write a register, and read the table again.
+
+        Args:
+            joint: The joint.
+            name: The register.
+            text: A raw integer, or a number with a unit.
+
+        Raises:
+            InputError: As for ``read``; or the register is written in another way.
+        """
+        if name in _ELSEWHERE or name.startswith("goal_"):
+            hint = _ELSEWHERE.get(name, "Move the joint by its slider.")
+            raise InputError(f"{name} is not written here.", hint)
+        self._start(joint, name, text)
+
+    def _start(self, joint: str, name: str, text: str) -> None:
+        self._arm_thread.arm.joint_index.column(joint)
+        self._arm_thread.request_job(_ServoJob(self, joint, name, text))
+
+    def show(self, fields: Frame) -> None:
+        """Replace what pages are shown."""
+        self._fields = fields
+
+    def frames(self, client: Client) -> list[Frame]:
+        """Return what a client does not know yet."""
+        if client.sent.get("servo") is self._fields:
+            return []
+        client.sent["servo"] = self._fields
+        return [self._fields]
+
+
+class _ServoJob:
+    """Reads a servo, and writes one of its registers before, if one is named (``ArmJob``)."""
+
+    def __init__(self, panel: ServoPanel, joint: str, name: str, text: str) -> None:
+        self._panel, self._joint, self._name, self._text = panel, joint, name, text
+        self.title = f"Reads the servo of {joint}"
+
+    def run(self, arm: Arm, observer: JobObserver) -> None:
+        """Write and read; what a servo or its table forbids is a note, and stops nothing.
+
+        Raises:
+            PortError: The port is lost.
+        """
+        bus = arm.context.servos.bus
+        line = ServoLine(bus, f"{arm.model.name}-{arm.context.serial_number}")
+        servo = next(each for each in bus.servos.values() if each.name == self._joint)
+        try:
+            note = self._write(line, servo) if self._name else ""
+        except PortError:
+            raise
+        except (InputError, RegisterAccessError, BusError) as error:
+            note = f"{error.message} {error.command_hint}".strip()
+        if note:
+            observer.log_message(note)
+        readings = read_registers(line, servo)
+        self._panel.show(
+            {
+                "kind": "servo",
+                "joint": self._joint,
+                "id": servo.id,
+                "model": servo.table.model_name,
+                "registers": [_fields_of(each) for each in readings],
+                "note": note,
+            }
+        )
+
+    def _write(self, line: ServoLine, servo: ServoSpec) -> str:
+        register = find_register(servo.table, self._name)
+        changes = plan_writes(line, servo, {register: parse_register_value(register, self._text)})
+        try:
+            write_registers(line, servo, changes)
+        except OSError as error:  # no room for the copy of the EEPROM
+            if not isinstance(error, IkservoError) or isinstance(error, PortError):
+                raise
+            raise InputError(error.message, error.command_hint) from error
+        done = ", ".join(f"{each.register} {each.found} → {each.expected}" for each in changes)
+        return f"{servo}: {done or 'nothing to change'}."
+
+
+def _fields_of(reading: RegisterReading) -> dict[str, object]:
+    register, symbol = reading.register, reading.register.unit.symbol
+    shown, factor = _SHOWN_UNITS.get(symbol, (symbol, 1.0))
+    return {
+        "name": register.name,
+        "address": register.address,
+        "raw": reading.raw,
+        "value": f"{reading.value * factor:.4g} {shown}" if symbol else "",
+        "range": list(register.range),
+        "area": register.area.name,
+        "writable": register.is_writable
+        and register.name not in _ELSEWHERE
+        and not register.name.startswith("goal_"),
+        "first": reading.first if reading.changed else None,
+    }
