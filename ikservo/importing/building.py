@@ -25,12 +25,11 @@ from ikservo.importing.tree import (
     find_structures,
     fix_joints,
     lump_base,
-    parse_frame,
     rename_joints,
-    turn_base,
 )
 from ikservo.kinematics.dynamics import Dynamics
 from ikservo.kinematics.se3 import make_pose, rotation_rpy
+from ikservo.model.base_placement import parse_frame, turn_base
 from ikservo.model.lifting import can_lift, spread_postures
 from ikservo.model.loading import build_chain
 from ikservo.model.model import Model
@@ -100,10 +99,7 @@ def build_drafts(
     decisions += [f"Joint {old} is called {new}." for old, new in renamed.items()]
     if options.base_frame:
         urdf = turn_base(urdf, parse_frame(options.base_frame))
-        decisions.append(
-            f"The base frame of the description is placed so: {options.base_frame} "
-            f"(joint {urdf.joints[0].name} of arm.urdf)."
-        )
+        decisions.append(f"The base of the description is placed so: {options.base_frame}.")
     decisions += [f"Package {each} is {folder}."
                   for each, folder in description.packages.used.items()]  # fmt: skip
     structures = find_structures(urdf, options.tips, options.gripper)

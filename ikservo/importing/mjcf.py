@@ -14,6 +14,7 @@ from ikservo.errors import FileFormatError, InputError
 from ikservo.files.reading import path_inside, quote, read_text
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import exp_so3, make_pose, quaternion_to_matrix
+from ikservo.model.base_placement import pose_origin, pose_rpy
 from ikservo.model.urdf_types import (
     Box,
     Cylinder,
@@ -31,8 +32,6 @@ from ikservo.model.urdf_xml import XmlElement, parse_xml
 __all__ = [
     "body_shapes",
     "check_files",
-    "pose_origin",
-    "pose_rpy",
     "read_mjcf",
 ]
 
@@ -111,21 +110,6 @@ def _all_elements(root: XmlElement) -> list[XmlElement]:
     for element in found:
         found.extend(element.children)
     return found
-
-
-def pose_rpy(T: Matrix) -> tuple[float, float, float]:
-    """Return roll, pitch, yaw of a pose (4, 4): R = Rz(yaw) @ Ry(pitch) @ Rx(roll)."""
-    level = math.hypot(T[0, 0], T[1, 0])
-    pitch = math.atan2(-T[2, 0], level)
-    if level < 1e-9:  # roll and yaw rotate about one axis
-        return math.atan2(-T[1, 2], T[1, 1]), pitch, 0.0
-    return math.atan2(T[2, 1], T[2, 2]), pitch, math.atan2(T[1, 0], T[0, 0])
-
-
-def pose_origin(T: Matrix) -> tuple[float, float, float]:
-    """Return the origin of a pose (4, 4)."""
-    x, y, z = (float(value) for value in T[:3, 3])
-    return x, y, z
 
 
 def body_shapes(mujoco: Any, model: Any, body: int, shift_m: Vector) -> tuple[list[Shape], ...]:  # noqa: ANN401  # no types

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ikservo.errors import BadValueError, InputError, UnknownNameError
-from ikservo.importing.mjcf import pose_origin, pose_rpy
-from ikservo.kinematics.arrays import Matrix
+from ikservo.errors import InputError, UnknownNameError
 from ikservo.kinematics.se3 import exp_so3, make_pose, rotation_rpy
-from ikservo.model.urdf_types import Shape, Triple, Urdf, UrdfJoint, UrdfJointType, UrdfLink
+from ikservo.model.base_placement import moved_shape, pose_origin, pose_rpy
+from ikservo.model.urdf_types import Triple, Urdf, UrdfJoint, UrdfJointType, UrdfLink
 
 __all__ = [
     "Structure",
@@ -21,9 +20,7 @@ __all__ = [
     "find_structures",
     "fix_joints",
     "lump_base",
-    "parse_frame",
     "rename_joints",
-    "turn_base",
 ]
 
 _TIP_WORDS = ("gripper_frame", "tcp", "ee_gripper", "grasp", "end_effector", "tool", "tip", "_ee",
@@ -250,8 +247,8 @@ def lump_base(urdf: Urdf) -> Urdf:
     collisions, visuals, colours = [*root.collisions], [*root.visuals], [*_colours(root)]
     for name, T in poses.items():
         if name != urdf.root:
-            collisions += [_moved(shape, T) for shape in links[name].collisions]
-            visuals += [_moved(shape, T) for shape in links[name].visuals]
+            collisions += [moved_shape(shape, T) for shape in links[name].collisions]
+            visuals += [moved_shape(shape, T) for shape in links[name].visuals]
             colours += _colours(links[name])
             links[name] = replace(links[name], collisions=(), visuals=(), colours=())
     links[urdf.root] = replace(
@@ -262,11 +259,6 @@ def lump_base(urdf: Urdf) -> Urdf:
 
 def _colours(link: UrdfLink) -> tuple[Triple | None, ...]:
     return link.colours or (None,) * len(link.visuals)
-
-
-def _moved(shape: Shape, T: Matrix) -> Shape:
-    T_shape = T @ make_pose(shape.xyz_m, rotation_rpy(*shape.rpy_rad))
-    return replace(shape, xyz_m=pose_origin(T_shape), rpy_rad=pose_rpy(T_shape))
 
 
 _UNUSUAL = re.compile(r"[^A-Za-z0-9_-]")
@@ -291,58 +283,3 @@ def rename_joints(urdf: Urdf) -> tuple[Urdf, dict[str, str]]:
         for joint in urdf.joints
     )
     return replace(urdf, joints=joints), {old: new for old, new in names.items() if old != new}
-
-
-_BASE_WORDS: Mapping[str, tuple[float, float, float]] = {
-    "forward": (1.0, 0.0, 0.0),
-    "left": (0.0, 1.0, 0.0),
-    "raise": (0.0, 0.0, 1.0),
-}
-
-
-def parse_frame(text: str) -> Matrix:
-    """Return the pose (4, 4) that words like ``rotate 90, raise 0.05`` describe.
-
-    ``rotate`` turns to the left [deg], ``forward``, ``left`` and ``raise`` shift [m], and
-    ``upside down`` turns over; one after the other, along the axes of the table.
-
-    Raises:
-        BadValueError: It is nothing like that.
-    """
-    T = np.eye(4)
-    for part in text.split(","):
-        word, _, amount = part.strip().partition(" ")
-        if (word, amount.strip()) == ("upside", "down"):
-            T = make_pose(np.zeros(3), exp_so3([math.pi, 0.0, 0.0])) @ T
-            continue
-        try:
-            value = float(amount)
-        except ValueError:
-            value = math.nan
-        if not math.isfinite(value) or word not in ("rotate", *_BASE_WORDS):
-            expected = 'such as "rotate 90, raise 0.05", with forward, left or upside down'
-            raise BadValueError("The base frame", text, expected)
-        if word == "rotate":
-            T = make_pose(np.zeros(3), exp_so3([0.0, 0.0, math.radians(value)])) @ T
-        else:
-            T = make_pose(value * np.array(_BASE_WORDS[word])) @ T
-    return T
-
-
-def turn_base(urdf: Urdf, T: Matrix) -> Urdf:
-    """Put a new root below the tree, in which the former root has a pose (4, 4)."""
-    name = next(_new_names("base_frame", {link.name for link in urdf.links}))
-    joint = next(_new_names("base_frame_mount", {joint.name for joint in urdf.joints}))
-    zero = (0.0, 0.0, 0.0)
-    root = UrdfLink(name, 0.0, zero, zero, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), (), (), 0)
-    mount = UrdfJoint(
-        name=joint, kind=UrdfJointType.FIXED, parent=name, child=urdf.root,
-        xyz_m=pose_origin(T), rpy_rad=pose_rpy(T), axis=(1.0, 0.0, 0.0), lower=0.0, upper=0.0,
-        effort=math.inf, velocity=math.inf, mimic=None, line=0,
-    )  # fmt: skip
-    return replace(urdf, links=(root, *urdf.links), joints=(mount, *urdf.joints), root=name)
-
-
-def _new_names(name: str, taken: Collection[str]) -> Iterator[str]:
-    yield from (each for each in (name, *(f"{name}_{i}" for i in range(2, 1000)))
-                if each not in taken)  # fmt: skip

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
+from ikservo.errors import BadValueError
 from ikservo.files.reading import path_inside, quote, read_toml
 from ikservo.files.validation import (
     Location,
@@ -29,6 +30,7 @@ from ikservo.model.arm_schema import (
     ArmSpeed,
     ArmSpeeds,
 )
+from ikservo.model.base_placement import parse_frame
 from ikservo.model.catalogue import catalogue_name
 
 __all__ = [
@@ -242,3 +244,7 @@ def _check_paths(path: Path, arm: ArmFile) -> Iterator[ValidationIssue]:
         )
     if path_inside(path.parent, arm.urdf) is None:
         yield ValidationIssue(("urdf",), f"is {quote(arm.urdf)}", "a file in the arm's own folder")
+    try:
+        parse_frame(arm.base or "rotate 0")
+    except BadValueError as error:
+        yield ValidationIssue(("base",), f"is {quote(arm.base or '')}", error.expected)

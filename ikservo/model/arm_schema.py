@@ -202,6 +202,11 @@ class ArmFile(StrictModel):
     tip: Text = Field(description="the URDF link whose frame is the tool")
     source: Text = Field(description=_TEXT)
     base_frame: Text | None = Field(default=None, description=_TEXT)
+    base: Text | None = Field(
+        default=None,
+        description='how the base of the URDF stands on the table: "rotate 90, raise 0.05", '
+        "forward, left [m], rotate [deg], or upside down",
+    )
     payload_kg: Payload = Field(
         default=0.0, description="the heaviest payload that the servos are to lift, 0 to 5 kg"
     )

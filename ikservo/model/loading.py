@@ -15,6 +15,7 @@ from ikservo.kinematics import Chain, Joint, JointType, Mimic
 from ikservo.kinematics.se3 import make_pose, rotation_rpy
 from ikservo.model.arm_file import read_arm_file
 from ikservo.model.arm_schema import ArmFile, ArmGripper, ArmHealth, ArmJoint, ArmPose, ArmSpeed
+from ikservo.model.base_placement import parse_frame, turn_base
 from ikservo.model.catalogue import find_arm
 from ikservo.model.model import (
     Gripper,
@@ -149,6 +150,8 @@ def _load_arm_model(path: Path, tip: str | None) -> Model:
     urdf = read_description(arm.urdf_path, path.parent)
     _check_contact_shapes(arm.urdf_path, urdf)
     urdf = _with_own_limits(urdf, arm.joints)
+    if arm.base is not None:
+        urdf = turn_base(urdf, parse_frame(arm.base))
     _check_tip(path, arm, urdf)
     joints = tuple(_make_model_joint(path, arm, i, urdf) for i in range(len(arm.joints)))
     _check_poses(path, joints, arm)

@@ -60,6 +60,7 @@ class SimulatedArmFile:
         poses: Joint coordinates [rad or m] by pose and joint.
         floor_m: Height of the table in the base frame.
         tip: The link whose origin is the arm's tip; empty where the file names none.
+        base: How the base of the URDF stands, see `base_pose`; empty for as it is.
     """
 
     path: Path
@@ -71,6 +72,7 @@ class SimulatedArmFile:
     poses: Mapping[str, Mapping[str, float]]
     floor_m: float = 0.0
     tip: str = ""
+    base: str = ""
     supply_v: float | None = None
 
 
@@ -108,6 +110,7 @@ def _parse_arm(path: Path, document: dict[str, Any]) -> SimulatedArmFile:
         poses={name: _parse_pose(table) for name, table in document["poses"].items()},
         floor_m=float(document.get("surroundings", {}).get("floor_m", 0.0)),
         tip=str(document.get("tip", "")),
+        base=str(document.get("base", "")),
         supply_v=float(document["bus"]["supply_v"]) if "supply_v" in document["bus"] else None,
     )
 

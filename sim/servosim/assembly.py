@@ -74,12 +74,14 @@ def make_arm_world(
     specimen = specimen or Specimen()
     if physics and specimen.changes_masses:
         raise SimulatorError("bodies of MuJoCo have the masses of the URDF and no payload")
+    if physics and arm.base:
+        raise SimulatorError("bodies of MuJoCo stand as in the URDF: turn its base there")
     names = [joint.name for joint in arm.joints]
     member = None if seed is None else FamilyMember(seed)
     if member is not None and not physics:
         drawn = {name: member.drawn("mass", name) for name in names}
         specimen = replace(specimen, mass_scales={**drawn, **specimen.mass_scales})
-    body = RigidArm(arm.urdf, names, specimen, arm.tip)
+    body = RigidArm(arm.urdf, names, specimen, arm.tip, arm.base)
     build = _ServoBuild(arm, member, backlash_deg, specimen)
     joints = [
         _make_joint(build, entry, arm.poses[pose].get(entry.name, 0.0), entry.limits or limits)

@@ -204,6 +204,7 @@ class RigidArm:
         joint_names: The joints that servos move; others rest at zero, or at the nearest limit.
         specimen: Masses that differ from the URDF's, and a payload.
         tip: The link that holds the payload; empty where there is none.
+        base: How the base stands, see `base_pose`.
 
     Raises:
         ArmFileError: The file is no usable URDF, or lacks one of the joints or the tip.
@@ -216,11 +217,12 @@ class RigidArm:
         joint_names: Sequence[str],
         specimen: Specimen | None = None,
         tip: str = "",
+        base: str = "",
     ) -> None:
         self.names = tuple(joint_names)
-        joints = read_joints(Path(urdf_path))
+        joints = read_joints(Path(urdf_path), base)
         if specimen is not None and specimen.changes_masses:
-            frame = read_link_frame(Path(urdf_path), tip) if tip else None
+            frame = read_link_frame(Path(urdf_path), tip, base) if tip else None
             joints = specimen.scaled_joints(joints, frame)
         by_name = {joint.name: joint for joint in joints}
         for name in self.names:
@@ -228,7 +230,7 @@ class RigidArm:
                 known = ", ".join(by_name)
                 raise ArmFileError(Path(urdf_path), "", f"no moving joint {name!r}; has: {known}")
         self.limits = tuple((by_name[name].lower, by_name[name].upper) for name in self.names)
-        self._joints, self._path = joints, Path(urdf_path)
+        self._joints, self._path, self._base = joints, Path(urdf_path), base
         self._drivers = [self._make_mimic_drive(joint) for joint in joints]
         self._tree = MassTree(joints, self._drivers, len(self.names))
         self._reach = [NEAR_SLIDE_M if by_name[n].sliding else NEAR_RAD for n in self.names]
@@ -279,7 +281,7 @@ class RigidArm:
             floor_m: Height of the table in the base frame; None for none.
             postures: Positions that are free of contact.
         """
-        shapes = read_shapes(self._path)
+        shapes = read_shapes(self._path, self._base)
         return Contacts(self._joints, self._drivers, shapes, self._tree, floor_m, postures)
 
     def tip(self, link: str) -> Tip:
@@ -288,7 +290,7 @@ class RigidArm:
         Raises:
             ArmFileError: There is no such link.
         """
-        parent, T = read_link_frame(self._path, link)
+        parent, T = read_link_frame(self._path, link, self._base)
         return Tip(
             self._joints,
             self._drivers,

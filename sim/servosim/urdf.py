@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from servosim.errors import ArmFileError
 
-__all__ = ["BoxShape", "Matrix", "link_shapes", "read_numbers", "read_origin"]
+__all__ = ["BoxShape", "Matrix", "base_pose", "link_shapes", "read_numbers", "read_origin"]
 
 
 Matrix = NDArray[np.float64]
@@ -167,35 +167,61 @@ class MovingJoint:
     body: Mass = field(default_factory=Mass)
 
 
-def read_joints(path: Path) -> list[MovingJoint]:
+BASE_AXES = {"forward": 0, "left": 1, "raise": 2}
+
+
+def base_pose(words: str) -> Matrix:
+    """Return how the base of a URDF stands, as its arm file says: ``rotate 90, raise 0.05``.
+
+    Raises:
+        ValueError: It is nothing like that.
+    """
+    T = np.eye(4)
+    for part in filter(None, words.split(",")):
+        word, amount = part.split()
+        step = np.eye(4)
+        if (word, amount) == ("upside", "down"):
+            step[1, 1] = step[2, 2] = -1.0
+        elif word == "rotate":
+            turn = math.radians(float(amount))
+            step[:2, :2] = ((cos(turn), -sin(turn)), (sin(turn), cos(turn)))
+        elif word in BASE_AXES:
+            step[BASE_AXES[word], 3] = float(amount)
+        else:
+            raise ValueError(f"no way to place a base: {word!r}")
+        T = step @ T
+    return T
+
+
+def read_joints(path: Path, base: str = "") -> list[MovingJoint]:
     """Read the tree of moving joints, parents before children.
 
     Raises:
         ArmFileError: The file is no URDF that can be used.
     """
-    return list(_walk_tree(path).joints)
+    return list(_walk_tree(path, base).joints)
 
 
-def read_shapes(path: Path) -> list[BoxShape]:
+def read_shapes(path: Path, base: str = "") -> list[BoxShape]:
     """Read the collision shapes and behind which moving joint each is, as `read_joints` counts.
 
     Raises:
         ArmFileError: The file is no URDF that can be used, or a link of it collides as a mesh.
     """
-    walk = _walk_tree(path)
+    walk = _walk_tree(path, base)
     if walk.meshes:
         why = "has a mesh to collide with; give boxes, cylinders or spheres"
         raise ArmFileError(path, f"link {walk.meshes[0]!r}", why)
     return list(walk.shapes)
 
 
-def read_link_frame(path: Path, link: str) -> tuple[int, Matrix]:
+def read_link_frame(path: Path, link: str, base: str = "") -> tuple[int, Matrix]:
     """Read behind which moving joint a link is, as `read_joints` counts, and its frame there.
 
     Raises:
         ArmFileError: The file is no URDF that can be used, or has no such link.
     """
-    frames = _walk_tree(path).link_frames
+    frames = _walk_tree(path, base).link_frames
     if link not in frames:
         raise ArmFileError(path, "", f"no link {link!r}; has: {', '.join(frames)}")
     return frames[link]
@@ -204,13 +230,13 @@ def read_link_frame(path: Path, link: str) -> tuple[int, Matrix]:
 MAX_BYTES = 4 * 1024 * 1024
 
 
-def _walk_tree(path: Path) -> _TreeWalk:
+def _walk_tree(path: Path, base: str) -> _TreeWalk:
     try:
         with path.open("rb") as file:
             text = file.read(MAX_BYTES + 1)
         if len(text) > MAX_BYTES:
             raise ArmFileError(path, "", f"larger than {MAX_BYTES} bytes")
-        return _walk_document(text)
+        return _walk_document(text, base)
     except RecursionError as error:
         raise ArmFileError(path, "", "too many links in a row") from error
     except (OSError, ParseError, DefusedXmlException, KeyError, ValueError) as error:
@@ -218,15 +244,15 @@ def _walk_tree(path: Path) -> _TreeWalk:
 
 
 @lru_cache(maxsize=8)
-def _walk_document(text: bytes) -> _TreeWalk:
+def _walk_document(text: bytes, base: str) -> _TreeWalk:
     """Walk a document once for its joints, its shapes and its tip; nobody changes what it finds."""
-    return _TreeWalk(ElementTree.fromstring(text))
+    return _TreeWalk(ElementTree.fromstring(text), base_pose(base))
 
 
 class _TreeWalk:
     """One pass from the root link to the tips."""
 
-    def __init__(self, robot: Element) -> None:
+    def __init__(self, robot: Element, T_base: Matrix) -> None:
         self.joints: list[MovingJoint] = []
         self.shapes: list[BoxShape] = []
         self.meshes: list[str] = []
@@ -236,7 +262,7 @@ class _TreeWalk:
         for joint in robot.findall("joint"):
             self._children[_require_child(joint, "parent").attrib["link"]].append(joint)
         for name in self._root_links(robot):
-            self._visit_link(name, -1, np.eye(4))
+            self._visit_link(name, -1, T_base)
 
     def _root_links(self, robot: Element) -> Iterator[str]:
         hung = {_require_child(joint, "child").attrib["link"] for joint in robot.findall("joint")}

@@ -42,7 +42,7 @@ SLIPS = {
     "key misspelled":      ("baud = ", "bauds = ", "bus.bauds", "is not a known key (and 1 more to correct)", "baud (known here: family, baud, supply_v)"),
     "key unheard of":      ("baud = ", "x = 1\nbaud = ", "bus.x", "is not a known key", "one of family, baud, supply_v"),
     "key at the top":      ("format = 1", "format = 1\nspeed = 2", "speed", "is not a known key",
-                            "speeds (known here: format, name, title, urdf, tip, source, base_frame, payload_kg, bus, speeds, joints, poses, surroundings, health, calibration, gripper)"),
+                            "speeds (known here: format, name, title, urdf, tip, source, base_frame, base, payload_kg, bus, speeds, joints, poses, surroundings, health, calibration, gripper)"),
     "key of a servo":      ("zero_tick = 1024", "zero_tick = 1024, zero = 0", "joints[1].servo.zero", "is not a known key",
                             "zero_tick (known here: id, model, sign, zero_tick, eeprom, m_per_turn, crank, gear)"),
     "key of a pose":       ("[poses.home]\ndeg", "[poses.home]\nrad = {}\ndeg", "poses.home.rad", "is not a known key", "one of deg, m"),

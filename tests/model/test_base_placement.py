@@ -1,0 +1,63 @@
+"""``base`` in an arm file: the arm stands so for the model and for the simulator."""
+
+import shutil
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.errors import FileFormatError
+from ikservo.kinematics.se3 import exp_so3, make_pose
+from ikservo.model import load_model
+from ikservo.model.base_placement import parse_frame
+from ikservo.model.collision_model import collision_body
+from servosim.arm_file import read_arm_file
+from servosim.dynamics import RigidArm
+from tests.oracle import CONFIGS
+
+
+@pytest.fixture
+def placed(tmp_path):
+    def copy(base):
+        folder = tmp_path / "planted"
+        shutil.copytree(CONFIGS / "so101", folder, dirs_exist_ok=True)
+        text = (CONFIGS / "so101" / "arm.toml").read_text().replace('"so101"', '"planted"', 1)
+        (folder / "arm.toml").write_text(f'base = "{base}"\n{text}')
+        return folder
+
+    return copy
+
+
+def test_words_place_the_base_along_the_axes_of_the_table():
+    T = make_pose(np.zeros(3), exp_so3([0.0, 0.0, np.pi / 2]))
+    lifted = make_pose(np.array([0.2, 0.0, 0.05]))
+    assert np.allclose(parse_frame("rotate 90, raise 0.05, forward 0.2"), lifted @ T)
+
+
+@pytest.mark.parametrize("base", ["rotate 90, raise 0.05", "left -0.1", "upside down, raise 0.6"])
+def test_model_and_simulator_place_the_arm_alike(placed, base):
+    plain, folder = load_model("so101"), placed(base)
+    model, simulated = load_model(folder), read_arm_file(folder / "arm.toml")
+    q = plain.chain_pose("home")
+    assert np.allclose(model.chain.forward(q), parse_frame(base) @ plain.chain.forward(q))
+    body = RigidArm(simulated.urdf, model.chain.names, base=simulated.base)
+    tip_m = body.tip(model.chain.tip).position_m(q.tolist())
+    assert np.allclose(tip_m, model.chain.forward(q)[:3, 3])
+    still = [0.0] * len(q)
+    loads = [each.load_nm(q.tolist(), still)
+             for each in (body, RigidArm(simulated.urdf, model.chain.names))]  # fmt: skip
+    assert np.allclose(*loads) == ("upside" not in base)
+    boxes = [collision_body(each).floor_distances(q[None], 0.0).pairs for each in (plain, model)]
+    assert boxes[0] == boxes[1]  # the base stands on the table, wherever it stands
+
+
+def test_an_arm_on_a_turned_base_moves_to_a_point_of_the_table(placed):
+    folder = placed("rotate 90, raise 0.05")
+    with ikservo.open_arm(folder, port="sim:?pose=home", uncalibrated=True) as arm:
+        assert arm.move_to((0.0, 0.25, 0.2)).reached
+        assert arm.where().tip_m == pytest.approx((0.0, 0.25, 0.2), abs=0.003)
+
+
+def test_words_that_place_nothing_are_named(placed):
+    with pytest.raises(FileFormatError, match="base"):
+        load_model(placed("sideways 3"))
