@@ -209,6 +209,6 @@ def _find_rest(draft: ArmDraft) -> EntryDialogue[None]:
         draft.decisions.append("It still moved then: put the arm there and look.")
     if math.isfinite(place.gap_m) and place.gap_m < _FREE_M:
         draft.decisions.append(
-            f"In rest the shapes overlap by {-1000 * place.gap_m:.0f} mm with each other or the "
-            "table, because they are thicker than the parts."
+            f"In rest {' and '.join(place.pair)} overlap by {-1000 * place.gap_m:.0f} mm, because "
+            "capsules are thicker than the parts, or because the limp arm cannot lie otherwise."
         )

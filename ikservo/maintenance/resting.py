@@ -11,6 +11,7 @@ import numpy as np
 
 from ikservo.arm.arm import Arm
 from ikservo.arm.opening import open_own_arm
+from ikservo.kinematics.arrays import Matrix
 from ikservo.model.loading import load_model
 
 __all__ = ["RestingPlace", "find_resting_place"]
@@ -30,12 +31,14 @@ class RestingPlace:
         sank_s: How long it took.
         gap_m: The smallest distance of its body there, as the guard measures it; negative where
             its shapes overlap.
+        pair: The two things that are so near; empty where nothing is checked.
         still: Whether it came to rest.
     """
 
     positions: dict[str, float]
     sank_s: float
     gap_m: float
+    pair: tuple[str, ...]
     still: bool
 
 
@@ -63,34 +66,48 @@ def find_resting_place(folder: Path, pose: str = "home") -> RestingPlace:
             name: float(np.clip(at, limits[name].lower.value, limits[name].upper.value))
             for name, at in before.items()
         }
-        free, gap_m = _free_above(arm, inside, arm.model.pose(pose))
-        return RestingPlace(free, sank_s, gap_m, still)
+        free = _free_above(arm, inside, arm.model.pose(pose))
+        return RestingPlace(free, sank_s, *_nearest_pair(arm, free), still)
 
 
 def _free_above(
     arm: Arm, resting: Mapping[str, float], start: Mapping[str, float]
-) -> tuple[dict[str, float], float]:
-    """Return the posture nearest to where an arm lies, up to which its way down is free; its room.
+) -> dict[str, float]:
+    """Return the posture nearest to where an arm lies, up to which its way down is free.
 
     A limp arm lies on its parts, and what the guard checks is a little thicker. The way down is
     straight from where it was released; where it is blocked early, it is the place where it lies.
     """
-    found: tuple[dict[str, float], float] | None = None
+    found: dict[str, float] | None = None
     room_m = min(_ROOM_M, 0.5 * _sagged_clearance_m(arm, start))
     for share in np.linspace(1.0, 0.0, _SHARES).tolist():
         raised = {name: at + share * (start[name] - at) for name, at in resting.items()}
         if _sagged_clearance_m(arm, raised) < room_m:
             break
         if share <= _MAX_SHARE:
-            found = raised, arm.clearance_m(raised)
-    return found or (dict(resting), arm.clearance_m(resting))
+            found = raised
+    return found or dict(resting)
 
 
 def _sagged_clearance_m(arm: Arm, positions: Mapping[str, float]) -> float:
     """Compute the clearance of an arm, as the guard sees it while the arm moves [m]."""
-    context = arm.context
-    if context.checked_collision is None:
+    checker = arm.context.checked_collision
+    if checker is None:
         return math.inf
-    joints = np.array([positions[name] for name in context.servos.names])
-    body = context.index.body_joints(joints)[None]
-    return float(context.checked_collision.distances_with_sag(body).min())
+    return float(checker.distances_with_sag(_body_joints(arm, positions)).min())
+
+
+def _nearest_pair(arm: Arm, positions: Mapping[str, float]) -> tuple[float, tuple[str, ...]]:
+    """Compute the smallest distance of a posture [m], and of which two things it is."""
+    checker = arm.context.checked_collision
+    if checker is None:
+        return math.inf, ()
+    gap_m = checker.distances(_body_joints(arm, positions))[0]
+    nearest = int(gap_m.argmin())
+    return float(gap_m[nearest]), checker.pairs[nearest]
+
+
+def _body_joints(arm: Arm, positions: Mapping[str, float]) -> Matrix:
+    """Return the joint vector (1, n) of a posture, as the guard has it."""
+    joints = np.array([positions[name] for name in arm.context.servos.names])
+    return arm.context.index.body_joints(joints)[None]
