@@ -94,7 +94,9 @@ def command(
         elif interrupted:
             _resolve_interrupted(limp_arm, action, yes=yes)
         elif action == "adopt":
-            _adopt_calibration(limp_arm, source, yes=yes)
+            path, calibration = find_adoptable(limp_arm, source)
+            print_lines([f"Saved to {_confirm_adoption(limp_arm, path, calibration, yes=yes)}"])
+            print_status(f"Check each joint: ikservo calibrate {calibration.arm} --wiggle")
         else:
             _transfer_calibration(limp_arm, action, yes=yes)
 
@@ -186,12 +188,6 @@ def import_recorded(model: Model, port: str | None, path: Path, *, yes: bool, js
         print_json("import-recording", path=saved, recording=path)
     else:
         print_lines([f"Saved to {saved}"])
-    print_status(f"Check each joint: ikservo calibrate {calibration.arm} --wiggle")
-
-
-def _adopt_calibration(limp_arm: TorqueOffArm, source: Path | None, *, yes: bool) -> None:
-    path, calibration = find_adoptable(limp_arm, source)
-    print_lines([f"Saved to {_confirm_adoption(limp_arm, path, calibration, yes=yes)}"])
     print_status(f"Check each joint: ikservo calibrate {calibration.arm} --wiggle")
 
 

@@ -70,7 +70,7 @@ def import_dataset(model: Model, folder: Path, options: DatasetOptions, *, json:
     dataset = read_dataset(folder, options.what)
     episodes = [_positions(episode, dataset, model, options) for episode in _values_of(dataset)]
     header = recording_header(model, 1.0 / dataset.fps)
-    paths = [options.to / f"{_stem(folder)}-{e.number:03d}.jsonl" for e in dataset.episodes]
+    paths = [options.to / f"{folder.resolve().name}-{e.number:03d}.jsonl" for e in dataset.episodes]
     for path in paths:
         if path.exists():
             raise InputError(f"File {path} exists.", "Name another folder with --to.")
@@ -136,10 +136,6 @@ def _own_calibration(model: Model) -> Calibration:
             "Calibrate it, or take LeRobot's ranges: ikservo import lerobot ID",
         )
     return max((read_calibration(path) for path in found), key=lambda own: own.written)
-
-
-def _stem(folder: Path) -> str:
-    return folder.resolve().name
 
 
 def _print_episodes(paths: Sequence[Path], dataset: Dataset, *, json: bool) -> None:

@@ -197,8 +197,12 @@ def _report_failure(error: BaseException, args: Sequence[str]) -> int:
     if not isinstance(error, OSError):  # Ctrl-C; after a motion its text is that the arm holds
         message = str(error) if isinstance(error, KeyboardInterrupt) else ""
         return _report_error(message or "Stopped.", "", ExitCode.STOPPED, as_json=as_json)
-    _abandon_stdout()  # stdout is on a full disk, or its reader has exited
-    reason = _reason_before(error)
+    # Stdout is on a full disk, or its reader has exited: it cannot take what is buffered.
+    with contextlib.suppress(OSError, ValueError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+    # The error before this one has not been reported.
+    chain = _error_chain(error.__context__)
+    reason = next((e for e in chain if isinstance(e, IkservoError | KeyboardInterrupt)), None)
     if reason is not None:  # such as a full disk that cannot take the rest of a file either
         return _report_failure(reason, args)
     if isinstance(error, BrokenPipeError):  # such as `| head`: the reader has what it wanted
@@ -273,18 +277,6 @@ def _report_usage(error: Exception, message: str, *, as_json: bool) -> int:
     if not message:  # no arguments: the help has been printed
         return ExitCode.USAGE
     return _report_error(message, f"Try: {path} --help", ExitCode.USAGE, as_json=as_json)
-
-
-def _abandon_stdout() -> None:
-    """Discard buffered output that stdout cannot take any more."""
-    with contextlib.suppress(OSError, ValueError):
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _reason_before(error: BaseException) -> BaseException | None:
-    """Return the error before this one, which has not been reported; None without one."""
-    chain = _error_chain(error.__context__)
-    return next((e for e in chain if isinstance(e, IkservoError | KeyboardInterrupt)), None)
 
 
 def _error_chain(error: BaseException | None) -> Iterator[BaseException]:

@@ -75,7 +75,12 @@ def command(
     elif kind == "dataset":
         export_dataset(model_from_option(connection.arm), recordings or [], to, fps, task)
     elif kind == "lerobot":
-        _write_output(_lerobot_text(model_from_option(connection.arm), connection.port), to)
+        model = model_from_option(connection.arm)
+        calibration = read_calibration(_find_calibration_file(model, connection.port))
+        text = dump_lerobot(lerobot_joints(calibration))
+        for line in lost_in_lerobot(calibration):
+            print_status(line)
+        _write_output(text, to)
     else:
         raise UnknownNameError("format", kind, FORMATS)
 
@@ -85,14 +90,6 @@ def _recording_csv(recordings: Sequence[Path]) -> str:
         count = "Several recordings are" if recordings else "No recording"
         raise InputError(f"{count} given.", "Name one: ikservo export csv wave.jsonl")
     return read_recording(recordings[0]).to_csv()
-
-
-def _lerobot_text(model: Model, port: str | None) -> str:
-    calibration = read_calibration(_find_calibration_file(model, port))
-    text = dump_lerobot(lerobot_joints(calibration))
-    for line in lost_in_lerobot(calibration):
-        print_status(line)
-    return text
 
 
 def _write_output(text: str, to: Path | None) -> None:

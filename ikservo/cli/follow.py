@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from typing import Annotated
 
 import typer
@@ -76,7 +75,10 @@ def command(
         warn_uncompiled()
         confirm_motion(machine, yes=options.yes)
         check_directions_once(machine, options)
-        report = machine.follow_arm(leading, speed=speed, until=_make_end_check(machine, duration))
+        end_s = None if duration is None else machine.clock.now_s() + duration
+        report = machine.follow_arm(
+            leading, speed=speed, until=lambda: end_s is not None and machine.clock.now_s() >= end_s
+        )
     print_fields("follow", report, _FIELDS, json=options.json, order=_LINES)
 
 
@@ -86,8 +88,3 @@ def _print_start(leading: OpenArm, machine: OpenArm) -> None:
     if any(state.torque for state in leading.where().joints):
         print_status("The leader's torque is on. Switch it off with: "
              f"ikservo relax --arm {leading.model.name} --port {leading.port_name}")  # fmt: skip
-
-
-def _make_end_check(machine: OpenArm, time_s: float | None) -> Callable[[], bool]:
-    end_s = None if time_s is None else machine.clock.now_s() + time_s
-    return lambda: end_s is not None and machine.clock.now_s() >= end_s

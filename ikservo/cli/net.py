@@ -61,21 +61,6 @@ def command(
         return
     if port is None:
         raise InputError("No address given.", "Add --port, as in --port zenoh:desk@lab-pi.")
-    _acknowledge(port, json=json)
-
-
-def _make_keys(folder: Path, hosts: list[str], *, new: bool, json: bool) -> None:
-    made = make_keys(folder, hosts, overwrite=new)
-    if json:
-        print_json("net-keys", folders=[str(path) for path in made], hosts=hosts)
-        return
-    print_lines([str(path) for path in made])
-    print_status(f"Copy the folder of its role to each machine, as {keys_folder()}:")
-    print_status("server beside the arm, operator where it is driven, watcher where it is watched.")
-    print_status("Keep the folder authority to yourself: who has it can make operators.")
-
-
-def _acknowledge(port: str, *, json: bool) -> None:
     connection = connect(parse_address(port))
     try:
         before = cast("dict[str, object]", connection.watch("health"))
@@ -87,3 +72,14 @@ def _acknowledge(port: str, *, json: bool) -> None:
         print_json("net-acknowledge", arm=before["arm"], reason=reason)
     else:
         print_lines([f"acknowledged  {reason}" if reason else "it was not stopped"])
+
+
+def _make_keys(folder: Path, hosts: list[str], *, new: bool, json: bool) -> None:
+    made = make_keys(folder, hosts, overwrite=new)
+    if json:
+        print_json("net-keys", folders=[str(path) for path in made], hosts=hosts)
+        return
+    print_lines([str(path) for path in made])
+    print_status(f"Copy the folder of its role to each machine, as {keys_folder()}:")
+    print_status("server beside the arm, operator where it is driven, watcher where it is watched.")
+    print_status("Keep the folder authority to yourself: who has it can make operators.")

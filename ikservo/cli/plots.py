@@ -364,9 +364,11 @@ def plot_workspace(
     for place, normal in enumerate(views):
         axes = figure.add_subplot(1, len(views), place + 1)
         _draw_reach(axes, region, normal)
-        _draw_arm(axes, np.delete(region.grid.to_grid(arm_m), normal, axis=1))
+        joints_m = np.delete(region.grid.to_grid(arm_m), normal, axis=1)
+        axes.plot(*joints_m.T, "o-", color=_ARM, linewidth=3.0, markersize=5.0)
         if point_m is not None:
-            _mark_point(axes, np.delete(region.grid.to_grid([point_m])[0], normal))
+            at_m = np.delete(region.grid.to_grid([point_m])[0], normal)
+            axes.plot(*at_m, "x", color=_POINT, markersize=10.0, markeredgewidth=2.0)
         label_length_axes(axes, *np.delete(axis_names(region), normal))
     figure.suptitle(title)
     save_figure(figure, file)
@@ -394,11 +396,3 @@ def _draw_reach(axes: Axes, region: Workspace, normal: int) -> None:
 
 def _close_loop(loop: Matrix) -> Matrix:
     return np.vstack([loop, loop[:1]])
-
-
-def _draw_arm(axes: Axes, joints_m: Matrix) -> None:
-    axes.plot(*joints_m.T, "o-", color=_ARM, linewidth=3.0, markersize=5.0)
-
-
-def _mark_point(axes: Axes, at_m: Vector) -> None:
-    axes.plot(*at_m, "x", color=_POINT, markersize=10.0, markeredgewidth=2.0)

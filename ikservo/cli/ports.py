@@ -31,7 +31,10 @@ def command(*, watch: Watch = False, events: Events = None, json: JsonOption = F
     """
     found = list_adapters()
     if not watch:
-        _print_adapters(found, json=json)
+        if found or json:
+            print_records("ports", "ports", found, _FIELDS, json=json, order=_COLUMNS)
+        else:
+            print_status("No USB serial adapter found. Without an arm: --port sim")
         return
     print_status(f"Here now: {', '.join(adapter.device for adapter in found) or 'none'}.")
     print_status("Plug in or unplug an adapter; Ctrl-C ends.")
@@ -48,13 +51,6 @@ _FIELDS: Fields[SerialAdapter] = (
     Field("holder", "used by", lambda adapter: adapter.used_by or "-", lambda a: a.used_by),
 )
 _COLUMNS = "device chip usb serial_number holder by_id"
-
-
-def _print_adapters(found: list[SerialAdapter], *, json: bool) -> None:
-    if found or json:
-        print_records("ports", "ports", found, _FIELDS, json=json, order=_COLUMNS)
-    else:
-        print_status("No USB serial adapter found. Without an arm: --port sim")
 
 
 def _print_event(change: AdapterEvent, *, json: bool) -> None:

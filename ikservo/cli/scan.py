@@ -13,7 +13,7 @@ from ikservo.cli.results import Field, Fields, print_records
 from ikservo.cli.terminal import format_port, print_status, progress_bar
 from ikservo.errors import ExitCode, ServoSilentError
 from ikservo.hardware.discovery import choose_port, scan_port, simulated_port_url
-from ikservo.hardware.scan import FoundServo, OnScanStep, ScanProgress, candidate_baud_rates
+from ikservo.hardware.scan import FoundServo, OnScanStep, candidate_baud_rates
 
 __all__ = ["command"]
 
@@ -100,8 +100,6 @@ def _port_url(port: str | None, arm: str | None) -> str:
 @contextmanager
 def _scan_progress() -> Generator[OnScanStep | None]:
     with progress_bar() as show:
-        yield show and (lambda step: show(_format_step(step), step.pinged, step.ids))
-
-
-def _format_step(step: ScanProgress) -> str:
-    return f"{step.baud_rate} baud, {step.protocol}"
+        yield show and (
+            lambda step: show(f"{step.baud_rate} baud, {step.protocol}", step.pinged, step.ids)
+        )

@@ -104,7 +104,13 @@ def open_from_options(
         collisions=options.collision,
         uncalibrated=options.uncalibrated,
     ) as machine:
-        _warn_uncalibrated(machine)
+        served_here = machine.zeros is ZeroSource.SIMULATED and not machine.is_remote
+        if served_here and not machine.port_name.startswith("sim:"):
+            print_status(f"{machine.port_name} is a pseudo-terminal: treated as a simulated arm.")
+        if machine.zeros in (ZeroSource.ACCEPTED, ZeroSource.UNKNOWN):
+            print_status(
+                "Not calibrated: using nominal zeros; the position may be wrong by several cm."
+            )
         with second_interrupt_lowers(machine):
             yield machine
 
@@ -186,13 +192,3 @@ def warn_uncompiled() -> None:
     if not is_compiled():
         print_status("The solver is not compiled: goals are late. Install a C compiler, then")
         print_status("reinstall ikservo; in a clone run: make build.")
-
-
-def _warn_uncalibrated(machine: OpenArm) -> None:
-    served_here = machine.zeros is ZeroSource.SIMULATED and not machine.is_remote
-    if served_here and not machine.port_name.startswith("sim:"):
-        print_status(f"{machine.port_name} is a pseudo-terminal: treated as a simulated arm.")
-    if machine.zeros in (ZeroSource.ACCEPTED, ZeroSource.UNKNOWN):
-        print_status(
-            "Not calibrated: using nominal zeros; the position may be wrong by several cm."
-        )

@@ -211,7 +211,7 @@ def watch_arm(
         with (
             Live(console=console, auto_refresh=False)
             if console.is_terminal
-            else _no_context() as live
+            else contextlib.nullcontext() as live
         ):
             for here in states:
                 screen = _render_screen(here, model, console.width)
@@ -234,10 +234,6 @@ def _read_from_owner(model: Model, port: str | None) -> ArmState:
     if here is None:
         raise IkservoError("The program that used the port has ended.", "Run the command again.")
     return here
-
-
-def _no_context() -> contextlib.nullcontext[None]:
-    return contextlib.nullcontext()
 
 
 @contextmanager
