@@ -151,7 +151,10 @@ class ArmList:
         if isinstance(message, Heartbeat):
             return
         if isinstance(message, ShowCamera):
-            self._offer_camera(client_id)
+            if self._camera is None:
+                raise BadMessageError("There is no camera.", "Start with: ikservo view --camera 0")
+            url = self._downloads.offer(Download("", self._camera.stream, VIDEO_TYPE))
+            self._addresses.setdefault(client_id, []).append({"kind": "camera_url", "url": url})
             return
         if self._permissions[client_id] is not Permission.CONTROL:
             raise BadMessageError("This page is for watching only.", "Open the other address.")
@@ -170,12 +173,6 @@ class ArmList:
                 self._new_arm.answer(message)
             case CancelNewArm():
                 self._new_arm.close()
-
-    def _offer_camera(self, client_id: int) -> None:
-        if self._camera is None:
-            raise BadMessageError("There is no camera.", "Start with: ikservo view --camera 0")
-        url = self._downloads.offer(Download("", self._camera.stream, VIDEO_TYPE))
-        self._addresses.setdefault(client_id, []).append({"kind": "camera_url", "url": url})
 
     def frames(self, client_id: int) -> list[Frame]:
         """Return what is new for a client: the list, the address of the camera's pictures."""

@@ -93,7 +93,11 @@ class MessageFilter(Generic[_MessageT]):
             StaleMessageError: It is too old; nothing changes.
             RateLimitError: The connection is to be closed.
         """
-        self._consume_token(now_s)
+        self._tokens = min(_BURST, self._tokens + (now_s - self._filled_s) * _RATE_HZ)
+        self._filled_s = now_s
+        if self._tokens < 1.0:
+            raise RateLimitError("Too many messages.", f"At most {_RATE_HZ:.0f} a second.")
+        self._tokens -= 1.0
         try:
             message = self._read(text)
             self._check_sequence(message)
@@ -108,13 +112,6 @@ class MessageFilter(Generic[_MessageT]):
         ):
             raise _stale_error(message)
         return message
-
-    def _consume_token(self, now_s: float) -> None:
-        self._tokens = min(_BURST, self._tokens + (now_s - self._filled_s) * _RATE_HZ)
-        self._filled_s = now_s
-        if self._tokens < 1.0:
-            raise RateLimitError("Too many messages.", f"At most {_RATE_HZ:.0f} a second.")
-        self._tokens -= 1.0
 
     def _check_sequence(self, message: PageMessage) -> None:
         if message.seq <= self._last_seq:

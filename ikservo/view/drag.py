@@ -128,18 +128,13 @@ def start_joint_drag(
     line_of_sight = camera.ray(camera.project(pivot)[0]).direction
     lever_px = None
     if slides or abs(float(line_of_sight @ axis)) < _MIN_FACING_COSINE:
-        lever_px = _screen_velocity(
-            camera, axis if slides else np.cross(axis, point_m - pivot), point_m
-        )
+        # Compute the screen velocity (2,) of a point at a velocity (3,); upwards if almost zero
+        velocity = axis if slides else np.cross(axis, point_m - pivot)
+        ends, _ = camera.project(point_m + np.array([[-_SMALL], [_SMALL]]) * velocity)
+        lever: Vector = (ends[1] - ends[0]) / (2.0 * _SMALL)
+        upwards = np.array([0.0, -1.0 / _LEVERLESS_RAD_PX])
+        lever_px = lever if float(lever @ lever) > _MIN_LEVER_PX**2 else upwards
     return JointDrag(column, camera, pivot, axis, px, position, lever_px)
-
-
-def _screen_velocity(camera: Camera, velocity: Vector, point_m: Vector) -> Vector:
-    """Compute the screen velocity (2,) of a point at a velocity (3,); upwards if almost zero."""
-    ends, _ = camera.project(point_m + np.array([[-_SMALL], [_SMALL]]) * velocity)
-    lever: Vector = (ends[1] - ends[0]) / (2.0 * _SMALL)
-    upwards = np.array([0.0, -1.0 / _LEVERLESS_RAD_PX])
-    return lever if float(lever @ lever) > _MIN_LEVER_PX**2 else upwards
 
 
 AT_REST_PX = 4.0

@@ -73,13 +73,6 @@ class FollowPanel:
 
     def frames(self, client: Client) -> list[Frame]:
         """Return what a client does not know yet of the leader."""
-        self._update()
-        if client.sent.get("following") == self._fields:
-            return []
-        client.sent["following"] = self._fields
-        return [self._fields]
-
-    def _update(self) -> None:
         job, now_s = self._job, self._clock.now_s()
         if job is not None and self._arm_thread.job is not job:
             self._job, self._reported_s = None, -math.inf
@@ -88,6 +81,10 @@ class FollowPanel:
             self._reported_s = now_s
             rows = _lag_rows(self._arm_thread.arm, job)
             self._fields = {"kind": "following", "leader": job.feed.name, "lag": rows}
+        if client.sent.get("following") == self._fields:
+            return []
+        client.sent["following"] = self._fields
+        return [self._fields]
 
 
 def _check_coupling(leader: ArmThread, follower: Arm, name: str) -> tuple[str, ...]:

@@ -325,7 +325,10 @@ class FrameComposer:
         status = status_frame(
             self._arm_thread, self._interaction, step, controller, now_s, posture, fallback
         )
-        return self._frame_if_changed(client, status)
+        if client.sent.get("status") == status:
+            return []
+        client.sent["status"] = status
+        return [status]
 
     def _posture_analysis(self, client: Client) -> PostureAnalysis | None:
         """Return the analysis of the arm at rest, from the client's camera, if there is one."""
@@ -443,12 +446,6 @@ class FrameComposer:
 
     def _other_positions(self, snapshot: ArmSnapshot) -> dict[str, float]:
         return self._index.by_name(snapshot.measured)
-
-    def _frame_if_changed(self, client: Client, frame: Frame) -> list[Frame]:
-        if client.sent.get("status") == frame:
-            return []
-        client.sent["status"] = frame
-        return [frame]
 
     def _is_due(self, client: Client, kind: str, period_s: float, *, peek: bool = False) -> bool:
         now_s = self._clock.now_s()

@@ -121,7 +121,22 @@ class History:
     def _append(self, snapshot: ArmSnapshot, link: LinkStatistics, now_s: float) -> None:
         row = self._count % len(self._times)
         self._times[row] = now_s
-        self._values[row] = self._sample(snapshot, link)
+        count = len(self._scale)
+        goal = np.full(count, math.nan) if snapshot.reference is None else snapshot.reference
+        telemetry = [
+            (_or_nan(state.load_percent), _or_nan(state.current_a), state.temperature_c,
+             state.voltage_v)
+            for state in snapshot.states
+        ]  # fmt: skip
+        round_trip_ms = _or_nan(link.round_trip_s) * 1000.0
+        self._values[row] = np.concatenate(
+            (
+                goal * self._scale,
+                snapshot.measured * self._scale,
+                np.array(telemetry).T.ravel(),
+                (round_trip_ms, link.lost),
+            )
+        )
         self._count += 1  # last: readers see whole samples only
 
     def mark_stop(
@@ -146,24 +161,6 @@ class History:
         overwritten = max(0, self._count - capacity + 1 - int(order[first])) if len(values) else 0
         return HistorySlice(
             self.channels, times[first:][overwritten:], self._with_error(values[overwritten:])
-        )
-
-    def _sample(self, snapshot: ArmSnapshot, link: LinkStatistics) -> NDArray[np.float64]:
-        count = len(self._scale)
-        goal = np.full(count, math.nan) if snapshot.reference is None else snapshot.reference
-        telemetry = [
-            (_or_nan(state.load_percent), _or_nan(state.current_a), state.temperature_c,
-             state.voltage_v)
-            for state in snapshot.states
-        ]  # fmt: skip
-        round_trip_ms = _or_nan(link.round_trip_s) * 1000.0
-        return np.concatenate(
-            (
-                goal * self._scale,
-                snapshot.measured * self._scale,
-                np.array(telemetry).T.ravel(),
-                (round_trip_ms, link.lost),
-            )
         )
 
     def _with_error(self, stored: Table) -> Table:

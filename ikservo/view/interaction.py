@@ -442,23 +442,20 @@ class Interaction:
     def _solve_command(self, command: DragCommand, q: Vector, now_s: float) -> tuple[Vector, bool]:
         """Return the chain's goal (dof,), and whether solving again leads no further."""
         if self.solver != AUTO and isinstance(command, DragTarget) and command.is_click:
-            return self._solve_by_method(command, q, now_s), True
+            # Solve a click with the chosen method, and keep its iterations to be drawn
+            posture = self._solver.posture
+            self.solver_trace = trace_method(
+                self._chain, command.target.position, q, self.solver, posture
+            )
+            self._trace_start_s = now_s
+            found = self.solver_trace.result
+            self.marker = TargetMarker(
+                command.target.position, found.nearest_m, found.reached, found.binding
+            )
+            return found.q, True
         solution = self._solver.solve_command(command, q)
         self.marker, self.solver_text = solution.marker, solution.text
         return solution.q, solution.settled or isinstance(command, JointTarget)
-
-    def _solve_by_method(self, command: DragTarget, q: Vector, now_s: float) -> Vector:
-        """Solve a click with the chosen method, and keep its iterations to be drawn."""
-        posture = self._solver.posture
-        self.solver_trace = trace_method(
-            self._chain, command.target.position, q, self.solver, posture
-        )
-        self._trace_start_s = now_s
-        found = self.solver_trace.result
-        self.marker = TargetMarker(
-            command.target.position, found.nearest_m, found.reached, found.binding
-        )
-        return found.q
 
     def _warn_unreached(self) -> None:
         """Add a message if the target was not reached, once per gesture, at its end."""

@@ -119,7 +119,10 @@ def _samples(plot: _Plot, recording: HistorySlice, period_s: float) -> dict[str,
     return {
         "kind": "plots",
         "times": [round(time_s, 2) for time_s in times.tolist()],
-        "values": [[_shown(value) for value in column] for column in columns],
+        "values": [
+            [(None if math.isnan(value) else round(value, _DIGITS)) for value in column]
+            for column in columns
+        ],
     }
 
 
@@ -130,7 +133,3 @@ def _thinned(times_s: Sequence[float] | np.ndarray, last_s: float, period_s: flo
             kept.append(row)
             last_s = time_s
     return kept
-
-
-def _shown(value: float) -> float | None:
-    return None if math.isnan(value) else round(value, _DIGITS)

@@ -102,16 +102,13 @@ def trace_method(
     steps = np.array(result.trace or (chain.clip(q0), result.q))
     shown = np.unique(np.linspace(0, len(steps) - 1, min(len(steps), _MAX_SHOWN)).round())
     numbers = shown.astype(int)
+    # Compute the pivots and the tip (n, points, 3) at joints (n, dof)
+    q = steps[numbers]
+    links = [step.joint.child for step in chain.joints_to() if step.scale]
+    points = [chain.forward(q, link)[:, :3, 3] for link in (*links, chain.tip)]
     return SolverTrace(
         result=result,
         target_m=target.position,
         numbers=tuple(numbers.tolist()),
-        lines_m=_arm_points(chain, steps[numbers]),
+        lines_m=np.stack(points, axis=1),
     )
-
-
-def _arm_points(chain: Chain, q: Matrix) -> Matrix:
-    """Compute the pivots and the tip (n, points, 3) at joints (n, dof)."""
-    links = [step.joint.child for step in chain.joints_to() if step.scale]
-    points = [chain.forward(q, link)[:, :3, 3] for link in (*links, chain.tip)]
-    return np.stack(points, axis=1)

@@ -44,7 +44,7 @@ class ToolHandles:
         jacobians = [chain.jacobian(q) for q in _sample_postures(chain)]
         sizes = np.max([np.linalg.norm(J[:3], axis=1) for J in jacobians], axis=0)
         self._moves: list[bool] = (sizes > _RANK * sizes.max()).tolist()
-        self._turns = max(_rank(_turning(J)) for J in jacobians)
+        self._turns = max(int((np.linalg.svd(_turning(J))[1] > _RANK).sum()) for J in jacobians)
 
     @property
     def description(self) -> dict[str, object]:
@@ -84,10 +84,6 @@ def _turning(J: Matrix) -> Matrix:
     padded = np.zeros((3, max(3, still.shape[1])))
     padded[:, : still.shape[1]] = J[3:] @ still
     return padded
-
-
-def _rank(matrix: Matrix) -> int:
-    return int((np.linalg.svd(matrix)[1] > _RANK).sum())
 
 
 def _frame_along(first: Vector, R: Matrix) -> Matrix:

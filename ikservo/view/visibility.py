@@ -90,7 +90,9 @@ class VisibilityChecker:
             for name, rows in object_primitives(model).items()
         }
         if model.floor_m is not None:
-            self._obstacles[TABLE] = _table_triangles(model.floor_m)
+            # Compute the table as two triangles (2, WIDTH)
+            a, b, c, d = [(_TABLE_M * x, _TABLE_M * y, model.floor_m) for x, y in _ROUND]
+            self._obstacles[TABLE] = triangle_rows(np.array([[a, b, c], [a, c, d]]))
         self._picker = Picker({**links, **self._obstacles})
         self._ends = {link: rows[:, 1:7].reshape(-1, 3) for link, rows in links.items()}
         self._corners = {
@@ -174,12 +176,6 @@ def _pixel_grid(corners_px: Matrix, camera: Camera) -> Matrix:
     fractions = (np.arange(_LINES) + 0.5) / _LINES
     steps = low + fractions[:, None] * (high - low)
     return np.stack(np.meshgrid(steps[:, 0], steps[:, 1]), axis=-1).reshape(-1, 2)
-
-
-def _table_triangles(floor_m: float) -> Matrix:
-    """Compute the table as two triangles (2, WIDTH)."""
-    a, b, c, d = [(_TABLE_M * x, _TABLE_M * y, floor_m) for x, y in _ROUND]
-    return triangle_rows(np.array([[a, b, c], [a, c, d]]))
 
 
 _ROUND = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
