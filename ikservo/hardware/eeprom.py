@@ -109,7 +109,12 @@ def update_eeprom(
     """
     servo = bus.servos[servo_id]
     for key in expected:
-        _check_register_owner(servo, resolve_register(servo, key))
+        register = resolve_register(servo, key)
+        if register.area is not Area.EEPROM:
+            raise RegisterAccessError(str(servo), register.name, "it is not in EEPROM")
+        if register in (servo.table.id, servo.table.baud_rate):
+            reason = "the servo would no longer answer on this bus"
+            raise RegisterAccessError(str(servo), register.name, reason, "Use: ikservo setup")
     changes = register_differences(bus, servo_id, expected)
     if changes:
         refuse_under_torque(bus, servo_id, changes[0].register)
@@ -120,14 +125,6 @@ def update_eeprom(
     else:
         lock_eeprom(bus, servo_id)
     return changes
-
-
-def _check_register_owner(servo: ServoSpec, register: Register) -> None:
-    if register.area is not Area.EEPROM:
-        raise RegisterAccessError(str(servo), register.name, "it is not in EEPROM")
-    if register in (servo.table.id, servo.table.baud_rate):
-        reason = "the servo would no longer answer on this bus"
-        raise RegisterAccessError(str(servo), register.name, reason, "Use: ikservo setup")
 
 
 def refuse_under_torque(bus: ServoBus, servo_id: int, register: Register) -> None:
@@ -241,7 +238,16 @@ def write_backup(bus: ServoBus, servo_id: int, path: Path) -> None:
         BusError: The servo does not reply; nothing was written.
         FileWriteError: The file cannot be written.
     """
-    write_atomic(path, _format_backup(bus.servos[servo_id], read_eeprom(bus, servo_id)))
+    servo, eeprom = bus.servos[servo_id], read_eeprom(bus, servo_id)
+    lines = [
+        f"format = {_FORMAT}",
+        f'model = "{servo.table.model_name}"',
+        f"id = {servo.id}",
+        "",
+        "[eeprom]",
+        *(f"{name} = {number}" for name, number in eeprom.items()),
+    ]
+    write_atomic(path, "\n".join(lines) + "\n")
 
 
 def read_backup(path: Path) -> Backup:
@@ -291,15 +297,3 @@ def _fits(register: Register, number: int) -> bool:
     """Check whether a register can hold a number; servos may hold more than may be written."""
     lower, upper = register.codec.span(register.size)
     return lower <= number <= upper
-
-
-def _format_backup(servo: ServoSpec, eeprom: Mapping[str, int]) -> str:
-    lines = [
-        f"format = {_FORMAT}",
-        f'model = "{servo.table.model_name}"',
-        f"id = {servo.id}",
-        "",
-        "[eeprom]",
-        *(f"{name} = {number}" for name, number in eeprom.items()),
-    ]
-    return "\n".join(lines) + "\n"

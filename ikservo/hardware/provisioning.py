@@ -292,7 +292,10 @@ def _search_places(
     That one is confirmed at once, without the long search through all rates.
     """
     own = framing_of(table.family)
-    places = [(found.baud_rate, _framing_named(found.protocol)) for found in before]
+    places = [
+        (found.baud_rate, next(framing for framing in FRAMINGS if framing.name == found.protocol))
+        for found in before
+    ]
     known = set(table.baud_rates.values())
     places += [(r, own) for r in (rate, *_FACTORY_RATES) if r in known or r == rate]
     if not before and attempt % _PERIOD_STEPS == 1:
@@ -303,10 +306,6 @@ def _search_places(
         places += product(candidate_baud_rates(), [own])
         places += product(candidate_baud_rates(), FRAMINGS)
     return list(dict.fromkeys(places))
-
-
-def _framing_named(name: str) -> Framing:
-    return next(framing for framing in FRAMINGS if framing.name == name)
 
 
 def _places_of(found: Sequence[FoundServo]) -> list[tuple[int, int, bool]]:

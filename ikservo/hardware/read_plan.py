@@ -259,11 +259,10 @@ def plan_writes(servos: Iterable[ServoSpec], ref: RegisterRef) -> list[WriteTarg
         UnknownNameError: A servo has no such register.
     """
     own = [(servo, resolve_register(servo, ref)) for servo in servos]
-    return [WriteTarget(servo, r, tracks_state(servo, r), _is_fixed_width(r)) for servo, r in own]
-
-
-def _is_fixed_width(register: Register) -> bool:
-    return register.access is Access.RW and register.area is Area.RAM
+    return [
+        WriteTarget(servo, r, tracks_state(servo, r), r.access is Access.RW and r.area is Area.RAM)
+        for servo, r in own
+    ]
 
 
 def plan_reads(refs: Mapping[ServoSpec, Sequence[RegisterRef]]) -> ReadPlan:

@@ -79,7 +79,11 @@ class ReplyReader:
             fresh = bool(chunk) and self._add_chunk(chunk)
             self._parse_received(final=False)
             if len(self._replies) == len(self._sizes):
-                return self._finish_complete()
+                self._port.on_reply(self._raw, reply_bytes=self._expected)
+                surplus = len(self._scan.frames) > len(self._sizes)
+                odd = self._stale or self._older > 0 or self._scan.junk or surplus
+                self._port.health.record(odd=bool(odd))
+                return self._replies
             now_s = port.clock.now_s()
             if self._last_slot_passed():
                 deadline_s = due_s
@@ -157,13 +161,6 @@ class ReplyReader:
             return first
         found = "sent two different replies"
         return ReplyFault(first.servo_id, FaultKind.GARBLED, found, sent=self._port.sent)
-
-    def _finish_complete(self) -> dict[int, Reply]:
-        self._port.on_reply(self._raw, reply_bytes=self._expected)
-        surplus = len(self._scan.frames) > len(self._sizes)
-        odd = self._stale or self._older > 0 or self._scan.junk or surplus
-        self._port.health.record(odd=bool(odd))
-        return self._replies
 
     def _finish_at_deadline(self) -> dict[int, Reply]:
         """Compute the replies and faults once the deadline has passed."""
@@ -358,17 +355,11 @@ class PacketCache:
         key = (servo_id, instruction, parameters)
         packet = self._packets.get(key)
         if packet:
-            return self._resend_cached(packet)
+            self._port.clearPort()
+            return 0 if self._port.writePort(packet) == len(packet) else _SHORT_WRITE
         result = self._write(servo_id, instruction, parameters)
         if result == 0 and instruction in self._cacheable:
-            self._cache_packet(key)
+            if len(self._packets) >= _MAX_CACHED:
+                self._packets.clear()
+            self._packets[key] = self._port.sent
         return result
-
-    def _resend_cached(self, packet: bytes) -> int:
-        self._port.clearPort()
-        return 0 if self._port.writePort(packet) == len(packet) else _SHORT_WRITE
-
-    def _cache_packet(self, key: CacheKey) -> None:
-        if len(self._packets) >= _MAX_CACHED:
-            self._packets.clear()
-        self._packets[key] = self._port.sent

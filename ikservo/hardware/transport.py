@@ -165,7 +165,9 @@ def acquire_lock(device: str) -> PortLock:
     except ImportError:
         return PortLock()
 
-    descriptor = _open_lock_file(_lock_file_path(device))
+    # The lock file of a device: the same for every link to it
+    name = str(Path(device).resolve()).replace(os.sep, "-").strip("-")
+    descriptor = _open_lock_file(Path(tempfile.gettempdir()) / f"ikservo-{name}.lock")
     if descriptor is None:
         return PortLock()  # another user's unreadable file: opening the device decides
     try:
@@ -176,12 +178,6 @@ def acquire_lock(device: str) -> PortLock:
         raise PortBusyError(device, holder) from None
     _write_lock_holder(descriptor)
     return PortLock(descriptor)
-
-
-def _lock_file_path(device: str) -> Path:
-    """Return the lock file of a device: the same for every link to it."""
-    name = str(Path(device).resolve()).replace(os.sep, "-").strip("-")
-    return Path(tempfile.gettempdir()) / f"ikservo-{name}.lock"
 
 
 def _open_lock_file(path: Path) -> int | None:
