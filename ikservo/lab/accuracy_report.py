@@ -289,18 +289,15 @@ def _pose_plots(fields: Fields) -> Iterable[str]:
     ]
     reach = _round_up(max((float(np.abs(off).max()) for off in off_mm), default=0.0))
     for pose, off in zip(fields["poses"], off_mm, strict=True):
-        yield _pose_plot(f"{pose['name']}: attained points about {about}", off, reach)
+        # The attained points from above and from the side, about their target
+        text = f"{pose['name']}: attained points about {about}"
+        above = _scatter(0, ("x", "y"), off[:, [0, 1]], reach)
+        side = _scatter(170, ("x", "z"), off[:, [0, 2]], reach)
+        yield _figure(above + side, f"{text}, from above and from the side", 172)
 
 
 _WIDTH, _HEIGHT, _LEFT, _BOTTOM = 340, 230, 40, 30
 _COLOURS = ("var(--a)", "var(--b)", "var(--c)")
-
-
-def _pose_plot(text: str, off_mm: Matrix, reach: float) -> str:
-    """Return the attained points from above and from the side, about their target."""
-    above = _scatter(0, ("x", "y"), off_mm[:, [0, 1]], reach)
-    side = _scatter(170, ("x", "z"), off_mm[:, [0, 2]], reach)
-    return _figure(above + side, f"{text}, from above and from the side", 172)
 
 
 def _scatter(left: int, names: Sequence[str], points: Matrix, reach: float) -> str:

@@ -12,7 +12,6 @@ from pathlib import Path
 import numpy as np
 
 from ikservo.arm import Arm
-from ikservo.arm.context import ArmContext
 from ikservo.arm.reports import OnProgress
 from ikservo.calibration.identified_file import IdentifiedArm, IdentifiedJoint, load_identified
 from ikservo.calibration.paths import identified_path
@@ -87,7 +86,13 @@ class IdentificationRun:
         """
         context = arm.context
         context.require_zeros()
-        dynamics = _require_dynamics(context)
+        masses = link_masses(context.model, context.chain)
+        if not masses:
+            raise RefusedError(
+                f"{context.model.name} has no masses in its URDF.",
+                "Add <inertial> to its links: masses are estimated as shares of these.",
+            )
+        dynamics = Dynamics.from_masses(context.chain, masses)
         nominal_priors(context.model, context.chain.names)  # refuses unknown motors
         inside = arm.pose_within_limits(START_POSE)
         q = np.array([inside.positions[name] for name in context.chain.names])
@@ -186,16 +191,6 @@ def nominal_priors(model: Model, names: Sequence[str]) -> list[JointPrior]:
             )
         )
     return priors
-
-
-def _require_dynamics(context: ArmContext) -> Dynamics:
-    masses = link_masses(context.model, context.chain)
-    if not masses:
-        raise RefusedError(
-            f"{context.model.name} has no masses in its URDF.",
-            "Add <inertial> to its links: masses are estimated as shares of these.",
-        )
-    return Dynamics.from_masses(context.chain, masses)
 
 
 def _factors(prior: JointPrior) -> Mapping[str, float]:

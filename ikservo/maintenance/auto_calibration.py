@@ -123,15 +123,12 @@ class _EndStopSearch:
         self._trajectory: OnlineTrajectory | None = None
         self._polled_s = -math.inf
         self._leaving = False
-        self.detector = EndStopDetector(100.0 * fraction, self._pressing_lag_rad())
-        self.furthest = math.nan
-
-    def _pressing_lag_rad(self) -> float:
-        """Compute the lag behind the goal at which the servo presses as hard as it may."""
+        # Compute the lag behind the goal at which the servo presses as hard as it may
         limits = self._context.servos.driven_joints[self._column]
         speed = self._context.planner.motion_limits("slow")[self._column].speed_rad_s
         lead_rad = limits.max_lead_ticks(speed) * limits.joint_map.horn_rad_per_tick
-        return _PRESSING_SHARE * lead_rad
+        self.detector = EndStopDetector(100.0 * fraction, _PRESSING_SHARE * lead_rad)
+        self.furthest = math.nan
 
     def start_trajectory(self, start: Vector) -> OnlineTrajectory:
         self._context.servos.limit_force(self._joint, self._fraction)  # after torque-on
@@ -161,7 +158,11 @@ class _EndStopSearch:
         self._update_detector(at, float(cycle.goals[self._column]))
         arrived = abs(at - self._end) <= _ARRIVED_RAD * self._per_horn
         if self.detector.contact is not ContactState.MOVING or (arrived and settled):
-            self._back_off(trajectory, cycle, at)
+            self.furthest, self._leaving = at, True
+            back = math.copysign(_BACK_OFF_RAD * self._per_horn, self._end - at)
+            if abs(self._end - at) < 2 * _ARRIVED_RAD * self._per_horn:
+                back = 0.0
+            trajectory.retarget(self._with_position(cycle.goals, at - back), cycle.time_s)
 
     def _update_detector(self, at: float, goal: float) -> None:
         """Update the detector; the servo's load is read only where it decides."""
@@ -174,13 +175,6 @@ class _EndStopSearch:
                 self._servo, self._bus.read(self._servo.id, RegisterName.PRESENT_LOAD)
             )
             self.detector = self.detector.update_with_load(now_s, horn, ahead, load)
-
-    def _back_off(self, trajectory: OnlineTrajectory, cycle: ControlCycle, at: float) -> None:
-        self.furthest, self._leaving = at, True
-        back = math.copysign(_BACK_OFF_RAD * self._per_horn, self._end - at)
-        if abs(self._end - at) < 2 * _ARRIVED_RAD * self._per_horn:
-            back = 0.0
-        trajectory.retarget(self._with_position(cycle.goals, at - back), cycle.time_s)
 
     def _with_position(self, joints: Vector, position: float) -> Vector:
         return self._context.index.with_position(joints, self._joint, position)
@@ -393,7 +387,10 @@ class AutoCalibration:
         reason = unreached(subject, lower, upper)
         yield Notice(f"{subject.name}: {reason}")
         self.state = self.state.skip(subject.name, reason)
-        self._record_end_stops(subject, lower, upper)
+        expected, margin = subject.expected, self.state.margin_rad * horn_to_joint(subject)
+        low = expected.lower if isinstance(lower, str) else Limit(lower + margin, "felt")
+        high = expected.upper if isinstance(upper, str) else Limit(upper - margin, "felt")
+        self.partial_limits[subject.name] = Limits(subject.name, low, high, expected.unit)
 
     def _learn(self, subject: JointUnderCalibration) -> None:
         """Use the measured range of a joint in the postures for other joints."""
@@ -401,14 +398,6 @@ class AutoCalibration:
         ends = measure_joint(self.state, subject).range_inside_margin(0.0)
         if ends is not None and subject.name in names:
             self._postures.learn(names.index(subject.name), *ends)
-
-    def _record_end_stops(
-        self, subject: JointUnderCalibration, lower: float | str, upper: float | str
-    ) -> None:
-        expected, margin = subject.expected, self.state.margin_rad * horn_to_joint(subject)
-        low = expected.lower if isinstance(lower, str) else Limit(lower + margin, "felt")
-        high = expected.upper if isinstance(upper, str) else Limit(upper - margin, "felt")
-        self.partial_limits[subject.name] = Limits(subject.name, low, high, expected.unit)
 
     def _find_end_stop(
         self, end: RangeEnd, subject: JointUnderCalibration

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import contextlib
 import math
-from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -269,15 +269,12 @@ class PosturePlanner:
         """Plan a collision-free path through postures (dof,) to a goal; None if none is found."""
         if self._is_path_free(sample_line(present, goal)):
             return [goal]
-        for between in self._via_postures():
+        for between in chain(self._known, islice(self._random_postures(), _DETOURS)):
             if self._is_path_free(sample_line(present, between)) and self._is_path_free(
                 sample_line(between, goal)
             ):
                 return [between, goal]
         return None
-
-    def _via_postures(self) -> Iterable[Vector]:
-        return chain(self._known, islice(self._random_postures(), _DETOURS))
 
     def _random_postures(self) -> Iterator[Vector]:
         random = np.random.default_rng(1)  # the same postures in each run

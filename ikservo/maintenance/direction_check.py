@@ -169,14 +169,12 @@ def run_direction_check(arm: Arm, motion: DirectionCheck) -> None:
 def _move_joint(arm: Arm, joint: str, position: float) -> None:
     """Move one joint slowly to a position, or to the limit before it, where sagging began."""
     try:
-        arm.move_joints({joint: _clamp_position(arm, joint, position)}, speed="slow")
+        column, (lower, upper) = arm.joint_index.column(joint), arm.limits()
+        arm.move_joints(
+            {joint: min(max(position, float(lower[column])), float(upper[column]))}, speed="slow"
+        )
     except RefusedError as error:
         raise RefusedError(f"{joint}: {error.message}", error.command_hint) from error
-
-
-def _clamp_position(arm: Arm, joint: str, position: float) -> float:
-    column, (lower, upper) = arm.joint_index.column(joint), arm.limits()
-    return min(max(position, float(lower[column])), float(upper[column]))
 
 
 def _test_clearance(arm: Arm, name: str) -> Clearance:

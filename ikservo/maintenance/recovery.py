@@ -60,7 +60,17 @@ def recover(bus: ServoBus, *, reboot: bool = False) -> list[RecoveryResult]:
         PortLostError: The port is gone.
     """
     done = [_recover_servo(bus, servo, reboot=reboot) for servo in bus.servos.values()]
-    _set_goals_to_present(bus, [r.servo.id for r in done if r.torque])
+    # Set goals to the positions of joints with torque, so that they do not press on
+    servo_ids = [r.servo.id for r in done if r.torque]
+    present: Mapping[int, int] = bus.sync_read(
+        servo_ids, RegisterName.PRESENT_POSITION, raw=True
+    ).values
+    ranges = _read_goal_ranges(bus, present)
+    # Outside its limits a servo would not stay at its position, but drive to one of them.
+    inside = {i: present[i] for i, (low, high) in ranges.items() if low <= present[i] <= high}
+    if inside:
+        write_goals(bus, inside, ranges)
+        bus.sync_read(inside, RegisterName.GOAL_POSITION)  # a reply shows that the write is over
     return done
 
 
@@ -91,24 +101,20 @@ def _read_alarms(bus: ServoBus, servo: ServoSpec) -> tuple[str, ...]:
 
 def _clear_alarm(bus: ServoBus, servo: ServoSpec, *, reboot: bool) -> str:
     if servo.table.family not in _REBOOTING:
-        return _cycle_torque(bus, servo)
+        was_on = bus.read(servo.id, RegisterName.TORQUE_ENABLE, raw=True) == 1
+        bus.write(servo.id, RegisterName.TORQUE_ENABLE, 0, raw=True)
+        if not was_on:
+            return "torque switched off again"
+        try:
+            torque_on(bus, servo.id)
+        except RefusedError as error:  # it cannot hold where it is
+            return f"torque stays off: {error.message}"
+        return "torque off and on again"
     if not reboot:
         return _NEEDS_REBOOT
     bus.reboot(servo.id)
     wait_for_boot(bus, servo)
     return "restarted; torque off"
-
-
-def _cycle_torque(bus: ServoBus, servo: ServoSpec) -> str:
-    was_on = bus.read(servo.id, RegisterName.TORQUE_ENABLE, raw=True) == 1
-    bus.write(servo.id, RegisterName.TORQUE_ENABLE, 0, raw=True)
-    if not was_on:
-        return "torque switched off again"
-    try:
-        torque_on(bus, servo.id)
-    except RefusedError as error:  # it cannot hold where it is
-        return f"torque stays off: {error.message}"
-    return "torque off and on again"
 
 
 def wait_for_boot(bus: ServoBus, servo: ServoSpec) -> None:
@@ -127,19 +133,6 @@ def wait_for_boot(bus: ServoBus, servo: ServoSpec) -> None:
                 raise
         else:
             return
-
-
-def _set_goals_to_present(bus: ServoBus, servo_ids: Iterable[int]) -> None:
-    """Set goals to the positions of joints with torque, so that they do not press on."""
-    present: Mapping[int, int] = bus.sync_read(
-        servo_ids, RegisterName.PRESENT_POSITION, raw=True
-    ).values
-    ranges = _read_goal_ranges(bus, present)
-    # Outside its limits a servo would not stay at its position, but drive to one of them.
-    inside = {i: present[i] for i, (low, high) in ranges.items() if low <= present[i] <= high}
-    if inside:
-        write_goals(bus, inside, ranges)
-        bus.sync_read(inside, RegisterName.GOAL_POSITION)  # a reply shows that the write is over
 
 
 def _read_goal_ranges(bus: ServoBus, servo_ids: Iterable[int]) -> dict[int, tuple[int, int]]:
