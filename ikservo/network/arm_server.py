@@ -183,7 +183,9 @@ class ArmServer:
     def _answer_drive(self, service: str, request: ServiceRequest) -> object:
         match service:
             case "lease":
-                return self._lend(request)
+                operator = str(request.arguments.get("operator", "somebody"))[:80]
+                holder = self.lease.acquire(operator)
+                return {"lease": holder.lease, "now_s": self._clock.now_s()}
             case "release":
                 return self.service.release(request.lease)
             case "acknowledge":
@@ -238,11 +240,6 @@ class ArmServer:
 
     # the lease
 
-    def _lend(self, request: ServiceRequest) -> object:
-        operator = str(request.arguments.get("operator", "somebody"))[:80]
-        holder = self.lease.acquire(operator)
-        return {"lease": holder.lease, "now_s": self._clock.now_s()}
-
     def _on_setpoint(self, sample: zenoh.Sample) -> None:
         with suppress(IkservoError):  # what is no setpoint is dropped
             setpoint = decode(Setpoint, sample.payload.to_bytes(), MAX_SETPOINT_BYTES)
@@ -273,7 +270,8 @@ class ArmServer:
         due_s = self._clock.now_s()
         while not self._closing.is_set():
             with suppress(Exception):  # a servo that does not answer is in the health
-                if _has_subscriber(publisher):
+                status: object = publisher.matching_status  # an object, whatever its stub says
+                if bool(getattr(status, "matching", status)):
                     self._publish("state", self._arm.where())
             due_s = max(due_s + 1.0 / self._rate_hz, self._clock.now_s())
             self._closing.wait(due_s - self._clock.now_s())
@@ -289,11 +287,6 @@ class ArmServer:
                 self._publish("progress", progress)
 
         return publish
-
-
-def _has_subscriber(publisher: zenoh.Publisher) -> bool:
-    status: object = publisher.matching_status  # an object, whatever its stub says
-    return bool(getattr(status, "matching", status))
 
 
 def _unknown(service: str) -> InputError:

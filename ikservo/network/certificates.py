@@ -119,7 +119,10 @@ def make_keys(folder: Path, hosts: Sequence[str], *, overwrite: bool = False) ->
         raise BadValueError("The folder", f"{folder}, which has certificates", "another folder")
     for host in hosts:
         check_host(host)
-    _require_cryptography()
+    if find_spec("cryptography") is None:
+        raise IkservoError(
+            "Certificates need the library cryptography.", 'Install it: pip install "ikservo[net]"'
+        )
     authority = _make_authority()
     signed = {_AUTHORITY: authority}
     for role in ROLES:
@@ -130,13 +133,6 @@ def make_keys(folder: Path, hosts: Sequence[str], *, overwrite: bool = False) ->
         files |= _files_of(folder / name, name, own, authority)
     write_all_atomic(files, folder_mode=0o700)
     return [folder / name for name in signed]
-
-
-def _require_cryptography() -> None:
-    if find_spec("cryptography") is None:
-        raise IkservoError(
-            "Certificates need the library cryptography.", 'Install it: pip install "ikservo[net]"'
-        )
 
 
 def _make_authority() -> _Signed:

@@ -81,23 +81,20 @@ def _row(
     if not answers:
         return FleetArm(_place(host), name, error="it does not answer")
     try:
-        return _healthy_row(host, name, result_of(answers[0][1]), latency_s)
+        answer = result_of(answers[0][1])
+        health = cast("Mapping[str, Any]", answer)
+        return FleetArm(
+            host=_place(host),
+            name=name,
+            arm=str(health["arm"]),
+            state=str(health["state"]),
+            operator=str(health["operator"]),
+            stopped_for=str(health["stop_text"]),
+            temperature_c=float(health["temperature_c"]),
+            alarms=tuple(health["alarms"]),
+            latency_s=latency_s,
+        )
     except IkservoError as error:
         return FleetArm(_place(host), name, error=error.message)
     except (AttributeError, KeyError, TypeError, ValueError):
         return FleetArm(_place(host), name, error=f"another version of ikservo. {SAME_VERSION}")
-
-
-def _healthy_row(host: Endpoint, name: str, answer: object, latency_s: float) -> FleetArm:
-    health = cast("Mapping[str, Any]", answer)
-    return FleetArm(
-        host=_place(host),
-        name=name,
-        arm=str(health["arm"]),
-        state=str(health["state"]),
-        operator=str(health["operator"]),
-        stopped_for=str(health["stop_text"]),
-        temperature_c=float(health["temperature_c"]),
-        alarms=tuple(health["alarms"]),
-        latency_s=latency_s,
-    )

@@ -97,7 +97,8 @@ class RemoteStream:
         self._connection.send_setpoint(**goal)
         self.sent += 1
         if self._period_s is not None:
-            self._await_due(self._period_s)
+            self._due_s = max(self._due_s + self._period_s, self._arm.clock.now_s())
+            self._arm.clock.sleep_until(self._due_s)
 
     def _end(self, pending: PendingCall) -> None:
         """Say that no more goals come, until it is answered: one that comes late is dropped."""
@@ -106,10 +107,6 @@ class RemoteStream:
             self._connection.send_setpoint(wanted=False)
             if pending.wait(_END_PERIOD_S):
                 return
-
-    def _await_due(self, period_s: float) -> None:
-        self._due_s = max(self._due_s + period_s, self._arm.clock.now_s())
-        self._arm.clock.sleep_until(self._due_s)
 
     def _take_counts(self, pending: PendingCall) -> None:
         counts = cast("Mapping[str, Any]", pending.result())
