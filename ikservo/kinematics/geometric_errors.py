@@ -100,7 +100,13 @@ def calibration_jacobian(
     tips: Matrix = T[:, :3, 3]
     rotations = _parent_rotations(own, q, origins)
     eye = np.broadcast_to(np.eye(3), (len(q), 3, 3))
-    rotation_columns = _rotation_derivatives(tips - geometry.base_m, geometry.base_rad)
+    # Compute the derivatives of points (n, 3) by the base's rotation vector (n, 3, 3)
+    arms_m = tips - geometry.base_m
+    W = skew(geometry.base_rad)
+    left_jacobian = (
+        np.eye(3) + W / 2.0 + W @ W / 6.0 + W @ W @ W / 24.0
+    )  # for small rotations of the base
+    rotation_columns = np.array([-skew(arm) @ left_jacobian for arm in arms_m])
     columns = [jacobian[:, :3, :], eye, rotation_columns, *(rotations[name] for name in origins)]
     return tips, np.concatenate(columns, axis=2)
 
@@ -110,12 +116,3 @@ def _parent_rotations(chain: Chain, q: Matrix, names: Sequence[str]) -> dict[str
     parents = {step.joint.name: step.joint.parent for step in chain.joints_to()}
     links = chain.link_poses(q)
     return {name: links[parents[name]][:, :3, :3] for name in names}
-
-
-def _rotation_derivatives(arms_m: Matrix, base_rad: Vector) -> Matrix:
-    """Compute the derivatives of points (n, 3) by the base's rotation vector (n, 3, 3)."""
-    W = skew(base_rad)
-    left_jacobian = (
-        np.eye(3) + W / 2.0 + W @ W / 6.0 + W @ W @ W / 24.0
-    )  # for small rotations of the base
-    return np.array([-skew(arm) @ left_jacobian for arm in arms_m])

@@ -54,7 +54,12 @@ def log_so3(R: ArrayLike) -> Vector:
     cos = 0.5 * (float(np.trace(R)) - 1.0)
     theta = math.atan2(sin, cos)
     if math.pi - theta < _NEAR_PI_RAD:
-        return theta * _axis_near_pi(R, axis_sin, cos)
+        # Compute the axis of a rotation by pi: the largest column of (R + Rᵀ)/2 - cos θ I
+        S = 0.5 * (R + R.T) - cos * np.eye(3)
+        column = S[:, int(np.argmax(np.diag(S)))]
+        axis = column / math.sqrt(float(column @ column))
+        # At exactly pi both signs are the same rotation; below it the sine part decides.
+        return theta * (-axis if float(axis @ axis_sin) < 0.0 else axis)
     # sin = theta - theta³/6: the quotient tends to one without a division by zero.
     return axis_sin * (1.0 + theta * theta / 6.0 if theta < _SMALL_RAD else theta / sin)
 
@@ -88,15 +93,6 @@ def _rodrigues(theta: float) -> tuple[float, float]:
         return 1.0 - theta * theta / 6.0, 0.5  # times θ² the next term is below rounding
     half = math.sin(0.5 * theta) / (0.5 * theta)
     return math.sin(theta) / theta, 0.5 * half * half
-
-
-def _axis_near_pi(R: Matrix, axis_sin: Vector, cos: float) -> Vector:
-    """Compute the axis of a rotation by pi: the largest column of (R + Rᵀ)/2 - cos θ I."""
-    S = 0.5 * (R + R.T) - cos * np.eye(3)
-    column = S[:, int(np.argmax(np.diag(S)))]
-    axis = column / math.sqrt(float(column @ column))
-    # At exactly pi both signs are the same rotation; below it the sine part decides.
-    return -axis if float(axis @ axis_sin) < 0.0 else axis
 
 
 def quaternion_to_matrix(quaternion: ArrayLike) -> Matrix:

@@ -32,7 +32,7 @@ def find_arm(name_or_path: str | Path) -> Path:
         UnknownNameError: There is no such arm; the closest name is offered.
     """
     text = str(name_or_path)
-    if isinstance(name_or_path, Path) or _looks_like_path(text):
+    if isinstance(name_or_path, Path) or ("/" in text or "\\" in text or text.endswith(_SUFFIXES)):
         return _find_at_path(text)
     for shelf in _arm_folders():
         if _NAME.fullmatch(text) and text in _arm_names_in(shelf):
@@ -61,10 +61,6 @@ def _arm_names_in(shelf: Path) -> list[str]:
         return []
     names = [folder.name for folder in shelf.iterdir() if _NAME.fullmatch(folder.name)]
     return [name for name in names if (shelf / name / ARM_FILE).is_file()]
-
-
-def _looks_like_path(text: str) -> bool:
-    return "/" in text or "\\" in text or text.endswith(_SUFFIXES)
 
 
 def _find_at_path(text: str) -> Path:

@@ -330,7 +330,9 @@ def fit_robustly(
     all_touches = np.ones(len(touches), dtype=np.bool_)
     found = _solve_parameters(problem, all_touches, robust=True)
     for _ in range(_MAX_ITERATIONS):
-        kept = _inlier_mask(found)
+        # The touches whose error is explained by chance
+        spread = float(np.median(found.residuals_m[found.kept])) / _MEDIAN_OF_CHI3
+        kept = found.residuals_m <= _OUTLIER_DEVIATIONS * max(spread, TOUCH_M)
         if np.count_nonzero(~kept) > _MAX_OUTLIER_FRACTION * len(touches):
             raise _contradiction_error(touches, kept)
         found = _solve_parameters(problem, kept, robust=False)
@@ -351,18 +353,6 @@ def _solve_parameters(problem: LeastSquaresProblem, kept: Mask, *, robust: bool)
             loss=partial(_cauchy_loss, 3 * int(np.count_nonzero(kept))) if robust else "linear",
         )
         x = np.asarray(solution.x, dtype=np.float64)
-    return _make_fit(problem, x, kept)
-
-
-def _cauchy_loss(rows: int, squares: Vector, cost_only: bool | None = None) -> Matrix:
-    """Return ρ, ρ' and ρ'' (3, m) of squared residuals (m,): log(1 + z) for the first ``rows``."""
-    rho = np.array([squares, np.ones_like(squares), np.zeros_like(squares)])
-    near = 1.0 / (1.0 + squares[:rows])
-    rho[:, :rows] = -np.log(near), near, -(near**2)
-    return rho
-
-
-def _make_fit(problem: LeastSquaresProblem, x: Vector, kept: Mask) -> CalibrationFit:
     layout, J = problem.layout, problem.jacobian(x, kept)
     covariance = np.zeros((len(layout.free), len(layout.free)))
     if layout.free.any():
@@ -374,10 +364,12 @@ def _make_fit(problem: LeastSquaresProblem, x: Vector, kept: Mask) -> Calibratio
     return CalibrationFit(layout, values, covariance, scaled, kept, residuals_m)
 
 
-def _inlier_mask(found: CalibrationFit) -> Mask:
-    """Return the touches whose error is explained by chance."""
-    spread = float(np.median(found.residuals_m[found.kept])) / _MEDIAN_OF_CHI3
-    return found.residuals_m <= _OUTLIER_DEVIATIONS * max(spread, TOUCH_M)
+def _cauchy_loss(rows: int, squares: Vector, cost_only: bool | None = None) -> Matrix:
+    """Return ρ, ρ' and ρ'' (3, m) of squared residuals (m,): log(1 + z) for the first ``rows``."""
+    rho = np.array([squares, np.ones_like(squares), np.zeros_like(squares)])
+    near = 1.0 / (1.0 + squares[:rows])
+    rho[:, :rows] = -np.log(near), near, -(near**2)
+    return rho
 
 
 def _check_scatter(found: CalibrationFit) -> None:

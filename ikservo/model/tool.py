@@ -138,13 +138,20 @@ def describe_direction(model: Model, joint: ModelJoint, pose: str, towards: int)
         towards: +1 for increasing positions, -1 for decreasing ones.
     """
     if joint.name not in model.chain.names:
-        return _describe_gripper_motion(model, joint, towards)
+        # Name the direction from the pose rest to the pose home as open
+        opening = model.pose("home")[joint.name] - model.pose("rest")[joint.name]
+        return "so that it opens" if opening * towards >= 0.0 else "so that it closes"
     column = model.chain.names.index(joint.name)
     T, J = model.chain.forward_and_jacobian(model.chain_pose(pose))
     speed: Vector = towards * (view_axes(model) @ J[:3, column])
     if float(np.linalg.norm(speed)) < _ROLLS_M_PER_RAD:
         axis: Vector = towards * J[3:, column]
-        return _describe_roll(axis, T[:3, 3] - _joint_origin(model, joint, pose))
+        # Name a roll as seen from behind the tool: clockwise about an axis that points ahead
+        child = next(j.child for j in model.urdf.joints if j.name == joint.name)
+        origin: Vector = model.chain.forward(model.chain_pose(pose), frame=child)[:3, 3]
+        ahead = T[:3, 3] - origin
+        sense = "clockwise" if float(axis @ ahead) > 0.0 else "counter-clockwise"
+        return f"{sense}, seen along the tool"
     along = int(np.argmax(np.abs(speed)))
     return f"so that the tool goes {_DIRECTIONS[along][0 if speed[along] > 0 else 1]}"
 
@@ -157,21 +164,3 @@ def view_axes(model: Model) -> Vector:
     ahead = np.array([1.0, 0.0, 0.0]) if length < _AHEAD_M else ahead / length
     up = np.array([0.0, 0.0, 1.0])
     return np.array([ahead, np.cross(up, ahead), up])
-
-
-def _describe_roll(axis: Vector, ahead: Vector) -> str:
-    """Name a roll as seen from behind the tool: clockwise about an axis that points ahead."""
-    sense = "clockwise" if float(axis @ ahead) > 0.0 else "counter-clockwise"
-    return f"{sense}, seen along the tool"
-
-
-def _describe_gripper_motion(model: Model, joint: ModelJoint, towards: int) -> str:
-    """Name the direction from the pose rest to the pose home as open."""
-    opening = model.pose("home")[joint.name] - model.pose("rest")[joint.name]
-    return "so that it opens" if opening * towards >= 0.0 else "so that it closes"
-
-
-def _joint_origin(model: Model, joint: ModelJoint, pose: str) -> Vector:
-    child = next(j.child for j in model.urdf.joints if j.name == joint.name)
-    origin: Vector = model.chain.forward(model.chain_pose(pose), frame=child)[:3, 3]
-    return origin

@@ -169,7 +169,9 @@ class TouchOffState:
             raise CalibrationError("The arm is still moving.", "Hold it still for half a second.")
         ticks = self.stillness.mean_ticks()
         touch = TouchPoint(
-            self._joint_vector(ticks), self.current_target.name, self.current_target.position_m
+            np.array([joint.position(ticks[joint.servo_id]) for joint in self.maps]),
+            self.current_target.name,
+            self.current_target.position_m,
         )
         return replace(
             self, touches=(*self.touches, touch), places=self.places[1:], ticks=ticks, before=self
@@ -199,6 +201,3 @@ class TouchOffState:
     def has_enough_touches(self) -> bool:
         """Whether the touches could be reviewed."""
         return len(self.touches) >= MIN_TOUCHES
-
-    def _joint_vector(self, ticks: Mapping[int, float]) -> Vector:
-        return np.array([joint.position(ticks[joint.servo_id]) for joint in self.maps])

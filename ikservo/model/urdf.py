@@ -111,21 +111,17 @@ def _read_limits(element: XmlElement, kind: UrdfJointType, name: str) -> _LimitT
     else:
         limit = element.required("limit")
         lower, upper = limit.number("lower", 0.0), limit.number("upper", 0.0)
-        _check_range(limit, name, lower, upper)
+        if lower > upper:
+            found = f"joint {quote(name)} has lower {lower:g} above upper {upper:g}"
+            raise limit.error(found, "lower below upper")
+        if lower == upper:
+            found = f"joint {quote(name)} has lower = upper = {lower:g}, so it cannot move"
+            raise limit.error(found, 'its real range, or type="fixed"')
     if limit is None:
         return _LimitTag(lower, upper, math.inf, math.inf)
     return _LimitTag(
         lower, upper, _parse_strength(limit, "effort"), _parse_strength(limit, "velocity")
     )
-
-
-def _check_range(limit: XmlElement, name: str, lower: float, upper: float) -> None:
-    if lower > upper:
-        found = f"joint {quote(name)} has lower {lower:g} above upper {upper:g}"
-        raise limit.error(found, "lower below upper")
-    if lower == upper:
-        found = f"joint {quote(name)} has lower = upper = {lower:g}, so it cannot move"
-        raise limit.error(found, 'its real range, or type="fixed"')
 
 
 def _parse_strength(limit: XmlElement, attribute: str) -> float:
@@ -223,7 +219,10 @@ def _read_inertia(inertial: XmlElement) -> tuple[float, float, float, float, flo
 def _read_shape(element: XmlElement, find_mesh: FindMesh) -> Shape:
     xyz_m, rpy_rad = parse_origin(element)
     geometry = element.required("geometry")
-    shape = _only_shape(geometry)
+    if len(geometry.children) != 1 or geometry.children[0].tag not in _SHAPES:
+        tags = ", ".join(f"<{child.tag}>" for child in geometry.children[:3]) or "nothing"
+        raise geometry.error(f"<geometry> holds {tags}", f"one of {', '.join(_SHAPES)}")
+    shape = geometry.children[0]
     match shape.tag:
         case "box":
             size_m = _positive_vector(shape, "size", shape.vector("size"))
@@ -237,13 +236,6 @@ def _read_shape(element: XmlElement, find_mesh: FindMesh) -> Shape:
         case _:
             filename, scale = shape.text("filename"), shape.vector("scale", default=1.0)
             return Mesh(filename, find_mesh(filename), scale, xyz_m, rpy_rad)
-
-
-def _only_shape(geometry: XmlElement) -> XmlElement:
-    if len(geometry.children) != 1 or geometry.children[0].tag not in _SHAPES:
-        tags = ", ".join(f"<{child.tag}>" for child in geometry.children[:3]) or "nothing"
-        raise geometry.error(f"<geometry> holds {tags}", f"one of {', '.join(_SHAPES)}")
-    return geometry.children[0]
 
 
 def _positive_length(shape: XmlElement, attribute: str) -> float:
@@ -273,7 +265,12 @@ def find_root(path: Path, links: Sequence[UrdfLink], joints: Sequence[UrdfJoint]
     _check_unique_names(path, "link", links)
     _check_unique_names(path, "joint", joints)
     _check_link_names(path, {link.name for link in links}, joints)
-    _check_mimics(path, joints)
+    leaders = {joint.name for joint in joints if joint.kind.is_movable and joint.mimic is None}
+    for joint in joints:
+        if joint.mimic is not None and joint.mimic.joint not in leaders:
+            followed = quote(joint.mimic.joint)
+            found = f"joint {quote(joint.name)} mimics {followed}, which cannot be mimicked"
+            raise _tree_error(path, joint, found, "a joint that moves and mimics no other")
     carriers = _parent_joints(path, joints)
     _check_acyclic(path, carriers)
     return _require_single_root(path, [link for link in links if link.name not in carriers])
@@ -300,15 +297,6 @@ def _check_link_names(path: Path, names: Collection[str], joints: Sequence[UrdfJ
                     f"joint {quote(joint.name)} has the {role} {quote(link)}, which is not a link"
                 )
                 raise _tree_error(path, joint, found, _format_choices(link, names))
-
-
-def _check_mimics(path: Path, joints: Sequence[UrdfJoint]) -> None:
-    leaders = {joint.name for joint in joints if joint.kind.is_movable and joint.mimic is None}
-    for joint in joints:
-        if joint.mimic is not None and joint.mimic.joint not in leaders:
-            followed = quote(joint.mimic.joint)
-            found = f"joint {quote(joint.name)} mimics {followed}, which cannot be mimicked"
-            raise _tree_error(path, joint, found, "a joint that moves and mimics no other")
 
 
 def _parent_joints(path: Path, joints: Sequence[UrdfJoint]) -> Mapping[str, UrdfJoint]:
