@@ -40,7 +40,12 @@ def read_text(path: Path, limit_bytes: int) -> str:
         raise FileFormatError(path, "", "is too large", f"at most {limit_bytes // 1024} KiB")
     if not data.strip():
         raise FileFormatError(path, "", "is empty")
-    return _decode_utf8(path, data)
+    try:
+        return data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = error.object.count(b"\n", 0, error.start) + 1
+        found = f"holds the byte 0x{error.object[error.start]:02X}, which is not UTF-8"
+        raise FileFormatError(path, f"line {line}", found, "text in UTF-8") from error
 
 
 def require_file(path: Path) -> None:
@@ -116,15 +121,6 @@ def _read_at_most(path: Path, limit_bytes: int) -> bytes:
             return file.read(limit_bytes + 1)
     except OSError as error:
         raise FileFormatError(path, "", f"cannot be read ({error.strerror})") from error
-
-
-def _decode_utf8(path: Path, data: bytes) -> str:
-    try:
-        return data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        line = error.object.count(b"\n", 0, error.start) + 1
-        found = f"holds the byte 0x{error.object[error.start]:02X}, which is not UTF-8"
-        raise FileFormatError(path, f"line {line}", found, "text in UTF-8") from error
 
 
 MAX_BYTES = 256 * 1024

@@ -141,7 +141,13 @@ def _read_episodes(folder: Path, column: str, columns: list[int], width: int) ->
         rows = np.flatnonzero(numbers == number)
         rows = rows[np.argsort(times_s[rows], kind="stable")]
         episode = Episode(int(number), times_s[rows], values[rows][:, columns])
-        _check_episode(folder, episode)
+        where = f"episode {episode.number}"
+        if not (np.isfinite(episode.values).all() and np.isfinite(episode.times_s).all()):
+            raise FileFormatError(
+                folder, where, "has values that are not numbers", "finite numbers"
+            )
+        if np.any(np.diff(episode.times_s) <= 0.0):
+            raise FileFormatError(folder, where, "has two frames of one time", "growing timestamps")
         yield episode
 
 
@@ -192,11 +198,3 @@ def _check_size(path: Path, file: Any, names: Sequence[str], width: int) -> None
         found = f"has {rows:,} frames of {values:,} values in {size:,} bytes"
         expected = f"at most {MAX_FRAMES:,} frames in a file, {width} values in each"
         raise FileFormatError(path, "", found, expected)
-
-
-def _check_episode(folder: Path, episode: Episode) -> None:
-    where = f"episode {episode.number}"
-    if not (np.isfinite(episode.values).all() and np.isfinite(episode.times_s).all()):
-        raise FileFormatError(folder, where, "has values that are not numbers", "finite numbers")
-    if np.any(np.diff(episode.times_s) <= 0.0):
-        raise FileFormatError(folder, where, "has two frames of one time", "growing timestamps")

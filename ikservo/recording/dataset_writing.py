@@ -108,7 +108,9 @@ def _files(
     return {
         folder / "data" / _CHUNK: _parquet(_data_table(whole, len(names))),
         folder / "meta" / "episodes" / _CHUNK: _parquet(
-            pa.Table.from_pylist(_episode_rows(episodes, task))
+            pa.Table.from_pylist(
+                [_episode_row(number, frames, task) for number, frames in enumerate(episodes)]
+            )
         ),
         folder / "meta" / "tasks.parquet": _parquet(tasks),
         folder / "meta" / "stats.json": _json(
@@ -138,10 +140,6 @@ def _data_table(whole: Frames, width: int) -> pa.Table:
             kind = np.int64 if key in _COUNTERS else np.float32
             columns[key] = pa.array(rows[:, 0].astype(kind))
     return pa.table(columns)
-
-
-def _episode_rows(episodes: Sequence[Frames], task: str) -> list[dict[str, object]]:
-    return [_episode_row(number, frames, task) for number, frames in enumerate(episodes)]
 
 
 def _episode_row(number: int, frames: Frames, task: str) -> dict[str, object]:

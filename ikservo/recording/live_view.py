@@ -103,14 +103,13 @@ class FoxgloveServer:
             self._wanted.add(topic)
 
     def _send(self, message: RosMessage) -> None:
-        self._channel(message.topic).log(message.data, log_time=message.time_ns)
-
-    def _channel(self, topic: Topic) -> Channel:
-        if topic not in self._channels:
+        if message.topic not in self._channels:
             schema = self._module.Schema(
-                name=topic.kind, encoding="ros2msg", data=definition(topic.kind).encode()
+                name=message.topic.kind,
+                encoding="ros2msg",
+                data=definition(message.topic.kind).encode(),
             )
-            self._channels[topic] = self._module.Channel(
-                topic.name, schema=schema, message_encoding="cdr", context=self._context
+            self._channels[message.topic] = self._module.Channel(
+                message.topic.name, schema=schema, message_encoding="cdr", context=self._context
             )
-        return self._channels[topic]
+        self._channels[message.topic].log(message.data, log_time=message.time_ns)

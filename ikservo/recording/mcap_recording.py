@@ -161,7 +161,9 @@ class McapFile:
             self._writer.start("ros2", f"ikservo {version('ikservo')}")
             self._writer.add_metadata(_METADATA, metadata)
             for name, text in files.items():
-                self._attach(name, text)
+                media = "application/toml" if name.endswith(".toml") else "application/xml"
+                now_ns = time.time_ns()
+                self._writer.add_attachment(now_ns, now_ns, name, media, text.encode())
 
     def publish(self, message: RosMessage) -> None:
         """Write a message.
@@ -170,7 +172,13 @@ class McapFile:
             FileWriteError: The disk is full or not writable.
         """
         with self._naming_the_file():
-            channel = self._channel(message.topic)
+            if message.topic not in self.channels:
+                text = definition(message.topic.kind).encode()
+                schema = self._writer.register_schema(message.topic.kind, "ros2msg", text)
+                self.channels[message.topic] = self._writer.register_channel(
+                    message.topic.name, "cdr", schema, {"offered_qos_profiles": ""}
+                )
+            channel = self.channels[message.topic]
             self._writer.add_message(channel, message.time_ns, message.data, message.time_ns)
 
     def flush(self) -> None:
@@ -189,20 +197,6 @@ class McapFile:
                 self._writer.finish()
         finally:
             self._target.finish()
-
-    def _attach(self, name: str, text: str) -> None:
-        media = "application/toml" if name.endswith(".toml") else "application/xml"
-        now_ns = time.time_ns()
-        self._writer.add_attachment(now_ns, now_ns, name, media, text.encode())
-
-    def _channel(self, topic: Topic) -> int:
-        if topic not in self.channels:
-            text = definition(topic.kind).encode()
-            schema = self._writer.register_schema(topic.kind, "ros2msg", text)
-            self.channels[topic] = self._writer.register_channel(
-                topic.name, "cdr", schema, {"offered_qos_profiles": ""}
-            )
-        return self.channels[topic]
 
     def _naming_the_file(self) -> _NamingTheFile:
         return _NamingTheFile(self._target)
