@@ -317,7 +317,7 @@ class PreflightPlanner:
     def _plan_clear_or_via(
         self, motion: TipMotion | MoveJoints | LookAt, start: Vector
     ) -> MotionPlan:
-        """Return a plan whose path is free: direct, or one that leaves a contact first.
+        """Make a plan whose path is free: direct, or one that leaves a contact first.
 
         Raises:
             RefusedError: The arm would touch itself, the table or a box, or break a constraint.
@@ -343,7 +343,7 @@ class PreflightPlanner:
     def _plan_via_pose(
         self, motion: TipMotion | MoveJoints | LookAt, start: Vector, allowed: str
     ) -> MotionPlan | None:
-        """Return a plan that leaves a contact first; None where there is no free path."""
+        """Make a plan that leaves a contact first; None where there is no free path."""
         for pose, first in self._ways_out(start, allowed):
             with suppress(RefusedError):
                 then = plan_motion(self._planner, motion, first.goal, allowed)
@@ -359,7 +359,7 @@ class PreflightPlanner:
         allowed: str,
         blocked: BlockedError,
     ) -> MotionPlan | None:
-        """Return a plan of the joints around what blocks the straight one; None without any.
+        """Make a plan of the joints around what blocks the straight one; None without any.
 
         For a line the error says that the joints can go around, where they can.
         """

@@ -192,7 +192,7 @@ class StopAllResult:
 
     @classmethod
     def joined(cls, results: Iterable[StopAllResult]) -> StopAllResult:
-        """Return several outcomes as one."""
+        """Join several outcomes into one."""
         found = tuple(results)
         return cls(
             tuple(stopped for each in found for stopped in each.stopped),

@@ -86,7 +86,7 @@ def _distinct_points(stroke: Matrix) -> Matrix:
 
 
 def _stroke_path(stroke: Matrix) -> BlendedPath:
-    """Return lines through the points (k, 3), each corner rounded by 0.2 mm at most."""
+    """Compute lines through the points (k, 3), each corner rounded by 0.2 mm at most."""
     steps = np.diff(stroke, axis=0)
     slopes = steps / np.linalg.norm(steps, axis=1, keepdims=True)
     turns = [float(np.linalg.norm(b - a)) for a, b in pairwise(slopes)]

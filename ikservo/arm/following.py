@@ -255,7 +255,7 @@ class _TargetFollower:
         self.reason = self.ended = ""
 
     def next_goal(self, cycle: ControlCycle) -> Vector | None:
-        """Return the goal (n,); None once targets have ceased for too long."""
+        """Compute the goal (n,); None once targets have ceased for too long."""
         if self._goal is None:
             self._goal = self._context.servos.reference()
             self._dead_man.refresh(self._context.now_s())

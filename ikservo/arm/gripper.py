@@ -59,7 +59,7 @@ class GripperMotion:
         self.blocked = False
 
     def start_trajectory(self, start: Vector) -> OnlineTrajectory:
-        """Return the trajectory from the joints' goals (n,)."""
+        """Compute the trajectory from the joints' goals (n,)."""
         lower, upper = self._context.limits()
         self._trajectory = OnlineTrajectory(start, self._gripper_limits(), lower=lower, upper=upper)
         self._trajectory.retarget(self._with_position(start, self._goal), 0.0)

@@ -240,7 +240,7 @@ _STEP_S, _SAG_TOLERANCE_S = 0.005, 0.25
 def rebase_trajectory(
     plan: MotionPlan, goals: Vector, limits: Sequence[KinematicLimits], names: Sequence[str]
 ) -> Trajectory:
-    """Return the plan's trajectory, started from the goals (n,) that the servos hold.
+    """Compute the plan's trajectory, started from the goals (n,) that the servos hold.
 
     They are the plan's start but for a tick, or a little inside where a limp joint was outside its
     limits. A motion of joints then starts there; a line is preceded by a motion to its start.

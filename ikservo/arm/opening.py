@@ -275,7 +275,7 @@ def _make_joint_limits(
 
 
 def make_collision_checker(model: Model) -> CollisionChecker:
-    """Return the checker of an arm with its gripper, which yields to its weight."""
+    """Make the checker of an arm with its gripper, which yields to its weight."""
     body = collision_body_with_gripper(model)
     chain = body.chain
     weight = Weight(

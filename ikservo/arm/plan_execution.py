@@ -133,7 +133,7 @@ def _run_motion(
 
 
 def _checked_trajectory(context: ArmContext, plan: MotionPlan, start: Vector) -> Trajectory:
-    """Return a plan's trajectory from where the arm is (n,).
+    """Compute a plan's trajectory from where the arm is (n,).
 
     Raises:
         RefusedError: The arm has moved since it was planned, something is in the way, a constraint

@@ -376,7 +376,7 @@ class Planner:
         return self._index.with_chain(start, solved.solution.q)
 
     def path_start(self, start: Vector) -> Vector:
-        """Return the tip (3,) [m] where a path begins for the joints ``start`` (n,).
+        """Compute the tip (3,) [m] where a path begins for the joints ``start`` (n,).
 
         Joints of the chain that are outside their limits begin at these.
         """

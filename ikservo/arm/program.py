@@ -242,7 +242,7 @@ _SHOWN_ISSUES = 10
 
 
 def _format_error(path: Path, error: ValidationError) -> FileFormatError:
-    """Return all mistakes of a program as one error, one a line and each once."""
+    """Format all mistakes of a program as one error, one a line and each once."""
     lines: list[str] = []
     issues = validation_issues(error, Program)
     places = [issue.location for issue in issues]

@@ -86,7 +86,7 @@ class RecordedTrajectory:
         return self._law.duration_s
 
     def state(self, time_s: float) -> TrajectoryPoint:
-        """Return position, velocity and acceleration (n,) at a time; at rest after its end."""
+        """Compute position, velocity and acceleration (n,) at a time; at rest after its end."""
         if self._spline is None:
             return TrajectoryPoint.at_rest(self._still)
         law = self._law.state(time_s)

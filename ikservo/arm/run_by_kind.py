@@ -38,7 +38,7 @@ def run_motion(arm: ArmParts, motion: MotionValue[R], on_progress: OnProgress | 
 def end_of_motion(
     context: ArmContext, preflight: PreflightPlanner, motion: MotionValue[Any], start: Vector
 ) -> Vector:
-    """Return the joints (n,) after a motion that begins at ``start`` (n,); nothing moves.
+    """Compute the joints (n,) after a motion that begins at ``start`` (n,); nothing moves.
 
     Args:
         context: The arm.

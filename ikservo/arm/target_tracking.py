@@ -37,7 +37,7 @@ class TargetTracker:
         self._solvers: dict[tuple[object, ...], Solver] = {}
 
     def solve_joints(self, target: CartesianOrJointTarget, last: Vector) -> tuple[Vector, bool]:
-        """Return the joints (n,) for a target, from the last ones, and whether they reach it.
+        """Find the joints (n,) for a target, from the last ones, and whether they reach it.
 
         Raises:
             BadValueError: It is no target, or a number in it is not finite.

@@ -82,7 +82,7 @@ def chain_ticks(
     *,
     by_tip: bool,
 ) -> list[int | None]:
-    """Return the ticks of a goal of all joints (n,); None for those besides the chain.
+    """Compute the ticks of a goal of all joints (n,); None for those besides the chain.
 
     Args:
         chain: Base to tool.
@@ -180,7 +180,7 @@ _MAX_STEP_RAD = 0.05
 
 
 def compensate(chain: Chain, target_m: Vector, q: Vector, held: Collection[str]) -> Vector | None:
-    """Return joints (dof,) near ``q`` that bring the tip to its target while some are held.
+    """Compute joints (dof,) near ``q`` that bring the tip to its target while some are held.
 
     Damped least squares (lecture L8) with the columns of the held joints left out: the smallest
     step of the others.
@@ -310,7 +310,7 @@ _MARGIN_TICKS = 3
 def backlash_approach(
     goals: Vector, moved: NDArray[np.bool_], backlash: Vector, driven_joints: Sequence[DrivenJoint]
 ) -> Vector | None:
-    """Return goals (n,) from which each joint with known backlash approaches its goal from below.
+    """Compute goals (n,) from which each joint with known backlash approaches its goal from below.
 
     On which flank of its backlash a joint comes to rest depends on the direction it came from and
     on how it braked: the same reading at positions a backlash apart. So it goes below its goal by

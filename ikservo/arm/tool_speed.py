@@ -77,7 +77,7 @@ def sample_times_s(trajectory: Trajectory) -> list[float]:
 
 
 def tool_speed_between(tips_m: Matrix, step_s: float, requested_m_s: float) -> ToolSpeed:
-    """Return the speed of a tip from its points (k, 3) [m] at equal time steps.
+    """Compute the speed of a tip from its points (k, 3) [m] at equal time steps.
 
     Args:
         tips_m: The points, from rest to rest.

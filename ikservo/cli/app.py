@@ -111,7 +111,7 @@ class LazyCommandGroup(TyperGroup):
         return _load_command(cmd_name)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401
-        """Return the named command; suggest the closest name if there is none."""
+        """Find the named command; suggest the closest name if there is none."""
         if args and not args[0].startswith("-") and args[0] not in COMMANDS:
             matches = difflib.get_close_matches(args[0].lower(), COMMANDS, n=1)
             suggestion = f" Did you mean {matches[0]}?" if matches else ""

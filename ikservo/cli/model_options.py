@@ -127,7 +127,7 @@ def calibrated_model_from_option(arm: str | None, tip: str | None = None) -> Mod
 
 
 def describe_limit(model: Model, binding: ActiveLimit) -> str:
-    """Return an active limit as text: ``j2 at its lower limit, 5.0° (arm file)``."""
+    """Describe an active limit as text: ``j2 at its lower limit, 5.0° (arm file)``."""
     joint = next((joint for joint in model.joints if joint.name == binding.joint), None)
     if joint is None:
         return str(binding)

@@ -195,7 +195,7 @@ def _make_target(
 def _solve_with_orientation(
     model: Model, target: Target, orientation: ToolOrientation, start: Vector
 ) -> Result:
-    """Return joints with the tool orientation that ``move`` would use."""
+    """Find joints with the tool orientation that ``move`` would use."""
     from ikservo.arm.tool_orientation import solve_with_orientation  # noqa: PLC0415  # rarely used
 
     oriented = solve_with_orientation(

@@ -132,7 +132,7 @@ def print_solutions(model: Model, found: AnalyticSolutions, *, json: bool) -> No
 
 
 def format_joints(chain: Chain, q: Vector) -> Sequence[str]:
-    """Return each joint's position with its unit."""
+    """Format each joint's position with its unit."""
     return [
         format_position(value, unit)
         for value, unit in zip(q.tolist(), joint_units(chain), strict=True)

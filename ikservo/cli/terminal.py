@@ -180,7 +180,7 @@ def print_status(message: str) -> None:
 
 
 def format_port(port: str) -> str:
-    """Return a port's name as the user gave it; a simulated one without its arm file."""
+    """Format a port's name as the user gave it; a simulated one without its arm file."""
     return "sim" if port.startswith("sim:") else port
 
 

@@ -169,7 +169,7 @@ class SliceOptions:
             raise InputError("--yaw needs --slice side or front.", "For top: --height.")
 
     def frame(self, model: Model, home: Vector) -> Matrix | None:
-        """Return the frame (4, 4) of the plane; None for the whole volume."""
+        """Compute the frame (4, 4) of the plane; None for the whole volume."""
         match self.cut:
             case None:
                 return None
@@ -251,7 +251,7 @@ def _make_clearance(model: Model) -> Clear:
 def _solve_point(
     model: Model, point_m: Sequence[float], home: Vector, clear: Clear | None
 ) -> Result:
-    """Return a collision-free solution for a point if one is found, else the best one."""
+    """Find a collision-free solution for a point if one is found, else the best one."""
     best = solve(model.chain, Target(point_m), home)
     if clear is None or not best.reached:
         return best

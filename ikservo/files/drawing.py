@@ -83,7 +83,7 @@ class Drawing:
         return self.scaled(width_m / largest)
 
     def placed(self, origin_m: Sequence[float], angle_rad: float = 0.0) -> Drawing:
-        """Return the drawing turned about its upright axis, its origin at a point (3,) [m]."""
+        """Compute the drawing turned about its upright axis, its origin at a point (3,) [m]."""
         cos, sin = math.cos(angle_rad), math.sin(angle_rad)
         R = np.array([[cos, -sin, 0.0], [sin, cos, 0.0], [0.0, 0.0, 1.0]])
         origin = np.asarray(origin_m, dtype=np.float64)
@@ -328,7 +328,7 @@ def _simplify(points: Matrix, tolerance: float) -> Matrix:
 
 
 def _segment_distances(points: Matrix) -> Matrix:
-    """Return the distances (k,) of points from the segment between the first and the last."""
+    """Compute the distances (k,) of points from the segment between the first and the last."""
     along, gone = points[-1] - points[0], points - points[0]
     length2 = float(along @ along)
     fraction = np.clip(gone @ along / length2, 0.0, 1.0) if length2 > 0.0 else np.zeros(len(gone))

@@ -129,7 +129,7 @@ def _model_of_annotation(annotation: object) -> type[BaseModel] | None:
 
 
 def _format_value(value: object) -> str:
-    """Return a value as TOML would write it, cut short."""
+    """Format a value as TOML would write it, cut short."""
     match value:
         case bool():
             return str(value).lower()

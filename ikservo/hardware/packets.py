@@ -103,7 +103,7 @@ class MemoryRange:
         return MemoryRange(self.address - below, self.size + by)
 
     def extract(self, reply: Reply, window: MemoryRange) -> Reply:
-        """Return this range's part of the reply for a window."""
+        """Extract this range's part of the reply for a window."""
         if window == self or isinstance(reply, ReplyFault):
             return reply
         start = self.address - window.address

@@ -91,7 +91,7 @@ RegisterRef = Register | RegisterName
 
 
 def resolve_register(servo: ServoSpec, ref: RegisterRef) -> Register:
-    """Return the servo's own register.
+    """Find the servo's own register.
 
     Raises:
         UnknownNameError: Its table has none of that name.
@@ -253,7 +253,7 @@ class WriteTarget:
 
 
 def plan_writes(servos: Iterable[ServoSpec], ref: RegisterRef) -> list[WriteTarget]:
-    """Return the servos' own registers for a group write.
+    """Find the servos' own registers for a group write.
 
     Raises:
         UnknownNameError: A servo has no such register.

@@ -76,7 +76,7 @@ class FoundServo:
 def identify(
     port: Port, framing: Framing, servo_id: int, *, echoes: bool = False
 ) -> FoundServo | None:
-    """Return the servo at an id at the port's baud rate; None if none replies.
+    """Identify the servo at an id at the port's baud rate; None if none replies.
 
     Raises:
         PortLostError: The port is lost.

@@ -102,7 +102,7 @@ class LinkStatistics:
 
     @classmethod
     def of(cls, servos: Iterable[ServoStatistics]) -> LinkStatistics:
-        """Return what the statistics of the servos of a line add up to."""
+        """Add up the statistics of the servos of a line."""
         counts = list(servos)
         latest = [count.round_trips_s[-1] for count in counts if count.round_trips_s]
         lost = sum(count.lost + count.garbled for count in counts)

@@ -122,7 +122,7 @@ class Search:
         self._run_kernel = cast("Callable[[], int]", run)
 
     def solve(self, chain: Chain, target: Target, q0: Vector) -> Result:
-        """Return the result for a target, from ``q0`` (dof,)."""
+        """Solve for a target, from ``q0`` (dof,)."""
         self._question[:] = target.packed
         self._start[:] = q0
         if self._run_kernel() >= 0:

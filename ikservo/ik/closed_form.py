@@ -83,7 +83,7 @@ _MISSED_PER_DEVIATION = 1e3
 
 
 def solutions(chain: Chain, target: Target, q0: ArrayLike | None = None) -> tuple[Vector, ...]:
-    """Return joints (dof,) that meet the target, one for each branch, nearest to q0 first.
+    """Compute joints (dof,) that meet the target, one for each branch, nearest to q0 first.
 
     If the target leaves freedom, each branch returns the choice nearest the start: the wrist
     stays, and the last link keeps its direction as well as the limits allow. Angles that differ

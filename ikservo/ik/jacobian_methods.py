@@ -87,7 +87,7 @@ class ResidualFunction:
         self._M = np.concatenate([target.position, target_axes.ravel()])
 
     def linearise(self, q: Vector) -> Linearisation:
-        """Return the error and its derivatives at joints (dof,)."""
+        """Compute the error and its derivatives at joints (dof,)."""
         T, J = self.chain.forward_and_jacobian(q, self.target.frame, self.target.offset_m)
         axes = self._axes_tool @ T[:3, :3].T
         f = np.concatenate([T[:3, 3], axes.ravel()])

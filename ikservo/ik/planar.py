@@ -60,7 +60,7 @@ def planar_tip(links: Sequence[complex], angles: Sequence[float]) -> complex:
 
 
 def solve_planar_2r(l1: complex, l2: complex, m: complex) -> tuple[Angles, ...]:
-    """Return both elbows (θ1, θ2) that bring the tip to ``m``, none outside the annulus.
+    """Find both elbows (θ1, θ2) that bring the tip to ``m``, none outside the annulus.
 
     With L1 = |l1|, L2 = |l2|, d = |m|:
     ``cos φ2 = (d² - L1² - L2²) / (2 L1 L2)`` and
@@ -85,7 +85,7 @@ def solve_planar_2r(l1: complex, l2: complex, m: complex) -> tuple[Angles, ...]:
 def solve_planar_3r(
     l1: complex, l2: complex, l3: complex, m: complex, alpha_rad: float
 ) -> tuple[Angles, ...]:
-    """Return both elbows (θ1, θ2, θ3) that bring the tip to ``m`` with the last link at α.
+    """Find both elbows (θ1, θ2, θ3) that bring the tip to ``m`` with the last link at α.
 
     The direction of the last link is the parameter that three links have more than two: it puts
     the third joint at ``m - e^{iα} l3``, and θ3 = α - θ1 - θ2.

@@ -166,7 +166,7 @@ def normalise(v: ArrayLike, what: str) -> Vector:
 def _pack_target(
     position_m: ArrayLike, direction: ArrayLike | None, orientation: ArrayLike | None
 ) -> Matrix:
-    """Return position and rotation (4, 3); BadValueError if they are none."""
+    """Pack position and rotation (4, 3); BadValueError if they are none."""
     packed = np.zeros((4, 3))
     packed[0] = array_of_shape(position_m, (3,), "The target position")
     if orientation is not None:

@@ -89,7 +89,7 @@ def slice_around(points_m: Matrix, T_world_plane: Matrix, cell_m: float) -> Voxe
 
 
 def _bounding_box(points_m: Matrix, frame: Matrix) -> tuple[Vector, Vector]:
-    """Return corners (3,) of a box around the points: samples never meet the very ends."""
+    """Compute corners (3,) of a box around the points: samples never meet the very ends."""
     local = VoxelGrid(frame, np.zeros(3), (1, 1, 1), 1.0).to_grid(points_m)
     lower, upper = local.min(axis=0), local.max(axis=0)
     spare = 0.05 * (upper - lower)

@@ -57,7 +57,7 @@ class BodyTree:
 
     @classmethod
     def of(cls, chain: Chain) -> BodyTree:
-        """Return the bodies of a chain."""
+        """Make the bodies of a chain."""
         links, joints = _place_links(chain)
         steps, parents = [joint.step for joint in joints], tuple(joint.parent for joint in joints)
         twists = np.array([step.twist_matrix for step in steps])
@@ -77,7 +77,7 @@ class BodyTree:
         )
 
     def poses(self, q: Matrix) -> Matrix:
-        """Return T_base_body (n, samples, 4, 4) at q (samples, dof).
+        """Compute T_base_body (n, samples, 4, 4) at q (samples, dof).
 
         ``T_base_body = T_base_parent T_parent_joint exp(value * twist)`` by Rodrigues' formula.
         """

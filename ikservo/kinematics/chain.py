@@ -159,7 +159,7 @@ class Chain:
         )
 
     def with_origins(self, origins: Mapping[str, Matrix]) -> Chain:
-        """Return the same chain with some joints moved: ``T_parent_joint`` (4, 4) by joint.
+        """Compute the same chain with some joints moved: ``T_parent_joint`` (4, 4) by joint.
 
         Raises:
             UnknownNameError: No joint of the arm has such a name.
@@ -262,7 +262,7 @@ class Chain:
         return T, J
 
     def link_poses(self, q: ArrayLike) -> dict[str, Matrix]:
-        """Return T_world_link (4, 4) or (n, 4, 4) of every link at ``q`` (dof,) or (n, dof)."""
+        """Compute T_world_link (4, 4) or (n, 4, 4) of every link at ``q`` (dof,) or (n, dof)."""
         q = self._links(q)
         poses = {self.base: _identity_poses(q)}
         for link, path in self._paths.items():

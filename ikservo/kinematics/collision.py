@@ -118,7 +118,7 @@ class CollisionBody:
         return self._chain
 
     def link_distances(self, q: ArrayLike) -> PairDistances:
-        """Return the distance of each checked pair of links, for q (n, dof)."""
+        """Compute the distance of each checked pair of links, for q (n, dof)."""
         starts, ends = self._capsule_ends(q)
         i, j = self._ones, self._others
         distance = segment_distance(starts[:, i], ends[:, i], starts[:, j], ends[:, j])

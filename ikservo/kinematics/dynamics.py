@@ -81,7 +81,7 @@ class Dynamics:
         masses: Sequence[LinkMass],
         gravity_m_s2: ArrayLike = (0.0, 0.0, -GRAVITY_M_S2),
     ) -> Dynamics:
-        """Return the dynamics of a chain.
+        """Make the dynamics of a chain.
 
         Args:
             chain: The joints.
@@ -113,7 +113,7 @@ class Dynamics:
         return self._tree.names
 
     def with_gravity(self, gravity_m_s2: ArrayLike) -> Dynamics:
-        """Return the same arm under another gravity (3,), base frame.
+        """Compute the same arm under another gravity (3,), base frame.
 
         Raises:
             BadValueError: No vector (3,) of finite numbers.

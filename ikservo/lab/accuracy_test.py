@@ -324,7 +324,7 @@ class AccuracyTest:
         return self.cube.poses_m["P2"] if shape == "line" else self.cube.circle_start_m
 
     def _path_points(self, shape: str) -> tuple[Matrix, Matrix]:
-        """Return points and unit tangents (m, 3) of a path."""
+        """Compute points and unit tangents (m, 3) of a path."""
         fractions = np.linspace(_ENDS, 1.0 - _ENDS, _PATH_POINTS)[:, None]
         if shape == "line":
             begin, end = self.cube.poses_m["P2"], self.cube.poses_m["P4"]

@@ -134,11 +134,11 @@ class IdentificationRun:
         return record_excitation(context, self.arm.runner, self.excitation, reporter)
 
     def identify(self, recording: DriveRecording) -> Identification:
-        """Return the parameters of the arm."""
+        """Identify the parameters of the arm."""
         return identify(self.dynamics, self.priors(), recording)
 
     def weigh(self, recording: DriveRecording) -> WeighResult:
-        """Return the mass in the jaws.
+        """Weigh the mass in the jaws.
 
         Raises:
             FileFormatError: The arm's identification is damaged.

@@ -186,7 +186,7 @@ def _draw_postures(
 
 
 def _swings(context: ArmContext, dynamics: Dynamics, start: Vector, times: int) -> list[Vector]:
-    """Return postures (n,) between which one joint after the other swings, reached from the start.
+    """Compute postures (n,) between which one joint after the other swings, reached from the start.
 
     Gears cross their backlash where the load changes its sign. Gravity loads no joint of an arm
     that stands upright, whatever its links weigh. Empty where there is no room for it.

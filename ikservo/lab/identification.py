@@ -141,7 +141,7 @@ class Identification:
 
 
 def gravity_columns(dynamics: Dynamics, q: Matrix) -> Cube:
-    """Return the gravity torques of each body and of a payload of 1 kg (n, dof, bodies + 1).
+    """Compute the gravity torques of each body and of a payload of 1 kg (n, dof, bodies + 1).
 
     Args:
         dynamics: The arm.
@@ -157,7 +157,7 @@ def gravity_columns(dynamics: Dynamics, q: Matrix) -> Cube:
 def identify(
     dynamics: Dynamics, priors: Sequence[JointPrior], recording: DriveRecording
 ) -> Identification:
-    """Return the parameters that explain a recording best.
+    """Identify the parameters that explain a recording best.
 
     Args:
         dynamics: Of the chain, by the arm file.
@@ -205,7 +205,7 @@ def identify_payload(
     recording: DriveRecording,
     known: Identification | None,
 ) -> ParameterEstimate:
-    """Return the mass at the tip.
+    """Identify the mass at the tip.
 
     Args:
         dynamics: Of the chain, by the arm file.

@@ -86,7 +86,7 @@ class IsoCube:
         return self.center_m + self.radius_m * v / np.linalg.norm(v)
 
     def lattice_m(self) -> Matrix:
-        """Return points (k, 3) all over the cube, in the order in which they are visited."""
+        """Compute points (k, 3) all over the cube, in the order in which they are visited."""
         steps = (-1.0, 0.0, 1.0)
         heights = (0.0,) if self.is_planar else steps
         cells = [(x, y, z) for z in heights for x in steps for y in steps]

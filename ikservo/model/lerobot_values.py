@@ -75,7 +75,7 @@ class JointValues:
         return self._zeros + values / self._factors
 
     def to_positions(self, values: Mapping[str, Any], last: Vector) -> Vector:
-        """Return positions (n,), rad or m; joints without a value keep their ``last``.
+        """Compute positions (n,), rad or m; joints without a value keep their ``last``.
 
         Raises:
             KeyError: There is a value of none of the joints.

@@ -94,7 +94,7 @@ def lifting_torque_nm(friction: GearFriction, load_nm: float) -> float:
 
 
 def spread_postures(chain: Chain) -> Matrix:
-    """Return postures (n, dof) spread evenly over the joints' ranges, the same in each call."""
+    """Compute postures (n, dof) spread evenly over the joints' ranges, the same in each call."""
     lower, upper = np.maximum(chain.lower_rad, -np.pi), np.minimum(chain.upper_rad, np.pi)
     irrational: Vector = np.sqrt(np.arange(2.1, chain.dof + 2))
     fractions: Matrix = np.outer(np.arange(1.0, _POSTURES + 1), irrational) % 1.0

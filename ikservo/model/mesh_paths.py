@@ -15,7 +15,7 @@ _PACKAGE, _FILE = "package://", "file://"
 
 
 def resolve_mesh_path(filename: str, urdf: Path, folder: Path) -> Path | None:
-    """Return the file of a mesh's name if it is under the model's folder, else None.
+    """Find the file of a mesh's name if it is under the model's folder, else None.
 
     A relative name is resolved from the URDF; ``package://NAME/REST`` is REST, or NAME/REST, in the
     model's folder or in the URDF's; ``file://`` is an absolute path. The spelling is checked first:
@@ -43,7 +43,7 @@ def _resolve_package_path(name: str, folders: tuple[Path, ...]) -> Path | None:
 
 
 def _resolve_file_url(url: str, folder: Path) -> Path | None:
-    """Return the file of a file:// name: only as a path from the model's folder."""
+    """Find the file of a file:// name: only as a path from the model's folder."""
     parts = urlsplit(url)
     path, home = posixpath.normpath(unquote(parts.path)), folder.resolve()
     if parts.netloc not in ("", "localhost"):
@@ -55,7 +55,7 @@ def _resolve_file_url(url: str, folder: Path) -> Path | None:
 
 
 def _resolve_relative_path(filename: str, urdf: Path, folder: Path) -> Path | None:
-    """Return the file of a name outside the URDF's folder but inside the model's."""
+    """Find the file of a name outside the URDF's folder but inside the model's."""
     home, place = folder.resolve(), urdf.parent.resolve()
     if not filename.startswith("../") or not place.is_relative_to(home):
         return None

@@ -256,7 +256,7 @@ class Model:
 
     @classmethod
     def from_geometry(cls, name: str, title: str, chain: Chain, urdf: Urdf, path: Path) -> Model:
-        """Return an arm of which only the geometry is known: no servos, poses or speeds."""
+        """Make an arm of which only the geometry is known: no servos, poses or speeds."""
         return cls(name, title, chain, urdf, (), {}, {}, None, 0, path)
 
     def __repr__(self) -> str:

@@ -157,7 +157,7 @@ def describe_direction(model: Model, joint: ModelJoint, pose: str, towards: int)
 
 
 def view_axes(model: Model) -> Vector:
-    """Return forwards, left and up as the rows (3, 3) of a matrix, in the base frame."""
+    """Compute forwards, left and up as the rows (3, 3) of a matrix, in the base frame."""
     tip: Vector = model.chain.forward(model.chain_pose("home"))[:3, 3]
     ahead = np.array([tip[0], tip[1], 0.0])
     length = float(np.linalg.norm(ahead))

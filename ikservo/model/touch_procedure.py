@@ -128,7 +128,7 @@ class TouchOffState:
     def begin(
         cls, chain: Chain, present: Chain, maps: Sequence[JointMap], places: Sequence[TouchTarget]
     ) -> TouchOffState:
-        """Return a touch-off at its first point."""
+        """Begin a touch-off at its first point."""
         return cls(chain, present, tuple(maps), tuple(places))
 
     # --- queries ---

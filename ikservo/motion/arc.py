@@ -63,7 +63,7 @@ class ArcPath:
 def arc_through_points(
     start_m: Vector, via_m: ArrayLike, end_m: ArrayLike, *, full_circle: bool = False
 ) -> ArcPath:
-    """Return the arc from a start (3,) through a point to an end, metres.
+    """Compute the arc from a start (3,) through a point to an end, metres.
 
     Args:
         start_m: Where it starts (3,).
@@ -97,7 +97,7 @@ def arc_through_points(
 def arc_about_axis(
     start_m: Vector, center_m: ArrayLike, normal: ArrayLike, angle_rad: float
 ) -> ArcPath:
-    """Return the arc that a start (3,) [m] describes about an axis.
+    """Compute the arc that a start (3,) [m] describes about an axis.
 
     The axis goes through ``center_m`` (3,) [m] along ``normal`` (3,), of any length; the circle is
     that of the start about it, counter-clockwise seen against the normal, so that the centre need

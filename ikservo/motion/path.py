@@ -31,7 +31,7 @@ class Path(Protocol):
         ...
 
     def max_derivatives(self, begin: float, end: float) -> tuple[Vector, Vector, Vector]:
-        """Return the maxima of slope, bend and twist (n,), as magnitudes, between two distances.
+        """Compute the maxima of slope, bend and twist (n,), as magnitudes, between two distances.
 
         The twist is the third derivative.
         """
@@ -295,14 +295,14 @@ class OrientationInterpolation:
     def between(
         cls, plane: ArmPlane, start: tuple[Matrix, Vector], end: tuple[Matrix, Vector]
     ) -> OrientationInterpolation:
-        """Return the shortest rotation between orientations R_world_tool at joints (dof,)."""
+        """Compute the shortest rotation between orientations R_world_tool at joints (dof,)."""
         first = plane.rotation(start[1]).T @ start[0]
         last = plane.rotation(end[1]).T @ end[0]
         return cls(plane, first, log_so3(last @ first.T))
 
     @classmethod
     def constant(cls, plane: ArmPlane, R_world_tool: Matrix, q: Vector) -> OrientationInterpolation:
-        """Return a constant orientation, that at joints (dof,)."""
+        """Make a constant orientation, that at joints (dof,)."""
         return cls.between(plane, (R_world_tool, q), (R_world_tool, q))
 
     def at(self, fraction: float, q: Vector) -> Matrix:

@@ -116,7 +116,7 @@ class RuckigMotion:
         return self.state(time_s).position
 
     def state(self, time_s: float) -> TrajectoryPoint:
-        """Return position, velocity and acceleration (n,) at a time."""
+        """Compute position, velocity and acceleration (n,) at a time."""
         if time_s <= 0.0:
             return self.start
         if time_s >= self.duration_s:

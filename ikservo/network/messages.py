@@ -96,7 +96,7 @@ class TargetFields(_NetworkMessage):
 
     @classmethod
     def of(cls, target: Target) -> TargetFields:
-        """Return the fields of a target."""
+        """Make the fields of a target."""
         return cls(
             position_m=np.asarray(target.position_m, float),
             direction=_array_or_none(target.direction),

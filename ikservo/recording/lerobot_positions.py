@@ -28,7 +28,7 @@ def positions_of_lerobot(
     *,
     percent: bool = False,
 ) -> Matrix:
-    """Return positions (k, n), rad or m, of values (k, m) of one of LeRobot's own robots.
+    """Compute positions (k, n), rad or m, of values (k, m) of one of LeRobot's own robots.
 
     Args:
         values: Degrees from the middle of the sweep, or -100 to 100 of it; the gripper 0 to 100.
@@ -71,7 +71,7 @@ def _ticks_of(values: Vector, joint: LerobotJoint, *, percent: bool, is_gripper:
 def _positions_of(
     ticks: Vector, theirs: LerobotJoint, own: CalibratedJoint, joint_map: JointMap
 ) -> Vector:
-    """Return positions (k,): the servo's offset may have changed since the recording."""
+    """Compute positions (k,): the servo's offset may have changed since the recording."""
     feetech = MODELS[own.servo.model].family is Family.FEETECH_STS
     shift = theirs.homing_offset - own.servo.holds.get("homing_offset", 0)
     reported = ticks + (shift if feetech else -shift)

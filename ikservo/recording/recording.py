@@ -137,7 +137,7 @@ class ArmSample:
 
     @classmethod
     def of_states(cls, states: tuple[JointState, ...], stopped_for: str = "") -> ArmSample:
-        """Return the sample that the states of all joints make."""
+        """Make the sample of the states of all joints."""
         goals = [state.goal_rad for state in states]
         return cls(
             np.array([state.position_rad for state in states]),

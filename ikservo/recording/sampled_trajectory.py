@@ -50,7 +50,7 @@ class SampledTrajectory:
         return f"Trajectory({len(self)} samples in {last_s:.3f} s of {', '.join(self.names)})"
 
     def joint(self, name: str) -> Vector:
-        """Return the positions of one joint (k,), rad or m.
+        """Compute the positions of one joint (k,), rad or m.
 
         Raises:
             UnknownNameError: No such joint.

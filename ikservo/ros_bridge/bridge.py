@@ -182,7 +182,7 @@ class RosBridge:
         return frame == chain.tip
 
     def _tip_pose(self) -> Matrix:
-        """Return T_base_tip (4, 4) by the servos' goals, else as measured."""
+        """Compute T_base_tip (4, 4) by the servos' goals, else as measured."""
         state, index = self._arm.where(), self._arm.joint_index
         goals = [joint.goal_rad for joint in state.joints]
         known = state.positions_rad if None in goals else np.array(goals, dtype=np.float64)

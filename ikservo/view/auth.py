@@ -62,7 +62,7 @@ class AccessTokens:
 
     @classmethod
     def generate(cls) -> AccessTokens:
-        """Return unguessable keys."""
+        """Make unguessable keys."""
         return cls(secrets.token_urlsafe(_KEY_BYTES), secrets.token_urlsafe(_KEY_BYTES))
 
     def authorise(self, nonce: str, proof: str) -> Permission | None:

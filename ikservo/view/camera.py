@@ -159,7 +159,7 @@ class Camera:
         return Ray(origins[0], directions[0])
 
     def rays(self, px: ArrayLike) -> tuple[Matrix, Matrix]:
-        """Return origins and unit directions (n, 3) of the lines of sight through (n, 2)."""
+        """Compute origins and unit directions (n, 3) of the lines of sight through (n, 2)."""
         pixels = np.asarray(px, dtype=np.float64)
         if not self.perspective:
             origins = self.unproject(pixels, np.zeros(len(pixels)))

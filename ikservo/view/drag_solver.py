@@ -92,7 +92,7 @@ class DragSolver:
         self._cached: tuple[str | None, bytes, Solver] | None = None
 
     def solve_command(self, command: DragCommand, q: Vector) -> DragSolution:
-        """Return the goal for a command, from joints (dof,) that may be outside the limits.
+        """Find the goal for a command, from joints (dof,) that may be outside the limits.
 
         Raises:
             UnknownNameError: The command names no joint or link of the arm.
@@ -107,7 +107,7 @@ class DragSolver:
         return self._solve_pull(command, start)
 
     def _solve_pose(self, command: ToolPoseTarget, start: Vector) -> DragSolution:
-        """Return the joints for a pose of the tool, at most one frame's step further."""
+        """Find the joints for a pose of the tool, at most one frame's step further."""
         found, marker = self._tool_solver.track(command, start)
         q, is_limited = self._limit_step(start, found)
         settled = not is_limited and _max_joint_distance(found, start) < _AT_REST_RAD
@@ -121,7 +121,7 @@ class DragSolver:
         return self._chain.clip(q)
 
     def _solve_pull(self, command: DragTarget, start: Vector) -> DragSolution:
-        """Return the joints for a dragged point, at most one frame's step further."""
+        """Find the joints for a dragged point, at most one frame's step further."""
         if self.method != AUTO and not command.is_click:
             return self._iterate_method(command, start)
         found = self._track_target(command, start)

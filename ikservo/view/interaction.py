@@ -440,7 +440,7 @@ class Interaction:
             self._warn_unreached()
 
     def _solve_command(self, command: DragCommand, q: Vector, now_s: float) -> tuple[Vector, bool]:
-        """Return the chain's goal (dof,), and whether solving again leads no further."""
+        """Find the chain's goal (dof,), and whether solving again leads no further."""
         if self.solver != AUTO and isinstance(command, DragTarget) and command.is_click:
             # Solve a click with the chosen method, and keep its iterations to be drawn
             posture = self._solver.posture

@@ -47,7 +47,7 @@ _LOW_SUPPLY, _HIGH_SUPPLY = 0.8, 1.2
 
 
 def describe_target(marker: TargetMarker, method: str | None = None) -> str:
-    """Return the result for a target: reached, or the nearest point and the active limits.
+    """Describe the result for a target: reached, or the nearest point and the active limits.
 
     Args:
         marker: The target.

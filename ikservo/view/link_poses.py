@@ -13,7 +13,7 @@ __all__ = ["link_poses", "other_joint_position"]
 
 
 def link_poses(chain: Chain, q: Vector, other_joints: Mapping[str, float]) -> dict[str, Matrix]:
-    """Return T_world_link (4, 4) of every link.
+    """Compute T_world_link (4, 4) of every link.
 
     Args:
         chain: The arm.

@@ -115,7 +115,7 @@ class ProgramPanel:
         }
 
     def _describe_shortly(self, step: ProgramStep) -> str:
-        """Return a step's name, or what it does; of the whole arm's joints where its tip is."""
+        """Describe a step's name, or what it does; of the whole arm's joints where its tip is."""
         chain = self._arm_thread.arm.chain
         if step.name is not None:
             return step.name
@@ -218,7 +218,7 @@ class ProgramPanel:
 
 
 def _capture_step(arm: Arm, joints: Vector, path: str) -> ProgramStep:
-    """Return the step that brings the arm to joints (n,), the gripper left as it is."""
+    """Compute the step that brings the arm to joints (n,), the gripper left as it is."""
     arm.context.require_zeros()
     lower, upper = arm.limits()
     inside = np.clip(joints, lower, upper)  # a limp arm sinks a little past a limit

@@ -79,7 +79,7 @@ class ReachableRegion:
 def slice_plane(
     extent: ArmExtent, name: ViewName, q: Vector, find_tip_m: Callable[[], Vector]
 ) -> SlicePlane | None:
-    """Return the plane of a view at joints (dof,); None for a view without one.
+    """Compute the plane of a view at joints (dof,); None for a view without one.
 
     From above and from the front it is the plane of the tip, rounded to a centimetre.
 

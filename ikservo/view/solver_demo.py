@@ -72,7 +72,7 @@ class SolverTrace:
         }
 
     def format_step(self, step: int) -> str:
-        """Return the iteration number of a step, and the remaining distance, as text."""
+        """Format the iteration number of a step, and the remaining distance, as text."""
         left = f"{self.distance_left_m(step) * 1000:.1f} mm left"
         return f"{self.result.method}, iteration {self.numbers[step]} of {self.numbers[-1]}: {left}"
 

@@ -52,7 +52,7 @@ class ToolHandles:
         return {"moves": self._moves, "turns": self._turns}
 
     def axes(self, q: Vector) -> Matrix:
-        """Return R_base_handles (3, 3) at joints (dof,); the tool turns about its first columns.
+        """Compute R_base_handles (3, 3) at joints (dof,); the tool turns about its first columns.
 
         They are the tool axis, where the tool rolls, and axes across it: those about which the
         tool turns while its tip stays, by the null space of the tip's velocity.
@@ -116,7 +116,7 @@ class ToolDrag:
         self._pressed = T, self._plane.rotation(q).T @ T[:3, :3]
 
     def move(self, shift_m: Vector, turn_rad: Vector) -> ToolPoseTarget | None:
-        """Return the target for a shift and a rotation vector (3,) since the press, base frame.
+        """Compute the target for a shift and a rotation vector (3,) since the press, base frame.
 
         Where the tool is only shifted, an arm with four or five joints keeps its orientation in
         the arm's own plane, which turns with the shift; None if the handles are not held.
@@ -146,7 +146,7 @@ class ToolPoseSolver:
         self._solver = Solver(chain, "pose", options=Options(position_first=True))
 
     def track(self, target: ToolPoseTarget, start: Vector) -> tuple[Vector, TargetMarker]:
-        """Return joints (dof,) for a pose, from joints (dof,), and its marker."""
+        """Compute joints (dof,) for a pose, from joints (dof,), and its marker."""
         q, binding = start, ()
         wanted = self._wanted(target, q)
         for _ in range(_PASSES if target.in_plane and self._plane.rotates else 1):

@@ -123,7 +123,7 @@ class ToolTargets:
         return self._values_at(self._chain.forward(q))
 
     def fields(self, q: Vector) -> dict[str, object]:
-        """Return the rounded values for a page, and where the tool points, at joints (dof,)."""
+        """Compute the rounded values for a page, and where the tool points, at joints (dof,)."""
         T = self._chain.forward(q)
         direction = T[:3, :3] @ self._tool.approach_axis
         values = {name: round(value, 1) for name, value in self._values_at(T).items()}
@@ -139,7 +139,7 @@ class ToolTargets:
         }
 
     def solve_value(self, q: Vector, what: str, value: float) -> tuple[Vector, TargetMarker]:
-        """Return joints (dof,) with one value of the tool, and the marker of its target.
+        """Find joints (dof,) with one value of the tool, and the marker of its target.
 
         Raises:
             UnreachableError: There are none; also ``OrientationError``.
@@ -155,7 +155,7 @@ class ToolTargets:
         return self._solve(q, position, ToolOrientation())
 
     def solve_direction(self, q: Vector, direction: Vector) -> tuple[Vector, TargetMarker]:
-        """Return joints (dof,) with the tool in a direction (3,), and the marker of its target.
+        """Find joints (dof,) with the tool in a direction (3,), and the marker of its target.
 
         Raises:
             UnreachableError: There are none.

@@ -102,7 +102,7 @@ class VisibilityChecker:
     def from_point(
         self, poses: Mapping[str, Matrix], eye_m: ArrayLike
     ) -> tuple[LinkVisibility, ...]:
-        """Return the visibility of each link from a point (3,), metres, base frame.
+        """Compute the visibility of each link from a point (3,), metres, base frame.
 
         Args:
             poses: T_world_link (4, 4) of each link.
@@ -268,7 +268,7 @@ class PostureAnalyser:
         return None
 
     def conditioning(self, q: Vector) -> Conditioning:
-        """Return the conditioning at joints (dof,), or at those of less than 0.3 s ago."""
+        """Compute the conditioning at joints (dof,), or at those of less than 0.3 s ago."""
         now_s = self._clock.now_s()
         if self._conditioned is None or now_s - self._conditioned[0] >= _CONDITIONING_PERIOD_S:
             self._conditioned = now_s, conditioning(self._chain, q)
