@@ -340,7 +340,15 @@ def _free_of_things(
         free = _shortened(free, slack_m, rates[between + link])
         if free < 0.0:
             return free
+    x, y, z = _middle(balls, centres, 0), _middle(balls, centres, 1), _middle(balls, centres, 2)
+    around_m, fastest = _radius_about(balls, centres, x, y, z), 0.0
+    for i in range(count):
+        fastest = max(fastest, rates[between + i])
     for b in range(len(shapes)):
+        clear_m = point_shape_distance(x, y, z, shapes, b) - around_m
+        clear_m -= free * fastest
+        if clear_m > _largest(allowed, row, between + count * (1 + b), count):
+            continue
         link, is_near = -1, False
         for i in range(len(capsules)):
             if int(capsules[i, LINK]) != link:
@@ -366,6 +374,33 @@ def _free_of_things(
                     if free < 0.0:
                         return free
     return free
+
+
+def _middle(balls: Matrix, centres: Matrix, axis: int) -> float:
+    """Return the middle of the links that have capsules, along an axis."""
+    low, high = math.inf, -math.inf
+    for i in range(len(balls)):
+        if balls[i, RADIUS] > 0.0:
+            low, high = min(low, centres[i, axis]), max(high, centres[i, axis])
+    return 0.5 * (low + high)
+
+
+def _radius_about(balls: Matrix, centres: Matrix, x: float, y: float, z: float) -> float:
+    """Return the radius of the ball about a point that all links are in."""
+    radius = 0.0
+    for i in range(len(balls)):
+        if balls[i, RADIUS] > 0.0:
+            u, v, w = centres[i, 0] - x, centres[i, 1] - y, centres[i, 2] - z
+            radius = max(radius, math.sqrt(u * u + v * v + w * w) + balls[i, RADIUS])
+    return radius
+
+
+def _largest(allowed: Matrix, row: int, first: int, count: int) -> float:
+    """Return the largest distance that a link has to keep from one thing."""
+    largest = -math.inf
+    for i in range(count):
+        largest = max(largest, allowed[row, first + i])
+    return largest
 
 
 def _free_of_itself(

@@ -3,12 +3,14 @@
 import numpy as np
 import pytest
 
-from ikservo.errors import RefusedError
+from ikservo.errors import CollisionError, RefusedError
 from ikservo.guard import CollisionChecker, KeepOutBox
 from ikservo.kinematics import Chain, Joint, JointType
 from ikservo.kinematics.capsules import Capsule
 from ikservo.kinematics.collision import CollisionBody
-from ikservo.kinematics.se3 import make_pose
+from ikservo.kinematics.se3 import make_pose, rotation_rpy
+from ikservo.model.scene import KeepOutShape
+from tests.guard.arms import body, model_of
 
 BALL_RADIUS_M = 0.1
 
@@ -115,3 +117,22 @@ def test_a_path_far_from_everything_is_looked_at_once():
     checker = CollisionChecker(slider(), boxes=[plate(1.5)], sag=sag)
     checker.check_path([np.array([x]) for x in (5.0, 5.1, 5.2)])
     assert looked_at == [3]
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_checked_path_does_not_step_over_a_plate_of_a_millimetre(seed):
+    """A plate anywhere in the sweep of the gripper, the path given by its two ends alone."""
+    chain, random = model_of("so101").chain, np.random.default_rng(seed)
+    start, goal = np.zeros(chain.dof), np.zeros(chain.dof)
+    start[0], goal[0] = -1.2, 1.2
+    on_way = start + random.uniform(0.2, 0.8) * (goal - start)
+    T = chain.forward(on_way)
+    half = np.array([0.02, 0.0005, 0.02])
+    turn = rotation_rpy(0.0, 0.0, on_way[0] + random.uniform(-0.5, 0.5))
+    thing = KeepOutShape("the plate", np.array([*turn.ravel(), *T[:3, 3], *half, 0.0, 0.0]))
+    checker = CollisionChecker(body("so101"), None, [thing])
+    ends_m = checker.distances([start, goal]).min()
+    assert ends_m > 0.01
+    with pytest.raises(CollisionError, match="the plate"):
+        checker.check_path([start, goal])
+    assert not checker.clear_space(0.0, load=0.0).is_free(np.array([start, goal]))
