@@ -24,8 +24,9 @@ the builtin that fits, so that ``except TimeoutError`` works for a silent servo:
     │   ├── CartesianPathError                  not along the path; names the place
     │   └── OrientationError                    the point, but not in this orientation
     ├── RefusedError                   exit 8   the guard does not allow a goal
-    │   ├── CollisionError                      something would be touched
-    │   ├── ConstraintError                     the tool would tilt, or leave where it may be
+    │   ├── BlockedError                        a path cannot be taken
+    │   │   ├── CollisionError                  something would be touched
+    │   │   └── ConstraintError                 the tool would tilt, or leave where it may be
     │   ├── LatchedStopError                    it was stopped, and that is not acknowledged
     │   └── LeaseLostError                      another program controls the arm
     ├── NotSettledError   TimeoutError exit 1   the arm did not arrive

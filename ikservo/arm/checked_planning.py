@@ -200,7 +200,7 @@ class PreflightPlanner:
             error.python_hint = self._ask_about_degrees(goals)
             raise
         if zeros.are_known and set(self._context.chain.names) <= set(goals):  # the whole arm
-            plan = self._plan_clear_or_via(motion, start)
+            plan = self._plan_clear_or_via(motion, start, plan)
         else:
             plan = self._check_clear(plan, motion.speed, motion.within)
         return replace(plan, requested=goals)
@@ -315,9 +315,17 @@ class PreflightPlanner:
         }
 
     def _plan_clear_or_via(
-        self, motion: TipMotion | MoveJoints | LookAt, start: Vector
+        self,
+        motion: TipMotion | MoveJoints | LookAt,
+        start: Vector,
+        direct: MotionPlan | None = None,
     ) -> MotionPlan:
         """Make a plan whose path is free: direct, or one that leaves a contact first.
+
+        Args:
+            motion: The motion.
+            start: Where it begins (n,).
+            direct: Its direct plan; made here if None.
 
         Raises:
             RefusedError: The arm would touch itself, the table or a box, or break a constraint.
@@ -327,15 +335,18 @@ class PreflightPlanner:
             tool.check(self._context.index.chain_joints(start)[None])
         allowed, goal = self._runner.allowed_speed(motion.speed), start
         try:
-            plan = plan_motion(self._planner, motion, start, allowed)
+            plan = direct or plan_motion(self._planner, motion, start, allowed)
             goal = plan.goal
             return self._check_clear(plan, motion.speed, _within(motion))
         except RefusedError as error:
-            found = None
-            if self._context.is_in_contact(start):
+            found, blocked = None, error if isinstance(error, BlockedError) else None
+            touches = self._context.clearance_m(start) < 0.0
+            if blocked is not None and not touches:
+                found = self._plan_around(motion, start, goal, allowed, blocked)
+            if found is None and self._context.is_in_contact(start):
                 found = self._plan_via_pose(motion, start, allowed)
-            if found is None and isinstance(error, BlockedError):
-                found = self._plan_around(motion, start, goal, allowed, error)
+            if found is None and blocked is not None and touches:
+                found = self._plan_around(motion, start, goal, allowed, blocked)
             if found is None:
                 raise
             return found

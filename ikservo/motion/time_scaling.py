@@ -70,18 +70,18 @@ class TimeScaling:
     ) -> None:
         self._moves = [JointMove([curve.length], [curve.length], [KinematicLimits(1.0, 1.0, 1.0)])]
         if curve.length > _MIN_LENGTH:
-            tried = (
-                _zone_moves(
-                    list(
-                        _make_zones(
-                            curve, _PathAccelerationBounds(limits, top_speed), edges, fraction
-                        )
-                    )
-                )
-                for edges in _zone_edges(curve.length, marks)
-                for fraction in _SPEED_FRACTIONS
-            )
-            self._moves = min(tried, key=lambda moves: sum(m.duration_s for m in moves))
+            bounds, best_s = _PathAccelerationBounds(limits, top_speed), math.inf
+            for edges in _zone_edges(curve.length, marks):
+                derivatives = [curve.max_derivatives(*ends) for ends in pairwise(edges)]
+                for fraction in _SPEED_FRACTIONS:
+                    zones = list(_make_zones(bounds, edges, derivatives, fraction))
+                    speeds = _speeds_between(zones)
+                    if sum(map(_shortest_s, zones, speeds, speeds[1:])) >= best_s:
+                        continue
+                    moves = _zone_moves(zones, speeds)
+                    taken_s = sum(move.duration_s for move in moves)
+                    if taken_s < best_s:
+                        self._moves, best_s = moves, taken_s
         self._begins = [0.0, *accumulate(move.duration_s for move in self._moves)]
 
     @property
@@ -106,9 +106,11 @@ class _PathAccelerationBounds:
         self._jerks = np.array([limit.jerk_rad_s3 for limit in limits]) * (1.0 - _ROUNDING)
         self._top = top_speed
 
-    def make_zone(self, curve: Path, begin: float, end: float, fraction: float) -> _SpeedZone:
+    def make_zone(
+        self, begin: float, end: float, derivatives: tuple[Vector, Vector, Vector], fraction: float
+    ) -> _SpeedZone:
         """Make the limits of a stretch, its speed a fraction of what bends and twists allow."""
-        slope, bend, twist = curve.max_derivatives(begin, end)
+        slope, bend, twist = derivatives
         speed = min(
             self._top,
             _min_ratio(self._speeds, slope),
@@ -139,15 +141,27 @@ def _zone_edges(length: float, marks: Sequence[float]) -> Iterator[list[float]]:
 
 
 def _make_zones(
-    curve: Path, bounds: _PathAccelerationBounds, edges: Sequence[float], fraction: float
+    bounds: _PathAccelerationBounds,
+    edges: Sequence[float],
+    derivatives: Sequence[tuple[Vector, Vector, Vector]],
+    fraction: float,
 ) -> Iterator[_SpeedZone]:
-    for begin, end in pairwise(edges):
-        yield bounds.make_zone(curve, begin, end, fraction)
+    for (begin, end), each in zip(pairwise(edges), derivatives, strict=True):
+        yield bounds.make_zone(begin, end, each, fraction)
 
 
-def _zone_moves(zones: Sequence[_SpeedZone]) -> list[JointMove]:
-    """Return the motion through each zone."""
-    speeds = _speeds_between(zones)
+def _shortest_s(zone: _SpeedZone, first: float, second: float) -> float:
+    """Compute the time through a zone, from one speed to another, if the jerk had no limit."""
+    length, most = zone.end - zone.begin, zone.speed
+    peak = math.sqrt(zone.acceleration * length + 0.5 * (first * first + second * second))
+    if peak <= most:
+        return (2.0 * peak - first - second) / zone.acceleration
+    ramps = (most - first) ** 2 + (most - second) ** 2
+    return (length + 0.5 * ramps / zone.acceleration) / most
+
+
+def _zone_moves(zones: Sequence[_SpeedZone], speeds: Sequence[float]) -> list[JointMove]:
+    """Return the motion through each zone, with the speeds between them."""
     return [
         JointMove(
             _passing_state(zone.begin, first),

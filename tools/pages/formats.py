@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import inspect
 import json
-from dataclasses import MISSING, fields
+from dataclasses import fields
 from typing import get_args
 
 from pydantic import BaseModel
@@ -134,7 +134,7 @@ def _motion_section(name: str, kind: type) -> str:
     text, _, attributes = text.partition("\n\nAttributes:")
     listed = _attributes(attributes)
     for field in fields(kind):
-        if field.default is not MISSING and field.default is not None and field.name != "stance":
+        if isinstance(field.default, (str, bool, int, float, tuple)):
             default = f"- `{field.name}`, else `{json.dumps(field.default)}`:"
             listed = listed.replace(f"- `{field.name}`:", default)
     return f"#### {name}\n\n{text}\n\n{listed}".rstrip()
