@@ -24,6 +24,7 @@ from ikservo.arm.poses import PoseLibrary, teach
 from ikservo.arm.recorder import RecordResult, RecordSettings, record_arm
 from ikservo.arm.reports import ArmState, JointMoveResult, MoveResult, OnProgress
 from ikservo.arm.run_by_kind import run_motion
+from ikservo.arm.scene import Scene
 from ikservo.arm.service import ArmService
 from ikservo.arm.setpoint_stream import open_stream
 from ikservo.clock import Clock
@@ -65,6 +66,7 @@ class Arm(MotionMethods):
         zeros: Where the zeros of its joints come from.
         poses: The poses of its arm file, and the taught ones.
         joint_index: Which column of vectors of all joints (n,) is which.
+        scene: The things around it, and what its gripper holds.
         preflight: Plans its motions, and checks them; for functions of this package.
         background: Runs the motions that the program does not wait for; for functions of this
             package.
@@ -90,6 +92,7 @@ class Arm(MotionMethods):
         self.zeros: ZeroSource = context.zeros
         self.joint_index: JointIndex = context.index
         self.poses = PoseLibrary(context.model, context.serial_number)
+        self.scene = Scene(context, runner)
         self.preflight = PreflightPlanner(context, runner, self.poses)
         self.background = Background(runner, context.servos.stop_request)
         self._server: ControlServer | None = None

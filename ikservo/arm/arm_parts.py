@@ -8,6 +8,7 @@ from ikservo.arm.background_motion import Background
 from ikservo.arm.checked_planning import PreflightPlanner
 from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_runner import MotionRunner
+from ikservo.arm.scene import Scene
 
 __all__ = ["ArmParts"]
 
@@ -32,6 +33,11 @@ class ArmParts(Protocol):
     @property
     def preflight(self) -> PreflightPlanner:
         """What plans and checks them."""
+        ...
+
+    @property
+    def scene(self) -> Scene:
+        """What stands around it, and what its gripper holds."""
         ...
 
     @property

@@ -221,9 +221,8 @@ class ArmContext:
         if checker is None:
             return
         samples = list(self.index.body_joints(self.interpolate_joints(start, goal)))
-        boxes = {box.name for box in self.model.keep_out}
         distance_m = checker.distances(samples)
-        touch_m = [0.0 if thing in boxes else -_JAW_TOUCH_M for _, thing in checker.pairs]
+        touch_m = [0.0 if thing in checker.things else -_JAW_TOUCH_M for _, thing in checker.pairs]
         if (distance_m < np.minimum(touch_m, distance_m[0])).any():
             checker.check_path(samples)
 
@@ -245,10 +244,9 @@ class ArmContext:
         checker = self.checked_collision
         if checker is None:
             return
-        boxes = {box.name for box in self.model.keep_out}
         first_m = checker.distances([self.index.body_joints(recorded[0])])[0]
         for pair, gap_m in zip(checker.pairs, first_m.tolist(), strict=True):
-            if pair[1] in boxes and gap_m < 0.0:
+            if pair[1] in checker.things and gap_m < 0.0:
                 raise CollisionError(pair, -gap_m, 0.0)
         path = np.vstack([self.interpolate_joints(start, recorded[0]), recorded[1:]])
         checker.check_path(list(self.index.body_joints(path)), may_touch_again=True)

@@ -156,7 +156,10 @@ def run_gripper(arm: ArmParts, motion: MoveGripper, on_progress: OnProgress | No
             report_progress(cycle)
 
     runner.run(start_trajectory, on_cycle, jaws.speed, compensated=False)
-    state = context.servos.read_states()[context.index.column(gripper.joint)]
+    column = context.index.column(gripper.joint)
+    if (goal - float(start[column])) * (gripper.open - gripper.closed) > 0.0:
+        arm.scene.release()
+    state = context.servos.read_states()[column]
     at = state.position_rad
     reached = jaws.has_arrived(at)
     closed = (at - gripper.open) / (gripper.closed - gripper.open)

@@ -22,13 +22,14 @@ from ikservo.arm.calibrated_arm import (
 from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.networks import ArmNetwork, find_network
+from ikservo.arm.scene import arm_sag
 from ikservo.calibration.identified_file import load_identified
 from ikservo.control.feed_forward import FeedForward
 from ikservo.control.goal_compensation import GoalCompensator
 from ikservo.control.servo_group import ServoGroup
 from ikservo.errors import InputError, RefusedError
 from ikservo.files.writing import FileWriteError
-from ikservo.guard import CollisionChecker, DrivenJoint, Weight, sag_of
+from ikservo.guard import CollisionChecker, DrivenJoint
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.diagnostics import detecting_duplicate_ids, explaining_silence
 from ikservo.hardware.discovery import (
@@ -49,7 +50,7 @@ from ikservo.model.collision_model import collision_body, collision_body_with_gr
 from ikservo.model.identified_drives import identified_parameters
 from ikservo.model.joint_drive import ArmParameters, nominal_parameters
 from ikservo.model.lifting import LoadLag, load_lags
-from ikservo.model.sag import joint_compliances, link_masses, stall_error
+from ikservo.model.sag import stall_error
 from ikservo.registers import control_table
 
 __all__ = [
@@ -277,11 +278,7 @@ def _make_joint_limits(
 def make_collision_checker(model: Model) -> CollisionChecker:
     """Make the checker of an arm with its gripper, which yields to its weight."""
     body = collision_body_with_gripper(model)
-    chain = body.chain
-    weight = Weight(
-        link_masses(model, chain), joint_compliances(model, chain), chain.lower_rad, chain.upper_rad
-    )
-    return CollisionChecker(body, model.floor_m, model.keep_out, sag_of(body, weight))
+    return CollisionChecker(body, model.floor_m, model.keep_out, arm_sag(model, body))
 
 
 def _make_compensator(

@@ -20,6 +20,7 @@ PANELS = {
     "Without an arm": {
         "arms": "List the arms that ship with ikservo.",
         "solve": "Find joints for a point; nothing moves.",
+        "scene": "List the things of a scene file, and what of an arm touches them.",
         "workspace": "Compute what the tip can reach; test a point, draw a picture.",
         "sim": "Serve a simulated arm on a pseudo-terminal.",
     },

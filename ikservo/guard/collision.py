@@ -95,6 +95,7 @@ class CollisionChecker:
         body: The packed body.
         shapes: The things (k, 17) but the table; see ``kinematics.packed``.
         floor_m: The height of the table; minus infinity for none.
+        things: The names of the things but the table.
         overlap_m: By how much each pair may overlap (pairs,).
         watched: Which pairs are looked at (pairs,).
         sag: How far gravity pulls the joints; None for an arm that does not yield.
@@ -107,11 +108,17 @@ class CollisionChecker:
         boxes: Sequence[Obstacle] = (),
         sag: Sag | None = None,
     ) -> None:
-        self.body = packed = body.pack()
-        self.sag = sag
         self.floor_m = -math.inf if floor_m is None else floor_m
+        self.change(body, boxes, sag)
+
+    def change(self, body: CollisionBody, boxes: Sequence[Obstacle], sag: Sag | None) -> None:
+        """Check another body among other things from now on; not while a path is checked."""
+        self.sag, self.body = sag, body.pack()
+        packed = self.body
+        self.things = tuple(box.name for box in boxes)
+        self.__dict__.pop("_postures", None)
         self.shapes = np.array([box.row for box in boxes]).reshape(len(boxes), SHAPE_WIDTH)
-        things = ["the table", *(box.name for box in boxes)]
+        things = ["the table", *self.things]
         around = [(link, thing) for thing in things for link in packed.names]
         self.pairs = (*packed.pairs, *around)
         self.overlap_m = np.zeros(len(self.pairs))

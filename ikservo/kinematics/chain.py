@@ -158,6 +158,18 @@ class Chain:
             _paths={**self._paths, name: path},
         )
 
+    def with_frame(self, name: str, link: str) -> Chain:
+        """Return the chain with a frame more, fixed to a link at the link's own coordinates.
+
+        Raises:
+            UnknownNameError: No link is named ``link``.
+        """
+        joint = Joint(
+            name, JointType.FIXED, link, name, read_only(np.eye(4)), read_only(np.zeros(3))
+        )
+        path = (*self.joints_to(link), ChainJoint(joint, 0, 0.0, 0.0))
+        return replace(self, _paths={**self._paths, name: path})
+
     def with_origins(self, origins: Mapping[str, Matrix]) -> Chain:
         """Compute the same chain with some joints moved: ``T_parent_joint`` (4, 4) by joint.
 

@@ -117,6 +117,21 @@ class CollisionBody:
         """The chain whose joint vectors place the capsules."""
         return self._chain
 
+    def with_attached(self, name: str, link: str, capsules: Sequence[Capsule]) -> CollisionBody:
+        """Return the body with a thing fixed to a link of it.
+
+        The thing touches that link, and those that one joint moves against it, by nature.
+
+        Args:
+            name: Of the thing, unlike any link's.
+            link: The link.
+            capsules: Of the thing, in coordinates of the link, with its name as their link.
+        """
+        body = CollisionBody(self._chain.with_frame(name, link), [*self._capsules, *capsules])
+        overlaps = dict(zip(self.pairs, self._overlap_m.tolist(), strict=True))
+        body._overlap_m = np.array([overlaps.get(pair, 0.0) for pair in body.pairs])
+        return body
+
     def link_distances(self, q: ArrayLike) -> PairDistances:
         """Compute the distance of each checked pair of links, for q (n, dof)."""
         starts, ends = self._capsule_ends(q)

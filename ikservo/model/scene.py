@@ -6,22 +6,26 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, ValidationError
 
-from ikservo.errors import BadValueError
+from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.files.reading import read_toml
 from ikservo.files.validation import StrictModel, first_issue, validation_issues
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.kinematics.packed import rotation_z_to
+from ikservo.kinematics.capsules import Capsule
+from ikservo.kinematics.packed import IS_CYLINDER, ROUNDING, rotation_z_to
 from ikservo.kinematics.se3 import rotation_rpy
 from ikservo.model.arm_schema import Positive, Text
+from ikservo.model.collision_model import bounding_capsules
 from ikservo.model.model import Model
+from ikservo.model.urdf_types import Box
 
-__all__ = ["KeepOutShape", "read_scene", "with_scene"]
+__all__ = ["KINDS", "KeepOutShape", "make_shape", "read_scene", "with_scene"]
 
+_Z = np.array([0.0, 0.0, 1.0])
 _FAR_M = 10.0  # half the sides of the box that stands for a half-space
 
 Triple = Annotated[tuple[float, float, float], Field(strict=False)]
@@ -39,6 +43,31 @@ class KeepOutShape:
 
     name: str
     row: Vector
+
+    def moved(self, T: Matrix) -> KeepOutShape:
+        """Return it moved by a pose (4, 4)."""
+        row = self.row.copy()
+        row[:9] = (T[:3, :3] @ row[:9].reshape(3, 3)).ravel()
+        row[9:12] = T[:3, :3] @ row[9:12] + T[:3, 3]
+        return replace(self, row=row)
+
+    def capsules(self, link: str) -> list[Capsule]:
+        """Return capsules that cover it, where its row is in the coordinates of a link."""
+        R, centre, half = self.row[:9].reshape(3, 3), self.row[9:12], self.row[12:15]
+        if self.row[IS_CYLINDER]:
+            covering = [Capsule(link, -half * _Z, half * _Z, float(half[0]))]
+        else:
+            box = Box(tuple((2.0 * half).tolist()), (0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+            covering = bounding_capsules(link, box)
+        return [
+            Capsule(
+                link,
+                R @ each.start_m + centre,
+                R @ each.end_m + centre,
+                each.radius_m + float(self.row[ROUNDING]),
+            )
+            for each in covering
+        ]
 
     @property
     def low_m(self) -> tuple[float, float, float]:
@@ -112,6 +141,31 @@ def read_scene(path: Path | str) -> tuple[KeepOutShape, ...]:
     return tuple(_things(scene))
 
 
+def make_shape(kind: str, name: str, sizes: dict[str, Any]) -> KeepOutShape:
+    """Make a thing of the values that it has in a scene file.
+
+    Args:
+        kind: box, cylinder, sphere or half_space.
+        name: For messages.
+        sizes: Its other keys, such as ``centre_m``.
+
+    Raises:
+        UnknownNameError: There is no such kind.
+        FileFormatError: A value is missing, unknown or of another type; names the key.
+        BadValueError: A direction has no length.
+    """
+    if kind not in KINDS:
+        raise UnknownNameError("kind of thing", kind, KINDS)
+    values = {
+        key: getattr(value, "tolist", lambda value=value: value)() for key, value in sizes.items()
+    }
+    try:
+        scene = _Scene.model_validate({kind: [{"name": name, **values}]})
+    except ValidationError as error:
+        raise first_issue(validation_issues(error, _Scene), Path(f"<{name}>")) from error
+    return next(_things(scene))
+
+
 def with_scene(model: Model, path: Path | str) -> Model:
     """Return a model with the things of a scene file around it, beside those of its arm file.
 
@@ -120,6 +174,10 @@ def with_scene(model: Model, path: Path | str) -> Model:
         BadValueError: A direction in it has no length.
     """
     return replace(model, keep_out=(*model.keep_out, *read_scene(path)))
+
+
+KINDS = tuple(name for name in _Scene.model_fields if name != "margin_m")
+"""The kinds of things."""
 
 
 def _things(scene: _Scene) -> Iterator[KeepOutShape]:

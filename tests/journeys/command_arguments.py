@@ -57,6 +57,8 @@ _OWN = {  # where one name means something else
     ("program", "action"): ["check", "run"],
     ("program", "file"): ["{folder}/program.toml"],
     ("sim", "arguments"): ["{arm}"],
+    ("scene", "action"): ["check", "show"],
+    ("scene", "file"): ["{folder}/scene.toml"],
     ("net", "action"): ["keys --new"],
 }
 _NEEDED = {  # options that a command cannot do without

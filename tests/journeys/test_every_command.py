@@ -70,6 +70,9 @@ def judge(monkeypatch, folder, arm, line, posture, kind):
         write_wave_recording(arm, folder / "wave.jsonl")
     if "stroke.csv" in line:
         (folder / "stroke.csv").write_text("x_mm,y_mm\n0,0\n-10,0\n-10,10\n")
+    if "scene.toml" in line:
+        far = "centre_m = [0.0, 5.0, 0.0]\nradius_m = 0.1\n"
+        (folder / "scene.toml").write_text(f'[[sphere]]\nname = "the ball"\n{far}')
     if "program.toml" in line:
         run_arguments(["program", "new", f"{folder}/program.toml", "--arm", arm])
     bench = place_arm(monkeypatch, arm, posture, kind)

@@ -1,0 +1,173 @@
+"""The things around an arm while a program runs: added, removed, held by the gripper."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from ikservo.arm.context import ArmContext
+from ikservo.arm.motion_runner import MotionRunner
+from ikservo.errors import BadValueError, RefusedError, UnknownNameError
+from ikservo.guard import Weight, sag_of
+from ikservo.guard.sag import GravitySag
+from ikservo.kinematics.arrays import Matrix
+from ikservo.kinematics.collision import CollisionBody
+from ikservo.kinematics.se3 import make_pose
+from ikservo.model import Model
+from ikservo.model.collision_model import collision_body_with_gripper
+from ikservo.model.model import Obstacle
+from ikservo.model.sag import joint_compliances, link_masses
+from ikservo.model.scene import KeepOutShape, make_shape, read_scene
+
+__all__ = ["Scene", "arm_sag"]
+
+_LARGEST_M = 0.5  # half of a side of what a gripper holds
+
+
+class Scene:
+    """What stands around an arm, in its base frame, and what its gripper holds.
+
+    It begins with the things of the arm file and of the scene file. Motions that are planned from
+    then on keep out of it; a plan made before is checked again when it is executed.
+
+    Args:
+        context: The arm.
+        runner: Runs its motions.
+    """
+
+    def __init__(self, context: ArmContext, runner: MotionRunner) -> None:
+        self._context, self._runner = context, runner
+        self._things: dict[str, Obstacle] = {each.name: each for each in context.model.keep_out}
+        self._held: dict[str, KeepOutShape] = {}
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The things that stand around it."""
+        return tuple(self._things)
+
+    @property
+    def held(self) -> tuple[str, ...]:
+        """The things that the gripper holds."""
+        return tuple(self._held)
+
+    @property
+    def things(self) -> tuple[Obstacle, ...]:
+        """The things that stand around it, with names and extents."""
+        return tuple(self._things.values())
+
+    def __repr__(self) -> str:
+        """Return the names."""
+        return f"Scene({', '.join(self.names)}; held: {', '.join(self.held) or 'nothing'})"
+
+    def add(self, kind: str, name: str, **sizes: Any) -> None:  # noqa: ANN401  # keys of a file
+        """Add a thing, with the keys that it has in a scene file.
+
+        ``arm.scene.add("box", "the shelf", centre_m=(0.3, 0.2, 0.1), size_m=(0.2, 0.1, 0.02))``
+
+        Args:
+            kind: box, cylinder, sphere or half_space.
+            name: For messages; no other thing or link has it.
+            sizes: Its other keys.
+
+        Raises:
+            UnknownNameError: There is no such kind.
+            BadValueError: The name is taken.
+            FileFormatError: A value is missing, unknown or of another type; names the key.
+            RefusedError: A motion is running.
+        """
+        self._check_new(name)
+        self._change({**self._things, name: make_shape(kind, name, sizes)}, self._held)
+
+    def load(self, path: Path | str) -> None:
+        """Add the things of a scene file.
+
+        Raises:
+            FileFormatError: It is malformed.
+            BadValueError: A name is taken.
+            RefusedError: A motion is running.
+        """
+        added = {each.name: each for each in read_scene(path)}
+        for name in added:
+            self._check_new(name)
+        self._change({**self._things, **added}, self._held)
+
+    def remove(self, name: str) -> None:
+        """Remove a thing, which may be held.
+
+        Raises:
+            UnknownNameError: There is no such thing.
+            RefusedError: A motion is running.
+        """
+        if name not in self._things and name not in self._held:
+            raise UnknownNameError("thing", name, [*self._things, *self._held])
+        things, held = dict(self._things), dict(self._held)
+        things.pop(name, None)
+        held.pop(name, None)
+        self._change(things, held)
+
+    def attach(self, name: str) -> None:
+        """Let the gripper hold a thing where both are now: it moves with the tip.
+
+        It is checked as a part of the arm until it is released, also by opening the gripper.
+
+        Raises:
+            UnknownNameError: There is no such thing.
+            BadValueError: It is not of the scene, but a box of the arm file or a half-space.
+            RefusedError: A motion is running.
+        """
+        if name not in self._things:
+            raise UnknownNameError("thing", name, self._things)
+        thing, things = self._things[name], dict(self._things)
+        if not isinstance(thing, KeepOutShape) or thing.row[12:15].max() > _LARGEST_M:
+            raise BadValueError("The thing to hold", name, "one of the scene that a gripper holds")
+        del things[name]
+        T = self._context.planner.tip_pose(self._context.servos.measure_positions())
+        self._change(things, {**self._held, name: thing.moved(_inverse(T))})
+
+    def release(self, name: str | None = None) -> None:
+        """Let a thing stand where it is now; all that are held if None.
+
+        Raises:
+            UnknownNameError: It is not held.
+            RefusedError: A motion is running.
+        """
+        if name is not None and name not in self._held:
+            raise UnknownNameError("held thing", name, self._held)
+        if not self._held:
+            return
+        T = self._context.planner.tip_pose(self._context.servos.measure_positions())
+        things, held = dict(self._things), dict(self._held)
+        for each in [*held] if name is None else [name]:
+            things[each] = held.pop(each).moved(T)
+        self._change(things, held)
+
+    def _check_new(self, name: str) -> None:
+        if name in {*self._things, *self._held, "the table", *self._context.chain.frames}:
+            raise BadValueError("The name of the thing", repr(name), "one that is not taken")
+
+    def _change(self, things: dict[str, Obstacle], held: dict[str, KeepOutShape]) -> None:
+        checker, model = self._context.collision, self._context.model
+        if checker is None:
+            raise RefusedError(
+                "This arm was opened without collision checks.", "Open it with them to use a scene."
+            )
+        with self._runner.lock:
+            self._context.servos.torque.check_idle()
+            body = collision_body_with_gripper(model)
+            for name, thing in held.items():
+                body = body.with_attached(name, self._context.chain.tip, thing.capsules(name))
+            checker.change(body, list(things.values()), arm_sag(model, body))
+            self._things, self._held = things, held
+
+
+def _inverse(T: Matrix) -> Matrix:
+    return make_pose(-T[:3, :3].T @ T[:3, 3], T[:3, :3].T)
+
+
+def arm_sag(model: Model, body: CollisionBody) -> GravitySag:
+    """Return how far an arm with its gripper yields to its weight."""
+    chain = body.chain
+    compliances = joint_compliances(model, chain)
+    return sag_of(
+        body, Weight(link_masses(model, chain), compliances, chain.lower_rad, chain.upper_rad)
+    )

@@ -1,0 +1,81 @@
+"""Things come and go while a program runs; what the gripper holds is a part of the arm."""
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.errors import BadValueError, CollisionError, FileFormatError, UnknownNameError
+from tests.arm.simulated import context_of
+from tests.arm.test_ways_around import LEFT, RIGHT
+
+
+@pytest.fixture
+def arm():
+    with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
+        arm.move_to(LEFT)
+        yield arm
+
+
+def test_a_thing_is_in_the_way_until_it_is_removed(arm):
+    before = arm.plan_to(RIGHT)
+    arm.scene.add("box", "the post", centre_m=(0.22, 0.0, 0.12), size_m=[0.15, 0.04, 0.25])
+    assert arm.scene.names == ("the post",)
+    with pytest.raises(CollisionError, match="the post"):
+        arm.move_to(RIGHT, straight=True)
+    with pytest.raises(CollisionError, match="the post"):
+        arm.execute(before)
+    arm.scene.remove("the post")
+    assert arm.scene.names == ()
+    assert arm.move_to(RIGHT, straight=True).reached
+
+
+def test_what_the_gripper_holds_is_checked_as_a_part_of_the_arm_until_it_opens(arm):
+    tip_m = arm.where().tip_m
+    arm.scene.add("sphere", "the ball", centre_m=tip_m + np.array([0.0, 0.0, 0.01]), radius_m=0.03)
+    free_m = arm.clearance_m(arm.where().positions)
+    assert free_m < 0.0  # it stands in the jaws
+    arm.scene.attach("the ball")
+    assert arm.scene.names == ()
+    assert arm.scene.held == ("the ball",)
+    arm.scene.add("box", "the wall", centre_m=RIGHT, size_m=(0.02, 0.02, 0.3))
+    beside = np.array(RIGHT) + np.array([0.0, 0.034, 0.0])
+    arm.move_to(beside + np.array([0.0, 0.03, 0.0]), straight=True)
+    with pytest.raises(CollisionError, match="the ball would touch the wall"):
+        arm.move_to(beside, straight=True)
+    centre_m = context_of(arm).planner.tip(np.array(list(arm.where().positions.values())))
+    arm.gripper("open")
+    assert arm.scene.held == ()
+    assert arm.scene.names == ("the wall", "the ball")
+    placed = next(each for each in arm.scene.things if each.name == "the ball")
+    assert np.linalg.norm(placed.row[9:12] - centre_m) < 0.02
+
+
+def test_a_cup_that_is_held_has_its_size(arm):
+    centre_m, size_m = arm.where().tip_m, (0.03, 0.05, 0.08)
+    arm.scene.add("box", "the block", centre_m=centre_m, size_m=size_m, rpy_deg=(10, 20, 30))
+    (stands,) = arm.scene.things
+    arm.scene.attach("the block")
+    arm.scene.release("the block")
+    (again,) = arm.scene.things
+    np.testing.assert_allclose(again.row, stands.row, atol=1e-12)
+
+
+def test_what_is_no_thing_is_refused_and_changes_nothing(arm, tmp_path):
+    arm.scene.add("cylinder", "the can", centre_m=(0.0, 0.4, 0.1), radius_m=0.03, height_m=0.2)
+    with pytest.raises(UnknownNameError, match="sphere"):
+        arm.scene.add("ball", "x", radius_m=0.1)
+    with pytest.raises(FileFormatError, match="radius_m"):
+        arm.scene.add("sphere", "x", centre_m=(0, 0, 1), radius_m=-1.0)
+    with pytest.raises(BadValueError, match="the can"):
+        arm.scene.add("sphere", "the can", centre_m=(0, 0, 1), radius_m=0.1)
+    with pytest.raises(UnknownNameError, match="the can"):
+        arm.scene.remove("the cam")
+    with pytest.raises(UnknownNameError):
+        arm.scene.release("the can")
+    (tmp_path / "scene.toml").write_text(
+        '[[half_space]]\nname = "the wall"\npoint_m = [-0.5, 0.0, 0.0]\nnormal = [1, 0, 0]\n'
+    )
+    arm.scene.load(tmp_path / "scene.toml")
+    with pytest.raises(BadValueError, match="a gripper holds"):
+        arm.scene.attach("the wall")
+    assert arm.scene.names == ("the can", "the wall")

@@ -1,0 +1,48 @@
+"""``ikservo scene``: what is in a scene file, and which poses of an arm touch it."""
+
+import pytest
+
+SCENE = """
+[[box]]
+name = "the shelf"
+centre_m = [0.5, 0.0, 0.2]
+size_m = [0.2, 0.4, 0.02]
+[[cylinder]]
+name = "the can"
+centre_m = [{x}, 0.0, 0.06]
+radius_m = 0.03
+height_m = 0.12
+"""
+
+
+@pytest.fixture
+def scene(tmp_path):
+    def write(x):
+        path = tmp_path / "scene.toml"
+        path.write_text(SCENE.format(x=x))
+        return path
+
+    return write
+
+
+def test_things_are_shown_with_their_places_and_sizes(run_cli, scene):
+    shown = run_cli(f"scene show {scene(0.1)} --json").json
+    assert [thing["name"] for thing in shown["things"]] == ["the shelf", "the can"]
+    assert shown["things"][0]["low_m"] == pytest.approx([0.4, -0.2, 0.19])
+    assert "0.070, -0.030, 0.000" in run_cli(f"scene show {scene(0.1)}").out
+
+
+def test_poses_that_touch_a_thing_are_named(run_cli, scene):
+    found = run_cli(f"scene check {scene(0.1)} --arm so101")
+    assert found.code == 1
+    assert "home: upper_arm touches the can" in found.out
+    touched = run_cli(f"scene check {scene(0.1)} --arm so101 --json").json["touched"]
+    assert {each["thing"] for each in touched} == {"the can"}
+    assert all(each["depth_m"] > 0.0 for each in touched)
+    free = run_cli(f"scene check {scene(-0.6)} --arm so101")
+    assert (free.code, free.out) == (0, "No pose of the arm touches a thing.\n")
+
+
+def test_what_cannot_be_read_or_done_is_said(run_cli, scene, tmp_path):
+    assert run_cli(f"scene draw {scene(0.1)}").code == 2
+    assert run_cli(f"scene show {tmp_path / 'none.toml'}").code == 2
