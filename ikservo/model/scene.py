@@ -112,7 +112,7 @@ class _SceneHalfSpace(_Thing):
     normal: Triple = Field(description="the direction [x, y, z] in which it is free")
 
 
-class _Scene(StrictModel):
+class _SceneFile(StrictModel):
     margin_m: Annotated[float, Field(ge=0, le=1)] = Field(default=0.0, description="0 to 1 metres")
     box: tuple[_SceneBox, ...] = Field(default=(), strict=False, description="tables [[box]]")
     cylinder: tuple[_SceneCylinder, ...] = Field(
@@ -135,9 +135,9 @@ def read_scene(path: Path | str) -> tuple[KeepOutShape, ...]:
     """
     path = Path(path)
     try:
-        scene = _Scene.model_validate(read_toml(path))
+        scene = _SceneFile.model_validate(read_toml(path))
     except ValidationError as error:
-        raise first_issue(validation_issues(error, _Scene), path) from error
+        raise first_issue(validation_issues(error, _SceneFile), path) from error
     return tuple(_things(scene))
 
 
@@ -160,9 +160,9 @@ def make_shape(kind: str, name: str, sizes: dict[str, Any]) -> KeepOutShape:
         key: getattr(value, "tolist", lambda value=value: value)() for key, value in sizes.items()
     }
     try:
-        scene = _Scene.model_validate({kind: [{"name": name, **values}]})
+        scene = _SceneFile.model_validate({kind: [{"name": name, **values}]})
     except ValidationError as error:
-        raise first_issue(validation_issues(error, _Scene), Path(f"<{name}>")) from error
+        raise first_issue(validation_issues(error, _SceneFile), Path(f"<{name}>")) from error
     return next(_things(scene))
 
 
@@ -176,11 +176,11 @@ def with_scene(model: Model, path: Path | str) -> Model:
     return replace(model, keep_out=(*model.keep_out, *read_scene(path)))
 
 
-KINDS = tuple(name for name in _Scene.model_fields if name != "margin_m")
+KINDS = tuple(name for name in _SceneFile.model_fields if name != "margin_m")
 """The kinds of things."""
 
 
-def _things(scene: _Scene) -> Iterator[KeepOutShape]:
+def _things(scene: _SceneFile) -> Iterator[KeepOutShape]:
     def shape(
         name: str, R: Matrix, centre: Vector, half: Vector, rounding: float = 0.0, kind: float = 0.0
     ) -> KeepOutShape:

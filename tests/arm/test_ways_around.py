@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 import ikservo
+from ikservo.arm import ways_around
 from ikservo.arm.motions import MoveTo, motion_fields, parse_motion
-from ikservo.errors import CollisionError
+from ikservo.errors import CollisionError, StoppedError
 from ikservo.guard import KeepOutBox
 from ikservo.motion.avoidance import can_search, find_way
-from tests.arm.simulated import context_of, line_of, registers
+from tests.arm.simulated import call_before, context_of, line_of, registers
 from tests.arm.test_contact_at_start import goes_home
 
 POST = KeepOutBox("the post", (0.15, -0.02, 0.0), (0.30, 0.02, 0.25))
@@ -153,6 +154,43 @@ def test_where_there_is_no_way_there_is_none():
     assert find_way(walled, start, np.array([[0.9, 1.9]]), np.zeros(2), np.ones(2)) is None
     goals = np.array([[0.9, 0.1]])
     assert find_way(Maze(gap=5.0), start, goals, np.zeros(2), np.ones(2), most=300) is None
+
+
+@needs_planner
+@pytest.mark.parametrize("projected", [False, True])
+def test_a_search_ends_when_it_is_to_end_and_at_its_bound(projected):
+    looked_at, asked = [], []
+
+    class Counted(Maze):
+        def is_free(self, path):
+            looked_at.append(path)
+            return super().is_free(path)
+
+    def ends_at_the_tenth():
+        asked.append(True)
+        return len(asked) > 9
+
+    start, goals, sides = np.array([0.1, 0.1]), np.array([[0.9, 0.1]]), (np.zeros(2), np.ones(2))
+    project = (lambda q: q) if projected else None
+    walled = Counted(gap=5.0)
+    assert (
+        find_way(walled, start, goals, *sides, project=project, is_over=ends_at_the_tenth) is None
+    )
+    assert 9 < len(asked) < 13
+    assert len(looked_at) < 60
+    looked_at.clear()
+    assert find_way(walled, start, goals, *sides, most=200, project=project) is None
+    assert 200 <= len(looked_at) < 260
+
+
+@needs_planner
+def test_a_stop_ends_the_search_and_nothing_moves(monkeypatch, beside_post):
+    before = registers(beside_post, "goal_position")
+    call_before(ways_around, "find_way", monkeypatch, beside_post.stop)
+    with pytest.raises(StoppedError, match="Stopped by the program"):
+        beside_post.move_to(RIGHT)
+    beside_post.acknowledge()
+    assert registers(beside_post, "goal_position") == before
 
 
 @needs_planner
