@@ -29,6 +29,7 @@ __all__ = [
     "read_calibration",
     "restore_calibration",
     "save_calibration",
+    "undo_calibration",
     "ways_out",
 ]
 
@@ -257,6 +258,26 @@ def restore_calibration(path: Path) -> Calibration:
             raise InputError(f"{path} is not damaged; nothing was restored.", "")
     write_atomic(path, text)
     return calibration
+
+
+def undo_calibration(path: Path) -> Calibration:
+    """Put the previous calibration in place of the present one, which becomes the previous one.
+
+    Raises:
+        FileFormatError: There is no previous one, or one of them is damaged.
+        InputError: Their servos hold other registers, which no file brings back.
+        FileWriteError: They cannot be written.
+    """
+    backup = backup_path(path)
+    before, now = read_calibration(backup), read_calibration(path)
+    held = [[servo for joint in each.joints for servo in joint.servos] for each in (before, now)]
+    if held[0] != held[1]:
+        raise InputError(
+            f"{backup} is of other registers in the servos.",
+            f"Put the servos right with it: ikservo calibration push {now.arm}",
+        )
+    write_atomic(path, dump_calibration(before), keep_old=True)
+    return before
 
 
 def save_calibration(calibration: Calibration) -> Path:

@@ -17,6 +17,7 @@ from ikservo.files.validation import StrictModel, first_issue, validation_issues
 from ikservo.files.writing import strip_checksum, with_checksum
 
 __all__ = [
+    "CalibratedCamera",
     "CalibratedGeometry",
     "CalibratedJoint",
     "CalibratedOrigin",
@@ -136,6 +137,30 @@ class CalibratedGeometry(StrictModel):
     )
 
 
+class CalibratedCamera(StrictModel):
+    """``[camera]``: a camera that has seen the arm, and where it stands."""
+
+    source: Text = Field(description="a number, device or address")
+    seen: datetime = Field(description="a date and time with its offset")
+    pictures: int = Field(ge=1, le=10_000, description="a whole number")
+    left_out: int = Field(ge=0, le=10_000, description="a whole number")
+    before_mm: float = Field(ge=0, description="millimetres, in pictures left out")
+    after_mm: float = Field(ge=0, description="millimetres, in pictures left out")
+    size_px: tuple[int, int] = Field(strict=False, description="[width, height] in pixels")
+    lens_px: tuple[float, float, float, float] = Field(
+        strict=False, description="[fx, fy, cx, cy] in pixels"
+    )
+    distortion: tuple[float, float, float, float, float] = Field(
+        strict=False, description="[k1, k2, p1, p2, k3]"
+    )
+    at_mm: tuple[float, float, float] = Field(
+        strict=False, description="[x, y, z] in mm, the arm's base frame"
+    )
+    turned_deg: tuple[float, float, float] = Field(
+        strict=False, description="a rotation vector in degrees"
+    )
+
+
 class Calibration(StrictModel):
     """A calibration file; each value is checked by itself."""
 
@@ -151,6 +176,7 @@ class Calibration(StrictModel):
         strict=False, min_length=1, description="tables [[joints]]"
     )
     geometry: CalibratedGeometry | None = Field(default=None, description="a table [geometry]")
+    camera: CalibratedCamera | None = Field(default=None, description="a table [camera]")
 
     def joint(self, name: str) -> CalibratedJoint | None:
         """Return the joint of that name, or None."""

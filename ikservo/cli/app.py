@@ -35,6 +35,7 @@ PANELS = {
         "test": "Measure accuracy and repeatability after ISO 9283.",
         "calibrate": "Measure this arm's zeros, signs and ranges.",
         "identify": "Measure this arm's masses, friction, stiffness; moves slowly.",
+        "camera": "Print the board for a calibration before a camera.",
         "calibration": "Compare a calibration with the servos: diff, push, pull.",
         "import": "Import a calibration from LeRobot or a recording.",
         "export": "Export a calibration to LeRobot, or a recording to CSV.",

@@ -10,6 +10,7 @@ import typer
 from ikservo.arm.opening import require_own_port
 from ikservo.cli.calibrate_auto import calibrate_auto
 from ikservo.cli.calibrate_by_hand import calibrate, parse_limits
+from ikservo.cli.calibrate_camera import CameraOptions, calibrate_by_camera
 from ikservo.cli.calibrate_touch import TouchOffOptions, run_touch_off
 from ikservo.cli.dialogue import AnswerOptions
 from ikservo.cli.direction_check import check_directions
@@ -78,6 +79,7 @@ def command(
     wiggle: Wiggle = False,
     touch: TouchOff = False,
     touch_off: TouchOffOptions,
+    camera: CameraOptions,
     uncalibrated: UncalibratedOption = False,
     answers: AnswerOptions,
     json: JsonOption = False,
@@ -93,11 +95,19 @@ def command(
     ikservo calibrate so101 --auto          the arm finds its end stops
 
     ikservo calibrate so101 --touch         then touch a printed sheet, for millimetres
+
+    ikservo calibrate so101 --camera 0      or show a printed board to a camera
     """
-    if auto + touch + wiggle > 1:
-        raise InputError("One of --auto, --touch and --wiggle at a time.")
-    if joint and (auto or touch):
+    seen = camera.camera is not None
+    if auto + touch + wiggle + seen > 1:
+        raise InputError("One of --auto, --touch, --camera and --wiggle at a time.")
+    if joint and (auto or touch or seen):
         raise InputError("--joint goes with a calibration by hand or with --wiggle.")
+    if seen:
+        calibrate_by_camera(connection, camera, answers.operator(read_script), json=json)
+        return
+    if camera != CameraOptions():
+        raise InputError("A board is for a calibration before a camera.", "Add: --camera")
     if wiggle:
         options = MotionOptions(collision=False, uncalibrated=uncalibrated)
         with open_from_options(connection, options) as machine:

@@ -11,6 +11,7 @@ from ikservo.arm.opening import resolve_port
 from ikservo.calibration.calibration_file import (
     load_calibration_file,
     restore_calibration,
+    undo_calibration,
 )
 from ikservo.calibration.paths import calibration_path, calibrations_of
 from ikservo.calibration.records import Calibration
@@ -41,15 +42,15 @@ from ikservo.model import Model
 
 __all__ = ["command", "import_recorded"]
 
-ACTIONS = ("show", "diff", "push", "pull", "adopt", "restore", "resume", "revert")
+ACTIONS = ("show", "diff", "push", "pull", "adopt", "restore", "undo", "resume", "revert")
 Action = Annotated[
     str,
     typer.Argument(
-        metavar="show|diff|push|pull|adopt|restore|resume|revert",
+        metavar="show|diff|push|pull|adopt|restore|undo|resume|revert",
         autocompletion=complete_from(*ACTIONS),
         help="show: print it. diff: compare. push: file into servos. pull: servos into file. "
         "adopt: use that of another adapter. restore: replace a damaged file by the previous one. "
-        "resume, revert: complete or undo an interrupted write.",
+        "undo: back to the one before. resume, revert: complete or undo an interrupted write.",
     ),
 ]
 Source = Annotated[
@@ -78,13 +79,15 @@ def command(
     ikservo calibration adopt so101         the arm is on another adapter than before
 
     ikservo calibration restore so101       replace a damaged file by the one before
+
+    ikservo calibration undo so101          back to the one before the last camera or touch-off
     """
     if action not in ACTIONS:
         raise UnknownNameError("action", action, ACTIONS)
     if source and action != "adopt":
         raise InputError(f"--from cannot be used with {action}.", "It belongs to: adopt")
     model, port = model_from_option(connection.arm), connection.port
-    if action in ("show", "restore"):
+    if action in ("show", "restore", "undo"):
         _show_or_restore(model, port, action, json=json)
         return
     interrupted = action in ("resume", "revert")
@@ -105,17 +108,21 @@ def _show_or_restore(model: Model, port: str | None, action: str, *, json: bool)
     """Print or restore a calibration; the servos are not asked, and need not be connected."""
     path = _find_file(model, port)
     calibration = (
-        restore_calibration(path)
-        if action == "restore"
-        else load_calibration_file(path, model.name)
+        load_calibration_file(path, model.name)
+        if action == "show"
+        else (restore_calibration if action == "restore" else undo_calibration)(path)
     )
     if calibration is None:
         raise CalibrationError(
             f"There is no {path}.", f"Calibrate the arm: ikservo calibrate {model.name}"
         )
-    if action == "restore":
+    if action != "show":
         if json:
-            print_json("calibration-restore", path=path, written=str(calibration.written))
+            written = str(calibration.written)
+            if action == "undo":
+                print_json("calibration-undo", path=path, written=written)
+            else:
+                print_json("calibration-restore", path=path, written=written)
             return
         print_lines([f"Restored {path}, of {calibration.written:%Y-%m-%d}."])
         print_status(f"Compare it with the servos: ikservo calibration diff {model.name}")

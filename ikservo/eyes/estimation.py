@@ -35,6 +35,7 @@ __all__ = [
     "FittedParameter",
     "estimate_camera",
     "fit_camera",
+    "picture_information",
 ]
 
 MIN_SAMPLES = 6
@@ -304,6 +305,18 @@ def fit_camera(
     return problem.fit(problem.minimise(state, sigma, weight), sigma, kept)
 
 
+def picture_information(fit: CameraFit, q: Matrix) -> tuple[Matrix, Matrix]:
+    """Compute what pictures at joints (n, dof) say of all that can be estimated but the play.
+
+    Returns:
+        The information matrix (k, k) of all of them and of what was known before, and the rows
+        (n, 6, k) of each, in standard deviations.
+    """
+    samples = [BoardSample(*each) for each in zip(q, fit.board_poses(q), strict=True)]
+    problem = _Problem(fit.bending, samples, Extent.ARM)
+    return problem.information(problem.state_of(fit))
+
+
 def _without_outliers(problem: _Problem, state: _State) -> tuple[_State, _Mask]:
     """Return a fit to most samples, and which they are.
 
@@ -413,6 +426,12 @@ class _Problem:
         """Return the state of a fit."""
         arm = np.concatenate([fit.zeros, fit.bending.compliance, fit.bending.half_play])
         return _State(fit.T_camera_base, fit.T_tip_board, fit.scale, arm)
+
+    def information(self, state: _State) -> tuple[Matrix, Matrix]:
+        """Compute the curvature (k, k) of the cost, and each sample's rows (n, 6, k)."""
+        rows = self._linearise(state)[1][:, :, self._free] / _START_SIGMA[_COMPONENT][:, None]
+        prior = np.diag(1.0 / self._prior[self._free] ** 2)
+        return prior + np.einsum("nik,nil->kl", rows, rows), rows
 
     def squares(self, state: _State) -> Vector:
         """Compute each sample's squared residual (n,) in the deviations that are assumed first."""

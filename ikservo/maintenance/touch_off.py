@@ -32,7 +32,7 @@ from ikservo.maintenance.calibration_session import TorqueOffArm, load_own_calib
 from ikservo.model.parameter_selection import CalibrationEstimate
 from ikservo.model.touch_procedure import TouchOffState, TouchTarget
 
-__all__ = ["TouchOffSession", "apply_touch_off"]
+__all__ = ["TouchOffSession", "apply_touch_off", "shift_zeros"]
 
 # A point that the model reaches this closely can be reached by hand, whatever its errors.
 _REACHED_M = 0.01
@@ -93,8 +93,7 @@ def apply_touch_off(
     written: datetime,
 ) -> Calibration:
     """Return a calibration with the zeros and the geometry of a touch-off."""
-    shifts = {m.joint: float(z) for m, z in zip(maps, found.zeros, strict=True)}
-    joints = tuple(_shift_joint(joint, shifts, maps) for joint in calibration.joints)
+    joints = shift_zeros(calibration.joints, maps, found.zeros)
     written = written.replace(microsecond=0)
     geometry = (
         _calibrated_geometry(found, written)
@@ -104,6 +103,14 @@ def apply_touch_off(
     return calibration.model_copy(
         update={"joints": joints, "geometry": geometry, "written": written}
     )
+
+
+def shift_zeros(
+    joints: Sequence[CalibratedJoint], maps: Sequence[JointMap], zeros: Vector
+) -> tuple[CalibratedJoint, ...]:
+    """Return joints with positions that are larger by ``zeros`` (dof,) where there is a map."""
+    shifts = {m.joint: float(z) for m, z in zip(maps, zeros, strict=True)}
+    return tuple(_shift_joint(joint, shifts, maps) for joint in joints)
 
 
 def _shift_joint(

@@ -8,10 +8,24 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 from servosim.arm_file import read_arm_file
 from servosim.port import SimulatedPort, open_port
 
-__all__ = ["SimulatedPort", "open_port", "read_arm_file", "serve"]
+if TYPE_CHECKING:
+    from cv2.aruco import CharucoBoard
+
+    from servosim.camera import SimulatedCamera
+
+__all__ = ["SimulatedPort", "open_camera", "open_port", "read_arm_file", "serve"]
+
+
+def open_camera(port: object, board: CharucoBoard) -> SimulatedCamera | None:
+    """Return a camera before the arm at a simulated port; None for other ports."""
+    from servosim.camera import SimulatedCamera  # noqa: PLC0415 - needs OpenCV
+
+    return SimulatedCamera(port.line.world, board) if isinstance(port, SimulatedPort) else None
 
 
 def serve(argv: list[str]) -> int:

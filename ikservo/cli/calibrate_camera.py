@@ -1,0 +1,155 @@
+"""``ikservo calibrate --camera``: the arm shows a camera a board and learns how it is built."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from importlib.metadata import entry_points
+from typing import Annotated, cast
+
+import typer
+
+from ikservo.arm.arm import Arm
+from ikservo.arm.opening import require_own_port
+from ikservo.cli.camera import BoardOption
+from ikservo.cli.dialogue import Operator
+from ikservo.cli.options import MotionOptions, NamedServoConnection
+from ikservo.cli.session import open_from_options, second_interrupt_lowers
+from ikservo.cli.terminal import print_json, print_lines, print_status
+from ikservo.errors import IkservoError, InputError
+from ikservo.eyes.board import DEFAULT_BOARD, Board, require_opencv
+from ikservo.eyes.pictures import LiveCamera, PictureSource
+from ikservo.hardware.remembered_port import is_simulated
+from ikservo.maintenance.camera_calibration import (
+    CameraCalibration,
+    CameraResult,
+    save_camera_result,
+)
+from ikservo.maintenance.dialogue import Question, Unasked
+
+__all__ = ["CameraOptions", "calibrate_by_camera"]
+
+_SIMULATED = "sim"
+_GROUP = "ikservo.cameras"
+
+
+@dataclass(frozen=True, kw_only=True)
+class CameraOptions:
+    """The camera of a calibration, and the board before it."""
+
+    camera: Annotated[
+        str | None,
+        typer.Option(
+            "--camera",
+            metavar="SOURCE",
+            help="Show a printed board to this camera: a number, a device, an address, or sim.",
+        ),
+    ] = None
+    board: BoardOption = DEFAULT_BOARD
+    pictures: Annotated[
+        int, typer.Option("--pictures", min=10, max=100, help="How many pictures to take.")
+    ] = 24
+
+
+def calibrate_by_camera(
+    connection: NamedServoConnection, options: CameraOptions, operator: Operator, *, json: bool
+) -> None:
+    """Let the arm show its board to a camera, tell what that says, and save it if it helps.
+
+    Raises:
+        CalibrationError: The board is not seen, or the arm has no calibration.
+        InputError: OpenCV is not installed, there is no such camera, or nobody can be asked.
+    """
+    require_opencv()
+    board, source = Board.named(options.board), options.camera or ""
+    print_status(
+        f"Fix the board {board.name} to the gripper, before the camera and about in the middle of "
+        "its picture. The arm will move with it in its whole reach there."
+    )
+    if not operator.agrees(Question("May it begin?", Unasked.ERROR)):
+        raise IkservoError("Nothing moved.")
+    with open_from_options(connection, MotionOptions()) as machine:
+        arm = require_own_port(machine)
+        camera = _open_camera(arm, source, board)
+        with second_interrupt_lowers(arm):
+            result = CameraCalibration(arm, camera, board, options.pictures, print_status).run()
+        print_lines(_describe(result), indent=2)
+        path = None
+        if is_simulated(arm.port_name):
+            print_status("A simulated arm has no calibration; nothing is saved.")
+        elif operator.agrees(Question("Save this?", Unasked.YES)):
+            path = save_camera_result(arm, source, result, datetime.now(UTC).replace(microsecond=0))
+            print_status(f"Saved to {path}. To undo it: ikservo calibration undo {arm.model.name}")
+    if json:
+        print_json("calibrate-camera", path=path, **_fields(result))
+
+
+def _open_camera(arm: Arm, source: str, board: Board) -> PictureSource:
+    if source != _SIMULATED:
+        return LiveCamera(source)
+    for point in entry_points(group=_GROUP, name=_SIMULATED):
+        opener = cast("Callable[[object, object], PictureSource | None]", point.load())
+        camera = opener(arm.context.port.transport, board.opencv())
+        if camera is not None:
+            return camera
+    raise InputError("The simulated camera sees a simulated arm only.", "Add: --port sim")
+
+
+def _describe(result: CameraResult) -> Iterator[str]:
+    """Yield what the pictures say, line by line."""
+    estimate, fit = result.estimate, result.estimate.fit
+    yield (
+        f"{result.pictures} pictures in {result.duration_s:.0f} s. Across the ray, in pictures "
+        f"left out: {_mm(estimate.before_m)} with the arm as it was, {_mm(estimate.after_m)} now "
+        f"(estimated: {fit.extent.value})."
+    )
+    left_out = [f"picture {i + 1}" for i, kept in enumerate(fit.kept.tolist()) if not kept]
+    if left_out:
+        yield f"Outliers, not used: {', '.join(left_out)}."
+    for parameter in fit.parameters:
+        if parameter.is_determined:
+            value, deviation = parameter.value, parameter.deviation
+            if parameter.unit == "rad":
+                said = f"{math.degrees(value):.2f}° ± {math.degrees(deviation):.2f}°"
+            else:
+                said = f"{value:.4g} ± {deviation:.2g} {parameter.unit}"
+            yield f"{parameter.name}: {said}"
+    unknown = [each.name for each in fit.parameters if not each.is_determined]
+    if unknown:
+        yield f"Not shown by these pictures, and kept: {', '.join(unknown)}."
+    if abs(fit.scale) > 0.01:
+        yield f"The board seems to be {1.0 + fit.scale:.1%} of the size that its name says."
+
+
+def _mm(metres: float) -> str:
+    return f"{1000.0 * metres:.1f} mm"
+
+
+def _fields(result: CameraResult) -> dict[str, object]:
+    """Return what the pictures say for ``--json``; SI units."""
+    estimate, fit = result.estimate, result.estimate.fit
+    return {
+        "pictures": result.pictures,
+        "missed": result.missed,
+        "left_out": [i + 1 for i, kept in enumerate(fit.kept.tolist()) if not kept],
+        "duration_s": result.duration_s,
+        "estimated": fit.extent.value,
+        "before_m": estimate.before_m,
+        "after_m": estimate.after_m,
+        "board_scale": 1.0 + fit.scale,
+        "T_camera_base": fit.T_camera_base,
+        "lens_px": result.intrinsics.matrix,
+        "distortion": result.intrinsics.distortion,
+        "parameters": [
+            {
+                "name": each.name,
+                "unit": each.unit,
+                "value": each.value,
+                "deviation": each.deviation,
+                "determined": each.is_determined,
+            }
+            for each in fit.parameters
+        ],
+    }

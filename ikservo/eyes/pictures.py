@@ -1,0 +1,200 @@
+"""Pictures of a board: where they come from, and what is seen in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ikservo.errors import CalibrationError, InputError
+from ikservo.eyes.board import Board, require_opencv
+from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.se3 import exp_so3, make_pose
+
+if TYPE_CHECKING:
+    from cv2 import VideoCapture
+
+__all__ = ["BoardView", "Intrinsics", "LiveCamera", "Picture", "PictureSource", "board_pose", "calibrate",
+           "find_board"]  # fmt: skip
+
+Picture = NDArray[np.uint8]
+"""Grey (h, w) or colour (h, w, 3)."""
+
+_MIN_CORNERS = 8
+# A picture whose edges are less sharp, as the variance of its Laplacian over that of its grey.
+_MIN_SHARPNESS = 0.004
+_MAX_REPROJECTION_PX = 2.0
+_STALE_PICTURES = 5  # that a driver may hold in its queue
+
+
+class PictureSource(Protocol):
+    """Takes pictures."""
+
+    def take(self) -> Picture:
+        """Take a picture of what is before the camera now.
+
+        Raises:
+            CalibrationError: There is none.
+        """
+        ...
+
+
+class LiveCamera:
+    """A camera by its number, device or address.
+
+    Raises:
+        InputError: OpenCV is not installed, or there is no such camera.
+    """
+
+    def __init__(self, source: str) -> None:
+        require_opencv()
+        import cv2  # noqa: PLC0415  # of the extra `camera`
+
+        self._source = source
+        opened = cv2.VideoCapture(int(source) if source.isdecimal() else source)
+        if not opened.isOpened():
+            raise InputError(f"There is no camera {source}.", "Is it plugged in, and not in use?")
+        self._capture: VideoCapture = opened
+
+    def take(self) -> Picture:
+        """Take a picture; older ones that the driver holds are thrown away.
+
+        Raises:
+            CalibrationError: The camera gives none any more.
+        """
+        for _ in range(_STALE_PICTURES):
+            self._capture.grab()
+        taken, picture = self._capture.read()
+        if not taken:
+            raise CalibrationError(
+                f"Camera {self._source} gives no picture any more.", "Is it still plugged in?"
+            )
+        return np.asarray(picture, dtype=np.uint8)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Intrinsics:
+    """How a camera projects.
+
+    Attributes:
+        matrix: fx, fy, cx, cy as the matrix (3, 3), pixels.
+        distortion: k1, k2, p1, p2, k3 (5,), as OpenCV's.
+        size: Width and height of its pictures, pixels.
+    """
+
+    matrix: Matrix
+    distortion: Vector
+    size: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoardView:
+    """Corners of a board in a picture.
+
+    Attributes:
+        ids: Their numbers (k,).
+        pixels: Where they are (k, 2).
+        size: Width and height of the picture.
+    """
+
+    ids: NDArray[np.int64]
+    pixels: Matrix
+    size: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+
+def find_board(board: Board, picture: Picture) -> BoardView:
+    """Find a board in a picture.
+
+    Raises:
+        CalibrationError: It is not there, or only a part of it, blurred, mirrored or another board;
+            says which.
+    """
+    import cv2  # noqa: PLC0415  # of the extra `camera`
+
+    grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+    corners, ids, markers = _detect(board, grey)
+    if len(ids) >= _MIN_CORNERS:
+        return BoardView(ids, corners, (grey.shape[1], grey.shape[0]))
+    if len(_detect(board, np.ascontiguousarray(grey[:, ::-1]))[1]) >= _MIN_CORNERS:
+        raise CalibrationError("The picture is mirrored.", "Switch that off in the camera.")
+    if markers and not len(ids):
+        raise CalibrationError(
+            f"There is too little of the board in the picture, or another one than {board.name}.",
+            "Name the board that you printed: --board",
+        )
+    contrast = float(grey.std())
+    sharpness = float(cv2.Laplacian(grey, cv2.CV_64F).var()) / max(contrast**2, 1.0)
+    if contrast > 5.0 and sharpness < _MIN_SHARPNESS:
+        raise CalibrationError("The picture is blurred.", "Focus the camera; more light helps.")
+    raise CalibrationError(f"The board {board.name} is not seen.",
+                           "Is it before the camera, flat and lit?")  # fmt: skip
+
+
+def calibrate(board: Board, views: Sequence[BoardView]) -> Intrinsics:
+    """Estimate how a camera projects, from views of a board.
+
+    Raises:
+        CalibrationError: The views do not suffice.
+    """
+    import cv2  # noqa: PLC0415  # of the extra `camera`
+
+    points = [board.corners_m()[view.ids].astype(np.float32) for view in views]
+    pixels = [view.pixels.astype(np.float32) for view in views]
+    size = views[0].size
+    start = np.array([[size[0], 0, size[0] / 2], [0, size[0], size[1] / 2], [0, 0, 1.0]])
+    flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K3
+    try:
+        rms, matrix, distortion, _, _ = cv2.calibrateCamera(
+            points, pixels, size, start, np.zeros(5), flags=flags
+        )
+    except cv2.error:
+        rms, matrix, distortion = np.inf, start, np.zeros(5)
+    if not rms < _MAX_REPROJECTION_PX or not 0.2 < matrix[0, 0] / size[0] < 10.0:
+        raise CalibrationError(
+            "The pictures do not say how the camera projects.",
+            "Show the board near and far, and tilted, all over the picture.",
+        )
+    return Intrinsics(np.asarray(matrix), np.asarray(distortion).ravel()[:5], size)
+
+
+def board_pose(board: Board, view: BoardView, intrinsics: Intrinsics) -> Matrix:
+    """Compute the pose (4, 4) of the board in the camera.
+
+    Of the two poses that a flat board may have, that with the smaller error.
+
+    Raises:
+        CalibrationError: The corners fit none.
+    """
+    import cv2  # noqa: PLC0415  # of the extra `camera`
+
+    points = board.corners_m()[view.ids]
+    count, turns, places, errors = cv2.solvePnPGeneric(
+        points, view.pixels, intrinsics.matrix, intrinsics.distortion, flags=cv2.SOLVEPNP_IPPE
+    )
+    if not count or not float(np.ravel(errors)[0]) < _MAX_REPROJECTION_PX:
+        raise CalibrationError("The board is bent, or badly seen.", "Glue it on something flat.")
+    turn, at = cv2.solvePnPRefineLM(
+        points, view.pixels, intrinsics.matrix, intrinsics.distortion, turns[0], places[0]
+    )
+    return make_pose(np.ravel(at), exp_so3(np.ravel(turn)))
+
+
+def _detect(board: Board, grey: Picture) -> tuple[Matrix, NDArray[np.int64], int]:
+    """Return the corners (k, 2), their numbers (k,), and how many markers are seen."""
+    import cv2  # noqa: PLC0415  # of the extra `camera`
+
+    corners, ids, _, markers = cv2.aruco.CharucoDetector(board.opencv()).detectBoard(grey)
+    seen = 0 if markers is None else len(markers)
+    if ids is None or corners is None:
+        return np.zeros((0, 2)), np.zeros(0, dtype=np.int64), seen
+    found = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
+    return found, np.asarray(ids, dtype=np.int64).ravel(), seen

@@ -1,0 +1,274 @@
+"""Calibration before a camera: the arm shows it a board on its gripper in postures it chooses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from ikservo.arm.arm import Arm
+from ikservo.calibration.calibration_file import load_calibration, save_calibration
+from ikservo.calibration.records import CalibratedCamera, Calibration
+from ikservo.errors import CalibrationError, RefusedError
+from ikservo.eyes.board import Board
+from ikservo.eyes.estimation import (
+    BoardSample,
+    CameraEstimate,
+    Extent,
+    estimate_camera,
+    fit_camera,
+)
+from ikservo.eyes.pictures import (
+    BoardView,
+    Intrinsics,
+    Picture,
+    PictureSource,
+    board_pose,
+    calibrate,
+    find_board,
+)
+from ikservo.eyes.pose_choice import choose_postures, is_visible
+from ikservo.kinematics import Dynamics
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.se3 import log_so3
+from ikservo.maintenance.touch_off import shift_zeros
+from ikservo.model.sag import link_masses
+
+__all__ = ["CameraCalibration", "CameraResult", "save_camera_result"]
+
+_FIRST_STEP_RAD = math.radians(9.0)  # of each joint, before anything is known of the camera
+_REACH_RAD = math.radians(75.0)  # how far joints go from where the arm was put
+_CANDIDATES, _AT_ONCE, _MAX_MISSED = 1500, 4, 8
+_SETTLE_S = 0.3  # after a motion: what swings is blurred
+_GUESSED_FOCAL = 1.0  # of the width of a picture, until pictures say more
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraResult:
+    """What the pictures say.
+
+    Attributes:
+        estimate: Of camera, board and arm.
+        intrinsics: Of the camera.
+        pictures: In how many the board was seen.
+        missed: In how many it was not.
+        duration_s: From the first picture to the last, by the arm's clock.
+    """
+
+    estimate: CameraEstimate
+    intrinsics: Intrinsics
+    pictures: int
+    missed: int
+    duration_s: float
+
+
+class CameraCalibration:
+    """Shows a camera a board on the gripper, and says what that tells of arm and camera.
+
+    Args:
+        arm: The arm, where the board is before the camera and about in the middle of the picture.
+        camera: The camera; it stands still.
+        board: What is fixed to the gripper.
+        count: How many pictures to take.
+        report: Takes a line on each picture.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        camera: PictureSource,
+        board: Board,
+        count: int,
+        report: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self._arm, self._camera, self._board, self._report = arm, camera, board, report
+        self._count, self._missed = count, 0
+        self._views: list[BoardView] = []
+        self._joints: list[Vector] = []
+        self._last: Picture | None = None
+        chain = arm.chain.rigid
+        self._dynamics = Dynamics.from_masses(chain, link_masses(arm.model, chain))
+
+    def run(self) -> CameraResult:
+        """Take the pictures, and estimate; the arm ends where it began, if it can.
+
+        Raises:
+            CalibrationError: The board is not seen, or the pictures do not suffice; the arm holds.
+            RefusedError: The arm may not move.
+        """
+        began_s = self._arm.clock.now_s()
+        self._keep(self._take())  # nothing moves before the board was seen
+        home = self._joints[0]
+        for step in self._first_steps(home):
+            self._visit(step)
+        while len(self._views) < self._count:
+            self._visit_best(home)
+        with suppress(RefusedError):
+            self._move(home)
+        intrinsics = calibrate(self._board, self._views)
+        estimate = estimate_camera(self._dynamics, self._samples(intrinsics))
+        duration_s = self._arm.clock.now_s() - began_s
+        return CameraResult(estimate, intrinsics, len(self._views), self._missed, duration_s)
+
+    def _first_steps(self, home: Vector) -> Matrix:
+        """Return postures around the first one, each joint moved once to either side."""
+        signs = np.resize([1.0, -1.0], len(home))
+        steps = np.vstack(
+            [np.diag(_FIRST_STEP_RAD * signs), np.diag(-0.7 * _FIRST_STEP_RAD * signs)]
+        )
+        return self._arm.chain.clip(home + steps)
+
+    def _visit_best(self, home: Vector) -> None:
+        """Go to the postures that say most by what is known so far."""
+        try:
+            intrinsics = calibrate(self._board, self._views)
+        except CalibrationError:
+            width, height = self._views[0].size
+            focal = _GUESSED_FOCAL * width
+            lens = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
+            intrinsics = Intrinsics(lens, np.zeros(5), (width, height))
+        samples = self._samples(intrinsics)
+        fit = fit_camera(self._dynamics, samples, Extent.ARM)
+        chain = self._arm.chain
+        chance = np.random.default_rng(len(self._views) + self._missed)
+        low = np.maximum(chain.lower_rad, home - _REACH_RAD)
+        high = np.minimum(chain.upper_rad, home + _REACH_RAD)
+        tried = chance.uniform(low, high, (_CANDIDATES, chain.dof))
+        seen = tried[is_visible(self._board, intrinsics, fit.board_poses(tried))]
+        chosen = choose_postures(fit, seen, np.array(self._joints), 3 * _AT_ONCE)
+        visited = 0
+        for q in seen[chosen]:
+            visited += self._visit(q)
+            if visited == _AT_ONCE or len(self._views) == self._count:
+                return
+        if not visited:
+            raise CalibrationError(
+                f"The board is seen in no more postures than {len(self._views)}.",
+                "Put the camera further away, or the board more into its middle.",
+            )
+
+    def _visit(self, q: Vector) -> bool:
+        """Move to a posture and look; return whether it could be reached and the board was seen."""
+        try:
+            self._move(q)
+        except RefusedError:
+            return False  # something is in the way
+        picture = self._take()  # nothing moves further without a fresh one
+        try:
+            self._keep(picture)
+        except CalibrationError as error:
+            self._missed += 1
+            if self._missed > _MAX_MISSED:
+                raise
+            self._report(f"not used: {error.message}")
+            return False
+        self._report(f"picture {len(self._views)} of {self._count}")
+        return True
+
+    def _move(self, q: Vector) -> None:
+        goals = dict(zip(self._arm.chain.names, q.tolist(), strict=True))
+        self._arm.move_joints(goals, speed="normal")
+
+    def _take(self) -> Picture:
+        """Take a picture of the resting arm.
+
+        Raises:
+            CalibrationError: There is none, or the same one again.
+        """
+        clock = self._arm.clock
+        clock.sleep_until(clock.now_s() + _SETTLE_S)
+        picture = self._camera.take()
+        if self._last is not None and np.array_equal(picture, self._last):
+            raise CalibrationError("The camera's picture stands still.", "Plug it in again.")
+        self._last = picture
+        return picture
+
+    def _keep(self, picture: Picture) -> None:
+        """Keep what is seen in a picture with the joints.
+
+        Raises:
+            CalibrationError: The board is not seen.
+        """
+        view = find_board(self._board, picture)
+        here = self._arm.where()
+        self._views.append(view)
+        self._joints.append(np.array([here[n].position_rad for n in self._arm.chain.names]))
+
+    def _samples(self, intrinsics: Intrinsics) -> list[BoardSample]:
+        samples: list[BoardSample] = []
+        for number, (q, view) in enumerate(zip(self._joints, self._views, strict=True), start=1):
+            with suppress(CalibrationError):
+                T = board_pose(self._board, view, intrinsics)
+                samples.append(BoardSample(q, T, f"picture {number}"))
+        return samples
+
+
+def save_camera_result(arm: Arm, source: str, result: CameraResult, written: datetime) -> Path:
+    """Save what pictures say of the arm, and the camera, with its calibration.
+
+    Raises:
+        CalibrationError: The arm has no calibration of its own.
+        FileWriteError: The disk is full or not writable; the one before is unchanged.
+    """
+    model = arm.model
+    calibration = load_calibration(model.name, arm.context.serial_number)
+    if calibration is None:
+        raise CalibrationError(
+            f"{model.name} has no calibration that could be corrected; nothing was saved.",
+            f"Calibrate it first: ikservo calibrate {model.name}",
+        )
+    return save_calibration(_with_result(arm, calibration, source, result, written))
+
+
+def _with_result(
+    arm: Arm, calibration: Calibration, source: str, result: CameraResult, written: datetime
+) -> Calibration:
+    fit, names = result.estimate.fit, arm.chain.names
+    joints = calibration.joints
+    if fit.extent.zeros:
+        maps = [arm.model.joint(name).joint_map for name in names]
+        own = [
+            joint.joint_map(nominal) if (joint := calibration.joint(name)) else nominal
+            for name, nominal in zip(names, maps, strict=True)
+        ]
+        joints = shift_zeros(joints, own, fit.zeros)
+    if fit.extent.bending:
+        compliance = dict(zip(names, fit.bending.compliance.tolist(), strict=True))
+        half_play = dict(zip(names, fit.bending.half_play.tolist(), strict=True))
+        joints = tuple(
+            joint.model_copy(
+                update={
+                    "compliance": round(compliance[joint.name], 5),
+                    "play_deg": round(math.degrees(2.0 * half_play[joint.name]), 4),
+                }
+            )
+            if joint.name in compliance
+            else joint
+            for joint in joints
+        )
+    camera = _calibrated_camera(source, result, written)
+    return calibration.model_copy(update={"joints": joints, "camera": camera, "written": written})
+
+
+def _calibrated_camera(source: str, result: CameraResult, written: datetime) -> CalibratedCamera:
+    fit, lens = result.estimate.fit, result.intrinsics
+    fx, cx, fy, cy = lens.matrix[0, 0], lens.matrix[0, 2], lens.matrix[1, 1], lens.matrix[1, 2]
+    T = np.linalg.inv(fit.T_camera_base)
+    return CalibratedCamera(
+        source=source,
+        seen=written,
+        pictures=len(fit.kept),
+        left_out=int(np.count_nonzero(~fit.kept)),
+        before_mm=1000.0 * result.estimate.before_m,
+        after_mm=1000.0 * result.estimate.after_m,
+        size_px=lens.size,
+        lens_px=(float(fx), float(fy), float(cx), float(cy)),
+        distortion=tuple(lens.distortion.tolist()),
+        at_mm=tuple((1000.0 * T[:3, 3]).tolist()),
+        turned_deg=tuple(np.degrees(log_so3(T[:3, :3])).tolist()),
+    )

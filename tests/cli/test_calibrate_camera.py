@@ -1,0 +1,66 @@
+"""``ikservo calibrate --camera``: an arm before a camera finds how it is built."""
+
+import numpy as np
+import pytest
+
+from ikservo.arm.opening import open_own_arm
+from ikservo.calibration.calibration_file import read_calibration
+from ikservo.calibration.paths import calibration_path
+from ikservo.kinematics.se3 import exp_so3, make_pose
+from tests.calibration.mounted_arms import load_model
+from tests.cli.fixtures_mounted_arm import PORT, SERIAL
+
+pytest.importorskip("cv2")
+
+from tests.eyes.hidden_arms import hidden_arm, tip_errors_m
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
+
+
+@pytest.mark.full
+@pytest.mark.timeout(600)
+def test_a_hidden_arm_is_found_saved_used_and_undone(monkeypatch, run_cli):
+    arm, camera = hidden_arm(monkeypatch, "so101", 0)
+    monkeypatch.setattr("ikservo.cli.calibrate_camera.LiveCamera", lambda _: camera)
+    path = calibration_path("so101", SERIAL)
+    before = path.read_text()
+    done = run_cli(f"calibrate so101 --port {PORT} --camera 0 --pictures 14 --yes --json")
+    assert done.code == 0, done.err
+    found = read_calibration(path)
+    assert found.camera.source == "0"
+    assert found.camera.after_mm < 0.5 * found.camera.before_mm
+    with open_own_arm(load_model("so101"), PORT) as opened:
+        here = opened.where()
+        names = opened.chain.names
+        off = np.array([here[name].position_rad - arm.true_position(name) for name in names])
+        T = pose_of(found.camera)
+        after = tip_errors_m(arm, camera, opened.chain, off, np.linalg.inv(T))
+    assert np.median(after) < 0.0015
+    assert np.percentile(after, 95) < 0.003
+    assert run_cli(f"calibration undo so101 --port {PORT}").code == 0
+    assert path.read_text() == before
+
+
+def pose_of(camera):
+    return make_pose(np.array(camera.at_mm) / 1000, exp_so3(np.radians(camera.turned_deg)))
+
+
+def test_the_command_says_what_is_missing(monkeypatch, run_cli):
+    hidden_arm(monkeypatch, "so101", 3)
+    words = f"calibrate so101 --port {PORT}"
+    assert "--yes" in run_cli(f"{words} --camera 0").err
+    assert "One of --auto" in run_cli(f"{words} --camera 0 --touch").err
+    assert "Add: --camera" in run_cli(f"{words} --pictures 12").err
+    assert "The board is '1x1'" in run_cli(f"{words} --camera 0 --board 1x1 --yes").err
+    assert "There is no camera 77" in run_cli(f"{words} --camera 77 --yes").err
+
+
+def test_the_board_is_written(tmp_path, run_cli):
+    for name, start in (("b.pdf", b"%PDF-1.4"), ("b.svg", b"<svg")):
+        done = run_cli(["camera", "board", str(tmp_path / name)])
+        assert done.code == 0, done.err
+        assert (tmp_path / name).read_bytes().startswith(start)
+    assert "ends with .pdf or .svg" in run_cli(["camera", "board", str(tmp_path / "b.png")]).err
