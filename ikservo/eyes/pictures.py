@@ -17,8 +17,8 @@ from ikservo.kinematics.se3 import exp_so3, make_pose
 if TYPE_CHECKING:
     from cv2 import VideoCapture
 
-__all__ = ["BoardView", "Intrinsics", "LiveCamera", "Picture", "PictureSource", "board_pose", "calibrate",
-           "find_board"]  # fmt: skip
+__all__ = ["BoardView", "Intrinsics", "LiveCamera", "Picture", "PictureSource", "board_pose",
+           "calibrate", "find_board"]  # fmt: skip
 
 Picture = NDArray[np.uint8]
 """Grey (h, w) or colour (h, w, 3)."""

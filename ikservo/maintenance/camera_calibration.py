@@ -102,6 +102,7 @@ class CameraCalibration:
             RefusedError: The arm may not move.
         """
         began_s = self._arm.clock.now_s()
+        self._arm.enable()  # held by a hand or a table it bends otherwise
         self._keep(self._take())  # nothing moves before the board was seen
         home = self._joints[0]
         for step in self._first_steps(home):
