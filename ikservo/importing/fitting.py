@@ -128,7 +128,7 @@ def fit_capsules(
         else:
             break
     parts = _merge_parts(parts, surface, allowed_m, moved_m)
-    excess_m = max(surface.excess_m(i, parts, moved_m) for i in range(len(parts)))
+    excess_m = max(surface.excess_m(i, parts, moved_m, _FINE) for i in range(len(parts)))
     capsules = [FittedCapsule(p.fit.start_m, p.fit.end_m, p.fit.radius_m + moved_m) for p in parts]
     return MeshFit(tuple(capsules), excess_m, allowed_m)
 
@@ -173,6 +173,30 @@ def merge_vertices(triangles: Triangles, cell_m: float) -> tuple[Triangles, floa
     return kept[corners[rows]], moved_m
 
 
+def _sphere_directions(count: int) -> Matrix:
+    i = np.arange(count) + 0.5
+    turn, z = math.pi * (1.0 + math.sqrt(5.0)) * i, 1.0 - 2.0 * i / count
+    around = np.sqrt(1.0 - z**2)
+    return np.stack([around * np.cos(turn), around * np.sin(turn), z], axis=1)
+
+
+_SPHERE = _sphere_directions(_DIRECTIONS)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Density:
+    """How a capsule is sampled: directions (n, 3) of its ends, rings, and points around it."""
+
+    directions: Matrix
+    rings: int
+    around: int
+
+
+_COARSE = _Density(_SPHERE, 9, 16)
+_FINE = _Density(_sphere_directions(2000), 30, 60)
+"""To state the result."""
+
+
 class _SampledSurface:
     """Points of a surface, to measure how far capsules are from it."""
 
@@ -184,21 +208,24 @@ class _SampledSurface:
         self._given = given
         self._tree = cKDTree(np.concatenate([_sample_surface(m, spacing_m) for m in meshes]))
 
-    def excess_m(self, index: int, parts: Sequence[_Part], moved_m: float = 0.0) -> float:
+    def excess_m(
+        self, index: int, parts: Sequence[_Part], moved_m: float = 0.0, density: _Density = _COARSE
+    ) -> float:
         """Compute how far a capsule's surface is from the mesh, without what others contain."""
-        away_m = self._distances_m(index, parts)
+        away_m = self._distances_m(index, parts, density)
         return float(away_m.max()) + moved_m if len(away_m) else 0.0
 
     def badness(self, parts: Sequence[_Part], allowed_m: float) -> float:
         """Rate parts by how much of their surface is far from the mesh, and how far; 0 is best."""
         rated = 0.0
         for i, part in enumerate(parts):
-            far_m = np.maximum(self._distances_m(i, parts) - 0.5 * allowed_m, 0.0)
+            far_m = self._distances_m(i, parts, _COARSE)
+            far_m = np.maximum(far_m - 0.5 * allowed_m, 0.0)
             rated += part.fit.area_m2 * float(far_m @ far_m)
         return rated
 
-    def _distances_m(self, index: int, parts: Sequence[_Part]) -> Vector:
-        points = _capsule_points(parts[index].fit)
+    def _distances_m(self, index: int, parts: Sequence[_Part], density: _Density) -> Vector:
+        points = _capsule_points(parts[index].fit, density)
         for other, part in enumerate(parts):
             if other != index:
                 points = points[part.fit.depth_m(points) < 0.0]
@@ -244,30 +271,21 @@ def _squares(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
     return np.einsum("...i,...i->...", vectors, vectors)
 
 
-def _sphere_directions(count: int) -> Matrix:
-    i = np.arange(count) + 0.5
-    turn, z = math.pi * (1.0 + math.sqrt(5.0)) * i, 1.0 - 2.0 * i / count
-    around = np.sqrt(1.0 - z**2)
-    return np.stack([around * np.cos(turn), around * np.sin(turn), z], axis=1)
-
-
-_SPHERE = _sphere_directions(_DIRECTIONS)
-_RINGS, _AROUND = 9, 16
 _THICKNESSES = np.array([1.0, 1.04, 1.1, 1.18, 1.28])
 _HALF_TURN = np.stack([np.cos(np.arange(8) * math.pi / 8), np.sin(np.arange(8) * math.pi / 8)])
 
 
-def _capsule_points(fit: FittedCapsule) -> Matrix:
+def _capsule_points(fit: FittedCapsule, density: _Density) -> Matrix:
     """Return points of a capsule's surface (n, 3)."""
-    along = fit.end_m - fit.start_m
-    side = _SPHERE @ along
-    caps = np.where(side[:, None] > 0.0, fit.end_m, fit.start_m) + fit.radius_m * _SPHERE
+    along, sphere = fit.end_m - fit.start_m, density.directions
+    side = sphere @ along
+    caps = np.where(side[:, None] > 0.0, fit.end_m, fit.start_m) + fit.radius_m * sphere
     if not along.any():
         return caps
     across = np.linalg.svd(along[None])[2][1:]
-    turn = np.linspace(0.0, math.tau, _AROUND, endpoint=False)
+    turn = np.linspace(0.0, math.tau, density.around, endpoint=False)
     circle = np.stack([np.cos(turn), np.sin(turn)], axis=1) @ across * fit.radius_m
-    rings = fit.start_m + np.multiply.outer(np.linspace(0.0, 1.0, _RINGS), along)
+    rings = fit.start_m + np.multiply.outer(np.linspace(0.0, 1.0, density.rings), along)
     return np.concatenate([caps, (rings[:, None] + circle).reshape(-1, 3)])
 
 

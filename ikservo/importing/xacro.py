@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import subprocess
 import sys
 import tempfile
@@ -35,6 +36,7 @@ def needs_xacro(root: XmlElement) -> bool:
     return False
 
 
+_MISSING_ARGUMENT = re.compile(r"Undefined substitution argument ([A-Za-z0-9_]{1,64})")
 _SHOWN_CHARS = 200
 _MODULE = "xacro"
 _MISSING, _UNKNOWN_PACKAGE = 97, 98  # exit codes of the child
@@ -106,6 +108,12 @@ def expand_xacro(
             path, "", "its macros need xacro, which is not installed",
             "xacro (pip install 'ikservo[import]'), or plain URDF",
         )  # fmt: skip
+    missing = _MISSING_ARGUMENT.search(error_output) if code else None
+    if missing:
+        name = missing[1]
+        raise FileFormatError(
+            path, "", f"its argument {name} has no value", f"--xacro-arg {name}:=VALUE"
+        )
     if code != 0 or len(text) >= MAX_URDF_BYTES:
         lines = error_output.strip().splitlines()
         last = [line for line in lines if not line.startswith("when processing file")][-1:]

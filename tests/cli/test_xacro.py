@@ -123,6 +123,14 @@ def test_without_xacro_the_error_says_what_to_install(path, monkeypatch):
 
 
 @needs_xacro
+def test_an_argument_without_a_value_is_asked_for(path):
+    path.write_text(MACROS.replace('name="base"/>', 'name="base$(arg dof)"/>'))
+    with pytest.raises(FileFormatError, match="argument dof has no value") as caught:
+        expand_xacro(path)
+    assert "--xacro-arg dof:=VALUE" in caught.value.hint
+
+
+@needs_xacro
 def test_what_xacro_refuses_is_said_in_its_words(path):
     path.write_text(MACROS.replace("${reach} 0 0", "${no_such_length} 0 0"))
     with pytest.raises(FileFormatError, match=r"xacro refuses it: .*no_such_length"):
