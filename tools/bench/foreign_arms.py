@@ -46,7 +46,8 @@ def judged_tip_m(source: Path, folder: Path, positions: dict[str, float]) -> tup
     for path in (source, folder / "arm.urdf"):
         with contextlib.suppress(ValueError, RuntimeError, KeyError, IndexError):
             judge = readers[path.suffix](str(path))
-            base, tip = (judge.getFrameId(link) for link in (model.chain.base, model.chain.tip))
+            links = model.chain.base, model.chain.tip
+            base, tip = (judge.getFrameId(link, pin.BODY) for link in links)
             if max(base, tip) >= judge.nframes and path == source:
                 continue
             q = pin.neutral(judge)
