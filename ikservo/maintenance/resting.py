@@ -18,7 +18,7 @@ __all__ = ["RestingPlace", "find_resting_place"]
 
 _STEP_S, _MIN_S, _MAX_S = 1.0, 4.0, 60.0
 _STILL = 0.001  # rad or m, in a step
-_ROOM_M = 0.004  # of the arm as it would sag: its way down there is no straight line
+_ROOM_M = 0.006  # of the arm as it would sag: its way down there is no straight line
 _MAX_SHARE, _SHARES = 0.4, 201  # of the way back to where it was released
 
 
@@ -79,7 +79,7 @@ def _free_above(
     straight from where it was released; where it is blocked early, it is the place where it lies.
     """
     found: dict[str, float] | None = None
-    room_m = min(_ROOM_M, 0.5 * _sagged_clearance_m(arm, start))
+    room_m = min(_ROOM_M, 0.8 * _sagged_clearance_m(arm, start))
     for share in np.linspace(1.0, 0.0, _SHARES).tolist():
         raised = {name: at + share * (start[name] - at) for name, at in resting.items()}
         if _sagged_clearance_m(arm, raised) < room_m:
