@@ -79,7 +79,7 @@ class StepResponse:
 
     @property
     def swing_rad(self) -> float:
-        """How far it still moves to and fro in the last half second of a rest, at most."""
+        """How far it still moves back and forth in the last half second of a rest, at most."""
         return max(float(np.ptp(self.position_rad[self._judged(end_s)])) for end_s in self.ends_s)
 
     @property

@@ -49,7 +49,7 @@ def test_lag_is_a_time(lag_s):
     assert extra_s == pytest.approx(lag_s, abs=0.004)
 
 
-def test_a_joint_that_swings_and_one_that_stays_short_are_told_apart():
+def test_swinging_is_distinguished_from_a_steady_error():
     swinging = second_order(1.0, swing_rad=np.radians(0.6))
     assert swinging.swing_rad == pytest.approx(np.radians(0.6), rel=0.1)
     assert swinging.swings

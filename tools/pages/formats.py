@@ -134,9 +134,10 @@ def _motion_section(name: str, kind: type) -> str:
     text, _, attributes = text.partition("\n\nAttributes:")
     listed = _attributes(attributes)
     for field in fields(kind):
-        if isinstance(field.default, (str, bool, int, float, tuple)):
-            default = f"- `{field.name}`, else `{json.dumps(field.default)}`:"
-            listed = listed.replace(f"- `{field.name}`:", default)
+        default: object = field.default
+        if isinstance(default, (str, bool, int, float, tuple)):
+            words = f"- `{field.name}`, else `{json.dumps(default)}`:"
+            listed = listed.replace(f"- `{field.name}`:", words)
     return f"#### {name}\n\n{text}\n\n{listed}".rstrip()
 
 
