@@ -89,6 +89,8 @@ class PackageFolders:
         place = self.path.absolute().parent
         if filename.startswith(_FILE) or posixpath.isabs(filename):
             text = unquote(urlsplit(filename).path) if filename.startswith(_FILE) else filename
+            if text.startswith("//"):  # of file:///$(find NAME)/…; normpath would keep both
+                text = f"/{text.lstrip('/')}"
             return self._inside(posixpath.normpath(text))
         return self._inside(posixpath.normpath(posixpath.join(place.as_posix(), filename)))
 

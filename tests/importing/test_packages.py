@@ -41,6 +41,12 @@ def test_a_mesh_is_found(urdf, name):
     assert found.is_file()
 
 
+@pytest.mark.parametrize("start", ["file://", "file:///", ""])
+def test_a_mesh_is_found_by_the_folder_that_find_returns(urdf, start):
+    mesh = urdf.parents[1] / "meshes" / "a.stl"
+    assert PackageFolders(urdf).find_mesh(f"{start}{mesh.as_posix()}") == mesh
+
+
 def test_a_package_has_the_name_in_its_manifest(urdf):
     package = urdf.parents[1].rename(urdf.parents[2] / "cloned")
     path = package / "urdf" / "arm.urdf"
