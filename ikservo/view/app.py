@@ -126,7 +126,7 @@ class ViewApp:
             self.arms = ServedArms(ViewSettings(self._open_arm, clock, downloads, self._dead_man_s))
             stack.callback(self.arms.close)
             self.arms.open_all(self._places)
-            new_arm = NewArmPanel(Path.cwd())
+            new_arm = NewArmPanel(Path.cwd(), is_local=self._is_local)
             stack.callback(new_arm.close)
             choices = ChoiceFinder(self._places)
             arm_list = ArmList(self.arms, choices, clock, downloads, camera, new_arm)

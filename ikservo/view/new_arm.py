@@ -73,10 +73,12 @@ class NewArmPanel:
 
     Args:
         folder: Where the arms' folders are made.
+        is_local: Whether the page is served to this machine only. A page elsewhere gets no arm
+            made: it would have files of this machine read, and written.
     """
 
-    def __init__(self, folder: Path) -> None:
-        self._folder = folder
+    def __init__(self, folder: Path, *, is_local: bool = True) -> None:
+        self._folder, self._is_local = folder, is_local
         self._reset()
 
     def _reset(self) -> None:
@@ -95,8 +97,12 @@ class NewArmPanel:
         """Begin a dialogue.
 
         Raises:
-            BadMessageError: There is one.
+            BadMessageError: There is one, or the page is served to other machines.
         """
+        if not self._is_local:
+            raise BadMessageError(
+                "A page of another machine makes no arm.", "In a terminal there: ikservo arms new"
+            )
         if self.is_running:
             raise BadMessageError("An arm is being made already.", "Finish or leave it first.")
         self._reset()

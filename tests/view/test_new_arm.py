@@ -88,3 +88,10 @@ def test_leaving_ends_the_conversion_and_writes_nothing(panel, tmp_path):
     panel.close()
     assert panel.fields() is None
     assert not list(tmp_path.iterdir())
+
+
+def test_a_page_of_another_machine_has_no_file_read(tmp_path):
+    panel = NewArmPanel(tmp_path, is_local=False)
+    with pytest.raises(BadMessageError, match="another machine"):
+        start(panel, source="/etc/passwd")
+    assert not panel.is_running
