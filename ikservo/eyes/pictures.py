@@ -129,7 +129,7 @@ def find_board(board: Board, picture: Picture) -> BoardView:
     if markers and not len(ids):
         raise CalibrationError(
             f"There is too little of the board in the picture, or another one than {board.name}.",
-            "Name the board that you printed: --board",
+            "Name the board that you printed.",
         )
     contrast = float(grey.std())
     sharpness = float(cv2.Laplacian(grey, cv2.CV_64F).var()) / max(contrast**2, 1.0)

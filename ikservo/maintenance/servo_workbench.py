@@ -297,7 +297,7 @@ def plan_writes(
     """
     for register, raw in values.items():
         if register is servo.table.eeprom_lock and raw == 0:
-            reason = "every write of ikservo opens the EEPROM and locks it again"
+            reason = "each write unlocks the EEPROM and locks it again"
             raise RegisterAccessError(str(servo), register.name, reason)
         if (register.name, raw) in servo.table.non_idempotent:
             reason = f"{raw} sets another zero"

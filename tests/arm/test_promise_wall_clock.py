@@ -14,7 +14,8 @@ from tests.arm.simulated import line_of, run_trajectory
 
 PRODUCT = Path(ikservo.__file__).parent
 FAMILIES = ("so101", "koch")
-DATED = {  # messages of ROS 2 bear the date
+DATED = {  # recorded packets and messages of ROS 2 bear the date
+    "hardware/packet_log.py",
     "recording/mcap_recording.py",  # the first of a file; the others count from there
     "ros_bridge/action_server.py",
     "ros_bridge/bridge.py",

@@ -26,6 +26,7 @@ READ = {
     ("arms", "source"), ("calibrate", "from_script"), ("calibrate", "points"),
     ("calibration", "source"),
     ("arc", "scene"), ("draw", "scene"), ("joints", "scene"),
+    ("scene", "file"),
     ("draw", "file"), ("export", "recordings"), ("import", "from_script"), ("replay", "file"),
     ("move", "scene"), ("pose", "scene"), ("setup", "restore"), ("test", "points"),
 }  # fmt: skip
@@ -55,6 +56,10 @@ WRITTEN = {
     ("servo", "to"): [
         ("servo backup --arm so101 --port sim --id 3 --to {}/a.toml", "a.toml"),
         ("servo backup --arm so101 --port sim --id 3 --to {}/old.toml --overwrite", "old.toml"),
+    ],
+    ("camera", "file"): [
+        ("camera board {}/a.pdf", "a.pdf"),
+        ("camera board {}/old.svg", "old.svg"),
     ],
     ("solve", "plot"): [
         ("solve 0.25 0.05 0.15 --arm so101 --compare --plot {}/a.svg", "a.svg"),

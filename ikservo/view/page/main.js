@@ -112,6 +112,7 @@ function showStatus(status) {
   calibration.show(status.calibration);
   showAllAround(Boolean(status.calibration));
   plots.showStatus(status);
+  servos.showStatus(status);
 }
 
 // A calibration is seen from all around, where each joint's motion shows; then the view is as before.

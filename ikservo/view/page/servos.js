@@ -7,6 +7,7 @@ export class Servos {
     this.send = send;
     this.registers = [];
     this.joint = null;
+    this.movable = false;
     $("servos").ontoggle = () => $("servos").open && !this.joint && this.read();
     $("servos-joint").onchange = () => this.read();
     $("servos-read").onclick = () => this.read();
@@ -18,6 +19,11 @@ export class Servos {
     this.registers = [];
     $("servos-joint").replaceChildren(...joints.map((name) => createElement("option", { value: name }, name)));
     this.show();
+  }
+
+  showStatus({ controller, mode, live }) {
+    this.movable = controller === "you" && mode === "preview" && !live;
+    for (const control of $("servos").querySelectorAll("button, input, select")) control.disabled = !this.movable;
   }
 
   read() {
