@@ -51,6 +51,7 @@ from ikservo.model.identified_drives import identified_parameters
 from ikservo.model.joint_drive import ArmParameters, nominal_parameters
 from ikservo.model.lifting import LoadLag, load_lags
 from ikservo.model.sag import stall_error
+from ikservo.model.scene import KeepOutShape
 from ikservo.registers import control_table
 
 __all__ = [
@@ -203,7 +204,7 @@ def open_own_arm(
         shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
         gripper = model.gripper.joint if model.gripper else None
         servos = ServoGroup(bus, driven_joints, shadows, bus.port.clock, model.health, gripper)
-        checker = make_collision_checker(model) if collisions else None
+        checker = make_collision_checker(model, own.chain()) if collisions else None
         chain = _narrow_chain(own.chain(), driven_joints)
         serial_number = serial_number_of(opened_port.name)
         servos.compensator = _make_compensator(own, model, chain, driven_joints, serial_number)
@@ -244,6 +245,11 @@ def _open_remote(
             f"{option} is not possible for an arm on another machine.",
             f"Give it to the program beside the arm: ikservo serve ... {option}",
         )
+    if any(isinstance(each, KeepOutShape) for each in model.keep_out):
+        raise InputError(
+            "--scene is not possible for an arm on another machine.",
+            "Give it to the program beside the arm: put its things into the arm file there.",
+        )
     return network.open_arm(model, address, on_exit)
 
 
@@ -275,10 +281,26 @@ def _make_joint_limits(
     )
 
 
-def make_collision_checker(model: Model) -> CollisionChecker:
-    """Make the checker of an arm with its gripper, which yields to its weight."""
+def make_collision_checker(model: Model, own_chain: Chain | None = None) -> CollisionChecker:
+    """Make the checker of an arm with its gripper, which yields to its weight.
+
+    Args:
+        model: The arm.
+        own_chain: Its calibrated chain, which may give way behind its sensors.
+    """
     body = collision_body_with_gripper(model)
-    return CollisionChecker(body, model.floor_m, model.keep_out, arm_sag(model, body))
+    checker = CollisionChecker(body, model.floor_m, model.keep_out, arm_sag(model, body))
+    link_joints = None if own_chain is None else own_chain.link_joints
+    if own_chain is not None and link_joints is not None:
+        columns = [body.chain.names.index(name) for name in own_chain.names]
+
+        def bend(q: Matrix) -> Matrix:
+            bent = q.copy()
+            bent[:, columns] = link_joints(q[:, columns])
+            return bent
+
+        checker.bends = bend
+    return checker
 
 
 def _make_compensator(

@@ -65,9 +65,9 @@ class PathConstraint:
                 )
         for name, what in (("axis", "direction"), ("normal", "normal of the plane")):
             if getattr(self, name) is not None:
-                length = float(np.linalg.norm(self._set_vector(name, f"The {what}")))
-                if not length > 0.0:
-                    raise BadValueError(f"The {what}", "without a length", "a direction")
+                length = math.hypot(*self._set_vector(name, f"The {what}"))
+                if not 1e-6 <= length <= 1e6:
+                    raise BadValueError(f"The {what}", f"{length:g} long", "a direction")
         if self.above_m is not None:
             self._set_vector("above_m", "The point of the plane")
         if (self.low_m is None) != (self.high_m is None):
@@ -138,6 +138,7 @@ class ConstrainedTool:
         from ikservo.ik.kernel import tool_limits  # noqa: PLC0415  # loads the compiled kernels
 
         self._kernel, T = tool_limits, chain.forward(start)
+        self._bends = chain.link_joints
         self._limits = tuple(_limits_of(constraint, approach_axis, T[:3, :3].T @ _UP))
         self._inside = np.array([limit.inside for limit in self._limits])
         self._allowed, self._arm = -0.5 * self._inside, pack_chain(chain)
@@ -148,6 +149,8 @@ class ConstrainedTool:
 
     def excess(self, joints: Matrix) -> Matrix:
         """Compute how far each limit is exceeded (n, limits) at joints (n, dof), rad or m."""
+        if self._bends is not None:
+            joints = self._bends(joints)
         poses = np.empty((len(joints), 12))
         self._kernel.tool_poses(self._arm, self._work, np.ascontiguousarray(joints), poses)
         R, tips_m = poses[:, :9].reshape(-1, 3, 3), poses[:, 9:]

@@ -28,7 +28,8 @@ class Scene:
     """What stands around an arm, in its base frame, and what its gripper holds.
 
     It begins with the things of the arm file and of the scene file. Motions that are planned from
-    then on keep out of it; a plan made before is checked again when it is executed.
+    then on keep out of it; a plan made before is checked again when it is executed. Change it in
+    the thread that plans: a plan that another thread makes at that moment fails.
 
     Args:
         context: The arm.
@@ -75,8 +76,9 @@ class Scene:
             FileFormatError: A value is missing, unknown or of another type; names the key.
             RefusedError: A motion is running.
         """
-        self._check_new(name)
-        self._change({**self._things, name: make_shape(kind, name, sizes)}, self._held)
+        with self._runner.lock:
+            self._check_new(name)
+            self._change({**self._things, name: make_shape(kind, name, sizes)}, self._held)
 
     def load(self, path: Path | str) -> None:
         """Add the things of a scene file.
@@ -87,9 +89,10 @@ class Scene:
             RefusedError: A motion is running.
         """
         added = {each.name: each for each in read_scene(path)}
-        for name in added:
-            self._check_new(name)
-        self._change({**self._things, **added}, self._held)
+        with self._runner.lock:
+            for name in added:
+                self._check_new(name)
+            self._change({**self._things, **added}, self._held)
 
     def remove(self, name: str) -> None:
         """Remove a thing, which may be held.
@@ -98,12 +101,13 @@ class Scene:
             UnknownNameError: There is no such thing.
             RefusedError: A motion is running.
         """
-        if name not in self._things and name not in self._held:
-            raise UnknownNameError("thing", name, [*self._things, *self._held])
-        things, held = dict(self._things), dict(self._held)
-        things.pop(name, None)
-        held.pop(name, None)
-        self._change(things, held)
+        with self._runner.lock:
+            if name not in self._things and name not in self._held:
+                raise UnknownNameError("thing", name, [*self._things, *self._held])
+            things, held = dict(self._things), dict(self._held)
+            things.pop(name, None)
+            held.pop(name, None)
+            self._change(things, held)
 
     def attach(self, name: str) -> None:
         """Let the gripper hold a thing where both are now: it moves with the tip.

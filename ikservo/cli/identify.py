@@ -32,6 +32,7 @@ from ikservo.lab.health_log import (
     append_record,
     health_path,
     identified_health,
+    read_records,
 )
 from ikservo.lab.identification import Identification, ParameterEstimate
 from ikservo.model.identified_drives import body_joints
@@ -68,6 +69,7 @@ def command(
         run = IdentificationRun.plan(require_own_port(machine), QUICK_TOUR if quick else None)
         if not options.dry_run:  # a full disk is found before the arm moves for minutes
             check_writable(run.path.parent)
+            read_records(health_path(machine.model.name, run.arm.context.serial_number))
         announce_tour(run, options)
         with motion_progress_bar() as on_progress:
             recording = run.record(on_progress)

@@ -40,6 +40,7 @@ from ikservo.maintenance.servo_workbench import (
     ServoLine,
     find_register,
     find_table,
+    holds_torque,
     identify_servo,
     open_servos,
     parse_register_value,
@@ -175,7 +176,8 @@ def command(
         _print_packets(path, arm, servo_id, servo_model, faulty=errors, json=json)
         return
     if action == "tune":
-        tune(ArmConnection(arm=arm, port=port), servo_id, given, step or math.radians(10),
+        step_rad = math.radians(10) if step is None else step
+        tune(ArmConnection(arm=arm, port=port), servo_id, given, step_rad,
              suggest=suggest, yes=yes, json=json)  # fmt: skip
         return
     backup = read_backup(Path(given[0])) if action == "restore" else None
@@ -347,6 +349,8 @@ def _write(
         print_status(f"{servo}: {', '.join(texts)}")
         moving = any(each.register.name.startswith("goal_") for each in changes)
         warning = " The joint moves at once; nothing checks what it meets." if moving else ""
+        if holds_torque(line, servo):
+            warning += " Its torque is on: support the arm."
         question = Question(f"Write {servo}?{warning}", Unasked.ERROR)
         if not Operator.of(None, yes=yes).agrees(question):
             raise IkservoError("Cancelled; nothing was written.")

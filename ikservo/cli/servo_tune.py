@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+import signal
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
 
 from ikservo.arm.arm import Arm
 from ikservo.arm.opening import require_own_port
@@ -100,7 +102,8 @@ def tune(
             f"{'some ten times' if suggest else 'once' if not given else 'twice'}."
         )
         confirm_motion(machine, yes=yes)
-        trials = _run_trials(arm, servo, given, step_rad, suggest=suggest)
+        with _ending_in_order():
+            trials = _run_trials(arm, servo, given, step_rad, suggest=suggest)
     best = min(trials, key=lambda one: one.response.cost)
     print_records(
         "servo-tune", "trials", trials, _FIELDS, json=json, id=servo.id, joint=servo.name,
@@ -108,6 +111,22 @@ def tune(
     )  # fmt: skip
     if not json:
         _print_advice(connection, servo, trials[0], best)
+
+
+@contextmanager
+def _ending_in_order() -> Generator[None]:
+    """Let a signal that ends the program restore the gains first."""
+    signals = [signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
+
+    def leave(number: int, _frame: object) -> None:
+        raise SystemExit(128 + number)
+
+    before = {each: signal.signal(each, leave) for each in signals}
+    try:
+        yield
+    finally:
+        for each, handler in before.items():
+            signal.signal(each, handler)
 
 
 def _parse_gains(servo: ServoSpec, settings: Sequence[str]) -> dict[Register, int]:

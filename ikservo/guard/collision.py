@@ -99,6 +99,8 @@ class CollisionChecker:
         overlap_m: By how much each pair may overlap (pairs,).
         watched: Which pairs are looked at (pairs,).
         sag: How far gravity pulls the joints; None for an arm that does not yield.
+        bends: Returns where the links are (n, dof) from where the joints' sensors are; None for an
+            arm that does not give way behind them.
     """
 
     def __init__(
@@ -109,6 +111,7 @@ class CollisionChecker:
         sag: Sag | None = None,
     ) -> None:
         self.floor_m = -math.inf if floor_m is None else floor_m
+        self.bends: Callable[[Matrix], Matrix] | None = None
         self.change(body, boxes, sag)
 
     def change(self, body: CollisionBody, boxes: Sequence[Obstacle], sag: Sag | None) -> None:
@@ -218,6 +221,8 @@ class CollisionChecker:
         from ikservo.guard.collision_kernel import min_distances  # noqa: PLC0415
 
         body, q = self.body, finite_vectors(np.array(path), self.body.dof, "q")
+        if self.bends is not None:
+            q = self.bends(q)
         distances = np.full((len(q), len(self.pairs)), np.inf)
         places, ends = np.empty((len(body.links), 12)), np.empty((len(body.capsules), 6))
         min_distances(

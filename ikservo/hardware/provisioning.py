@@ -27,6 +27,7 @@ from ikservo.registers import ControlTable, Register, RegisterName
 __all__ = [
     "ServoSettings",
     "change_address",
+    "check_address_is_free",
     "check_model",
     "provision",
     "wait_for_servo",
@@ -105,14 +106,32 @@ def change_address(port: Port, servo: ServoSpec, new_id: int, new_rate: int) -> 
     """
     settings = ServoSettings(replace(servo, id=new_id), new_rate, {})
     code = settings.baud_code
-    if new_id != servo.id and identify(port, framing_of(servo.table.family), new_id):
-        raise InputError(
-            f"Id {new_id} belongs to another servo on this line.",
-            "Choose a free id, or unplug that servo. Nothing was written.",
-        )
+    check_address_is_free(port, servo, new_id, new_rate)
     found = FoundServo(servo.id, port.baudrate, "", servo.table)
     with _ServoBeingProvisioned(port, found, settings) as changing:
         changing.set_id_and_rate(new_id, code)
+
+
+def check_address_is_free(port: Port, servo: ServoSpec, new_id: int, new_rate: int) -> None:
+    """Check that no other servo replies at an id, at the port's rate or at a new one.
+
+    Raises:
+        InputError: One does; nothing was written.
+    """
+    present_rate, framing = port.baudrate, framing_of(servo.table.family)
+    for rate in dict.fromkeys((present_rate, new_rate)):
+        if (new_id, rate) == (servo.id, present_rate):
+            continue
+        try:
+            port.setBaudRate(rate)
+            taken = identify(port, framing, new_id)
+        finally:
+            port.setBaudRate(present_rate)
+        if taken:
+            raise InputError(
+                f"Id {new_id} belongs to another servo on this line, at {rate} baud.",
+                "Choose a free id, or unplug that servo. Nothing was written.",
+            )
 
 
 def check_model(found: FoundServo, settings: ServoSettings) -> None:

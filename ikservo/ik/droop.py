@@ -20,6 +20,7 @@ __all__ = ["MAX_DROOP_STEPS", "Droop"]
 
 MAX_DROOP_STEPS = 12
 _SAME_M, _SAME_RAD = 1e-8, 1e-7
+_STEADY_M, _STEADY_RAD = 1e-4, 1e-3  # what is left counts as reached
 
 
 class Droop:
@@ -29,11 +30,15 @@ class Droop:
         chain: An arm with ``link_joints``.
         frame: The link; the tip if None.
         offset_m: The point (3,) of it, metres; its origin if None.
+
+    Attributes:
+        is_steady: Whether the droop has hardly changed with the last joints.
     """
 
     def __init__(self, chain: Chain, frame: str | None, offset_m: ArrayLike | None) -> None:
         self._chain, self._point = chain, (frame, offset_m)
         self._moved, self._turned = np.zeros(3), np.eye(3)
+        self.is_steady = False
 
     def follow(self, q: Vector) -> bool:
         """Compute the droop at joints (dof,); return whether it is another one than before."""
@@ -41,6 +46,7 @@ class Droop:
         links = self._chain.forward(q, *self._point)
         moved, turned = links[:3, 3] - rigid[:3, 3], links[:3, :3] @ rigid[:3, :3].T
         apart = np.abs(moved - self._moved).max(), np.abs(turned - self._turned).max()
+        self.is_steady = bool(apart[0] <= _STEADY_M and apart[1] <= _STEADY_RAD)
         self._moved, self._turned = moved, turned
         return bool(apart[0] > _SAME_M or apart[1] > _SAME_RAD)
 

@@ -165,6 +165,9 @@ def _aim_higher(
         aimed = droop.raised(target)
         result = run(chain.rigid, aimed, result.q, asked)
         asked = replace(options, nearest=False, restarts=1) if result.reached else options
+    else:
+        droop.follow(result.q)
+        result = replace(result, reached=result.reached and droop.is_steady)
     return aimed, replace(result, nearest_m=droop.lowered(result.nearest_m))
 
 

@@ -218,6 +218,8 @@ class Solver:
             q, reached = self._run_kernel(solve, self._droop.raised_pose(pose), q, out)
             if not self._droop.follow(q):
                 break
+        else:
+            reached = reached and self._droop.is_steady
         return q, reached
 
     def _run_kernel(

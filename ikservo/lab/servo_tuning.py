@@ -10,7 +10,7 @@ import numpy as np
 
 from ikservo.arm.arm import Arm
 from ikservo.control.loop import ControlCycle
-from ikservo.errors import RefusedError
+from ikservo.errors import BadValueError, RefusedError
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.servo import ServoSpec
 from ikservo.kinematics.arrays import Vector, freeze_arrays
@@ -29,6 +29,7 @@ __all__ = [
 
 _REST_S = 1.0  # after each of the two motions
 _JUDGED_S = 0.5  # the last part of a rest, in which a joint should be still
+_LEAST_STEP_RAD = np.radians(1.0) - 1e-9
 _SETTLED_RAD = np.radians(0.2)
 _SWINGING_RAD = np.radians(0.25)
 _GAIN_NAMES = (("p_gain", "position_p_gain"), ("d_gain", "position_d_gain"))
@@ -154,9 +155,12 @@ def measure_response(arm: Arm, joint: str, step_rad: float) -> StepResponse:
         step_rad: How far; the other way where there is no room.
 
     Raises:
+        BadValueError: The step is smaller than 1°.
         RefusedError: There is no room, or something is in the way; nothing moved.
         IkservoError: Those of every motion; see ``Arm``.
     """
+    if not abs(step_rad) >= _LEAST_STEP_RAD:
+        raise BadValueError("The step", f"{np.degrees(step_rad):.3g}°", "at least 1°")
     context, column = arm.context, arm.context.index.names.index(joint)
     lower, upper = context.limits()
     at_rad = context.servos.measure_positions()[column]
@@ -215,7 +219,11 @@ def keeping_gains(bus: ServoBus, servo: ServoSpec) -> Generator[Mapping[Register
     try:
         yield before
     finally:
-        write_gains(bus, servo, before)
+        try:
+            write_gains(bus, servo, before)
+        except BaseException:  # a second Ctrl-C
+            write_gains(bus, servo, before)
+            raise
 
 
 def write_gains(bus: ServoBus, servo: ServoSpec, gains: Mapping[Register, int]) -> None:

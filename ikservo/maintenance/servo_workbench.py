@@ -32,7 +32,7 @@ from ikservo.hardware.eeprom import (
     update_eeprom,
 )
 from ikservo.hardware.port import Port, open_port
-from ikservo.hardware.provisioning import change_address
+from ikservo.hardware.provisioning import change_address, check_address_is_free
 from ikservo.hardware.read_plan import encode_value
 from ikservo.hardware.remembered_port import serial_number_of
 from ikservo.hardware.scan import (
@@ -60,6 +60,7 @@ __all__ = [
     "ServoLine",
     "find_register",
     "find_table",
+    "holds_torque",
     "identify_servo",
     "open_servos",
     "parse_register_value",
@@ -241,6 +242,15 @@ def identify_servo(line: ServoLine, servo: ServoSpec) -> tuple[int, str]:
     return line.bus.ping(servo.id).model_number, firmware_version(line.bus, servo.id)
 
 
+def holds_torque(line: ServoLine, servo: ServoSpec) -> bool:
+    """Read whether a servo's torque is on.
+
+    Raises:
+        BusError: It does not reply.
+    """
+    return line.bus.read(servo.id, RegisterName.TORQUE_ENABLE, raw=True) == 1
+
+
 def _first_copy(line: ServoLine, servo: ServoSpec) -> Mapping[str, int]:
     path = backup_path(line.owner, servo)
     with contextlib.suppress(FileFormatError, OSError):
@@ -285,6 +295,10 @@ def parse_register_value(register: Register, text: str) -> int:
     return register.to_raw(float(match[1]) * size)
 
 
+_REPLY_LEVELS = {"response_level": 1, "status_return_level": 2}  # that reply to every packet
+_HIGHEST_ID = 252
+
+
 def plan_writes(
     line: ServoLine, servo: ServoSpec, values: Mapping[Register, int]
 ) -> list[RegisterDifference]:
@@ -298,6 +312,12 @@ def plan_writes(
     for register, raw in values.items():
         if register is servo.table.eeprom_lock and raw == 0:
             reason = "each write unlocks the EEPROM and locks it again"
+            raise RegisterAccessError(str(servo), register.name, reason)
+        if register.name in _REPLY_LEVELS and raw < _REPLY_LEVELS[register.name]:
+            reason = f"at {raw} the servo would not reply to a write any more"
+            raise RegisterAccessError(str(servo), register.name, reason)
+        if register.name == "secondary_id" and raw <= _HIGHEST_ID:
+            reason = f"the servo would also obey the goals of servo {raw}"
             raise RegisterAccessError(str(servo), register.name, reason)
         if (register.name, raw) in servo.table.non_idempotent:
             reason = f"{raw} sets another zero"
@@ -333,6 +353,10 @@ def write_registers(
     new = {each.register: each.expected for each in changes}
     address = {register: new.pop(register) for register in (table.id, table.baud_rate)
                if register in new}  # fmt: skip
+    code = address.get(table.baud_rate)
+    rate = bus.port.baudrate if code is None else table.baud_rates[code]
+    if address:
+        check_address_is_free(bus.port, servo, address.get(table.id, servo.id), rate)
     stored = {register: raw for register, raw in new.items() if register.area is Area.EEPROM}
     if stored or address:
         _back_up(line, servo)
@@ -349,8 +373,6 @@ def write_registers(
             bus.write(servo.id, register, raw, raw=True)
         _verify(bus, servo, register, raw)
     if address:
-        code = address.get(table.baud_rate)
-        rate = bus.port.baudrate if code is None else table.baud_rates[code]
         change_address(bus.port, servo, address.get(table.id, servo.id), rate)
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
@@ -11,7 +11,7 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import Field, ValidationError
 
-from ikservo.errors import BadValueError, UnknownNameError
+from ikservo.errors import BadValueError, FileFormatError, UnknownNameError
 from ikservo.files.reading import read_toml
 from ikservo.files.validation import StrictModel, first_issue, validation_issues
 from ikservo.kinematics.arrays import Matrix, Vector
@@ -138,7 +138,9 @@ def read_scene(path: Path | str) -> tuple[KeepOutShape, ...]:
         scene = _SceneFile.model_validate(read_toml(path))
     except ValidationError as error:
         raise first_issue(validation_issues(error, _SceneFile), path) from error
-    return tuple(_things(scene))
+    things = tuple(_things(scene))
+    _check_names(path, things, ())
+    return things
 
 
 def make_shape(kind: str, name: str, sizes: dict[str, Any]) -> KeepOutShape:
@@ -173,7 +175,23 @@ def with_scene(model: Model, path: Path | str) -> Model:
         FileFormatError: The file cannot be read or is malformed.
         BadValueError: A direction in it has no length.
     """
-    return replace(model, keep_out=(*model.keep_out, *read_scene(path)))
+    things = read_scene(path)
+    taken = ("the table", *(each.name for each in model.keep_out), *model.chain.frames)
+    _check_names(Path(path), things, taken)
+    return replace(model, keep_out=(*model.keep_out, *things))
+
+
+def _check_names(path: Path, things: Sequence[KeepOutShape], taken: Sequence[str]) -> None:
+    """Check that no two things have one name.
+
+    Raises:
+        FileFormatError: Two have, or one has the name of a part of the arm.
+    """
+    known = set(taken)
+    for each in things:
+        if each.name in known:
+            raise FileFormatError(path, "name", f"is {each.name!r} a second time", "a unique name")
+        known.add(each.name)
 
 
 KINDS = tuple(name for name in _SceneFile.model_fields if name != "margin_m")
@@ -199,7 +217,9 @@ def _things(scene: _SceneFile) -> Iterator[KeepOutShape]:
         yield shape(each.name, np.eye(3), np.array(each.centre_m), np.zeros(3), each.radius_m)
     for each in scene.half_space:
         R = _turned_to(each.name, each.normal)
-        centre = np.array(each.point_m) - _FAR_M * R[:, 2]
+        normal = R[:, 2]
+        # The box is around the arm, wherever on the surface the point is.
+        centre = (np.array(each.point_m) @ normal - _FAR_M) * normal
         yield shape(each.name, R, centre, np.full(3, _FAR_M))
 
 

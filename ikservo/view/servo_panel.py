@@ -6,6 +6,7 @@ import math
 
 from ikservo.arm import Arm
 from ikservo.errors import BusError, IkservoError, InputError, PortError, RegisterAccessError
+from ikservo.hardware.read_plan import RegisterName
 from ikservo.hardware.servo import ServoSpec
 from ikservo.maintenance.servo_workbench import (
     RegisterReading,
@@ -34,9 +35,22 @@ _ELSEWHERE = {
     "max_position_limit": "Calibrate the arm.",
     "operating_mode": "In a terminal: ikservo servo write",
     "lock": "Each write locks the EEPROM again.",
-}
+    **dict.fromkeys(
+        (
+            "angular_resolution", "cw_angle_limit", "ccw_angle_limit", "drive_mode",
+            "moving_speed", "multi_turn_offset", "phase", "protocol_type", "resolution_divider",
+            "response_level", "secondary_id", "shutdown", "startup_configuration",
+            "status_return_level",
+        ),
+        "In a terminal: ikservo servo write",
+    ),
+}  # fmt: skip
 _SHOWN_UNITS = {"rad": ("°", math.degrees(1)), "rad/s": ("°/s", math.degrees(1)),
                 "rad/s²": ("°/s²", math.degrees(1)), "1": ("%", 100.0)}  # fmt: skip
+
+
+def _is_written_here(name: str) -> bool:
+    return name not in _ELSEWHERE and not name.startswith("goal_")
 
 
 class ServoPanel:
@@ -69,7 +83,7 @@ class ServoPanel:
         Raises:
             InputError: As for ``read``; or the register is written in another way.
         """
-        if name in _ELSEWHERE or name.startswith("goal_"):
+        if not _is_written_here(name):
             hint = _ELSEWHERE.get(name, "Move the joint by its slider.")
             raise InputError(f"{name} is not written here.", hint)
         self._start(joint, name, text)
@@ -128,6 +142,13 @@ class _ServoJob:
 
     def _write(self, line: ServoLine, servo: ServoSpec) -> str:
         register = find_register(servo.table, self._name)
+        if not _is_written_here(register.name):  # a name that all families have is another's alias
+            raise InputError(f"{register.name} is not written here.")
+        if line.bus.read(servo.id, RegisterName.TORQUE_ENABLE, raw=True):
+            raise InputError(
+                f"{self._joint} holds: with other numbers it could fall.",
+                "Support it, and switch its torque off first.",
+            )
         changes = plan_writes(line, servo, {register: parse_register_value(register, self._text)})
         try:
             write_registers(line, servo, changes)
@@ -149,8 +170,6 @@ def _fields_of(reading: RegisterReading) -> dict[str, object]:
         "value": f"{reading.value * factor:.4g} {shown}" if symbol else "",
         "range": list(register.range),
         "area": register.area.name,
-        "writable": register.is_writable
-        and register.name not in _ELSEWHERE
-        and not register.name.startswith("goal_"),
+        "writable": register.is_writable and _is_written_here(register.name),
         "first": reading.first if reading.changed else None,
     }

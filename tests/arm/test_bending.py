@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 
 from ikservo.arm.opening import open_own_arm
+from ikservo.arm.path_constraint import PathConstraint
 from ikservo.calibration.calibration_file import (
     dump_calibration,
     read_calibration,
     save_calibration,
 )
 from ikservo.calibration.paths import calibration_path
+from ikservo.errors import ConstraintError, RefusedError
 from servosim.joint import Hand, hold
 from servosim.specimen import Specimen
 from tests.calibration.mounted_arms import STRENGTH, load_model
@@ -76,3 +78,16 @@ def test_what_is_learned_is_kept(own_arm):
     found = read_calibration(calibration_path("so101", SERIAL))
     assert found.joint("shoulder_lift").compliance == 0.12
     assert found.joint("gripper").compliance == 0.0
+
+
+def test_what_is_checked_are_the_drooping_links(own_arm):
+    learn(COMPLIANCE)
+    with open_own_arm(load_model("so101"), PORT) as opened:
+        opened.move_to((0.3, 0.0, 0.12))
+        droop_m = opened.context.chain.rigid.forward(opened.where().positions_rad[:5])[2, 3]
+        assert droop_m - opened.where().tip_m[2] > 0.008  # a rigid arm would stay above
+        above = PathConstraint(above_m=(0.0, 0.0, 0.1))
+        with pytest.raises(ConstraintError):
+            opened.move_to((0.3, 0.0, 0.095), within=above)
+        with pytest.raises(RefusedError):
+            opened.move_to((0.3, 0.0, -0.005))

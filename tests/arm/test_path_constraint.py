@@ -171,3 +171,11 @@ def test_compiled_and_python_find_the_same_joints(monkeypatch):
     again = [tool.project(q), tool.project(q, point_m), tool.excess(q[None])]
     for one, other in zip(found, again, strict=True):
         np.testing.assert_array_equal(one, other)
+
+
+@pytest.mark.parametrize("length", [1e200, 1e7, 1e-9])
+def test_a_direction_without_a_usable_length_is_refused(length):
+    with pytest.raises(BadValueError):
+        PathConstraint(above_m=(0.0, 0.0, 0.1), normal=(0.0, 0.0, length))
+    with pytest.raises(BadValueError):
+        PathConstraint(axis=(length, 0.0, 0.0))

@@ -21,6 +21,10 @@ def open_servo(operator, joint="wrist_roll"):
 @pytest.mark.smoke
 def test_a_register_is_read_filtered_and_written(operator):
     open_servo(operator)
+    switch = operator.page.locator("[data-joint=wrist_roll] .torque")
+    switch.click()
+    switch.click()  # it falls: sure
+    operator.page.wait_for_selector("[data-joint=wrist_roll] .torque[aria-checked=false]")
     held = operator.served.line.servos[servo_id("so101", "wrist_roll")]
     operator.page.fill("#servos-filter", "torque_limit")
     operator.page.wait_for_function("document.querySelectorAll('#servos-table li').length === 1")
@@ -37,6 +41,8 @@ def test_a_register_is_read_filtered_and_written(operator):
     field.fill("1000")
     field.press("Enter")
     operator.page.wait_for_selector("#servos-note:has-text('→ 1000')")
+    switch.click()
+    operator.page.wait_for_selector("[data-joint=wrist_roll] .torque[aria-checked=true]")
 
 
 def test_it_can_be_read_and_worked_with_a_finger(visit):

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ikservo.arm.opening import open_own_arm, servo_specs
-from ikservo.errors import RefusedError
+from ikservo.errors import BadValueError, RefusedError
 from ikservo.lab.servo_tuning import (
     StepResponse,
     Trial,
@@ -108,3 +108,29 @@ def test_volatile_gains_are_forgotten_without_power(arm):
     held.power_down()
     held.power_up()
     assert held.read("p_gain") == before
+
+
+@pytest.mark.parametrize("step_rad", [0.0, 1e-5, float("nan")])
+def test_a_step_too_small_to_be_measured_is_refused(arm, step_rad):
+    with pytest.raises(BadValueError, match="at least 1°"):
+        measure_response(arm, "elbow_flex", step_rad)
+
+
+def test_a_second_ctrl_c_restores_the_gains_all_the_same(arm, monkeypatch):
+    servo, bus = servo_of(arm, "elbow_flex"), arm.context.servos.bus
+    before, write = raw_gains(arm, servo), bus.write_until_power_off
+    presses = iter([KeyboardInterrupt])
+
+    def interrupted(servo_id, register, raw):
+        if raw in before and next(presses, None):
+            raise KeyboardInterrupt
+        write(servo_id, register, raw)
+
+    def leave_with_a_second_press():
+        with keeping_gains(bus, servo) as present:
+            write(servo.id, next(iter(present)), 10)
+            monkeypatch.setattr(bus, "write_until_power_off", interrupted)
+
+    with pytest.raises(KeyboardInterrupt):
+        leave_with_a_second_press()
+    assert raw_gains(arm, servo) == before

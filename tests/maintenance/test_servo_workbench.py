@@ -266,3 +266,30 @@ def test_the_lock_and_the_zero_are_not_written_by_hand():
     for name, raw in (("lock", 0), ("torque_enable", 128)):
         with pytest.raises((RegisterAccessError, BadValueError)):
             write(line, {name: raw})
+
+
+def test_an_id_that_is_taken_at_the_new_rate_is_refused_before_anything_is_written():
+    line = line_of("STS3215")
+    other = simulated_servos(line.bus)[1]
+    other.memory.put("id", 9)
+    other.memory.put("baud_rate", 1)
+    for values in ({"id": 9, "baud_rate": 1, "p_gain": 7}, {"id": 9, "baud_rate": 1}):
+        with pytest.raises(InputError, match="500000 baud"):
+            write(line, values)
+    held = simulated_servos(line.bus)[ID]
+    assert [held.read(name) for name in ("id", "baud_rate", "p_gain")] == [ID, 0, 32]
+    assert line.bus.port.baudrate == 1_000_000
+
+
+@pytest.mark.parametrize(
+    ("model", "name", "raw"),
+    [
+        ("STS3215", "response_level", 0),
+        ("XL430-W250", "status_return_level", 1),
+        ("XL430-W250", "secondary_id", 4),
+    ],
+)
+def test_what_ends_replies_or_shares_goals_is_refused(model, name, raw):
+    line = line_of(model)
+    with pytest.raises(RegisterAccessError):
+        write(line, {name: raw})

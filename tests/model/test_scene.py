@@ -7,7 +7,7 @@ import ikservo
 from ikservo.errors import BadValueError, FileFormatError
 from ikservo.guard.collision_kernel import point_shape_distance
 from ikservo.model import load_model
-from ikservo.model.scene import read_scene, with_scene
+from ikservo.model.scene import make_shape, read_scene, with_scene
 from tests.view.view_fixtures import graph_of
 
 SCENE = """
@@ -93,3 +93,21 @@ def test_a_malformed_scene_names_the_key(scene, text, where):
 def test_a_direction_without_length_is_none(scene):
     with pytest.raises(BadValueError, match="the wall"):
         read_scene(scene(SCENE.replace("[2, 0, 0]", "[0, 0, 0]")))
+
+
+def test_a_half_space_is_around_the_arm_wherever_its_point_is():
+    (far,), (near,) = (
+        [make_shape("half_space", "the wall", {"point_m": point, "normal": (0.0, -1.0, 0.0)})]
+        for point in ((12.0, 0.1, -30.0), (0.0, 0.1, 0.0))
+    )
+    assert far.row == pytest.approx(near.row)
+
+
+@pytest.mark.parametrize("name", ["crate", "the table", "forearm", "gripper_link"])
+def test_a_name_that_is_taken_is_refused(tmp_path, name):
+    path, model = tmp_path / "scene.toml", load_model("so101")
+    taken = name if name in ("crate", "the table") else model.chain.frames[-1]
+    one = f'[[sphere]]\nname = "{taken}"\ncentre_m = [1.0, 0.0, 0.0]\nradius_m = 0.1\n'
+    path.write_text(one * 2 if name == "crate" else one)
+    with pytest.raises(FileFormatError, match="a second time"):
+        with_scene(model, path)

@@ -240,9 +240,13 @@ def test_the_fleet_says_who_controls_an_arm(served, run):
         ("bench bus --arm so101 --port zenoh:desk@127.0.0.1", 3, "another machine"),
         ("view --arm so101 --no-open --port zenoh:desk@127.0.0.1", 3, "another machine"),
         ("move 0.2 0 0.1 --no-collision --arm so101 --port zenoh:d@127.0.0.1", 2, "ikservo serve"),
+        ("move 0.2 0 0.1 --scene s.toml --arm so101 --port zenoh:d@127.0.0.1", 2, "--scene"),
     ],
 )  # fmt: skip
-def test_bad_input_is_one_clear_error(run, monkeypatch, words, code, text):
+def test_bad_input_is_one_clear_error(run, monkeypatch, tmp_path, words, code, text):
+    monkeypatch.chdir(tmp_path)
+    scene = '[[sphere]]\nname = "the ball"\ncentre_m = [1.0, 0.0, 0.0]\nradius_m = 0.1\n'
+    (tmp_path / "s.toml").write_text(scene)
     monkeypatch.setattr("ikservo.network.session._CONNECT_TIMEOUT_S", 0.3)
     found, out, err = run(*words.split())
     assert (found, text in out + err) == (code, True), out + err

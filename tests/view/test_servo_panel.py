@@ -52,6 +52,14 @@ def test_it_is_sent_once_and_only_after_it_was_read(session):
     assert "servo" not in session.latest_frames()
 
 
+def test_nothing_is_written_to_a_joint_that_holds(session):
+    tip_m = session.arm.where().tip_m
+    for register in ("torque_limit", "p_gain", "acceleration"):
+        assert "holds: with other numbers it could fall" in write(session, register, "0")["note"]
+    session.clock.sleep_until(session.clock.now_s() + 2.0)
+    assert abs(session.arm.where().tip_m - tip_m).max() < 0.002
+
+
 def test_a_quantity_is_written_and_shown(session):
     session.arm.disable_torque()
     shown = write(session, "max_temperature_limit", "60C")
@@ -63,7 +71,6 @@ def test_a_quantity_is_written_and_shown(session):
 @pytest.mark.parametrize(
     ("register", "value", "said"),
     [
-        ("p_gain", "20", "torque is on"),
         ("torque_limit", "1001", "outside"),
         ("torque_limit", "much", "is no value"),
         ("present_load", "3", "read-only"),
@@ -71,6 +78,7 @@ def test_a_quantity_is_written_and_shown(session):
     ],
 )
 def test_what_the_table_forbids_is_a_note_and_stops_nothing(session, register, value, said):
+    session.arm.disable_torque()
     before = held(session).read("p_gain")
     shown = write(session, register, value)
     assert said in shown["note"]
@@ -80,11 +88,17 @@ def test_what_the_table_forbids_is_a_note_and_stops_nothing(session, register, v
 
 
 @pytest.mark.parametrize(
-    "register", ["goal_position", "torque_enable", "id", "homing_offset", "lock"]
+    "register",
+    ["goal_position", "torque_enable", "id", "homing_offset", "lock", "response_level", "phase"],
 )
 def test_what_has_a_way_of_its_own_is_not_written_here(session, register):
     with pytest.raises(BadMessageError, match="not written here"):
         write(session, register, "1")
+
+
+def test_an_alias_of_a_goal_is_not_written_either(session):
+    session.arm.disable_torque()
+    assert "not written here" in write(session, "profile_velocity", "5")["note"]
 
 
 def test_a_page_without_control_reads_nothing(session):
