@@ -21,6 +21,8 @@ _BASE_WORDS: Mapping[str, tuple[float, float, float]] = {
     "raise": (0.0, 0.0, 1.0),
 }
 
+_MOST = 1000.0  # degrees or metres
+
 
 def parse_frame(text: str) -> Matrix:
     """Return the pose (4, 4) that words like ``rotate 90, raise 0.05`` describe.
@@ -41,7 +43,7 @@ def parse_frame(text: str) -> Matrix:
             value = float(amount)
         except ValueError:
             value = math.nan
-        if not math.isfinite(value) or word not in ("rotate", *_BASE_WORDS):
+        if not abs(value) <= _MOST or word not in ("rotate", *_BASE_WORDS):
             expected = 'such as "rotate 90, raise 0.05", with forward, left or upside down'
             raise BadValueError("The base frame", text, expected)
         if word == "rotate":

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.errors import FileFormatError
+from ikservo.errors import BadValueError, FileFormatError
 from ikservo.kinematics.se3 import exp_so3, make_pose
 from ikservo.model import load_model
 from ikservo.model.base_placement import parse_frame
@@ -61,3 +61,9 @@ def test_an_arm_on_a_turned_base_moves_to_a_point_of_the_table(placed):
 def test_words_that_place_nothing_are_named(placed):
     with pytest.raises(FileFormatError, match="base"):
         load_model(placed("sideways 3"))
+
+
+@pytest.mark.parametrize("base", ["rotate 1e300", "raise inf", "left nan", "forward -1e9"])
+def test_amounts_without_a_sense_are_refused(base):
+    with pytest.raises(BadValueError):
+        parse_frame(base)
