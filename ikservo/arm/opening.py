@@ -247,8 +247,8 @@ def _open_remote(
         )
     if any(isinstance(each, KeepOutShape) for each in model.keep_out):
         raise InputError(
-            "--scene is not possible for an arm on another machine.",
-            "Give it to the program beside the arm: put its things into the arm file there.",
+            "A scene cannot be given for an arm on another machine.",
+            "Put its things into the arm file of the program beside the arm.",
         )
     return network.open_arm(model, address, on_exit)
 

@@ -240,7 +240,7 @@ def test_the_fleet_says_who_controls_an_arm(served, run):
         ("bench bus --arm so101 --port zenoh:desk@127.0.0.1", 3, "another machine"),
         ("view --arm so101 --no-open --port zenoh:desk@127.0.0.1", 3, "another machine"),
         ("move 0.2 0 0.1 --no-collision --arm so101 --port zenoh:d@127.0.0.1", 2, "ikservo serve"),
-        ("move 0.2 0 0.1 --scene s.toml --arm so101 --port zenoh:d@127.0.0.1", 2, "--scene"),
+        ("move 0.2 0 0.1 --scene s.toml --arm so101 --port zenoh:d@127.0.0.1", 2, "A scene"),
     ],
 )  # fmt: skip
 def test_bad_input_is_one_clear_error(run, monkeypatch, tmp_path, words, code, text):
