@@ -71,6 +71,7 @@ def test_the_parameters_of_the_arm_follow_the_file(home):
     assert own.drives[1].friction.coulomb_nm == pytest.approx(joint.coulomb_nm)
 
 
+@pytest.mark.full
 def test_an_identified_arm_is_moved_by_its_own_parameters(home):
     joint = load_identified(ARM, "sim").joint("joint2")
     with ikservo.open_arm(ARM, port="sim") as arm:

@@ -88,6 +88,7 @@ def test_a_flat_mesh_is_contained(count):
     assert np.max(inside, axis=0).min() >= -1e-12
 
 
+@pytest.mark.full
 def test_a_bracket_is_fitted_nearer_beside_the_servo_that_fills_it():
     sides = [trimesh.creation.box((0.09, 0.004, 0.05)).apply_translation((0.0, y, 0.025))
              for y in (-0.035, 0.035)]  # fmt: skip

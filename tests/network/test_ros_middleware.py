@@ -112,6 +112,7 @@ def test_rclpy_reads_each_of_our_messages(exchanged):
         assert encode(kind, decode(kind, returned)) == encode(kind, message)
 
 
+@pytest.mark.full
 def test_a_joint_state_that_rclpy_has_serialized_is_read(exchanged):
     message = decode("sensor_msgs/msg/JointState", exchanged[0][0])
     assert (message.name, list(message.position), len(message.effort)) == (["a"], [1.5], 0)
