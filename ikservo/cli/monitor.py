@@ -99,7 +99,8 @@ def command(
         return
     print_lines(_describe(each) for each in changes)
     if not changes:
-        print_status(f"Nothing has risen beyond doubt in {len(records)} records, {path}")
+        count = f"{len(records)} record{'s' * (len(records) != 1)}"
+        print_status(f"Nothing has risen beyond doubt in {count}, {path}")
 
 
 def _describe(change: Change) -> str:

@@ -247,18 +247,6 @@ def _open_line(
     return open_servos(None, port, servo_id=number, table=table, baud_rate=baud)
 
 
-_SHOWN_UNITS = {"rad": ("°", math.degrees(1)), "rad/s": ("°/s", math.degrees(1)),
-                "rad/s²": ("°/s²", math.degrees(1)), "1": ("%", 100.0)}  # fmt: skip
-
-
-def _format_value(reading: RegisterReading) -> str:
-    symbol = reading.register.unit.symbol
-    if not symbol:
-        return ""
-    shown, factor = _SHOWN_UNITS.get(symbol, (symbol, 1.0))
-    return f"{reading.value * factor:.4g} {shown}"
-
-
 def _format_first(reading: RegisterReading) -> str:
     return str(reading.first) if reading.changed else ""
 
@@ -268,7 +256,7 @@ _REGISTERS: Fields[RegisterReading] = (
     Field("address", "address", value=lambda one: one.register.address),
     Field("size", value=lambda one: one.register.size),
     Field("raw", "raw"),
-    Field("value", "value", _format_value),
+    Field("value", "value", lambda one: one.text),
     Field("unit", value=lambda one: one.register.unit.symbol),
     Field("lower", value=lambda one: one.register.range[0]),
     Field("upper", value=lambda one: one.register.range[1]),

@@ -13,7 +13,7 @@ from ikservo.cli.options import ArmConnection, MotionOptions
 from ikservo.cli.results import Field, Fields, json_values, print_records
 from ikservo.cli.session import confirm_motion, open_from_options
 from ikservo.cli.terminal import format_port, print_status
-from ikservo.errors import InputError, UnknownNameError
+from ikservo.errors import BadValueError, InputError, UnknownNameError
 from ikservo.hardware.read_plan import Register
 from ikservo.hardware.servo import ServoSpec
 from ikservo.lab.servo_tuning import (
@@ -109,7 +109,7 @@ def tune(
         "servo-tune", "trials", trials, _FIELDS, json=json, id=servo.id, joint=servo.name,
         model=servo.table.model_name, best=json_values(best, _FIELDS),
     )  # fmt: skip
-    if not json:
+    if not json and len(trials) > 1:
         _print_advice(connection, servo, trials[0], best)
 
 
@@ -138,6 +138,9 @@ def _parse_gains(servo: ServoSpec, settings: Sequence[str]) -> dict[Register, in
             listed = " ".join(f"{each}=16" for each in gain_registers(servo))
             raise InputError(f"{word!r} sets no gain.", f"As in: ikservo servo tune {listed}")
         gains[register] = parse_register_value(register, text)
+        lower, upper = register.range
+        if not lower <= gains[register] <= upper:
+            raise BadValueError(f"{register} of {servo}", gains[register], f"{lower} to {upper}")
     return gains
 
 

@@ -4,18 +4,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.errors import CalibrationError, InputError
 from ikservo.eyes.board import Board, require_opencv
+from ikservo.eyes.capture import open_capture
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.se3 import exp_so3, make_pose
-
-if TYPE_CHECKING:
-    from cv2 import VideoCapture
 
 __all__ = ["BoardView", "Intrinsics", "LiveCamera", "Picture", "PictureSource", "board_pose",
            "calibrate", "find_board"]  # fmt: skip
@@ -51,13 +49,9 @@ class LiveCamera:
 
     def __init__(self, source: str) -> None:
         require_opencv()
-        import cv2  # noqa: PLC0415  # of the extra `camera`
-
-        self._source = source
-        opened = cv2.VideoCapture(int(source) if source.isdecimal() else source)
-        if not opened.isOpened():
+        self._source, self._capture = source, open_capture(source)
+        if not self._capture.isOpened():
             raise InputError(f"There is no camera {source}.", "Is it plugged in, and not in use?")
-        self._capture: VideoCapture = opened
 
     def take(self) -> Picture:
         """Take a picture; older ones that the driver holds are thrown away.

@@ -106,7 +106,8 @@ class CameraCalibration:
         self._keep(self._take())  # nothing moves before the board was seen
         home = self._joints[0]
         for step in self._first_steps(home):
-            self._visit(step)
+            if len(self._views) < self._count:
+                self._visit(step)
         while len(self._views) < self._count:
             self._visit_best(home)
         with suppress(RefusedError):

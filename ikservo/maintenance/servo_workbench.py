@@ -158,6 +158,14 @@ def _spec_of(found: FoundServo, table: type[ControlTable] | None) -> ServoSpec:
     return ServoSpec(found.id, known)
 
 
+_SHOWN_UNITS = {  # of the register's unit: the unit that is shown, and how many make one
+    "rad": ("°", math.degrees(1)),
+    "rad/s": ("°/s", math.degrees(1)),
+    "rad/s²": ("°/s²", math.degrees(1)),
+    "1": ("%", 100.0),
+}
+
+
 @dataclass(frozen=True, slots=True)
 class RegisterReading:
     """A register and what it holds.
@@ -177,6 +185,15 @@ class RegisterReading:
     def value(self) -> float:
         """The quantity, in the register's unit."""
         return self.register.to_value(self.raw)
+
+    @property
+    def text(self) -> str:
+        """The quantity with its unit, angles in degrees; empty for a plain number."""
+        symbol = self.register.unit.symbol
+        if not symbol:
+            return ""
+        shown, factor = _SHOWN_UNITS.get(symbol, (symbol, 1.0))
+        return f"{self.value * factor:.4g} {shown}"
 
     @property
     def changed(self) -> bool:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 from ikservo.arm import Arm
 from ikservo.errors import BusError, IkservoError, InputError, PortError, RegisterAccessError
 from ikservo.hardware.read_plan import RegisterName
@@ -45,8 +43,6 @@ _ELSEWHERE = {
         "In a terminal: ikservo servo write",
     ),
 }  # fmt: skip
-_SHOWN_UNITS = {"rad": ("°", math.degrees(1)), "rad/s": ("°/s", math.degrees(1)),
-                "rad/s²": ("°/s²", math.degrees(1)), "1": ("%", 100.0)}  # fmt: skip
 
 
 def _is_written_here(name: str) -> bool:
@@ -161,13 +157,12 @@ class _ServoJob:
 
 
 def _fields_of(reading: RegisterReading) -> dict[str, object]:
-    register, symbol = reading.register, reading.register.unit.symbol
-    shown, factor = _SHOWN_UNITS.get(symbol, (symbol, 1.0))
+    register = reading.register
     return {
         "name": register.name,
         "address": register.address,
         "raw": reading.raw,
-        "value": f"{reading.value * factor:.4g} {shown}" if symbol else "",
+        "value": reading.text,
         "range": list(register.range),
         "area": register.area.name,
         "writable": register.is_writable and _is_written_here(register.name),

@@ -8,53 +8,24 @@ import threading
 from collections.abc import AsyncGenerator, Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
 
 from ikservo.clock import Clock
 from ikservo.errors import InputError
+from ikservo.eyes.capture import Capture, open_capture
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["VIDEO_TYPE", "Capture", "Picture", "VideoSource", "open_capture"]
+__all__ = ["VIDEO_TYPE", "Picture", "VideoSource"]
 
 VIDEO_TYPE = "multipart/x-mixed-replace; boundary=picture"
 _PERIOD_S = 1.0 / 15.0  # between two pictures
 _RETRY_S = 1.0  # until a camera that failed is opened again
 _OLD_S = 2.0  # without a picture for so long, the page says so
 _LOOK_S = 0.02  # between two looks for a new picture
-_URL_TIMEOUT_MS = 3000
-
-
-class Capture(Protocol):
-    """What is used of ``cv2.VideoCapture``."""
-
-    def isOpened(self) -> bool:  # noqa: N802  # OpenCV's name
-        """Check whether pictures can be read."""
-        ...
-
-    def read(self) -> tuple[bool, NDArray[np.uint8] | None]:
-        """Check whether there is a next picture, and the picture (h, w, 3)."""
-        ...
-
-    def release(self) -> None:
-        """Close it."""
-        ...
-
-
-def open_capture(source: str) -> Capture:
-    """Open a camera by its number or device, an address, or a file of pictures."""
-    import cv2  # noqa: PLC0415  # of the extra `camera`
-
-    if source.isdecimal():
-        return cv2.VideoCapture(int(source))
-    if "://" in source:
-        timeouts = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _URL_TIMEOUT_MS,
-                    cv2.CAP_PROP_READ_TIMEOUT_MSEC, _URL_TIMEOUT_MS]  # fmt: skip
-        return cv2.VideoCapture(source, cv2.CAP_FFMPEG, timeouts)
-    return cv2.VideoCapture(source)
 
 
 @dataclass(frozen=True, slots=True)

@@ -143,7 +143,8 @@ def test_tune_compares_gains_and_says_how_to_keep_the_best(run_cli, ports):
     assert held(ports, 2).read("position_p_gain") != 1500
 
 
-@pytest.mark.parametrize("word", ["p_gain", "max_torque=500", "goal_position=5"])
+@pytest.mark.parametrize("word", ["p_gain", "p_gain=999", "max_torque=500", "goal_position=5"])
 def test_tune_takes_gains_only(run_cli, ports, word):
     result = run_cli(f"servo tune {word} {ELBOW}")
     assert (result.code, result.out) == (ExitCode.USAGE, "")
+    assert held(ports).read("torque_enable") == 0, "nothing moves for bad input"

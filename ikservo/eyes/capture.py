@@ -1,0 +1,48 @@
+"""Open a camera: by its number or device, an address, or a file of pictures."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, Protocol, cast
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+__all__ = ["Capture", "open_capture"]
+
+_URL_TIMEOUT_MS = 3000
+
+
+class Capture(Protocol):
+    """What is used of ``cv2.VideoCapture``."""
+
+    def isOpened(self) -> bool:  # noqa: N802  # OpenCV's name
+        """Check whether pictures can be read."""
+        ...
+
+    def read(self) -> tuple[bool, NDArray[np.uint8] | None]:
+        """Check whether there is a next picture, and the picture (h, w, 3)."""
+        ...
+
+    def grab(self) -> bool:
+        """Throw the next picture away; check whether there was one."""
+        ...
+
+    def release(self) -> None:
+        """Close it."""
+        ...
+
+
+def open_capture(source: str) -> Capture:
+    """Open a camera; OpenCV prints nothing of its own about one that is not there."""
+    import cv2  # noqa: PLC0415  # of the extra `camera`
+
+    logging = cast("Any", cv2).utils.logging  # missing in its stubs
+    logging.setLogLevel(logging.LOG_LEVEL_SILENT)
+    if source.isdecimal():
+        return cv2.VideoCapture(int(source))
+    if "://" in source:
+        timeouts = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _URL_TIMEOUT_MS,
+                    cv2.CAP_PROP_READ_TIMEOUT_MSEC, _URL_TIMEOUT_MS]  # fmt: skip
+        return cv2.VideoCapture(source, cv2.CAP_FFMPEG, timeouts)
+    return cv2.VideoCapture(source)
