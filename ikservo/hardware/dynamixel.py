@@ -34,7 +34,7 @@ from ikservo.hardware.protocol2 import (
     fast_sync_size,
     split_fast_sync,
 )
-from ikservo.hardware.transceiver import PacketCache, Transceiver
+from ikservo.hardware.transceiver import RepeatedPackets, Transceiver
 from ikservo.hardware.vendor_modules import importing_from
 
 with importing_from("dynamixel-sdk", "dynamixel_sdk"):
@@ -66,7 +66,7 @@ class DynamixelDriver:
 
     def __init__(self, port: Port, *, fast: bool = True) -> None:
         self._port, self._handler = port, FixedPacketHandler()
-        self._send = PacketCache(port, self._send_packet, _REQUEST_INSTRUCTIONS).send
+        self._repeated = RepeatedPackets(port, _REQUEST_INSTRUCTIONS)
         self._codec = Protocol2Codec(COMM_TX_ERROR)
         self.transceiver = Transceiver(port, self._codec)
         self._combined = Transceiver(port, FastSyncCodec(COMM_TX_ERROR))
@@ -215,11 +215,14 @@ class DynamixelDriver:
         )
         return replies[servo_id]
 
-    def _send_packet(self, servo_id: int, instruction: int, parameters: bytes) -> int:
-        """Pass a packet to the SDK, which adds header and CRC and sends it."""
+    def _send(self, servo_id: int, instruction: int, parameters: bytes) -> int:
+        """Send a packet, by the SDK where it is new; it adds header and CRC. Its result code."""
+        key = (servo_id, instruction, parameters)
+        if (result := self._repeated.send(key)) is not None:
+            return result
         length = (len(parameters) + 3).to_bytes(2, "little")
         packet = [0, 0, 0, 0, servo_id, *length, instruction, *parameters, 0, 0]
-        return self._handler.txPacket(self._port, packet)
+        return self._repeated.record_sent(key, self._handler.txPacket(self._port, packet))
 
 
 def _two_byte_words(*numbers: int) -> bytes:

@@ -15,7 +15,7 @@ from ikservo.hardware.packets import (
     StatusPacket,
 )
 from ikservo.hardware.port import Port
-from ikservo.hardware.transceiver import PacketCache, Transceiver
+from ikservo.hardware.transceiver import RepeatedPackets, Transceiver
 
 __all__ = [
     "Protocol1Codec",
@@ -183,7 +183,7 @@ class Protocol1Driver:
 
     def __init__(self, port: Port, send: SendPacket, codec: PacketCodec) -> None:
         self._port, self._tx_packet = port, send
-        self._send = PacketCache(port, self._send_packet, _REQUEST_INSTRUCTIONS).send
+        self._repeated = RepeatedPackets(port, _REQUEST_INSTRUCTIONS)
         self.transceiver = Transceiver(port, codec)
 
     def set_return_delay(self, return_delay_s: float) -> None:
@@ -257,6 +257,10 @@ class Protocol1Driver:
         )
         return replies[servo_id]
 
-    def _send_packet(self, servo_id: int, instruction: int, parameters: bytes) -> int:
+    def _send(self, servo_id: int, instruction: int, parameters: bytes) -> int:
+        """Send a packet, by the vendor's SDK where it is new; return the SDK's result code."""
+        key = (servo_id, instruction, parameters)
+        if (result := self._repeated.send(key)) is not None:
+            return result
         packet = [0, 0, servo_id, len(parameters) + 2, instruction, *parameters, 0]
-        return self._tx_packet(self._port, packet)
+        return self._repeated.record_sent(key, self._tx_packet(self._port, packet))

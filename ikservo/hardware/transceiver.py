@@ -19,7 +19,7 @@ from ikservo.hardware.packets import (
 )
 from ikservo.hardware.port import Port
 
-__all__ = ["PacketCache", "ReplyReader", "Transceiver"]
+__all__ = ["RepeatedPackets", "ReplyReader", "Transceiver"]
 
 
 _MAX_WAITS = 10  # multiple of the reply timeout, as long as bytes keep coming
@@ -335,30 +335,29 @@ CacheKey = tuple[int, int, bytes]
 """Id, instruction, parameters."""
 
 
-class PacketCache:
-    """Sends packets; the SDK builds those with values each time, and others only once.
+class RepeatedPackets:
+    """Packets that the SDK has built once: those without values, which a program repeats.
 
     Args:
         port: The port.
-        write: Passes a packet to the vendor's ``txPacket``; returns its result code.
         cacheable: The instructions whose packets carry no values.
     """
 
-    def __init__(
-        self, port: Port, write: Callable[[int, int, bytes], int], cacheable: frozenset[int]
-    ) -> None:
-        self._port, self._write, self._cacheable = port, write, cacheable
+    def __init__(self, port: Port, cacheable: frozenset[int]) -> None:
+        self._port, self._cacheable = port, cacheable
         self._packets: dict[CacheKey, bytes] = {}
 
-    def send(self, servo_id: int, instruction: int, parameters: bytes) -> int:
-        """Clear the input and send a packet; return the SDK's result code."""
-        key = (servo_id, instruction, parameters)
+    def send(self, key: CacheKey) -> int | None:
+        """Clear the input and send a recorded packet; the SDK's result code, None if it is new."""
         packet = self._packets.get(key)
-        if packet:
-            self._port.clearPort()
-            return 0 if self._port.writePort(packet) == len(packet) else _SHORT_WRITE
-        result = self._write(servo_id, instruction, parameters)
-        if result == 0 and instruction in self._cacheable:
+        if packet is None:
+            return None
+        self._port.clearPort()
+        return 0 if self._port.writePort(packet) == len(packet) else _SHORT_WRITE
+
+    def record_sent(self, key: CacheKey, result: int) -> int:
+        """Record the packet that the SDK has just sent with a result code; return that code."""
+        if result == 0 and key[1] in self._cacheable:
             if len(self._packets) >= _MAX_CACHED:
                 self._packets.clear()
             self._packets[key] = self._port.sent
