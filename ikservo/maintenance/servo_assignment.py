@@ -126,7 +126,7 @@ def _ask_about(
         raise InputError(f"Servo {servo.id} was not moved.", f"Name the servos: {_OPTION}")
     answer = _AGAIN
     while answer == _AGAIN:
-        _move_and_return(bus, servo.id)
+        yield from _move_and_return(bus, servo.id)
         answer = yield Entry("Which joint moved?", _OPTION, choices=(*joints, _AGAIN, _NOTHING))
     if answer is None or answer == _NOTHING:
         return
@@ -141,15 +141,18 @@ def _ask_about(
             choices=("yes", "no", _AGAIN),
         )
         if way == _AGAIN:
-            _move_and_return(bus, servo.id)
+            yield from _move_and_return(bus, servo.id)
     sign = 1 if way == "yes" else -1
     assigned.setdefault(answer, []).append(DraftServo(servo.id, servo.model, sign))
     yield Notice(f"{answer}: servo {servo.id}, which counts {'with' if sign > 0 else 'against'} "
                  "the axis.")  # fmt: skip
 
 
-def _move_and_return(bus: ServoBus, servo_id: int) -> None:
-    """Move one servo slowly to larger ticks and back; all others, and it afterwards, are limp."""
+def _move_and_return(bus: ServoBus, servo_id: int) -> EntryDialogue[None]:
+    """Move one servo slowly to larger ticks and back; all others, and it afterwards, are limp.
+
+    Each step is told, so that whoever runs the dialogue can end it there.
+    """
     spec = bus.servos[servo_id]
     travel = round(spec.table.ticks_per_turn * _TEST_DEG / 360.0)
     accepted = read_goal_range(bus, servo_id)
@@ -160,6 +163,7 @@ def _move_and_return(bus: ServoBus, servo_id: int) -> None:
             goal = nearest_goal(str(spec), start + round(travel * step / _STEPS), accepted)
             write_goals(bus, {servo_id: goal}, {servo_id: accepted})
             bus.clock.sleep_until(bus.clock.now_s() + _STEP_S)
+            yield Progress(f"moving servo {servo_id}")
     finally:
         for error in torque_off(bus, [servo_id]).values():
             raise error

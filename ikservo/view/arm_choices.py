@@ -42,9 +42,17 @@ class ArmChoices:
         """
         if arm not in self.models:
             raise BadMessageError(f"There is no arm {arm[:64]!r} to choose.")
+        self.check_port(port)
+        return ArmAtPort(self.models[arm], port)
+
+    def check_port(self, port: str) -> None:
+        """Check that a port was offered.
+
+        Raises:
+            BadMessageError: It was not, or is unplugged by now.
+        """
         if port not in self.ports:
             raise BadMessageError(f"There is no port {port[:64]!r} any more.", "Is it plugged in?")
-        return ArmAtPort(self.models[arm], port)
 
     def fields(self) -> dict[str, object]:
         """Return the choices as the page lists them."""

@@ -166,13 +166,23 @@ class ArmList:
             case CloseArm():
                 self._arms.start_closing(message.name)
             case StopArms():
-                self._arms.stop(message.name, _stopped_by(message))
+                self._stop_arms(message)
             case StartNewArm():
-                self._new_arm.start(message)
+                self._start_new_arm(message)
             case AnswerNewArm():
                 self._new_arm.answer(message)
             case CancelNewArm():
                 self._new_arm.close()
+
+    def _stop_arms(self, message: StopArms) -> None:
+        self._arms.stop(message.name, _stopped_by(message))
+        if message.name is None:
+            self._new_arm.stop_servos()
+
+    def _start_new_arm(self, message: StartNewArm) -> None:
+        if message.port:
+            self._choices.found.check_port(message.port)
+        self._new_arm.start(message)
 
     def frames(self, client_id: int) -> list[Frame]:
         """Return what is new for a client: the list, the address of the camera's pictures."""

@@ -1,17 +1,19 @@
 """`ikservo arms new` on the page: the same dialogue, in a process of its own.
 
 Descriptions of others are read, and fitting their meshes takes seconds of the processor: neither
-may hold up the control of open arms, and leaving ends both at once. The servos are not searched
-here, since the page's Stop would not stop their motions; the command does that.
+may hold up the control of open arms, and leaving ends both at once. Servos are moved there, too:
+a Stop of all arms closes the pipe, which the process looks at before each step of a motion.
 """
 
 from __future__ import annotations
 
 import contextlib
 import os
+import threading
 from dataclasses import dataclass
 from multiprocessing import get_context
 from multiprocessing.connection import Connection
+from multiprocessing.process import BaseProcess
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -28,7 +30,7 @@ from ikservo.view.messages import BadMessageError
 __all__ = ["AnswerNewArm", "CancelNewArm", "NewArmPanel", "StartNewArm"]
 
 _MAX_LINES = 200
-_LEAVE_S = 1.0
+_LET_GO_S = 3.0  # for the process to switch off a servo's torque and to close the port
 _NICE = 10
 
 
@@ -39,11 +41,13 @@ class StartNewArm(PageMessage):
         name: Its name.
         source: Path of a description or of a folder with one, on the machine of the server; empty
             for an arm that is measured with a ruler.
+        port: The port of its servos; empty if they are not connected.
     """
 
     kind: Literal["new_arm"]
     name: Name
     source: Annotated[str, Field(max_length=1024)] = ""
+    port: Annotated[str, Field(max_length=256)] = ""
 
 
 class AnswerNewArm(PageMessage):
@@ -86,6 +90,7 @@ class NewArmPanel:
         self._lines: list[str] = []
         self._progress, self._number = "", 0
         self._question: Question | Entry | None = None
+        self._has_servos = False
         self._ended: _Ended | None = None
 
     @property
@@ -109,7 +114,8 @@ class NewArmPanel:
         source = Path(message.source.strip()).expanduser() if message.source.strip() else None
         context = get_context("spawn")
         self._line, theirs = context.Pipe()
-        new = NewArm(message.name, self._folder, source)
+        new = NewArm(message.name, self._folder, source, port=message.port or None)
+        self._has_servos = new.port is not None
         self._process = context.Process(target=_run, args=(theirs, new), daemon=True)
         self._process.start()
         theirs.close()
@@ -133,12 +139,26 @@ class NewArmPanel:
         with contextlib.suppress(OSError):
             self._line.send(answer)
 
+    def stop_servos(self) -> None:
+        """End the dialogue if it may be moving a servo: its torque is switched off."""
+        if self._has_servos and self.is_running:
+            self._close_line()
+            self._ended = _Ended(error="Stopped: its servos are limp. Nothing was written.")
+
     def close(self) -> None:
         """End the dialogue, if there is one; what is half done is not written."""
-        if self._process is not None and self._process.is_alive():
-            self._process.terminate()
-            self._process.join(_LEAVE_S)
+        if self.is_running:
+            self._close_line()
         self._reset()
+
+    def _close_line(self) -> None:
+        """Close the pipe; a process that does not end by itself then is terminated."""
+        if self._line is not None:
+            self._line.close()
+        self._line, self._question, self._progress = None, None, ""
+        if self._process is not None:
+            grace_s = _LET_GO_S if self._has_servos else 0.0
+            threading.Thread(target=_end, args=(self._process, grace_s)).start()
 
     def read(self) -> tuple[Path, ...]:
         """Read what the dialogue has said since; return the folders that it has written."""
@@ -175,6 +195,7 @@ class NewArmPanel:
             "number": self._number,
             "folders": [str(path) for path in ended.folders],
             "error": ended.error,
+            "has_servos": self._has_servos and self.is_running,
         }
 
 
@@ -195,13 +216,14 @@ def _run(line: Connection, new: NewArm) -> None:
     if hasattr(os, "nice"):
         os.nice(_NICE)
     try:
-        dialogue, answer = draft_new_arm(new), None
-        while True:
-            try:
-                answer = _tell(line, dialogue.send(answer))
-            except StopIteration as end:
-                drafts: list[ArmDraft] = end.value
-                break
+        answer = None
+        with contextlib.closing(draft_new_arm(new)) as dialogue:
+            while True:
+                try:
+                    answer = _tell(line, dialogue.send(answer))
+                except StopIteration as end:
+                    drafts: list[ArmDraft] = end.value
+                    break
         for draft in drafts:
             for text in (*draft.decisions, *draft.dropped):
                 line.send(Notice(f"{draft.name}: {text}"))
@@ -212,9 +234,24 @@ def _run(line: Connection, new: NewArm) -> None:
             line.send(_Ended(error="Nothing was written."))
     except IkservoError as error:
         line.send(_Ended(error=f"{error.message} {error.command_hint}".strip()))
+    except (EOFError, OSError):  # the page has left
+        return
 
 
 def _tell(line: Connection, item: object) -> str | None:
-    """Send an item of the dialogue, and wait for the answer if it is a question."""
+    """Send an item of the dialogue, and wait for the answer if it is a question.
+
+    Raises:
+        EOFError: The page has left.
+        OSError: The same, seen as it is written to.
+    """
     line.send(item)
-    return line.recv() if isinstance(item, Question | Entry) else None
+    return line.recv() if isinstance(item, Question | Entry) or line.poll() else None
+
+
+def _end(process: BaseProcess, grace_s: float) -> None:
+    """Wait for a process to end, and terminate it if it does not."""
+    process.join(grace_s)
+    if process.is_alive():
+        process.terminate()
+        process.join()

@@ -13,7 +13,7 @@ from ikservo.errors import InputError, ServoSilentError
 from ikservo.importing.building import ImportOptions, build_drafts
 from ikservo.importing.draft import DraftServo
 from ikservo.importing.sources import read_foreign
-from ikservo.maintenance.dialogue import ACCEPT, Entry, Question
+from ikservo.maintenance.dialogue import ACCEPT, Entry, Progress, Question
 from ikservo.maintenance.servo_assignment import assign_servos
 from tests.importing.hidden_arm import IDS, SIGNS, hide_arm
 from tests.oracle import CONFIGS
@@ -106,6 +106,21 @@ def test_a_servo_is_moved_alone_and_limp_whenever_something_is_asked(draft, port
 
     run(assign_servos([draft], port, {}), Watcher())
     assert sorted(moved) == sorted(IDS.values())
+
+
+def test_a_dialogue_that_is_left_in_a_motion_leaves_the_servo_limp(draft, port, monkeypatch):
+    worlds = []
+    make = servosim.port.make_arm_world
+    monkeypatch.setattr(
+        "servosim.port.make_arm_world", lambda *a, **o: worlds.append(make(*a, **o)) or worlds[-1]
+    )
+    dialogue = assign_servos([draft], port, {})
+    item = next(dialogue)
+    while not (isinstance(item, Progress) and "moving" in item.text):
+        item = dialogue.send(ACCEPT if isinstance(item, Question) else None)
+    assert any(servo.read("torque_enable") for servo in worlds[0].servos)
+    dialogue.close()
+    assert not any(servo.read("torque_enable") for servo in worlds[0].servos)
 
 
 def test_nothing_moves_without_consent(draft, port, monkeypatch):

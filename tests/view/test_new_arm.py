@@ -7,6 +7,7 @@ import pytest
 from ikservo.model import load_model
 from ikservo.view.messages import BadMessageError
 from ikservo.view.new_arm import AnswerNewArm, NewArmPanel, StartNewArm
+from tests.importing.hidden_arm import hide_arm
 from tests.importing.test_hostile import CHAIN, LINKS, robot
 from tests.oracle import CONFIGS
 
@@ -18,8 +19,11 @@ def panel(tmp_path):
     panel.close()
 
 
-def start(panel, name="mine", source=""):
-    panel.start(StartNewArm(kind="new_arm", seq=1, seen=0, name=name, source=str(source)))
+def start(panel, name="mine", source="", port=""):
+    message = StartNewArm(
+        kind="new_arm", seq=1, seen=0, name=name, source=str(source), port=str(port)
+    )
+    panel.start(message)
 
 
 def answer(panel, text, number=None):
@@ -88,6 +92,26 @@ def test_leaving_ends_the_conversion_and_writes_nothing(panel, tmp_path):
     panel.close()
     assert panel.fields() is None
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.full
+def test_a_stop_ends_the_search_of_servos_and_writes_nothing(panel, tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
+    port = f"sim:{hide_arm(tmp_path / 'hidden')}?pose=home"
+    start(panel, source=CONFIGS / "so101" / "arm.urdf", port=port)
+    wait_for(panel, asked("Which link is the tip?"))
+    answer(panel, "")
+    wait_for(panel, asked("Move it?"))
+    assert panel.fields()["has_servos"]
+    process = panel._process
+    answer(panel, "accept")
+    wait_for(panel, lambda fields: "moving servo" in fields["progress"])
+    panel.stop_servos()
+    assert "Stopped" in panel.fields()["error"]
+    assert not panel.is_running
+    process.join(3.0)
+    assert process.exitcode == 0  # by itself, after it has switched off the torque
+    assert not (tmp_path / "mine").exists()
 
 
 def test_a_page_of_another_machine_has_no_file_read(tmp_path):

@@ -34,6 +34,7 @@ export class Arms {
     $("arms-toggle").onclick = () => ($("arms").hidden ? this.show() : this.close());
     $("arms-close").onclick = () => { this.close(); $("arms-toggle").focus(); };
     $("stop-all").onclick = () => this.send("stop_arms", { name: null });
+    $("stop").addEventListener("click", () => this.newArm.hasServos && this.send("stop_arms", { name: null }));
     $("arms-form").onsubmit = (event) => {
       event.preventDefault();
       this.openArm($("arms-model").value, $("arms-port").value);
@@ -59,9 +60,9 @@ export class Arms {
     $("arms-toggle").setAttribute("aria-expanded", "false");
   }
 
-  // Space and Escape stop all arms where there are several.
+  // Space and Escape stop all arms where there are several, and the servos of a new one.
   stopSeveral(by) {
-    if (this.list.filter(({ state }) => IS_OPEN.has(state)).length > 1) this.send("stop_arms", { name: null, by });
+    if (this.list.filter(({ state }) => IS_OPEN.has(state)).length > 1 || this.newArm.hasServos) this.send("stop_arms", { name: null, by });
   }
 
   openArm(arm, port) {
@@ -73,18 +74,18 @@ export class Arms {
   receive(message) {
     const first = !this.list.length && !this.models;
     this.list = message.arms;
+    this.newArm.show(message.new_arm);
     this.mayControl = message.permission === "control";
     if (first && !$("arms").hidden) this.send("find_choices"); // the list was shown before it was connected
     this.update();
     this.camera.show(message.camera);
     this.showChoices(message);
-    this.newArm.show(message.new_arm);
     this.showWanted();
   }
 
   update() {
     const open = this.list.filter(({ state }) => IS_OPEN.has(state));
-    $("stop-all").hidden = open.length < 2 || !this.mayControl;
+    $("stop-all").hidden = (open.length < 2 && !this.newArm.hasServos) || !this.mayControl;
     $("arms-none").hidden = this.list.length > 0;
     setText($("arms-toggle"), open.length > 1 ? `Arms (${open.length})` : "Arms");
     updateRows($("arms-open"), this.list, createArmRow, (row, arm) => this.updateArm(row, arm));
@@ -133,6 +134,7 @@ export class Arms {
     this.models = fingerprint;
     fillSelect($("arms-model"), models.map(([name, title]) => [name, `${name} – ${title}`]));
     fillSelect($("arms-port"), ports.map(([name, text]) => [name, text ? `${name} – ${text}` : name]));
+    fillSelect($("new-arm-port"), [["", "no servos connected"], ...ports.filter(([name]) => name !== "sim").map(([name, text]) => [name, text ? `${name} – ${text}` : name])]);
     $("arms-own-none").hidden = own.length > 0;
     $("arms-own").replaceChildren(...own.map((row) => this.createOwnRow(row)));
   }

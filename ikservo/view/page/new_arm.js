@@ -6,9 +6,10 @@ export class NewArm {
   constructor(send) {
     this.send = send;
     this.shown = "null";
+    this.hasServos = false; // whether it may be moving one now
     $("new-arm-form").onsubmit = (event) => {
       event.preventDefault();
-      this.send("new_arm", { name: $("new-arm-name").value, source: $("new-arm-source").value });
+      this.send("new_arm", { name: $("new-arm-name").value, source: $("new-arm-source").value, port: $("new-arm-port").value });
     };
   }
 
@@ -16,6 +17,7 @@ export class NewArm {
     const fingerprint = JSON.stringify(dialogue ?? null);
     if (fingerprint === this.shown) return;
     this.shown = fingerprint;
+    this.hasServos = Boolean(dialogue?.has_servos);
     $("new-arm").hidden = !dialogue;
     $("new-arm-start").disabled = Boolean(dialogue) && !isOver(dialogue);
     $("new-arm").replaceChildren(...(dialogue ? this.createParts(dialogue) : []));
@@ -30,6 +32,7 @@ export class NewArm {
       createElement("ul", {}, ...lines.map((line) => createElement("li", {}, line))),
       createElement("p", { class: error ? "error" : "quiet", role: "status" }, error || resultText(folders) || progress),
       question && this.createQuestion(dialogue),
+      this.hasServos && createElement("button", { type: "button", class: "stop small", onclick: () => this.send("stop_arms", { name: null }) }, "Stop all"),
       createElement("button", { type: "button", class: "ghost small", onclick: () => this.send("cancel_new_arm") }, over ? "Done" : "Leave"),
     ].filter(Boolean);
   }
