@@ -128,9 +128,7 @@ def _parse_strength(limit: XmlElement, attribute: str) -> float:
     if attribute not in limit.attributes:
         return math.inf
     value = limit.number(attribute, most=math.inf)  # some files write 1e10 where there is no limit
-    if value < 0:
-        raise limit.error(f"<limit> has {attribute} {value:g}", "no negative number")
-    return value
+    return value if value >= 0 else math.inf  # and -1 is none in SDF
 
 
 def _read_mimic(element: XmlElement) -> UrdfMimic | None:

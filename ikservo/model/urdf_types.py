@@ -68,8 +68,8 @@ class UrdfJoint:
         axis: Unit vector in the child frame; without meaning, and (1, 0, 0), on a fixed joint.
         lower: Radians or metres; -inf when continuous, 0 when fixed.
         upper: Radians or metres; +inf when continuous, 0 when fixed.
-        effort: N·m or N; +inf where the file gives none.
-        velocity: rad/s or m/s; +inf where the file gives none.
+        effort: N·m or N; +inf where the file gives none, or a negative one.
+        velocity: rad/s or m/s; +inf where the file gives none, or a negative one.
         mimic: The joint it follows, if any.
         line: Where the element starts in the file, from 1.
     """

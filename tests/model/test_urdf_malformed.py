@@ -94,8 +94,6 @@ SLIPS = {
                               "line 10", "<joint> has no <limit>", "<limit …/> inside it"),
     "prismatic without limit": ('<limit lower="0" upper="0.02" effort="5" velocity="0.1"/>', "",
                               "line 27", "<joint> has no <limit>", "<limit …/> inside it"),
-    "negative effort":       ('effort="1.9"', 'effort="-1"',
-                              "line 15", "<limit> has effort -1", "no negative number"),
     "mimics nobody":         ('joint="gripper"', 'joint="grip"',
                               "line 33", 'joint "other_finger" mimics "grip", which cannot be mimicked', "a joint that moves and mimics no other"),
     "mimics itself":         ('joint="gripper"', 'joint="other_finger"',
