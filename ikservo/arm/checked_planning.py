@@ -118,10 +118,7 @@ class PreflightPlanner:
         since_s = perf_counter()
         with self._servos.stop_request.requested():
             plan = self._plan_checked(motion)
-        clearance_m = self._context.path_clearance_m(plan.trajectory, plan.speed)
-        plan = replace(
-            plan, motion=motion, clearance_m=clearance_m, planning_s=perf_counter() - since_s
-        )
+        plan = replace(plan, motion=motion, planning_s=perf_counter() - since_s)
         return plan if self._servos.torque.is_on else replace(plan, limp_arm=self._context)
 
     def _plan_checked(self, motion: MotionValue[Any]) -> MotionPlan:
@@ -427,7 +424,7 @@ class PreflightPlanner:
 
     def _exits(self, start: Vector, allowed: str, load_factor: float) -> Iterator[MotionPlan]:
         """Yield short motions, whose paths are free, from a contact to where nothing is touched."""
-        if not self._context.is_in_contact(start):
+        if not self._context.is_in_contact(start, load_factor, 0.0):
             return
         nearest = self._context.nearest_free_joints(start)
         nearby = postures_nearby(self._context, start, load_factor)
@@ -477,8 +474,9 @@ class PreflightPlanner:
             RefusedError: Something would be touched, or a constraint broken.
         """
         kept = self._planner.check_constraint(within, plan.trajectory, plan.speed)
-        self._context.check_streamed_path(plan.trajectory, plan.speed)
-        return replace(plan, kept=kept, speed_reduced=plan.speed != requested)
+        clearance_m = self._context.check_streamed_path(plan.trajectory, plan.speed)
+        reduced = plan.speed != requested
+        return replace(plan, kept=kept, clearance_m=clearance_m, speed_reduced=reduced)
 
 
 def _within(motion: TipMotion | MoveJoints | LookAt) -> PathConstraint:

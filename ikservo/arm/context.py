@@ -144,15 +144,22 @@ class ArmContext:
             return math.inf
         return float(checker.distances([self.index.body_joints(joints)]).min())
 
-    def is_in_contact(self, joints: Vector) -> bool:
+    def is_in_contact(
+        self, joints: Vector, load: float = 1.0, distance_m: float = _CONTACT_M
+    ) -> bool:
         """Check whether the body touches itself, the table or a box at joints (n,), or nearly.
 
         An arm that would touch if it sagged counts, too.
+
+        Args:
+            joints: All joints.
+            load: Multiple of gravity under which it sags.
+            distance_m: Nearer than this counts as nearly.
         """
         if self.checked_collision is None:
             return False
         body = self.index.body_joints(joints)[None]
-        return float(self.checked_collision.distances_with_sag(body).min()) < _CONTACT_M
+        return float(self.checked_collision.distances_with_sag(body, load).min()) < distance_m
 
     def nearest_free_joints(self, joints: Vector) -> Vector | None:
         """Find joints (n,) near ``joints`` (n,) where the body touches nothing.
@@ -172,22 +179,19 @@ class ArmContext:
         q = nearest_free_posture(checker, self.index.body_joints(joints), lower, upper)
         return None if q is None else self.index.with_chain(joints, q[: self.chain.dof])
 
-    def check_streamed_path(self, trajectory: Trajectory, speed: str) -> None:
+    def check_streamed_path(self, trajectory: Trajectory, speed: str) -> float:
         """Check the path of a trajectory as it will be streamed.
+
+        Returns:
+            The smallest distance of the body [m] on it; see ``clearance_m``.
 
         Raises:
             RefusedError: Something would be touched.
         """
-        if self.checked_collision is not None:
-            path = self.planner.sample_trajectory(trajectory, speed)
-            self._check_path(path, self.planner.dynamic_load_factor(speed))
-
-    def path_clearance_m(self, trajectory: Trajectory, speed: str) -> float:
-        """Compute the smallest distance of the body [m] on a trajectory; see ``clearance_m``."""
         if self.checked_collision is None:
             return math.inf
-        path = self.planner.sample_trajectory(trajectory, speed)
-        return float(self.checked_collision.distances(self.index.body_joints(path)).min())
+        path = self.index.body_joints(self.planner.sample_trajectory(trajectory, speed))
+        return self.checked_collision.check_path(path, self.planner.dynamic_load_factor(speed))
 
     def check_trajectory(self, move: RuckigMotion) -> None:
         """Check the path of an online trajectory, braking and reversing included.
@@ -249,8 +253,8 @@ class ArmContext:
             if pair[1] in checker.things and gap_m < 0.0:
                 raise CollisionError(pair, -gap_m, 0.0)
         path = np.vstack([self.interpolate_joints(start, recorded[0]), recorded[1:]])
-        checker.check_path(list(self.index.body_joints(path)), may_touch_again=True)
+        checker.check_path(self.index.body_joints(path), may_touch_again=True)
 
-    def _check_path(self, path: Matrix, load_factor: float = 1.0) -> None:
+    def _check_path(self, path: Matrix) -> None:
         if self.checked_collision is not None:
-            self.checked_collision.check_path(list(self.index.body_joints(path)), load_factor)
+            self.checked_collision.check_path(self.index.body_joints(path))

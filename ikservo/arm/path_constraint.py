@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from ikservo.arm.arguments import parse_number
 from ikservo.errors import BadValueError, ConstraintError, format_point
+from ikservo.guard import refine_path
 from ikservo.ik.kernel.layout import work_shape
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector, finite_vector, read_only
@@ -25,7 +26,6 @@ _UP = read_only(np.array([0.0, 0.0, 1.0]))
 # More than this [rad or m] breaks a constraint: solved joints are exact to 1e-5. Between two
 # samples of a path it may be broken by so much unseen.
 _BROKEN, _UNSEEN = 1e-4, 1e-3
-_HALVINGS = 10
 # Ways are looked for this much inside of a constraint, so that their corners can be rounded.
 _INSIDE_M, _INSIDE_RAD, _INSIDE_FRACTION = 0.002, math.radians(1.0), 0.15
 
@@ -172,18 +172,7 @@ class ConstrainedTool:
         Raises:
             ConstraintError: A limit is exceeded; says how far and where.
         """
-        fractions, excess = np.linspace(0.0, 1.0, len(path)), self.excess(path)
-        for _ in range(_HALVINGS):
-            most = excess[:-1] + excess[1:] + self._changes(path)
-            near = (most > 2.0 * _UNSEEN) & (excess[:-1] <= _BROKEN) & (excess[1:] <= _BROKEN)
-            unresolved = np.flatnonzero(near.any(axis=1))
-            if not len(unresolved):
-                break
-            between = 0.5 * (path[unresolved] + path[unresolved + 1])
-            middle = 0.5 * (fractions[unresolved] + fractions[unresolved + 1])
-            path = np.insert(path, unresolved + 1, between, axis=0)
-            fractions = np.insert(fractions, unresolved + 1, middle)
-            excess = np.insert(excess, unresolved + 1, self.excess(between), axis=0)
+        fractions, excess = refine_path(path, self.excess, self._unresolved_intervals)
         at, worst = np.unravel_index(np.argmax(excess), excess.shape)
         if excess[at, worst] > _BROKEN:
             limit, beyond = self._limits[int(worst)], float(excess[at, worst])
@@ -217,6 +206,12 @@ class ConstrainedTool:
         aims = target_m is not None
         found = self._kernel.project_tool(self._arm, self._rows, self._work, point_m, aims, q)
         return q if found else None
+
+    def _unresolved_intervals(self, path: Matrix, excess: Matrix) -> NDArray[np.intp]:
+        """Compute the samples between which and the next a limit may be exceeded."""
+        most = excess[:-1] + excess[1:] + self._changes(path)
+        near = (most > 2.0 * _UNSEEN) & (excess[:-1] <= _BROKEN) & (excess[1:] <= _BROKEN)
+        return np.flatnonzero(near.any(axis=1))
 
     def _changes(self, path: Matrix) -> Matrix:
         """Compute the most by which each excess changes between two samples (n - 1, limits)."""

@@ -4,6 +4,7 @@ from ikservo.guard.clear_space import ClearSpace
 from ikservo.guard.collision import (
     MAX_SAMPLE_STEP_RAD,
     CollisionChecker,
+    refine_path,
     sample_line,
     sample_path,
     thin_path,
@@ -45,6 +46,7 @@ __all__ = [
     "Weight",
     "alarm_hint",
     "nearest_free_posture",
+    "refine_path",
     "sag_of",
     "sample_line",
     "sample_path",

@@ -20,6 +20,7 @@ from ikservo.model.model import Obstacle
 __all__ = [
     "MAX_SAMPLE_STEP_RAD",
     "CollisionChecker",
+    "refine_path",
     "sample_line",
     "sample_path",
     "thin_path",
@@ -73,6 +74,34 @@ def thin_path(joints: Matrix) -> Matrix:
     travelled_rad = np.concatenate([[0.0], np.cumsum(travelled)])
     marks_rad = np.arange(0.0, travelled_rad[-1], MAX_SAMPLE_STEP_RAD)
     return joints[np.unique(np.append(np.searchsorted(travelled_rad, marks_rad), len(joints) - 1))]
+
+
+def refine_path(
+    path: Matrix,
+    measure: Callable[[Matrix], Matrix],
+    unresolved_after: Callable[[Matrix, Matrix], NDArray[np.intp]],
+) -> tuple[Vector, Matrix]:
+    """Sample a path more finely where what is measured may be exceeded between two samples.
+
+    Args:
+        path: Joints (k, n), straight between two of them.
+        measure: Returns values (k, m) at joints (k, n).
+        unresolved_after: Returns after which samples, with their values, that is so (i,).
+
+    Returns:
+        The sampled fractions of the path (j,), and the values there (j, m).
+    """
+    fractions, values = np.linspace(0.0, 1.0, len(path)), measure(path)
+    for _ in range(_MAX_HALVINGS):
+        unresolved = unresolved_after(path, values)
+        if not len(unresolved):
+            break
+        between = 0.5 * (path[unresolved] + path[unresolved + 1])
+        middle = 0.5 * (fractions[unresolved] + fractions[unresolved + 1])
+        path = np.insert(path, unresolved + 1, between, axis=0)
+        fractions = np.insert(fractions, unresolved + 1, middle)
+        values = np.insert(values, unresolved + 1, measure(between), axis=0)
+    return fractions, values
 
 
 def _sample_count(distance_rad: float) -> int:
@@ -146,8 +175,8 @@ class CollisionChecker:
         return self.body.dof
 
     def check_path(
-        self, path: Sequence[Vector], load: float = 1.0, *, may_touch_again: bool = False
-    ) -> None:
+        self, path: Sequence[Vector] | Matrix, load: float = 1.0, *, may_touch_again: bool = False
+    ) -> float:
         """Check joint vectors (dof,) along a path, the first being the present posture.
 
         An arm that touches the table, or itself, may move out: a pair in contact at the start may
@@ -162,12 +191,17 @@ class CollisionChecker:
             may_touch_again: A pair in contact at the start may come back to that depth, and end
                 there, but to no box: a recording of an arm that was laid down.
 
+        Returns:
+            The smallest distance on the path [m], without sag.
+
         Raises:
-            CollisionError: Names the pair and the place on the path.
+            CollisionError: Names the pair that touches first, and where on the path it is deepest.
             BadValueError: A joint is not finite.
         """
-        fractions, gap_m = self._sample_path(
-            finite_vectors(np.array(path), self.body.dof, "q"), load
+        fractions, gap_m = refine_path(
+            finite_vectors(np.array(path), self.body.dof, "q"),
+            lambda q: self.distances_with_sag(q, load),
+            self._unresolved_intervals,
         )
         bodies, start_m = slice(len(self.pairs)), np.minimum(gap_m[0], 0.0)
         allowed_m = self._allowed_gaps(gap_m)
@@ -178,12 +212,14 @@ class CollisionChecker:
             allowed_m[-1, bodies] = np.maximum(
                 allowed_m[-1, bodies], start_m[bodies] - _DEEPER_AT_END_M
             )
-        samples, columns = np.nonzero(~(gap_m - allowed_m >= -_TOUCH_M))
-        if len(samples):
-            at, column = int(samples[0]), int(columns[0])
+        touching = ~(gap_m - allowed_m >= -_TOUCH_M)
+        if touching.any():
+            column = int(touching[touching.any(axis=1).argmax()].argmax())
+            at = int(np.where(touching[:, column], gap_m[:, column], np.inf).argmin())
             raise CollisionError(
                 self._pairs_with_sag[column], -float(gap_m[at, column]), float(fractions[at])
             )
+        return float(gap_m[:, bodies].min())
 
     def collision_free(self, postures: Matrix) -> NDArray[np.bool_]:
         """Return for each posture (n, dof) whether it is free of collisions (n,)."""
@@ -201,14 +237,16 @@ class CollisionChecker:
         Args:
             margin_m: The distance.
             ends: Postures (k, dof) that are among them if they touch nothing: pairs that are nearer
-                than ``margin_m`` there may be as near on the way.
+                than ``margin_m`` there may come as near as half of that on the way. Links beside
+                each other never part: a way that had to keep all of it would be followed in the
+                smallest steps.
             load: Multiple of gravity under which an arm that yields keeps the distance, too; 0
                 where that is not looked at.
         """
         near_m, count = np.full(len(self._pairs_with_sag), margin_m), len(self.pairs)
         if ends is not None:
             nearest_m = self.distances_with_sag(ends, load).min(axis=0, initial=margin_m)
-            near_m = np.maximum(nearest_m, 0.0)
+            near_m = np.where(nearest_m < margin_m, 0.5 * np.maximum(nearest_m, 0.0), margin_m)
         allowed_m = np.tile(near_m[:count] - self.overlap_m, (2, 1))
         if self.sag is not None:
             allowed_m[1, len(self.body.pairs) :] = near_m[count:]
@@ -239,23 +277,6 @@ class CollisionChecker:
         distances += self.overlap_m
         distances[:, ~self.watched] = np.inf
         return distances
-
-    def _sample_path(self, path: Matrix, load: float) -> tuple[Vector, Matrix]:
-        """Return the sampled fractions of a path (n,) and the distances there [m].
-
-        The distances are those of ``distances_with_sag``.
-        """
-        fractions, gap_m = np.linspace(0.0, 1.0, len(path)), self.distances_with_sag(path, load)
-        for _ in range(_MAX_HALVINGS):
-            unresolved = self._unresolved_intervals(path, gap_m)
-            if not len(unresolved):
-                break
-            between = 0.5 * (path[unresolved] + path[unresolved + 1])
-            middle = 0.5 * (fractions[unresolved] + fractions[unresolved + 1])
-            path = np.insert(path, unresolved + 1, between, axis=0)
-            fractions = np.insert(fractions, unresolved + 1, middle)
-            gap_m = np.insert(gap_m, unresolved + 1, self.distances_with_sag(between, load), axis=0)
-        return fractions, gap_m
 
     def _unresolved_intervals(self, path: Matrix, gap_m: Matrix) -> NDArray[np.intp]:
         """Compute the samples between which and the next a collision is possible."""

@@ -72,9 +72,11 @@ class TimeScaling:
         if curve.length > _MIN_LENGTH:
             bounds, best_s = _PathAccelerationBounds(limits, top_speed), math.inf
             for edges in _zone_edges(curve.length, marks):
-                derivatives = [curve.max_derivatives(*ends) for ends in pairwise(edges)]
-                for fraction in _SPEED_FRACTIONS:
-                    zones = list(_make_zones(bounds, edges, derivatives, fraction))
+                stretches = [
+                    bounds.make_zones(*ends, curve.max_derivatives(*ends))
+                    for ends in pairwise(edges)
+                ]
+                for zones in zip(*stretches, strict=True):
                     speeds = _speeds_between(zones)
                     if sum(map(_shortest_s, zones, speeds, speeds[1:])) >= best_s:
                         continue
@@ -106,30 +108,29 @@ class _PathAccelerationBounds:
         self._jerks = np.array([limit.jerk_rad_s3 for limit in limits]) * (1.0 - _ROUNDING)
         self._top = top_speed
 
-    def make_zone(
-        self, begin: float, end: float, derivatives: tuple[Vector, Vector, Vector], fraction: float
-    ) -> _SpeedZone:
-        """Make the limits of a stretch, its speed a fraction of what bends and twists allow."""
+    def make_zones(
+        self, begin: float, end: float, derivatives: tuple[Vector, Vector, Vector]
+    ) -> Iterator[_SpeedZone]:
+        """Yield the limits of a stretch for each fraction of what bends and twists allow."""
         slope, bend, twist = derivatives
-        speed = min(
-            self._top,
-            _min_ratio(self._speeds, slope),
-            math.sqrt(fraction * _min_ratio(self._accelerations, bend)),
-            math.cbrt(fraction * _min_ratio(self._jerks, twist)),
-        )
-        remaining = self._jerks - twist * speed**3
-        acceleration = min(
-            _min_ratio(self._accelerations - bend * speed**2, slope),
-            _min_ratio(0.5 * remaining, 3.0 * bend * speed),
-        )
-        jerk = _min_ratio(remaining - 3.0 * bend * speed * acceleration, slope)
-        return _SpeedZone(begin, end, speed, acceleration, jerk)
+        fastest = min(self._top, _min_ratio(self._speeds, slope))
+        by_bend = _min_ratio(self._accelerations, bend)
+        by_twist = _min_ratio(self._jerks, twist)
+        for fraction in _SPEED_FRACTIONS:
+            speed = min(fastest, math.sqrt(fraction * by_bend), math.cbrt(fraction * by_twist))
+            remaining = self._jerks - twist * speed**3
+            acceleration = min(
+                _min_ratio(self._accelerations - bend * speed**2, slope),
+                _min_ratio(0.5 * remaining, 3.0 * bend * speed),
+            )
+            jerk = _min_ratio(remaining - 3.0 * bend * speed * acceleration, slope)
+            yield _SpeedZone(begin, end, speed, acceleration, jerk)
 
 
 def _min_ratio(limit: Vector, by: Vector) -> float:
     """Compute the minimum of ``limit / by``; values that do not move limit nothing."""
-    moved = by > limit / _UNBOUNDED
-    return float((limit[moved] / by[moved]).min()) if moved.any() else _UNBOUNDED
+    pairs = zip(limit.tolist(), by.tolist(), strict=True)  # few: NumPy would take longer
+    return min((a / b for a, b in pairs if b > a / _UNBOUNDED), default=_UNBOUNDED)
 
 
 def _zone_edges(length: float, marks: Sequence[float]) -> Iterator[list[float]]:
@@ -138,16 +139,6 @@ def _zone_edges(length: float, marks: Sequence[float]) -> Iterator[list[float]]:
         yield np.linspace(0.0, length, count + 1).tolist()
     if len(marks) > 1:
         yield [0.0, *marks[1:-1], length]
-
-
-def _make_zones(
-    bounds: _PathAccelerationBounds,
-    edges: Sequence[float],
-    derivatives: Sequence[tuple[Vector, Vector, Vector]],
-    fraction: float,
-) -> Iterator[_SpeedZone]:
-    for (begin, end), each in zip(pairwise(edges), derivatives, strict=True):
-        yield bounds.make_zone(begin, end, each, fraction)
 
 
 def _shortest_s(zone: _SpeedZone, first: float, second: float) -> float:

@@ -203,9 +203,15 @@ def test_an_arm_on_the_floor_may_stay_or_rise_but_not_sink(heights_m, refused):
         space_of_balls().check_path(way)
 
 
-def test_the_first_place_on_the_way_is_named():
+def test_the_smallest_distance_on_the_way_is_returned():
+    heights = [0.5, 0.2, 0.4]
+    nearest_m = space_of_balls().check_path([np.array([z, 1.0]) for z in heights])
+    assert nearest_m == pytest.approx(0.1)
+
+
+def test_the_deepest_place_on_the_way_is_named():
     heights = [0.5, 0.4, 0.08, 0.05, 0.5]
-    with pytest.raises(RefusedError, match=r"lift would touch the table: 20\.0 mm deep, at 50 %"):
+    with pytest.raises(RefusedError, match=r"lift would touch the table: 50\.0 mm deep, at 75 %"):
         space_of_balls().check_path([np.array([z, 1.0]) for z in heights])
 
 
