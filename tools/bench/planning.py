@@ -2,6 +2,7 @@
 
     python tools/bench/planning.py panda FOLDER --urdf FILE     # MotionBenchMaker's problems
     python tools/bench/planning.py arms                         # random scenes of four arms
+    python tools/bench/planning.py arms --upright 10 --best-of 20
 
 FOLDER holds folders with request*.yaml and scene*.yaml. Every path is checked by Coal (through
 Pinocchio) and by MuJoCo, at samples between which nothing moves by more than a millimetre.
@@ -12,25 +13,33 @@ from __future__ import annotations
 import argparse
 import importlib
 import itertools
+import math
 import random
 import re
 import tempfile
 import time
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
+from itertools import islice
 from pathlib import Path
 from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
+from ikservo.arm import ways_around
 from ikservo.arm.checked_planning import PreflightPlanner
+from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_plan import MotionPlan
 from ikservo.arm.motions import MoveJoints
 from ikservo.arm.opening import open_own_arm
+from ikservo.arm.path_constraint import ConstrainedTool, PathConstraint
 from ikservo.arm.poses import PoseLibrary
 from ikservo.errors import RefusedError
 from ikservo.guard import CollisionChecker, KeepOutBox
+from ikservo.kinematics import JointIndex
 from ikservo.kinematics.collision import CollisionBody
 from ikservo.kinematics.packed import PackedBody
 from ikservo.kinematics.se3 import exp_so3
@@ -42,6 +51,7 @@ Array = NDArray[np.float64]
 
 _SETTLED_MARGIN_M = 0.002
 _STEP_M = 0.001
+_WALK_RAD = 0.1
 _ARMS = ("so101", "koch", "open_manipulator_x", "wx250s")
 
 
@@ -248,48 +258,114 @@ class StandsAt:
         """Do nothing."""
 
 
-def arms(scenes: int) -> None:
-    """Plan from random starts to random goals among one to five random boxes."""
-    for name in _ARMS:
-        found, lengths, straight = list[Judged](), list[float](), 0
+def arms(names: list[str], scenes: int, upright_deg: float | None, seeds: int) -> None:
+    """Plan from random starts to random goals among one to five random boxes.
+
+    Args:
+        names: The arms.
+        scenes: How many of each.
+        upright_deg: How far the tool may tilt on the way. Goals are then where steps that keep it
+            lead, boxes aside: an arm of five joints cannot turn over to others.
+        seeds: How many ways the length is compared with, at the distances that are kept.
+    """
+    turned_rad = None if upright_deg is None else math.radians(upright_deg)
+    within = PathConstraint(upright_rad=turned_rad)
+    for name in names:
+        found, ratios, straight = list[Judged](), list[float](), 0
         model = load_model(name)
         for seed in range(scenes):
             chance = random.Random(f"{name} {seed}")
             boxes = tuple(random_box(chance, i) for i in range(chance.randint(1, 5)))
             with open_own_arm(replace(model, keep_out=boxes), port="sim") as arm:
                 context = arm.context
-                ends = free_ends(context, chance)
+                checker = cast("CollisionChecker", context.collision)
+                ends = free_ends(context, checker, chance, within)
                 if ends is None:
                     continue
                 preflight = PreflightPlanner(context, StandsAt(ends[0]), PoseLibrary(model, ""))
                 goals = dict(zip(arm.joint_names, ends[1].tolist(), strict=True))
+                motion = MoveJoints(goals, within=within)
                 began = time.process_time()
                 plan: MotionPlan | None = None
-                try:
-                    plan = preflight.plan(MoveJoints(goals))
-                except RefusedError:
-                    plan = None
+                with suppress(RefusedError):
+                    plan = preflight.plan(motion)
                 seconds = time.process_time() - began
                 if plan is not None and not plan.around:
                     straight += 1
                     continue
                 found.append(Judged(seconds, None if plan is None else plan.goal[None], {}))
-                if plan is not None:
-                    lengths.append(path_length(plan.sample(0.02).positions))
+                if plan is None:
+                    print(f"not solved: {name} {seed}, {seconds:.2f} s")
+                elif seeds:
+                    ratios.append(joint_length(plan) / best_length(preflight, motion, seeds))
         print(f"{straight} straight")
         report(name, found)
+        if ratios:
+            middle, most = np.percentile(ratios, (50, 95))
+            print(f"  length to best of {seeds}: median {middle:.2f}, p95 {most:.2f}", end="")
+            print(f", most {max(ratios):.2f}, {len(ratios)} ways")
 
 
-def free_ends(context: Any, chance: random.Random) -> Array | None:  # noqa: ANN401
+def joint_length(plan: MotionPlan) -> float:
+    """Return the length of the joints' way, rad."""
+    return path_length(plan.sample(0.02).positions)
+
+
+def best_length(preflight: PreflightPlanner, motion: MoveJoints, seeds: int) -> float:
+    """Return the length of the shortest of the ways of some seeds, rad."""
+    lengths, own = list[float](), ways_around.find_way
+    try:
+        for seed in range(1, 1 + seeds):
+            ways_around.find_way = partial(own, seed=seed)
+            with suppress(RefusedError):
+                lengths.append(joint_length(preflight.plan(motion)))
+    finally:
+        ways_around.find_way = own
+    return min(lengths)
+
+
+def free_ends(
+    context: ArmContext, checker: CollisionChecker, chance: random.Random, within: PathConstraint
+) -> Array | None:
     """Return a start and a goal (2, n) that touch nothing, sagging or not; None where rare."""
     lower, upper = context.limits()
     postures = np.array([
         [chance.uniform(a, b) for a, b in zip(lower, upper, strict=True)] for _ in range(300)
     ])  # fmt: skip
     load = context.planner.dynamic_load_factor("normal")
-    near_m = context.collision.distances_with_sag(context.index.body_joints(postures), load)
-    free = postures[near_m.min(axis=1) > _SETTLED_MARGIN_M]
+
+    def are_free(joints: Array) -> Array:
+        near_m = checker.distances_with_sag(context.index.body_joints(joints), load)
+        return near_m.min(axis=1) > _SETTLED_MARGIN_M
+
+    free = postures[are_free(postures)]
+    tool = context.planner.constrained_tool(within, free[0]) if len(free) else None
+    if tool is not None:
+        goals = np.array(list(islice(walk(tool, context.index, free, chance), 40)))
+        free = np.vstack([free[:1], goals[are_free(goals)]])
     return free[:2] if len(free) > 1 else None
+
+
+def walk(
+    tool: ConstrainedTool,
+    index: JointIndex,
+    postures: Array,
+    chance: random.Random,
+) -> Iterator[Array]:
+    """Yield postures (n,) to which short steps lead that keep a constraint from the first on."""
+    q = start = index.chain_joints(postures[0])
+    while True:
+        for _ in range(20):
+            aim = index.chain_joints(chance.choice(postures))
+            for _ in range(20):
+                away = aim - q
+                far = max(float(np.linalg.norm(away)), _WALK_RAD)
+                step = tool.project(q + _WALK_RAD / far * away)
+                if step is None or np.linalg.norm(step - q) > 2.0 * _WALK_RAD:
+                    break
+                q = step
+        yield index.with_chain(postures[0], q)
+        q = start
 
 
 def random_box(chance: random.Random, number: int) -> KeepOutBox:
@@ -309,11 +385,14 @@ def main() -> None:
     parser.add_argument("--urdf", type=Path)
     parser.add_argument("--every", type=int, default=1, help="take each n-th problem")
     parser.add_argument("--scenes", type=int, default=200)
+    parser.add_argument("--arms", nargs="+", default=_ARMS)
+    parser.add_argument("--upright", type=float, help="degrees that the tool may tilt")
+    parser.add_argument("--best-of", type=int, default=0, help="seeds to compare lengths with")
     given = parser.parse_args()
     if given.part == "panda":
         panda(given.folder, given.urdf, given.every)
     else:
-        arms(given.scenes)
+        arms(given.arms, given.scenes, given.upright, given.best_of)
 
 
 if __name__ == "__main__":
