@@ -334,7 +334,7 @@ def free_ends(
     ])  # fmt: skip
     load = context.planner.dynamic_load_factor("normal")
 
-    def are_free(joints: Array) -> Array:
+    def are_free(joints: Array) -> NDArray[np.bool_]:
         near_m = checker.distances_with_sag(context.index.body_joints(joints), load)
         return near_m.min(axis=1) > _SETTLED_MARGIN_M
 
