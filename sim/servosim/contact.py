@@ -16,6 +16,9 @@ __all__ = ["Contacts"]
 _STIFFNESS, _DAMPING = 0.05, 1.0
 # Deeper than this the force does not increase: the arm was put there.
 _MAX_DEPTH_M = 0.006
+# No contact changes the speed by more within an interval: those that contradict each other, of a
+# posture in which no arm can lie, would feed each other.
+_MAX_PUSH_M_S = 1.0
 # Nearer to the axes of all limp joints a contact is hardly theirs to end: its force stays finite.
 _MIN_LEVER_M = 0.03
 _HELD = 1e9  # kg m², or kg: a joint that a servo holds
@@ -128,7 +131,7 @@ class Contacts:
                 - _DAMPING * leaving_m_s
                 - min(gained_m_s, 0.0)
             )
-            acting += max(0.0, pushed_m_s) / (mobility * interval_s) * slope
+            acting += min(max(0.0, pushed_m_s), _MAX_PUSH_M_S) / (mobility * interval_s) * slope
         return acting.tolist()
 
     def _find_contacts(
