@@ -12,6 +12,7 @@ from ikservo.arm import replay as replaying
 from ikservo.arm.arguments import OnExit, check_exit
 from ikservo.arm.background_motion import Background
 from ikservo.arm.calibrated_arm import ZeroSource
+from ikservo.arm.camera import ArmCamera
 from ikservo.arm.checked_planning import PreflightPlanner
 from ikservo.arm.context import ArmContext
 from ikservo.arm.control_server import ControlServer, command_handler, serve
@@ -67,6 +68,7 @@ class Arm(MotionMethods):
         poses: The poses of its arm file, and the taught ones.
         joint_index: Which column of vectors of all joints (n,) is which.
         scene: The things around it, and what its gripper holds.
+        camera: The calibrated camera before it: points of the table from pixels.
         preflight: Plans its motions, and checks them; for functions of this package.
         background: Runs the motions that the program does not wait for; for functions of this
             package.
@@ -93,6 +95,7 @@ class Arm(MotionMethods):
         self.joint_index: JointIndex = context.index
         self.poses = PoseLibrary(context.model, context.serial_number)
         self.scene = Scene(context, runner)
+        self.camera = ArmCamera(context, self.scene)
         self.preflight = PreflightPlanner(context, runner, self.poses)
         self.background = Background(runner, context.servos.stop_request)
         self._server: ControlServer | None = None

@@ -10,6 +10,7 @@ from ikservo.files.folders import config_dir
 __all__ = [
     "calibration_path",
     "calibrations_of",
+    "camera_path",
     "confirmation_path",
     "identified_of",
     "identified_path",
@@ -30,6 +31,11 @@ def calibration_path(arm: str, usb_serial_number: str) -> Path:
 def identified_path(arm: str, usb_serial_number: str) -> Path:
     """Return the file of an identified arm: ``identified/so101-58FA083.toml``."""
     return config_dir() / "identified" / f"{_file_stem(arm, usb_serial_number)}.toml"
+
+
+def camera_path(arm: str, usb_serial_number: str) -> Path:
+    """Return the file of the camera before an arm: ``cameras/so101-58FA083.toml``."""
+    return config_dir() / "cameras" / f"{_file_stem(arm, usb_serial_number)}.toml"
 
 
 def journal_path(arm: str, usb_serial_number: str) -> Path:

@@ -25,6 +25,7 @@ __all__ = [
     "Calibration",
     "PartialCalibration",
     "RangeSource",
+    "SeenBoard",
     "StoredJointMeasurement",
     "dump_partial",
     "read_partial",
@@ -137,6 +138,17 @@ class CalibratedGeometry(StrictModel):
     )
 
 
+class SeenBoard(StrictModel):
+    """A board, and where it is fixed: on the tip, or in the base frame."""
+
+    name: Text = Field(description="COLUMNSxROWS-SQUAREmm-FAMILY")
+    scale: float = Field(default=1.0, gt=0.5, lt=2.0, description="of its size, by its name")
+    at_mm: tuple[float, float, float] = Field(strict=False, description="[x, y, z] in mm")
+    turned_deg: tuple[float, float, float] = Field(
+        strict=False, description="a rotation vector in degrees"
+    )
+
+
 class CalibratedCamera(StrictModel):
     """``[camera]``: a camera that has seen the arm, and where it stands."""
 
@@ -159,6 +171,7 @@ class CalibratedCamera(StrictModel):
     turned_deg: tuple[float, float, float] = Field(
         strict=False, description="a rotation vector in degrees"
     )
+    board: SeenBoard | None = Field(default=None, description="a table [camera.board]")
 
 
 class Calibration(StrictModel):

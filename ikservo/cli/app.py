@@ -35,7 +35,7 @@ PANELS = {
         "test": "Measure accuracy and repeatability after ISO 9283.",
         "calibrate": "Measure this arm's zeros, signs and ranges.",
         "identify": "Measure this arm's masses, friction, stiffness; moves slowly.",
-        "camera": "Print the board for a calibration before a camera.",
+        "camera": "Print the board of a camera, or check whether a camera has moved.",
         "calibration": "Compare a calibration with the servos: diff, push, pull.",
         "import": "Import a calibration from LeRobot or a recording.",
         "export": "Export a calibration to LeRobot, or a recording to CSV.",
@@ -43,6 +43,7 @@ PANELS = {
     "Move": {
         "where": "Show where the arm is: tip, joints, limits, health.",
         "move": "Move the tip to a point.",
+        "look": "Find the point that a pixel of the camera sees; move there.",
         "arc": "Move the tip on an arc or a circle.",
         "draw": "Draw the strokes of an SVG or CSV file.",
         "joints": "Move single joints.",

@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from importlib.metadata import entry_points
-from typing import Annotated, cast
+from typing import Annotated
 
 import typer
 
-from ikservo.arm.arm import Arm
 from ikservo.arm.opening import require_own_port
 from ikservo.cli.camera import BoardOption
 from ikservo.cli.dialogue import Operator
 from ikservo.cli.options import MotionOptions, NamedServoConnection
 from ikservo.cli.session import open_from_options, second_interrupt_lowers
 from ikservo.cli.terminal import print_json, print_lines, print_status
-from ikservo.errors import IkservoError, InputError
+from ikservo.errors import IkservoError
 from ikservo.eyes.board import DEFAULT_BOARD, Board, require_opencv
-from ikservo.eyes.pictures import LiveCamera, PictureSource
+from ikservo.eyes.sources import open_source
 from ikservo.hardware.remembered_port import is_simulated
 from ikservo.maintenance.camera_calibration import (
     CameraCalibration,
@@ -30,9 +28,6 @@ from ikservo.maintenance.camera_calibration import (
 from ikservo.maintenance.dialogue import Question, Unasked
 
 __all__ = ["CameraOptions", "calibrate_by_camera"]
-
-_SIMULATED = "sim"
-_GROUP = "ikservo.cameras"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,29 +67,20 @@ def calibrate_by_camera(
         raise IkservoError("Nothing moved.")
     with open_from_options(connection, MotionOptions()) as machine:
         arm = require_own_port(machine)
-        camera = _open_camera(arm, source, board)
+        camera = open_source(source, arm.context.port.transport, board)
         with second_interrupt_lowers(arm):
             result = CameraCalibration(arm, camera, board, options.pictures, print_status).run()
         print_lines(_describe(result), indent=2)
         path = None
-        if is_simulated(arm.port_name):
-            print_status("A simulated arm has no calibration; nothing is saved.")
-        elif operator.agrees(Question("Save this?", Unasked.YES)):
+        if operator.agrees(Question("Save this?", Unasked.YES)):
             path = save_camera_result(arm, source, result, datetime.now(UTC).replace(microsecond=0))
-            print_status(f"Saved to {path}. To undo it: ikservo calibration undo {arm.model.name}")
+            if is_simulated(arm.port_name):
+                print_status(f"A simulated arm has no calibration: its camera is in {path}.")
+            else:
+                undo = f"ikservo calibration undo {arm.model.name}"
+                print_status(f"Saved to {path}. To undo it: {undo}")
     if json:
         print_json("calibrate-camera", path=path, **_fields(result))
-
-
-def _open_camera(arm: Arm, source: str, board: Board) -> PictureSource:
-    if source != _SIMULATED:
-        return LiveCamera(source)
-    for point in entry_points(group=_GROUP, name=_SIMULATED):
-        opener = cast("Callable[[object, object], PictureSource | None]", point.load())
-        camera = opener(arm.context.port.transport, board.opencv())
-        if camera is not None:
-            return camera
-    raise InputError("The simulated camera sees a simulated arm only.", "Add: --port sim")
 
 
 def _describe(result: CameraResult) -> Iterator[str]:

@@ -1,58 +1,177 @@
-"""``ikservo camera``: the board that a camera looks at, to print."""
+"""``ikservo camera``: the board for a calibration before a camera; whether a camera has moved."""
 
 from __future__ import annotations
 
+import os
+from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from ikservo.cli.completion import complete_from
-from ikservo.cli.options import JsonOption
+from ikservo.cli.options import JsonOption, ServoPortOption
+from ikservo.cli.quantities import parse_length_m
 from ikservo.cli.terminal import print_json, print_lines, print_status
-from ikservo.errors import BadValueError, UnknownNameError
+from ikservo.errors import BadValueError, ExitCode, InputError, UnknownNameError
 from ikservo.eyes.board import DEFAULT_BOARD, Board
 from ikservo.files.writing import write_atomic
 
+if TYPE_CHECKING:
+    from ikservo.arm.arm import Arm
+    from ikservo.eyes.pictures import PictureSource
+
 __all__ = ["BoardOption", "command"]
 
-ACTIONS = ("board",)
+ACTIONS = ("board", "check")
 Action = Annotated[
     str,
     typer.Argument(
-        metavar="board", autocompletion=complete_from(*ACTIONS), help="board: write it to a file."
+        metavar="board|check",
+        autocompletion=complete_from(*ACTIONS),
+        help="board: write it to a file. check: whether the camera has moved.",
     ),
 ]
-File = Annotated[Path, typer.Argument(metavar="FILE", help="A file of type .pdf or .svg.")]
+File = Annotated[
+    str | None,
+    typer.Argument(
+        metavar="[FILE|ARM]",
+        help="For board: a file of type .pdf or .svg. For check: the arm before the camera.",
+    ),
+]
 BoardOption = Annotated[
     str,
     typer.Option("--board", metavar="NAME", help="COLUMNSxROWS-SQUAREmm-FAMILY of the board."),
+]
+CameraOption = Annotated[
+    str | None,
+    typer.Option("--camera", metavar="SOURCE", help="A number, a device, an address, or sim."),
+]
+Remember = Annotated[
+    bool,
+    typer.Option("--remember", help="Remember where a board lies on the table, for later checks."),
+]
+Within = Annotated[
+    float | None,
+    typer.Option(
+        "--within",
+        parser=parse_length_m,
+        metavar="LENGTH",
+        help="How far off the board may be seen; default: 3mm and what the arm is wrong.",
+    ),
 ]
 
 
 def command(
     action: Action,
-    file: File = Path("board.pdf"),
+    file: File = None,
     *,
     board: BoardOption = DEFAULT_BOARD,
+    camera: CameraOption = None,
+    remember: Remember = False,
+    within: Within = None,
+    port: ServoPortOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Write the board that is fixed to the gripper for a calibration before a camera.
+    """Write the board for a calibration before a camera, or check whether the camera has moved.
 
-    ikservo camera board board.pdf
+    A check looks at the board on the gripper, where it was calibrated, or at one on the table that
+    was remembered. Nothing moves. Exit code 6: the camera has moved; no target is taken from its
+    pictures until it is back.
 
     ikservo camera board board.svg --board 7x9-15mm-5x5
+
+    ikservo camera check so101 --camera 0
+
+    ikservo camera check so101 --camera 0 --remember
     """
     if action not in ACTIONS:
         raise UnknownNameError("action", action, ACTIONS)
-    chosen = Board.named(board)
+    given = {"--camera": camera, "--remember": remember, "--within": within}
+    if action == "board":
+        wrong = [name for name, value in given.items() if value not in (None, False)]
+        if wrong:
+            raise BadValueError(wrong[0], "given for board", "an option of check only")
+        _write_board(Path(file or "board.pdf"), Board.named(board), json=json)
+        return
+    if camera is None:
+        raise InputError("Which camera?", "Add: --camera 0")
+    if within is not None and not 0.0 < within < 1.0:
+        raise BadValueError("--within", within, "a length above 0, below 1 m")
+    _check(file, port, camera, Board.named(board), within, remember=remember, json=json)
+
+
+def _write_board(file: Path, board: Board, *, json: bool) -> None:
     if file.suffix not in (".pdf", ".svg"):
         raise BadValueError("The file", str(file), "a name that ends with .pdf or .svg")
-    write_atomic(file, chosen.svg() if file.suffix == ".svg" else chosen.pdf().decode("ascii"))
+    write_atomic(file, board.svg() if file.suffix == ".svg" else board.pdf().decode("ascii"))
     if json:
-        print_json("camera-board", path=file, board=chosen.name)
+        print_json("camera-board", path=file, board=board.name)
         return
-    print_lines([f"Wrote {file}: {chosen.name}"])
+    print_lines([f"Wrote {file}: {board.name}"])
     print_status(
         "Print it at 100 %, check the line below it with a ruler, and glue it on something flat."
     )
+
+
+def _check(
+    arm: str | None,
+    port: str | None,
+    source: str,
+    board: Board,
+    within_m: float | None,
+    *,
+    remember: bool,
+    json: bool,
+) -> None:
+    from ikservo.arm.opening import require_own_port  # noqa: PLC0415  # loads the kernels
+    from ikservo.cli.options import ArmConnection  # noqa: PLC0415
+    from ikservo.cli.session import open_from_options  # noqa: PLC0415
+    from ikservo.eyes.sources import open_source  # noqa: PLC0415
+
+    arm = arm or os.environ.get("IKSERVO_ARM")
+    with open_from_options(ArmConnection(arm=arm, port=port)) as machine:
+        opened = require_own_port(machine)
+        camera = open_source(source, opened.context.port.transport, board)
+        if remember:
+            _remember(opened, camera, board, json=json)
+        else:
+            _compare(opened, camera, within_m, json=json)
+
+
+def _remember(arm: Arm, camera: PictureSource, board: Board, *, json: bool) -> None:
+    from ikservo.maintenance.camera_check import remember_board  # noqa: PLC0415
+
+    stored = remember_board(arm, camera, board)
+    if json:
+        at_m = [each / 1000.0 for each in stored.at_mm]
+        print_json("camera-board-place", board=stored.name, at_m=at_m)
+    else:
+        at = ", ".join(f"{each:.0f}" for each in stored.at_mm)
+        print_lines([f"Remembered {stored.name} at ({at}) mm. Leave it there."])
+
+
+def _compare(arm: Arm, camera: PictureSource, within_m: float | None, *, json: bool) -> None:
+    from ikservo.maintenance.camera_check import check_camera  # noqa: PLC0415
+
+    now = datetime.now(UTC).replace(microsecond=0)
+    check, place = check_camera(arm, camera, now, within_m and 1000.0 * within_m)
+    if json:
+        print_json(
+            "camera-check",
+            moved=check.has_moved,
+            moved_m=check.moved_mm / 1000.0,
+            turned_deg=check.turned_deg,
+            off_m=check.off_mm / 1000.0,
+            board="table" if place.on_table else "gripper",
+        )
+    else:
+        where = "on the table" if place.on_table else "on the gripper"
+        stands = "has moved" if check.has_moved else "stands where it was calibrated"
+        print_lines([
+            f"The camera {stands}: by the board {where}, {check.moved_mm:.1f} mm and "
+            f"{check.turned_deg:.2f}° away; the board is seen {check.off_mm:.1f} mm off."
+        ])  # fmt: skip
+    if check.has_moved:
+        print_status("Put it back and check again, or calibrate again.")
+        raise typer.Exit(ExitCode.CALIBRATION)

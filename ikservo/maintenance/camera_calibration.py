@@ -12,8 +12,10 @@ from pathlib import Path
 import numpy as np
 
 from ikservo.arm.arm import Arm
+from ikservo.arm.calibrated_arm import ZeroSource
 from ikservo.calibration.calibration_file import load_calibration, save_calibration
-from ikservo.calibration.records import CalibratedCamera, Calibration
+from ikservo.calibration.camera_file import SIMULATED, CameraFile, save_camera
+from ikservo.calibration.records import CalibratedCamera, Calibration, SeenBoard
 from ikservo.errors import CalibrationError, RefusedError
 from ikservo.eyes.board import Board
 from ikservo.eyes.estimation import (
@@ -39,7 +41,7 @@ from ikservo.kinematics.se3 import log_so3
 from ikservo.maintenance.touch_off import shift_zeros
 from ikservo.model.sag import link_masses
 
-__all__ = ["CameraCalibration", "CameraResult", "save_camera_result"]
+__all__ = ["CameraCalibration", "CameraResult", "save_camera_result", "seen_board"]
 
 _FIRST_STEP_RAD = math.radians(9.0)  # of each joint, before anything is known of the camera
 _REACH_RAD = math.radians(75.0)  # how far joints go from where the arm was put
@@ -55,6 +57,7 @@ class CameraResult:
     Attributes:
         estimate: Of camera, board and arm.
         intrinsics: Of the camera.
+        board: What was on the gripper.
         pictures: In how many the board was seen.
         missed: In how many it was not.
         duration_s: From the first picture to the last, by the arm's clock.
@@ -62,6 +65,7 @@ class CameraResult:
 
     estimate: CameraEstimate
     intrinsics: Intrinsics
+    board: Board
     pictures: int
     missed: int
     duration_s: float
@@ -115,7 +119,9 @@ class CameraCalibration:
         intrinsics = calibrate(self._board, self._views)
         estimate = estimate_camera(self._dynamics, self._samples(intrinsics))
         duration_s = self._arm.clock.now_s() - began_s
-        return CameraResult(estimate, intrinsics, len(self._views), self._missed, duration_s)
+        return CameraResult(
+            estimate, intrinsics, self._board, len(self._views), self._missed, duration_s
+        )
 
     def _first_steps(self, home: Vector) -> Matrix:
         """Return postures around the first one, each joint moved once to either side."""
@@ -213,11 +219,16 @@ class CameraCalibration:
 def save_camera_result(arm: Arm, source: str, result: CameraResult, written: datetime) -> Path:
     """Save what pictures say of the arm, and the camera, with its calibration.
 
+    A simulated arm has none: of it the camera alone is saved.
+
     Raises:
         CalibrationError: The arm has no calibration of its own.
         FileWriteError: The disk is full or not writable; the one before is unchanged.
     """
     model = arm.model
+    if arm.zeros is ZeroSource.SIMULATED:
+        camera = _calibrated_camera(source, result, written)
+        return save_camera(model.name, SIMULATED, CameraFile(calibrated=written, camera=camera))
     calibration = load_calibration(model.name, arm.context.serial_number)
     if calibration is None:
         raise CalibrationError(
@@ -260,7 +271,7 @@ def _with_result(
 def _calibrated_camera(source: str, result: CameraResult, written: datetime) -> CalibratedCamera:
     fit, lens = result.estimate.fit, result.intrinsics
     fx, cx, fy, cy = lens.matrix[0, 0], lens.matrix[0, 2], lens.matrix[1, 1], lens.matrix[1, 2]
-    T = np.linalg.inv(fit.T_camera_base)
+    T, board = np.linalg.inv(fit.T_camera_base), result.board.name
     return CalibratedCamera(
         source=source,
         seen=written,
@@ -271,6 +282,17 @@ def _calibrated_camera(source: str, result: CameraResult, written: datetime) -> 
         size_px=lens.size,
         lens_px=(float(fx), float(fy), float(cx), float(cy)),
         distortion=tuple(lens.distortion.tolist()),
+        at_mm=tuple((1000.0 * T[:3, 3]).tolist()),
+        turned_deg=tuple(np.degrees(log_so3(T[:3, :3])).tolist()),
+        board=seen_board(board, fit.T_tip_board, 1.0 + fit.scale),
+    )
+
+
+def seen_board(name: str, T: Matrix, scale: float) -> SeenBoard:
+    """Return a board at a pose (4, 4) as it is stored; ``scale`` is of its size, by its name."""
+    return SeenBoard(
+        name=name,
+        scale=scale,
         at_mm=tuple((1000.0 * T[:3, 3]).tolist()),
         turned_deg=tuple(np.degrees(log_so3(T[:3, :3])).tolist()),
     )

@@ -24,7 +24,7 @@ def home(tmp_path, monkeypatch):
 @pytest.mark.timeout(600)
 def test_a_hidden_arm_is_found_saved_used_and_undone(monkeypatch, run_cli):
     arm, camera = hidden_arm(monkeypatch, "so101", 0)
-    monkeypatch.setattr("ikservo.cli.calibrate_camera.LiveCamera", lambda _: camera)
+    monkeypatch.setattr("ikservo.eyes.sources.LiveCamera", lambda _: camera)
     path = calibration_path("so101", SERIAL)
     before = path.read_text()
     done = run_cli(f"calibrate so101 --port {PORT} --camera 0 --pictures 14 --yes --json")

@@ -1,0 +1,189 @@
+"""The calibrated camera before an arm: points on the table, and on things, from pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ikservo.arm.arguments import parse_number
+from ikservo.arm.calibrated_arm import ZeroSource
+from ikservo.arm.context import ArmContext
+from ikservo.arm.scene import Scene
+from ikservo.calibration.camera_file import SIMULATED, CameraFile, load_camera
+from ikservo.calibration.records import CalibratedCamera
+from ikservo.errors import CalibrationError, InputError
+from ikservo.eyes.camera_model import CameraModel, LineOfSight
+from ikservo.eyes.pictures import Intrinsics
+from ikservo.kinematics.arrays import Vector, finite_vector, freeze_arrays
+from ikservo.kinematics.se3 import exp_so3, make_pose
+from ikservo.model import Model
+from ikservo.model.model import Obstacle
+
+__all__ = ["ArmCamera", "SeenPoint", "camera_key", "camera_model", "first_seen", "known_camera",
+           "moved_error", "table_m"]  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenPoint:
+    """What a pixel sees first.
+
+    Attributes:
+        point_m: Where (3,), metres, base frame.
+        thing: The thing of the scene; None for the table.
+    """
+
+    point_m: Vector
+    thing: str | None = None
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+
+class ArmCamera:
+    """The camera that an arm was calibrated with; it stands still before the arm.
+
+    A pixel (u, v) is as OpenCV counts it: u to the right, v down, (0, 0) the centre of the first
+    one, in a picture as the camera gives it: the distortion of its lens is taken into account.
+    Points are in the arm's base frame, metres. Each call reads what `ikservo camera check` has
+    found last.
+
+    Args:
+        context: The arm.
+        scene: What stands around it.
+    """
+
+    def __init__(self, context: ArmContext, scene: Scene) -> None:
+        self._context, self._scene = context, scene
+
+    def __repr__(self) -> str:
+        """Return the arm's name."""
+        return f"ArmCamera(of {self._context.model.name!r})"
+
+    def model(self) -> CameraModel:
+        """Return lens and pose of the camera.
+
+        Raises:
+            CalibrationError: The arm has no calibrated camera, or it has moved since.
+            FileFormatError: A file about it is damaged.
+        """
+        camera, known = known_camera(self._context)
+        if known.check is not None and known.check.has_moved:
+            raise moved_error(known.check.moved_mm, known.check.turned_deg)
+        return camera_model(camera)
+
+    def point_on_table(self, u: float, v: float, height_m: float = 0.0) -> Vector:
+        """Return what a pixel sees of the table, or of the level plane above it.
+
+        Args:
+            u: To the right, pixels.
+            v: Down, pixels.
+            height_m: Of the plane above the table, metres; the table is that of the arm file, or
+                z = 0.
+
+        Returns:
+            The point (3,), metres, base frame.
+
+        Raises:
+            BadValueError: The pixel is not in the picture, or a number is not finite.
+            InputError: The line of sight does not meet the table.
+            CalibrationError: The arm has no calibrated camera, or it has moved since.
+        """
+        z_m = table_m(self._context.model) + parse_number("The height", height_m)
+        return first_seen(self._sight(u, v), (), z_m).point_m
+
+    def point_seen(self, u: float, v: float) -> SeenPoint:
+        """Return what a pixel (u, v) sees first of the table and the things of the scene.
+
+        Raises:
+            BadValueError: The pixel is not in the picture.
+            InputError: The line of sight meets neither.
+            CalibrationError: The arm has no calibrated camera, or it has moved since.
+        """
+        return first_seen(self._sight(u, v), self._scene.things, table_m(self._context.model))
+
+    def pixel(self, point_m: Vector) -> tuple[float, float]:
+        """Return the pixel (u, v) of a point (3,), metres, base frame; perhaps beside the picture.
+
+        Raises:
+            BadValueError: It is no finite point.
+            InputError: It is not before the camera.
+            CalibrationError: The arm has no calibrated camera, or it has moved since.
+        """
+        px, depth_m = self.model().project(finite_vector(point_m, 3, "The point"))
+        if float(depth_m) <= 0.0:
+            raise InputError("The point is behind the camera.", "Choose one that it sees.")
+        return float(px[0]), float(px[1])
+
+    def _sight(self, u: float, v: float) -> LineOfSight:
+        u, v = parse_number("The pixel's u", u), parse_number("The pixel's v", v)
+        return self.model().sight(u, v)
+
+
+def camera_key(context: ArmContext) -> str:
+    """Return what tells the cameras of arms of one name apart: the adapter's serial number."""
+    return SIMULATED if context.zeros is ZeroSource.SIMULATED else context.serial_number
+
+
+def known_camera(context: ArmContext) -> tuple[CalibratedCamera, CameraFile]:
+    """Return the camera of an arm, and what is known of its place.
+
+    Raises:
+        CalibrationError: It has none.
+        FileFormatError: A file about it is damaged.
+    """
+    name = context.model.name
+    found = load_camera(name, camera_key(context))
+    if found is None:
+        raise CalibrationError(
+            f"{name} has no calibrated camera.",
+            f"Calibrate it: ikservo calibrate {name} --camera 0",
+        )
+    return found
+
+
+def camera_model(camera: CalibratedCamera) -> CameraModel:
+    """Return lens and pose of a camera as stored."""
+    fx, fy, cx, cy = camera.lens_px
+    lens = Intrinsics(
+        np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]),
+        np.array(camera.distortion),
+        camera.size_px,
+    )
+    R = exp_so3(np.radians(camera.turned_deg))
+    return CameraModel(lens, make_pose(np.array(camera.at_mm) / 1000.0, R))
+
+
+def table_m(model: Model) -> float:
+    """Return the height of the table, metres, base frame: the arm file's, or 0."""
+    return 0.0 if model.floor_m is None else model.floor_m
+
+
+def first_seen(sight: LineOfSight, things: Iterable[Obstacle], z_m: float) -> SeenPoint:
+    """Return what a line of sight meets first: a thing, or the level plane at z.
+
+    Raises:
+        InputError: It meets neither.
+    """
+    hits: list[tuple[float, str | None]] = [(sight.distance_to_level_m(z_m), None)]
+    for thing in things:
+        row = thing.row
+        half_m = row[12:15] + row[15]
+        distance_m = sight.distance_to_box_m(row[:9].reshape(3, 3), row[9:12], half_m)
+        hits.append((distance_m, thing.name))
+    distance_m, name = min(hits, key=lambda hit: hit[0])
+    if not np.isfinite(distance_m):
+        raise InputError(
+            "The line of sight does not meet the table there.", "Choose a pixel that shows it."
+        )
+    return SeenPoint(sight.at(distance_m), name)
+
+
+def moved_error(moved_mm: float, turned_deg: float) -> CalibrationError:
+    """Return the error for a camera that is not any more where it was calibrated."""
+    return CalibrationError(
+        f"The camera has moved by {moved_mm:.0f} mm and turned by {turned_deg:.1f}° since it was "
+        "calibrated.",
+        "Put it back and check again, or calibrate again.",
+    )

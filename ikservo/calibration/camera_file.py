@@ -1,0 +1,91 @@
+"""What is known of the camera before an arm besides its calibration: whether it has moved since."""
+
+from __future__ import annotations
+
+from datetime import datetime
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, ValidationError
+
+from ikservo.calibration.calibration_file import load_calibration
+from ikservo.calibration.paths import camera_path
+from ikservo.calibration.records import CalibratedCamera, SeenBoard
+from ikservo.files.reading import MAX_BYTES, parse_toml, read_text
+from ikservo.files.validation import StrictModel, first_issue, validation_issues
+from ikservo.files.writing import strip_checksum, with_checksum, write_atomic
+
+__all__ = ["SIMULATED", "CameraCheck", "CameraFile", "load_camera", "save_camera"]
+
+SIMULATED = "sim"
+"""Stands for the serial number of a simulated arm's adapter."""
+
+_HEADER = (
+    "# What is known of the camera before one arm besides its calibration; written by ikservo.\n"
+)
+
+NotBelowZero = Annotated[float, Field(ge=0)]
+
+
+class CameraCheck(StrictModel):
+    """``[check]``: what was last found of the camera's place."""
+
+    seen: datetime = Field(description="a date and time with its offset")
+    off_mm: NotBelowZero = Field(description="millimetres across the ray, at the board")
+    moved_mm: NotBelowZero = Field(description="millimetres")
+    turned_deg: NotBelowZero = Field(description="degrees")
+    has_moved: bool = Field(description="true or false")
+
+
+class CameraFile(StrictModel):
+    """The whole file; what belongs to an earlier calibration of the camera does not count."""
+
+    format: Literal[1] = Field(default=1, description="1")
+    calibrated: datetime = Field(description="when the camera was calibrated")
+    check: CameraCheck | None = Field(default=None, description="a table [check]")
+    board: SeenBoard | None = Field(default=None, description="a table [board]: on the table")
+    camera: CalibratedCamera | None = Field(
+        default=None, description="a table [camera], of a simulated arm: it has no calibration"
+    )
+
+
+def load_camera(arm: str, usb_serial_number: str) -> tuple[CalibratedCamera, CameraFile] | None:
+    """Load the camera that an arm was calibrated with, or None if there is none.
+
+    Raises:
+        FileFormatError: A file is damaged.
+    """
+    path = camera_path(arm, usb_serial_number)
+    known = _read(path) if path.exists() else None
+    if usb_serial_number == SIMULATED:
+        camera = None if known is None else known.camera
+    else:
+        calibration = load_calibration(arm, usb_serial_number)
+        camera = None if calibration is None else calibration.camera
+    if camera is None:
+        return None
+    if known is None or known.calibrated != camera.seen:
+        known = CameraFile(calibrated=camera.seen)
+    return camera, known
+
+
+def save_camera(arm: str, usb_serial_number: str, known: CameraFile) -> Path:
+    """Write what is known of a camera.
+
+    Raises:
+        FileWriteError: The disk is full or not writable; the file is unchanged.
+    """
+    import tomli_w  # noqa: PLC0415  # needed for writing only
+
+    path = camera_path(arm, usb_serial_number)
+    tables = known.model_dump(mode="python", exclude_none=True)
+    write_atomic(path, with_checksum(_HEADER + tomli_w.dumps(tables)))
+    return path
+
+
+def _read(path: Path) -> CameraFile:
+    tables = parse_toml(path, strip_checksum(path, read_text(path, MAX_BYTES)))
+    try:
+        return CameraFile.model_validate(tables)
+    except ValidationError as error:
+        raise first_issue(validation_issues(error, CameraFile), path) from error

@@ -1,0 +1,163 @@
+"""A calibrated camera: the pixel of a point, and the ray of a pixel, in the arm's base frame.
+
+A pixel (u, v) is as OpenCV counts it: u to the right, v down, (0, 0) the centre of the first one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.errors import BadValueError
+from ikservo.eyes.pictures import Intrinsics
+from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+
+__all__ = ["CameraModel", "LineOfSight"]
+
+_WIDEST = 3.0  # tangent of the angle to the axis up to which a lens is believed
+_NEAR_FOLD = 0.95  # of the radius at which its polynomial turns back
+_MIN_DEPTH_M = 1e-3
+_STEPS, _ENOUGH, _SMALL = 20, 1e-12, 1e-6
+_LEVEL = 1e-3  # a line of sight as level as that meets the table anywhere
+_PARALLEL = 1e-12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LineOfSight:
+    """What a pixel sees: a half line in the arm's base frame.
+
+    Attributes:
+        origin_m: The camera (3,), metres.
+        direction: A unit vector (3,).
+    """
+
+    origin_m: Vector
+    direction: Vector
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+    def at(self, distance_m: float) -> Vector:
+        """Return the point (3,) at a distance along it."""
+        return self.origin_m + distance_m * self.direction
+
+    def distance_to_level_m(self, z_m: float) -> float:
+        """Return the distance to the level plane at z, metres; infinite if it is not met."""
+        if abs(float(self.direction[2])) < _LEVEL:
+            return math.inf
+        distance_m = float((z_m - self.origin_m[2]) / self.direction[2])
+        return distance_m if distance_m > 0.0 else math.inf
+
+    def distance_to_box_m(self, R: Matrix, centre_m: Vector, half_m: Vector) -> float:
+        """Return the distance to a box, metres; infinite if it is not met, or from inside.
+
+        Args:
+            R: Its axes as columns (3, 3).
+            centre_m: Its centre (3,).
+            half_m: Half of its sides (3,).
+        """
+        origin, along = (self.origin_m - centre_m) @ R, self.direction @ R
+        along = np.where(np.abs(along) < _PARALLEL, _PARALLEL, along)
+        one, other = (-half_m - origin) / along, (half_m - origin) / along
+        enter_m = float(np.minimum(one, other).max())
+        leave_m = float(np.maximum(one, other).min())
+        return enter_m if 0.0 < enter_m <= leave_m else math.inf
+
+
+@dataclass(frozen=True, eq=False)
+class CameraModel:
+    """A camera that stands still before an arm.
+
+    Attributes:
+        lens: How it projects.
+        T_base_camera: Its pose (4, 4): x to the right in the picture, y down, z ahead.
+    """
+
+    lens: Intrinsics
+    T_base_camera: Matrix
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+    def project(self, points_m: ArrayLike) -> tuple[Matrix, Vector]:
+        """Compute pixels (…, 2) and depths [m] (…) of points (…, 3) in the base frame.
+
+        What is not before the camera has no pixel; it gets that of a point 1 mm ahead.
+        """
+        T = self.T_base_camera
+        ahead = (np.asarray(points_m, dtype=np.float64) - T[:3, 3]) @ T[:3, :3]
+        depth_m = ahead[..., 2]
+        flat = ahead[..., :2] / np.maximum(depth_m, _MIN_DEPTH_M)[..., None]
+        return self.pixels(flat), depth_m
+
+    def sight(self, u: float, v: float) -> LineOfSight:
+        """Return what a pixel sees.
+
+        Raises:
+            BadValueError: It is not in the picture.
+        """
+        width, height = self.lens.size
+        if not (-0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5):  # also rejects NaN
+            raise BadValueError(
+                "The pixel", f"{u:g}, {v:g}", f"one of the picture's {width} x {height}"
+            )
+        ahead = np.append(self.flat(np.array([u, v])), 1.0)
+        direction = self.T_base_camera[:3, :3] @ ahead
+        return LineOfSight(self.T_base_camera[:3, 3], direction / np.linalg.norm(direction))
+
+    def pixels(self, flat: Matrix) -> Matrix:
+        """Compute pixels (…, 2) of directions given as x/z and y/z (…, 2)."""
+        return self._bent(flat) * self._focal_px + self._centre_px
+
+    def flat(self, px: Matrix) -> Matrix:
+        """Compute directions, as x/z and y/z (…, 2), of pixels (…, 2); inverse of ``pixels``."""
+        wanted = (px - self._centre_px) / self._focal_px
+        found = wanted.copy()
+        for _ in range(_STEPS):  # Newton's
+            off = self._bent(found) - wanted
+            if float(np.abs(off).max(initial=0.0)) < _ENOUGH:
+                break
+            (a, c), (b, d) = (
+                np.moveaxis((self._bent(found + step) - wanted - off) / _SMALL, -1, 0)
+                for step in _SMALL * np.eye(2)
+            )
+            determinant = a * d - b * c
+            x, y = off[..., 0], off[..., 1]
+            found -= np.stack([d * x - b * y, a * y - c * x], axis=-1) / determinant[..., None]
+        return found
+
+    @cached_property
+    def widest(self) -> float:
+        """The largest tangent of the angle to the axis at which the lens is followed.
+
+        A polynomial turns back at some radius; outside of it the picture is continued straight.
+        """
+        k1, k2, _, _, k3 = self.lens.distortion.tolist()
+        turns = np.roots([7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])
+        squares = [float(each.real) for each in turns if abs(each.imag) < _SMALL < each.real]
+        return min([_WIDEST, *(_NEAR_FOLD * math.sqrt(each) for each in squares)])
+
+    def _bent(self, flat: Matrix) -> Matrix:
+        """Return where a lens with distortion sees directions (…, 2), of a focal length of 1."""
+        k1, k2, p1, p2, k3 = self.lens.distortion.tolist()
+        beyond = np.maximum(np.linalg.norm(flat, axis=-1) / self.widest, 1.0)
+        x, y = np.moveaxis(flat / beyond[..., None], -1, 0)
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        bent = [
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        ]
+        return beyond[..., None] * np.stack(bent, axis=-1)
+
+    @cached_property
+    def _focal_px(self) -> Vector:
+        return np.diag(self.lens.matrix)[:2].copy()
+
+    @cached_property
+    def _centre_px(self) -> Vector:
+        return self.lens.matrix[:2, 2].copy()
