@@ -17,6 +17,9 @@ from ikservo.arm import DEAD_MAN_TIMEOUT_S, Arm
 from ikservo.arm.opening import open_own_arm
 from ikservo.clock import RealClock
 from ikservo.errors import BadValueError
+from ikservo.eyes.board import DEFAULT_BOARD, Board
+from ikservo.eyes.capture import Capture, open_capture
+from ikservo.eyes.sources import SIMULATED_SOURCE, open_source
 from ikservo.hardware.transport import refuse_other_machines
 from ikservo.model import Model
 from ikservo.view.arm_choices import ChoiceFinder
@@ -27,7 +30,7 @@ from ikservo.view.messages import read_message
 from ikservo.view.new_arm import NewArmPanel
 from ikservo.view.served_arms import ArmAtPort, ServedArms, ViewSettings
 from ikservo.view.server import BoundAddress, PageChannel, make_app, serve, serve_in_thread
-from ikservo.view.video import VideoSource
+from ikservo.view.video import PictureCapture, VideoSource
 
 __all__ = ["ViewApp", "ViewUrls", "low_jitter"]
 
@@ -119,11 +122,15 @@ class ViewApp:
             self._address = self._bind()
             stack.callback(self._address.socket.close)
             clock = RealClock()
-            camera = None if self._camera is None else VideoSource(self._camera, clock)
+            camera = None
+            if self._camera is not None:
+                camera = VideoSource(self._camera, clock, self._open_capture)
             if camera is not None:
                 stack.enter_context(camera)
             downloads = DownloadOffers(clock)
-            self.arms = ServedArms(ViewSettings(self._open_arm, clock, downloads, self._dead_man_s))
+            self.arms = ServedArms(
+                ViewSettings(self._open_arm, clock, downloads, self._dead_man_s, camera)
+            )
             stack.callback(self.arms.close)
             self.arms.open_all(self._places)
             new_arm = NewArmPanel(Path.cwd(), is_local=self._is_local)
@@ -174,6 +181,14 @@ class ViewApp:
     def _open_arm(self, model: Model, port: str | None) -> Arm:
         return open_own_arm(model, port, collisions=self._collisions,
                             uncalibrated=self._uncalibrated)  # fmt: skip
+
+    def _open_capture(self, source: str) -> Capture:
+        """Open the camera; a simulated one is before the first open arm."""
+        arm = self.arms.find("")
+        if source != SIMULATED_SOURCE or arm is None:
+            return open_capture(source)
+        transport = arm.arm_thread.arm.context.port.transport
+        return PictureCapture(open_source(source, transport, Board.named(DEFAULT_BOARD)))
 
     def _collect_warnings(self) -> list[str]:
         if self._is_local:

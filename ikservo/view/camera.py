@@ -137,16 +137,26 @@ class Camera:
             return np.full(depth.shape, self.scale_px)
         return self.scale_px / np.maximum(depth, NEAR_PLANE_M)
 
+    def pixels_at(self, across_px: Matrix) -> Matrix:
+        """Compute the pixels (…, 2) at offsets from the optical axis (…, 2), as without a lens."""
+        px: Matrix = self.viewport.centre_px + across_px
+        return px
+
+    def across_px(self, px: Matrix) -> Matrix:
+        """Compute the offsets (…, 2) of pixels; inverse of ``pixels_at``."""
+        offsets_px: Matrix = px - self.viewport.centre_px
+        return offsets_px
+
     def project(self, points_m: ArrayLike) -> tuple[Matrix, Vector]:
         """Compute the pixels (…, 2) of points (…, 3), and their depths (…)."""
         in_view = (np.asarray(points_m, dtype=np.float64) - self.eye_m) @ self.R_world_view
         depth_m = -in_view[..., 2]
         across = in_view[..., :2] * _DOWNWARDS * self.pixels_per_metre(depth_m)[..., None]
-        return self.viewport.centre_px + across, depth_m
+        return self.pixels_at(across), depth_m
 
     def unproject(self, px: ArrayLike, depth_m: ArrayLike) -> Matrix:
         """Compute the points (…, 3) at pixels (…, 2) and depths (…); inverse of ``project``."""
-        offset_px = np.asarray(px, dtype=np.float64) - self.viewport.centre_px
+        offset_px = self.across_px(np.asarray(px, dtype=np.float64))
         depth = np.asarray(depth_m, dtype=np.float64)
         across = offset_px * _DOWNWARDS / self.pixels_per_metre(depth)[..., None]
         in_view = np.concatenate([across, -depth[..., None]], axis=-1)

@@ -160,6 +160,7 @@ class Client:
         viewport: Size of its drawing; None until it was received.
         webgl: Whether it draws in 3D.
         handles: Whether it draws handles at the tool, too.
+        height_m: How far above the table a click in a camera's picture is.
         sent: The last frame of each kind, so that nothing is sent twice.
         sent_s: When the last frame of each kind was sent.
         outbox: Replies that only this page gets.
@@ -172,6 +173,7 @@ class Client:
     viewport: Viewport | None = None
     webgl: bool = False
     handles: bool = False
+    height_m: float = 0.0
     sent: dict[str, object] = field(default_factory=dict[str, object])
     sent_s: dict[str, float] = field(default_factory=dict[str, float])
     outbox: list[Mapping[str, object]] = field(default_factory=list[Mapping[str, object]])

@@ -18,6 +18,7 @@ from ikservo.view.arm_job import ExecuteGoal, RelaxArm, ReleaseArm
 from ikservo.view.arm_thread import ArmThread
 from ikservo.view.auth import Permission
 from ikservo.view.camera import Viewport
+from ikservo.view.camera_view import CameraView
 from ikservo.view.connection import Client
 from ikservo.view.downloads import Download, DownloadOffers
 from ikservo.view.drag_solver import PosturePreference
@@ -34,12 +35,14 @@ from ikservo.view.program_panel import ProgramPanel
 from ikservo.view.server import Frame
 from ikservo.view.servo_panel import ServoPanel
 from ikservo.view.snapshot import StopNotice
+from ikservo.view.video import VideoSource
 from ikservo.view.viewpoints import Viewpoint, available_views
 
 __all__ = ["SessionController"]
 
 _ORBIT_RAD_PX = 0.008
 _AWAY_TEXT = "Stopped: the page that controls was hidden, closed or replaced."
+_HARMLESS = ("up", "cancel", "hover", "leave")  # of a pointer: no new target
 _GO_LIVE_TEXT = "The arm does not follow. The last goal is dropped."
 
 Handler = Callable[[Any, Client], None]
@@ -56,6 +59,7 @@ class SessionController:
         clock: The time of the page.
         downloads: Where files are offered; a place of its own if None.
         find_arm: Finds another arm of the page, to be followed.
+        video: The camera of the page, if it has one.
 
     Attributes:
         downloads: The files that pages have asked for.
@@ -67,15 +71,17 @@ class SessionController:
         clock: Clock,
         downloads: DownloadOffers | None = None,
         find_arm: FindArm = lambda _: None,
+        video: VideoSource | None = None,
     ) -> None:
-        self._arm_thread, self._clock = arm_thread, clock
+        self._arm_thread, self._clock, self._video = arm_thread, clock, video
         self._arm = arm_thread.arm
         self._interaction = Interaction(arm_thread.arm, clock)
         self._guard = PreviewGuard(arm_thread.arm)
         self._fallback: StopNotice | None = None  # why Live has ended
         self._plots, self.downloads = PlotFeed(), downloads or DownloadOffers(clock)
         self._lease = arm_thread.lease
-        self._composer = FrameComposer(arm_thread, self._interaction, clock)
+        self._camera_view = self._find_camera_view()
+        self._composer = FrameComposer(arm_thread, self._interaction, clock, self._camera_view)
         self._program = ProgramPanel(arm_thread)
         self._following = FollowPanel(arm_thread, clock, find_arm)
         self._servos = ServoPanel(arm_thread)
@@ -117,6 +123,8 @@ class SessionController:
     def close(self) -> None:
         """Cancel the background computations."""
         self._composer.close()
+        if self._camera_view is not None:
+            self._camera_view.close()
 
     # --- connections ---
 
@@ -141,6 +149,9 @@ class SessionController:
         self._update_after_session()
         client = self._clients[client_id]
         in_control = self._lease.is_held_by(client.lease)
+        picture = self._composer.camera_view(client)
+        if picture is not None:
+            picture.watch(self._arm_thread.snapshot.measured)
         if in_control:
             self._interaction.continue_target(self._arm_thread.snapshot, self._clock.now_s())
             self._send_setpoint()
@@ -189,15 +200,17 @@ class SessionController:
         self._stop_session()
 
     def _set_viewport(self, message: msg.SetViewport, client: Client) -> None:
-        if message.view not in available_views(self._composer.extent):
+        if message.view not in self._composer.views:
             raise BadMessageError(f"This arm is not seen from the {message.view}.")
         client.viewport = Viewport(message.w, message.h, message.dpr)
         client.webgl = message.webgl and message.view == "orbit"
-        client.handles = message.handles
+        client.handles, client.height_m = message.handles, message.height_m
         if message.view != client.view.name:
             client.view = Viewpoint(message.view)
 
     def _orbit_camera(self, message: msg.OrbitCamera, client: Client) -> None:
+        if client.view.name == "camera":
+            return  # it stands where it stands
         if message.zoom != 1.0:
             client.view = self._zoom_view(message, client)
         view = client.view
@@ -321,7 +334,7 @@ class SessionController:
         change = self._interaction.redo if message.redo else self._interaction.undo
         change(self._arm_thread.snapshot)
 
-    def _start_action(self, message: msg.ArmAction, _client: Client) -> None:
+    def _start_action(self, message: msg.ArmAction, client: Client) -> None:
         """Let the arm go to the target of the preview, lower itself, or go limp."""
         self._require_ready()
         if message.action == "release":
@@ -333,6 +346,9 @@ class SessionController:
             self._interaction.reset()
             self._arm_thread.request_job(RelaxArm())
             return
+        picture = self._composer.camera_view(client)
+        if picture is not None:
+            picture.require_usable()
         self._interaction.finish_target()
         goal, refusal = self._interaction.goal, self._interaction.refusal
         if goal is None:
@@ -372,8 +388,12 @@ class SessionController:
             self._require_ready()
         elif snapshot.stop_notice is not None or self._arm_thread.job is not None:
             return
+        picture = self._composer.camera_view(client)
+        if picture is not None and getattr(message, "phase", "") not in _HARMLESS:
+            picture.require_usable()
+        surface = None if picture is None else picture.surface(client.height_m)
         camera, plane_m = self._composer.camera(client), self._composer.plane_m(client)
-        context = self._interaction.pointer_context(camera, snapshot, plane_m)
+        context = self._interaction.pointer_context(camera, snapshot, plane_m, surface)
         self._interaction.handle(message, context, snapshot, self._clock.now_s())
 
     def _set_live(self, message: msg.SetLive, _client: Client) -> None:
@@ -415,10 +435,23 @@ class SessionController:
     def _reset_for_arm(self) -> None:
         """Start again with a reopened arm: its limits may have changed."""
         self._arm = self._arm_thread.arm
-        self._composer.close()
+        self.close()
         self._interaction = Interaction(self._arm, self._clock)
         self._guard = PreviewGuard(self._arm)
-        self._composer = FrameComposer(self._arm_thread, self._interaction, self._clock)
+        self._camera_view = self._find_camera_view()
+        self._composer = FrameComposer(
+            self._arm_thread, self._interaction, self._clock, self._camera_view
+        )
+
+    def _find_camera_view(self) -> CameraView | None:
+        """Return the view of the page's camera, or None and say why its picture is one only."""
+        if self._video is None:
+            return None
+        try:
+            return CameraView(self._arm, self._video, self._clock)
+        except IkservoError as error:
+            self._interaction.log(f"Clicks in the picture are no targets: {error.message}")
+            return None
 
     def _forget_targets(self) -> None:
         """Drop the goal and the earlier ones: the arm holds."""

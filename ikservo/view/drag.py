@@ -23,6 +23,7 @@ Touches and pens are pointers. A second pointer is ignored during a drag.
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -34,6 +35,7 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector
 from ikservo.view.camera import Camera
 from ikservo.view.drag_commands import DragCommand, DragTarget, HoldCommand, JointTarget
+from ikservo.view.lens_camera import Surface
 from ikservo.view.picking import HitTester, PickCandidate, Picker, PointerContext
 
 __all__ = [
@@ -217,6 +219,7 @@ class _GrabbedPoint:
         offset_m: The point (3,) in that link's coordinates.
         depth_m: Depth [m] of the plane parallel to the screen in which it is dragged.
         offset_px: From the pixel of the point to the pointer's (2,).
+        surface: Where the tip is dragged instead of in that plane.
     """
 
     camera: Camera
@@ -225,8 +228,11 @@ class _GrabbedPoint:
     offset_m: Vector | None
     depth_m: float
     offset_px: Vector
+    surface: Surface | None = None
 
     def make_target(self, px: Vector) -> Target:
+        if self.surface is not None:
+            return Target(self.surface.point_at(self.camera, px))
         position = self.camera.unproject(px - self.offset_px, self.depth_m)
         return Target(position, frame=self.frame, offset_m=self.offset_m)
 
@@ -274,7 +280,11 @@ class Drag:
     def press(
         self, px: ArrayLike, context: PointerContext, *, shift: bool = False, pointer: int = 0
     ) -> DragCommand | None:
-        """Grab the link at a pixel (2,), move the tip there, or with shift grab its joint."""
+        """Grab the link at a pixel (2,), move the tip there, or with shift grab its joint.
+
+        Raises:
+            InputError: The pixel of a camera's picture sees neither the table nor a thing.
+        """
         if self._grabbed is not None:
             return None
         at = np.asarray(px, dtype=np.float64)
@@ -283,13 +293,15 @@ class Drag:
         if shift:
             self._grabbed = self._make_joint_drag(at, context, found)
             return None if self._grabbed is None else self._turn_command(self._grabbed)
+        if found is not None and found.kind == "object" and context.surface is not None:
+            found = None  # the tip goes to it
         if found is not None and found.kind != "link":
             self._grabbed = _Fixture(context.camera, found)
             return None
-        self._grabbed = (
-            self._grab_tip(at, context) if found is None else self._grab_link(at, context, found)
-        )
-        return self._pull_command(self._grabbed, at, is_click=found is None)
+        grip = self._grab_tip(at, context) if found is None else self._grab_link(at, context, found)
+        command = self._pull_command(grip, at, is_click=found is None)
+        self._grabbed = grip
+        return command
 
     def move(self, px: ArrayLike, pointer: int = 0) -> DragCommand | None:
         """Follow the pointer to a pixel (2,).
@@ -308,7 +320,9 @@ class Drag:
         if isinstance(self._grabbed, JointDrag):
             self._grabbed = self._grabbed.move_pointer(at)
             return self._turn_command(self._grabbed)
-        return self._pull_command(self._grabbed, at, is_click=False)
+        with suppress(InputError):  # beside the table and the picture the last target stays
+            return self._pull_command(self._grabbed, at, is_click=False)
+        return None
 
     def release(self, pointer: int = 0) -> None:
         """End the drag; the last command stays. A click selects what is behind for the next."""
@@ -404,7 +418,9 @@ class Drag:
         """Grab the tip, which moves to the pointer in the plane of the view."""
         tip = self._chain.forward(context.arms[0])[:3, 3]
         depth = context.camera.depth_of(tip if context.plane_m is None else context.plane_m)
-        return _GrabbedPoint(context.camera, None, None, None, float(depth), np.zeros(2))
+        return _GrabbedPoint(
+            context.camera, None, None, None, float(depth), np.zeros(2), context.surface
+        )
 
     def _pull_command(self, grip: _GrabbedPoint, at: Vector, *, is_click: bool) -> DragTarget:
         target = grip.make_target(at)

@@ -19,6 +19,7 @@ from ikservo.view.arm_thread import ArmThread
 from ikservo.view.auth import Permission
 from ikservo.view.calibration import calibration_fields
 from ikservo.view.camera import Camera
+from ikservo.view.camera_view import CameraView
 from ikservo.view.connection import Client
 from ikservo.view.interaction import Interaction
 from ikservo.view.labels import (
@@ -253,9 +254,11 @@ class FrameComposer:
         arm_thread: Has the snapshot that is shown.
         interaction: Input of the client in control.
         clock: Limits the frame rate.
+        camera_view: The picture of a calibrated camera, if there is one.
 
     Attributes:
         extent: The extent of the arm.
+        views: The names of its views.
     """
 
     def __init__(
@@ -263,11 +266,16 @@ class FrameComposer:
         arm_thread: ArmThread,
         interaction: Interaction,
         clock: Clock,
+        camera_view: CameraView | None = None,
     ) -> None:
+        self._camera_view = camera_view
         self._lease = arm_thread.lease
         self._arm_thread, self._interaction, self._clock = arm_thread, interaction, clock
         arm = arm_thread.arm
         self.extent = arm_extent(arm.model)
+        self.views: tuple[ViewName, ...] = available_views(self.extent)
+        if camera_view is not None:
+            self.views += ("camera",)
         self._make_camera = lru_cache(_KEPT_CAMERAS)(partial(make_camera, self.extent))
         self._graph = SceneGraph(arm.model, arm.chain, self.extent)
         self._regions = ReachableRegionCache(arm.chain)
@@ -279,6 +287,10 @@ class FrameComposer:
         """Cancel the background computations."""
         self._regions.close()
         self._analyser.close()
+
+    def camera_view(self, client: Client) -> CameraView | None:
+        """Return the camera whose picture is a client's view; None in other views."""
+        return self._camera_view if client.view.name == "camera" else None
 
     def camera(self, client: Client) -> Camera:
         """Return a client's camera; that of the one in control does not change during a drag.
@@ -292,6 +304,9 @@ class FrameComposer:
         is_own = self._lease.is_held_by(client.lease)
         if is_own and kept_camera is not None and kept_camera.viewport == client.viewport:
             return kept_camera
+        picture = self.camera_view(client)
+        if picture is not None:
+            return picture.camera(client.viewport)
         q = self._chain_joints(self._arm_thread.snapshot.measured)
         yaw_rad = self.extent.yaw_rad(q) if client.view.name == "side" else 0.0
         return self._make_camera(client.view, client.viewport, yaw_rad)
@@ -303,10 +318,9 @@ class FrameComposer:
         frames: list[Frame] = []
         if "arm_info" not in client.sent:
             client.sent["arm_info"] = True
-            views = available_views(self.extent)
             now_s = self._clock.now_s()
             frames.append(
-                arm_frame(self._arm_thread, self._interaction, client.permission, views, now_s)
+                arm_frame(self._arm_thread, self._interaction, client.permission, self.views, now_s)
             )
         if client.viewport is not None:
             frames += self._scene_frames(client)
@@ -358,6 +372,7 @@ class FrameComposer:
             client.view,
             client.viewport,
             client.webgl,
+            client.height_m,
             self._has_handles(client),
             region and region.fingerprint,
         )
@@ -383,9 +398,11 @@ class FrameComposer:
         )
         if snapshot.calibration is not None:
             state = show_calibration(state, snapshot.calibration, self._arm_thread.arm.model)
+        picture = self.camera_view(client)
         scene = {
             "kind": "scene",
             "webgl": client.webgl,
+            "picture_trouble": None if picture is None else picture.trouble,
             "refusal": self._refusal_text(),
             **self._trace_fields(),
             **self._graph.fields(state, handles=self._has_handles(client)),
@@ -428,6 +445,10 @@ class FrameComposer:
     def _tip_plane(self, client: Client) -> SlicePlane | None:
         """Return the plane in which the tip is dragged: that of the goal, if there is one."""
         q = self._chain_joints(self._arm_thread.snapshot.measured)
+        picture = self.camera_view(client)
+        if picture is not None:
+            z_m = picture.plane_m(client.height_m)
+            return slice_plane(self.extent, "top", q, lambda: np.array([0.0, 0.0, z_m]))
         name = "side" if client.webgl else client.view.name
         return slice_plane(self.extent, name, q, partial(self._shown_tip_m, q))
 

@@ -22,6 +22,7 @@ from ikservo.view.drag_solver import AUTO, DragSolver, PosturePreference
 from ikservo.view.goal_history import GoalHistory, PastGoal
 from ikservo.view.held_controls import GamepadControl, GripperControl, gripper_control
 from ikservo.view.labels import describe_target
+from ikservo.view.lens_camera import Surface
 from ikservo.view.messages import Message
 from ikservo.view.picking import PickCandidate, Picker, PointerContext
 from ikservo.view.snapshot import ArmSnapshot, GoalRefusal, LogEntry
@@ -338,14 +339,18 @@ class Interaction:
         )
 
     def pointer_context(
-        self, camera: Camera, snapshot: ArmSnapshot, plane_m: Vector | None = None
+        self,
+        camera: Camera,
+        snapshot: ArmSnapshot,
+        plane_m: Vector | None = None,
+        surface: Surface | None = None,
     ) -> PointerContext:
-        """Return what the user sees; for ``plane_m`` see ``PointerContext``."""
+        """Return what the user sees; for ``plane_m`` and ``surface`` see ``PointerContext``."""
         measured = self._index.chain_joints(snapshot.measured)
         goal = self.shown_goal
         arms = (measured,) if goal is None else (goal, measured)
         other_joints = self._index.by_name(snapshot.measured)
-        return PointerContext(camera, arms, plane_m, other_joints)
+        return PointerContext(camera, arms, plane_m, other_joints, surface)
 
     def _drive_gripper(
         self, gripper: GripperControl, grip: float, snapshot: ArmSnapshot, now_s: float

@@ -88,15 +88,17 @@ class SetViewport(PageMessage):
 
     Attributes:
         handles: Whether WebGL draws handles at the tool.
+        height_m: How far above the table a click in a camera's picture is.
     """
 
     kind: Literal["viewport"]
     w: Length
     h: Length
     dpr: Annotated[float, Field(ge=0.25, le=16, allow_inf_nan=False)]
-    view: Literal["side", "top", "front", "orbit", "plane"]
+    view: Literal["side", "top", "front", "orbit", "plane", "camera"]
     webgl: bool = False
     handles: bool = False
+    height_m: Annotated[float, Field(ge=-1, le=2, allow_inf_nan=False)] = 0.0
 
 
 class Pointer(PageMessage):

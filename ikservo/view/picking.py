@@ -23,6 +23,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.view.bvh import build_bvh
 from ikservo.view.camera import Camera
 from ikservo.view.joint_dials import JointDial, joint_dials
+from ikservo.view.lens_camera import Surface
 from ikservo.view.link_poses import link_poses
 
 __all__ = ["PICK_TOLERANCE_PX", "Hit", "HitTester", "PickCandidate", "Picker", "PointerContext"]
@@ -142,7 +143,7 @@ class Picker:
         if half_px <= 0.0:
             return hits
         found = np.empty((len(forest.links), 5))
-        right_up = (at - camera.viewport.centre_px) * (1.0, -1.0) / camera.scale_px
+        right_up = camera.across_px(at) * (1.0, -1.0) / camera.scale_px
         pointer = np.array([*right_up, float(camera.perspective)])
         T_view_link = _view_transforms(camera, [poses[link] for link in forest.links])
         half = half_px / camera.scale_px
@@ -224,12 +225,14 @@ class PointerContext:
             arm. The first is the one that moves.
         plane_m: A point (3,) of the plane for clicks on nothing; that of the tip if None.
         other_joints: Positions of joints that are not in the chain to the tip.
+        surface: Where clicks on nothing go instead, in the picture of a calibrated camera.
     """
 
     camera: Camera
     arms: tuple[Vector, ...]
     plane_m: Vector | None = None
     other_joints: Mapping[str, float] = field(default_factory=dict[str, float])
+    surface: Surface | None = None
 
 
 class PickCandidate(NamedTuple):

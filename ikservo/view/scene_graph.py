@@ -29,6 +29,7 @@ from ikservo.model.model import at_distance, near_distance
 from ikservo.model.tool import tool_frame
 from ikservo.view.camera import NEAR_PLANE_M, Camera
 from ikservo.view.joint_dials import JointDial, joint_dials
+from ikservo.view.lens_camera import LensCamera
 from ikservo.view.link_poses import other_joint_position
 from ikservo.view.reachable_region import ReachableRegion
 from ikservo.view.scene import SceneState
@@ -204,6 +205,7 @@ def _camera_fields(camera: Camera) -> Fields:
         "perspective": camera.perspective,
         "near_m": NEAR_PLANE_M,
         "size": [camera.viewport.width_px, camera.viewport.height_px],
+        "lens": camera.fields() if isinstance(camera, LensCamera) else None,
     }
 
 

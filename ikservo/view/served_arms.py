@@ -25,6 +25,7 @@ from ikservo.view.frames import mode
 from ikservo.view.messages import BadMessageError, Message
 from ikservo.view.server import Frame, SessionEndedError
 from ikservo.view.snapshot import StopNotice
+from ikservo.view.video import VideoSource
 
 __all__ = [
     "ArmAtPort",
@@ -70,12 +71,14 @@ class ViewSettings:
         clock: The time of heartbeats.
         downloads: Takes the files that pages ask for.
         dead_man_s: How long an arm follows without a heartbeat of its page.
+        video: The camera of the page, if it has one.
     """
 
     open_arm: Callable[[Model, str | None], Arm]
     clock: Clock
     downloads: DownloadOffers
     dead_man_s: float = DEAD_MAN_TIMEOUT_S
+    video: VideoSource | None = None
 
 
 class ServedArm:
@@ -135,7 +138,11 @@ class ServedArm:
                 )
             )
             self.controller = SessionController(
-                self.arm_thread, settings.clock, settings.downloads, self._find_arm
+                self.arm_thread,
+                settings.clock,
+                settings.downloads,
+                self._find_arm,
+                settings.video,
             )
             stack.callback(self.controller.close)
             return stack.pop_all()

@@ -8,18 +8,18 @@ import threading
 from collections.abc import AsyncGenerator, Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 from urllib.parse import urlsplit
+
+import numpy as np
+from numpy.typing import NDArray
 
 from ikservo.clock import Clock
 from ikservo.errors import InputError
 from ikservo.eyes.capture import Capture, open_capture
+from ikservo.eyes.pictures import PictureSource
+from ikservo.eyes.sources import SIMULATED_SOURCE
 
-if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
-
-__all__ = ["VIDEO_TYPE", "Picture", "VideoSource"]
+__all__ = ["VIDEO_TYPE", "Picture", "PictureCapture", "VideoSource"]
 
 VIDEO_TYPE = "multipart/x-mixed-replace; boundary=picture"
 _PERIOD_S = 1.0 / 15.0  # between two pictures
@@ -50,6 +50,10 @@ class VideoSource:
         clock: Tells how old the last picture is.
         open_source: Opens the source.
 
+    Attributes:
+        source: As given.
+        newest: The last picture (h, w) or (h, w, 3); None before any.
+
     Raises:
         InputError: There is no such device or file.
     """
@@ -57,11 +61,13 @@ class VideoSource:
     def __init__(
         self, source: str, clock: Clock, open_source: Callable[[str], Capture] = open_capture
     ) -> None:
-        is_path = not source.isdecimal() and "://" not in source
+        is_path = not source.isdecimal() and "://" not in source and source != SIMULATED_SOURCE
         if is_path and not Path(source).exists():
             raise InputError(f"There is no camera or file {source}.", "Is it plugged in?")
-        self._source, self._clock, self._open = source, clock, open_source
+        self.source, self._clock, self._open = source, clock, open_source
         self._is_file = is_path and Path(source).is_file()
+        self._is_paced = self._is_file or source == SIMULATED_SOURCE
+        self.newest: NDArray[np.uint8] | None = None
         self._picture: Picture | None = None
         self._read_s, self._error = -math.inf, ""
         self._watchers = 0
@@ -83,9 +89,10 @@ class VideoSource:
     @property
     def name(self) -> str:
         """The source without what may be secret in an address."""
-        if "://" in self._source:
-            return urlsplit(self._source).hostname or "address"
-        return f"camera {self._source}" if self._source.isdecimal() else Path(self._source).name
+        if "://" in self.source:
+            return urlsplit(self.source).hostname or "address"
+        is_numbered = self.source.isdecimal() or self.source == SIMULATED_SOURCE
+        return f"camera {self.source}" if is_numbered else Path(self.source).name
 
     @property
     def trouble(self) -> str:
@@ -94,6 +101,11 @@ class VideoSource:
         if not self._watchers or now_s - max(self._read_s, self._watched_s) < _OLD_S:
             return ""
         return self._error or f"No picture from {self.name}: is it unplugged?"
+
+    @property
+    def is_fresh(self) -> bool:
+        """Whether somebody looks at a picture that is not old."""
+        return self._picture is not None and self._clock.now_s() - self._read_s < _OLD_S
 
     async def stream(self) -> AsyncGenerator[bytes]:
         """Yield new pictures as parts of ``VIDEO_TYPE``; a slow page misses some."""
@@ -125,7 +137,7 @@ class VideoSource:
 
     def _read_while_watched(self) -> None:
         """Read until nobody looks or the camera fails."""
-        capture = self._open(self._source)
+        capture = self._open(self.source)
         try:
             self._error = "" if capture.isOpened() else f"{self.name} cannot be opened."
             while self._watchers and not self._ending.is_set() and not self._error:
@@ -139,15 +151,42 @@ class VideoSource:
     def _keep(self, image: NDArray[np.uint8]) -> None:
         """Keep a picture as JPEG; a camera that is faster than the page misses some."""
         now_s = self._clock.now_s()
-        if self._is_file:
+        if self._is_paced:
             self._ending.wait(_PERIOD_S)
         elif now_s - self._read_s < _PERIOD_S:
             return
         import cv2  # noqa: PLC0415  # of the extra `camera`
 
         _, jpeg = cv2.imencode(".jpg", image)
+        self.newest = image
         number = 1 if self._picture is None else self._picture.number + 1
         self._picture, self._read_s = Picture(number, jpeg.tobytes()), now_s
+
+
+class PictureCapture:
+    """Single pictures of a source, one after the other.
+
+    Args:
+        source: Takes them.
+    """
+
+    def __init__(self, source: PictureSource) -> None:
+        self._source = source
+
+    def isOpened(self) -> bool:  # noqa: N802  # OpenCV's name
+        """Return True."""
+        return True
+
+    def read(self) -> tuple[bool, NDArray[np.uint8] | None]:
+        """Take a picture."""
+        return True, self._source.take()
+
+    def grab(self) -> bool:
+        """Return True: nothing is in a queue."""
+        return True
+
+    def release(self) -> None:
+        """Do nothing."""
 
 
 def _part(jpeg: bytes) -> bytes:

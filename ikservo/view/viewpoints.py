@@ -138,7 +138,7 @@ def _bounding_box(points_m: Matrix) -> Matrix:
     return np.array([points.min(axis=0), points.max(axis=0)])
 
 
-ViewName = Literal["side", "top", "front", "orbit", "plane"]
+ViewName = Literal["side", "top", "front", "orbit", "plane", "camera"]
 
 _MARGIN = 1.15
 _MIN_ZOOM, _MAX_ZOOM = 0.2, 20.0
@@ -154,7 +154,8 @@ class Viewpoint:
     """The viewpoint that a user has chosen.
 
     Attributes:
-        name: The direction; ``plane`` is along the axes of a flat arm.
+        name: The direction; ``plane`` is along the axes of a flat arm, ``camera`` the picture of
+            a calibrated camera.
         zoom: 1 shows the whole extent.
         pan_m: Offset of the image centre, right of and above the extent's centre.
         yaw_rad: Azimuth of ``orbit``; 0 is in front of the arm at home.
