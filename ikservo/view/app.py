@@ -19,6 +19,7 @@ from ikservo.clock import RealClock
 from ikservo.errors import BadValueError
 from ikservo.eyes.board import DEFAULT_BOARD, Board
 from ikservo.eyes.capture import Capture, open_capture
+from ikservo.eyes.pictures import PictureSource
 from ikservo.eyes.sources import SIMULATED_SOURCE, open_source
 from ikservo.hardware.transport import refuse_other_machines
 from ikservo.model import Model
@@ -133,6 +134,7 @@ class ViewApp:
             )
             stack.callback(self.arms.close)
             self.arms.open_all(self._places)
+            self._simulated = self._place_simulated_camera()
             new_arm = NewArmPanel(Path.cwd(), is_local=self._is_local)
             stack.callback(new_arm.close)
             choices = ChoiceFinder(self._places)
@@ -183,12 +185,22 @@ class ViewApp:
                             uncalibrated=self._uncalibrated)  # fmt: skip
 
     def _open_capture(self, source: str) -> Capture:
-        """Open the camera; a simulated one is before the first open arm."""
-        arm = self.arms.find("")
-        if source != SIMULATED_SOURCE or arm is None:
+        """Open the camera; a simulated one stands before the first arm from the beginning."""
+        if self._simulated is None:
             return open_capture(source)
+        return PictureCapture(self._simulated)
+
+    def _place_simulated_camera(self) -> PictureSource | None:
+        """Place a simulated camera before the first open arm.
+
+        Raises:
+            InputError: That is no simulated arm.
+        """
+        arm = self.arms.find("")
+        if self._camera != SIMULATED_SOURCE or arm is None:
+            return None
         transport = arm.arm_thread.arm.context.port.transport
-        return PictureCapture(open_source(source, transport, Board.named(DEFAULT_BOARD)))
+        return open_source(self._camera, transport, Board.named(DEFAULT_BOARD))
 
     def _collect_warnings(self) -> list[str]:
         if self._is_local:

@@ -61,7 +61,7 @@ class SimulatedCamera:
     Args:
         world: The arm.
         board: The board.
-        view: Where camera and board are; the board faces the camera as the arm is now.
+        view: Where camera and board are; the board faces the camera as the arm was placed.
         seed: Of the noise.
 
     Raises:
@@ -75,7 +75,7 @@ class SimulatedCamera:
             raise SimulatorError("these servos have no arm with a tip")
         self._world, self._tip = world, world.tip
         self._view = view = view or SimulatedView()
-        T_base_tip = self._tip_pose()
+        T_base_tip = self._tip.pose(world.placed)
         self.T_base_camera = look_at(T_base_tip[:3, 3] + view.from_tip_m, T_base_tip[:3, 3])
         T_base_board = self.T_base_camera.copy()
         c, s = math.cos(view.tilt_rad), math.sin(view.tilt_rad)

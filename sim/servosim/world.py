@@ -132,6 +132,7 @@ class World:
             servo.changed = self.leave_idle
         if self._mover is not None:
             self._mover.place([joint.position for joint in self.joints])
+        self.placed = [joint.position for joint in self.joints]  # before it sank or was driven
 
     @property
     def time_s(self) -> float:
@@ -184,6 +185,7 @@ class World:
         self._coupled.come_to_rest()
         if self._mover is not None:
             self._mover.place([joint.position for joint in self.joints])
+        self.placed = [joint.position for joint in self.joints]
         self.leave_idle()
 
     def joint(self, name: str) -> SimulatedJoint:

@@ -1,4 +1,4 @@
-// The camera's picture beside the arm or behind it; what is wrong with it is said below it.
+// The camera's picture beside the arm or behind it, or as its view; what is wrong with it is said below it.
 
 import { $, setText, updateChoices } from "./elements.js";
 
@@ -9,21 +9,40 @@ export class CameraPicture {
   constructor(send) {
     this.send = send;
     this.place = "beside";
+    this.isView = false; // whether the drawing is over the whole picture, as the camera sees it
+    this.camera = null;
+    this.pictureTrouble = null; // why the view takes no targets
     this.asked = false; // whether the address of the pictures was asked for
     $("camera-picture").onerror = () => this.retry();
   }
 
   // Called with every list of arms, of which the camera is a part.
   show(camera) {
-    $("camera-places").hidden = !camera;
-    $("camera").hidden = !camera || this.place === "off";
+    this.camera = camera;
+    const place = this.isView ? "view" : this.place;
+    $("camera-places").hidden = !camera || this.isView;
+    $("camera").hidden = !camera || place === "off";
     if (!camera) return;
     updateChoices($("camera-places"), Object.keys(PLACES), this.place, (place) => this.choose(place, camera), (place) => PLACES[place]);
-    document.body.dataset.camera = this.place;
+    document.body.dataset.camera = place;
     $("camera-picture").alt = `Picture of ${camera.name}`;
-    setText($("camera-note"), camera.trouble || camera.name);
-    $("camera").toggleAttribute("data-trouble", Boolean(camera.trouble));
-    if (this.place !== "off" && !this.asked) this.ask();
+    const trouble = camera.trouble || this.pictureTrouble;
+    setText($("camera-note"), trouble || camera.name);
+    $("camera").toggleAttribute("data-trouble", Boolean(trouble));
+    if (place !== "off" && !this.asked) this.ask();
+  }
+
+  setView(isView) {
+    if (this.isView === isView) return;
+    this.isView = isView;
+    if (!isView && this.place === "off") this.drop();
+    this.show(this.camera);
+  }
+
+  showPictureTrouble(trouble) {
+    if (this.pictureTrouble === trouble) return;
+    this.pictureTrouble = trouble;
+    this.show(this.camera);
   }
 
   choose(place, camera) {
@@ -38,7 +57,7 @@ export class CameraPicture {
   }
 
   setAddress(url) {
-    if (this.place !== "off") $("camera-picture").src = url;
+    if (this.place !== "off" || this.isView) $("camera-picture").src = url;
   }
 
   // Without an address nothing is fetched, and the server closes the camera.

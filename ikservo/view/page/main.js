@@ -10,6 +10,7 @@ import { Freshness } from "./freshness.js";
 import { Gamepads } from "./gamepad.js";
 import { HandleInput } from "./handle_input.js";
 import { Leader } from "./leader.js";
+import { NumberField } from "./number_field.js";
 import { Panel } from "./panel.js";
 import { Picture } from "./picture.js";
 import { PointerInput } from "./pointing.js";
@@ -21,7 +22,8 @@ import { Servos } from "./servos.js";
 import { StopButton } from "./stop.js";
 import { CalibrationScreens } from "./calibration.js";
 
-const VIEWS = { side: "Side", top: "Top", front: "Front", orbit: "Orbit", plane: "Plane" };
+const VIEWS = { side: "Side", top: "Top", front: "Front", orbit: "Orbit", plane: "Plane", camera: "Camera" };
+const MM = 0.001;
 
 const canvas = $("drawing");
 const drawing = new Drawing(canvas, $("backdrop"));
@@ -31,6 +33,7 @@ const key = options.get("token") ?? "";
 let armInfo = null;
 let view = null;
 let viewIsChosen = false; // by the user
+let height = 30 * MM; // of a click in a camera's picture above the table
 let scenes = []; // not drawn yet; one per animation frame, so that a late one is not skipped
 window.ikservo = { scene: null, items: [], status: null, drawn: 0 }; // for tests and benchmarks
 
@@ -96,6 +99,16 @@ const calibration = new CalibrationScreens(send);
 const overLink = () => Boolean(window.ikservo.scene?.hover) && window.ikservo.status?.controller === "you";
 const pointerInput = new PointerInput(canvas, send, overLink);
 const handleInput = new HandleInput(canvas.parentElement, canvas, () => rendering.drawn(), send);
+const heightField = new NumberField({
+  label: "Height above the table", unit: "mm", refuse: (message) => panel.showRefusal({ message, hint: "" }),
+  submit(value) {
+    height = Math.min(Math.max(value * MM, -1), 2);
+    heightField.show(height / MM, false);
+    sendViewport();
+  },
+});
+$("height-field").append(heightField.element, " mm");
+heightField.show(height / MM, false);
 const gamepads = new Gamepads(send, (text) => { $("gamepad").textContent = text; });
 gamepads.bindButton($("gripper-open"), -1);
 gamepads.bindButton($("gripper-close"), 1);
@@ -163,7 +176,9 @@ function sendViewport() {
   if (!armInfo) return;
   drawing.fit();
   const { clientWidth: w, clientHeight: h } = canvas;
-  send("viewport", { w, h, dpr: devicePixelRatio, view, webgl: rendering.wantsShapes(view), handles: rendering.wantsHandles() });
+  arms.camera.setView(view === "camera");
+  $("height-field").hidden = view !== "camera";
+  send("viewport", { w, h, dpr: devicePixelRatio, view, webgl: rendering.wantsShapes(view), handles: rendering.wantsHandles(), height_m: height });
   updateChoices($("views"), armInfo.views, view, (name) => { view = name; viewIsChosen = true; sendViewport(); }, (name) => VIEWS[name]);
 }
 
@@ -189,6 +204,7 @@ function show(scene) {
   canvas.toggleAttribute("data-picked", Boolean(scene.picked));
   showRefusal(scene.refusal, goalAt);
   showMission(scene, goalAt);
+  arms.camera.showPictureTrouble(scene.picture_trouble);
   enlargePose(scene, goalAt);
   actions.follow(scene.goal && !scene.grabbed ? goalAt : null);
   Object.assign(window.ikservo, { scene, items });

@@ -59,14 +59,19 @@ export class Picture {
     return [
       ...this.graph.boxes.filter(({ name }) => marked.includes(name)).map((box) => boxItem("picked", box, projection)),
       ...ghost.map(({ link, rings }) => ({ kind: "polygon", style: goalStyle(link, scene), rings, link })),
-      ...links.map(({ link, rings }) => ({ kind: "polygon", style: armStyle(link, scene), rings, link })),
+      ...links.map(({ link, rings }) => ({ kind: "polygon", style: armStyle(link, scene, projection), rings, link })),
       ...behind.map(({ rings }) => ({ kind: "polygon", style: "behind", rings })),
       ...this.dials.items(arm, goal, projection),
     ];
   }
 }
 
-const armStyle = (link, { hover, grabbed }) => (link === grabbed ? "grabbed" : link === hover ? "hover" : "measured");
+// Over the picture of a known camera, which shows the arm itself, there are outlines alone.
+function armStyle(link, { hover, grabbed }, { lens }) {
+  if (link === grabbed) return lens ? "outline_grabbed" : "grabbed";
+  if (link === hover) return lens ? "outline_hover" : "hover";
+  return lens ? "outline" : "measured";
+}
 
 function goalStyle(link, { refused_pair }) {
   if (refused_pair === null) return "ghost";

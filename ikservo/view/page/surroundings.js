@@ -12,11 +12,13 @@ const MARGIN_PX = 16;
 const MAX_WIDTH = 0.3; // of the scale bar, of the drawing
 const FACES = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
 
-// A bare scene is drawn over a camera's picture: a table would hide it, and what is in a plane of the arm is not there.
+// A bare scene is drawn over a camera's picture: a table would hide it, and what is in a plane of the arm is not there. Where
+// the camera is known, the region is that of the table.
 export function backdropItems({ centre, floor, boxes }, { region, region_pose, bare }, projection) {
+  const { lens } = projection;
   return [
-    ...(floor === null || bare ? [] : floorItems(centre, floor, projection)),
-    ...(region === null || bare ? [] : [regionItem(region, region_pose, projection)]),
+    ...(floor === null || bare || lens ? [] : floorItems(centre, floor, projection)),
+    ...(region === null || (bare && !lens) ? [] : [regionItem(region, region_pose, projection)]),
     ...boxes.map((box) => boxItem("keep_out", box, projection)),
   ];
 }
@@ -48,15 +50,15 @@ function gridLines(half) {
 }
 
 function regionItem(region, pose, projection) {
-  const rings = region.map((ring) => ring.map(([u, v]) => projection.project(transform(pose, [u, v, 0]))));
+  const rings = region.map((ring) => projection.projectClipped(ring.map(([u, v]) => transform(pose, [u, v, 0])), NEAR_M));
   return { kind: "polygon", style: "reach", rings };
 }
 
 // A box as its six faces filled together.
 export function boxItem(style, { name, low, high }, projection) {
   const corners = [];
-  for (const x of [low[0], high[0]]) for (const y of [low[1], high[1]]) for (const z of [low[2], high[2]]) corners.push(projection.project([x, y, z]));
-  const rings = FACES.map((face) => orient(face.map((i) => corners[i])));
+  for (const x of [low[0], high[0]]) for (const y of [low[1], high[1]]) for (const z of [low[2], high[2]]) corners.push([x, y, z]);
+  const rings = FACES.map((face) => orient(projection.projectClipped(face.map((i) => corners[i]), NEAR_M)));
   return { kind: "polygon", style, rings, name };
 }
 
