@@ -138,7 +138,7 @@ def known_camera(context: ArmContext) -> tuple[CalibratedCamera, CameraFile]:
     if found is None:
         raise CalibrationError(
             f"{name} has no calibrated camera.",
-            f"Calibrate it: ikservo calibrate {name} --camera 0",
+            f"Show one a board, with its option for a camera: ikservo calibrate {name}",
         )
     return found
 

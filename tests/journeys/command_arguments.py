@@ -70,7 +70,7 @@ _NEEDED = {  # options that a command cannot do without
 _WITHOUT_OPTIONS = ("arms",)  # they belong to `arms new`, which has journeys of its own
 _WHOLE = {  # arguments that depend on each other: their names and the command line
     "arms": (("action", "name"), ["list"]),
-    "camera": (("action", "file"), ["board {folder}/board.pdf"]),
+    "camera": (("action", "file"), ["board {folder}/board.pdf"]),  # check: tests/cli
     "servo": (("action", "words"), ["ping", "table --id {joint}"]),  # tune has tests of its own
     "export": (
         ("kind", "recordings"),

@@ -1,0 +1,56 @@
+"""The picture of a calibrated camera is a view: a click in it is a target on the table."""
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.view.camera import Viewport
+from tests.browser.page_operator import Operator, serve_view, until
+
+pytest.importorskip("cv2")
+
+from tests.eyes.saved_camera import save_simulated_camera
+
+pytestmark = pytest.mark.browser
+
+PORT = "sim:?pose=home"
+
+
+@pytest.fixture
+def operator(browser, tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+    with ikservo.open_arm("so101", PORT) as arm:
+        save_simulated_camera(arm)
+    with serve_view(port=PORT, camera="sim") as served:
+        context = browser.new_context(viewport={"width": 1200, "height": 800})
+        operator = Operator(context.new_page(), served)
+        operator.page.click("#views [value=camera]")
+        operator.wait_for("scene.camera.lens && scene.picture_trouble === ''")
+        yield operator.wait_for_picture()
+        context.close()
+
+
+def lens_of(operator):
+    size = operator.page.evaluate("window.ikservo.scene.camera.size")
+    return operator.served.view.controller._camera_view.camera(Viewport(*size))
+
+
+def test_the_tip_arrives_at_the_point_of_the_table_that_was_clicked(operator):
+    point_m = np.array([0.25, 0.08, 0.03])  # at the height that the page proposes
+    px = lens_of(operator).project(point_m)[0]
+    operator.click(px).wait_for("scene.goal && scene.marker?.reached")
+    np.testing.assert_allclose(operator.items("target")[0]["at"], px, atol=0.6)
+    operator.wait_for("!scene.refusal && !document.getElementById('execute').disabled")
+    operator.page.click("#execute")
+    until(lambda: np.linalg.norm(operator.served.tip_m() - point_m) < 0.002,
+          operator.served.tip_m)  # fmt: skip
+    assert operator.errors == []
+
+
+def test_a_picture_that_is_not_fresh_takes_no_click(operator):
+    operator.served.app._simulated.take = lambda: None  # unplugged
+    operator.wait_for("scene.picture_trouble")
+    operator.click(lens_of(operator).project([0.25, 0.08, 0.03])[0])
+    operator.page.wait_for_timeout(500)
+    assert operator.page.evaluate("window.ikservo.scene.goal") is None
+    assert "not fresh" in operator.page.inner_text("#camera-note")
