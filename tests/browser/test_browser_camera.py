@@ -53,4 +53,4 @@ def test_a_picture_that_is_not_fresh_takes_no_click(operator):
     operator.click(lens_of(operator).project([0.25, 0.08, 0.03])[0])
     operator.page.wait_for_timeout(500)
     assert operator.page.evaluate("window.ikservo.scene.goal") is None
-    assert "not fresh" in operator.page.inner_text("#camera-note")
+    assert "is it unplugged" in operator.page.inner_text("#camera-note")
