@@ -59,11 +59,12 @@ def _drive_in_use(joint: ModelJoint, supply_v: float | None) -> JointDrive | Non
 
 
 def _greatest_inertia(model: Model, chain: Chain) -> dict[str, float]:
-    """Compute the inertia that each joint of a chain moves, kg m², in the worst posture."""
+    """Compute the inertia that each joint of a chain moves with the payload, in any posture."""
     parameters = nominal_parameters(model, chain)
     if parameters is None:
         return {}
-    matrices = parameters.dynamics.inertia_matrix(spread_postures(chain))
+    loaded = parameters.dynamics.with_payload(model.payload_kg)
+    matrices = loaded.inertia_matrix(spread_postures(chain))
     greatest = np.diagonal(matrices, axis1=1, axis2=2).max(axis=0)
     return dict(zip(chain.names, greatest.tolist(), strict=True))
 

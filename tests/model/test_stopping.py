@@ -21,10 +21,10 @@ def furthest(inertia, damping, stiffness):
 @pytest.mark.parametrize(("name", "joint"), [
     ("wx250s", "waist"), ("so101", "elbow_flex"), ("vx300s", "forearm_roll"),
 ])  # fmt: skip
-def test_a_joint_travels_its_lag_and_its_swing(name, joint):
+def test_a_joint_travels_its_lag_and_its_swing_under_the_payload(name, joint):
     model = load_model(name)
     column = model.chain.names.index(joint)
-    dynamics = nominal_parameters(model, model.chain).dynamics
+    dynamics = nominal_parameters(model, model.chain).dynamics.with_payload(model.payload_kg)
     carried = dynamics.inertia_matrix(spread_postures(model.chain))[:, column, column].max()
     drive = joint_drive(model.joint(joint), model.supply_v)
     expected_s = furthest(
