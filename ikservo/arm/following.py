@@ -219,6 +219,7 @@ class FollowResult:
         measured_rad: The joints in the end, corrected, rad or m by name.
         measured_tip_m: The tip there (3,), metres.
         duration_s: From the first target to rest, the correction included.
+        warnings: What was warned of meanwhile: heat, or a servo that soon protects itself.
     """
 
     setpoints: int
@@ -229,6 +230,7 @@ class FollowResult:
     measured_rad: dict[str, float]
     measured_tip_m: Vector
     duration_s: float
+    warnings: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -337,7 +339,8 @@ def follow_targets(
     context.require_zeros()
     context.model.speed(speed)
     follower = _TargetFollower(context, targets, on_progress, on_refused)
-    started_s = context.now_s()
+    started_s, warnings = context.now_s(), context.servos.warnings
+    warnings.clear()
     with arm.runner.requested():
         goal = follow_goals(arm, follower, speed=speed)
         if goal is None:
@@ -353,4 +356,5 @@ def follow_targets(
         measured_rad=context.index.by_name(measured),
         measured_tip_m=context.planner.tip(measured),
         duration_s=context.now_s() - started_s,
+        warnings=tuple(warnings),
     )

@@ -419,7 +419,7 @@ class MotionRunner:
                 self.on_overheat()
             self.disable_torque()
         except IkservoError as error:
-            servos.warn(f"The arm could not be lowered: {error.message}")
+            servos.log_warning(f"The arm could not be lowered: {error.message}")
         finally:
             servos.torque.lowering_ended()
             servos.latch_stop(reason)

@@ -211,6 +211,11 @@ class SetpointStream:
         return self._progress
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """What was warned of since the first setpoint: heat, a servo that soon protects itself."""
+        return tuple(self._context.servos.warnings)
+
+    @property
     def sent(self) -> int:
         """How many setpoints were sent."""
         return self._mailbox.put_count

@@ -46,6 +46,7 @@ _FIELDS: Fields[FollowResult] = (
     Field("ended", "ended"),
     Field("measured_rad"),
     Field("measured_tip_m", "tip", lambda report: format_point(report.measured_tip_m)),
+    Field("warnings"),
     Field("duration_s", "duration", lambda report: f"{report.duration_s:.2f} s"),
 )
 _LINES = "ended setpoints measured_tip_m duration_s"

@@ -8,7 +8,7 @@ from collections.abc import Callable, Generator
 from contextlib import contextmanager
 from pathlib import Path
 
-from ikservo.arm import MotionPlan, MotionProgress, OpenArm, StopKind, ZeroSource, open_arm
+from ikservo.arm import Arm, MotionPlan, MotionProgress, OpenArm, StopKind, ZeroSource, open_arm
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ArmConnection, MotionOptions
 from ikservo.cli.terminal import confirm, format_port, print_status, progress_bar
@@ -111,6 +111,8 @@ def open_from_options(
             print_status(
                 "Not calibrated: using nominal zeros; the position may be wrong by several cm."
             )
+        if isinstance(machine, Arm):
+            machine.context.servos.warn = print_status
         with second_interrupt_lowers(machine):
             yield machine
 

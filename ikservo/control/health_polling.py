@@ -14,13 +14,13 @@ from ikservo.control.feedback import (
     read_registers,
 )
 from ikservo.control.servo_limits import ServoRamLimits
-from ikservo.guard import HealthMonitor, ServoTelemetry
+from ikservo.guard import HealthMonitor, OverloadMonitor, ServoTelemetry
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.read_plan import contiguous_runs
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Register, RegisterName
 
-__all__ = ["HealthPoller", "read_supply_ranges"]
+__all__ = ["HealthPoller", "read_supply_ranges", "read_trip_c"]
 
 # Between two reads; where cycles are shorter than this, not every cycle has one.
 _PERIOD_S = 0.008
@@ -45,6 +45,7 @@ class HealthPoller:
         names: The name of each servo, by id: its joint, or which further servo of it.
         limits: The expected limits in the servos' RAM.
         health: Checks the telemetry.
+        overload: Told of each load that is a share of the servo's output.
         on_warning: Called with each new warning.
     """
 
@@ -54,10 +55,11 @@ class HealthPoller:
         names: Mapping[int, str],
         limits: ServoRamLimits,
         health: HealthMonitor,
+        overload: OverloadMonitor,
         on_warning: Callable[[str], None],
     ) -> None:
         self._bus, self._limits, self._health = bus, limits, health
-        self._on_warning = on_warning
+        self._overload, self._on_warning = overload, on_warning
         self._names = dict(names)
         self._known: dict[int, dict[Register, int]] = {}
         self._requests: list[tuple[int, list[Register]]] = []
@@ -143,6 +145,11 @@ class HealthPoller:
         if servo_id in values:
             self._known[servo_id].update(values[servo_id])
             self._check_servo(servo_id)
+            load = self._bus.servos[servo_id].table.present_load
+            if load in values[servo_id] and load.unit.symbol != "A":
+                percent = 100.0 * load.to_value(values[servo_id][load])
+                now_s = self._bus.clock.now_s()
+                self._overload.observe_load(self._names[servo_id], percent, now_s)
 
     def _check_servo(self, servo_id: int) -> None:
         telemetry = self._make_telemetry(servo_id)
@@ -195,3 +202,14 @@ def read_supply_ranges(bus: ServoBus, names: Mapping[int, str]) -> dict[str, tup
         max_v = table.find(RegisterName.MAX_VOLTAGE_LIMIT).to_value(high[servo_id])
         ranges[name] = (min_v, max_v)
     return ranges
+
+
+def read_trip_c(bus: ServoBus, names: Mapping[int, str]) -> dict[str, float]:
+    """Read the temperature [°C] at which each servo protects itself, by its name.
+
+    Raises:
+        BusError: A servo does not answer.
+    """
+    raw = read_register(bus, names, RegisterName.MAX_TEMPERATURE_LIMIT)
+    limits = {i: bus.servos[i].table.find(RegisterName.MAX_TEMPERATURE_LIMIT) for i in names}
+    return {name: limits[i].to_value(raw[i]) for i, name in names.items()}

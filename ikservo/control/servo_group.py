@@ -20,9 +20,13 @@ from ikservo.control.feedback import (
     read_registers,
     with_retries,
 )
-from ikservo.control.health_polling import HealthPoller, read_supply_ranges
+from ikservo.control.health_polling import HealthPoller, read_supply_ranges, read_trip_c
 from ikservo.control.servo_gains import raise_gains, read_gain_shares
-from ikservo.control.servo_limits import limit_torque
+from ikservo.control.servo_limits import (
+    limit_torque,
+    read_overload_rule,
+    read_torque_share,
+)
 from ikservo.control.stop_requests import StopOutcome, hold_servos
 from ikservo.control.streamed_servos import StreamedServos
 from ikservo.guard import (
@@ -114,13 +118,15 @@ class ServoGroup(StreamedServos):
         if not all(torque.values()):
             self._catch_falling_joints(start)
         names = dict(zip(self._ids, self.names, strict=True)) | self._shadows
-        health = HealthMonitor(self._health, read_supply_ranges(self._bus, names))
+        health = self._make_health_monitor(names)
         self._health_poller = HealthPoller(
-            self._bus, names, self._limits, health, self._log_warning
+            self._bus, names, self._limits, health, self.overload, self.log_warning
         )
         held = np.array([torque[driven.servo_id] != 0 for driven in self.driven_joints])
         self.set_reference(np.where(held, self.measure_positions(), self.goals()))
-        self.compensator.start(read_gain_shares(self._bus, self.driven_joints))
+        shares = read_gain_shares(self._bus, self.driven_joints)
+        self.compensator.start(shares)
+        self._read_overload_rules(shares)
         self.torque.enabled()
 
     def enable_joint(self, joint: str, speed_rad_s: float) -> None:
@@ -224,7 +230,12 @@ class ServoGroup(StreamedServos):
         Raises:
             RegisterAccessError: The servo has no such limit.
         """
-        limit_torque(self._bus, self._ids[self.names.index(joint)], fraction)
+        servo_id = self._ids[self.names.index(joint)]
+        limit_torque(self._bus, servo_id, fraction)
+        if joint in self.overload.rules:
+            share = read_torque_share(self._bus, servo_id)
+            rule = replace(self.overload.rules[joint], torque_limit=share)
+            self.overload.rules[joint] = rule
 
     def check_goal(self, positions: Vector, start: Vector) -> None:
         """Check a distant goal (n,) before a motion to it from ``start`` (n,) begins.
@@ -263,7 +274,13 @@ class ServoGroup(StreamedServos):
 
     def read_states(self) -> tuple[JointState, ...]:
         """Read every joint's position, limits, temperature, voltage, load and torque."""
-        return read_joint_states(self._bus, self.driven_joints, self._feedback.measure_ticks())
+        ticks, now_s = self._feedback.measure_ticks(), self.clock.now_s()
+        states = read_joint_states(self._bus, self.driven_joints, ticks)
+        if not self.torque.is_moving:
+            held = {state.name: ticks[state.name] for state in states if state.torque}
+            for warning in self.overload.update(self._gate.goals, held, now_s):
+                self.log_warning(warning)
+        return states
 
     def check_health(self) -> None:
         """Raise where a motion that starts now would end at once by what the servos report.
@@ -275,7 +292,7 @@ class ServoGroup(StreamedServos):
             {driven.servo_id: driven.joint for driven in self.driven_joints},
             self.clock.now_s(),
         )
-        monitor = HealthMonitor(self._health, read_supply_ranges(self._bus, names))
+        monitor = self._make_health_monitor(names)
         for state in self.read_states():
             monitor.update(
                 ServoTelemetry(
@@ -289,6 +306,17 @@ class ServoGroup(StreamedServos):
                     alarms=frozenset(state.alarms),
                 )
             )
+
+    def _make_health_monitor(self, names: Mapping[int, str]) -> HealthMonitor:
+        supplies, limits_c = read_supply_ranges(self._bus, names), read_trip_c(self._bus, names)
+        return HealthMonitor(self._health, supplies, limits_c)
+
+    def _read_overload_rules(self, gain_shares: Sequence[float]) -> None:
+        rules = {
+            driven.joint: read_overload_rule(self._bus, driven.servo_id, share)
+            for driven, share in zip(self.driven_joints, gain_shares, strict=True)
+        }
+        self.overload.rules = {name: rule for name, rule in rules.items() if rule is not None}
 
     def _catch_falling_joints(self, start: dict[str, int]) -> None:
         """Wait until all joints are near their goals; where one fell past, it holds there."""
@@ -337,9 +365,6 @@ class ServoGroup(StreamedServos):
         self, ticks: Mapping[str, int], ranges: Mapping[str, tuple[int, int]]
     ) -> dict[str, int]:
         return {joint: nearest_goal(joint, tick, ranges[joint]) for joint, tick in ticks.items()}
-
-    def _log_warning(self, text: str) -> None:
-        self.warn(text)
 
 
 # An arm whose torque comes on while it falls swings: it is at rest when no joint moves by more

@@ -8,11 +8,19 @@ from functools import partial
 
 from ikservo.control.feedback import with_retries
 from ikservo.errors import BusError, HeldUpError, RegisterAccessError
+from ikservo.guard import OverloadRule
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.servo import ServoSpec
-from ikservo.registers import OperatingMode, Register, RegisterName
+from ikservo.model.servo_torque import find_servo_torque
+from ikservo.registers import Alarm, OperatingMode, Register, RegisterName
 
-__all__ = ["ServoRamLimits", "limit_torque", "torque_limit_registers"]
+__all__ = [
+    "ServoRamLimits",
+    "limit_torque",
+    "read_overload_rule",
+    "read_torque_share",
+    "torque_limit_registers",
+]
 
 
 def limit_torque(bus: ServoBus, servo_id: int, fraction: float) -> None:
@@ -50,6 +58,48 @@ def torque_limit_registers(bus: ServoBus, servo_id: int) -> tuple[Register, Regi
             return registers["goal_current"], registers["current_limit"]
     if "pwm_limit" in registers:
         return registers["goal_pwm"], registers["pwm_limit"]
+    return None
+
+
+def read_torque_share(bus: ServoBus, servo_id: int) -> float:
+    """Read the largest share of its whole torque that a servo's limits in force let it give.
+
+    Raises:
+        BusError: It does not answer.
+    """
+    registers = torque_limit_registers(bus, servo_id)
+    if registers is None:
+        return 1.0
+    limit, _ = registers
+    return min(abs(bus.read(servo_id, limit, raw=True)) / limit.range[1], 1.0)
+
+
+# Sheets of Dynamixel call an overload "persistent" and give no figures: those of the simulator.
+_DYNAMIXEL_OUTPUT, _DYNAMIXEL_TIME_S = 0.9, 2.0
+
+
+def read_overload_rule(bus: ServoBus, servo_id: int, gain_share: float) -> OverloadRule | None:
+    """Read when a servo protects itself from overload; None where it does not.
+
+    Args:
+        bus: The servos' bus.
+        servo_id: The servo.
+        gain_share: Its P gain as a share of the one in the table of motors.
+
+    Raises:
+        BusError: It does not answer.
+    """
+    table = bus.servos[servo_id].table
+    registers, torque = table.registers, find_servo_torque(table.model_name, None)
+    per_rad = gain_share * torque.stiffness_nm_rad / torque.full_duty_nm if torque else 0.0
+    share = read_torque_share(bus, servo_id)
+    if "overload_torque" in registers:
+        output = bus.read(servo_id, registers["overload_torque"])
+        time_s = bus.read(servo_id, registers["protection_time"])
+        return OverloadRule(output, time_s, per_rad, share) if output < 1.0 else None
+    bits = sum(1 << bit for bit, alarm in table.alarm_bits.items() if alarm is Alarm.OVERLOAD)
+    if "shutdown" in registers and bus.read(servo_id, registers["shutdown"], raw=True) & bits:
+        return OverloadRule(_DYNAMIXEL_OUTPUT, _DYNAMIXEL_TIME_S, per_rad, share)
     return None
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import math
+from collections import deque
 from collections.abc import Callable, Generator, Mapping, Sequence
 
 import numpy as np
@@ -23,7 +24,14 @@ from ikservo.errors import (
     RegisterAccessError,
     StoppedError,
 )
-from ikservo.guard import DrivenJoint, Gate, StopReason, TrackingMonitor, torque_lost_error
+from ikservo.guard import (
+    DrivenJoint,
+    Gate,
+    OverloadMonitor,
+    StopReason,
+    TrackingMonitor,
+    torque_lost_error,
+)
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.goal_writing import write_goals
 from ikservo.kinematics.arrays import Vector
@@ -42,6 +50,7 @@ STALL_S = 0.1
 motion is not advanced: it accelerates again from a stop."""
 # After more restarts than this a motion does not continue by itself.
 _MAX_RESTARTS = 10
+_KEPT_WARNINGS = 50
 
 
 class StreamedServos:
@@ -60,7 +69,9 @@ class StreamedServos:
         torque: Whether the servos hold, and whether a control loop runs.
         restarts: How often in this motion the servos' watchdogs stopped them, because the program
             was delayed, and they were started again.
-        warn: Called with each warning for the user; ignores them by default.
+        overload: Predicts when a servo protects itself, and relaxes a joint that presses before.
+        warnings: The last warnings for the user, the oldest first.
+        warn: Called with each of them; ignores them by default.
     """
 
     def __init__(self, bus: ServoBus, driven_joints: Sequence[DrivenJoint], clock: Clock) -> None:
@@ -70,6 +81,7 @@ class StreamedServos:
         self._ids = [driven.servo_id for driven in driven_joints]
         self._tick_ranges = {driven.servo_id: driven.tick_range for driven in driven_joints}
         self._gate = Gate(driven_joints, self._write_goals, clock)
+        self.overload = OverloadMonitor(driven_joints)
         self._feedback = Feedback(bus, driven_joints)
         self.compensator = GoalCompensator(driven_joints)
         self._reference = self._measured = np.zeros(len(self.driven_joints))
@@ -84,6 +96,7 @@ class StreamedServos:
         self._cycle_at_s = self._horn_rad_s = 0.0
         self.restarts = 0
         self.stop_request, self.torque = StopRequest(), TorqueStateMachine()
+        self.warnings: deque[str] = deque(maxlen=_KEPT_WARNINGS)
         self.warn: Callable[[str], None] = lambda _: None
 
     def measure_positions(self) -> Vector:
@@ -166,7 +179,7 @@ class StreamedServos:
         since_s = 0.5 * (self._cycle_at_s + now_s) - self._reference_s
         fresh = ~np.isin(self.names, self.lost_joints)
         ease = np.array([self._gate.ease(name) for name in self.names])
-        grow = self._uncut * ease
+        grow = self._uncut * ease * ~np.isin(self.names, self.overload.relaxed_joints)
         self.compensator.observe(self._measured, since_s, elapsed_s, fresh=fresh, grow=grow)
         goals = self.compensator.goals(point, elapsed_s, rate, ease)
         self._uncut = self.send_goals(goals, now_s)
@@ -252,6 +265,7 @@ class StreamedServos:
             self.torque.loop_started()
             yield
             self._disarm_watchdog()
+            self._relax_pressing()
             self.torque.loop_ended()
             self.stop_request.raise_if_set()  # requested after the last cycle
         except BaseException as error:
@@ -308,7 +322,7 @@ class StreamedServos:
             RefusedError: A joint does not follow its goal.
         """
         try:
-            self._following.update(self.goals(), measured)
+            self._following.update(self._undrawn_goals(), measured)
         except RefusedError as error:
             self._bus.sync_read(self._ids, RegisterName.TORQUE_ENABLE, raw=True)
             limp = self._limp_joints()
@@ -371,13 +385,36 @@ class StreamedServos:
         self.stop_request.raise_if_without_braking()
         if self._gate.stale_joints(now_s):
             return False
-        requested = self._to_ticks(positions)
+        self._undrawn = self._to_ticks(positions)
+        requested = self.overload.draw_back(self._undrawn, self._feedback.latest)
         goals = self._gate.shorten_goals(requested, now_s)
         try:
             self._gate.send(goals, now_s)
         except RegisterAccessError as error:  # a limp servo takes no goal
             raise self._torque_error(error) from error
+        for warning in self.overload.update(goals, self._feedback.latest, now_s):
+            self.log_warning(warning)
         return goals == requested
+
+    def log_warning(self, text: str) -> None:
+        """Keep a warning for the user, and tell it."""
+        self.warnings.append(text)
+        self.warn(text)
+
+    def _undrawn_goals(self) -> Vector:
+        """Return the goals (n,) in force, of joints that are relaxed those that were asked for.
+
+        A joint that presses further and further has to end the motion although it is relaxed.
+        """
+        relaxed = {name: self._undrawn[name] for name in self.overload.relaxed_joints}
+        return self._to_positions({**self._gate.goals, **relaxed}) if relaxed else self.goals()
+
+    def _relax_pressing(self) -> None:
+        """Draw back the goals of joints that press too hard: nothing is read while they hold."""
+        if self.overload.relaxes:
+            goals = self.overload.relaxed_goals(self._gate.goals, self._feedback.latest)
+            if goals:
+                self._gate.hold(goals)
 
     def _torque_error(self, error: RegisterAccessError) -> IkservoError:
         limp = self._limp_joints()

@@ -22,6 +22,7 @@ from ikservo.guard.monitors import (
     alarm_hint,
     torque_lost_error,
 )
+from ikservo.guard.overload import OverloadMonitor, OverloadRule
 from ikservo.guard.sag import Weight, sag_of
 from ikservo.model.model import HealthLimits, KeepOutBox
 
@@ -38,6 +39,8 @@ __all__ = [
     "HealthLimits",
     "HealthMonitor",
     "KeepOutBox",
+    "OverloadMonitor",
+    "OverloadRule",
     "ServoTelemetry",
     "StopKind",
     "StopLatch",

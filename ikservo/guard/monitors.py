@@ -146,6 +146,8 @@ class DeadManSwitch:
 
 # The status of a servo not read for this long is unknown.
 _STALE_S = 1.0
+# Where a servo protects itself sooner than the arm file says, warnings begin so far below.
+_WARN_BELOW_C = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -179,21 +181,50 @@ class _ThresholdFault:
     hint: str
 
 
+@dataclass(slots=True)
+class _Heating:
+    """How fast a servo gets warmer: sensors tell whole degrees, so from one degree to the next."""
+
+    degree_c: float = math.nan
+    since_s: float = 0.0
+    rate_c_s: float = 0.0
+
+    def update(self, telemetry: ServoTelemetry) -> None:
+        risen_c = telemetry.temperature_c - self.degree_c
+        if risen_c == 0.0:
+            return
+        elapsed_s = telemetry.time_s - self.since_s
+        self.rate_c_s = risen_c / elapsed_s if risen_c > 0.0 and elapsed_s > 0.0 else 0.0
+        self.degree_c, self.since_s = telemetry.temperature_c, telemetry.time_s
+
+    def time_left(self, hold_c: float) -> str:
+        """Return in words how soon a temperature is reached; empty where it does not get warmer."""
+        if self.rate_c_s <= 0.0 or hold_c == math.inf:
+            return ""
+        return f", at this rate in {(hold_c - self.degree_c) / self.rate_c_s:.0f} s"
+
+
 class HealthMonitor:
     """Checks telemetry: a warning, or a reason to hold.
 
     Args:
         limits: The limits of the arm file.
         supply_v: The supply limits of each joint's servo, low and high, as in its registers.
+        trip_c: The temperature at which each joint's servo protects itself, as in its register.
 
     Attributes:
         release: Whether a servo is so hot that its torque must be switched off.
     """
 
     def __init__(
-        self, limits: HealthLimits, supply_v: Mapping[str, tuple[float, float]] | None = None
+        self,
+        limits: HealthLimits,
+        supply_v: Mapping[str, tuple[float, float]] | None = None,
+        trip_c: Mapping[str, float] | None = None,
     ) -> None:
         self._limits, self._supply_v = limits, dict(supply_v or {})
+        self._trip_c = dict(trip_c or {})
+        self._heating: dict[str, _Heating] = {}
         self._read_s: dict[str, float] = {}
         self._loaded_s: dict[str, float] = {}
         self.release = False
@@ -212,12 +243,21 @@ class HealthMonitor:
         if faults:
             found = "; ".join(fault.found for fault in faults)
             raise ServoAlarmError(f"{telemetry.joint} {found}.", faults[0].hint)
-        if telemetry.temperature_c < limits.warn_c:
+        hold_c = self._hold_c(telemetry.joint)
+        heating = self._heating.setdefault(telemetry.joint, _Heating())
+        heating.update(telemetry)
+        if telemetry.temperature_c < min(limits.warn_c, hold_c - _WARN_BELOW_C):
             return ()
         return (
             f"{telemetry.joint} is at {telemetry.temperature_c:.0f} °C; "
-            f"motion stops at {limits.hold_c:.0f} °C.",
+            f"motion stops at {hold_c:.0f} °C{heating.time_left(hold_c)}.",
         )
+
+    def _hold_c(self, joint: str) -> float:
+        """Return where the arm holds: by the arm file, and before the servo protects itself."""
+        hold_c = self._limits.hold_c
+        # An overheated arm is lowered without a limit.
+        return min(hold_c, self._trip_c.get(joint, hold_c)) if hold_c < math.inf else hold_c
 
     def check_telemetry_age(self, time_s: float) -> None:
         """Check that every servo that was ever read was read recently.
@@ -238,14 +278,15 @@ class HealthMonitor:
         if telemetry.alarms:
             alarms = ", ".join(sorted(str(alarm) for alarm in telemetry.alarms))
             yield _ThresholdFault(f"reports an alarm: {alarms}", alarm_hint(telemetry.alarms))
-        yield from self._temperature_faults(telemetry.temperature_c)
+        yield from self._temperature_faults(telemetry)
         yield from self._voltage_faults(telemetry)
         yield from self._load_faults(telemetry)
 
-    def _temperature_faults(self, celsius: float) -> Iterator[_ThresholdFault]:
+    def _temperature_faults(self, telemetry: ServoTelemetry) -> Iterator[_ThresholdFault]:
+        celsius, hold_c = telemetry.temperature_c, self._hold_c(telemetry.joint)
         # Written so that NaN is a fault, too.
-        if not celsius < self._limits.hold_c:
-            found = f"is at {celsius:.0f} °C (limit {self._limits.hold_c:.0f} °C)"
+        if not celsius < hold_c:
+            found = f"is at {celsius:.0f} °C (limit {hold_c:.0f} °C)"
             yield _ThresholdFault(found, "Let it cool down: ikservo relax")
 
     def _voltage_faults(self, telemetry: ServoTelemetry) -> Iterator[_ThresholdFault]:

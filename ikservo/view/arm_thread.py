@@ -103,6 +103,7 @@ class ArmThread:
         self.arm = open_arm()
         self._command = ArmCommand()
         self.snapshot = self._read_snapshot()
+        self.arm.context.servos.warn = self.log_message
         self._states_s = self._telemetry_s = clock.now_s()
         joints = self.arm.model.joints
         self.history = History(
@@ -429,6 +430,7 @@ class ArmThread:
     def _reopen_arm(self) -> None:
         """Open the arm again: it may have been calibrated meanwhile."""
         self.arm = self._open()
+        self.arm.context.servos.warn = self.log_message
         self._lost = False
         self.snapshot = self._update_positions()
 

@@ -1,0 +1,188 @@
+"""Overload told before a servo protects itself: how long each joint may press on, and how far."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from ikservo.guard.limits import DrivenJoint
+
+__all__ = ["OverloadMonitor", "OverloadRule"]
+
+
+@dataclass(frozen=True, slots=True)
+class OverloadRule:
+    """When a servo counts as overloaded, by its registers or its sheet.
+
+    Attributes:
+        output: Share of its whole output, 0 to 1, beyond which a blocked servo is overloaded.
+        time_s: After so long it protects itself.
+        output_per_rad: Share of the output for each rad between goal and horn; 0 where unknown.
+        torque_limit: Largest share of the output that its limits in force let it give.
+    """
+
+    output: float
+    time_s: float
+    output_per_rad: float = 0.0
+    torque_limit: float = 1.0
+
+
+# A horn that has turned by no more than this in this time is blocked (0.1 rad/s).
+_STILL_RAD, _STILL_S = 0.004, 0.04
+# A goal acts before its effect is measured: what comes this near to the limit counts as beyond it,
+# and what falls below the second share of the limit has ended.
+_NEAR, _ENDED = 0.97, 0.92
+# With so little time left a joint is relaxed, to so much of the limit.
+_RELAX_LEFT_S, _RELAXED_SHARE = 1.0, 0.6
+# A reading of the load is valid for this long.
+_LOAD_AGE_S = 0.3
+
+
+@dataclass(slots=True)
+class _Pressing:
+    """What is known of one joint.
+
+    Attributes:
+        tick: Where it has been since ``still_s``, within the tolerance.
+        output: The share of the output for its last goal.
+        load: The last reading of the load as a share of the output, signed.
+        since_s: Since when it presses beyond the limit; NaN where it does not.
+        bound: Its goal when it was relaxed, which the motion does not pass; None where it is not.
+        side: 1 where it presses to greater ticks, -1 to smaller ones.
+    """
+
+    tick: int = 0
+    still_s: float = math.nan
+    output: float = 0.0
+    load: float = 0.0
+    load_s: float = -math.inf
+    since_s: float = math.nan
+    bound: int | None = None
+    side: int = 1
+
+
+class OverloadMonitor:
+    """Predicts from goals and positions that are read anyway when a servo will protect itself.
+
+    A position loop gives the duty ``kp (goal - position)``, which is known one cycle before a
+    reading could tell; readings of the load are taken as well where they come.
+
+    Args:
+        driven_joints: The joints.
+
+    Attributes:
+        rules: By joint; a joint without one is not watched.
+        relaxes: Whether goals of joints that press are drawn back before the protection acts.
+    """
+
+    def __init__(self, driven_joints: Sequence[DrivenJoint]) -> None:
+        self.rules: dict[str, OverloadRule] = {}
+        self.relaxes = True
+        self._horn_rad = {d.joint: d.joint_map.horn_rad_per_tick for d in driven_joints}
+        self._joints = {d.joint: _Pressing() for d in driven_joints}
+        self._time_s = 0.0
+        self._news: list[str] = []
+
+    @property
+    def relaxed_joints(self) -> tuple[str, ...]:
+        """The joints whose goals are drawn back."""
+        return tuple(name for name, joint in self._joints.items() if joint.bound is not None)
+
+    def seconds_left(self, joint: str) -> float | None:
+        """Compute how long a joint may press on; None where it does not press too hard."""
+        since_s = self._joints[joint].since_s
+        if math.isnan(since_s):
+            return None
+        return max(self.rules[joint].time_s - (self._time_s - since_s), 0.0)
+
+    def observe_load(self, joint: str, load_percent: float, time_s: float) -> None:
+        """Take a reading of the load, percent of the whole output, signed."""
+        state = self._joints.get(joint)
+        if state is not None:
+            state.load, state.load_s = load_percent / 100.0, time_s
+
+    def update(
+        self, goals: Mapping[str, int], ticks: Mapping[str, int], time_s: float
+    ) -> tuple[str, ...]:
+        """Take the goals in force and the measured ticks; return new warnings.
+
+        Args:
+            goals: By joint; joints without a goal are left out.
+            ticks: Of the joints that replied.
+            time_s: The time of the goals.
+        """
+        self._time_s = time_s
+        warnings, self._news = self._news, []
+        for name, rule in self.rules.items():
+            if name in goals and name in ticks:
+                warnings += self._update_joint(name, rule, goals[name], ticks[name])
+        return tuple(warnings)
+
+    def draw_back(self, goals: Mapping[str, int], ticks: Mapping[str, int]) -> dict[str, int]:
+        """Return goals of which those of joints that press too long are drawn back.
+
+        Such a joint keeps on pressing with 60 % of what its servo bears, until its goal comes back
+        or what blocks it gives way. It follows no load that pushes it back.
+        """
+        drawn = dict(goals)
+        for name in self.rules:
+            joint, left_s = self._joints[name], self.seconds_left(name)
+            if name not in goals or name not in ticks or not self.relaxes:
+                continue
+            near = self._relaxed_goal(name, ticks[name])
+            if joint.bound is not None:
+                joint.bound = joint.side * max(joint.side * joint.bound, joint.side * near)
+            elif left_s is not None and left_s <= _RELAX_LEFT_S:
+                joint.bound = near
+                self._news.append(
+                    f"{name} was relaxed {left_s:.1f} s before its servo protects itself: its goal "
+                    "waits near where it presses."
+                )
+            if joint.bound is None:
+                continue
+            if joint.side * (goals[name] - joint.bound) <= 0:
+                joint.bound = None
+            else:
+                drawn[name] = joint.bound
+        return drawn
+
+    def relaxed_goals(self, goals: Mapping[str, int], ticks: Mapping[str, int]) -> dict[str, int]:
+        """Return the goals, drawn back, of all joints that press too hard, at the end of a motion.
+
+        Args:
+            goals: In force, by joint.
+            ticks: As measured.
+        """
+        pressing = [name for name in self.rules if self.seconds_left(name) is not None]
+        return {name: self._relaxed_goal(name, ticks[name]) for name in pressing if name in ticks}
+
+    def _relaxed_goal(self, name: str, tick: int) -> int:
+        rule = self.rules[name]
+        if not rule.output_per_rad:
+            return tick
+        lag_rad = _RELAXED_SHARE * rule.output / rule.output_per_rad
+        return tick + self._joints[name].side * int(lag_rad / self._horn_rad[name])
+
+    def _update_joint(self, name: str, rule: OverloadRule, goal: int, tick: int) -> list[str]:
+        joint, horn_rad = self._joints[name], self._horn_rad[name]
+        if math.isnan(joint.still_s) or abs(tick - joint.tick) * horn_rad > _STILL_RAD:
+            joint.tick, joint.still_s = tick, self._time_s
+        lag_rad = (goal - tick) * horn_rad
+        before = joint.output
+        joint.output = min(rule.output_per_rad * abs(lag_rad), rule.torque_limit)
+        growing = max(joint.output - before, 0.0)
+        share = min(joint.output + growing, rule.torque_limit)
+        if self._time_s - joint.load_s < _LOAD_AGE_S:
+            share = max(share, abs(joint.load))
+        still = self._time_s - joint.still_s >= _STILL_S
+        if not still or share < _ENDED * rule.output:
+            joint.since_s = math.nan
+        elif math.isnan(joint.since_s) and share >= _NEAR * rule.output:
+            joint.since_s = self._time_s
+            joint.side = 1 if (lag_rad or joint.load) > 0.0 else -1
+            return [
+                f"{name} presses with {100.0 * share:.0f} % of its output; "
+                f"its servo protects itself from overload in {rule.time_s:.1f} s."
+            ]
+        return []

@@ -1,0 +1,151 @@
+"""An overload is warned of two seconds before a servo trips, and a stream that presses is relaxed."""
+
+import random
+
+import pytest
+
+import ikservo
+from ikservo.errors import RefusedError, ServoAlarmError
+from servosim.faults import Fault
+from tests.arm.simulated import line_of, servo_group
+
+OVERLOAD = 0x20  # the same bit in all families but the XL-320
+ARMS = ("so101", "koch", "open_manipulator_x", "so100", "omx_f", "wx250s")
+REPORTS = (ServoAlarmError, RefusedError)
+
+
+def is_overloaded(servo):
+    if hasattr(servo.watch, "bits"):
+        return bool(servo.watch.bits & OVERLOAD)
+    return bool(servo.memory.get("hardware_error_status") & OVERLOAD)
+
+
+class Pressing:
+    """A joint that something blocks while a stream asks it to go on."""
+
+    def __init__(self, arm, joint, way_rad, relaxes):
+        servos = servo_group(arm)
+        servos.overload.relaxes = relaxes
+        self.arm, self.joint = arm, joint
+        self.line, column = line_of(arm), servos.names.index(joint)
+        self.servo = self.line.servos[servos.driven_joints[column].servo_id]
+        per_horn = servos.driven_joints[column].joint_map.unit_per_horn_rad
+        self.at = float(servos.measure_positions()[column])
+        self.goal = self.at + way_rad * per_horn
+        self.warned_s, self.tripped_s = [], None
+        servos.warn = lambda text: self.warned_s.append((self.line.world.time_s, text))
+        check = self.servo.watch.check
+
+        def checked(dt_s):
+            check(dt_s)
+            if self.tripped_s is None and is_overloaded(self.servo):
+                self.tripped_s = self.line.world.time_s
+
+        self.servo.watch.check = checked
+        servo_id = servos.driven_joints[column].servo_id
+        self.line.faults.add(Fault(kind="stuck", id=servo_id, at_s=self.line.world.time_s))
+
+    def follow(self, seconds, goal=None):
+        end_s = self.line.world.time_s + seconds
+        goal = self.goal if goal is None else goal
+
+        def targets():
+            while self.line.world.time_s < end_s:
+                yield {self.joint: goal}
+
+        return self.arm.follow(targets())
+
+
+def pressing_of(seed):
+    """Return arm, joint and way of one pressing whose servo trips."""
+    draw = random.Random(seed)
+    name = draw.choice(ARMS)
+    with ikservo.open_arm(name, port="sim", collisions=False) as arm:
+        joints = [joint.name for joint in arm.model.joints if joint.role == "arm"]
+    return name, draw.choice(joints), draw.choice((-1, 1)) * draw.uniform(0.07, 0.16)
+
+
+def press_until_trip(seed):
+    """Return how long before its trip a pressing was warned of; None where it does not trip."""
+    name, joint, way_rad = pressing_of(seed)
+    with ikservo.open_arm(name, port=f"sim:?seed={seed}", collisions=False) as arm:
+        arm.pose("home")
+        pressing = Pressing(arm, joint, way_rad, relaxes=False)
+        with_error = None
+        try:
+            pressing.follow(4.0)
+        except REPORTS as error:
+            with_error = error
+        if pressing.tripped_s is None:
+            return None
+        assert with_error is None or isinstance(with_error, ServoAlarmError)
+        if not pressing.warned_s:
+            return 0.0
+        return pressing.tripped_s - pressing.warned_s[0][0]
+
+
+@pytest.mark.campaign
+def test_of_100_pressings_95_are_warned_of_two_seconds_before_the_trip():
+    left_s, seed = [], 0
+    while len(left_s) < 100:
+        warned = press_until_trip(seed)
+        seed += 1
+        if warned is not None:
+            left_s.append(warned)
+    early = sum(warned >= 2.0 for warned in left_s)
+    assert early >= 95, sorted(left_s)[:10]
+
+
+def test_a_pressing_is_warned_of_two_seconds_before_the_servo_trips():
+    with ikservo.open_arm("so101", port="sim", collisions=False) as arm:
+        arm.pose("home")
+        pressing = Pressing(arm, "shoulder_lift", 0.12, relaxes=False)
+        with pytest.raises(ServoAlarmError, match="overload"):
+            pressing.follow(4.0)
+    warned_s, text = pressing.warned_s[0]
+    assert pressing.tripped_s - warned_s >= 2.0
+    assert text.endswith("its servo protects itself from overload in 2.0 s.")
+
+
+def test_a_standing_stream_that_presses_is_relaxed_in_time_and_goes_on_when_it_comes_back():
+    with ikservo.open_arm("so101", port="sim", collisions=False) as arm:
+        arm.pose("home")
+        pressing = Pressing(arm, "shoulder_lift", 0.12, relaxes=True)
+        report = pressing.follow(6.0)
+        assert pressing.tripped_s is None
+        assert abs(pressing.servo.motor.pwm) < 0.8
+        assert any("was relaxed 1.0 s before" in text for text in report.warnings)
+        pressing.line.faults.clear()
+        assert pressing.follow(1.0, pressing.at).warnings == ()
+        column = servo_group(arm).names.index(pressing.joint)
+        assert abs(servo_group(arm).measure_positions()[column] - pressing.at) < 0.02
+
+
+def tour(seed):
+    """Return the warnings of a tour through random postures, with all speeds."""
+    draw = random.Random(seed)
+    name = draw.choice(ARMS)
+    with ikservo.open_arm(name, port=f"sim:?seed={seed}", collisions=False) as arm:
+        warnings = servo_group(arm).warnings
+        arm.pose("home")
+        for speed in ("slow", "normal", "fast"):
+            for _ in range(2):
+                low, high = arm.limits()
+                goal = {
+                    joint: draw.uniform(0.75 * a + 0.25 * b, 0.25 * a + 0.75 * b)
+                    for joint, a, b in zip(arm.joint_names, low, high, strict=True)
+                }
+                arm.move_joints(goal, speed=speed)
+        arm.gripper("open")
+        arm.gripper("close")
+        return [text for text in warnings if "°C" not in text]
+
+
+@pytest.mark.full
+def test_a_normal_tour_gives_no_warning():
+    assert tour(0) == []
+
+
+@pytest.mark.campaign
+def test_100_normal_tours_give_no_warning():
+    assert {seed: warned for seed in range(100) if (warned := tour(seed))} == {}
