@@ -1,4 +1,4 @@
-"""An overload is warned of two seconds before a servo trips, and a stream that presses is relaxed."""
+"""A warning comes two seconds before a servo trips; a stream that presses is relaxed."""
 
 import random
 
