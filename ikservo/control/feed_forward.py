@@ -42,6 +42,7 @@ class FeedForward:
     Attributes:
         parameters: The parameters of the arm.
         columns: Where the chain's joints are among all joints.
+        dry_lag: By how much dry friction makes each joint (dof,) lag its goal, rad or m.
     """
 
     def __init__(self, parameters: ArmParameters, columns: Sequence[int]) -> None:
@@ -58,6 +59,7 @@ class FeedForward:
         self._friction = _FrictionArrays(self._drives)
         dry = [drive.friction.coulomb_nm + drive.friction.slow_nm for drive in self._drives]
         self._dry_friction = np.maximum(dry, _TINY_NM)
+        self.dry_lag = self._dry_friction / self._stiffness
 
     def with_gains(self, shares: Sequence[float]) -> FeedForward:
         """Return the same at other P gains (dof,), as shares of those of the parameters."""

@@ -29,6 +29,11 @@ __all__ = ["ANCHOR_RAD", "HandGuiding", "guide_by_hand"]
 ANCHOR_RAD = 0.01
 """How far a horn is moved off its anchor before that follows: some ticks more than noise."""
 
+# A joint that weighs less than its dry friction has its anchor so near that this friction alone
+# holds it when the hand lets go, but no nearer than noise: a rotor that springs back throws the
+# link across the play of its gears.
+_UNLOADED, _NOISE_TICKS = 1.0, 2.0
+
 _SPEED_CLASS = "fast"  # up to which anchors follow the hand
 _FADE_S = 0.5  # in which the goals in force turn into those of gravity alone
 _MAX_STEP_S = 0.02  # a cycle that comes late counts as this long
@@ -51,7 +56,14 @@ class HandGuiding:
         horns = np.array(
             [driven.joint_map.unit_per_horn_rad for driven in context.servos.driven_joints]
         )
-        self._tolerance = ANCHOR_RAD * horns
+        ticks = np.array(
+            [driven.joint_map.unit_per_tick for driven in context.servos.driven_joints]
+        )
+        self._tolerance, self._unloaded_tolerance = ANCHOR_RAD * horns, ANCHOR_RAD * horns
+        columns = list(feed_forward.columns)
+        self._unloaded_tolerance[columns] = np.clip(
+            feed_forward.dry_lag, _NOISE_TICKS * ticks[columns], self._tolerance[columns]
+        )
         self._speed = context.model.speed(_SPEED_CLASS).rad_s * horns
         self._goals = goals
         self._anchor = context.servos.measured
@@ -70,7 +82,10 @@ class HandGuiding:
 
     def _follow(self, measured: Vector, elapsed_s: float) -> None:
         """Move the anchors towards joints (n,) that are further off than the tolerance."""
-        target = np.clip(self._anchor, measured - self._tolerance, measured + self._tolerance)
+        weight = np.full_like(measured, np.inf)
+        weight[list(self._feed_forward.columns)] = self._feed_forward.weight(measured)
+        tolerance = np.where(weight < _UNLOADED, self._unloaded_tolerance, self._tolerance)
+        target = np.clip(self._anchor, measured - tolerance, measured + tolerance)
         step = self._speed * elapsed_s
         self._anchor = self._anchor + np.clip(target - self._anchor, -step, step)
 
