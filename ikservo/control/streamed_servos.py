@@ -182,7 +182,7 @@ class StreamedServos:
         grow = self._uncut * ease * ~np.isin(self.names, self.overload.relaxed_joints)
         self.compensator.observe(self._measured, since_s, elapsed_s, fresh=fresh, grow=grow)
         goals = self.compensator.goals(point, elapsed_s, rate, ease)
-        self._uncut = self.send_goals(goals, now_s)
+        self._uncut = self.send_goals(goals, now_s, point.position)
         self._reference, self._reference_s = point.position, now_s
         return self._uncut
 
@@ -366,7 +366,7 @@ class StreamedServos:
         """Return by how much a motion may advance, so that its goals stay near the joints."""
         return self._gate.allowed_advance_s(elapsed_s)
 
-    def send_goals(self, positions: Vector, now_s: float) -> bool:
+    def send_goals(self, positions: Vector, now_s: float, reference: Vector | None = None) -> bool:
         """Send goals (n,), rad or m, through the guard, with steps cut to what is allowed now.
 
         While a joint has no recent position reading nothing is sent: the arm holds.
@@ -374,6 +374,7 @@ class StreamedServos:
         Args:
             positions: The goals.
             now_s: The clock's time for which they were computed.
+            reference: Where the joints should be (n,); where they were held if None.
 
         Returns:
             Whether they were sent uncut.
@@ -392,7 +393,8 @@ class StreamedServos:
             self._gate.send(goals, now_s)
         except RegisterAccessError as error:  # a limp servo takes no goal
             raise self._torque_error(error) from error
-        for warning in self.overload.update(goals, self._feedback.latest, now_s):
+        references = self._to_ticks(self.reference() if reference is None else reference)
+        for warning in self.overload.update(goals, self._feedback.latest, now_s, references):
             self.log_warning(warning)
         return goals == requested
 

@@ -32,9 +32,11 @@ class OverloadRule:
 _STILL_RAD, _STILL_S = 0.004, 0.04
 # A goal acts before its effect is measured: what comes this near to the limit counts as beyond it,
 # and what falls below the second share of the limit has ended.
-_NEAR, _ENDED = 0.97, 0.92
+_NEAR, _ENDED = 0.92, 0.88
 # With so little time left a joint is relaxed, to so much of the limit.
 _RELAX_LEFT_S, _RELAXED_SHARE = 1.0, 0.6
+# A joint that its load just keeps from starting is near its reference: it is given this time.
+_NEAR_REFERENCE_RAD, _STARTING_S = 0.045, 0.3
 # A reading of the load is valid for this long.
 _LOAD_AGE_S = 0.3
 
@@ -49,6 +51,7 @@ class _Pressing:
         load: The last reading of the load as a share of the output, signed.
         since_s: Since when it presses beyond the limit; NaN where it does not.
         bound: Its goal when it was relaxed, which the motion does not pass; None where it is not.
+        warned: Whether that was said.
         side: 1 where it presses to greater ticks, -1 to smaller ones.
     """
 
@@ -58,6 +61,7 @@ class _Pressing:
     load: float = 0.0
     load_s: float = -math.inf
     since_s: float = math.nan
+    warned: bool = False
     bound: int | None = None
     side: int = 1
 
@@ -103,7 +107,11 @@ class OverloadMonitor:
             state.load, state.load_s = load_percent / 100.0, time_s
 
     def update(
-        self, goals: Mapping[str, int], ticks: Mapping[str, int], time_s: float
+        self,
+        goals: Mapping[str, int],
+        ticks: Mapping[str, int],
+        time_s: float,
+        references: Mapping[str, int] | None = None,
     ) -> tuple[str, ...]:
         """Take the goals in force and the measured ticks; return new warnings.
 
@@ -111,12 +119,15 @@ class OverloadMonitor:
             goals: By joint; joints without a goal are left out.
             ticks: Of the joints that replied.
             time_s: The time of the goals.
+            references: Where the joints should be; the goals if None.
         """
+        references = references or goals
         self._time_s = time_s
         warnings, self._news = self._news, []
         for name, rule in self.rules.items():
             if name in goals and name in ticks:
-                warnings += self._update_joint(name, rule, goals[name], ticks[name])
+                self._update_joint(name, rule, goals[name], ticks[name])
+                warnings += self._new_warning(name, rule, references[name] - ticks[name])
         return tuple(warnings)
 
     def draw_back(self, goals: Mapping[str, int], ticks: Mapping[str, int]) -> dict[str, int]:
@@ -133,7 +144,7 @@ class OverloadMonitor:
             near = self._relaxed_goal(name, ticks[name])
             if joint.bound is not None:
                 joint.bound = joint.side * max(joint.side * joint.bound, joint.side * near)
-            elif left_s is not None and left_s <= _RELAX_LEFT_S:
+            elif joint.warned and left_s is not None and left_s <= _RELAX_LEFT_S:
                 joint.bound = near
                 self._news.append(
                     f"{name} was relaxed {left_s:.1f} s before its servo protects itself: its goal "
@@ -154,7 +165,7 @@ class OverloadMonitor:
             goals: In force, by joint.
             ticks: As measured.
         """
-        pressing = [name for name in self.rules if self.seconds_left(name) is not None]
+        pressing = [name for name in self.rules if self._joints[name].warned]
         return {name: self._relaxed_goal(name, ticks[name]) for name in pressing if name in ticks}
 
     def _relaxed_goal(self, name: str, tick: int) -> int:
@@ -164,7 +175,7 @@ class OverloadMonitor:
         lag_rad = _RELAXED_SHARE * rule.output / rule.output_per_rad
         return tick + self._joints[name].side * int(lag_rad / self._horn_rad[name])
 
-    def _update_joint(self, name: str, rule: OverloadRule, goal: int, tick: int) -> list[str]:
+    def _update_joint(self, name: str, rule: OverloadRule, goal: int, tick: int) -> None:
         joint, horn_rad = self._joints[name], self._horn_rad[name]
         if math.isnan(joint.still_s) or abs(tick - joint.tick) * horn_rad > _STILL_RAD:
             joint.tick, joint.still_s = tick, self._time_s
@@ -177,12 +188,21 @@ class OverloadMonitor:
             share = max(share, abs(joint.load))
         still = self._time_s - joint.still_s >= _STILL_S
         if not still or share < _ENDED * rule.output:
-            joint.since_s = math.nan
+            joint.since_s, joint.warned = math.nan, False
         elif math.isnan(joint.since_s) and share >= _NEAR * rule.output:
             joint.since_s = self._time_s
             joint.side = 1 if (lag_rad or joint.load) > 0.0 else -1
-            return [
-                f"{name} presses with {100.0 * share:.0f} % of its output; "
-                f"its servo protects itself from overload in {rule.time_s:.1f} s."
-            ]
-        return []
+
+    def _new_warning(self, name: str, rule: OverloadRule, off_ticks: int) -> list[str]:
+        joint, left_s = self._joints[name], self.seconds_left(name)
+        if left_s is None or joint.warned:
+            return []
+        starts = abs(off_ticks) * self._horn_rad[name] < _NEAR_REFERENCE_RAD
+        output = max(joint.output, abs(joint.load))
+        if starts and (output < rule.output or rule.time_s - left_s < _STARTING_S):
+            return []
+        joint.warned = True
+        return [
+            f"{name} presses with {100.0 * output:.0f} % of its output; "
+            f"its servo protects itself from overload in {left_s:.1f} s."
+        ]

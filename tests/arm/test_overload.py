@@ -1,4 +1,4 @@
-"""A warning comes two seconds before a servo trips; a stream that presses is relaxed."""
+"""An overload is warned of two seconds before a servo trips; a stream that presses is relaxed."""
 
 import random
 
