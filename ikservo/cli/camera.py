@@ -33,7 +33,7 @@ Action = Annotated[
     ),
 ]
 File = Annotated[
-    str | None,
+    Path | None,
     typer.Argument(
         metavar="[FILE|ARM]",
         help="For board: a file of type .pdf or .svg. For check: the arm before the camera.",
@@ -92,13 +92,15 @@ def command(
         wrong = [name for name, value in given.items() if value not in (None, False)]
         if wrong:
             raise BadValueError(wrong[0], "given for board", "an option of check only")
-        _write_board(Path(file or "board.pdf"), Board.named(board), json=json)
+        _write_board(file or Path("board.pdf"), Board.named(board), json=json)
         return
     if camera is None:
         raise InputError("Which camera?", "Add: --camera 0")
     if within is not None and not 0.0 < within < 1.0:
         raise BadValueError("--within", within, "a length above 0, below 1 m")
-    _check(file, port, camera, Board.named(board), within, remember=remember, json=json)
+    _check(
+        file and str(file), port, camera, Board.named(board), within, remember=remember, json=json
+    )
 
 
 def _write_board(file: Path, board: Board, *, json: bool) -> None:

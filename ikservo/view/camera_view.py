@@ -17,7 +17,7 @@ from ikservo.eyes.pictures import Picture, find_board
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.maintenance.camera_check import BoardPlace, compare_place
 from ikservo.view.camera import Viewport
-from ikservo.view.lens_camera import LensCamera, Surface, make_lens_camera
+from ikservo.view.lens_camera import LensCamera, PictureSurface, make_lens_camera
 from ikservo.view.messages import BadMessageError
 from ikservo.view.video import VideoSource
 
@@ -73,9 +73,9 @@ class CameraView:
         """Return the height of a level plane above the table, base frame."""
         return table_m(self._arm.model) + height_m
 
-    def surface(self, height_m: float) -> Surface:
+    def surface(self, height_m: float) -> PictureSurface:
         """Return where a click is a target, at a height above the table."""
-        return Surface(self._arm.scene.things, self.plane_m(height_m))
+        return PictureSurface(self._arm.scene.things, self.plane_m(height_m))
 
     @property
     def trouble(self) -> str:

@@ -35,7 +35,7 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector
 from ikservo.view.camera import Camera
 from ikservo.view.drag_commands import DragCommand, DragTarget, HoldCommand, JointTarget
-from ikservo.view.lens_camera import Surface
+from ikservo.view.lens_camera import PictureSurface
 from ikservo.view.picking import HitTester, PickCandidate, Picker, PointerContext
 
 __all__ = [
@@ -228,7 +228,7 @@ class _GrabbedPoint:
     offset_m: Vector | None
     depth_m: float
     offset_px: Vector
-    surface: Surface | None = None
+    surface: PictureSurface | None = None
 
     def make_target(self, px: Vector) -> Target:
         if self.surface is not None:

@@ -22,7 +22,7 @@ from ikservo.view.drag_solver import AUTO, DragSolver, PosturePreference
 from ikservo.view.goal_history import GoalHistory, PastGoal
 from ikservo.view.held_controls import GamepadControl, GripperControl, gripper_control
 from ikservo.view.labels import describe_target
-from ikservo.view.lens_camera import Surface
+from ikservo.view.lens_camera import PictureSurface
 from ikservo.view.messages import Message
 from ikservo.view.picking import PickCandidate, Picker, PointerContext
 from ikservo.view.snapshot import ArmSnapshot, GoalRefusal, LogEntry
@@ -343,7 +343,7 @@ class Interaction:
         camera: Camera,
         snapshot: ArmSnapshot,
         plane_m: Vector | None = None,
-        surface: Surface | None = None,
+        surface: PictureSurface | None = None,
     ) -> PointerContext:
         """Return what the user sees; for ``plane_m`` and ``surface`` see ``PointerContext``."""
         measured = self._index.chain_joints(snapshot.measured)

@@ -12,7 +12,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model.model import Obstacle
 from ikservo.view.camera import Camera, Viewport
 
-__all__ = ["LensCamera", "Surface", "make_lens_camera"]
+__all__ = ["LensCamera", "PictureSurface", "make_lens_camera"]
 
 _AXES = np.array([1.0, -1.0, -1.0])  # OpenCV's y is down, its z ahead
 
@@ -70,7 +70,7 @@ def make_lens_camera(model: CameraModel, viewport: Viewport) -> LensCamera:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Surface:
+class PictureSurface:
     """Where a click in a camera's picture is a target.
 
     Attributes:

@@ -23,7 +23,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.view.bvh import build_bvh
 from ikservo.view.camera import Camera
 from ikservo.view.joint_dials import JointDial, joint_dials
-from ikservo.view.lens_camera import Surface
+from ikservo.view.lens_camera import PictureSurface
 from ikservo.view.link_poses import link_poses
 
 __all__ = ["PICK_TOLERANCE_PX", "Hit", "HitTester", "PickCandidate", "Picker", "PointerContext"]
@@ -232,7 +232,7 @@ class PointerContext:
     arms: tuple[Vector, ...]
     plane_m: Vector | None = None
     other_joints: Mapping[str, float] = field(default_factory=dict[str, float])
-    surface: Surface | None = None
+    surface: PictureSurface | None = None
 
 
 class PickCandidate(NamedTuple):

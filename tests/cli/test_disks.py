@@ -25,7 +25,7 @@ RECORDING = f"record {{}} --duration 2 {SIM}"
 READ = {
     ("arms", "source"), ("calibrate", "from_script"), ("calibrate", "points"),
     ("calibration", "source"),
-    ("arc", "scene"), ("draw", "scene"), ("joints", "scene"),
+    ("arc", "scene"), ("draw", "scene"), ("joints", "scene"), ("look", "scene"),
     ("scene", "file"),
     ("draw", "file"), ("export", "recordings"), ("import", "from_script"), ("replay", "file"),
     ("move", "scene"), ("pose", "scene"), ("setup", "restore"), ("test", "points"),

@@ -77,7 +77,8 @@ No polygons travel: the page computes the drawing (`view/page/picture.js` in 2D,
 `scene`, whenever something has changed: only the keys that have. Keys of a scene:
 
 - `camera`: `pose`, `scale_px` (pixels for a metre, or the focal length of a `perspective`),
-  `near_m`, `size` of the drawing in CSS pixels.
+  `near_m`, `size` of the drawing in CSS pixels; `lens` of a calibrated camera (`focal`, `centre`,
+  `distortion`, `widest`), else null.
 - `measured`, `goal` (null where it is where the arm is): positions of the joints that are not
   fixed, in the order of the links.
 - `marker` of the target: `target`, `nearest`, `reached`; `refused_pair`: what would touch, null if
@@ -86,6 +87,7 @@ No polygons travel: the page computes the drawing (`view/page/picture.js` in 2D,
 - `region` (rings) that the tip can reach, and its `region_pose`.
 - `trace` of a solver method (`lines`, `target`, `reached`), and `trace_step`, the shown iteration.
 - `handles`: the axes of the tool in 3D; `webgl`: whether it is to be drawn in 3D; `seq`.
+- `picture_trouble`: why the picture of a calibrated camera takes no targets; null in other views.
 
 ## Messages of the page
 """
