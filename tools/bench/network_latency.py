@@ -72,8 +72,8 @@ def note_arrivals(arm: Arm) -> Times:
         taken = cast("dict[str, float]", target)[JOINT]
         return solve(self, target, last)
 
-    def command(positions: Vector, now_s: float) -> bool:
-        sent = send(positions, now_s)
+    def command(positions: Vector, now_s: float, reference: Vector | None = None) -> bool:
+        sent = send(positions, now_s, reference)
         arrived.setdefault(taken, time.monotonic())
         return sent
 

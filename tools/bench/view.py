@@ -81,8 +81,8 @@ def _goal_times(house: ServedArm) -> list[tuple[float, object]]:
 
     house.arm_thread.on_cycle = record
 
-    def command(positions: Vector, now_s: float) -> bool:
-        sent = send(positions, now_s)
+    def command(positions: Vector, now_s: float, reference: Vector | None = None) -> bool:
+        sent = send(positions, now_s, reference)
         out.append((time.perf_counter(), taken[-1]))
         return sent
 
