@@ -33,6 +33,7 @@ __all__ = [
     "CameraFit",
     "Extent",
     "FittedParameter",
+    "LensTerms",
     "estimate_camera",
     "fit_camera",
     "picture_information",
@@ -43,6 +44,30 @@ _Mask = NDArray[np.bool_]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class LensTerms:
+    """What the corners of a board in one picture say of the lens, near numbers of it.
+
+    The numbers are focal length over width, less 1; ratio of the vertical to the horizontal focal
+    length, less 1; the middle's distance from that of the picture over width, right and down; k1
+    and k2 of the distortion.
+
+    Attributes:
+        at: The numbers (6,) with which the board's pose was computed.
+        by_lens: How that pose changes with them (6, 6): rows are metres and rad, camera frame.
+        slope: Of half the squared error of the corners by them (6,), the pose always the best one.
+        information: The second derivative (6, 6).
+    """
+
+    at: Vector
+    by_lens: Matrix
+    slope: Vector
+    information: Matrix
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class BoardSample:
     """A board on the gripper, as a camera saw it.
 
@@ -50,11 +75,13 @@ class BoardSample:
         q: The measured joints (dof,), rad or m.
         T_camera_board: The board's pose (4, 4); its origin is best in the middle of the board.
         name: Of the picture.
+        lens: Of the camera; None where its lens is known.
     """
 
     q: Vector
     T_camera_board: Matrix
     name: str = ""
+    lens: LensTerms | None = None
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -107,16 +134,20 @@ class FittedParameter:
 # Standard deviations before any picture: a zero set by eye, printed links and the play of gears.
 _ZERO_RAD, _ZERO_M = math.radians(3.0), 0.002
 _COMPLIANCE, _HALF_PLAY_RAD, _HALF_PLAY_M = 0.1, math.radians(0.25), 0.0003
-_POSE, _SCALE = 100.0, 0.01  # camera and board may be anywhere, printers are off by little
-_POSES = 13  # numbers before the arm's: two poses and the scale
+_POSE, _SCALE = 100.0, 0.005  # camera and board may be anywhere; a ruler shows so much of prints
+_LENS = (1.0, 0.003, 0.05, 0.05, 0.2, 0.2)  # as in LensTerms
+_POSES = 12 + 1 + 6  # numbers before the arm's: two poses, the scale and the lens
 
 # The rows of a residual, and of which component each is.
 _ACROSS, _DEPTH, _TILT, _TURN = range(4)
 _COMPONENT = np.array([_ACROSS, _ACROSS, _DEPTH, _TILT, _TILT, _TURN])
 _START_SIGMA = np.array([0.002, 0.01, 0.05, 0.02])  # m, m, rad, rad
-_ASSUMED = 6.0  # these count as much as so many samples
+_ASSUMED = 6.0  # samples as which the ratios of these count
+_FINEST = 0.02  # deviations are not estimated smaller than that share of them
 # A sample so much further off than the median one, in squared deviations, is an outlier.
 _OUTLIER = 12.0
+# The median where deviations are as they start; few samples, fitted closely, have a smaller one.
+_EXPECTED = 3.0
 _MAX_OUTLIER_FRACTION = 1.0 / 3.0
 _IMPLAUSIBLE = 250.0  # squared deviations of the median sample: centimetres
 _ROUNDS, _STEPS, _ENOUGH, _MAX_DAMPING = 4, 30, 1e-7, 1e6
@@ -130,6 +161,7 @@ class _State:
     camera: Matrix
     board: Matrix
     scale: float
+    lens: Vector
     arm: Vector
 
     def moved(self, step: Vector) -> _State:
@@ -137,6 +169,7 @@ class _State:
             _turned(self.camera, step[:6]),
             _turned(self.board, step[6:12]),
             self.scale + float(step[12]),
+            self.lens + step[13:_POSES],
             self.arm + step[_POSES:],
         )
 
@@ -151,11 +184,13 @@ class CameraFit:
         T_camera_base: The pose (4, 4) of the arm's base.
         T_tip_board: The pose (4, 4) of the board on the tip.
         scale: By which share the board is further away than it looks: it was printed larger than it
-            is said to be, or the camera's focal length is not what is known of it.
+            is said to be.
+        lens: The numbers (6,) of the lens, as in ``LensTerms``; zeros where it is known.
         zeros: What is added to the measured joints (dof,), rad or m.
         sigma: Standard deviations: across the ray and along it [m], tilt and turn [rad].
         kept: Which samples (n,) are no outliers.
-        covariance: Of the six numbers of each pose, the scale, zeros, compliances and half plays.
+        covariance: Of the six numbers of each pose, the scale, the lens, zeros, compliances and
+            half plays.
         free: Which of these were estimated.
     """
 
@@ -164,6 +199,7 @@ class CameraFit:
     T_camera_base: Matrix
     T_tip_board: Matrix
     scale: float
+    lens: Vector
     zeros: Vector
     sigma: Vector
     kept: _Mask
@@ -297,7 +333,9 @@ def fit_camera(
         state, kept = _without_outliers(problem, _first_state(problem))
     else:
         arm = np.zeros(3 * dof)
-        state = _State(outliers_of.T_camera_base, outliers_of.T_tip_board, 0.0, arm)
+        state = _State(
+            outliers_of.T_camera_base, outliers_of.T_tip_board, 0.0, problem.lens_at, arm
+        )
     weight = kept.astype(float)
     for _ in range(_ROUNDS):
         state = problem.minimise(state, sigma, weight)
@@ -324,12 +362,12 @@ def _without_outliers(problem: _Problem, state: _State) -> tuple[_State, _Mask]:
         CalibrationError: More than a third of the samples contradict the others.
     """
     squares = problem.squares(state)
-    typical = max(float(np.median(squares)), 1.0)
+    typical = max(float(np.median(squares)), _EXPECTED)
     for power in (2.0,) * _ROUNDS + (1.0,) * _ROUNDS:  # first without the outliers, then with most
         weight = (1.0 + squares / (2.0 * typical)) ** -power
         state = problem.minimise(state, _START_SIGMA, weight)
         squares = problem.squares(state)
-        typical = max(float(np.median(squares)), 1.0)
+        typical = max(float(np.median(squares)), _EXPECTED)
     kept: _Mask = np.less(squares, _OUTLIER * typical)
     if typical > _IMPLAUSIBLE or np.count_nonzero(~kept) > _MAX_OUTLIER_FRACTION * len(kept):
         raise _contradiction_error(problem.samples, kept)
@@ -352,8 +390,11 @@ class _Problem:
         self._bending, self.samples, self._extent = bending, samples, extent
         dof = bending.dynamics.chain.dof
         self._q = np.array([sample.q for sample in samples])
-        wanted = (True, extent.zeros, extent.bending, extent is Extent.EVERYTHING)
-        self._free = np.repeat(np.array(wanted), [_POSES, dof, dof, dof])
+        self._lenses = [sample.lens for sample in samples if sample.lens is not None]
+        self.lens_at = self._lenses[0].at if self._lenses else np.zeros(6)
+        wanted = (True, bool(self._lenses), extent.zeros, extent.bending,
+                  extent is Extent.EVERYTHING)  # fmt: skip
+        self._free = np.repeat(np.array(wanted), [_POSES - 6, 6, dof, dof, dof])
         self._prior, self.dof = _priors(bending), dof
         self._distance = [float(np.linalg.norm(s.T_camera_board[:3, 3])) for s in samples]
         self._rays = [_ray_frame(sample.T_camera_board[:3, 3]) for sample in samples]
@@ -374,7 +415,7 @@ class _Problem:
                 if damping > _MAX_DAMPING:
                     break
                 continue
-            done = equations.cost - reached.cost < _ENOUGH * (1.0 + reached.cost)
+            done = equations.cost - reached.cost < _ENOUGH * (1.0 + abs(reached.cost))
             state, equations, damping = tried, reached, max(damping / 10.0, 1e-9)
             if done:
                 break
@@ -387,13 +428,10 @@ class _Problem:
         small where a sample is far from the others and the fit has followed it.
         """
         error = self.left_out(state, sigma, weight)
-        count, found = float(np.sum(weight)), np.empty(4)
-        for k in range(4):
-            rows = np.equal(_COMPONENT, k)
-            spread = weight @ np.mean(error[:, rows] ** 2, axis=1)
-            assumed = _ASSUMED * _START_SIGMA[k] ** 2
-            found[k] = math.sqrt((spread + assumed) / (count + _ASSUMED))
-        return found
+        count, squares = float(np.sum(weight)), weight @ (error / _START_SIGMA[_COMPONENT]) ** 2
+        spread = np.array([np.mean(squares[np.equal(_COMPONENT, k)]) for k in range(4)])
+        typical = max(float(np.mean(spread)) / count, _FINEST**2)
+        return _START_SIGMA * np.sqrt((spread + _ASSUMED * typical) / (count + _ASSUMED))
 
     def fit(self, state: _State, sigma: Vector, kept: _Mask) -> CameraFit:
         """Return the fit at a state."""
@@ -403,8 +441,8 @@ class _Problem:
         covariance[free] = np.linalg.inv(curvature[free])
         bending = self._bent(state)
         return CameraFit(
-            bending, self._extent, state.camera, state.board, state.scale, state.arm[:dof], sigma,
-            kept, covariance, self._free,
+            bending, self._extent, state.camera, state.board, state.scale, state.lens,
+            state.arm[:dof], sigma, kept, covariance, self._free,
         )  # fmt: skip
 
     def left_out(self, state: _State, sigma: Vector, weight: Vector) -> Matrix:
@@ -425,7 +463,7 @@ class _Problem:
     def state_of(fit: CameraFit) -> _State:
         """Return the state of a fit."""
         arm = np.concatenate([fit.zeros, fit.bending.compliance, fit.bending.half_play])
-        return _State(fit.T_camera_base, fit.T_tip_board, fit.scale, arm)
+        return _State(fit.T_camera_base, fit.T_tip_board, fit.scale, fit.lens, arm)
 
     def information(self, state: _State) -> tuple[Matrix, Matrix]:
         """Compute the curvature (k, k) of the cost, and each sample's rows (n, 6, k)."""
@@ -463,16 +501,19 @@ class _Problem:
         e, J = self._linearise(state)
         scale = np.sqrt(weight)[:, None] / sigma[_COMPONENT]
         rows, A = (e * scale).ravel(), (J * scale[:, :, None]).reshape(-1, len(self._free))
-        known = np.concatenate([np.zeros(12), [state.scale], state.arm]) * self._free
-        information = 1.0 / self._prior**2
-        return _NormalEquations(
-            float(rows @ rows + known @ (information * known)),
-            A.T @ rows + information * known,
-            A.T @ A + np.diag(information),
-        )
+        known = np.concatenate([np.zeros(12), [state.scale], state.lens, state.arm]) * self._free
+        information = np.diag(1.0 / self._prior**2)
+        slope = A.T @ rows + information @ known
+        cost = float(rows @ rows + known @ information @ known)
+        for share, lens in zip(weight, self._lenses, strict=False):
+            off, curved = state.lens - lens.at, share * lens.information
+            slope[13:_POSES] += share * lens.slope + curved @ off
+            information[13:_POSES, 13:_POSES] += curved
+            cost += float(off @ curved @ off + 2.0 * share * (lens.slope @ off))
+        return _NormalEquations(cost, slope, A.T @ A + information)
 
     def _linearise(self, state: _State) -> tuple[Matrix, Matrix]:
-        """Compute the residuals (n, 6) and their derivatives (n, 6, 13 + 3 dof)."""
+        """Compute the residuals (n, 6) and their derivatives (n, 6, 19 + 3 dof)."""
         n, dof = len(self._q), self.dof
         chain, bending = self._bending.dynamics.chain, self._bent(state)
         q = bending.link_joints(self._q + state.arm[:dof])
@@ -498,6 +539,12 @@ class _Problem:
             J[i, 3:] = turn @ inverse @ motion[3:]
             J[i, 2, 12] = -self._distance[i]
             e[i, 2] -= state.scale * self._distance[i]
+            if sample.lens is not None:
+                by_lens = np.vstack(
+                    [turn @ sample.lens.by_lens[:3], turn @ sample.lens.by_lens[3:]]
+                )
+                J[i, :, 13:_POSES] = -by_lens
+                e[i] -= by_lens @ (state.lens - sample.lens.at)
         return e, J
 
 
@@ -516,6 +563,7 @@ def _priors(bending: Bending) -> Vector:
         [
             np.full(12, _POSE),
             np.full(1, _SCALE),
+            np.array(_LENS),
             np.where(revolute, _ZERO_RAD, _ZERO_M),
             np.where(revolute, _COMPLIANCE, _COMPLIANCE / 100.0),
             np.where(revolute, _HALF_PLAY_RAD, _HALF_PLAY_M),
@@ -554,7 +602,10 @@ def _first_state(problem: _Problem) -> _State:
     count = min(_START_SAMPLES, len(indices))
     chosen = [indices, *(chance.choice(indices, count, replace=False) for _ in range(_STARTS))]
     zeros = np.zeros(3 * problem.dof)
-    starts = [_State(*_closed_form(tips[some], seen[some]), 0.0, zeros) for some in chosen]
+    starts = [
+        _State(*_closed_form(tips[some], seen[some]), 0.0, problem.lens_at, zeros)
+        for some in chosen
+    ]
     return min(starts, key=lambda start: float(np.median(problem.squares(start))))
 
 

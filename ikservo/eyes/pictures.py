@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,11 +12,12 @@ from numpy.typing import NDArray
 from ikservo.errors import CalibrationError, InputError
 from ikservo.eyes.board import Board, require_opencv
 from ikservo.eyes.capture import open_capture
+from ikservo.eyes.estimation import BoardSample, LensTerms
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
-from ikservo.kinematics.se3 import exp_so3, make_pose
+from ikservo.kinematics.se3 import exp_so3, make_pose, skew
 
 __all__ = ["BoardView", "Intrinsics", "LiveCamera", "Picture", "PictureSource", "board_pose",
-           "calibrate", "find_board"]  # fmt: skip
+           "board_sample", "find_board", "guess_intrinsics"]  # fmt: skip
 
 Picture = NDArray[np.uint8]
 """Grey (h, w) or colour (h, w, 3)."""
@@ -24,7 +25,8 @@ Picture = NDArray[np.uint8]
 _MIN_CORNERS = 8
 # A picture whose edges are less sharp, as the variance of its Laplacian over that of its grey.
 _MIN_SHARPNESS = 0.004
-_MAX_REPROJECTION_PX = 2.0
+_MAX_REPROJECTION_PX, _MAX_FIRST_PX = 2.0, 10.0  # of a lens that is known, and before that
+_LEAST_NOISE_PX = 0.05
 _STALE_PICTURES = 5  # that a driver may hold in its queue
 
 
@@ -86,6 +88,29 @@ class Intrinsics:
     def __post_init__(self) -> None:
         freeze_arrays(self)
 
+    @classmethod
+    def of_numbers(cls, numbers: Vector, size: tuple[int, int]) -> Intrinsics:
+        """Return the lens of six numbers, as ``LensTerms`` has them."""
+        width, height = size
+        focal, ratio, right, down, k1, k2 = numbers.tolist()
+        fx = (1.0 + focal) * width
+        matrix = np.array([
+            [fx, 0.0, width * (0.5 + right)],
+            [0.0, fx * (1.0 + ratio), 0.5 * height + width * down],
+            [0.0, 0.0, 1.0],
+        ])  # fmt: skip
+        return cls(matrix, np.array([k1, k2, 0.0, 0.0, 0.0]), size)
+
+    @property
+    def numbers(self) -> Vector:
+        """The six numbers (6,) of ``LensTerms``."""
+        width, height = self.size
+        (fx, _, cx), (_, fy, cy) = self.matrix[:2].tolist()
+        k1, k2 = self.distortion[:2].tolist()
+        return np.array(
+            [fx / width - 1.0, fy / fx - 1.0, cx / width - 0.5, (cy - 0.5 * height) / width, k1, k2]
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BoardView:
@@ -133,31 +158,75 @@ def find_board(board: Board, picture: Picture) -> BoardView:
                            "Is it before the camera, flat and lit?")  # fmt: skip
 
 
-def calibrate(board: Board, views: Sequence[BoardView]) -> Intrinsics:
-    """Estimate how a camera projects, from views of a board.
+def guess_intrinsics(board: Board, views: Sequence[BoardView]) -> Intrinsics:
+    """Estimate the focal length alone, from views of a board: where an estimate of all begins.
 
     Raises:
         CalibrationError: The views do not suffice.
     """
     import cv2  # noqa: PLC0415  # of the extra `camera`
 
+    cv = cast("Any", cv2)  # not all of it is in its stubs
     points = [board.corners_m()[view.ids].astype(np.float32) for view in views]
     pixels = [view.pixels.astype(np.float32) for view in views]
     size = views[0].size
-    start = np.array([[size[0], 0, size[0] / 2], [0, size[0], size[1] / 2], [0, 0, 1.0]])
-    flags = cv2.CALIB_USE_INTRINSIC_GUESS | cv2.CALIB_ZERO_TANGENT_DIST | cv2.CALIB_FIX_K3
+    start = Intrinsics.of_numbers(np.zeros(6), size).matrix.copy()
+    flags = (
+        cv.CALIB_USE_INTRINSIC_GUESS
+        | cv.CALIB_FIX_PRINCIPAL_POINT
+        | cv.CALIB_FIX_ASPECT_RATIO
+        | cv.CALIB_ZERO_TANGENT_DIST
+        | cv.CALIB_FIX_K1
+        | cv.CALIB_FIX_K2
+        | cv.CALIB_FIX_K3
+    )
     try:
-        rms, matrix, distortion, _, _ = cv2.calibrateCamera(
+        rms, matrix, _, _, _ = cv.calibrateCamera(
             points, pixels, size, start, np.zeros(5), flags=flags
         )
     except cv2.error:
-        rms, matrix, distortion = np.inf, start, np.zeros(5)
-    if not rms < _MAX_REPROJECTION_PX or not 0.2 < matrix[0, 0] / size[0] < 10.0:
+        rms, matrix = np.inf, start
+    if not rms < _MAX_FIRST_PX or not 0.2 < matrix[0, 0] / size[0] < 10.0:
         raise CalibrationError(
             "The pictures do not say how the camera projects.",
             "Show the board near and far, and tilted, all over the picture.",
         )
-    return Intrinsics(np.asarray(matrix), np.asarray(distortion).ravel()[:5], size)
+    return Intrinsics(np.asarray(matrix), np.zeros(5), size)
+
+
+def board_sample(
+    board: Board, view: BoardView, intrinsics: Intrinsics, q: Vector, name: str
+) -> BoardSample:
+    """Return what a view says of the arm at measured joints (dof,), and of the lens.
+
+    Raises:
+        CalibrationError: The corners fit no pose.
+    """
+    import cv2  # noqa: PLC0415  # of the extra `camera`
+
+    T = board_pose(board, view, intrinsics)
+    from_origin = board.corners_m()[view.ids] @ T[:3, :3].T
+    project = cast("Any", cv2).projectPoints  # missing in its stubs
+    projected, slopes = project(
+        from_origin + T[:3, 3], np.zeros(3), np.zeros(3), intrinsics.matrix, intrinsics.distortion
+    )
+    projected, slopes = np.asarray(projected, float), np.asarray(slopes, float)
+    width, (fx, fy) = intrinsics.size[0], np.diag(intrinsics.matrix)[:2]
+    by_point = slopes[:, 3:6].reshape(-1, 2, 3)
+    by_pose = np.concatenate(
+        [by_point, -by_point @ np.array([skew(point) for point in from_origin])], axis=2
+    ).reshape(-1, 6)
+    by_fx, by_fy, by_cx, by_cy, by_k1, by_k2 = slopes[:, 6:12].T
+    by_lens = np.stack(
+        [width * (by_fx + fy / fx * by_fy), fx * by_fy, width * by_cx, width * by_cy, by_k1, by_k2],
+        axis=1,
+    )
+    moved = -np.linalg.lstsq(by_pose, by_lens, rcond=None)[0]
+    error = (projected[:, 0] - view.pixels).ravel()
+    spread = max(float(error @ error) / (len(error) - 6), _LEAST_NOISE_PX**2)
+    left = by_lens + by_pose @ moved
+    terms = LensTerms(intrinsics.numbers, moved, left.T @ error / spread, left.T @ left / spread)
+    return BoardSample(q, T, name, terms)
 
 
 def board_pose(board: Board, view: BoardView, intrinsics: Intrinsics) -> Matrix:

@@ -21,6 +21,7 @@ from ikservo.eyes.board import Board
 from ikservo.eyes.estimation import (
     BoardSample,
     CameraEstimate,
+    CameraFit,
     Extent,
     estimate_camera,
     fit_camera,
@@ -30,9 +31,9 @@ from ikservo.eyes.pictures import (
     Intrinsics,
     Picture,
     PictureSource,
-    board_pose,
-    calibrate,
+    board_sample,
     find_board,
+    guess_intrinsics,
 )
 from ikservo.eyes.pose_choice import choose_postures, is_visible
 from ikservo.kinematics import Dynamics
@@ -47,7 +48,7 @@ _FIRST_STEP_RAD = math.radians(9.0)  # of each joint, before anything is known o
 _REACH_RAD = math.radians(75.0)  # how far joints go from where the arm was put
 _CANDIDATES, _AT_ONCE, _MAX_MISSED = 1500, 4, 8
 _SETTLE_S = 0.3  # after a motion: what swings is blurred
-_GUESSED_FOCAL = 1.0  # of the width of a picture, until pictures say more
+_LENS_STEPS, _SAME_LENS = 6, 1e-3  # of its numbers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,7 +117,7 @@ class CameraCalibration:
             self._visit_best(home)
         with suppress(RefusedError):
             self._move(home)
-        intrinsics = calibrate(self._board, self._views)
+        intrinsics = self._fit()[1]
         estimate = estimate_camera(self._dynamics, self._samples(intrinsics))
         duration_s = self._arm.clock.now_s() - began_s
         return CameraResult(
@@ -133,15 +134,7 @@ class CameraCalibration:
 
     def _visit_best(self, home: Vector) -> None:
         """Go to the postures that say most by what is known so far."""
-        try:
-            intrinsics = calibrate(self._board, self._views)
-        except CalibrationError:
-            width, height = self._views[0].size
-            focal = _GUESSED_FOCAL * width
-            lens = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1.0]])
-            intrinsics = Intrinsics(lens, np.zeros(5), (width, height))
-        samples = self._samples(intrinsics)
-        fit = fit_camera(self._dynamics, samples, Extent.ARM)
+        fit, intrinsics = self._fit()
         chain = self._arm.chain
         chance = np.random.default_rng(len(self._views) + self._missed)
         low = np.maximum(chain.lower_rad, home - _REACH_RAD)
@@ -207,12 +200,23 @@ class CameraCalibration:
         self._views.append(view)
         self._joints.append(np.array([here[n].position_rad for n in self._arm.chain.names]))
 
+    def _fit(self) -> tuple[CameraFit, Intrinsics]:
+        """Fit camera, lens and arm, in steps: how poses change with the lens holds near it only."""
+        intrinsics = guess_intrinsics(self._board, self._views)
+        fit = fit_camera(self._dynamics, self._samples(intrinsics), Extent.ARM)
+        for _ in range(_LENS_STEPS):
+            intrinsics = Intrinsics.of_numbers(fit.lens, intrinsics.size)
+            before, samples = fit.lens, self._samples(intrinsics)
+            fit = fit_camera(self._dynamics, samples, Extent.ARM)
+            if np.abs(fit.lens - before).max() < _SAME_LENS:
+                break
+        return fit, intrinsics
+
     def _samples(self, intrinsics: Intrinsics) -> list[BoardSample]:
         samples: list[BoardSample] = []
         for number, (q, view) in enumerate(zip(self._joints, self._views, strict=True), start=1):
             with suppress(CalibrationError):
-                T = board_pose(self._board, view, intrinsics)
-                samples.append(BoardSample(q, T, f"picture {number}"))
+                samples.append(board_sample(self._board, view, intrinsics, q, f"picture {number}"))
         return samples
 
 
