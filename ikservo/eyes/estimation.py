@@ -343,16 +343,19 @@ def fit_camera(
     return problem.fit(problem.minimise(state, sigma, weight), sigma, kept)
 
 
-def picture_information(fit: CameraFit, q: Matrix) -> tuple[Matrix, Matrix]:
-    """Compute what pictures at joints (n, dof) say of all that can be estimated but the play.
+def picture_information(fit: CameraFit, samples: Sequence[BoardSample]) -> tuple[Matrix, Matrix]:
+    """Compute what pictures say of all that can be estimated but the play.
+
+    Args:
+        fit: What is known.
+        samples: Boards (n) where they are expected.
 
     Returns:
         The information matrix (k, k) of all of them and of what was known before, and the rows
-        (n, 6, k) of each, in standard deviations.
+        (n, 12, k) of each, in standard deviations.
     """
-    samples = [BoardSample(*each) for each in zip(q, fit.board_poses(q), strict=True)]
     problem = _Problem(fit.bending, samples, Extent.ARM)
-    return problem.information(problem.state_of(fit))
+    return problem.information(problem.state_of(fit), fit.sigma)
 
 
 def _without_outliers(problem: _Problem, state: _State) -> tuple[_State, _Mask]:
@@ -465,9 +468,14 @@ class _Problem:
         arm = np.concatenate([fit.zeros, fit.bending.compliance, fit.bending.half_play])
         return _State(fit.T_camera_base, fit.T_tip_board, fit.scale, fit.lens, arm)
 
-    def information(self, state: _State) -> tuple[Matrix, Matrix]:
-        """Compute the curvature (k, k) of the cost, and each sample's rows (n, 6, k)."""
-        rows = self._linearise(state)[1][:, :, self._free] / _START_SIGMA[_COMPONENT][:, None]
+    def information(self, state: _State, sigma: Vector) -> tuple[Matrix, Matrix]:
+        """Compute the curvature (k, k) of the cost, and each sample's rows (n, 12, k)."""
+        J = self._linearise(state)[1] / sigma[_COMPONENT][:, None]
+        by_corners = np.zeros_like(J)
+        for rows, lens in zip(by_corners, self._lenses, strict=True):
+            values, vectors = np.linalg.eigh(lens.information)
+            rows[:, 13:_POSES] = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
+        rows = np.concatenate([J, by_corners], axis=1)[:, :, self._free]
         prior = np.diag(1.0 / self._prior[self._free] ** 2)
         return prior + np.einsum("nik,nil->kl", rows, rows), rows
 

@@ -17,7 +17,8 @@ from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.se3 import exp_so3, make_pose, skew
 
 __all__ = ["BoardView", "Intrinsics", "LiveCamera", "Picture", "PictureSource", "board_pose",
-           "board_sample", "find_board", "guess_intrinsics"]  # fmt: skip
+           "board_sample", "find_board", "guess_intrinsics",
+           "lens_terms"]  # fmt: skip
 
 Picture = NDArray[np.uint8]
 """Grey (h, w) or colour (h, w, 3)."""
@@ -202,10 +203,24 @@ def board_sample(
     Raises:
         CalibrationError: The corners fit no pose.
     """
+    T = board_pose(board, view, intrinsics)
+    return BoardSample(q, T, name, lens_terms(intrinsics, T, board.corners_m()[view.ids], view))
+
+
+def lens_terms(
+    intrinsics: Intrinsics, T: Matrix, corners_m: Matrix, view: BoardView | None = None
+) -> LensTerms:
+    """Compute what corners (k, 3) of a board at a pose (4, 4) say of the lens.
+
+    Args:
+        intrinsics: Near which.
+        T: The pose in the camera.
+        corners_m: In the board.
+        view: Where they were seen; exactly where they are expected if None.
+    """
     import cv2  # noqa: PLC0415  # of the extra `camera`
 
-    T = board_pose(board, view, intrinsics)
-    from_origin = board.corners_m()[view.ids] @ T[:3, :3].T
+    from_origin = corners_m @ T[:3, :3].T
     project = cast("Any", cv2).projectPoints  # missing in its stubs
     projected, slopes = project(
         from_origin + T[:3, 3], np.zeros(3), np.zeros(3), intrinsics.matrix, intrinsics.distortion
@@ -222,11 +237,10 @@ def board_sample(
         axis=1,
     )
     moved = -np.linalg.lstsq(by_pose, by_lens, rcond=None)[0]
-    error = (projected[:, 0] - view.pixels).ravel()
+    error = (projected[:, 0] - (projected[:, 0] if view is None else view.pixels)).ravel()
     spread = max(float(error @ error) / (len(error) - 6), _LEAST_NOISE_PX**2)
     left = by_lens + by_pose @ moved
-    terms = LensTerms(intrinsics.numbers, moved, left.T @ error / spread, left.T @ left / spread)
-    return BoardSample(q, T, name, terms)
+    return LensTerms(intrinsics.numbers, moved, left.T @ error / spread, left.T @ left / spread)
 
 
 def board_pose(board: Board, view: BoardView, intrinsics: Intrinsics) -> Matrix:

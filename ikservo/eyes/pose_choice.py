@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.eyes.board import Board
-from ikservo.eyes.estimation import CameraFit, picture_information
-from ikservo.eyes.pictures import Intrinsics
+from ikservo.eyes.estimation import BoardSample, CameraFit, picture_information
+from ikservo.eyes.pictures import Intrinsics, lens_terms
 from ikservo.kinematics.arrays import Matrix
 
 __all__ = ["choose_postures", "is_visible"]
@@ -42,14 +42,23 @@ def is_visible(board: Board, intrinsics: Intrinsics, T_camera_board: Matrix) -> 
     )
 
 
-def choose_postures(fit: CameraFit, candidates: Matrix, done: Matrix, count: int) -> list[int]:
+def choose_postures(
+    board: Board,
+    fit: CameraFit,
+    intrinsics: Intrinsics,
+    candidates: Matrix,
+    done: Matrix,
+    count: int,
+) -> list[int]:
     """Choose postures one after the other, each the one that says most after those before.
 
-    That is the one with the largest growth of the determinant of the information on camera, board,
-    zeros and compliances together (D-optimality; Fedorov 1972).
+    That is the one with the largest growth of the determinant of the information on camera, lens,
+    board, zeros and compliances together (D-optimality; Fedorov 1972).
 
     Args:
+        board: On the gripper.
         fit: What is known.
+        intrinsics: Of the camera, as far as they are known.
         candidates: Postures to choose from (n, dof).
         done: Postures of the pictures that there are (m, dof).
         count: How many to choose.
@@ -57,12 +66,18 @@ def choose_postures(fit: CameraFit, candidates: Matrix, done: Matrix, count: int
     Returns:
         Indices of candidates.
     """
-    known = picture_information(fit, done)[0]
-    rows = picture_information(fit, candidates)[1]
+    corners_m = board.corners_m()
+    samples = [
+        [BoardSample(q, T, "", lens_terms(intrinsics, T, corners_m))
+         for q, T in zip(some, fit.board_poses(some), strict=True)]
+        for some in (done, candidates)
+    ]  # fmt: skip
+    known = picture_information(fit, samples[0])[0]
+    rows = picture_information(fit, samples[1])[1]
     chosen: list[int] = []
     for _ in range(min(count, len(candidates))):
         inverse = np.linalg.inv(known)
-        gain = np.linalg.slogdet(np.eye(6) + rows @ inverse @ rows.swapaxes(1, 2))[1]
+        gain = np.linalg.slogdet(np.eye(12) + rows @ inverse @ rows.swapaxes(1, 2))[1]
         gain[chosen] = -np.inf
         best = int(np.argmax(gain))
         chosen.append(best)

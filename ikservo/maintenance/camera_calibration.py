@@ -141,8 +141,10 @@ class CameraCalibration:
         high = np.minimum(chain.upper_rad, home + _REACH_RAD)
         tried = chance.uniform(low, high, (_CANDIDATES, chain.dof))
         seen = tried[is_visible(self._board, intrinsics, fit.board_poses(tried))]
-        chosen = choose_postures(fit, seen, np.array(self._joints), 3 * _AT_ONCE)
-        visited = 0
+        visited, chosen = 0, list[int]()
+        if len(seen):
+            done = np.array(self._joints)
+            chosen = choose_postures(self._board, fit, intrinsics, seen, done, 3 * _AT_ONCE)
         for q in seen[chosen]:
             visited += self._visit(q)
             if visited == _AT_ONCE or len(self._views) == self._count:
