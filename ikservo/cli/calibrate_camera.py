@@ -45,7 +45,7 @@ class CameraOptions:
     board: BoardOption = DEFAULT_BOARD
     pictures: Annotated[
         int, typer.Option("--pictures", min=10, max=100, help="How many pictures to take.")
-    ] = 24
+    ] = 30
 
 
 def calibrate_by_camera(

@@ -48,6 +48,7 @@ _FIRST_STEP_RAD = math.radians(9.0)  # of each joint, before anything is known o
 _REACH_RAD = math.radians(75.0)  # how far joints go from where the arm was put
 _CANDIDATES, _AT_ONCE, _MAX_MISSED = 1500, 4, 8
 _SETTLE_S = 0.3  # after a motion: what swings is blurred
+_EXPOSURE_TRIES, _STEADY_GREY = 5, 4.0  # pictures, and by how much their mean may differ, of 255
 _LENS_STEPS, _SAME_LENS = 6, 1e-3  # of its numbers
 
 
@@ -181,11 +182,19 @@ class CameraCalibration:
         """Take a picture of the resting arm.
 
         Raises:
-            CalibrationError: There is none, or the same one again.
+            CalibrationError: There is none, the same one again, or its brightness never settles.
         """
         clock = self._arm.clock
         clock.sleep_until(clock.now_s() + _SETTLE_S)
         picture = self._camera.take()
+        for _ in range(_EXPOSURE_TRIES):
+            before, picture = picture, self._camera.take()
+            if abs(float(picture.mean()) - float(before.mean())) < _STEADY_GREY:
+                break
+        else:
+            raise CalibrationError(
+                "The camera's brightness keeps changing.", "Switch its automatic exposure off."
+            )
         if self._last is not None and np.array_equal(picture, self._last):
             raise CalibrationError("The camera's picture stands still.", "Plug it in again.")
         self._last = picture

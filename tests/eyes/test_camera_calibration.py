@@ -1,5 +1,7 @@
 """An arm before a camera that fails: it moves no further."""
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -31,6 +33,12 @@ class SpoiledCamera:
         return picture if self._good >= 0 else self._spoil(picture)
 
 
+def hunt():
+    """Return what brightens and darkens pictures by turns."""
+    gains = itertools.cycle([0.7, 1.0])
+    return lambda picture: (picture * next(gains)).astype(np.uint8)
+
+
 def vanish(_):
     raise CalibrationError("Camera 0 gives no picture any more.", "")
 
@@ -41,6 +49,7 @@ def vanish(_):
         (vanish, "gives no picture any more"),
         (lambda picture: np.full_like(picture, 100), "is not seen"),
         (lambda picture: picture[:, ::-1].copy(), "is mirrored"),
+        (hunt(), "brightness keeps changing"),
     ],
 )
 def test_nothing_moves_before_the_board_was_seen(monkeypatch, spoil, message):
