@@ -30,7 +30,7 @@ from ikservo.view.messages import BadMessageError
 __all__ = ["AnswerNewArm", "CancelNewArm", "NewArmPanel", "StartNewArm"]
 
 _MAX_LINES = 200
-_LET_GO_S = 3.0  # for the process to switch off a servo's torque and to close the port
+_LET_GO_S = 10.0  # for the process to switch off a servo's torque and to close the port
 _NICE = 10
 
 

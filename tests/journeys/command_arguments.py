@@ -36,6 +36,8 @@ _ARGUMENTS = {
     "x": ["{x}"],
     "y": ["{y}"],
     "z": ["{z}"],
+    "u": ["480"],
+    "v": ["400"],
     "arm": ["{arm}"],
     "name": ["home"],
     "goals": ["{joint}={degrees}"],

@@ -109,7 +109,7 @@ def test_a_stop_ends_the_search_of_servos_and_writes_nothing(panel, tmp_path, mo
     panel.stop_servos()
     assert "Stopped" in panel.fields()["error"]
     assert not panel.is_running
-    process.join(3.0)
+    process.join(30.0)
     assert process.exitcode == 0  # by itself, after it has switched off the torque
     assert not (tmp_path / "mine").exists()
 
