@@ -19,6 +19,7 @@ with importing_from("dynamixel-sdk", "dynamixel_sdk"):
     from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 
 __all__ = [
+    "MAX_PACKET_BYTES",
     "FastSyncCodec",
     "FixedPacketHandler",
     "Protocol2Codec",
@@ -52,7 +53,7 @@ _HEADER = b"\xff\xff\xfd\x00"
 _LEN, _INSIDE = 5, 7  # offsets of the length field and the instruction
 _STATUS = 0x55
 _STUFFED = b"\xff\xff\xfd"
-_MAX_PACKET_BYTES = 1024
+MAX_PACKET_BYTES = 1024
 
 _ALERT = 0x80
 _CRC_ERROR = 3
@@ -166,9 +167,9 @@ class Protocol2Codec:
         if start[:4] != _HEADER[: len(start)]:
             return 0
         if len(start) < _INSIDE:
-            return _MAX_PACKET_BYTES
+            return MAX_PACKET_BYTES
         length = int.from_bytes(start[_LEN:], "little")
-        return length + _INSIDE if 3 <= length <= _MAX_PACKET_BYTES else 0
+        return length + _INSIDE if 3 <= length <= MAX_PACKET_BYTES else 0
 
     def _crc_is_right(self, packet: bytes) -> bool:
         return crc(0, packet, len(packet) - 2) == int.from_bytes(packet[-2:], "little")

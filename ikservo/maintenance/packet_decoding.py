@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from ikservo.hardware.packet_log import LoggedBytes
 from ikservo.hardware.packets import BROADCAST_ID
 from ikservo.hardware.protocol1 import checksum
-from ikservo.hardware.protocol2 import crc, split_fast_sync, unstuff
+from ikservo.hardware.protocol2 import MAX_PACKET_BYTES, crc, split_fast_sync, unstuff
 from ikservo.registers import ControlTable, Register
 
 __all__ = ["DecodedPacket", "decode_packets"]
@@ -84,15 +84,16 @@ class _Decoder:
 
     def __init__(self, tables: Mapping[int, type[ControlTable]]) -> None:
         self._tables = tables
-        self._sent = self._received = b""
+        self._sent = b""
+        self._received = bytearray()
         self._since_s = 0.0
         self._spans: dict[int, tuple[int, int]] = {}
         self._fast_ids: tuple[int, ...] = ()
 
     def decode_sent(self, chunk: LoggedBytes) -> Iterator[DecodedPacket]:
         yield from self.flush()
-        frame, rest = _parse_frame(chunk.data, status=False)
-        if frame is None or rest:
+        frame, end = _parse_frame(chunk.data, 0, status=False)
+        if frame is None or end < len(chunk.data):
             yield DecodedPacket(chunk.time_s, True, None, "bytes", "no packet", chunk.data)
             return
         self._sent = chunk.data
@@ -112,19 +113,21 @@ class _Decoder:
         yield from self._parse_received(final=True)
 
     def _parse_received(self, *, final: bool) -> Iterator[DecodedPacket]:
-        if self._sent and self._received.startswith(self._sent):  # an adapter that echoes
-            self._received, self._sent = self._received[len(self._sent) :], b""
-        while self._received:
-            frame, rest = _parse_frame(self._received, status=True)
-            if frame is None:
-                if not final:
-                    return
-                start = _next_header(self._received)
-                junk, self._received = self._received[:start], self._received[start:]
+        received, at = self._received, 0
+        if self._sent and received.startswith(self._sent):  # an adapter that echoes
+            at, self._sent = len(self._sent), b""
+        while at < len(received):
+            frame, end = _parse_frame(received, at, status=True)
+            if frame is not None:
+                yield self._decode_status(frame, bytes(received[at:end]))
+            elif final:
+                end = _next_header(received, at)
+                junk = bytes(received[at:end])
                 yield DecodedPacket(self._since_s, False, None, "bytes", "no packet", junk)
-                continue
-            data, self._received = self._received[: len(self._received) - len(rest)], rest
-            yield self._decode_status(frame, data)
+            else:
+                break
+            at = end
+        del received[:at]
 
     def _decode_status(self, frame: _Frame, data: bytes) -> DecodedPacket:
         error = f"error 0x{frame.code:02X}" if frame.code else ""
@@ -203,32 +206,35 @@ class _Decoder:
         return [r for r in rows if address <= r.address and r.end <= address + size]
 
 
-def _parse_frame(data: bytes, *, status: bool) -> tuple[_Frame | None, bytes]:
-    """Parse the packet at the beginning of bytes; return it and the bytes after it."""
-    if data.startswith(_HEADER_2):
-        length = int.from_bytes(data[5:7], "little") + 7 if len(data) >= 7 else len(data) + 1
-        packet = data[:length]
-        if len(packet) < length or length < 10:
-            return None, data
-        if crc(0, packet, length - 2) != int.from_bytes(packet[-2:], "little"):
-            return None, data
+def _parse_frame(data: bytes | bytearray, at: int, *, status: bool) -> tuple[_Frame | None, int]:
+    """Parse the packet that begins at an index; return it and where it ends."""
+    start = data[at : at + 7]
+    if start.startswith(_HEADER_2):
+        length = int.from_bytes(start[5:], "little")
+        # Without a limit each false header would cost a checksum over up to 64 KiB
+        if len(start) < 7 or not 3 <= length <= MAX_PACKET_BYTES:
+            return None, at
+        end = at + 7 + length
+        packet = bytes(data[at:end])
+        if end > len(data) or crc(0, packet, len(packet) - 2) != _word(packet, len(packet) - 2, 2):
+            return None, at
         inside = unstuff(packet[7:-2])
         if (inside[0] == _STATUS) != status or (status and len(inside) < 2):
-            return None, data
+            return None, at
         code, parameters = (inside[1], inside[2:]) if status else (inside[0], inside[1:])
-        return _Frame(packet[4], code, parameters, wide=True), data[length:]
-    if data.startswith(_HEADER_1) and len(data) >= 4:
-        length = data[3] + 4
-        packet = data[:length]
-        if len(packet) < length or length < 6 or packet[-1] != checksum(packet[2:-1]):
-            return None, data
-        return _Frame(packet[2], packet[4], packet[5:-1], wide=False), data[length:]
-    return None, data
+        return _Frame(packet[4], code, parameters, wide=True), end
+    if start.startswith(_HEADER_1) and len(start) >= 4:
+        end = at + start[3] + 4
+        packet = bytes(data[at:end])
+        if end > len(data) or len(packet) < 6 or packet[-1] != checksum(packet[2:-1]):
+            return None, at
+        return _Frame(packet[2], packet[4], packet[5:-1], wide=False), end
+    return None, at
 
 
-def _next_header(data: bytes) -> int:
-    """Return where the next packet may begin, after the first byte."""
-    found = data.find(_HEADER_1, 1)
+def _next_header(data: bytearray, at: int) -> int:
+    """Return where the next packet may begin, after the byte at an index."""
+    found = data.find(_HEADER_1, at + 1)
     return len(data) if found < 0 else found
 
 

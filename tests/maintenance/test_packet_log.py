@@ -10,7 +10,8 @@ import pytest
 from ikservo.errors import FileFormatError
 from ikservo.files.writing import FileWriteError
 from ikservo.hardware import Port, ServoBus, ServoSpec, torque_on
-from ikservo.hardware.packet_log import read_packet_log, recorded_transport
+from ikservo.hardware.packet_log import LoggedBytes, read_packet_log, recorded_transport
+from ikservo.maintenance import packet_decoding
 from ikservo.maintenance.packet_decoding import decode_packets
 from ikservo.registers import RegisterName, control_table
 from servosim.faults import Fault
@@ -138,3 +139,25 @@ def test_every_truncated_file_ends_early_and_no_damaged_one_hangs(path):
         path.write_bytes(damaged)
         with contextlib.suppress(FileFormatError):
             decoded(path, "STS3215")
+
+
+@pytest.mark.parametrize("length_hex", ["F403", "F00F"])
+@pytest.mark.parametrize("chunk_bytes", [10, 1000])
+def test_damaged_bytes_take_time_in_proportion_to_their_count(length_hex, chunk_bytes, monkeypatch):
+    checked_bytes = 0
+    crc = packet_decoding.crc
+
+    def counting_crc(start, packet, count):
+        nonlocal checked_bytes
+        checked_bytes += count
+        return crc(start, packet, count)
+
+    monkeypatch.setattr(packet_decoding, "crc", counting_crc)
+    false_header = bytes.fromhex(f"FFFFFD0001{length_hex}550000")
+    data = false_header * 2000
+    chunks = [
+        LoggedBytes(0.0, False, data[at : at + chunk_bytes], 1)
+        for at in range(0, len(data), chunk_bytes)
+    ]
+    assert b"".join(packet.data for packet in decode_packets(chunks, {})) == data
+    assert checked_bytes <= 210 * len(data)  # two checks of 1 KiB for each header of 10 bytes
