@@ -60,6 +60,7 @@ def recorded_transport(transport: Transport, name: str) -> Transport:
         name: Of the port.
 
     Raises:
+        FileFormatError: The file exists and is no regular one.
         FileWriteError: The file cannot be written.
     """
     path = os.environ.get(_VARIABLE)
@@ -81,6 +82,8 @@ class _RecordedTransport:
         own["_clock"] = cast("Clock | None", getattr(transport, "clock", None))
         own["_start_s"] = 0.0 if own["_clock"] else time.time() - time.monotonic()
         try:
+            if path.exists():
+                require_file(path)
             own["_file"] = os.open(path, _APPENDING, 0o644)
         except OSError as error:
             raise FileWriteError(path, error.strerror or str(error), changed=False) from error

@@ -3,6 +3,7 @@
 import contextlib
 import errno
 import os
+import socket
 import warnings
 
 import pytest
@@ -115,9 +116,20 @@ def test_a_full_disk_ends_the_recording_and_not_the_motion(path, monkeypatch):
 
 
 def test_a_file_that_cannot_be_written_is_one_error_before_anything(tmp_path, monkeypatch):
-    monkeypatch.setenv("IKSERVO_PACKETS", str(tmp_path))
+    monkeypatch.setenv("IKSERVO_PACKETS", str(tmp_path / "none" / "log.pcapng"))
     with pytest.raises(FileWriteError, match="cannot be written"):
         recorded_transport(make_transport({1: "STS3215"}), "bench")
+
+
+def test_what_is_no_regular_file_is_refused_and_not_waited_for(tmp_path, monkeypatch):
+    os.mkfifo(tmp_path / "fifo")
+    with socket.socket(socket.AF_UNIX) as server:
+        monkeypatch.chdir(tmp_path)  # the path of a socket has at most 107 bytes
+        server.bind("socket")
+        for name in (tmp_path, tmp_path / "fifo", "socket", os.devnull):
+            monkeypatch.setenv("IKSERVO_PACKETS", str(name))
+            with pytest.raises(FileFormatError, match=r"is a folder|is not a regular file"):
+                recorded_transport(make_transport({1: "STS3215"}), "bench")
 
 
 def test_every_truncated_file_ends_early_and_no_damaged_one_hangs(path):
