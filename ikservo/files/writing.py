@@ -12,6 +12,7 @@ import os
 import sys
 import tempfile
 from collections.abc import Generator, Mapping
+from importlib.util import find_spec
 from pathlib import Path
 
 from ikservo.errors import FileFormatError, IkservoError
@@ -20,6 +21,7 @@ __all__ = [
     "BACKUP_SUFFIX",
     "FileWriteError",
     "check_writable",
+    "exclusive_access",
     "make_folder",
     "remove_durably",
     "strip_checksum",
@@ -143,6 +145,32 @@ def remove_durably(path: Path) -> None:
     with _translating_os_errors(path, changed=True):
         if path.parent.is_dir():
             _sync_folder(path.parent)
+
+
+@contextlib.contextmanager
+def exclusive_access(path: Path) -> Generator[None]:
+    """Let one program at a time read a file and replace it; the others wait for its end.
+
+    The lock is on a file beside it, which stays: the file itself becomes another when replaced.
+    On Windows there is no lock.
+
+    Raises:
+        FileWriteError: The disk is full, read-only or broken.
+    """
+    if find_spec("fcntl") is None:
+        yield
+        return
+    import fcntl  # noqa: PLC0415  # there is none on Windows
+
+    make_folder(path.parent)
+    with _translating_os_errors(path):
+        handle = os.open(path.with_name(f".{path.name}.lock"), os.O_RDWR | os.O_CREAT, 0o666)
+    try:
+        with _translating_os_errors(path):
+            fcntl.flock(handle, fcntl.LOCK_EX)
+        yield
+    finally:
+        os.close(handle)
 
 
 @contextlib.contextmanager

@@ -23,7 +23,7 @@ from ikservo.errors import FileFormatError
 from ikservo.files.folders import config_dir
 from ikservo.files.reading import read_text
 from ikservo.files.validation import StrictModel, first_issue, validation_issues
-from ikservo.files.writing import write_atomic
+from ikservo.files.writing import exclusive_access, write_atomic
 from ikservo.hardware.bus import ServoBus
 from ikservo.lab.identification import Identification
 from ikservo.registers import RegisterName
@@ -112,9 +112,10 @@ def append_record(path: Path, record: HealthRecord) -> None:
         FileFormatError: The file is damaged; it is unchanged.
         FileWriteError: It cannot be written; it is unchanged.
     """
-    records = [*read_records(path), record][-MAX_RECORDS:]
-    lines = (each.model_dump_json(exclude_none=True) for each in records)
-    write_atomic(path, "".join(f"{line}\n" for line in lines))
+    with exclusive_access(path):
+        records = [*read_records(path), record][-MAX_RECORDS:]
+        lines = (each.model_dump_json(exclude_none=True) for each in records)
+        write_atomic(path, "".join(f"{line}\n" for line in lines))
 
 
 _PERIOD_S = 0.1

@@ -16,4 +16,4 @@ def test_each_run_adds_a_record(run_cli, arm, tmp_path):
     assert first["joints"][0]["lost"] == 0
     report = run_cli(f"monitor --arm {arm} --port sim --report")
     assert "2 records" in report.err
-    assert len(list((tmp_path / "health").iterdir())) == 1
+    assert len(list((tmp_path / "health").glob("*.jsonl"))) == 1

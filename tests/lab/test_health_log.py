@@ -1,6 +1,7 @@
 """Wear of servos: told apart from noise, from damaged files, from other changes."""
 
 import json
+from concurrent.futures import ThreadPoolExecutor
 from datetime import UTC, datetime, timedelta
 
 import numpy as np
@@ -90,6 +91,15 @@ def test_records_come_back_and_a_damaged_file_stays(tmp_path, monkeypatch):
             append_record(path, written[0])
         assert path.read_bytes() == before
         path.write_text("".join(f"{each.model_dump_json(exclude_none=True)}\n" for each in written))
+
+
+def test_programs_that_append_at_once_lose_no_record(tmp_path):
+    """Threads stand for programs: the lock excludes whoever has opened its file by itself."""
+    path = tmp_path / "health" / "arm.jsonl"
+    records = [record(day, {"pan": 0.5}) for day in range(75)]
+    with ThreadPoolExecutor(3) as programs:
+        list(programs.map(lambda each: append_record(path, each), records))
+    assert sorted(read_records(path), key=lambda each: each.written) == records
 
 
 def test_very_many_records_drop_the_oldest(tmp_path):
