@@ -142,9 +142,10 @@ class OverloadMonitor:
             if name not in goals or name not in ticks or not self.relaxes:
                 continue
             near = self._relaxed_goal(name, ticks[name])
+            is_short = joint.side * (goals[name] - near) > 0
             if joint.bound is not None:
                 joint.bound = joint.side * max(joint.side * joint.bound, joint.side * near)
-            elif joint.warned and left_s is not None and left_s <= _RELAX_LEFT_S:
+            elif joint.warned and left_s is not None and left_s <= _RELAX_LEFT_S and is_short:
                 joint.bound = near
                 self._news.append(
                     f"{name} was relaxed {left_s:.1f} s before its servo protects itself: its goal "
@@ -161,12 +162,20 @@ class OverloadMonitor:
     def relaxed_goals(self, goals: Mapping[str, int], ticks: Mapping[str, int]) -> dict[str, int]:
         """Return the goals, drawn back, of all joints that press too hard, at the end of a motion.
 
+        A goal that is as near already is left out: a load that is read may come from more than
+        the lag, as with an I gain, and no goal is pushed on.
+
         Args:
             goals: In force, by joint.
             ticks: As measured.
         """
-        pressing = [name for name in self.rules if self._joints[name].warned]
-        return {name: self._relaxed_goal(name, ticks[name]) for name in pressing if name in ticks}
+        drawn: dict[str, int] = {}
+        for name in self.rules:
+            if name in goals and name in ticks and self._joints[name].warned:
+                near = self._relaxed_goal(name, ticks[name])
+                if self._joints[name].side * (goals[name] - near) > 0:
+                    drawn[name] = near
+        return drawn
 
     def _relaxed_goal(self, name: str, tick: int) -> int:
         rule = self.rules[name]

@@ -1,0 +1,37 @@
+"""Which goals of a joint that presses are drawn back: none is pushed on."""
+
+import pytest
+
+from ikservo.guard import OverloadMonitor, OverloadRule
+from tests.guard.gates import TICK, make_limits
+
+AT = 2000
+
+
+def pressed_by_a_load(goal, seconds):
+    """Return a monitor of a joint that stands at 2000 while a load of 85 % is read, and news."""
+    monitor = OverloadMonitor([make_limits()])
+    monitor.rules["elbow"] = OverloadRule(0.8, 2.0, output_per_rad=4.0)
+    news = []
+    for cycle in range(round(seconds * 50)):
+        time_s = 0.02 * cycle
+        monitor.observe_load("elbow", 85.0 if goal > AT else -85.0, time_s)
+        assert monitor.draw_back({"elbow": goal}, {"elbow": AT}) == {"elbow": goal}
+        news += monitor.update({"elbow": goal}, {"elbow": AT}, time_s)
+    return monitor, news
+
+
+@pytest.mark.parametrize("goal", [AT + 10, AT - 10])
+def test_a_goal_near_to_where_its_joint_presses_is_never_pushed_on(goal):
+    monitor, news = pressed_by_a_load(goal, 1.9)
+    assert monitor.seconds_left("elbow") < 0.5
+    assert len(news) == 1
+    assert "presses with 85 %" in news[0]
+    assert monitor.relaxed_goals({"elbow": goal}, {"elbow": AT}) == {}
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_a_goal_far_ahead_is_drawn_back_at_the_end_of_a_motion(side):
+    monitor, _ = pressed_by_a_load(AT + 10 * side, 0.5)
+    drawn = monitor.relaxed_goals({"elbow": AT + 200 * side}, {"elbow": AT})
+    assert side * (drawn["elbow"] - AT) == int(0.6 * 0.8 / 4.0 / TICK)
