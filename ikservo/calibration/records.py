@@ -149,6 +149,10 @@ class SeenBoard(StrictModel):
     )
 
 
+_Pixels = Annotated[int, Field(ge=1, le=100_000)]
+_FocalLength = Annotated[float, Field(gt=0)]  # a negative one would mirror each click
+
+
 class CalibratedCamera(StrictModel):
     """``[camera]``: a camera that has seen the arm, and where it stands."""
 
@@ -158,8 +162,8 @@ class CalibratedCamera(StrictModel):
     left_out: int = Field(ge=0, le=10_000, description="a whole number")
     before_mm: float = Field(ge=0, description="millimetres, in pictures left out")
     after_mm: float = Field(ge=0, description="millimetres, in pictures left out")
-    size_px: tuple[int, int] = Field(strict=False, description="[width, height] in pixels")
-    lens_px: tuple[float, float, float, float] = Field(
+    size_px: tuple[_Pixels, _Pixels] = Field(strict=False, description="[width, height] in pixels")
+    lens_px: tuple[_FocalLength, _FocalLength, float, float] = Field(
         strict=False, description="[fx, fy, cx, cy] in pixels"
     )
     distortion: tuple[float, float, float, float, float] = Field(

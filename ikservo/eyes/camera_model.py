@@ -24,6 +24,7 @@ _MIN_DEPTH_M = 1e-3
 _STEPS, _ENOUGH, _SMALL = 20, 1e-12, 1e-6
 _LEVEL = 1e-3  # a line of sight as level as that meets the table anywhere
 _PARALLEL = 1e-12
+_MAX_OFF_PX = 0.1  # of a direction that was found, by its own pixel
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,14 +99,19 @@ class CameraModel:
         """Return what a pixel sees.
 
         Raises:
-            BadValueError: It is not in the picture.
+            BadValueError: It is not in the picture, or no direction is known for it: the lens as
+                stored nearly turns back there.
         """
         width, height = self.lens.size
         if not (-0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5):  # also rejects NaN
             raise BadValueError(
                 "The pixel", f"{u:g}, {v:g}", f"one of the picture's {width} x {height}"
             )
-        ahead = np.append(self.flat(np.array([u, v])), 1.0)
+        flat = self.flat(np.array([u, v]))
+        off_px = float(np.abs(self.pixels(flat) - (u, v)).max())
+        if not off_px < _MAX_OFF_PX:
+            raise BadValueError("The pixel", f"{u:g}, {v:g}", "one nearer to the picture's centre")
+        ahead = np.append(flat, 1.0)
         direction = self.T_base_camera[:3, :3] @ ahead
         return LineOfSight(self.T_base_camera[:3, 3], direction / np.linalg.norm(direction))
 

@@ -75,3 +75,16 @@ def test_without_a_camera_or_with_a_damaged_file_it_says_so(arm):
     path.unlink()
     with pytest.raises(CalibrationError, match="so101 has no calibrated camera"):
         arm.camera.point_on_table(480, 500)
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [{"lens_px": (-900.0, 900.0, 480.0, 360.0)}, {"lens_px": (900.0, 0.0, 480.0, 360.0)},
+     {"size_px": (0, 720)}],
+)  # fmt: skip
+def test_a_stored_lens_that_would_mirror_is_refused(arm, wrong):
+    _, known = load_camera("so101", SIMULATED)
+    camera = known.camera.model_copy(update=wrong)
+    save_camera("so101", SIMULATED, known.model_copy(update={"camera": camera}))
+    with pytest.raises(FileFormatError, match=next(iter(wrong))):
+        arm.camera.point_on_table(480, 500)
