@@ -129,7 +129,8 @@ def compare_place(
     corners = place.scale * place.board.corners_m()[view.ids]
     px, depth_m = model.project(corners @ T_base_board[:3, :3].T + T_base_board[:3, 3])
     away_px = float(np.linalg.norm(px - view.pixels)) / math.sqrt(len(view.ids))
-    off_mm = 1000.0 * away_px * float(np.mean(depth_m)) / float(model.lens.matrix[0, 0])
+    away_m = float(np.mean(np.abs(depth_m)))  # it may be expected behind the camera
+    off_mm = 1000.0 * away_px * away_m / float(model.lens.matrix[0, 0])
     T_seen = make_pose(place.scale * T_seen[:3, 3], T_seen[:3, :3])
     T_base_camera = T_base_board @ np.linalg.inv(T_seen)
     before = model.T_base_camera

@@ -13,7 +13,7 @@ from ikservo.arm.camera import camera_key, camera_model, known_camera, moved_err
 from ikservo.calibration.camera_file import CameraCheck, save_camera
 from ikservo.clock import Clock
 from ikservo.errors import CalibrationError, IkservoError
-from ikservo.eyes.pictures import Picture, find_board
+from ikservo.eyes.pictures import MirroredPictureError, Picture, find_board
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.maintenance.camera_check import BoardPlace, compare_place
 from ikservo.view.camera import Viewport
@@ -50,6 +50,7 @@ class CameraView:
         self._model = camera_model(camera)
         check = self._known.check
         self._moved = check if check is not None and check.has_moved else None
+        self._mirrored = ""
         self._place = None
         if camera.board is not None or self._known.board is not None:
             self._place = BoardPlace(camera, self._known)
@@ -57,7 +58,7 @@ class CameraView:
         self._still: tuple[float, Vector] | None = None  # since when, and where
         self._doubts, self._checked_s = 0, clock.now_s()
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="ikservo camera check")
-        self._checking: Future[CameraCheck | None] | None = None
+        self._checking: Future[CameraCheck | MirroredPictureError | None] | None = None
 
     def close(self) -> None:
         """Cancel the look that is under way."""
@@ -82,6 +83,8 @@ class CameraView:
         """Why no target is taken from the picture; empty if one is."""
         if self._moved is not None:
             return moved_error(self._moved.moved_mm, self._moved.turned_deg).message
+        if self._mirrored:
+            return self._mirrored
         picture, (width, height) = self._video.newest, self._model.lens.size
         if picture is not None and picture.shape[:2] != (height, width):
             seen = f"{picture.shape[1]} x {picture.shape[0]}"
@@ -121,16 +124,25 @@ class CameraView:
             T_base_tip = self._arm.chain.forward(q)
             self._checking = self._worker.submit(self._look, place, picture, T_base_tip)
 
-    def _look(self, place: BoardPlace, picture: Picture, T_base_tip: Matrix) -> CameraCheck | None:
+    def _look(
+        self, place: BoardPlace, picture: Picture, T_base_tip: Matrix
+    ) -> CameraCheck | MirroredPictureError | None:
         """Return what a picture says of the camera's place; None if the board is not seen."""
         try:
             view = find_board(place.board, picture)
             return compare_place(self._model, place, T_base_tip, view, datetime.now(UTC))
+        except MirroredPictureError as error:
+            return error
         except CalibrationError:
             return None
 
-    def _judge(self, check: CameraCheck | None) -> None:
+    def _judge(self, check: CameraCheck | MirroredPictureError | None) -> None:
         """Believe what two pictures say, one after the other; and say so to programs."""
+        if isinstance(check, MirroredPictureError):
+            self._mirrored = check.message
+            return
+        if check is not None:
+            self._mirrored = ""
         if check is None or check.has_moved == (self._moved is not None):
             self._doubts = 0
             return
