@@ -21,7 +21,7 @@ __all__ = ["CameraModel", "LineOfSight"]
 _WIDEST = 3.0  # tangent of the angle to the axis up to which a lens is believed
 _NEAR_FOLD = 0.95  # of the radius at which its polynomial turns back
 _MIN_DEPTH_M = 1e-3
-_STEPS, _ENOUGH, _SMALL = 20, 1e-12, 1e-6
+_HALVINGS, _STEPS, _ENOUGH, _SMALL = 30, 20, 1e-12, 1e-6
 _LEVEL = 1e-3  # a line of sight as level as that meets the table anywhere
 _PARALLEL = 1e-12
 _MAX_OFF_PX = 0.1  # of a direction that was found, by its own pixel
@@ -122,7 +122,7 @@ class CameraModel:
     def flat(self, px: Matrix) -> Matrix:
         """Compute directions, as x/z and y/z (…, 2), of pixels (…, 2); inverse of ``pixels``."""
         wanted = (px - self._centre_px) / self._focal_px
-        found = wanted.copy()
+        found = self._radially_straight(wanted)
         for _ in range(_STEPS):  # Newton's
             off = self._bent(found) - wanted
             if float(np.abs(off).max(initial=0.0)) < _ENOUGH:
@@ -135,6 +135,24 @@ class CameraModel:
             x, y = off[..., 0], off[..., 1]
             found -= np.stack([d * x - b * y, a * y - c * x], axis=-1) / determinant[..., None]
         return found
+
+    def _radially_straight(self, bent: Matrix) -> Matrix:
+        """Return directions (…, 2) that are right but for tangential distortion, by bisection.
+
+        Newton's method does not converge from everywhere where a lens nearly turns back.
+        """
+        k1, k2, _, _, k3 = self.lens.distortion.tolist()
+        wanted: Vector = np.asarray(np.linalg.norm(bent, axis=-1))
+        ends = 1.0 + self.widest**2 * (k1 + self.widest**2 * (k2 + self.widest**2 * k3))
+        low: Vector = np.zeros_like(wanted)
+        high: Vector = np.maximum(wanted / ends, self.widest)
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            r2 = np.minimum(middle, self.widest) ** 2
+            is_beyond = middle * (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) > wanted
+            low += np.where(is_beyond, 0.0, middle - low)
+            high -= np.where(is_beyond, high - middle, 0.0)
+        return bent * (0.5 * (low + high) / np.maximum(wanted, _PARALLEL))[..., None]
 
     @cached_property
     def widest(self) -> float:
