@@ -56,12 +56,14 @@ class LensTerms:
         by_lens: How that pose changes with them (6, 6): rows are metres and rad, camera frame.
         slope: Of half the squared error of the corners by them (6,), the pose always the best one.
         information: The second derivative (6, 6).
+        noise: The covariance (6, 6) of that pose by the noise of the corners, as ``by_lens``.
     """
 
     at: Vector
     by_lens: Matrix
     slope: Vector
     information: Matrix
+    noise: Matrix
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
@@ -135,7 +137,7 @@ class FittedParameter:
 _ZERO_RAD, _ZERO_M = math.radians(3.0), 0.002
 _COMPLIANCE, _HALF_PLAY_RAD, _HALF_PLAY_M = 0.1, math.radians(0.25), 0.0003
 _POSE, _SCALE = 100.0, 0.005  # camera and board may be anywhere; a ruler shows so much of prints
-_LENS = (1.0, 0.003, 0.05, 0.05, 0.2, 0.2)  # as in LensTerms
+_LENS = (1.0, 0.003, 0.02, 0.02, 0.2, 0.2)  # as in LensTerms
 _POSES = 12 + 1 + 6  # numbers before the arm's: two poses, the scale and the lens
 
 # The rows of a residual, and of which component each is.
@@ -401,6 +403,10 @@ class _Problem:
         self._prior, self.dof = _priors(bending), dof
         self._distance = [float(np.linalg.norm(s.T_camera_board[:3, 3])) for s in samples]
         self._rays = [_ray_frame(sample.T_camera_board[:3, 3]) for sample in samples]
+        self._noise = np.zeros((len(samples), 6, 6))
+        for noise, lens, turn in zip(self._noise, self._lenses, self._rays, strict=False):
+            both = np.kron(np.eye(2), turn)
+            noise[:] = both @ lens.noise @ both.T
 
     def minimise(self, state: _State, sigma: Vector, weight: Vector) -> _State:
         """Return the state with the least sum of squares, by Levenberg's steps."""
@@ -430,9 +436,10 @@ class _Problem:
         They are those with which the others predict a sample: residuals themselves are
         small where a sample is far from the others and the fit has followed it.
         """
-        error = self.left_out(state, sigma, weight)
-        count, squares = float(np.sum(weight)), weight @ (error / _START_SIGMA[_COMPONENT]) ** 2
-        spread = np.array([np.mean(squares[np.equal(_COMPONENT, k)]) for k in range(4)])
+        noise = np.diagonal(self._noise, axis1=1, axis2=2)
+        squares = self.left_out(state, sigma, weight) ** 2 - noise
+        count, squares = float(np.sum(weight)), weight @ squares / _START_SIGMA[_COMPONENT] ** 2
+        spread = np.array([np.mean(squares[np.equal(_COMPONENT, k)]) for k in range(4)]).clip(0.0)
         typical = max(float(np.mean(spread)) / count, _FINEST**2)
         return _START_SIGMA * np.sqrt((spread + _ASSUMED * typical) / (count + _ASSUMED))
 
@@ -454,13 +461,18 @@ class _Problem:
         The fit without a sample is one step from that with it: its leverage says which.
         """
         e, J = self._linearise(state)
-        scaled = J[:, :, self._free] / sigma[_COMPONENT][:, None]
-        scaled *= np.sqrt(weight)[:, None, None]
+        whiten = self._whiten(sigma)
+        scaled = np.sqrt(weight)[:, None, None] * (whiten @ J[:, :, self._free])
         curvature = self._equations(state, sigma, weight).curvature
         inverse = np.linalg.inv(curvature[np.ix_(self._free, self._free)])
         leverage = scaled @ inverse @ scaled.swapaxes(1, 2)
-        alone = np.linalg.solve(np.eye(6) - leverage, (e / sigma[_COMPONENT])[:, :, None])
-        return alone[:, :, 0] * sigma[_COMPONENT]
+        alone = np.linalg.solve(np.eye(6) - leverage, whiten @ e[:, :, None])
+        return np.linalg.solve(whiten, alone)[:, :, 0].astype(np.float64)
+
+    def _whiten(self, sigma: Vector) -> Matrix:
+        """Return what makes each sample's residual one of unit covariance (n, 6, 6)."""
+        covariance = self._noise + np.diag(sigma[_COMPONENT] ** 2)
+        return np.linalg.inv(np.linalg.cholesky(covariance)).astype(np.float64)
 
     @staticmethod
     def state_of(fit: CameraFit) -> _State:
@@ -470,7 +482,7 @@ class _Problem:
 
     def information(self, state: _State, sigma: Vector) -> tuple[Matrix, Matrix]:
         """Compute the curvature (k, k) of the cost, and each sample's rows (n, 12, k)."""
-        J = self._linearise(state)[1] / sigma[_COMPONENT][:, None]
+        J = self._whiten(sigma) @ self._linearise(state)[1]
         by_corners = np.zeros_like(J)
         for rows, lens in zip(by_corners, self._lenses, strict=True):
             values, vectors = np.linalg.eigh(lens.information)
@@ -481,7 +493,8 @@ class _Problem:
 
     def squares(self, state: _State) -> Vector:
         """Compute each sample's squared residual (n,) in the deviations that are assumed first."""
-        return np.sum((self._linearise(state)[0] / _START_SIGMA[_COMPONENT]) ** 2, axis=1)
+        e = self._linearise(state)[0]
+        return np.sum((self._whiten(_START_SIGMA) @ e[:, :, None]) ** 2, axis=(1, 2))
 
     def tips(self) -> Matrix:
         """Return the tip's poses (n, 4, 4) of the arm as it is described."""
@@ -507,8 +520,8 @@ class _Problem:
 
     def _equations(self, state: _State, sigma: Vector, weight: Vector) -> _NormalEquations:
         e, J = self._linearise(state)
-        scale = np.sqrt(weight)[:, None] / sigma[_COMPONENT]
-        rows, A = (e * scale).ravel(), (J * scale[:, :, None]).reshape(-1, len(self._free))
+        whiten = np.sqrt(weight)[:, None, None] * self._whiten(sigma)
+        rows, A = (whiten @ e[:, :, None]).ravel(), (whiten @ J).reshape(-1, len(self._free))
         known = np.concatenate([np.zeros(12), [state.scale], state.lens, state.arm]) * self._free
         information = np.diag(1.0 / self._prior**2)
         slope = A.T @ rows + information @ known

@@ -245,7 +245,9 @@ def lens_terms(
     error = (projected[:, 0] - (projected[:, 0] if view is None else view.pixels)).ravel()
     spread = max(float(error @ error) / (len(error) - 6), _LEAST_NOISE_PX**2)
     left = by_lens + by_pose @ moved
-    return LensTerms(intrinsics.numbers, moved, left.T @ error / spread, left.T @ left / spread)
+    noise = spread * np.linalg.inv(by_pose.T @ by_pose)
+    slope, information = left.T @ error / spread, left.T @ left / spread
+    return LensTerms(intrinsics.numbers, moved, slope, information, noise)
 
 
 def board_pose(board: Board, view: BoardView, intrinsics: Intrinsics) -> Matrix:

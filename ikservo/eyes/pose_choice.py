@@ -16,7 +16,8 @@ __all__ = ["choose_postures", "is_visible"]
 
 _MAX_TILT_RAD = math.radians(50.0)
 _MARGIN = 0.04  # of the picture, around the board
-_NEAREST, _FARTHEST = 5.0, 40.0  # sides of the board
+_NEAREST = 2.5  # sides of the board
+_MIN_SQUARE_PX = 18.0  # of a square, as it is foreshortened: two for each bit of a marker
 
 
 def is_visible(board: Board, intrinsics: Intrinsics, T_camera_board: Matrix) -> NDArray[np.bool_]:
@@ -33,11 +34,12 @@ def is_visible(board: Board, intrinsics: Intrinsics, T_camera_board: Matrix) -> 
     distance = np.linalg.norm(at, axis=1)
     facing = np.sum(at * T_camera_board[:, :3, 2], axis=1) / np.maximum(distance, 1e-6)
     side = 2.0 * float(np.max(half))
-    near = (distance > _NEAREST * 0.5 * side) & (distance < _FARTHEST * side)
+    square_px = intrinsics.matrix[0, 0] * board.square_m * facing / np.maximum(distance, 1e-6)
     return (
         inside.all(axis=(1, 2))
         & (points[..., 2] > 0.0).all(axis=1)
-        & near
+        & (distance > _NEAREST * side)
+        & (square_px > _MIN_SQUARE_PX)
         & (facing > math.cos(_MAX_TILT_RAD))
     )
 
