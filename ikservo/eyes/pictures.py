@@ -16,8 +16,8 @@ from ikservo.eyes.estimation import BoardSample, LensTerms
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.se3 import exp_so3, make_pose, skew
 
-__all__ = ["BoardView", "Intrinsics", "LiveCamera", "MirroredPictureError", "Picture",
-           "PictureSource", "board_pose", "board_sample", "find_board", "guess_intrinsics",
+__all__ = ["BoardView", "Intrinsics", "LiveCamera", "Picture", "PictureSource", "board_pose",
+           "board_sample", "find_board", "guess_intrinsics", "is_mirrored",
            "lens_terms"]  # fmt: skip
 
 Picture = NDArray[np.uint8]
@@ -131,8 +131,9 @@ class BoardView:
         freeze_arrays(self)
 
 
-class MirroredPictureError(CalibrationError):
-    """The board is seen in the mirror image of a picture."""
+def is_mirrored(board: Board, picture: Picture) -> bool:
+    """Check whether the board is seen in the mirror image of a picture."""
+    return len(_detect(board, np.ascontiguousarray(picture[:, ::-1]))[1]) >= _MIN_CORNERS
 
 
 def find_board(board: Board, picture: Picture) -> BoardView:
@@ -141,7 +142,6 @@ def find_board(board: Board, picture: Picture) -> BoardView:
     Raises:
         CalibrationError: It is not there, or only a part of it, blurred, mirrored or another board;
             says which.
-        MirroredPictureError: It is mirrored.
     """
     import cv2  # noqa: PLC0415  # of the extra `camera`
 
@@ -149,8 +149,8 @@ def find_board(board: Board, picture: Picture) -> BoardView:
     corners, ids, markers = _detect(board, grey)
     if len(ids) >= _MIN_CORNERS:
         return BoardView(ids, corners, (grey.shape[1], grey.shape[0]))
-    if len(_detect(board, np.ascontiguousarray(grey[:, ::-1]))[1]) >= _MIN_CORNERS:
-        raise MirroredPictureError("The picture is mirrored.", "Switch that off in the camera.")
+    if is_mirrored(board, grey):
+        raise CalibrationError("The picture is mirrored.", "Switch that off in the camera.")
     if markers and not len(ids):
         raise CalibrationError(
             f"There is too little of the board in the picture, or another one than {board.name}.",

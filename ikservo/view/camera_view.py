@@ -13,7 +13,7 @@ from ikservo.arm.camera import camera_key, camera_model, known_camera, moved_err
 from ikservo.calibration.camera_file import CameraCheck, save_camera
 from ikservo.clock import Clock
 from ikservo.errors import CalibrationError, IkservoError
-from ikservo.eyes.pictures import MirroredPictureError, Picture, find_board
+from ikservo.eyes.pictures import Picture, find_board, is_mirrored
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.maintenance.camera_check import BoardPlace, compare_place
 from ikservo.view.camera import Viewport
@@ -58,7 +58,7 @@ class CameraView:
         self._still: tuple[float, Vector] | None = None  # since when, and where
         self._doubts, self._checked_s = 0, clock.now_s()
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="ikservo camera check")
-        self._checking: Future[CameraCheck | MirroredPictureError | None] | None = None
+        self._checking: Future[CameraCheck | str | None] | None = None
 
     def close(self) -> None:
         """Cancel the look that is under way."""
@@ -126,20 +126,18 @@ class CameraView:
 
     def _look(
         self, place: BoardPlace, picture: Picture, T_base_tip: Matrix
-    ) -> CameraCheck | MirroredPictureError | None:
-        """Return what a picture says of the camera's place; None if the board is not seen."""
+    ) -> CameraCheck | str | None:
+        """Return what a picture says of the camera's place, or why it says nothing."""
         try:
             view = find_board(place.board, picture)
             return compare_place(self._model, place, T_base_tip, view, datetime.now(UTC))
-        except MirroredPictureError as error:
-            return error
         except CalibrationError:
-            return None
+            return "The picture is mirrored." if is_mirrored(place.board, picture) else None
 
-    def _judge(self, check: CameraCheck | MirroredPictureError | None) -> None:
+    def _judge(self, check: CameraCheck | str | None) -> None:
         """Believe what two pictures say, one after the other; and say so to programs."""
-        if isinstance(check, MirroredPictureError):
-            self._mirrored = check.message
+        if isinstance(check, str):
+            self._mirrored = check
             return
         if check is not None:
             self._mirrored = ""

@@ -1,7 +1,6 @@
 """The list of arms: opened, changed, stopped and closed on the page, without a restart."""
 
 from contextlib import contextmanager
-from functools import partial
 
 import pytest
 
@@ -136,7 +135,8 @@ def test_a_camera_is_shown_beside_the_arm_or_behind_it_and_says_when_it_is_unplu
     pytest.importorskip("cv2")
     webcam = Webcam()
     monkeypatch.setattr(
-        "ikservo.view.app.VideoSource", partial(VideoSource, open_source=webcam.open)
+        "ikservo.view.app.VideoSource",
+        lambda source, clock, _: VideoSource(source, clock, webcam.open),
     )
     with opened_panel(("planar2", "sim"), camera="0") as served:
         operator = Operator(page, served)
