@@ -14,9 +14,10 @@ from ikservo.arm.scene import Scene
 from ikservo.calibration.camera_file import SIMULATED, CameraFile, load_camera
 from ikservo.calibration.records import CalibratedCamera
 from ikservo.errors import CalibrationError, InputError
-from ikservo.eyes.camera_model import CameraModel, LineOfSight
+from ikservo.eyes.camera_model import CameraModel
 from ikservo.eyes.pictures import Intrinsics
 from ikservo.kinematics.arrays import Vector, finite_vector, freeze_arrays
+from ikservo.kinematics.rays import Ray
 from ikservo.kinematics.se3 import exp_so3, make_pose
 from ikservo.model import Model
 from ikservo.model.model import Obstacle
@@ -91,7 +92,7 @@ class ArmCamera:
             CalibrationError: The arm has no calibrated camera, or it has moved since.
         """
         z_m = table_m(self._context.model) + parse_number("The height", height_m)
-        return first_seen(self._sight(u, v), (), z_m).point_m
+        return first_seen(self._ray(u, v), (), z_m).point_m
 
     def point_seen(self, u: float, v: float) -> SeenPoint:
         """Return what a pixel (u, v) sees first of the table and the things of the scene.
@@ -101,7 +102,7 @@ class ArmCamera:
             InputError: The line of sight meets neither.
             CalibrationError: The arm has no calibrated camera, or it has moved since.
         """
-        return first_seen(self._sight(u, v), self._scene.things, table_m(self._context.model))
+        return first_seen(self._ray(u, v), self._scene.things, table_m(self._context.model))
 
     def pixel(self, point_m: Vector) -> tuple[float, float]:
         """Return the pixel (u, v) of a point (3,), metres, base frame; perhaps beside the picture.
@@ -116,9 +117,9 @@ class ArmCamera:
             raise InputError("The point is behind the camera.", "Choose one that it sees.")
         return float(px[0]), float(px[1])
 
-    def _sight(self, u: float, v: float) -> LineOfSight:
+    def _ray(self, u: float, v: float) -> Ray:
         u, v = parse_number("The pixel's u", u), parse_number("The pixel's v", v)
-        return self.model().sight(u, v)
+        return self.model().ray(u, v)
 
 
 def camera_key(context: ArmContext) -> str:
@@ -160,24 +161,24 @@ def table_m(model: Model) -> float:
     return 0.0 if model.floor_m is None else model.floor_m
 
 
-def first_seen(sight: LineOfSight, things: Iterable[Obstacle], z_m: float) -> SeenPoint:
-    """Return what a line of sight meets first: a thing, or the level plane at z.
+def first_seen(ray: Ray, things: Iterable[Obstacle], z_m: float) -> SeenPoint:
+    """Return what a ray meets first: a thing, or the level plane at z.
 
     Raises:
         InputError: It meets neither.
     """
-    hits: list[tuple[float, str | None]] = [(sight.distance_to_level_m(z_m), None)]
+    hits: list[tuple[float, str | None]] = [(ray.distance_to_level_m(z_m), None)]
     for thing in things:
         row = thing.row
         half_m = row[12:15] + row[15]
-        distance_m = sight.distance_to_box_m(row[:9].reshape(3, 3), row[9:12], half_m)
+        distance_m = ray.distance_to_box_m(row[:9].reshape(3, 3), row[9:12], half_m)
         hits.append((distance_m, thing.name))
     distance_m, name = min(hits, key=lambda hit: hit[0])
     if not np.isfinite(distance_m):
         raise InputError(
             "The line of sight does not meet the table there.", "Choose a pixel that shows it."
         )
-    return SeenPoint(sight.at(distance_m), name)
+    return SeenPoint(ray.at(distance_m), name)
 
 
 def moved_error(moved_mm: float, turned_deg: float) -> CalibrationError:

@@ -15,58 +15,16 @@ from numpy.typing import ArrayLike
 from ikservo.errors import BadValueError
 from ikservo.eyes.pictures import Intrinsics
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.rays import Ray
 
-__all__ = ["CameraModel", "LineOfSight"]
+__all__ = ["CameraModel"]
 
 _WIDEST = 3.0  # tangent of the angle to the axis up to which a lens is believed
 _NEAR_FOLD = 0.95  # of the radius at which its polynomial turns back
 _MIN_DEPTH_M = 1e-3
 _HALVINGS, _STEPS, _ENOUGH, _SMALL = 30, 20, 1e-12, 1e-6
-_LEVEL = 1e-3  # a line of sight as level as that meets the table anywhere
 _PARALLEL = 1e-12
 _MAX_OFF_PX = 0.1  # of a direction that was found, by its own pixel
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LineOfSight:
-    """What a pixel sees: a half line in the arm's base frame.
-
-    Attributes:
-        origin_m: The camera (3,), metres.
-        direction: A unit vector (3,).
-    """
-
-    origin_m: Vector
-    direction: Vector
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
-
-    def at(self, distance_m: float) -> Vector:
-        """Return the point (3,) at a distance along it."""
-        return self.origin_m + distance_m * self.direction
-
-    def distance_to_level_m(self, z_m: float) -> float:
-        """Return the distance to the level plane at z, metres; infinite if it is not met."""
-        if abs(float(self.direction[2])) < _LEVEL:
-            return math.inf
-        distance_m = float((z_m - self.origin_m[2]) / self.direction[2])
-        return distance_m if distance_m > 0.0 else math.inf
-
-    def distance_to_box_m(self, R: Matrix, centre_m: Vector, half_m: Vector) -> float:
-        """Return the distance to a box, metres; infinite if it is not met, or from inside.
-
-        Args:
-            R: Its axes as columns (3, 3).
-            centre_m: Its centre (3,).
-            half_m: Half of its sides (3,).
-        """
-        origin, along = (self.origin_m - centre_m) @ R, self.direction @ R
-        along = np.where(np.abs(along) < _PARALLEL, _PARALLEL, along)
-        one, other = (-half_m - origin) / along, (half_m - origin) / along
-        enter_m = float(np.minimum(one, other).max())
-        leave_m = float(np.maximum(one, other).min())
-        return enter_m if 0.0 < enter_m <= leave_m else math.inf
 
 
 @dataclass(frozen=True, eq=False)
@@ -95,8 +53,8 @@ class CameraModel:
         flat = ahead[..., :2] / np.maximum(depth_m, _MIN_DEPTH_M)[..., None]
         return self.pixels(flat), depth_m
 
-    def sight(self, u: float, v: float) -> LineOfSight:
-        """Return what a pixel sees.
+    def ray(self, u: float, v: float) -> Ray:
+        """Return what a pixel sees, in the base frame.
 
         Raises:
             BadValueError: It is not in the picture, or no direction is known for it: the lens as
@@ -113,7 +71,7 @@ class CameraModel:
             raise BadValueError("The pixel", f"{u:g}, {v:g}", "one nearer to the picture's centre")
         ahead = np.append(flat, 1.0)
         direction = self.T_base_camera[:3, :3] @ ahead
-        return LineOfSight(self.T_base_camera[:3, 3], direction / np.linalg.norm(direction))
+        return Ray(self.T_base_camera[:3, 3], direction / np.linalg.norm(direction))
 
     def pixels(self, flat: Matrix) -> Matrix:
         """Compute pixels (…, 2) of directions given as x/z and y/z (…, 2)."""

@@ -19,36 +19,9 @@ from numpy.typing import ArrayLike
 
 from ikservo.errors import BadValueError
 from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.rays import Ray
 
-__all__ = ["NEAR_PLANE_M", "Camera", "Ray", "Viewport", "view_rotation"]
-
-
-_PARALLEL_RAY = 1e-9
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Ray:
-    """A half line from the eye into the world.
-
-    Attributes:
-        origin_m: Its start (3,), metres.
-        direction: A unit vector (3,).
-    """
-
-    origin_m: Vector
-    direction: Vector
-
-    def at(self, distance_m: float) -> Vector:
-        """Compute the point (3,) at a distance along the ray."""
-        return self.origin_m + distance_m * self.direction
-
-    def intersect_plane(self, point_m: Vector, normal: Vector) -> Vector | None:
-        """Compute the intersection (3,) with a plane; None if it is parallel or behind the eye."""
-        slope = float(self.direction @ normal)
-        if abs(slope) < _PARALLEL_RAY:
-            return None
-        distance_m = float((point_m - self.origin_m) @ normal) / slope
-        return None if distance_m < 0.0 else self.at(distance_m)
+__all__ = ["NEAR_PLANE_M", "Camera", "Viewport", "view_rotation"]
 
 
 NEAR_PLANE_M = 1e-3

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ikservo.arm.camera import first_seen
-from ikservo.eyes.camera_model import CameraModel, LineOfSight
+from ikservo.eyes.camera_model import CameraModel
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model.model import Obstacle
 from ikservo.view.camera import Camera, Viewport
@@ -89,8 +89,7 @@ class PictureSurface:
         """
         if isinstance(camera, LensCamera):
             u, v = ((px - camera.left_top_px) / camera.zoom - 0.5).tolist()
-            sight = camera.model.sight(u, v)
+            ray = camera.model.ray(u, v)
         else:
             ray = camera.ray(px)
-            sight = LineOfSight(ray.origin_m, ray.direction)
-        return first_seen(sight, self.things, self.z_m).point_m
+        return first_seen(ray, self.things, self.z_m).point_m

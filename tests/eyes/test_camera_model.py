@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from ikservo.errors import BadValueError
-from ikservo.eyes.camera_model import CameraModel, LineOfSight
+from ikservo.eyes.camera_model import CameraModel
 from ikservo.eyes.pictures import Intrinsics
+from ikservo.kinematics.rays import Ray
 from ikservo.kinematics.se3 import exp_so3, log_so3, make_pose, rotation_rpy
 
 cv2 = pytest.importorskip("cv2")
@@ -44,7 +45,7 @@ def test_pixels_are_those_of_opencv_and_rays_go_back(distortion):
     inside = np.all((px >= 0) & (px <= [959, 719]), axis=1)
     assert inside.sum() > 200
     for (u, v), point in zip(px[inside], points[inside], strict=True):
-        sight = camera.sight(u, v)
+        sight = camera.ray(u, v)
         away = point - sight.origin_m
         assert np.linalg.norm(np.cross(away, sight.direction)) < 1e-8
         assert away @ sight.direction > 0
@@ -63,15 +64,15 @@ def test_what_is_far_beside_a_picture_stays_outside_of_it(distortion):
 @pytest.mark.parametrize("pixel", [(-1.0, 5.0), (5.0, 720.0), (math.nan, 5.0), (5.0, math.inf)])
 def test_a_pixel_beside_the_picture_is_refused(pixel):
     with pytest.raises(BadValueError, match="960 x 720"):
-        camera_of(LENSES[1]).sight(*pixel)
+        camera_of(LENSES[1]).ray(*pixel)
 
 
 def test_a_line_of_sight_meets_a_level_plane_below_and_boxes_from_outside():
     down = np.array([0.6, 0.0, -0.8])
-    sight = LineOfSight(np.array([0.0, 0.0, 0.4]), down)
+    sight = Ray(np.array([0.0, 0.0, 0.4]), down)
     np.testing.assert_allclose(sight.at(sight.distance_to_level_m(0.0)), [0.3, 0.0, 0.0])
     assert sight.distance_to_level_m(0.5) == math.inf  # behind it
-    assert LineOfSight(sight.origin_m, np.array([1.0, 0, 0])).distance_to_level_m(0) == math.inf
+    assert Ray(sight.origin_m, np.array([1.0, 0, 0])).distance_to_level_m(0) == math.inf
     half = np.array([0.05, 0.05, 0.1])
     upright, turned = np.eye(3), rotation_rpy(0.0, 0.0, math.pi / 4)
     hit = sight.at(sight.distance_to_box_m(upright, np.array([0.25, 0.0, 0.1]), half))
@@ -88,7 +89,7 @@ def test_a_lens_that_nearly_turns_back_inside_the_picture_is_inverted():
     camera = CameraModel(Intrinsics(lens, bent, (640, 480)), np.eye(4))
     for u in range(0, 640, 71):
         for v in range(0, 480, 53):
-            seen = camera.sight(u, v).at(1.0)
+            seen = camera.ray(u, v).at(1.0)
             np.testing.assert_allclose(camera.project(seen)[0], (u, v), atol=1e-6)
 
 
@@ -96,6 +97,6 @@ def test_a_pixel_that_no_direction_is_seen_at_is_refused():
     lens = np.array([[327.0, 0, 333.5], [0, 327.0, 243.5], [0, 0, 1.0]])
     folded = np.array([0.0, 0.0, 0.0, 0.6, 0.0])  # to the left nothing is seen
     camera = CameraModel(Intrinsics(lens, folded, (640, 480)), np.eye(4))
-    camera.sight(333.5, 243.5)
+    camera.ray(333.5, 243.5)
     with pytest.raises(BadValueError, match="nearer to the picture's centre"):
-        camera.sight(0, 243.5)
+        camera.ray(0, 243.5)
