@@ -395,8 +395,8 @@ class _Problem:
         self._bending, self.samples, self._extent = bending, samples, extent
         dof = bending.dynamics.chain.dof
         self._q = np.array([sample.q for sample in samples])
-        self._lenses = [sample.lens for sample in samples if sample.lens is not None]
-        self.lens_at = self._lenses[0].at if self._lenses else np.zeros(6)
+        self._lenses = [(i, each.lens) for i, each in enumerate(samples) if each.lens is not None]
+        self.lens_at = self._lenses[0][1].at if self._lenses else np.zeros(6)
         wanted = (True, bool(self._lenses), extent.zeros, extent.bending,
                   extent is Extent.EVERYTHING)  # fmt: skip
         self._free = np.repeat(np.array(wanted), [_POSES - 6, 6, dof, dof, dof])
@@ -404,9 +404,9 @@ class _Problem:
         self._distance = [float(np.linalg.norm(s.T_camera_board[:3, 3])) for s in samples]
         self._rays = [_ray_frame(sample.T_camera_board[:3, 3]) for sample in samples]
         self._noise = np.zeros((len(samples), 6, 6))
-        for noise, lens, turn in zip(self._noise, self._lenses, self._rays, strict=False):
-            both = np.kron(np.eye(2), turn)
-            noise[:] = both @ lens.noise @ both.T
+        for i, lens in self._lenses:
+            both = np.kron(np.eye(2), self._rays[i])
+            self._noise[i] = both @ lens.noise @ both.T
 
     def minimise(self, state: _State, sigma: Vector, weight: Vector) -> _State:
         """Return the state with the least sum of squares, by Levenberg's steps."""
@@ -484,9 +484,9 @@ class _Problem:
         """Compute the curvature (k, k) of the cost, and each sample's rows (n, 12, k)."""
         J = self._whiten(sigma) @ self._linearise(state)[1]
         by_corners = np.zeros_like(J)
-        for rows, lens in zip(by_corners, self._lenses, strict=True):
+        for i, lens in self._lenses:
             values, vectors = np.linalg.eigh(lens.information)
-            rows[:, 13:_POSES] = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
+            by_corners[i, :, 13:_POSES] = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T
         rows = np.concatenate([J, by_corners], axis=1)[:, :, self._free]
         prior = np.diag(1.0 / self._prior[self._free] ** 2)
         return prior + np.einsum("nik,nil->kl", rows, rows), rows
@@ -526,11 +526,11 @@ class _Problem:
         information = np.diag(1.0 / self._prior**2)
         slope = A.T @ rows + information @ known
         cost = float(rows @ rows + known @ information @ known)
-        for share, lens in zip(weight, self._lenses, strict=False):
-            off, curved = state.lens - lens.at, share * lens.information
-            slope[13:_POSES] += share * lens.slope + curved @ off
+        for i, lens in self._lenses:
+            off, curved = state.lens - lens.at, weight[i] * lens.information
+            slope[13:_POSES] += weight[i] * lens.slope + curved @ off
             information[13:_POSES, 13:_POSES] += curved
-            cost += float(off @ curved @ off + 2.0 * share * (lens.slope @ off))
+            cost += float(off @ curved @ off + 2.0 * weight[i] * (lens.slope @ off))
         return _NormalEquations(cost, slope, A.T @ A + information)
 
     def _linearise(self, state: _State) -> tuple[Matrix, Matrix]:
