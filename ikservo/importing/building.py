@@ -250,7 +250,11 @@ def _servo_model(draft: ArmDraft, options: ImportOptions) -> tuple[str, str]:
         torque = find_servo_torque(model, supply_v)
         draft.supply_v = supply_v
         if torque and all(can_lift(torque, load) for load in loads.values()):
-            lifting = "the weakest that lift the arm" if loads else "assumed: it has no masses"
+            lifting = (
+                "the weakest that lift the arm"
+                if loads
+                else "assumed because the arm has no masses"
+            )
             volts = f" at {supply_v:g} V" if supply_v else ""
             return model, f"{volts}, {'as chosen' if options.servo_model else lifting}"
     if options.servo_model or options.servos:

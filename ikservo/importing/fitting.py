@@ -112,25 +112,34 @@ def fit_capsules(
         return MeshFit((), 0.0, allowed_m)
     near = [_near(each, triangles, 2.0 * allowed_m) for each in beside]
     surface = _SampledSurface([merged, *filter(len, near)], max(size_m / _SAMPLES, 1e-6), given)
-    parts = [_fit_parts([outside])[0]]
+    parts = _cut_parts(_fit_parts([outside]), surface, allowed_m, moved_m, _COARSE)
+    parts = _merge_parts(parts, surface, allowed_m, moved_m)
+    parts = _cut_parts(parts, surface, allowed_m, moved_m, _FINE)  # what coarse points have missed
+    excess_m = max(surface.excess_m(i, parts, moved_m, _FINE) for i in range(len(parts)))
+    capsules = [FittedCapsule(p.fit.start_m, p.fit.end_m, p.fit.radius_m + moved_m) for p in parts]
+    return MeshFit(tuple(capsules), excess_m, allowed_m)
+
+
+def _cut_parts(
+    parts: list[_Part],
+    surface: _SampledSurface,
+    allowed_m: float,
+    moved_m: float,
+    density: _Density,
+) -> list[_Part]:
+    """Cut the part that is farthest, as long as one is too far and there are fewer than eight."""
+    parts = list(parts)
     while len(parts) < MAX_CAPSULES:
-        excesses = [surface.excess_m(i, parts, moved_m) for i in range(len(parts))]
+        excesses = [surface.excess_m(i, parts, moved_m, density) for i in range(len(parts))]
         far = [i for i, excess_m in enumerate(excesses) if excess_m > allowed_m]
         for i in sorted(far, key=lambda i: -excesses[i]):
-            halves = (
-                _best_cut(parts[i].triangles, surface, allowed_m)
-                if excesses[i] > allowed_m
-                else None
-            )
+            halves = _best_cut(parts[i].triangles, surface, allowed_m)
             if halves is not None:
                 parts[i : i + 1] = halves
                 break
         else:
             break
-    parts = _merge_parts(parts, surface, allowed_m, moved_m)
-    excess_m = max(surface.excess_m(i, parts, moved_m, _FINE) for i in range(len(parts)))
-    capsules = [FittedCapsule(p.fit.start_m, p.fit.end_m, p.fit.radius_m + moved_m) for p in parts]
-    return MeshFit(tuple(capsules), excess_m, allowed_m)
+    return parts
 
 
 def _near(triangles: Triangles, others: Triangles, away_m: float) -> Triangles:
