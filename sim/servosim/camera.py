@@ -41,6 +41,7 @@ class SimulatedView:
         aside_m: How far the board is from the tip, towards the camera.
         tilt_rad: By how much it is tilted away from the camera at first.
         focal_px: Of the lens.
+        off_centre_px: Where its axis meets the picture, from the picture's centre, right and down.
         distortion: k1 and k2.
         size: Width and height of the pictures.
         noise: Standard deviation of each pixel, of 255.
@@ -50,6 +51,7 @@ class SimulatedView:
     aside_m: float = 0.03
     tilt_rad: float = 0.3
     focal_px: float = 900.0
+    off_centre_px: tuple[float, float] = (0.0, 0.0)
     distortion: tuple[float, float] = (-0.12, 0.04)
     size: tuple[int, int] = (960, 720)
     noise: float = 2.0
@@ -124,8 +126,13 @@ class SimulatedCamera:
         view = self._view
         width, height = view.size
         x, y = np.meshgrid(np.arange(2 * width) / 2.0 - 0.25, np.arange(2 * height) / 2.0 - 0.25)
+        right, down = view.off_centre_px
         lens = np.array(
-            [[view.focal_px, 0, width / 2.0], [0, view.focal_px, height / 2.0], [0, 0, 1.0]]
+            [
+                [view.focal_px, 0, width / 2.0 + right],
+                [0, view.focal_px, height / 2.0 + down],
+                [0, 0, 1.0],
+            ]
         )
         pixels = np.stack([x.ravel(), y.ravel()], axis=1)
         k1, k2 = view.distortion
