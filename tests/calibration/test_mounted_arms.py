@@ -71,14 +71,19 @@ def check_registers(arm, joint, found):
     assert upper <= joint.limits.upper.value + 1e-9
 
 
+def place_all(arm, model, share):
+    """Place each joint at a share of what both its stops and its limits leave."""
+    for joint in model.joints:
+        low = max(arm.stops[joint.name][0], joint.limits.lower.value)
+        high = min(arm.stops[joint.name][1], joint.limits.upper.value)
+        arm.world.place(joint.name, low + share * (high - low))
+
+
 def check_zeros_and_signs(arm, model):
     """After a night without power, at three places, what is read is where each joint is."""
     arm.world.hands.clear()
     for share in (0.1, 0.5, 0.9):
-        for joint in model.joints:
-            low = max(arm.stops[joint.name][0], joint.limits.lower.value)
-            high = min(arm.stops[joint.name][1], joint.limits.upper.value)
-            arm.world.place(joint.name, low + share * (high - low))
+        place_all(arm, model, share)
         arm.power_cycle()
         with arm.open_bus() as bus:
             bus.clock.sleep_until(bus.clock.now_s() + 0.5)  # servos boot
@@ -115,10 +120,7 @@ def test_links_that_overlap_from_the_beginning_are_pushed_apart_slowly():
     arm.world.hands.clear()
     fastest, model = 0.0, load_model("rx200")
     for share in (0.1, 0.5, 0.9):
-        for joint in model.joints:
-            low = max(arm.stops[joint.name][0], joint.limits.lower.value)
-            high = min(arm.stops[joint.name][1], joint.limits.upper.value)
-            arm.world.place(joint.name, low + share * (high - low))
+        place_all(arm, model, share)
         arm.power_cycle()
         for _ in range(50):
             arm.world.advance_to(arm.world.time_s + 0.01)
