@@ -137,7 +137,7 @@ class FittedParameter:
 _ZERO_RAD, _ZERO_M = math.radians(3.0), 0.002
 _COMPLIANCE, _HALF_PLAY_RAD, _HALF_PLAY_M = 0.1, math.radians(0.25), 0.0003
 _POSE, _SCALE = 100.0, 0.005  # camera and board may be anywhere; a ruler shows so much of prints
-_LENS = (1.0, 0.003, 0.02, 0.02, 0.2, 0.2)  # as in LensTerms
+_LENS = (1.0, 0.003, 0.05, 0.05, 0.2, 0.2)  # as in LensTerms
 _POSES = 12 + 1 + 6  # numbers before the arm's: two poses, the scale and the lens
 
 # The rows of a residual, and of which component each is.

@@ -47,6 +47,7 @@ __all__ = ["CameraCalibration", "CameraResult", "save_camera_result", "seen_boar
 _FIRST_STEP_RAD = math.radians(9.0)  # of each joint, before anything is known of the camera
 _REACH_RAD = math.radians(75.0)  # how far joints go from where the arm was put
 _CANDIDATES, _AT_ONCE, _MAX_MISSED = 1500, 4, 8
+_LEAST_SHARE = 0.5  # of the pictures that were asked for
 _SETTLE_S = 0.3  # after a motion: what swings is blurred
 _EXPOSURE_TRIES, _STEADY_GREY = 5, 4.0  # pictures, and by how much their mean may differ, of 255
 _LENS_STEPS, _SAME_LENS = 6, 1e-3  # of its numbers
@@ -114,8 +115,13 @@ class CameraCalibration:
         for step in self._first_steps(home):
             if len(self._views) < self._count:
                 self._visit(step)
-        while len(self._views) < self._count:
-            self._visit_best(home)
+        while len(self._views) < self._count and self._visit_best(home):
+            pass
+        if len(self._views) < _LEAST_SHARE * self._count:
+            raise CalibrationError(
+                f"The board is seen in no more postures than {len(self._views)}.",
+                "Put the camera further away, or the board more into its middle.",
+            )
         with suppress(RefusedError):
             self._move(home)
         intrinsics = self._fit()[1]
@@ -133,8 +139,8 @@ class CameraCalibration:
         )
         return self._arm.chain.clip(home + steps)
 
-    def _visit_best(self, home: Vector) -> None:
-        """Go to the postures that say most by what is known so far."""
+    def _visit_best(self, home: Vector) -> bool:
+        """Go to the postures that say most by what is known so far; return whether one was seen."""
         fit, intrinsics = self._fit()
         chain = self._arm.chain
         chance = np.random.default_rng(len(self._views) + self._missed)
@@ -149,12 +155,8 @@ class CameraCalibration:
         for q in seen[chosen]:
             visited += self._visit(q)
             if visited == _AT_ONCE or len(self._views) == self._count:
-                return
-        if not visited:
-            raise CalibrationError(
-                f"The board is seen in no more postures than {len(self._views)}.",
-                "Put the camera further away, or the board more into its middle.",
-            )
+                break
+        return visited > 0
 
     def _visit(self, q: Vector) -> bool:
         """Move to a posture and look; return whether it could be reached and the board was seen."""

@@ -72,3 +72,18 @@ def test_a_picture_that_stands_still_ends_it(monkeypatch):
         session = CameraCalibration(opened, SpoiledCamera(camera, 0, lambda _: frozen), BOARD, 12)
         with pytest.raises(CalibrationError, match="stands still"):
             session.run()
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(("count", "suffices"), [(14, True), (40, False)])
+def test_fewer_pictures_than_asked_suffice_if_they_are_half(monkeypatch, count, suffices):
+    _, camera = hidden_arm(monkeypatch, "so101", 1)
+    hidden = "ikservo.maintenance.camera_calibration.is_visible"
+    monkeypatch.setattr(hidden, lambda _board, _lens, poses: np.zeros(len(poses), bool))
+    with open_own_arm(load_model("so101"), PORT) as opened:
+        session = CameraCalibration(opened, camera, BOARD, count)
+        if suffices:
+            assert 7 <= session.run().pictures < count
+            return
+        with pytest.raises(CalibrationError, match="in no more postures than"):
+            session.run()
