@@ -85,6 +85,7 @@ def press_until_trip(seed):
 
 
 @pytest.mark.campaign
+@pytest.mark.timeout(3600)
 def test_of_100_pressings_95_are_warned_of_two_seconds_before_the_trip():
     left_s, seed = [], 0
     while len(left_s) < 100:
@@ -147,5 +148,6 @@ def test_a_normal_tour_gives_no_warning():
 
 
 @pytest.mark.campaign
+@pytest.mark.timeout(3600)
 def test_100_normal_tours_give_no_warning():
     assert {seed: warned for seed in range(100) if (warned := tour(seed))} == {}
