@@ -33,6 +33,8 @@ _STILL_RAD, _STILL_S = 0.004, 0.04
 # A goal acts before its effect is measured: what comes this near to the limit counts as beyond it,
 # and what falls below the second share of the limit has ended.
 _NEAR, _ENDED = 0.92, 0.88
+# What has not been beyond the limit itself for so long stands below it: no servo trips from that.
+_REACHED_S = 0.1
 # With so little time left a joint is relaxed, to so much of the limit.
 _RELAX_LEFT_S, _RELAXED_SHARE = 1.0, 0.6
 # A joint that its load just keeps from starting is near its reference: it is given this time.
@@ -50,6 +52,7 @@ class _Pressing:
         output: The share of the output for its last goal.
         load: The last reading of the load as a share of the output, signed.
         since_s: Since when it presses beyond the limit; NaN where it does not.
+        reached_s: When it was beyond the limit itself last.
         bound: Its goal when it was relaxed, which the motion does not pass; None where it is not.
         warned: Whether that was said.
         side: 1 where it presses to greater ticks, -1 to smaller ones.
@@ -61,6 +64,7 @@ class _Pressing:
     load: float = 0.0
     load_s: float = -math.inf
     since_s: float = math.nan
+    reached_s: float = -math.inf
     warned: bool = False
     bound: int | None = None
     side: int = 1
@@ -171,11 +175,15 @@ class OverloadMonitor:
         """
         drawn: dict[str, int] = {}
         for name in self.rules:
-            if name in goals and name in ticks and self._joints[name].warned:
+            joint = self._joints[name]
+            if name in goals and name in ticks and joint.warned and self._is_beyond(joint):
                 near = self._relaxed_goal(name, ticks[name])
-                if self._joints[name].side * (goals[name] - near) > 0:
+                if joint.side * (goals[name] - near) > 0:
                     drawn[name] = near
         return drawn
+
+    def _is_beyond(self, joint: _Pressing) -> bool:
+        return self._time_s - joint.reached_s <= _REACHED_S
 
     def _relaxed_goal(self, name: str, tick: int) -> int:
         rule = self.rules[name]
@@ -195,12 +203,16 @@ class OverloadMonitor:
         share = min(joint.output + growing, rule.torque_limit)
         if self._time_s - joint.load_s < _LOAD_AGE_S:
             share = max(share, abs(joint.load))
+        if share >= rule.output:
+            joint.reached_s = self._time_s
         still = self._time_s - joint.still_s >= _STILL_S
         if not still or share < _ENDED * rule.output:
             joint.since_s, joint.warned = math.nan, False
         elif math.isnan(joint.since_s) and share >= _NEAR * rule.output:
             joint.since_s = self._time_s
             joint.side = 1 if (lag_rad or joint.load) > 0.0 else -1
+        elif not self._is_beyond(joint):
+            joint.since_s = max(joint.since_s, self._time_s - _REACHED_S)
 
     def _new_warning(self, name: str, rule: OverloadRule, off_ticks: int) -> list[str]:
         joint, left_s = self._joints[name], self.seconds_left(name)
@@ -208,7 +220,10 @@ class OverloadMonitor:
             return []
         starts = abs(off_ticks) * self._horn_rad[name] < _NEAR_REFERENCE_RAD
         output = max(joint.output, abs(joint.load))
-        if starts and (output < rule.output or rule.time_s - left_s < _STARTING_S):
+        pressed_s = rule.time_s - left_s
+        if starts and (output < rule.output or pressed_s < _STARTING_S):
+            return []
+        if pressed_s > 0.5 * _REACHED_S and not self._is_beyond(joint):
             return []
         joint.warned = True
         return [

@@ -35,3 +35,15 @@ def test_a_goal_far_ahead_is_drawn_back_at_the_end_of_a_motion(side):
     monitor, _ = pressed_by_a_load(AT + 10 * side, 0.5)
     drawn = monitor.relaxed_goals({"elbow": AT + 200 * side}, {"elbow": AT})
     assert side * (drawn["elbow"] - AT) == int(0.6 * 0.8 / 4.0 / TICK)
+
+
+def test_a_joint_that_stands_just_below_the_limit_is_neither_warned_of_nor_relaxed():
+    monitor = OverloadMonitor([make_limits()])
+    monitor.rules["elbow"] = OverloadRule(0.8, 2.0, output_per_rad=4.0)
+    goal = AT + round(0.95 * 0.8 / 4.0 / TICK)
+    for cycle in range(250):  # at first it is where it should be, then its reference goes on
+        reference = AT if cycle < 200 else AT + 200
+        assert monitor.draw_back({"elbow": goal}, {"elbow": AT}) == {"elbow": goal}
+        news = monitor.update({"elbow": goal}, {"elbow": AT}, 0.02 * cycle, {"elbow": reference})
+        assert news == ()
+    assert monitor.relaxed_goals({"elbow": goal}, {"elbow": AT}) == {}
