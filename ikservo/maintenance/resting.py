@@ -94,7 +94,8 @@ def _sagged_clearance_m(arm: Arm, positions: Mapping[str, float]) -> float:
     checker = arm.context.checked_collision
     if checker is None:
         return math.inf
-    return float(checker.distances_with_sag(_body_joints(arm, positions)).min())
+    load = arm.context.planner.dynamic_load_factor("normal")  # it sags more than at rest
+    return float(checker.distances_with_sag(_body_joints(arm, positions), load).min())
 
 
 def _nearest_pair(arm: Arm, positions: Mapping[str, float]) -> tuple[float, tuple[str, ...]]:

@@ -4,6 +4,7 @@ import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import ikservo
@@ -17,6 +18,15 @@ def test_an_arm_can_be_moved_from_home_to_where_it_would_sink(name: str):
     assert place.still
     with ikservo.open_arm(name, port="sim:?pose=home", uncalibrated=True) as arm:
         assert arm.move_joints(place.positions).reached
+
+
+def test_it_has_room_to_sag_as_at_normal_speed_and_not_at_rest_only():
+    place = find_resting_place(CONFIGS / "so101")
+    with ikservo.open_arm("so101", port="sim:?pose=home", uncalibrated=True) as arm:
+        joints = [[place.positions[name] for name in arm.context.servos.names]]
+        body = arm.context.index.body_joints(np.array(joints))
+        load = arm.context.planner.dynamic_load_factor("normal")
+        assert arm.context.checked_collision.distances_with_sag(body, load).min() >= 0.006
 
 
 def test_what_overlaps_where_a_limp_arm_lies_is_named(tmp_path: Path):
