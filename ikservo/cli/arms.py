@@ -9,14 +9,13 @@ from typing import TYPE_CHECKING, Annotated, TypeVar
 
 import typer
 
-from ikservo.cli.dialogue import Operator
 from ikservo.cli.options import JsonOption
 from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
 from ikservo.errors import BadValueError, InputError, UnknownNameError
-from ikservo.importing.draft import ArmDraft, DraftServo
 from ikservo.model import Model, ModelServo, arm_names, load_model
 
 if TYPE_CHECKING:
+    from ikservo.importing.draft import ArmDraft, DraftServo
     from ikservo.importing.ruler import RulerJoint
 
 __all__ = ["command"]
@@ -161,7 +160,8 @@ def command(  # one option each
         return
     if joint:
         _refuse_given(of_descriptions, "--joint", "ikservo arms new NAME --from FILE")
-    from ikservo.importing.building import ImportOptions  # noqa: PLC0415  # seldom needed
+    from ikservo.cli.dialogue import Operator  # noqa: PLC0415  # seldom needed, as are these
+    from ikservo.importing.building import ImportOptions  # noqa: PLC0415
     from ikservo.importing.folder import write_drafts  # noqa: PLC0415
     from ikservo.maintenance.new_arm import NewArm, draft_new_arm  # noqa: PLC0415
 
@@ -288,6 +288,8 @@ def _parse_servos(texts: Sequence[str]) -> dict[str, tuple[DraftServo, ...]]:
 
 
 def _parse_servo(text: str) -> DraftServo:
+    from ikservo.importing.draft import DraftServo  # noqa: PLC0415  # seldom needed
+
     number, _, model = text.partition(":")
     servo_id = int(number)
     if not 0 < abs(servo_id) < 253:
