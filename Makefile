@@ -4,6 +4,8 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 PAGE   := ikservo/view/page
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
+# Tests start hundreds of commands; without bytecode each would compile the program anew.
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo test test-all test-oldest check check-release campaign mutate bench build docs sanitize pictures lerobot vendor clean
 
