@@ -19,6 +19,7 @@ from ikservo.arm.path_constraint import UNCONSTRAINED
 from ikservo.arm.path_error import PathDeviation, PathRecorder
 from ikservo.arm.reports import JointMoveResult, MoveResult, OnProgress
 from ikservo.arm.settling import SettlingResult, settle
+from ikservo.arm.swings import MotionSwings
 from ikservo.arm.tick_rounding import SettlingTarget, backlash_approach
 from ikservo.control.loop import ControlCycle, OnCycle
 from ikservo.errors import (
@@ -60,11 +61,13 @@ class ExecutedMotion:
         plan: The plan, made again where a limp arm has sunk since.
         settled: Where the motion ended.
         path_error: How far the tip was from its path; None where there was none.
+        swung: The joints that swung on the way, and by how much.
     """
 
     plan: MotionPlan
     settled: SettlingResult
     path_error: PathDeviation | None
+    swung: tuple[str, ...]
 
 
 def execute(arm: ArmParts, plan: MotionPlan, on_progress: OnProgress | None) -> MoveReport:
@@ -124,12 +127,13 @@ def _run_motion(
     target = SettlingTarget(context.chain, context.index, servos.driven_joints, plan, measured)
     started_s = context.now_s()
     recorder = PathRecorder(trajectory, plan.cartesian_s)
-    reporter = _with_recorder(recorder, context.progress_reporter(on_progress))
+    swings = MotionSwings(servos.driven_joints)
+    reporter = _recording(recorder, swings, context.progress_reporter(on_progress))
     runner.loop.run(trajectory, reporter, speed_rad_s=horn_rad_s)
     motion_s = context.now_s() - started_s
     below = _backlash_goals(context, plan)
     settled = settle(runner.loop, servos, target, limits, horn_rad_s, motion_s, below)
-    return ExecutedMotion(plan, settled, recorder.error(context.planner))
+    return ExecutedMotion(plan, settled, recorder.error(context.planner), swings.notes())
 
 
 def _checked_trajectory(context: ArmContext, plan: MotionPlan, start: Vector) -> Trajectory:
@@ -154,9 +158,10 @@ def _checked_trajectory(context: ArmContext, plan: MotionPlan, start: Vector) ->
     return trajectory
 
 
-def _with_recorder(recorder: PathRecorder, reporter: OnCycle | None) -> OnCycle:
+def _recording(recorder: PathRecorder, swings: MotionSwings, reporter: OnCycle | None) -> OnCycle:
     def on_cycle(cycle: ControlCycle) -> None:
         recorder.record(cycle)
+        swings.record(cycle)
         if reporter is not None:
             reporter(cycle)
 
@@ -189,7 +194,7 @@ def _make_report(
     """Make the report of a motion of the tip, or of joints: on the goals ``joints``."""
     plan, result, path_error = executed.plan, executed.settled, executed.path_error
     if plan.target_m is None or plan.solution is None:
-        return _make_joint_report(context, joints, plan, result)
+        return _make_joint_report(context, joints, executed)
     planner, measured = context.planner, result.measured
     tip_m, target_m, solution = planner.tip(measured), plan.target_m, plan.solution
     error_m = float(np.linalg.norm(target_m - tip_m))
@@ -201,7 +206,7 @@ def _make_report(
         error_m=error_m,
         duration_s=result.duration_s,
         reached=error_m <= _POSITION_TOLERANCE_M,
-        binding=limits + result.residuals,
+        binding=limits + executed.swung + result.residuals,
         orientation_error_rad=plan.orientation_error_rad
         + planner.rotation_between(plan.goal, measured),
         motion_s=result.motion_s,
@@ -216,8 +221,9 @@ def _make_report(
 
 
 def _make_joint_report(
-    context: ArmContext, positions: Mapping[str, float], plan: MotionPlan, result: SettlingResult
+    context: ArmContext, positions: Mapping[str, float], executed: ExecutedMotion
 ) -> JointMoveResult:
+    result = executed.settled
     by_name = context.index.by_name(result.measured)
     measured = {name: by_name[name] for name in positions}
     error_rad = _max_error(measured, positions)
@@ -228,7 +234,7 @@ def _make_joint_report(
         error_rad=error_rad,
         duration_s=result.duration_s,
         reached=error_rad <= _JOINT_TOLERANCE_RAD,
-        binding=plan.clamped + result.residuals,
+        binding=executed.plan.clamped + executed.swung + result.residuals,
     )
     _require_settled(result, report)
     return report

@@ -1,10 +1,21 @@
-"""Finds a joint that swings in the play of its gears, and brings it to rest."""
+"""Finds joints that swing in the play of their gears, and brings one to rest."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
-__all__ = ["SwingDamper"]
+import numpy as np
+
+from ikservo.control.loop import ControlCycle
+from ikservo.control.turn_counter import TurnCounter
+from ikservo.guard import DrivenJoint
+
+__all__ = ["MotionSwings", "SwingDamper"]
+
+# In motion a joint swings whose error turns round so often, each time by more than this at the horn
+# and within this time of the turn before.
+_MIN_MOTION_TURNS, _MOTION_SWING_RAD, _MOTION_TURN_S = 6, 0.012, 0.4
 
 # A joint that turns round so often, by more than noise explains, swings in the play of its gears.
 # Turns by what stiction explains, while it is corrected, count by this share.
@@ -100,3 +111,36 @@ class SwingDamper:
         self._turn = self._extreme = self._at
         self._turns = self._share = 0.0
         self._heading = 0
+
+
+class MotionSwings:
+    """Finds the joints that swing while they move: feedback does not reach a link inside its play.
+
+    Args:
+        driven_joints: The joints, in the order of the control cycle.
+    """
+
+    def __init__(self, driven_joints: Sequence[DrivenJoint]) -> None:
+        self._maps = [driven.joint_map for driven in driven_joints]
+        per_horn = [each.unit_per_tick / each.horn_rad_per_tick for each in self._maps]
+        self._names = np.array([driven.joint for driven in driven_joints])
+        self._turns = TurnCounter(_MOTION_SWING_RAD * np.abs(per_horn), _MOTION_TURN_S)
+        self._widest = np.zeros(len(self._maps))
+        self._last_s = 0.0
+
+    def record(self, cycle: ControlCycle) -> None:
+        """Take what was measured in a control cycle."""
+        elapsed_s, self._last_s = cycle.time_s - self._last_s, cycle.time_s
+        fresh = ~np.isin(self._names, cycle.lost)
+        turned = self._turns.update(cycle.measured - cycle.reference, elapsed_s, fresh=fresh)
+        swings = turned & (self._turns.count >= _MIN_MOTION_TURNS)
+        self._widest = np.where(swings, np.maximum(self._widest, self._turns.width), self._widest)
+
+    def notes(self) -> tuple[str, ...]:
+        """Say which joints swung, and by how much."""
+        found = zip(self._maps, self._widest.tolist(), strict=True)
+        return tuple(
+            f"{each.joint} swung by up to {each.format(width)} as it moved: its gears have play"
+            for each, width in found
+            if width
+        )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from ikservo.control.turn_counter import TurnCounter
 from ikservo.kinematics.arrays import Vector
 
 __all__ = ["TrackingFeedback"]
@@ -66,7 +67,7 @@ class TrackingFeedback:
         self._max_fast_s = _MAX_FAST_RAD_S * per_horn_rad
         self._max_integral = _MAX_INTEGRAL_RAD * per_horn_rad
         self._least_friction, self._most_friction = (r * per_horn_rad for r in _FRICTION_RAD)
-        self._swings = _SwingDetection(_SWING_RAD * per_horn_rad)
+        self._turns = TurnCounter(_SWING_RAD * per_horn_rad, _SWING_S)
         self.adapt(np.zeros_like(per_horn_rad), np.zeros_like(per_horn_rad))
         self.reset()
 
@@ -82,7 +83,7 @@ class TrackingFeedback:
         self.fast = np.zeros_like(self.integral)
         self._filtered = np.full_like(self.integral, np.nan)
         self._age_s = np.zeros_like(self.integral)
-        self._swings.begin()
+        self._turns.begin()
 
     def adapt(self, inertia_s2: Vector, pressed: Vector) -> None:
         """Choose the gains.
@@ -120,7 +121,8 @@ class TrackingFeedback:
             direction: Where joints (n,) move to, -1 to 1; 0 for those at rest.
         """
         self._age_s = self._age_s + elapsed_s
-        swung = self._swings.update(error, elapsed_s, fresh=fresh)
+        turned = self._turns.update(error, elapsed_s, fresh=fresh)
+        swung = turned & (self._turns.count > _MIN_TURNS)
         recovered = np.minimum(self._fast_share + elapsed_s / _RECOVERY_S, 1.0)
         self._fast_share = np.where(swung, _SWING_SHARE * self._fast_share, recovered)
         beyond = np.where(fresh, error - np.clip(error, -left, left), 0.0)
@@ -150,36 +152,3 @@ class TrackingFeedback:
         fast = self._fast_share * (self._proportional * beyond + braking)
         read = np.clip(fast, -self._max_fast, self._max_fast)
         return np.where(fresh, read, np.where(self._age_s > _STALE_S, 0.0, self.fast))
-
-
-class _SwingDetection:
-    """Finds joints whose error turns round again and again.
-
-    Args:
-        least: Turns by less than this (n,) are noise and stiction, rad or m.
-    """
-
-    def __init__(self, least: Vector) -> None:
-        self._least = least
-        self.begin()
-
-    def begin(self) -> None:
-        """Begin anew: a motion begins."""
-        self._extreme = np.zeros_like(self._least)
-        self._grows = np.ones(len(self._least), dtype=bool)
-        self._turns = np.zeros(len(self._least), dtype=int)
-        self._since_s = np.full_like(self._least, np.inf)
-
-    def update(
-        self, error: Vector, elapsed_s: float, *, fresh: NDArray[np.bool_] | bool
-    ) -> NDArray[np.bool_]:
-        """Take the errors (n,) of one cycle; return which joints have turned as a swing does."""
-        self._since_s = self._since_s + elapsed_s
-        beyond = np.where(self._grows, error - self._extreme, self._extreme - error)
-        turned = fresh & (beyond < -self._least)
-        self._extreme = np.where(turned | (fresh & (beyond > 0.0)), error, self._extreme)
-        self._grows = self._grows ^ turned
-        again = np.where(self._since_s < _SWING_S, self._turns + 1, 0)
-        self._turns = np.where(turned, again, self._turns)
-        self._since_s = np.where(turned, 0.0, self._since_s)
-        return turned & (self._turns >= _MIN_TURNS)

@@ -1,0 +1,58 @@
+"""Counts how often the errors of joints turn round."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ikservo.kinematics.arrays import Vector
+
+__all__ = ["TurnCounter"]
+
+
+class TurnCounter:
+    """Counts turns of errors in quick succession: a joint that swings has many.
+
+    Args:
+        least: Turns by less than this (n,) are noise and stiction, rad or m.
+        within_s: A turn later than this after the one before is the first again.
+
+    Attributes:
+        count: The turns of each joint (n,) in quick succession.
+        width: How far the error (n,) went between the last two turns, rad or m.
+    """
+
+    def __init__(self, least: Vector, within_s: float) -> None:
+        self._least, self._within_s = least, within_s
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin anew: a motion begins."""
+        self._extreme = np.zeros_like(self._least)
+        self._grows = np.ones(len(self._least), dtype=bool)
+        self._since_s = np.full_like(self._least, np.inf)
+        self._turn = np.zeros_like(self._least)
+        self.count = np.zeros(len(self._least), dtype=int)
+        self.width = np.zeros_like(self._least)
+
+    def update(
+        self, error: Vector, elapsed_s: float, *, fresh: NDArray[np.bool_] | bool
+    ) -> NDArray[np.bool_]:
+        """Take the errors (n,) of one cycle; return which have just turned round.
+
+        Args:
+            error: Of the joints, rad or m.
+            elapsed_s: Since the last one.
+            fresh: Which joints (n,) were read.
+        """
+        self._since_s = self._since_s + elapsed_s
+        beyond = np.where(self._grows, error - self._extreme, self._extreme - error)
+        turned = fresh & (beyond < -self._least)
+        self.width = np.where(turned, np.abs(self._extreme - self._turn), self.width)
+        self._turn = np.where(turned, self._extreme, self._turn)
+        self._extreme = np.where(turned | (fresh & (beyond > 0.0)), error, self._extreme)
+        self._grows = self._grows ^ turned
+        again = np.where(self._since_s < self._within_s, self.count + 1, 1)
+        self.count = np.where(turned, again, self.count)
+        self._since_s = np.where(turned, 0.0, self._since_s)
+        return turned
