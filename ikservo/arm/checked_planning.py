@@ -104,8 +104,9 @@ class PreflightPlanner:
     def plan(self, motion: MotionValue[Any]) -> MotionPlan:
         """Plan a motion of the tip or of joints from the start position and check its path.
 
-        A folded arm touches itself on nearly every path: it leaves that contact first, unless the
-        motion starts at the tip.
+        It is planned among what is around the arm now, whatever changes meanwhile. A folded arm
+        touches itself on nearly every path: it leaves that contact first, unless the motion starts
+        at the tip.
 
         Raises:
             UnreachableError: A point is out of reach; nothing has moved.
@@ -117,7 +118,8 @@ class PreflightPlanner:
         """
         since_s = perf_counter()
         with self._servos.stop_request.requested():
-            plan = self._plan_checked(motion)
+            now = PreflightPlanner(self._context.at_present(), self._runner, self._poses)
+            plan = now._plan_checked(motion)
         plan = replace(plan, motion=motion, planning_s=perf_counter() - since_s)
         return plan if self._servos.torque.is_on else replace(plan, limp_arm=self._context)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,11 +23,23 @@ from ikservo.kinematics.arrays import Matrix, Vector, read_only
 from ikservo.model import Model
 from ikservo.motion import RuckigMotion, Trajectory
 
-__all__ = ["ArmContext"]
+__all__ = ["ArmContext", "Surroundings"]
 
 # Nearer than this a part counts as lying on something.
 _CONTACT_M = 0.005
 _JAW_TOUCH_M = 0.004  # omx_f's jaws need 2.9 mm where its arm has sunk out of its rest pose
+
+
+@dataclass(slots=True)
+class Surroundings:
+    """What is around an arm now.
+
+    Attributes:
+        checker: Checks paths among it; a change puts another one here, and leaves those alone that
+            somebody plans with. None where paths are not checked.
+    """
+
+    checker: CollisionChecker | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -40,7 +52,7 @@ class ArmContext:
         servos: Its servos.
         port: The serial port they are on.
         planner: Plans motions; reads no servo.
-        collision: Checks paths of the body; None where they are not checked.
+        surroundings: What is around it.
         zeros: Where the zeros of its joints come from.
         index: Which column of a vector of all joints (n,) is which.
         serial_number: Of the USB adapter; empty where there is none.
@@ -51,7 +63,7 @@ class ArmContext:
     servos: ServoGroup
     port: Port
     planner: Planner
-    collision: CollisionChecker | None
+    surroundings: Surroundings
     zeros: ZeroSource
     index: JointIndex
     serial_number: str
@@ -76,11 +88,20 @@ class ArmContext:
             servos=servos,
             port=port,
             planner=Planner(model, chain, index),
-            collision=collision,
+            surroundings=Surroundings(collision),
             zeros=zeros,
             index=index,
             serial_number=serial_number_of(port.name),
         )
+
+    def at_present(self) -> ArmContext:
+        """Return the arm in what is around it now, whatever changes there afterwards."""
+        return replace(self, surroundings=Surroundings(self.collision))
+
+    @property
+    def collision(self) -> CollisionChecker | None:
+        """What checks paths of the body; None where they are not checked."""
+        return self.surroundings.checker
 
     @property
     def checked_collision(self) -> CollisionChecker | None:

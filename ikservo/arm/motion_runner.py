@@ -184,6 +184,12 @@ class MotionRunner:
         check_not_forked(self._process_id)
         return self._servos.stop_request.requested()
 
+    @contextmanager
+    def undisturbed(self) -> Generator[None]:
+        """Let no other thread move the arm or change its scene in the block, one request."""
+        with self.requested(), self.lock:
+            yield
+
     def request_stop(self, reason: StopReason) -> None:
         """Brake the running motion and hold; safe from signals and other threads."""
         check_not_forked(self._process_id)

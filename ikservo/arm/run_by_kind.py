@@ -25,9 +25,11 @@ def run_motion(arm: ArmParts, motion: MotionValue[R], on_progress: OnProgress | 
     """Make a motion from where the arm holds, and return its result; see ``Arm.execute``."""
     match cast("MotionValue[Any]", motion):
         case MoveGripper() as gripper:
-            result: object = run_gripper(arm, gripper, on_progress)
+            with arm.runner.undisturbed():
+                result: object = run_gripper(arm, gripper, on_progress)
         case Replay() as replay:
-            result = run_replay(arm, replay, on_progress)
+            with arm.runner.undisturbed():
+                result = run_replay(arm, replay, on_progress)
         case Wait() as pause:
             result = wait(arm.context, pause, watch_health=arm.context.servos.torque.is_on)
         case planned:

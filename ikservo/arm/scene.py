@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Generator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -28,8 +30,7 @@ class Scene:
     """What stands around an arm, in its base frame, and what its gripper holds.
 
     It begins with the things of the arm file and of the scene file. Motions that are planned from
-    then on keep out of it; a plan made before is checked again when it is executed. Change it in
-    the thread that plans: a plan that another thread makes at that moment fails.
+    then on keep out of it; a plan that was begun before is checked again when it is executed.
 
     Args:
         context: The arm.
@@ -76,7 +77,7 @@ class Scene:
             FileFormatError: A value is missing, unknown or of another type; names the key.
             RefusedError: A motion is running.
         """
-        with self._runner.lock:
+        with self._changing():
             self._check_new(name)
             self._change({**self._things, name: make_shape(kind, name, sizes)}, self._held)
 
@@ -89,7 +90,7 @@ class Scene:
             RefusedError: A motion is running.
         """
         added = {each.name: each for each in read_scene(path)}
-        with self._runner.lock:
+        with self._changing():
             for name in added:
                 self._check_new(name)
             self._change({**self._things, **added}, self._held)
@@ -101,7 +102,7 @@ class Scene:
             UnknownNameError: There is no such thing.
             RefusedError: A motion is running.
         """
-        with self._runner.lock:
+        with self._changing():
             if name not in self._things and name not in self._held:
                 raise UnknownNameError("thing", name, [*self._things, *self._held])
             things, held = dict(self._things), dict(self._held)
@@ -119,14 +120,15 @@ class Scene:
             BadValueError: It is not of the scene, but a box of the arm file or a half-space.
             RefusedError: A motion is running.
         """
-        if name not in self._things:
-            raise UnknownNameError("thing", name, self._things)
-        thing, things = self._things[name], dict(self._things)
-        if not isinstance(thing, KeepOutShape) or thing.row[12:15].max() > _LARGEST_M:
-            raise BadValueError("The thing to hold", name, "one of the scene that a gripper holds")
-        del things[name]
-        T = self._context.planner.tip_pose(self._context.servos.measure_positions())
-        self._change(things, {**self._held, name: thing.moved(_inverse(T))})
+        with self._changing():
+            if name not in self._things:
+                raise UnknownNameError("thing", name, self._things)
+            thing, things = self._things[name], dict(self._things)
+            if not isinstance(thing, KeepOutShape) or thing.row[12:15].max() > _LARGEST_M:
+                expected = "one of the scene that a gripper holds"
+                raise BadValueError("The thing to hold", name, expected)
+            del things[name]
+            self._change(things, {**self._held, name: thing.moved(_inverse(self._tip_pose()))})
 
     def release(self, name: str | None = None) -> None:
         """Let a thing stand where it is now; all that are held if None.
@@ -135,19 +137,29 @@ class Scene:
             UnknownNameError: It is not held.
             RefusedError: A motion is running.
         """
-        if name is not None and name not in self._held:
-            raise UnknownNameError("held thing", name, self._held)
-        if not self._held:
+        if not self._held and name is None:
             return
-        T = self._context.planner.tip_pose(self._context.servos.measure_positions())
-        things, held = dict(self._things), dict(self._held)
-        for each in [*held] if name is None else [name]:
-            things[each] = held.pop(each).moved(T)
-        self._change(things, held)
+        with self._changing():
+            if name is not None and name not in self._held:
+                raise UnknownNameError("held thing", name, self._held)
+            T, things, held = self._tip_pose(), dict(self._things), dict(self._held)
+            for each in [*held] if name is None else [name]:
+                things[each] = held.pop(each).moved(T)
+            self._change(things, held)
 
     def _check_new(self, name: str) -> None:
         if name in {*self._things, *self._held, "the table", *self._context.chain.frames}:
             raise BadValueError("The name of the thing", repr(name), "one that is not taken")
+
+    def _tip_pose(self) -> Matrix:
+        return self._context.planner.tip_pose(self._context.servos.measure_positions())
+
+    @contextmanager
+    def _changing(self) -> Generator[None]:
+        """Let nothing move, and nobody else change it, in the block."""
+        with self._runner.lock:
+            self._context.servos.torque.check_idle()
+            yield
 
     def _change(self, things: dict[str, Obstacle], held: dict[str, KeepOutShape]) -> None:
         checker, model = self._context.collision, self._context.model
@@ -155,13 +167,13 @@ class Scene:
             raise RefusedError(
                 "This arm was opened without collision checks.", "Open it with them to use a scene."
             )
-        with self._runner.lock:
-            self._context.servos.torque.check_idle()
-            body = collision_body_with_gripper(model)
-            for name, thing in held.items():
-                body = body.with_attached(name, self._context.chain.tip, thing.capsules(name))
-            checker.change(body, list(things.values()), arm_sag(model, body))
-            self._things, self._held = things, held
+        body = collision_body_with_gripper(model)
+        for name, thing in held.items():
+            body = body.with_attached(name, self._context.chain.tip, thing.capsules(name))
+        self._context.surroundings.checker = checker.in_scene(
+            body, list(things.values()), arm_sag(model, body)
+        )
+        self._things, self._held = things, held
 
 
 def _inverse(T: Matrix) -> Matrix:

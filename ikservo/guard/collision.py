@@ -141,14 +141,9 @@ class CollisionChecker:
     ) -> None:
         self.floor_m = -math.inf if floor_m is None else floor_m
         self.bends: Callable[[Matrix], Matrix] | None = None
-        self.change(body, boxes, sag)
-
-    def change(self, body: CollisionBody, boxes: Sequence[Obstacle], sag: Sag | None) -> None:
-        """Check another body among other things from now on; not while a path is checked."""
         self.sag, self.body = sag, body.pack()
         packed = self.body
         self.things = tuple(box.name for box in boxes)
-        self.__dict__.pop("_postures", None)
         self.shapes = np.array([box.row for box in boxes]).reshape(len(boxes), SHAPE_WIDTH)
         things = ["the table", *self.things]
         around = [(link, thing) for thing in things for link in packed.names]
@@ -168,6 +163,14 @@ class CollisionChecker:
         of_boxes = np.arange(len(self.pairs)) >= own + links
         sagged = of_boxes[own:] if sag is not None else of_boxes[:0]
         self._of_boxes = np.concatenate([of_boxes, sagged])
+
+    def in_scene(
+        self, body: CollisionBody, boxes: Sequence[Obstacle], sag: Sag | None
+    ) -> CollisionChecker:
+        """Return the checker of this arm with another body among other things."""
+        other = CollisionChecker(body, self.floor_m, boxes, sag)
+        other.bends = self.bends
+        return other
 
     @property
     def dof(self) -> int:

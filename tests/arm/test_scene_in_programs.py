@@ -1,11 +1,14 @@
 """Things come and go while a program runs; what the gripper holds is a part of the arm."""
 
+import threading
+
 import numpy as np
 import pytest
 
 import ikservo
+from ikservo.arm import checked_planning
 from ikservo.errors import BadValueError, CollisionError, FileFormatError, UnknownNameError
-from tests.arm.simulated import context_of
+from tests.arm.simulated import call_before, context_of, motion_runner, registers
 from tests.arm.test_ways_around import LEFT, RIGHT
 
 
@@ -79,3 +82,74 @@ def test_what_is_no_thing_is_refused_and_changes_nothing(arm, tmp_path):
     with pytest.raises(BadValueError, match="a gripper holds"):
         arm.scene.attach("the wall")
     assert arm.scene.names == ("the can", "the wall")
+
+
+WALL = {"centre_m": (0.2, 0.0, 0.1), "size_m": (0.3, 0.02, 0.2)}
+
+
+def in_another_thread(action):
+    """Do something in a thread of its own, and wait for it."""
+    thread = threading.Thread(target=action)
+    thread.start()
+    thread.join()
+
+
+@pytest.mark.full
+def test_a_plan_is_of_one_scene_however_often_that_changes_meanwhile(arm):
+    free, done = arm.plan_to(RIGHT, straight=True), threading.Event()
+    ball = {"centre_m": arm.where().tip_m, "radius_m": 0.02}
+
+    def change():
+        while not done.is_set():
+            arm.scene.add("sphere", "the ball", **ball)
+            arm.scene.attach("the ball")
+            arm.scene.add("box", "the wall", **WALL)
+            arm.scene.remove("the wall")
+            arm.scene.remove("the ball")
+
+    changing, ends = threading.Thread(target=change), set()
+    changing.start()
+    try:
+        for _ in range(15):
+            try:
+                plan = arm.plan_to(RIGHT, straight=True)
+            except CollisionError as error:
+                ends.add(error.pair[1])
+            else:
+                np.testing.assert_allclose(plan.tip_m, RIGHT, atol=1e-4)
+                ends.add("")
+    finally:
+        done.set()
+        changing.join()
+    assert "" in ends
+    assert ends <= {"", "the wall", "the ball", "the table"}
+    assert arm.plan_to(RIGHT, straight=True).clearance_m == free.clearance_m
+
+
+def test_what_comes_while_a_motion_is_planned_stops_it_before_it_starts(monkeypatch, arm):
+    before = registers(arm, "goal_position")
+
+    def build():
+        in_another_thread(lambda: arm.scene.add("box", "the wall", **WALL))
+
+    call_before(checked_planning, "plan_motion", monkeypatch, build)
+    with pytest.raises(CollisionError, match="the wall"):
+        arm.move_to(RIGHT, straight=True)
+    assert registers(arm, "goal_position") == before
+
+
+def test_nothing_comes_between_the_check_of_the_jaws_and_their_motion(monkeypatch, arm):
+    threads, centre_m = [], arm.where().tip_m
+
+    def build():
+        add = lambda: arm.scene.add("sphere", "it", centre_m=centre_m, radius_m=0.03)  # noqa: E731
+        threads.append(threading.Thread(target=add))
+        threads[0].start()
+        threads[0].join(timeout=0.1)
+
+    call_before(motion_runner(arm), "return_within_limits", monkeypatch, build)
+    seen = []
+    arm.gripper("open", on_progress=lambda _: seen.append(arm.scene.names))
+    threads[0].join()
+    assert set(seen) == {()}
+    assert arm.scene.names == ("it",)
