@@ -304,8 +304,12 @@ class Planner:
         tried = random.uniform(lower, upper, (_STARTS, len(q0)))
         found = list[PointGoal]()
         for q in (q0, *sorted(tried, key=lambda each: float(np.linalg.norm(each - q0)))):
+            wanted = stance.varied(random) if found else stance
             with suppress(OrientationError):
-                solved = solve_with_orientation(self._chain, self._tool, target, stance, q)
+                solved = solve_with_orientation(self._chain, self._tool, target, wanted, q)
+                if wanted is not stance:
+                    arguments = (self._chain, self._tool, target, stance, solved.solution)
+                    solved = replace(solved, error_rad=check_orientation_error(*arguments))
                 if tool is not None and not tool.keeps(solved.solution.q[None])[0]:
                     inside = tool.project(solved.solution.q, target.position)
                     if inside is None or stance.is_constrained:

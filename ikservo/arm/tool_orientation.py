@@ -15,7 +15,7 @@ from ikservo.errors import BadValueError, OrientationError
 from ikservo.ik import Options, Posture, Result, Solver, Target, solve
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.kinematics.se3 import log_so3, make_pose
+from ikservo.kinematics.se3 import exp_so3, log_so3, make_pose
 from ikservo.model.tool import ToolFrame, direction_from_angles
 from ikservo.motion.cartesian import ORIENTATION_TOLERANCE_RAD
 from ikservo.motion.path import ArmPlane
@@ -43,7 +43,8 @@ class ToolOrientation:
 
     Without a constraint the tool keeps its orientation as well as the arm can: arms with six joints
     the whole orientation; arms with four or five its pitch, then its roll, in the plane that their
-    first joint rotates. A constraint must be met within half a degree.
+    first joint rotates. A constraint must be met within half a degree, or within
+    ``within_rad``, all of which is used only where something is in the way.
 
     Attributes:
         pitch_rad: The angle of the tool axis above the horizontal: -π/2 is straight down.
@@ -53,6 +54,7 @@ class ToolOrientation:
         posture: Preferred joint positions instead, where the point leaves freedom (lecture L10).
         orientation: The whole orientation R_base_tip (3, 3). An arm with fewer than six joints
             has it at few points only.
+        within_rad: How far the tool may be from the pitch, roll, direction or orientation.
 
     Raises:
         BadValueError: They contradict each other, or are no finite numbers.
@@ -64,8 +66,19 @@ class ToolOrientation:
     keep: bool = False
     posture: Posture | None = None
     orientation: ArrayLike | None = None
+    within_rad: float | None = None
 
     def __post_init__(self) -> None:
+        if self.within_rad is not None:
+            within_rad = parse_number("The tolerance of the tool orientation", self.within_rad)
+            if not ORIENTATION_TOLERANCE_RAD <= within_rad <= math.pi:
+                given, expected = f"{math.degrees(within_rad):g}°", "0.5° to 180°"
+                raise BadValueError("The tolerance of the tool orientation", given, expected)
+            if not self.constrains_more_than_keep:
+                raise BadValueError(
+                    "The tolerance of the tool orientation", "given alone",
+                    "a pitch, roll, direction or orientation with it",
+                )  # fmt: skip
         for name, angle, most in (
             ("pitch", self.pitch_rad, math.pi / 2),
             ("roll", self.roll_rad, math.tau),
@@ -85,7 +98,10 @@ class ToolOrientation:
         if self.orientation is not None:
             rows: list[list[float]] = np.asarray(self.orientation).tolist()
             object.__setattr__(self, "orientation", tuple(tuple(row) for row in rows))
-        if self.orientation is not None and replace(self, orientation=None).is_constrained:
+        if (
+            self.orientation is not None
+            and replace(self, orientation=None, within_rad=None).is_constrained
+        ):
             raise BadValueError(
                 "The tool orientation", "given twice", "an orientation, or parts of it"
             )
@@ -109,6 +125,27 @@ class ToolOrientation:
         """Whether there is a constraint."""
         return self.keep or self.constrains_more_than_keep
 
+    @property
+    def tolerance_rad(self) -> float:
+        """How far the tool may be from the requested orientation."""
+        return ORIENTATION_TOLERANCE_RAD if self.within_rad is None else self.within_rad
+
+    def varied(self, random: np.random.Generator) -> ToolOrientation:
+        """Return a random orientation within the tolerance; itself without one."""
+        if self.within_rad is None:
+            return self
+        most, axis = self.within_rad, random.normal(size=3)
+        R = exp_so3(axis / np.linalg.norm(axis) * random.uniform(0.0, most))
+        pitch_rad, roll_rad = self.pitch_rad, self.roll_rad
+        if pitch_rad is not None:
+            turned = pitch_rad + random.uniform(-most, most)
+            pitch_rad = min(max(turned, -math.pi / 2), math.pi / 2)
+        if roll_rad is not None:
+            roll_rad = math.remainder(roll_rad + random.uniform(-most, most), math.tau)
+        direction = None if self.direction is None else R @ np.asarray(self.direction)
+        orientation = None if self.orientation is None else R @ np.asarray(self.orientation)
+        return ToolOrientation(pitch_rad, roll_rad, direction, orientation=orientation)
+
     def __str__(self) -> str:
         """Describe the constraint."""
         parts = [
@@ -120,7 +157,8 @@ class ToolOrientation:
             "the present orientation" if self.keep else "",
             "the given orientation" if self.orientation is not None else "",
         ]
-        return " and ".join(part for part in parts if part)
+        within = "" if self.within_rad is None else f" within {math.degrees(self.within_rad):.1f}°"
+        return " and ".join(part for part in parts if part) + within
 
 
 KEEP_BEST_EFFORT = ToolOrientation()
@@ -232,9 +270,9 @@ class OrientationSolver:
         """Return the orientation error, if it is within the tolerance.
 
         Raises:
-            OrientationError: It is more than half a degree.
+            OrientationError: It is more than that.
         """
-        if solved.error_rad > ORIENTATION_TOLERANCE_RAD:
+        if solved.error_rad > self._stance.tolerance_rad:
             raise OrientationError(
                 self._target.position.tolist(),
                 str(self._stance),
@@ -360,7 +398,7 @@ def solve_with_orientation(
         The solution; where ``solution.reached`` is false, the point is out of reach.
 
     Raises:
-        OrientationError: The error of a requested orientation is more than half a degree.
+        OrientationError: The error of a requested orientation is more than its tolerance.
     """
     plain = solve(chain, target, start, posture=stance.posture)
     if not plain.reached or stance.posture is not None:
@@ -383,7 +421,7 @@ def check_orientation_error(
     """Return the orientation error of the tool in a solution, rad.
 
     Raises:
-        OrientationError: It is more than half a degree.
+        OrientationError: It is more than the tolerance.
     """
     solver = OrientationSolver(chain, tool, target, stance, solution.q)
     return solver.check_error(solver.evaluate(solution))

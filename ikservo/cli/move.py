@@ -92,6 +92,7 @@ def command(
         others = {"--line": line, "--via": via, "--tool-speed": tool_speed}
         others |= {"--pitch": tool.pitch_rad, "--roll": tool.roll_rad}
         others |= {"--direction": tool.direction, "--keep": tool.keep}
+        others |= {"--within": tool.within_rad}
         others |= {"--upright": path.upright_rad, "--keep-axis": path.keep_axis}
         others |= {"--keep-in": path.keep_in, "--keep-above": path.keep_above}
         others |= {"--straight": straight}

@@ -217,6 +217,15 @@ class ToolOptions:
             "--keep", help="Keep the full orientation of the tool; refuse the motion if it cannot."
         ),
     ] = False
+    within_rad: Annotated[
+        float | None,
+        typer.Option(
+            "--within",
+            parser=parse_angle_rad,
+            metavar="DEG",
+            help="How far the tool may be from that pitch, roll or direction; 0.5 if not given.",
+        ),
+    ] = None
 
     def orientation(self) -> ToolOrientation:
         """Return the requested tool orientation.
@@ -227,7 +236,8 @@ class ToolOptions:
         from ikservo.arm.tool_orientation import ToolOrientation  # noqa: PLC0415  # loads the servo modules
 
         axis = None if self.direction is None else parse_axis(self.direction)
-        return ToolOrientation(self.pitch_rad, self.roll_rad, axis, self.keep)
+        turned = (self.pitch_rad, self.roll_rad, axis, self.keep)
+        return ToolOrientation(*turned, within_rad=self.within_rad)
 
 
 @dataclass(frozen=True, kw_only=True)

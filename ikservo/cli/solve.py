@@ -93,7 +93,7 @@ def command(
     """Find joints inside this arm's limits that bring the tip to X Y Z; nothing moves.
 
     The limits come from the arm's calibration, or from its arm file if it has none.
-    --direction is met as closely as possible; --pitch, --roll and --keep exactly, or exit 7.
+    --direction alone is met as closely as possible; the other options as asked, or exit 7.
 
     ikservo solve 0.25 0.05 0.15 --arm so101
 
@@ -105,10 +105,10 @@ def command(
     """
     _check_options(method, plot, everything=everything, comparison=comparison, trace=trace)
     force_n = _force_n(force, single=not (everything or comparison or trace))
-    posed = tool.pitch_rad is not None or tool.roll_rad is not None or tool.keep
+    posed = tool.keep or {tool.pitch_rad, tool.roll_rad, tool.within_rad} != {None}
     if posed and (everything or comparison or trace or tool_axis or method != "auto"):
         raise InputError(
-            "--pitch, --roll and --keep cannot be combined with these options.",
+            "--pitch, --roll, --keep and --within cannot be combined with these options.",
             "Use them without --all, --compare, --trace, --method and --tool-axis.",
         )
     if (preferred.prefer or preferred.weight) and (
@@ -117,7 +117,7 @@ def command(
         raise InputError(
             "--prefer and --weight lean in the null space of the pseudo-inverse.",
             "Give them with --method auto or pseudo_inverse, and without --all, --compare, "
-            "--pitch, --roll and --keep.",
+            "--pitch, --roll, --keep and --within.",
         )
     orientation = tool.orientation() if posed else None
     model = calibrated_model_from_option(arm, tip)

@@ -1,6 +1,7 @@
 """What is in the straight way is gone around, with a planner; without one it is refused."""
 
 import itertools
+import math
 import sys
 from contextlib import contextmanager
 from dataclasses import replace
@@ -11,8 +12,10 @@ import pytest
 import ikservo
 from ikservo.arm import ways_around
 from ikservo.arm.motions import MoveTo, motion_fields, parse_motion
-from ikservo.errors import CollisionError, StoppedError
+from ikservo.errors import BadValueError, CollisionError, StoppedError
 from ikservo.guard import KeepOutBox
+from ikservo.kinematics.se3 import exp_so3
+from ikservo.model.tool import tool_frame
 from ikservo.motion.avoidance import can_search, find_way
 from tests.arm.simulated import call_before, context_of, line_of, registers
 from tests.arm.test_contact_at_start import goes_home
@@ -121,6 +124,61 @@ def test_a_point_has_several_goals_that_reach_it():
         turned = {round(each.joints[arm.joint_names.index("forearm_roll")], 1) for each in level}
         assert len(turned) > 1
         assert max(each.solved.error_rad for each in level) < 0.01
+
+
+@needs_planner
+def test_a_tool_that_may_tilt_reaches_a_point_under_a_lamp():
+    straight_down = ikservo.ToolOrientation(pitch_rad=-math.pi / 2)
+    tilted = replace(straight_down, within_rad=math.radians(20.0))
+    with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
+        arm.scene.add("sphere", "the lamp", centre_m=(0.24, 0.0, 0.13), radius_m=0.015)
+        with pytest.raises(CollisionError, match="the lamp"):
+            arm.plan_to((0.22, 0.0, 0.06), stance=straight_down)
+        plan = arm.plan_to((0.22, 0.0, 0.06), stance=tilted)
+        down = (
+            context_of(arm).planner.tip_pose(plan.goal)[2, :3] @ tool_frame(arm.model).approach_axis
+        )
+        assert math.radians(1.0) < math.acos(-down) <= math.radians(20.0)
+        assert plan.orientation_error_rad == pytest.approx(math.acos(-down))
+        arm.scene.remove("the lamp")
+        assert arm.plan_to((0.22, 0.0, 0.06), stance=tilted).orientation_error_rad < 0.01
+
+
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        {"pitch_rad": -1.2},
+        {"pitch_rad": -0.4, "roll_rad": 0.3},
+        {"direction": (0.3, 0.1, -1.0)},
+        {"orientation": exp_so3(np.array([0.1, 1.2, 0.2]))},
+    ],
+)
+def test_goals_fill_the_tolerance_of_the_tool_and_none_is_beyond(wanted):
+    stance, most_rad = ikservo.ToolOrientation(**wanted, within_rad=0.25), 0.25
+    with ikservo.open_arm("wx250s", port="sim:?pose=home") as arm:
+        planner, tool = context_of(arm).planner, tool_frame(arm.model)
+        start = np.array(list(arm.where().positions.values()))
+        found = planner.goals_at(start, (0.3, 0.05, 0.2), stance)
+        errors = [each.solved.error_rad for each in found]
+        assert errors[0] < 0.01
+        assert 0.1 < max(errors) <= most_rad
+        for each in found:
+            R = planner.tip_pose(each.joints)[:3, :3]
+            if "pitch_rad" in wanted:
+                assert abs(tool.pitch_rad(R) - wanted["pitch_rad"]) <= most_rad
+            if "direction" in wanted:
+                towards = np.array(wanted["direction"]) / np.linalg.norm(wanted["direction"])
+                assert towards @ R @ tool.approach_axis >= math.cos(most_rad)
+            if "orientation" in wanted:
+                assert np.trace(R.T @ wanted["orientation"]) >= 1.0 + 2.0 * math.cos(most_rad)
+
+
+@pytest.mark.parametrize("wrong", [{"within_rad": 0.2}, {"keep": True, "within_rad": 0.2},
+    {"pitch_rad": 0.0, "within_rad": 0.0}, {"pitch_rad": 0.0, "within_rad": math.nan},
+    {"pitch_rad": 0.0, "within_rad": 4.0}])  # fmt: skip
+def test_a_tolerance_of_nothing_or_none_is_refused(wrong):
+    with pytest.raises(BadValueError, match="tolerance of the tool orientation"):
+        ikservo.ToolOrientation(**wrong)
 
 
 class Maze:
