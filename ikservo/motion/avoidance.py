@@ -13,6 +13,7 @@ import importlib
 import itertools
 import threading
 from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
@@ -46,6 +47,20 @@ class MotionSpace(Protocol):
 
 Projection = Callable[[Vector], Vector | None]
 """Returns a posture (n,) nearby that keeps a constraint; None where there is none."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Question:
+    """What is searched for; see ``find_way``."""
+
+    space: MotionSpace
+    start: Vector
+    goals: Matrix
+    lower: Vector
+    upper: Vector
+    most: int
+    seed: int
+    is_over: Callable[[], bool]
 
 
 def can_search() -> bool:
@@ -98,27 +113,16 @@ def find_way(
     for goal in goals:
         if space.is_free(np.array([start, goal])):
             return np.array([start, goal])
-    if project is None:
-        path = _search(space, start, goals, lower, upper, most, seed, is_over)
-    else:
-        path = _search_projected(space, start, goals, lower, upper, most, seed, is_over, project)
+    asked = _Question(space, start, goals, lower, upper, most, seed, is_over)
+    path = _search(asked) if project is None else _search_projected(asked, project)
     return None if path is None else _shortened(space, path, np.random.default_rng(seed))
 
 
-def _search(
-    space: MotionSpace,
-    start: Vector,
-    goals: Matrix,
-    lower: Vector,
-    upper: Vector,
-    most: int,
-    seed: int,
-    is_over: Callable[[], bool],
-) -> Matrix | None:
+def _search(asked: _Question) -> Matrix | None:
     ob: Any = importlib.import_module("ompl.base")
     og: Any = importlib.import_module("ompl.geometric")
     ou: Any = importlib.import_module("ompl.util")
-    columns, looked_at = range(len(start)), 0
+    start, columns, looked_at = asked.start, range(len(asked.start)), 0
 
     class Validity(ob.StateValidityChecker):  # pyright: ignore[reportUntypedBaseClass]
         def isValid(self, state: Any) -> bool:  # noqa: ANN401, N802
@@ -128,16 +132,17 @@ def _search(
         def checkMotion(self, a: Any, b: Any) -> bool:  # noqa: ANN401, N802
             nonlocal looked_at
             looked_at += 1
-            return space.is_free(np.array([[a[k] for k in columns], [b[k] for k in columns]]))
+            ends = np.array([[state[k] for k in columns] for state in (a, b)])
+            return asked.space.is_free(ends)
 
     with _lock:
         ou.setLogLevel(ou.LogLevel.LOG_NONE)
-        ou.RNG.setSeed(seed)
+        ou.RNG.setSeed(asked.seed)
         joints = ob.RealVectorStateSpace(len(start))
         bounds = ob.RealVectorBounds(len(start))
         for k in columns:
-            bounds.setLow(k, float(min(lower[k], start[k])))
-            bounds.setHigh(k, float(max(upper[k], start[k])))
+            bounds.setLow(k, float(min(asked.lower[k], start[k])))
+            bounds.setHigh(k, float(max(asked.upper[k], start[k])))
         joints.setBounds(bounds)
         about = ob.SpaceInformation(joints)
         about.setStateValidityChecker(Validity(about))
@@ -153,14 +158,16 @@ def _search(
         question = ob.ProblemDefinition(about)
         question.addStartState(state_at(start))
         ends = ob.GoalStates(about)
-        for goal in goals:
+        for goal in asked.goals:
             ends.addState(state_at(goal))
         question.setGoal(ends)
         planner = og.RRTConnect(about)
         planner.setRange(_REACH_RAD)
         planner.setProblemDefinition(question)
         planner.setup()
-        planner.solve(ob.PlannerTerminationCondition(lambda: looked_at >= most or is_over()))
+        planner.solve(
+            ob.PlannerTerminationCondition(lambda: looked_at >= asked.most or asked.is_over())
+        )
         if not question.hasExactSolution():
             return None
         states = question.getSolutionPath().getStates()
@@ -199,18 +206,8 @@ class _Tree:
         return found
 
 
-def _search_projected(
-    space: MotionSpace,
-    start: Vector,
-    goals: Matrix,
-    lower: Vector,
-    upper: Vector,
-    most: int,
-    seed: int,
-    is_over: Callable[[], bool],
-    project: Projection,
-) -> Matrix | None:
-    random, looked_at = np.random.default_rng(seed), 0
+def _search_projected(asked: _Question, project: Projection) -> Matrix | None:
+    random, looked_at = np.random.default_rng(asked.seed), 0
 
     def step(at: Vector, towards: Vector) -> Vector | None:
         left = float(np.linalg.norm(towards - at))
@@ -227,17 +224,17 @@ def _search_projected(
         while not np.array_equal(tree[i], towards):
             looked_at += 1
             new = step(tree[i], towards)
-            if new is None or not space.is_free(np.array([tree[i], new])):
+            if new is None or not asked.space.is_free(np.array([tree[i], new])):
                 break
             i = tree.add(new, i)
         return i
 
-    trees = (_Tree(start[None]), _Tree(goals))
+    trees = (_Tree(asked.start[None]), _Tree(asked.goals))
     for turn in itertools.count():
-        if looked_at >= most or is_over():
+        if looked_at >= asked.most or asked.is_over():
             return None
         one, other = trees if turn % 2 == 0 else trees[::-1]
-        reached = grow(one, random.uniform(lower, upper))
+        reached = grow(one, random.uniform(asked.lower, asked.upper))
         met = grow(other, one[reached])
         if np.array_equal(one[reached], other[met]):
             ends = (reached, met) if one is trees[0] else (met, reached)
