@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Generator
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from ikservo.guard import Weight, sag_of
 from ikservo.guard.sag import GravitySag
 from ikservo.kinematics.arrays import Matrix
 from ikservo.kinematics.collision import CollisionBody
+from ikservo.kinematics.inertia import LinkMass
 from ikservo.kinematics.se3 import make_pose
 from ikservo.model import Model
 from ikservo.model.collision_model import collision_body_with_gripper
@@ -113,7 +114,8 @@ class Scene:
     def attach(self, name: str) -> None:
         """Let the gripper hold a thing where both are now: it moves with the tip.
 
-        It is checked as a part of the arm until it is released, also by opening the gripper.
+        It is checked as a part of the arm until it is released, also by opening the gripper. What
+        is held counts as heavy as the arm file's payload: so far the arm is kept from sagging.
 
         Raises:
             UnknownNameError: There is no such thing.
@@ -171,7 +173,7 @@ class Scene:
         for name, thing in held.items():
             body = body.with_attached(name, self._context.chain.tip, thing.capsules(name))
         self._context.surroundings.checker = checker.in_scene(
-            body, list(things.values()), arm_sag(model, body)
+            body, list(things.values()), arm_sag(model, body, list(held.values()))
         )
         self._things, self._held = things, held
 
@@ -180,10 +182,16 @@ def _inverse(T: Matrix) -> Matrix:
     return make_pose(-T[:3, :3].T @ T[:3, 3], T[:3, :3].T)
 
 
-def arm_sag(model: Model, body: CollisionBody) -> GravitySag:
-    """Return how far an arm with its gripper yields to its weight."""
+def arm_sag(model: Model, body: CollisionBody, held: Sequence[KeepOutShape] = ()) -> GravitySag:
+    """Return how far an arm with its gripper yields to its weight.
+
+    Args:
+        model: The arm.
+        body: Its links, and what it holds.
+        held: What it holds: together as heavy as what its servos are to lift at most.
+    """
     chain = body.chain
+    masses = link_masses(model, chain)
+    masses += [LinkMass(each.name, model.payload_kg / len(held), each.row[9:12]) for each in held]
     compliances = joint_compliances(model, chain)
-    return sag_of(
-        body, Weight(link_masses(model, chain), compliances, chain.lower_rad, chain.upper_rad)
-    )
+    return sag_of(body, Weight(masses, compliances, chain.lower_rad, chain.upper_rad))

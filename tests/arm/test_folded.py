@@ -1,0 +1,64 @@
+"""From where a limp arm comes to rest there is a way, or a refusal that says what touches what.
+
+An arm is dropped in a random posture and sinks, onto its table and into itself. What is refused is
+searched for again, for so long that nobody would wait for it.
+"""
+
+import numpy as np
+import pytest
+
+from ikservo.arm import checked_planning, ways_around
+from ikservo.arm.motions import MovePose
+from ikservo.errors import CollisionError
+from tests.arm.seeds import few_or_many, log
+from tests.arm.test_contact_at_start import distances_m, measured_joints, open_limp, set_down
+from tests.arm.test_ways_around import needs_planner
+
+# Motions of which one search looks at most, more than a minute's, and from how many exits.
+LONG, EXITS = 600_000, 8
+
+
+def fall(arm, seed):
+    """Let go of a limp arm in a random posture that touches nothing."""
+    lower, upper = arm.limits()
+    postures = np.random.default_rng(1000 + seed).uniform(lower, upper, (500, len(lower)))
+    joints = next(q for q in postures if distances_m(arm, q).min() > 0.0)
+    set_down(arm, dict(zip(arm.joint_names, np.degrees(joints), strict=True)))
+
+
+def refusal(arm, pose):
+    """Return why a pose is refused; None where there is a way, whose path is looked at."""
+    try:
+        plan = arm.plan(MovePose(pose))
+    except CollisionError as error:
+        return error
+    lying_m = np.minimum(distances_m(arm, plan.start), 0.0)
+    for joints in plan.sample(0.02).positions:
+        assert (distances_m(arm, joints) >= lying_m - 0.0015).all()
+    return None
+
+
+@needs_planner
+@pytest.mark.full
+@few_or_many(2, 100)
+@pytest.mark.parametrize("name", ["so101", "koch", "open_manipulator_x", "wx250s"])
+def test_a_folded_arm_finds_its_way_or_says_what_touches_what(monkeypatch, capsys, name, seeds):
+    refused, found_later, touching = 0, [], 0
+    for seed in seeds:
+        with open_limp(name) as arm:
+            fall(arm, seed)
+            touching += distances_m(arm, measured_joints(arm)).min() < 0.0
+            for pose in ("rest", "home"):
+                error = refusal(arm, pose)
+                if error is None:
+                    continue
+                refused += 1
+                assert all(thing in str(error) for thing in error.pair)
+                with monkeypatch.context() as patient:
+                    margins = ((0.01, LONG), (0.003, LONG), (0.0005, LONG))
+                    patient.setattr(ways_around, "_MARGINS_M", margins)
+                    patient.setattr(checked_planning, "_EXITS", EXITS)
+                    if refusal(arm, pose) is None:
+                        found_later.append((seed, pose))
+    log(capsys, f"{name}: {len(seeds)} postures, {touching} touch something, {refused} refused")
+    assert not found_later
