@@ -6,6 +6,7 @@ import pytest
 import ikservo
 from ikservo.errors import IkservoError
 from tests.arm.simulated import context_of, line_of, servo_group
+from tests.arm.test_promise_carried import open_loaded
 
 DEEP_M = 0.001
 
@@ -29,10 +30,11 @@ class Table:
         )
 
 
-def campaign(name, speed, count, seed):
+def campaign(name, speed, count, seed, *, loaded=False):
     """Return how low the true body came on each accepted way [m], and how many were refused."""
     random, lowest_m, planned_m, refused = np.random.default_rng(seed), [], [], 0
-    with ikservo.open_arm(name, port="sim:?pose=home") as arm:
+    empty = "sim:?pose=home"
+    with open_loaded(name, seed) if loaded else ikservo.open_arm(name, port=empty) as arm:
         table = Table(arm)
         home_m = arm.model.chain.forward(arm.model.chain_pose("home"))[:3, 3]
         for _ in range(count):
@@ -70,4 +72,13 @@ def test_on_accepted_ways_near_the_table_the_true_body_stays_above_it():
 @pytest.mark.parametrize("name", ["so101", "so100", "koch", "omx_f", "px100", "wx250s", "vx300s"])
 def test_of_many_ways_near_the_table_none_goes_through_it(name, speed):
     lowest_m, _ = campaign(name, speed, 20, seed=7)
+    assert lowest_m.min() > -DEEP_M
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(3600)
+@pytest.mark.parametrize("speed", ["normal", "fast"])
+@pytest.mark.parametrize("name", ["so101", "koch", "open_manipulator_x", "wx250s"])
+def test_with_a_load_in_the_jaws_neither_goes_through_the_table(name, speed):
+    lowest_m, _ = campaign(name, speed, 20, seed=7, loaded=True)
     assert lowest_m.min() > -DEEP_M

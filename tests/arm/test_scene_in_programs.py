@@ -9,7 +9,7 @@ import ikservo
 from ikservo.arm import checked_planning
 from ikservo.errors import BadValueError, CollisionError, FileFormatError, UnknownNameError
 from tests.arm.simulated import call_before, context_of, motion_runner, registers
-from tests.arm.test_ways_around import LEFT, RIGHT
+from tests.arm.test_ways_around import LEFT, RIGHT, needs_planner
 
 
 @pytest.fixture
@@ -153,3 +153,29 @@ def test_nothing_comes_between_the_check_of_the_jaws_and_their_motion(monkeypatc
     threads[0].join()
     assert set(seen) == {()}
     assert arm.scene.names == ("it",)
+
+
+@needs_planner
+@pytest.mark.full
+def test_what_stands_on_the_table_is_lifted_around_things_and_not_pushed_down(arm):
+    arm.move_to((0.2, 0.12, 0.06))
+    tip_m, height_m = arm.where().tip_m, 2.0 * (arm.where().tip_m[2] + 0.002)
+    standing = {"centre_m": tip_m, "size_m": (0.02, 0.02, height_m)}
+    arm.scene.add("box", "the block", **standing)  # 2 mm into the table, as a cup looks to be
+    arm.scene.attach("the block")
+    with pytest.raises(CollisionError, match="the block would touch the table"):
+        arm.plan_line(tip_m - np.array([0.0, 0.0, 0.01]))
+    arm.scene.add("box", "the wall", centre_m=(0.24, 0.0, 0.04), size_m=(0.16, 0.02, 0.08))
+    plan = arm.plan_to((0.2, -0.12, 0.1))
+    assert plan.around
+    context = context_of(arm)
+    bodies = context.index.body_joints(plan.sample(0.01).positions)
+    gaps_m = context.collision.distances(bodies)
+    at = context.collision.pairs.index(("the block", "the table"))
+    free = int((gaps_m[:, at] > 0.0).argmax())
+    assert gaps_m[:, at].min() >= gaps_m[0, at] - 5e-4
+    assert 0 < free < len(gaps_m) // 2
+    assert gaps_m[free:, at].min() > -5e-4
+    others = [i for i, pair in enumerate(context.collision.pairs) if "the wall" in pair]
+    assert gaps_m[:, others].min() > 0.0
+    assert arm.execute(plan).reached
