@@ -50,7 +50,7 @@ Projection = Callable[[Vector], Vector | None]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Question:
+class _WaySearch:
     """What is searched for; see ``find_way``."""
 
     space: MotionSpace
@@ -113,12 +113,12 @@ def find_way(
     for goal in goals:
         if space.is_free(np.array([start, goal])):
             return np.array([start, goal])
-    asked = _Question(space, start, goals, lower, upper, most, seed, is_over)
+    asked = _WaySearch(space, start, goals, lower, upper, most, seed, is_over)
     path = _search(asked) if project is None else _search_projected(asked, project)
     return None if path is None else _shortened(space, path, np.random.default_rng(seed))
 
 
-def _search(asked: _Question) -> Matrix | None:
+def _search(asked: _WaySearch) -> Matrix | None:
     ob: Any = importlib.import_module("ompl.base")
     og: Any = importlib.import_module("ompl.geometric")
     ou: Any = importlib.import_module("ompl.util")
@@ -206,7 +206,7 @@ class _Tree:
         return found
 
 
-def _search_projected(asked: _Question, project: Projection) -> Matrix | None:
+def _search_projected(asked: _WaySearch, project: Projection) -> Matrix | None:
     random, looked_at = np.random.default_rng(asked.seed), 0
 
     def step(at: Vector, towards: Vector) -> Vector | None:
