@@ -29,6 +29,7 @@ _HALVED = 8  # corners of longer paths are left out by so large a part of the re
 _REACH_RAD = 0.8  # of one motion of a tree
 # Of one step of a tree that is projected; how much nearer it must come; how far it may be moved.
 _STEP_RAD, _NEARER, _FURTHEST = 0.3, 0.1, 2.0
+_BEYOND = 0.3  # the part of the range of a joint that is tried beyond each limit: at the limit
 _SAME = 1e-9
 _lock = threading.Lock()  # OMPL has one source of chance in a process
 
@@ -234,7 +235,9 @@ def _search_projected(asked: _WaySearch, project: Projection) -> Matrix | None:
         if looked_at >= asked.most or asked.is_over():
             return None
         one, other = trees if turn % 2 == 0 else trees[::-1]
-        reached = grow(one, random.uniform(asked.lower, asked.upper))
+        beyond = _BEYOND * (asked.upper - asked.lower)
+        aim = random.uniform(asked.lower - beyond, asked.upper + beyond)
+        reached = grow(one, np.clip(aim, asked.lower, asked.upper))
         met = grow(other, one[reached])
         if np.array_equal(one[reached], other[met]):
             ends = (reached, met) if one is trees[0] else (met, reached)
