@@ -18,19 +18,22 @@ from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import (
     ArmConnection,
     ArmOption,
+    DurationOption,
     JsonOption,
     OverwriteOption,
     ServoPortOption,
     YesOption,
 )
-from ikservo.cli.quantities import parse_angle_rad
+from ikservo.cli.quantities import parse_angle_rad, parse_time_s
 from ikservo.cli.results import Field, Fields, json_values, print_records
+from ikservo.cli.servo_plot import plot
 from ikservo.cli.servo_tune import tune
 from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
 from ikservo.errors import IkservoError, InputError, UnknownNameError
 from ikservo.hardware.eeprom import RegisterDifference, read_backup, write_backup
 from ikservo.hardware.packet_log import read_packet_log
 from ikservo.hardware.packets import BROADCAST_ID
+from ikservo.hardware.remembered_port import real_time_port
 from ikservo.hardware.servo import ServoSpec
 from ikservo.maintenance.dialogue import Question, Unasked
 from ikservo.maintenance.eeprom_restore import Restoration, plan_restoration, restore
@@ -63,6 +66,7 @@ ACTIONS = (
     "backup",
     "restore",
     "packets",
+    "plot",
     "tune",
 )
 Action = Annotated[
@@ -72,7 +76,8 @@ Action = Annotated[
         autocompletion=complete_from(*ACTIONS),
         help="table: every register. read, write: some. ping: identity. reboot: restart, torque "
         "goes off. reset: factory settings. backup, restore: the EEPROM to and from a file. "
-        "packets: print a file of recorded packets. tune: how the servo of a joint follows.",
+        "packets: print a file of recorded packets. plot: values over time. "
+        "tune: how the servo of a joint follows.",
     ),
 ]
 
@@ -97,7 +102,11 @@ Words = Annotated[
 ]
 ServoId = Annotated[
     str | None,
-    typer.Option("--id", metavar="ID", help="The servo: its id, or its joint with --arm."),
+    typer.Option(
+        "--id",
+        metavar="ID",
+        help="The servo: its id, or its joint with --arm. With plot also several: 2,3.",
+    ),
 ]
 ServoModel = Annotated[
     str | None, typer.Option("--model", help="Without --arm: its model, if it is not recognized.")
@@ -107,6 +116,10 @@ BaudRate = Annotated[
     typer.Option("--baud", min=1_200, max=12_000_000, help="Without --arm: try only this rate."),
 ]
 Errors = Annotated[bool, typer.Option("--errors", help="With packets: only faulty ones.")]
+Period = Annotated[
+    float | None,
+    typer.Option("--period", parser=parse_time_s, help="With plot: of reading; default: 100ms."),
+]
 Step = Annotated[
     float | None,
     typer.Option("--step", parser=parse_angle_rad, help="With tune: how far; default: 10deg."),
@@ -135,6 +148,8 @@ def command(
     overwrite: OverwriteOption = False,
     other_model: OtherModel = False,
     errors: Errors = False,
+    period: Period = None,
+    duration: DurationOption = None,
     step: Step = None,
     suggest: Suggest = False,
     dry_run: DryRun = False,
@@ -155,6 +170,8 @@ def command(
 
     ikservo servo tune --suggest --arm so101 --id elbow_flex
 
+    ikservo servo plot --arm so101 --id elbow_flex,wrist_flex
+
     ikservo servo packets log.pcapng --arm so101       recorded by IKSERVO_PACKETS=log.pcapng
     """
     given = words or []
@@ -166,6 +183,8 @@ def command(
             "--overwrite": overwrite,
             "--other-model": other_model,
             "--errors": errors,
+            "--period": period is not None,
+            "--duration": duration is not None,
             "--step": step is not None,
             "--suggest": suggest,
             "--dry-run": dry_run,
@@ -179,6 +198,13 @@ def command(
         step_rad = math.radians(10) if step is None else step
         tune(ArmConnection(arm=arm, port=port), servo_id, given, step_rad,
              suggest=suggest, yes=yes, json=json)  # fmt: skip
+        return
+    if action == "plot":
+        ids = list(dict.fromkeys(servo_id.split(","))) if servo_id else []
+        only = servo_id if len(ids) == 1 else None
+        with _open_line(arm, real_time_port(port), only, servo_model, baud) as line:
+            servos = [line.find(each) for each in ids] or list(line.bus.servos.values())
+            plot(line, servos, given, 0.1 if period is None else period, duration, json=json)
         return
     backup = read_backup(Path(given[0])) if action == "restore" else None
     with _open_line(arm, port, servo_id, servo_model, baud) as line:
@@ -205,7 +231,7 @@ def _check_words(action: str, words: Sequence[str]) -> None:
         raise InputError("No register is named.", f"As in: ikservo servo {action} {example}")
     if action in ("restore", "packets") and len(words) != 1:
         raise InputError(f"{action} needs one file.", f"As in: ikservo servo {action} FILE")
-    if action not in ("read", "write", "restore", "packets", "tune") and words:
+    if action not in ("read", "write", "restore", "packets", "plot", "tune") and words:
         raise InputError(f"{action} takes no {words[0]!r}.", f"Try: ikservo servo {action}")
 
 
@@ -214,6 +240,8 @@ _OPTION_OF: Mapping[str, tuple[str, ...]] = {
     "--overwrite": ("backup",),
     "--other-model": ("restore",),
     "--errors": ("packets",),
+    "--period": ("plot",),
+    "--duration": ("plot",),
     "--step": ("tune",),
     "--suggest": ("tune",),
     "--dry-run": ("write", "restore"),

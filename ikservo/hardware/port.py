@@ -423,7 +423,12 @@ def open_port(name: str, baud_rate: int, arm: str = "", servo_ids: Collection[in
 
 
 def _open_line(name: str, baud_rate: int) -> Transport:
-    return recorded_transport(open_transport(name, baud_rate), name)
+    transport = open_transport(name, baud_rate)
+    try:
+        return recorded_transport(transport, name)
+    except BaseException:
+        transport.close()
+        raise
 
 
 def _is_same_line(port: Port, other: _Opening, own: _Opening) -> bool:

@@ -256,13 +256,15 @@ def fast_sync_size(count: int, size: int) -> int:
 
 
 def split_fast_sync(data: bytes, servo_ids: Sequence[int], size: int) -> list[StatusPacket]:
-    """Split each servo's reply; nothing, if they are not in the requested order.
+    """Split each servo's reply; nothing, if they are not the requested ones in their order.
 
     Args:
         data: From the first ERR to the last data byte; one checksum covers all of it.
         servo_ids: The requested servos, in order.
         size: Bytes of each servo's data.
     """
+    if len(data) != 1 + fast_sync_size(len(servo_ids), size):
+        return []
     parts = [data[at : at + size + 2] for at in range(0, len(data), size + _OVERHEAD_BYTES)]
     if [part[1] for part in parts] != list(servo_ids):
         return []

@@ -26,6 +26,7 @@ from ikservo.hardware.transport import open_transport
 
 __all__ = [
     "is_simulated",
+    "real_time_port",
     "reconnect",
     "remember_serial_number",
     "remembered_serial_number",
@@ -125,3 +126,10 @@ def _try_reopen(port: Port, serial_number: str) -> bool:
             continue
         return True
     return False
+
+
+def real_time_port(port: str | None) -> str | None:
+    """Return the port; a simulated one is set to run in real time."""
+    if port is None or not is_simulated(port) or "paced=" in port:
+        return port
+    return f"{port if ':' in port else port + ':'}{'&' if '?' in port else '?'}paced=1"

@@ -69,6 +69,7 @@ __all__ = [
     "register_names",
     "reset_servo",
     "restart_servo",
+    "shown_unit",
     "write_registers",
 ]
 
@@ -166,6 +167,12 @@ _SHOWN_UNITS = {  # of the register's unit: the unit that is shown, and how many
 }
 
 
+def shown_unit(register: Register) -> tuple[str, float]:
+    """Return the unit in which people read a register, and how many of it make the register's."""
+    symbol = register.unit.symbol
+    return _SHOWN_UNITS.get(symbol, (symbol, 1.0))
+
+
 @dataclass(frozen=True, slots=True)
 class RegisterReading:
     """A register and what it holds.
@@ -189,10 +196,9 @@ class RegisterReading:
     @property
     def text(self) -> str:
         """The quantity with its unit, angles in degrees; empty for a plain number."""
-        symbol = self.register.unit.symbol
-        if not symbol:
+        if not self.register.unit.symbol:
             return ""
-        shown, factor = _SHOWN_UNITS.get(symbol, (symbol, 1.0))
+        shown, factor = shown_unit(self.register)
         return f"{self.value * factor:.4g} {shown}"
 
     @property

@@ -13,7 +13,7 @@ from ikservo.arm import DEAD_MAN_TIMEOUT_S, Arm
 from ikservo.arm.reports import describe_torque
 from ikservo.clock import Clock
 from ikservo.errors import IkservoError
-from ikservo.hardware.remembered_port import is_simulated
+from ikservo.hardware.remembered_port import is_simulated, real_time_port
 from ikservo.model import Model
 from ikservo.view.arm_thread import ArmThread
 from ikservo.view.auth import Permission
@@ -33,7 +33,6 @@ __all__ = [
     "ServedArmState",
     "ServedArms",
     "ViewSettings",
-    "real_time_port",
 ]
 
 _MAX_ARMS = 8
@@ -324,10 +323,3 @@ class ServedArms:
         """Let every arm hold and close all ports."""
         for arm in self.all():
             arm.close()
-
-
-def real_time_port(port: str | None) -> str | None:
-    """Return the port; a simulated one is set to run in real time."""
-    if port is None or not is_simulated(port) or "paced=" in port:
-        return port
-    return f"{port if ':' in port else port + ':'}{'&' if '?' in port else '?'}paced=1"

@@ -1,8 +1,12 @@
 """``ikservo servo``: registers of an arm's servos, and of servos of no arm, on the command line."""
 
+import json
+
 import pytest
 
+from ikservo.cli.servo_plot import block_curve
 from ikservo.errors import ExitCode
+from servosim.faults import Fault
 from tests.cli.fixtures_ports import change_bus
 
 ELBOW = "--arm so101 --port sim --id elbow_flex"
@@ -148,3 +152,59 @@ def test_tune_takes_gains_only(run_cli, ports, word):
     result = run_cli(f"servo tune {word} {ELBOW}")
     assert (result.code, result.out) == (ExitCode.USAGE, "")
     assert held(ports).read("torque_enable") == 0, "nothing moves for bad input"
+
+
+FAST = "--port sim:?paced=0"
+
+
+def test_plot_prints_csv_for_programs(run_cli):
+    result = run_cli(f"servo plot --arm so101 {FAST} --id 3,wrist_roll --duration 1 --period 50ms")
+    head, *rows = result.out.splitlines()
+    columns = head.split(",")
+    assert columns[0] == "time_s"
+    assert columns[2] == "elbow_flex.present_position [rad]"
+    assert {column.partition(".")[0] for column in columns[1:]} == {"elbow_flex", "wrist_roll"}
+    assert len(rows) == 21
+    assert [float(row.split(",")[0]) for row in rows][-1] == pytest.approx(1.0, abs=1e-3)
+    assert float(rows[-1].split(",")[columns.index("wrist_roll.present_voltage [V]")]) == 7.4
+
+
+def test_plot_with_json_has_a_line_for_each_sample(run_cli, ports):
+    lines = run_cli(
+        f"servo plot position_p_gain --arm koch {FAST} --duration 200ms --json"
+    ).out.splitlines()
+    samples = [json.loads(line) for line in lines]
+    assert [len(sample["servos"]) for sample in samples] == [6, 6, 6]
+    last = samples[-1]["servos"][1]
+    assert last["values"] == {"position_p_gain": held(ports, 2).read("position_p_gain")}
+
+
+def test_a_servo_that_falls_silent_has_empty_cells(run_cli, monkeypatch):
+    change_bus(monkeypatch, lambda line: line.faults.add(Fault("silent", id=3, at_s=0.5)))
+    result = run_cli(f"servo plot present_voltage --arm so101 {FAST} --id 2,3 --duration 1")
+    cells = [row.split(",")[1:] for row in result.out.splitlines()[1:]]
+    assert cells[0] == ["7.4", "7.4"]
+    assert cells[-1] == ["7.4", ""]
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("servo plot p_gian --arm so101 {fast}", "p_gain"),
+        ("servo plot --arm so101 {fast} --id 3,9", "named '9'"),
+        ("servo plot --arm so101 {fast} --id 3,,4", "named ''"),
+        ("servo plot --arm so101 {fast} --period 0", "above 0"),
+        ("servo read id --arm so101 {fast} --id 3 --duration 3", "cannot be given with read"),
+    ],
+)
+def test_a_plot_of_nothing_is_refused(run_cli, words, said):
+    result = run_cli(words.format(fast=FAST))
+    assert (result.code, result.out) == (ExitCode.USAGE, "")
+    assert said in result.err
+
+
+def test_a_curve_spans_its_values():
+    assert block_curve([0.0, 1.0, 2.0, None, 7.0], 1) == ["▁▂▃·█"]
+    assert block_curve([0.0, 15.0], 2) == [" █", "▁█"]
+    assert block_curve([3.0, 3.0], 1) == ["▁▁"]
+    assert block_curve([None], 1) == ["·"]

@@ -7,6 +7,7 @@ import pytest
 from ikservo.errors import ServoRejectedError
 from ikservo.hardware import Port, ServoBus, ServoSpec
 from ikservo.hardware.dynamixel import DynamixelDriver
+from ikservo.hardware.protocol2 import split_fast_sync
 from ikservo.registers import XL430W250, Alarm, RegisterName
 
 from .factories import make_transport
@@ -123,3 +124,11 @@ def waited_s(return_delay_s):
 def test_both_ways_of_asking_many_wait_for_the_return_delay():
     delays_s = waited_s(0.000_5) - waited_s(0.0)
     assert delays_s == pytest.approx(3 * 0.000_5, abs=1e-5)  # once fast, then once for each
+
+
+@pytest.mark.parametrize("size", range(1, 40))
+def test_a_combined_reply_of_any_other_length_is_no_reply(size):
+    whole = bytes((0, 1, 5, 6, 9, 9, 0, 2, 7, 8))
+    data = (whole * 4)[:size]
+    parts = split_fast_sync(data, (1, 2), 2)
+    assert [part.data for part in parts] == ([b"\5\6", b"\7\x08"] if data == whole else [])

@@ -73,7 +73,10 @@ _WITHOUT_OPTIONS = ("arms",)  # they belong to `arms new`, which has journeys of
 _WHOLE = {  # arguments that depend on each other: their names and the command line
     "arms": (("action", "name"), ["list"]),
     "camera": (("action", "file"), ["board {folder}/board.pdf"]),  # check: tests/cli
-    "servo": (("action", "words"), ["ping", "table --id {joint}"]),  # tune has tests of its own
+    "servo": (
+        ("action", "words"),
+        ["ping", "table --id {joint}", "plot"],
+    ),  # tune has tests of its own
     "export": (
         ("kind", "recordings"),
         ["lerobot", "csv {folder}/wave.jsonl", "dataset {folder}/wave.jsonl --to {folder}/set"],

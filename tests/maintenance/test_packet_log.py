@@ -12,6 +12,7 @@ from ikservo.errors import FileFormatError
 from ikservo.files.writing import FileWriteError
 from ikservo.hardware import Port, ServoBus, ServoSpec, torque_on
 from ikservo.hardware.packet_log import LoggedBytes, read_packet_log, recorded_transport
+from ikservo.hardware.port import open_port
 from ikservo.maintenance import packet_decoding
 from ikservo.maintenance.packet_decoding import decode_packets
 from ikservo.registers import RegisterName, control_table
@@ -119,6 +120,17 @@ def test_a_file_that_cannot_be_written_is_one_error_before_anything(tmp_path, mo
     monkeypatch.setenv("IKSERVO_PACKETS", str(tmp_path / "none" / "log.pcapng"))
     with pytest.raises(FileWriteError, match="cannot be written"):
         recorded_transport(make_transport({1: "STS3215"}), "bench")
+
+
+def test_a_recording_that_is_refused_leaves_no_port_open(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_PACKETS", str(tmp_path))
+    transport = make_transport({1: "STS3215"})
+    closed = []
+    monkeypatch.setattr(transport, "close", lambda: closed.append(True))
+    monkeypatch.setattr("ikservo.hardware.port.open_transport", lambda *_: transport)
+    with pytest.raises(FileFormatError):
+        open_port("bench", BAUD)
+    assert closed == [True]
 
 
 def test_what_is_no_regular_file_is_refused_and_not_waited_for(tmp_path, monkeypatch):

@@ -1,0 +1,62 @@
+"""Registers of servos read again and again: what a plot of them shows."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+from ikservo.clock import Rate
+from ikservo.hardware.bus import ServoBus
+from ikservo.registers import ControlTable, Register, RegisterName
+
+__all__ = ["Sample", "live_registers", "sample_registers"]
+
+_LIVE = (
+    RegisterName.GOAL_POSITION,
+    RegisterName.PRESENT_POSITION,
+    RegisterName.PRESENT_VELOCITY,
+    RegisterName.PRESENT_LOAD,
+    RegisterName.PRESENT_VOLTAGE,
+    RegisterName.PRESENT_TEMPERATURE,
+)
+_CURRENT = "present_current"  # beside the load where a model measures both
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """Registers of servos at one time.
+
+    Attributes:
+        time_s: Since the first sample.
+        values: By id and register, in the register's unit; a servo that did not reply is missing.
+    """
+
+    time_s: float
+    values: Mapping[int, Mapping[Register, float]]
+
+
+def live_registers(table: type[ControlTable]) -> list[Register]:
+    """Return what a model tells of its motion: goal, position, velocity, load, voltage, heat."""
+    found = {table.find(name): None for name in _LIVE}
+    if _CURRENT in table.registers:
+        found[table.registers[_CURRENT]] = None
+    return list(found)
+
+
+def sample_registers(
+    bus: ServoBus, watched: Mapping[int, Sequence[Register]], period_s: float
+) -> Iterator[Sample]:
+    """Read registers of servos periodically, without end.
+
+    Args:
+        bus: The servos.
+        watched: The registers of each servo, by id.
+        period_s: Between two samples; what takes longer is read as fast as the line allows.
+
+    Raises:
+        BusError: A servo did not reply at first; later it is missing from a sample.
+        PortLostError: The port is lost.
+    """
+    bus.bulk_read(watched).require_all()
+    for time_s in Rate(bus.clock, period_s):
+        yield Sample(time_s, bus.bulk_read(watched).values)
