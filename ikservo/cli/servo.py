@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import math
+import re
 from collections.abc import Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
@@ -122,7 +122,15 @@ Period = Annotated[
 ]
 Step = Annotated[
     float | None,
-    typer.Option("--step", parser=parse_angle_rad, help="With tune: how far; default: 10deg."),
+    typer.Option(
+        "--step", parser=parse_angle_rad, help="With tune: how far; default: 10deg, a sine 2deg."
+    ),
+]
+Sine = Annotated[
+    str | None,
+    typer.Option(
+        "--sine", metavar="HZ[,HZ]", help="With tune: a sine, between two frequencies a chirp."
+    ),
 ]
 Suggest = Annotated[bool, typer.Option("--suggest", help="With tune: try gains, some ten.")]
 DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be written.")]
@@ -151,6 +159,7 @@ def command(
     period: Period = None,
     duration: DurationOption = None,
     step: Step = None,
+    sine: Sine = None,
     suggest: Suggest = False,
     dry_run: DryRun = False,
     yes: YesOption = False,
@@ -186,6 +195,7 @@ def command(
             "--period": period is not None,
             "--duration": duration is not None,
             "--step": step is not None,
+            "--sine": sine is not None,
             "--suggest": suggest,
             "--dry-run": dry_run,
         },
@@ -195,8 +205,7 @@ def command(
         _print_packets(path, arm, servo_id, servo_model, faulty=errors, json=json)
         return
     if action == "tune":
-        step_rad = math.radians(10) if step is None else step
-        tune(ArmConnection(arm=arm, port=port), servo_id, given, step_rad,
+        tune(ArmConnection(arm=arm, port=port), servo_id, given, step, _parse_frequencies(sine),
              suggest=suggest, yes=yes, json=json)  # fmt: skip
         return
     if action == "plot":
@@ -243,9 +252,20 @@ _OPTION_OF: Mapping[str, tuple[str, ...]] = {
     "--period": ("plot",),
     "--duration": ("plot",),
     "--step": ("tune",),
+    "--sine": ("tune",),
     "--suggest": ("tune",),
     "--dry-run": ("write", "restore"),
 }
+
+
+def _parse_frequencies(text: str | None) -> tuple[float, float] | None:
+    """Parse ``2`` or ``0.5,5``, in hertz."""
+    if text is None:
+        return None
+    match = re.fullmatch(r"([0-9]{1,3}(?:\.[0-9]{1,6})?)(?:,([0-9]{1,3}(?:\.[0-9]{1,6})?))?", text)
+    if match is None:
+        raise InputError(f"{text!r} is no frequency.", "As in: --sine 2, or --sine 0.5,5")
+    return float(match[1]), float(match[2] or match[1])
 
 
 def _check_options(action: str, given: Mapping[str, bool]) -> None:

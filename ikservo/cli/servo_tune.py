@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import signal
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import TypeVar
 
 from ikservo.arm.arm import Arm
 from ikservo.arm.opening import require_own_port
@@ -16,12 +18,13 @@ from ikservo.cli.terminal import format_port, print_status
 from ikservo.errors import BadValueError, InputError, UnknownNameError
 from ikservo.hardware.read_plan import Register
 from ikservo.hardware.servo import ServoSpec
+from ikservo.lab.servo_sine import FrequencyPoint, measure_sine
 from ikservo.lab.servo_tuning import (
     Trial,
-    gain_registers,
     keeping_gains,
     measure_response,
     search_gains,
+    tunable_registers,
     write_gains,
 )
 from ikservo.maintenance.servo_workbench import find_register, parse_register_value
@@ -32,8 +35,8 @@ _FIELDS: Fields[Trial] = (
     Field(
         "gains",
         "gains",
-        lambda one: ", ".join(f"{key} {raw}" for key, raw in one.named_gains.items()),
-        lambda one: dict(one.named_gains),
+        lambda one: _format_gains(one.gains),
+        lambda one: _named(one.gains),
     ),
     Field(
         "overshoot_rad",
@@ -68,6 +71,50 @@ _FIELDS: Fields[Trial] = (
 )
 
 
+@dataclass(frozen=True, slots=True)
+class _SineRow:
+    gains: Mapping[Register, int]
+    at: FrequencyPoint
+    swing_rad: float
+
+
+_SINE_FIELDS: Fields[_SineRow] = (
+    Field(
+        "gains",
+        "gains",
+        lambda one: _format_gains(one.gains),
+        lambda one: _named(one.gains),
+    ),
+    Field(
+        "frequency_hz",
+        "frequency",
+        lambda one: f"{one.at.frequency_hz:.2f} Hz",
+        lambda one: one.at.frequency_hz,
+    ),
+    Field(
+        "amplitude_ratio",
+        "amplitude",
+        lambda one: f"{one.at.amplitude_ratio:.0%}",
+        lambda one: one.at.amplitude_ratio,
+    ),
+    Field(
+        "phase_lag_rad",
+        "phase lag",
+        lambda one: f"{math.degrees(one.at.phase_lag_rad):.0f}°",
+        lambda one: one.at.phase_lag_rad,
+    ),
+    Field("swing_rad", "swings by", lambda one: _format_degrees(one.swing_rad)),
+)
+
+
+def _named(gains: Mapping[Register, int]) -> dict[str, int]:
+    return {register.name: raw for register, raw in gains.items()}
+
+
+def _format_gains(gains: Mapping[Register, int]) -> str:
+    return ", ".join(f"{register} {raw}" for register, raw in gains.items())
+
+
 def _format_degrees(angle_rad: float) -> str:
     return f"{math.degrees(angle_rad):.2f}°"
 
@@ -76,7 +123,8 @@ def tune(
     connection: ArmConnection,
     joint: str | None,
     settings: Sequence[str],
-    step_rad: float,
+    far_rad: float | None,
+    sine_hz: tuple[float, float] | None,
     *,
     suggest: bool,
     yes: bool,
@@ -86,31 +134,63 @@ def tune(
 
     The present gains are in force again at the end.
 
+    Args:
+        connection: The arm.
+        joint: The joint, or the id of its servo.
+        settings: Gains to try, as ``p_gain=16``.
+        far_rad: The step, or the amplitude of a sine; usual ones if None.
+        sine_hz: The lowest and the highest frequency of a sine; a step if None.
+        suggest: Whether to search better gains.
+        yes: Whether to ask nothing.
+        json: Whether to print JSON.
+
     Raises:
         InputError: No joint is named, or it does not turn.
         RefusedError: There is no room, or the servo has no such gains.
     """
     if joint is None:
         raise InputError("No joint is named.", "As in: ikservo servo tune --arm so101 --id 3")
+    if suggest and sine_hz:
+        raise InputError("Gains are suggested by a step.", "Omit --sine or --suggest.")
+    far_rad = far_rad or math.radians(2 if sine_hz else 10)
     with open_from_options(connection, MotionOptions(yes=yes)) as machine:
         arm = require_own_port(machine)
         servo = _find_turning_servo(arm, joint)
         given = _parse_gains(servo, settings)
+        what = "there and back" if sine_hz is None else "to both sides, {:g} to {:g} Hz,"
         print_status(
             f"{servo} of {arm.model.title} on {format_port(arm.port_name)}: "
-            f"{math.degrees(step_rad):.0f}° there and back at the speed fast, "
+            f"{math.degrees(far_rad):.3g}° {what.format(*sine_hz or ())} at the speed fast, "
             f"{'some ten times' if suggest else 'once' if not given else 'twice'}."
         )
         confirm_motion(machine, yes=yes)
-        with _ending_in_order():
-            trials = _run_trials(arm, servo, given, step_rad, suggest=suggest)
-    best = min(trials, key=lambda one: one.response.cost)
+        if sine_hz:
+            sines = _try_gains(
+                arm, servo, given,
+                lambda gains: (gains, measure_sine(arm, servo.name, far_rad, *sine_hz)),
+            )  # fmt: skip
+            rows = [_SineRow(gains, at, one.swing_rad) for gains, one in sines for at in one.points]
+            print_records(
+                "servo-sine", "points", rows, _SINE_FIELDS, json=json, id=servo.id,
+                joint=servo.name, model=servo.table.model_name,
+            )  # fmt: skip
+            return
+        trials = _try_gains(
+            arm, servo, given,
+            lambda gains: Trial(gains, measure_response(arm, servo.name, far_rad)),
+            (lambda trials: search_gains(arm, servo, _best(trials), far_rad)) if suggest else None,
+        )  # fmt: skip
+    best = _best(trials)
     print_records(
         "servo-tune", "trials", trials, _FIELDS, json=json, id=servo.id, joint=servo.name,
         model=servo.table.model_name, best=json_values(best, _FIELDS),
     )  # fmt: skip
     if not json and len(trials) > 1:
         _print_advice(connection, servo, trials[0], best)
+
+
+def _best(trials: Sequence[Trial]) -> Trial:
+    return min(trials, key=lambda one: one.response.cost)
 
 
 @contextmanager
@@ -134,8 +214,8 @@ def _parse_gains(servo: ServoSpec, settings: Sequence[str]) -> dict[Register, in
     for word in settings:
         name, equals, text = word.partition("=")
         register = find_register(servo.table, name)
-        if not equals or register not in gain_registers(servo):
-            listed = " ".join(f"{each}=16" for each in gain_registers(servo))
+        if not equals or register not in tunable_registers(servo):
+            listed = " ".join(f"{each}=16" for each in tunable_registers(servo))
             raise InputError(f"{word!r} sets no gain.", f"As in: ikservo servo tune {listed}")
         gains[register] = parse_register_value(register, text)
         lower, upper = register.range
@@ -154,20 +234,25 @@ def _find_turning_servo(arm: Arm, joint: str) -> ServoSpec:
     return found[0]
 
 
-def _run_trials(
-    arm: Arm, servo: ServoSpec, given: Mapping[Register, int], step_rad: float, *, suggest: bool
-) -> list[Trial]:
+_Tried = TypeVar("_Tried")
+
+
+def _try_gains(
+    arm: Arm,
+    servo: ServoSpec,
+    given: Mapping[Register, int],
+    try_one: Callable[[Mapping[Register, int]], _Tried],
+    search: Callable[[Sequence[_Tried]], Iterable[_Tried]] | None = None,
+) -> list[_Tried]:
+    """Return what becomes of the present gains, of those given, and of those a search tries."""
     bus = arm.context.servos.bus
-    with keeping_gains(bus, servo) as present:
-        trials = [Trial(present, measure_response(arm, servo.name, step_rad))]
+    with _ending_in_order(), keeping_gains(bus, servo, given) as present:
+        tried = [try_one(present)]
         if given:
-            gains = {each: given.get(each, raw) for each, raw in present.items()}
+            gains = {**present, **given}
             write_gains(bus, servo, gains)
-            trials.append(Trial(gains, measure_response(arm, servo.name, step_rad)))
-        if suggest:
-            best = min(trials, key=lambda one: one.response.cost)
-            trials += search_gains(arm, servo, best, step_rad)
-    return trials
+            tried.append(try_one(gains))
+        return [*tried, *search(tried)] if search else tried
 
 
 def _print_advice(connection: ArmConnection, servo: ServoSpec, present: Trial, best: Trial) -> None:
@@ -176,7 +261,7 @@ def _print_advice(connection: ArmConnection, servo: ServoSpec, present: Trial, b
     if best is present:
         print_status("The present gains are the best of these; they are in force.")
         return
-    words = " ".join(f"{name}={raw}" for name, raw in best.named_gains.items())
+    words = " ".join(f"{name}={raw}" for name, raw in _named(best.gains).items())
     print_status(
         "The former gains are in force again. To keep the best of these, switch torque off, then: "
         f"ikservo servo write {words} --arm {connection.arm} --id {servo.id}"

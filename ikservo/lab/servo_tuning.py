@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,20 +18,26 @@ from ikservo.motion import JointMove, KinematicLimits, Trajectory, TrajectoryPoi
 from ikservo.registers import Register
 
 __all__ = [
+    "REST_S",
+    "SWINGING_RAD",
     "StepResponse",
     "Trial",
     "gain_registers",
     "keeping_gains",
     "measure_response",
+    "record_joint",
     "search_gains",
+    "swing_at_rest",
+    "tunable_registers",
     "write_gains",
 ]
 
-_REST_S = 1.0  # after each of the two motions
+REST_S = 1.0  # after a motion
 _JUDGED_S = 0.5  # the last part of a rest, in which a joint should be still
 _LEAST_STEP_RAD = np.radians(1.0) - 1e-9
 _SETTLED_RAD = np.radians(0.2)
-_SWINGING_RAD = np.radians(0.25)
+SWINGING_RAD = np.radians(0.25)
+_TRIED = ("i_gain", "position_i_gain", "min_startup_force", "cw_dead_zone", "ccw_dead_zone")
 _GAIN_NAMES = (("p_gain", "position_p_gain"), ("d_gain", "position_d_gain"))
 _FACTORS = (0.5, 0.7, 1.0, 1.4, 2.0)  # of the present gain
 _LEAST_TRIALS = (8, 16, 32)  # raw gains that are tried where the present one is 0
@@ -81,7 +87,9 @@ class StepResponse:
     @property
     def swing_rad(self) -> float:
         """How far it still moves back and forth in the last half second of a rest, at most."""
-        return max(float(np.ptp(self.position_rad[self._judged(end_s)])) for end_s in self.ends_s)
+        return max(
+            swing_at_rest(self.time_s, self.position_rad, end_s + REST_S) for end_s in self.ends_s
+        )
 
     @property
     def lag_s(self) -> float:
@@ -94,7 +102,7 @@ class StepResponse:
     @property
     def swings(self) -> bool:
         """Whether it does not come to rest."""
-        return self.swing_rad > _SWINGING_RAD
+        return self.swing_rad > SWINGING_RAD
 
     @property
     def cost(self) -> float:
@@ -103,14 +111,14 @@ class StepResponse:
         return float(far + self.settling_s / 0.2 + (10.0 if self.swings else 0.0))
 
     def _judged(self, end_s: float) -> slice:
-        first, last = np.searchsorted(self.time_s, (end_s + _REST_S - _JUDGED_S, end_s + _REST_S))
+        first, last = np.searchsorted(self.time_s, (end_s + REST_S - _JUDGED_S, end_s + REST_S))
         return slice(int(first), max(int(last), int(first) + 1))
 
     def _rest_times(self) -> list[Vector]:
         return [self.time_s[self._rest(end_s)] for end_s in self.ends_s]
 
     def _rest(self, end_s: float) -> slice:
-        first, last = np.searchsorted(self.time_s, (end_s, end_s + _REST_S))
+        first, last = np.searchsorted(self.time_s, (end_s, end_s + REST_S))
         return slice(int(first), max(int(last), int(first) + 1))
 
     def _beyond_rest(self) -> list[Vector]:
@@ -132,13 +140,13 @@ class _ThereAndBack:
         self.start = start
         self.ends_s = (
             self._there.duration_s,
-            self._there.duration_s + _REST_S + self._back.duration_s,
+            self._there.duration_s + REST_S + self._back.duration_s,
         )
-        self.duration_s = self.ends_s[1] + _REST_S
+        self.duration_s = self.ends_s[1] + REST_S
 
     def state(self, time_s: float) -> TrajectoryPoint:
         """Return position, velocity and acceleration (n,) at a time."""
-        back_s = self._there.duration_s + _REST_S
+        back_s = self._there.duration_s + REST_S
         if time_s < back_s:
             return self._there.state(min(time_s, self._there.duration_s))
         return self._back.state(min(time_s - back_s, self._back.duration_s))
@@ -172,7 +180,6 @@ def measure_response(arm: Arm, joint: str, step_rad: float) -> StepResponse:
             "Move it away from its limits, or choose a smaller --step.",
         )
     limits = context.planner.motion_limits("fast")
-    rows: list[tuple[float, float, float]] = []
     ends_s: list[float] = []
 
     def make_motion(start: Vector) -> Trajectory:
@@ -187,13 +194,31 @@ def measure_response(arm: Arm, joint: str, step_rad: float) -> StepResponse:
         ends_s.extend(motion.ends_s)
         return motion
 
+    return StepResponse(*record_joint(arm, column, make_motion), (ends_s[0], ends_s[1]))
+
+
+def record_joint(
+    arm: Arm, column: int, make_motion: Callable[[Vector], Trajectory]
+) -> tuple[Vector, Vector, Vector]:
+    """Run a motion without ikservo's corrections; return times, goals, positions (m,) of a joint.
+
+    Raises:
+        IkservoError: Those of every motion; see ``Arm``.
+    """
+    rows: list[tuple[float, float, float]] = []
+
     def record(cycle: ControlCycle) -> None:
-        row = (context.now_s(), cycle.goals[column], cycle.measured[column])
-        rows.append((row[0], float(row[1]), float(row[2])))
+        rows.append((cycle.time_s, float(cycle.goals[column]), float(cycle.measured[column])))
 
     arm.runner.run(make_motion, record, "fast", compensated=False)
     time_s, goals, positions = np.array(rows).T
-    return StepResponse(time_s - time_s[0], goals, positions, (ends_s[0], ends_s[1]))
+    return time_s, goals, positions
+
+
+def swing_at_rest(time_s: Vector, position_rad: Vector, end_s: float) -> float:
+    """Compute how far a joint moves back and forth in the last half second of a rest."""
+    first, last = np.searchsorted(time_s, (end_s - _JUDGED_S, end_s))
+    return float(np.ptp(position_rad[first : max(last, first + 1)]))
 
 
 def gain_registers(servo: ServoSpec) -> tuple[Register, Register]:
@@ -212,10 +237,29 @@ def gain_registers(servo: ServoSpec) -> tuple[Register, Register]:
     return found[0], found[1]
 
 
+def tunable_registers(servo: ServoSpec) -> list[Register]:
+    """Return what may be tried besides: P, D, I, and Feetech's start-up force and dead zones.
+
+    Raises:
+        RefusedError: Its model has no P and D gain.
+    """
+    registers = servo.table.registers
+    return [*gain_registers(servo), *(registers[name] for name in _TRIED if name in registers)]
+
+
 @contextlib.contextmanager
-def keeping_gains(bus: ServoBus, servo: ServoSpec) -> Generator[Mapping[Register, int]]:
-    """Give the present gains, and write them again at the end, however the block ends."""
-    before = {each: bus.read(servo.id, each, raw=True) for each in gain_registers(servo)}
+def keeping_gains(
+    bus: ServoBus, servo: ServoSpec, tried: Iterable[Register] = ()
+) -> Generator[Mapping[Register, int]]:
+    """Give the present gains, and write them again at the end, however the block ends.
+
+    Args:
+        bus: The bus.
+        servo: The servo.
+        tried: Those beside P and D that are kept, too.
+    """
+    kept = dict.fromkeys([*gain_registers(servo), *tried])
+    before = {each: bus.read(servo.id, each, raw=True) for each in kept}
     try:
         yield before
     finally:
@@ -243,11 +287,6 @@ class Trial:
 
     gains: Mapping[Register, int]
     response: StepResponse
-
-    @property
-    def named_gains(self) -> Mapping[str, int]:
-        """The raw gains by the names of their registers."""
-        return {register.name: raw for register, raw in self.gains.items()}
 
 
 def search_gains(arm: Arm, servo: ServoSpec, before: Trial, step_rad: float) -> Generator[Trial]:

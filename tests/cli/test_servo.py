@@ -147,6 +147,25 @@ def test_tune_compares_gains_and_says_how_to_keep_the_best(run_cli, ports):
     assert held(ports, 2).read("position_p_gain") != 1500
 
 
+@pytest.mark.full
+def test_tune_on_a_sine_prints_amplitude_and_phase(run_cli, ports):
+    words = f"servo tune cw_dead_zone=3 --sine 2 --step 1 {ELBOW}".replace("sim", "sim:?pose=home")
+    answer = run_cli(f"{words} --json").json
+    assert [point["gains"]["cw_dead_zone"] for point in answer["points"]] == [1, 3]
+    assert all(0.5 < point["amplitude_ratio"] < 1.5 for point in answer["points"])
+    assert held(ports).read("cw_dead_zone") == 1
+
+
+@pytest.mark.parametrize(
+    "more", ["--sine x", "--sine 1,2,3", "--sine 4,1", "--sine 99", "--sine 2 --suggest"]
+)
+def test_a_sine_that_is_none_is_refused(run_cli, ports, more):
+    words = f"servo tune {more} {ELBOW}".replace("sim", "sim:?pose=home")
+    result = run_cli(words)
+    assert (result.code, result.out) == (ExitCode.USAGE, "")
+    assert not ports or held(ports).read("p_gain") == 32
+
+
 @pytest.mark.parametrize("word", ["p_gain", "p_gain=999", "max_torque=500", "goal_position=5"])
 def test_tune_takes_gains_only(run_cli, ports, word):
     result = run_cli(f"servo tune {word} {ELBOW}")

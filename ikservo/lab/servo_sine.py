@@ -1,0 +1,227 @@
+"""Measure by how much and how late a servo follows a sine, or a sine of rising frequency."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from ikservo.arm.arm import Arm
+from ikservo.errors import BadValueError, RefusedError
+from ikservo.kinematics.arrays import Vector, freeze_arrays
+from ikservo.lab.servo_tuning import REST_S, SWINGING_RAD, record_joint, swing_at_rest
+from ikservo.motion import KinematicLimits, TrajectoryPoint
+
+__all__ = ["FrequencyPoint", "SineMotion", "SineResponse", "measure_sine"]
+
+_LEAST_AMPLITUDE_RAD = np.radians(0.5) - 1e-9
+_FREQUENCIES_HZ = (0.1, 20.0)
+_CYCLES = 8.0  # of a sine of one frequency
+_WINDOW_CYCLES = 3.0  # of a sweep in each half of an octave, from its lower frequency
+_FADE_CYCLES = 1.5  # in which the amplitude rises, and falls at the end
+_CHECKED_STEP = 1 / 40  # of a cycle
+
+
+@dataclass(frozen=True, slots=True)
+class FrequencyPoint:
+    """How a servo follows at one frequency.
+
+    Attributes:
+        frequency_hz: The frequency.
+        amplitude_ratio: Of the joint to its goal.
+        phase_lag_rad: Of the joint behind its goal.
+    """
+
+    frequency_hz: float
+    amplitude_ratio: float
+    phase_lag_rad: float
+
+
+class SineMotion:
+    """One joint on a sine around its start, of a frequency that rises exponentially.
+
+    Args:
+        start: The joints (n,).
+        column: Which of them moves.
+        amplitude_rad: To both sides.
+        from_hz: The lowest frequency.
+        to_hz: The highest; the same for one frequency.
+
+    Attributes:
+        windows: When it swings fully, one interval [s] for each half of an octave.
+    """
+
+    def __init__(
+        self, start: Vector, column: int, amplitude_rad: float, from_hz: float, to_hz: float
+    ) -> None:
+        self.start, self._column, self._amplitude_rad = start, column, amplitude_rad
+        self._from_hz, self._to_hz = from_hz, to_hz
+        octaves = math.log2(to_hz / from_hz)
+        window_s = _WINDOW_CYCLES * math.log(2) / 2 / (math.sqrt(2) - 1) / from_hz
+        self._sweep_s = 2 * octaves * window_s + _CYCLES / to_hz
+        self._rate = math.log(to_hz / from_hz) / self._sweep_s
+        self.duration_s = self._sweep_s + REST_S
+        self._fades_s = rise_s, fall_s = _FADE_CYCLES / from_hz, _FADE_CYCLES / to_hz
+        edges = np.linspace(rise_s, self._sweep_s - fall_s, max(round(2 * octaves), 1) + 1)
+        self.windows = list(pairwise(edges.tolist()))
+
+    def frequency_hz(self, time_s: float) -> float:
+        """Return the frequency at a time."""
+        return self._from_hz * math.exp(self._rate * time_s)
+
+    def phase_rad(self, time_s: Vector) -> Vector:
+        """Return the phase (m,) of the sine at times (m,)."""
+        if self._rate == 0.0:
+            return math.tau * self._from_hz * time_s
+        return math.tau * self._from_hz / self._rate * np.expm1(self._rate * time_s)
+
+    def state(self, time_s: float) -> TrajectoryPoint:
+        """Return position, velocity and acceleration (n,) at a time."""
+        at_s = min(max(time_s, 0.0), self._sweep_s)
+        phase = float(self.phase_rad(np.array([at_s]))[0])
+        speed = math.tau * self.frequency_hz(at_s)
+        e, de, dde = self._envelope(at_s)
+        sine, cosine = math.sin(phase), math.cos(phase)
+        moved = (
+            e * sine,
+            de * sine + e * speed * cosine,
+            (dde - e * speed**2) * sine + (2 * de * speed + e * self._rate * speed) * cosine,
+        )
+        own = self._amplitude_rad * (np.arange(len(self.start)) == self._column)
+        return TrajectoryPoint(self.start + moved[0] * own, moved[1] * own, moved[2] * own)
+
+    def _envelope(self, time_s: float) -> tuple[float, float, float]:
+        """Return the amplitude from 0 to 1 and its derivatives: a quintic step at both ends."""
+        rise_s, fall_s = self._fades_s
+        left_s, sign, fade_s = time_s, 1.0, rise_s
+        if self._sweep_s - time_s < fall_s:
+            left_s, sign, fade_s = self._sweep_s - time_s, -1.0, fall_s
+        x = min(left_s / fade_s, 1.0)
+        return (
+            x**3 * (10 - 15 * x + 6 * x * x),
+            sign * 30 * x**2 * (1 - x) ** 2 / fade_s,
+            60 * x * (1 - x) * (1 - 2 * x) / fade_s**2,
+        )
+
+    def check_limits(self, limits: KinematicLimits, joint: str) -> None:
+        """Check that the joint may move so fast.
+
+        Raises:
+            RefusedError: It may not.
+        """
+        step_s = _CHECKED_STEP / self._to_hz
+        states = [self.state(t) for t in np.arange(0.0, self._sweep_s, step_s)]
+        top_rad_s = max(abs(each.velocity[self._column]) for each in states)
+        top_rad_s2 = max(abs(each.acceleration[self._column]) for each in states)
+        if top_rad_s > limits.speed_rad_s or top_rad_s2 > limits.acceleration_rad_s2:
+            needed, allowed = (
+                f"{math.degrees(speed):.0f}°/s and {math.degrees(acceleration):.0f}°/s²"
+                for speed, acceleration in (
+                    (top_rad_s, top_rad_s2), (limits.speed_rad_s, limits.acceleration_rad_s2)
+                )
+            )  # fmt: skip
+            raise RefusedError(
+                f"{joint} would need {needed}; it is allowed {allowed}.",
+                "Choose a smaller amplitude or a lower frequency.",
+            )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SineResponse:
+    """A joint on a sine, without corrections by ikservo.
+
+    Attributes:
+        time_s: Of the motion (m,).
+        goal_rad: Of the servo (m,).
+        position_rad: Measured (m,).
+        sine: The motion.
+    """
+
+    time_s: Vector
+    goal_rad: Vector
+    position_rad: Vector
+    sine: SineMotion
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+    @property
+    def points(self) -> Sequence[FrequencyPoint]:
+        """What the joint does at each frequency: one for each half of an octave of a sweep."""
+        return list(self._points())
+
+    def _points(self) -> Iterator[FrequencyPoint]:
+        for start_s, end_s in self.sine.windows:
+            rows = (self.time_s >= start_s) & (self.time_s <= end_s)
+            phase = self.sine.phase_rad(self.time_s[rows])
+            drift = self.time_s[rows] - start_s
+            basis = np.column_stack([np.cos(phase), np.sin(phase), np.ones_like(phase), drift])
+            found, *_ = np.linalg.lstsq(
+                basis, np.column_stack([self.goal_rad[rows], self.position_rad[rows]]), rcond=None
+            )
+            goal, position = found[1] + 1j * found[0]
+            ratio = position / goal
+            lag_rad = (-np.angle(ratio) + 0.5) % math.tau - 0.5  # a lead is a small negative lag
+            middle_hz = self.sine.frequency_hz((start_s + end_s) / 2)
+            yield FrequencyPoint(middle_hz, float(abs(ratio)), float(lag_rad))
+
+    @property
+    def swing_rad(self) -> float:
+        """How far it still moves back and forth at rest afterwards."""
+        return swing_at_rest(self.time_s, self.position_rad, self.sine.duration_s)
+
+    @property
+    def swings(self) -> bool:
+        """Whether it does not come to rest."""
+        return self.swing_rad > SWINGING_RAD
+
+
+def measure_sine(
+    arm: Arm, joint: str, amplitude_rad: float, from_hz: float, to_hz: float
+) -> SineResponse:
+    """Move a joint on a sine around where it is, and return how its servo followed.
+
+    ikservo's own corrections are off: what is measured is the servo with its gains.
+
+    Args:
+        arm: The arm; its other joints hold.
+        joint: A joint that turns.
+        amplitude_rad: To both sides.
+        from_hz: The frequency, or the lowest of a sweep.
+        to_hz: The highest; the same for one frequency.
+
+    Raises:
+        BadValueError: The amplitude is smaller than 0.5°, or a frequency is out of range.
+        RefusedError: There is no room, the joint would be too fast, or something is in the way;
+            nothing moved.
+        IkservoError: Those of every motion; see ``Arm``.
+    """
+    lowest_hz, highest_hz = _FREQUENCIES_HZ
+    if not lowest_hz <= from_hz <= to_hz <= highest_hz:
+        wanted = f"{lowest_hz:g} to {highest_hz:g}, the lower one first"
+        raise BadValueError("The frequency", f"{from_hz:g} to {to_hz:g} Hz", wanted)
+    if not amplitude_rad >= _LEAST_AMPLITUDE_RAD:
+        raise BadValueError("The amplitude", f"{np.degrees(amplitude_rad):.3g}°", "at least 0.5°")
+    context, column = arm.context, arm.context.index.names.index(joint)
+    lower, upper = (limit[column] for limit in context.limits())
+    start = context.servos.measure_positions()
+    at_rad = start[column]
+    if not lower <= at_rad - amplitude_rad <= at_rad + amplitude_rad <= upper:
+        raise RefusedError(
+            f"{joint} has no room for {np.degrees(amplitude_rad):.3g}° to both sides.",
+            "Move it away from its limits, or choose a smaller amplitude.",
+        )
+    limits = context.planner.motion_limits("fast")[column]
+    SineMotion(start, column, amplitude_rad, from_hz, to_hz).check_limits(limits, joint)
+    made: list[SineMotion] = []
+
+    def make_motion(start: Vector) -> SineMotion:
+        motion = SineMotion(start, column, amplitude_rad, from_hz, to_hz)
+        context.check_streamed_path(motion, "fast")
+        made.append(motion)
+        return motion
+
+    return SineResponse(*record_joint(arm, column, make_motion), made[0])
