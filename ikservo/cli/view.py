@@ -23,6 +23,8 @@ from ikservo.cli.options import MotionOptions, ServoConnection
 from ikservo.cli.session import warn_uncompiled
 from ikservo.cli.terminal import print_lines, print_status
 from ikservo.errors import InputError
+from ikservo.hardware.discovery import simulated_port_url
+from ikservo.model import Model
 
 if TYPE_CHECKING:
     from ikservo.view.app import ViewApp, ViewUrls
@@ -63,6 +65,10 @@ Camera = Annotated[
     ),
 ]
 Listen = Annotated[str, typer.Option("--listen", metavar="ADDRESS", help=_LISTEN_HELP)]
+Servos = Annotated[
+    bool,
+    typer.Option("--servos", help="Instead of an arm: registers, ids, backups of the servos."),
+]
 NoOpen = Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")]
 
 
@@ -75,6 +81,7 @@ def command(
     insecure: Insecure = False,
     no_open: NoOpen = False,
     camera: Camera = None,
+    servos: Servos = False,
     options: Annotated[MotionOptions, Without("dry_run", "no_wiggle", "tip", "yes", "json")],
 ) -> None:
     """Serve the browser panel; an arm moves only after Go there, a pose button or Live.
@@ -85,6 +92,8 @@ def command(
 
     ikservo view so101=/dev/ttyACM0 koch=/dev/ttyUSB0
 
+    ikservo view --servos --port /dev/ttyACM0    servos of any arm, or of none
+
     ikservo view --port sim --listen 192.168.0.7     for other machines, over TLS
     """
     _check_installed(_NEEDS if insecure or _is_loopback(listen) else (*_NEEDS, *_TLS_NEEDS))
@@ -92,9 +101,10 @@ def command(
         _check_installed(["cv2"], "camera")
     from ikservo.view.app import ViewApp  # noqa: PLC0415  # what --help does not need
 
-    places = _places_from_options(arms or [], connection.arm, connection.port)
+    bench = _bench_from_options(arms, connection, camera) if servos else None
+    places = [] if bench else _places_from_options(arms or [], connection.arm, connection.port)
     app = ViewApp(places, listen, http_port, insecure=insecure, collisions=options.collision,
-                  uncalibrated=options.uncalibrated, camera=camera)  # fmt: skip
+                  uncalibrated=options.uncalibrated, camera=camera, servos=bench)  # fmt: skip
     with app as urls:
         print_status(f"To watch only:\n{urls.watch}\nTo control the arm:")
         sys.stderr.flush()  # the label of what follows
@@ -103,13 +113,31 @@ def command(
             _print_certificate(urls)
         for warning in urls.warnings:
             print_status(warning)
-        _print_arms(app)
-        warn_uncompiled()
+        if bench is None:
+            _print_arms(app)
+            warn_uncompiled()
         print_status("Ctrl-C ends; torque does not change.")
         sys.stdout.flush()
         with _open_browser(urls.control, enabled=not no_open and _has_display()):
             app.serve()
     print_status("Torque stays as it was. Switch it off with: ikservo relax")
+
+
+def _bench_from_options(
+    arms: Sequence[str] | None, connection: ServoConnection, camera: str | None
+) -> tuple[str, Model | None]:
+    """Return the port of the servos, and their arm if one is named.
+
+    Raises:
+        InputError: No port is named, or what belongs to an arm is.
+    """
+    if arms or camera:
+        raise InputError("--servos shows no arm.", "Name the servos' arm with --arm, or none.")
+    if not connection.port:
+        raise InputError("No port is named.", "As in: ikservo view --servos --port /dev/ttyACM0")
+    model = model_from_option(connection.arm) if connection.arm else None
+    simulated_port_url(connection.port, model.path if model else None)  # a bus needs its arm
+    return connection.port, model
 
 
 def _places_from_options(arms: Sequence[str], arm: str | None, port: str | None) -> list[ArmAtPort]:

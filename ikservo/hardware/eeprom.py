@@ -35,6 +35,7 @@ __all__ = [
     "RegisterDifference",
     "back_up_once",
     "backup_path",
+    "backup_text",
     "eeprom_registers",
     "lock_eeprom",
     "read_backup",
@@ -238,6 +239,15 @@ def write_backup(bus: ServoBus, servo_id: int, path: Path) -> None:
         BusError: The servo does not reply; nothing was written.
         FileWriteError: The file cannot be written.
     """
+    write_atomic(path, backup_text(bus, servo_id))
+
+
+def backup_text(bus: ServoBus, servo_id: int) -> str:
+    """Return a copy of a servo's EEPROM as the text of its file.
+
+    Raises:
+        BusError: The servo does not reply.
+    """
     servo, eeprom = bus.servos[servo_id], read_eeprom(bus, servo_id)
     lines = [
         f"format = {_FORMAT}",
@@ -247,7 +257,7 @@ def write_backup(bus: ServoBus, servo_id: int, path: Path) -> None:
         "[eeprom]",
         *(f"{name} = {number}" for name, number in eeprom.items()),
     ]
-    write_atomic(path, "\n".join(lines) + "\n")
+    return "\n".join(lines) + "\n"
 
 
 def read_backup(path: Path) -> Backup:

@@ -39,8 +39,8 @@ _SETTLED_RAD = np.radians(0.2)
 SWINGING_RAD = np.radians(0.25)
 _TRIED = ("i_gain", "position_i_gain", "min_startup_force", "cw_dead_zone", "ccw_dead_zone")
 _GAIN_NAMES = (("p_gain", "position_p_gain"), ("d_gain", "position_d_gain"))
-_FACTORS = (0.5, 0.7, 1.0, 1.4, 2.0)  # of the present gain
-_LEAST_TRIALS = (8, 16, 32)  # raw gains that are tried where the present one is 0
+_P_FACTORS, _D_FACTORS, _FINE_FACTORS = (0.7, 1.4, 2.0, 2.8, 4.0), (0.5, 2.0, 4.0), (0.7, 1.4)
+_FRACTIONS = (32, 16, 8)  # of the highest gain, tried where the present one is 0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -290,9 +290,10 @@ class Trial:
 
 
 def search_gains(arm: Arm, servo: ServoSpec, before: Trial, step_rad: float) -> Generator[Trial]:
-    """Try gains on the joint, P first and then D with the best P; yield each trial.
+    """Try gains on the joint: P, then D with the best P, then P around that; yield each trial.
 
-    Higher gains are not tried beyond one with which the joint swings.
+    Higher gains are not tried beyond one with which the joint swings, and of equal ones the
+    lower are better.
 
     Args:
         arm: The arm.
@@ -301,12 +302,21 @@ def search_gains(arm: Arm, servo: ServoSpec, before: Trial, step_rad: float) -> 
         step_rad: See ``measure_response``.
     """
     best, bus = before, arm.context.servos.bus
-    for register in gain_registers(servo):
-        present = best.gains[register]
-        lower, upper = register.range
-        wanted = [round(present * f) for f in _FACTORS] if present else list(_LEAST_TRIALS)
-        for raw in sorted({min(max(each, lower, 1), upper) for each in wanted} - {present}):
+    p_gain, d_gain = gain_registers(servo)
+    tried: set[tuple[int, int]] = {(before.gains[p_gain], before.gains[d_gain])}
+    for register, factors in ((p_gain, _P_FACTORS), (d_gain, _D_FACTORS), (p_gain, _FINE_FACTORS)):
+        present, (lower, upper) = best.gains[register], register.range
+        wanted = (
+            [round(present * f) for f in factors]
+            if present
+            else [upper // fraction for fraction in _FRACTIONS]
+        )
+        for raw in sorted({min(max(each, lower, 1), upper) for each in wanted}):
             gains = {**best.gains, register: raw}
+            pair = gains[p_gain], gains[d_gain]
+            if pair in tried:
+                continue
+            tried.add(pair)
             write_gains(bus, servo, gains)
             trial = Trial(gains, measure_response(arm, servo.name, step_rad))
             yield trial

@@ -37,6 +37,7 @@ from ikservo.hardware.read_plan import encode_value
 from ikservo.hardware.remembered_port import serial_number_of
 from ikservo.hardware.scan import (
     FoundServo,
+    OnScanStep,
     candidate_baud_rates,
     firmware_version,
     scan,
@@ -112,6 +113,7 @@ def open_servos(
     servo_id: int | None = None,
     table: type[ControlTable] | None = None,
     baud_rate: int | None = None,
+    on_step: OnScanStep | None = None,
 ) -> Generator[ServoLine]:
     """Open the servos of an arm, or those that reply on a line.
 
@@ -121,6 +123,7 @@ def open_servos(
         servo_id: Without an arm: only this servo is searched; every id if None.
         table: Without an arm: its model, if it is known.
         baud_rate: Without an arm: the rate; every known one is tried if None.
+        on_step: Called with the progress of a search.
 
     Raises:
         InputError: What replies is of no known model, or several servos share an id.
@@ -134,7 +137,10 @@ def open_servos(
     name = simulated_port_url(choose_port(parse_port(port)), None)
     with open_port(name, baud_rate or candidate_baud_rates()[0]) as line:
         rates = [baud_rate] if baud_rate else candidate_baud_rates()
-        found = scan(line, rates) if servo_id is None else scan_servo(line, servo_id, rates)
+        if servo_id is None:
+            found = scan(line, rates, on_step=on_step)
+        else:
+            found = scan_servo(line, servo_id, rates)
         specs = [_spec_of(servo, table) for servo in found]
         if not specs:
             tried = "every known rate" if baud_rate is None else f"{baud_rate} baud"

@@ -31,6 +31,7 @@ from ikservo.view.messages import read_message
 from ikservo.view.new_arm import NewArmPanel
 from ikservo.view.served_arms import ArmAtPort, ServedArms, ViewSettings
 from ikservo.view.server import BoundAddress, PageChannel, make_app, serve, serve_in_thread
+from ikservo.view.servo_bench import ServoBench, read_bench_message
 from ikservo.view.video import PictureCapture, VideoSource
 
 __all__ = ["ViewApp", "ViewUrls", "low_jitter"]
@@ -88,6 +89,7 @@ class ViewApp:
         uncalibrated: See ``open_arm``.
         dead_man_s: How long the arm follows without a heartbeat of the page.
         camera: What ``VideoSource`` reads, for a picture beside the arm.
+        servos: Instead of arms: the port of the servos that the page works on, and their arm.
     """
 
     def __init__(
@@ -101,9 +103,12 @@ class ViewApp:
         uncalibrated: bool = False,
         dead_man_s: float = DEAD_MAN_TIMEOUT_S,
         camera: str | None = None,
+        servos: tuple[str, Model | None] | None = None,
     ) -> None:
-        for place in places:
-            refuse_other_machines(place.port or os.environ.get("IKSERVO_PORT", ""))
+        ports = [place.port or os.environ.get("IKSERVO_PORT", "") for place in places]
+        for port in [*ports, *(servos or ())[:1]]:
+            refuse_other_machines(port)
+        self._servos = servos
         self._places = places
         self._listen, self._http = _check_address(listen), http
         self._is_local = ipaddress.ip_address(self._listen).is_loopback
@@ -135,11 +140,15 @@ class ViewApp:
             stack.callback(self.arms.close)
             self.arms.open_all(self._places)
             self._simulated = self._place_simulated_camera()
+            if self._servos is not None:
+                self._bench = ServoBench(*self._servos, downloads)
+                stack.callback(self._bench.close)
             new_arm = NewArmPanel(Path.cwd(), is_local=self._is_local)
             stack.callback(new_arm.close)
             choices = ChoiceFinder(self._places)
             arm_list = ArmList(self.arms, choices, clock, downloads, camera, new_arm)
-            self._app = make_app(self._channels(arm_list), self.keys, clock, downloads)
+            index = "index.html" if self._servos is None else "servos.html"
+            self._app = make_app(self._channels(arm_list), self.keys, clock, downloads, index)
             stack.enter_context(low_jitter())
             self._exits = stack.pop_all()
         url = self._address.url
@@ -174,7 +183,12 @@ class ViewApp:
         return BoundAddress(self._listen, self._http, load_or_make_certificate(self._listen))
 
     def _channels(self, arm_list: ArmList) -> list[PageChannel[Any]]:
-        """Return the websockets: that of each arm, and that of the list of arms."""
+        """Return the websockets: that of each arm, and that of the list of arms.
+
+        A page of servos has neither: it opens no port but its own.
+        """
+        if self._servos is not None:
+            return [PageChannel("/bench", lambda _: self._bench, read_bench_message)]
         return [
             PageChannel("/live", self.arms.find, read_message),
             PageChannel("/arms", lambda arm: None if arm else arm_list, read_arm_list_message),

@@ -62,16 +62,16 @@ __all__ = [
 _TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
 
 
-def static_routes() -> list[Route]:
-    """Return the routes of the page's files."""
+def static_routes(index: str = "index.html") -> list[Route]:
+    """Return the routes of the page's files, one of which is the page itself."""
+
+    async def serve_index(_: Request) -> Response:
+        return _page_file_response(index)
+
     return [
-        Route("/", _serve_index, methods=["GET"]),
+        Route("/", serve_index, methods=["GET"]),
         Route("/page/{name}", _serve_asset, methods=["GET"]),
     ]
-
-
-async def _serve_index(_: Request) -> Response:
-    return _page_file_response("index.html")
 
 
 async def _serve_asset(request: Request) -> Response:
@@ -164,6 +164,7 @@ def make_app(
     keys: AccessTokens,
     clock: Clock,
     downloads: DownloadOffers | None = None,
+    index: str = "index.html",
 ) -> Starlette:
     """Make the server's application, with the origin check.
 
@@ -172,8 +173,9 @@ def make_app(
         keys: The keys that clients must prove.
         clock: Time stamps of messages.
         downloads: Files that pages have asked for, if there are any.
+        index: The file of the page.
     """
-    routes: list[BaseRoute] = [*static_routes()]
+    routes: list[BaseRoute] = [*static_routes(index)]
     for channel in channels:
         handler = _WebSocketHandler(channel, keys, clock)
         routes.append(WebSocketRoute(channel.path, handler.handle))

@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
+from typing import Any
+
 from ikservo.arm import Arm
 from ikservo.errors import BusError, IkservoError, InputError, PortError, RegisterAccessError
-from ikservo.hardware.read_plan import RegisterName
+from ikservo.hardware.read_plan import Register, RegisterName
 from ikservo.hardware.servo import ServoSpec
 from ikservo.maintenance.servo_workbench import (
     RegisterReading,
@@ -20,7 +23,7 @@ from ikservo.view.arm_thread import ArmThread
 from ikservo.view.connection import Client
 from ikservo.view.server import Frame
 
-__all__ = ["ServoPanel"]
+__all__ = ["ServoPanel", "table_frame", "write_values"]
 
 # What moves the arm, ends its replies or belongs to its calibration has ways of its own.
 _ELSEWHERE = {
@@ -124,17 +127,7 @@ class _ServoJob:
             note = f"{error.message} {error.command_hint}".strip()
         if note:
             observer.log_message(note)
-        readings = read_registers(line, servo)
-        self._panel.show(
-            {
-                "kind": "servo",
-                "joint": self._joint,
-                "id": servo.id,
-                "model": servo.table.model_name,
-                "registers": [_fields_of(each) for each in readings],
-                "note": note,
-            }
-        )
+        self._panel.show(table_frame(line, servo, note, _is_written_here))
 
     def _write(self, line: ServoLine, servo: ServoSpec) -> str:
         register = find_register(servo.table, self._name)
@@ -145,18 +138,51 @@ class _ServoJob:
                 f"{self._joint} holds: with other numbers it could fall.",
                 "Support it, and switch its torque off first.",
             )
-        changes = plan_writes(line, servo, {register: parse_register_value(register, self._text)})
         try:
-            write_registers(line, servo, changes)
+            return write_values(line, servo, {register: parse_register_value(register, self._text)})
         except OSError as error:  # no room for the copy of the EEPROM
             if not isinstance(error, IkservoError) or isinstance(error, PortError):
                 raise
             raise InputError(error.message, error.command_hint) from error
-        done = ", ".join(f"{each.register} {each.found} → {each.expected}" for each in changes)
-        return f"{servo}: {done or 'nothing to change'}."
 
 
-def _fields_of(reading: RegisterReading) -> dict[str, object]:
+def write_values(line: ServoLine, servo: ServoSpec, values: Mapping[Register, int]) -> str:
+    """Write registers after the checks of ``plan_writes``; return what has changed, in words.
+
+    Raises:
+        IkservoError: As ``plan_writes`` and ``write_registers``.
+    """
+    changes = plan_writes(line, servo, values)
+    write_registers(line, servo, changes)
+    done = ", ".join(f"{each.register} {each.found} → {each.expected}" for each in changes)
+    return f"{servo}: {done or 'nothing to change'}."
+
+
+def table_frame(
+    line: ServoLine, servo: ServoSpec, note: str, is_written: Callable[[str], bool]
+) -> dict[str, Any]:
+    """Read a servo's table and return it as a page shows it.
+
+    Args:
+        line: The servos.
+        servo: The servo.
+        note: What is said besides.
+        is_written: Whether the page writes a register of this name.
+
+    Raises:
+        BusError: The servo does not reply.
+    """
+    return {
+        "kind": "servo",
+        "joint": servo.name or str(servo.id),
+        "id": servo.id,
+        "model": servo.table.model_name,
+        "registers": [_fields_of(each, is_written) for each in read_registers(line, servo)],
+        "note": note,
+    }
+
+
+def _fields_of(reading: RegisterReading, is_written: Callable[[str], bool]) -> dict[str, object]:
     register = reading.register
     return {
         "name": register.name,
@@ -165,6 +191,6 @@ def _fields_of(reading: RegisterReading) -> dict[str, object]:
         "value": reading.text,
         "range": list(register.range),
         "area": register.area.name,
-        "writable": register.is_writable and _is_written_here(register.name),
+        "writable": register.is_writable and is_written(register.name),
         "first": reading.first if reading.changed else None,
     }

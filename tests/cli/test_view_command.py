@@ -177,3 +177,28 @@ def test_without_the_tls_libraries_the_command_says_so_before_it_serves(run_cli,
     result = run_cli("view --port sim --listen 192.0.2.1 --http-port 0")
     assert result.code == 2
     assert "needs segno" in result.err
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        ("", "No port is named"),
+        ("--port sim", "No arm given for the simulator"),
+        ("so101 --port sim", "shows no arm"),
+        ("--port sim --arm so101 --camera 0", "shows no arm"),
+        ("--port sim:so100 --arm so101", "is not a port"),
+        ("--port sim --arm so999", "so999"),
+    ],
+)
+def test_servos_are_shown_where_their_owner_says_only(run_cli, monkeypatch, words, said):
+    monkeypatch.setattr("ikservo.view.app.serve", lambda *_: None)
+    result = run_cli(f"view --servos --no-open --http-port 0 {words}")
+    assert (result.code, result.out) == (2, "")
+    assert said in result.err
+
+
+def test_a_port_that_is_missing_ends_no_page_of_servos(run_cli, monkeypatch):
+    monkeypatch.setattr("ikservo.view.app.serve", lambda *_: None)
+    result = run_cli("view --servos --no-open --http-port 0 --port /dev/ttyNONE")
+    assert result.code == 0
+    assert result.out.startswith("http://127.0.0.1:")

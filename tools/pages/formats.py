@@ -15,7 +15,7 @@ from ikservo.arm.program import Program
 from ikservo.model.arm_schema import ArmFile
 from ikservo.recording import recording
 from ikservo.recording.recording import RecordingHeader
-from ikservo.view import arm_list, connection, messages
+from ikservo.view import arm_list, connection, messages, servo_bench
 from pages.markdown import code, table
 from pages.schemas import describe_type, model_sections
 
@@ -37,7 +37,8 @@ _PROTOCOL = """# Protocol of the page
 
 The page of `ikservo view` and its server exchange JSON texts over two websockets: `/live/ARM` for
 the arm that is shown, `/live` for the first, and `/arms` for the list of arms. This page is made
-from the models that check the messages (`ikservo/view/messages.py`, `ikservo/view/arm_list.py`).
+from the models that check the messages (`ikservo/view/messages.py`, `ikservo/view/arm_list.py`,
+`ikservo/view/servo_bench.py`).
 Everything else is refused, and nothing changes.
 
 ## From the connection to the first scene
@@ -91,6 +92,10 @@ No polygons travel: the page computes the drawing (`view/page/picture.js` in 2D,
 
 ## Messages of the page
 """
+
+_SERVOS = """## Messages to the page of servos
+
+The server answers with `line` (what replies), `servo` (a table), `note` and `plots`; `read_servo` and `write_register` as above."""
 
 _LIST = """## Messages to the list of arms
 
@@ -167,7 +172,9 @@ def page_protocol_page() -> str:
     )
     kinds = [messages.Hello, *get_args(messages.Message)]
     listed = [kind for kind in get_args(arm_list.ArmListMessage) if kind not in kinds]
+    own = [kind for kind in get_args(servo_bench.BenchMessage) if kind not in kinds]
     parts = [introduction, *map(_message, kinds), _LIST, *map(_message, listed)]
+    parts += [_SERVOS, *map(_message, own)]
     return "\n\n".join(parts) + "\n"
 
 

@@ -9,7 +9,7 @@ const FINAL = { 4401: "wrong-key", 4404: "none", 4410: "closed" }; // the server
 const KEPT = new Set(["scene", "status"]);
 
 export class Connection {
-  // The path is that of the arm, or of the list of arms, which needs no heartbeats.
+  // The path is that of the arm, or of what moves nothing and needs no heartbeats.
   constructor(key, handlers, path = "live") {
     this.key = key;
     this.handlers = handlers;
@@ -19,8 +19,8 @@ export class Connection {
     this.confirmed = 0; // that of the last message
     this.open = false;
     const beat = () => this.sendHeartbeat();
-    if (path !== "arms") this.timer = setInterval(beat, HEARTBEAT_PERIOD_MS);
-    if (path !== "arms") document.addEventListener("visibilitychange", beat);
+    if (path.startsWith("live")) this.timer = setInterval(beat, HEARTBEAT_PERIOD_MS);
+    if (path.startsWith("live")) document.addEventListener("visibilitychange", beat);
     this.connect();
   }
 

@@ -8,7 +8,7 @@ export class Servos {
     this.registers = [];
     this.joint = null;
     this.movable = false;
-    $("servos").ontoggle = () => $("servos").open && !this.joint && this.read();
+    $("servos")?.addEventListener("toggle", () => $("servos").open && !this.joint && this.read());
     $("servos-joint").onchange = () => this.read();
     $("servos-read").onclick = () => this.read();
     $("servos-filter").oninput = () => this.show();
@@ -23,7 +23,7 @@ export class Servos {
 
   showStatus({ controller, mode, live }) {
     this.movable = controller === "you" && mode === "preview" && !live;
-    for (const control of $("servos").querySelectorAll("button, input, select")) control.disabled = !this.movable;
+    for (const control of $("servos")?.querySelectorAll("button, input, select") ?? []) control.disabled = !this.movable;
   }
 
   read() {
@@ -67,6 +67,7 @@ function showRegister(row, register) {
   setText(row.value, register.value);
   setText(row.was, register.first === null ? "" : `was ${register.first}`);
   setAttribute(row.element, "data-register", register.name);
+  setAttribute(row.element, "data-area", register.area);
   setAttribute(row.input, "aria-label", register.name);
   setAttribute(row.input, "title", register.writable ? `${low} to ${high}, ${register.area}; with a unit a quantity` : "not written here");
   row.input.readOnly = !register.writable;

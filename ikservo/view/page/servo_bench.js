@@ -1,0 +1,87 @@
+// The page of servos: what replies on a line, the registers of one servo, and what can be done with it.
+
+import { ask } from "./confirm.js";
+import { Connection } from "./connection.js";
+import { $, createElement, setAttribute, setText } from "./elements.js";
+import { PlotChart } from "./plot_chart.js";
+import { download } from "./plots.js";
+import { Servos } from "./servos.js";
+
+const MOST_PLOTTED = 10;
+const key = new URLSearchParams(location.hash.slice(1)).get("token") ?? "";
+let [names, charts, shown] = [null, [], null];
+
+const connection = new Connection(key, {
+  line({ port, text, done, servos: found }) {
+    setText($("port"), port);
+    setText($("line"), text || describe(found));
+    $("progress").hidden = done === null;
+    $("progress").value = done ?? 0;
+    const joints = found.map(({ name }) => name);
+    if (joints.join() === names) return;
+    names = joints.join();
+    servos.setArm({ joints });
+    if (joints.length) servos.read();
+  },
+  servo(message) {
+    shown = message;
+    servos.receive(message);
+    setAttribute($("torque"), "aria-pressed", message.torque);
+    setAttribute($("led"), "aria-pressed", message.registers.some(({ name, raw }) => name === "led" && raw));
+    $("led").hidden = !message.led;
+    $("new-id").value = message.id;
+    $("new-rate").replaceChildren(...message.baud_rates.map((rate) => createElement("option", { value: rate, selected: rate === message.baud_rate }, rate)));
+  },
+  note({ text }) { setText($("note"), text); },
+  plots(message) { drawing = drawing.then(() => draw(message)); },
+  download,
+  refused({ message, hint }) { setText($("note"), `${message} ${hint}`); },
+  closed(why, reason) {
+    names = null;
+    setText($("line"), why === "wrong-key" ? "This is not the address that `ikservo view` printed." : reason || "No connection to `ikservo view`.");
+  },
+}, "bench");
+const send = (kind, fields) => connection.send(kind, fields);
+const servos = new Servos(send);
+servos.showStatus({ controller: "you", mode: "preview", live: false });
+
+// Different versions of one model behave differently: said where they are seen.
+function describe(found) {
+  const versions = {};
+  for (const { model, firmware } of found) (versions[model] ??= new Set()).add(firmware);
+  const mixed = Object.entries(versions).filter(([, all]) => all.size > 1).map(([model, all]) => ` ${model}: mixed firmware ${[...all].join(", ")}.`);
+  return `${found.map(({ name, id, model, firmware }) => `${name === String(id) ? id : `${name} (${id})`} ${model} ${firmware}`).join(" · ")}.${mixed.join("")}`;
+}
+
+const act = (action, fields = {}) => send("work_on_servo", { joint: servos.joint, action, ...fields });
+const pressed = (button) => button.getAttribute("aria-pressed") === "true";
+$("search").onclick = () => send("work_on_servo", { action: "search" });
+$("torque").onclick = () => (pressed($("torque")) ? ask($("torque"), "It may fall: sure?", () => act("torque_off")) : act("torque_on"));
+$("led").onclick = () => act(pressed($("led")) ? "led_off" : "led_on");
+$("reboot").onclick = () => ask($("reboot"), "Torque goes off: sure?", () => act("reboot"));
+$("backup").onclick = () => act("backup");
+$("restore").onchange = async ({ target }) => {
+  const text = await target.files[0].text();
+  target.value = "";
+  act("restore", { text });
+};
+$("address").onsubmit = (event) => {
+  event.preventDefault();
+  const [id, rate] = [Number($("new-id").value), Number($("new-rate").value)];
+  ask($("assign"), `Id ${id}, ${rate} baud: sure?`, () => act("move", { address: [id, rate] }));
+};
+$("plot").onclick = () => {
+  const left = [...$("servos-table").children].map((row) => row.dataset.register);
+  act("plot", { names: left.length <= MOST_PLOTTED ? left : [] });
+};
+
+let drawing = Promise.resolve(); // the first waits for its library, the next for the first
+async function draw(message) {
+  if (!message.series) return charts.forEach((chart) => chart.append(message));
+  const { default: Plot } = await import("./uplot.min.js");
+  charts.forEach((chart) => chart.destroy());
+  charts = message.series.map(({ quantity, joint }, column) => new PlotChart(Plot, quantity, [column], message, [joint]));
+  $("plots-charts").replaceChildren(...charts.map((chart) => chart.element));
+  charts.forEach((chart) => chart.fit($("plots-charts").clientWidth));
+}
+window.ikservo = { shown: () => shown, charts: () => charts }; // for tests

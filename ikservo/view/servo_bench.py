@@ -1,0 +1,352 @@
+"""The page of servos: one line, which its owner named, searched and worked on in a thread.
+
+What is written goes through the same checks as by the command; nothing here moves a joint.
+"""
+
+from __future__ import annotations
+
+import itertools
+import queue
+import tempfile
+import threading
+from collections import deque
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, TypeAdapter
+
+from ikservo.errors import IkservoError, InputError, PortError
+from ikservo.hardware.eeprom import backup_text, read_backup
+from ikservo.hardware.read_plan import Register
+from ikservo.hardware.remembered_port import real_time_port
+from ikservo.hardware.scan import ScanProgress
+from ikservo.hardware.servo import ServoSpec
+from ikservo.maintenance.eeprom_restore import plan_restoration, restore
+from ikservo.maintenance.servo_samples import Sample, live_registers, sample_registers
+from ikservo.maintenance.servo_workbench import (
+    ServoLine,
+    find_register,
+    holds_torque,
+    identify_servo,
+    open_servos,
+    parse_register_value,
+    restart_servo,
+    shown_unit,
+)
+from ikservo.model import Model
+from ikservo.remedies import in_page
+from ikservo.view.auth import Permission
+from ikservo.view.downloads import Download, DownloadOffers
+from ikservo.view.message_fields import Name, PageMessage
+from ikservo.view.messages import BadMessageError, ReadServo, WriteRegister, validate_message
+from ikservo.view.server import Frame
+from ikservo.view.servo_panel import table_frame, write_values
+
+__all__ = ["BenchMessage", "ServoBench", "WorkOnServo", "read_bench_message"]
+
+_PERIOD_S, _SPAN_S = 0.1, 60  # of what is plotted
+_MAX_WAITING = 8
+_POLL_S = 0.1  # so that closing is noticed
+
+
+class WorkOnServo(PageMessage):
+    """Search the line, or do something with one of its servos.
+
+    Attributes:
+        names: The registers to plot; those of the motion if empty.
+        text: The backup to restore.
+        address: The new id and baud rate.
+    """
+
+    kind: Literal["work_on_servo"]
+    action: Literal[
+        "search", "torque_on", "torque_off", "led_on", "led_off", "reboot", "backup", "restore",
+        "move", "plot",
+    ]  # fmt: skip
+    joint: Name = "-"
+    names: list[Name] = Field(default_factory=list[Name], max_length=10)
+    text: Annotated[str, Field(max_length=2000)] = ""
+    address: tuple[int, int] = Field(default=(0, 0), strict=False)
+
+
+BenchMessage = ReadServo | WriteRegister | WorkOnServo
+_MESSAGES: TypeAdapter[BenchMessage] = TypeAdapter(
+    Annotated[BenchMessage, Field(discriminator="kind")]
+)
+
+
+def read_bench_message(text: str) -> BenchMessage:
+    """Parse and validate a message of the page.
+
+    Raises:
+        BadMessageError: It is too long, no JSON, or not one of those above.
+    """
+    return validate_message(_MESSAGES, text)
+
+
+@dataclass(slots=True, eq=False)
+class _LivePlot:
+    """Registers of one servo over the last minute: numbered rows of times and values."""
+
+    servo: ServoSpec
+    registers: Sequence[Register]
+    samples: Iterator[Sample]
+    rows: deque[tuple[int, float, list[float | None]]] = field(
+        default_factory=lambda: deque(maxlen=round(_SPAN_S / _PERIOD_S))
+    )
+
+    def take_sample(self) -> None:
+        sample, number = next(self.samples), self.rows[-1][0] + 1 if self.rows else 1
+        values = sample.values.get(self.servo.id, {})
+        factors = {each: shown_unit(each)[1] for each in self.registers}
+        row = [round(values[r] * f, 4) if r in values else None for r, f in factors.items()]
+        self.rows.append((number, round(sample.time_s, 2), row))
+
+    def series(self) -> dict[str, object]:
+        names = [(register.name, shown_unit(register)[0]) for register in self.registers]
+        series = [{"quantity": n, "unit": unit, "joint": str(self.servo)} for n, unit in names]
+        return {"span_s": _SPAN_S, "series": series}
+
+
+@dataclass(slots=True)
+class _Page:
+    """An open page: what it may do, what it was sent, and what it is to be sent."""
+
+    permission: Permission
+    sent: dict[str, Frame] = field(default_factory=dict[str, Frame])
+    plot: _LivePlot | None = None
+    last_row: int = 0
+    files: deque[tuple[str, str]] = field(default_factory=deque[tuple[str, str]])
+
+
+class ServoBench:
+    """Works on the servos of a line for the pages that show it (``SessionBackend``).
+
+    Args:
+        port: The port, as its owner named it.
+        model: The arm of the servos; every servo that replies on the line if None.
+        downloads: Hands out backups.
+    """
+
+    def __init__(self, port: str, model: Model | None, downloads: DownloadOffers) -> None:
+        self._model, self._port, self._downloads = model, real_time_port(port), downloads
+        self._numbers = itertools.count(1)
+        self._pages: dict[int, _Page] = {}
+        self._commands: queue.Queue[tuple[int, BenchMessage]] = queue.Queue(_MAX_WAITING)
+        self._opened: dict[ServoSpec, Mapping[str, int]] = {}
+        self._plot: _LivePlot | None = None
+        self._frames: dict[str, Frame] = {}
+        self._closing = threading.Event()
+        self._thread = threading.Thread(target=self._run, name="ikservo servos", daemon=True)
+        self._thread.start()
+
+    def close(self) -> None:
+        """Close the port; torque stays as it is."""
+        self._closing.set()
+        self._thread.join()
+
+    # --- SessionBackend ---
+
+    def connect(self, permission: Permission) -> int:
+        """Register a page and return its number."""
+        number = next(self._numbers)
+        self._pages[number] = _Page(permission)
+        return number
+
+    def disconnect(self, client_id: int) -> None:
+        """Remove a page."""
+        del self._pages[client_id]
+
+    def receive(self, client_id: int, message: BenchMessage) -> None:
+        """Queue what a page asks for.
+
+        Raises:
+            BadMessageError: Not permitted, or too much is waiting.
+        """
+        if self._pages[client_id].permission is not Permission.CONTROL:
+            raise BadMessageError("This page is for watching only.", "Open the other address.")
+        try:
+            self._commands.put_nowait((client_id, message))
+        except queue.Full:
+            raise BadMessageError("The servos are busy.", "Try again in a moment.") from None
+
+    def frames(self, client_id: int) -> list[Frame]:
+        """Return what a page does not know yet."""
+        page, plot = self._pages[client_id], self._plot
+        now = dict(self._frames)
+        fresh = [each for kind, each in now.items() if page.sent.get(kind) is not each]
+        page.sent = now
+        while page.files:
+            name, text = page.files.popleft()
+            url = self._downloads.offer(Download(name, lambda text=text: [text], "text/plain"))
+            fresh.append({"kind": "download", "url": url, "name": name})
+        if plot is not page.plot:
+            page.plot, page.last_row = plot, 0
+        rows = [row for row in list(plot.rows) if row[0] > page.last_row] if plot else []
+        if plot and rows:
+            times, values = [row[1] for row in rows], list(zip(*(r[2] for r in rows), strict=True))
+            first = {} if page.last_row else plot.series()
+            fresh.append({"kind": "plots", "times": times, "values": values, **first})
+            page.last_row = rows[-1][0]
+        return fresh
+
+    # --- the thread of the line ---
+
+    def _run(self) -> None:
+        while not self._closing.is_set():
+            self._plot = None
+            self._show_line("Searching …", [])
+            try:
+                with open_servos(self._model, self._port, on_step=self._show_progress) as line:
+                    self._show_servos(line)
+                    while not self._closing.is_set() and self._work(line):
+                        pass
+            except IkservoError as error:
+                self._show_line(_text(error), [])
+                while not self._closing.is_set() and not _is_search(self._next_command(_POLL_S)):
+                    pass
+
+    def _next_command(self, wait_s: float) -> tuple[int, BenchMessage] | None:
+        try:
+            return self._commands.get(wait_s > 0.0, wait_s)
+        except queue.Empty:
+            return None
+
+    def _work(self, line: ServoLine) -> bool:
+        """Do what one page asks for, or take a sample; return False to search the line again.
+
+        Raises:
+            PortError: The port is lost.
+        """
+        plot = self._plot
+        command = self._next_command(0.0 if plot else _POLL_S)
+        if _is_search(command):
+            return False
+        try:
+            if command is not None:
+                return self._obey(line, *command)
+            if plot is not None:
+                plot.take_sample()
+        except PortError:
+            raise
+        except (IkservoError, OSError) as error:
+            self._plot = None if command is None else plot
+            self._say(_text(error))
+        return True
+
+    def _obey(self, line: ServoLine, client_id: int, command: BenchMessage) -> bool:
+        servo, note = line.find(command.joint), ""
+        match command:
+            case WriteRegister(name=name, value=value):
+                register = find_register(servo.table, name)
+                if not _is_written_here(register.name):
+                    raise InputError(f"{register} is not written here.")
+                note = _write(line, servo, {register: parse_register_value(register, value)})
+            case WorkOnServo(action="move", address=(new_id, rate)):
+                codes = {bits: code for code, bits in servo.table.baud_rates.items()}
+                if rate not in codes:
+                    raise InputError(f"{servo} has no rate of {rate} baud.")
+                address = {servo.table.id: new_id, servo.table.baud_rate: codes[rate]}
+                self._say(_write(line, servo, address))
+                return self._model is not None
+            case WorkOnServo(action="plot", names=names):
+                shown = [find_register(servo.table, name) for name in names]
+                shown = shown or live_registers(servo.table)
+                samples = sample_registers(line.bus, {servo.id: shown}, _PERIOD_S)
+                self._plot = _LivePlot(servo, shown, samples)
+            case WorkOnServo(action="restore", text=text):
+                note = _restore(line, servo, text)
+            case WorkOnServo(action="backup") if page := self._pages.get(client_id):
+                name = f"{servo.id:03}_{servo.table.model_name}.toml"
+                page.files.append((name, backup_text(line.bus, servo.id)))
+            case WorkOnServo(action="reboot"):
+                restart_servo(line, servo)
+                note = f"{servo}: restarted; torque off."
+            case WorkOnServo(action=action):
+                name, _, state = action.partition("_")
+                register = find_register(servo.table, {"torque": "torque_enable"}.get(name, name))
+                note = write_values(line, servo, {register: int(state == "on")})
+            case ReadServo():
+                pass
+        self._say(note)
+        self._show_table(line, servo)
+        return True
+
+    def _say(self, text: str) -> None:
+        self._frames["note"] = {"kind": "note", "text": text}
+
+    def _show_table(self, line: ServoLine, servo: ServoSpec) -> None:
+        frame = table_frame(line, servo, "", _is_written_here)
+        rows: Sequence[dict[str, Any]] = frame["registers"]
+        opened = self._opened.setdefault(servo, {row["name"]: row["raw"] for row in rows})
+        for row in rows:
+            if row["writable"] and opened[row["name"]] != row["raw"]:
+                row["first"] = opened[row["name"]]
+        torque, rates = holds_torque(line, servo), list(servo.table.baud_rates.values())
+        more = {"torque": torque, "baud_rates": rates, "baud_rate": line.bus.port.baudrate}
+        self._frames["servo"] = {**frame, **more, "led": "led" in servo.table.registers}
+
+    def _show_progress(self, progress: ScanProgress) -> None:
+        if self._closing.is_set():
+            raise InputError("The page was closed.")
+        share = progress.pinged / progress.ids
+        self._show_line(f"{progress.baud_rate} baud, {progress.protocol}: {share:.0%}", [], share)
+
+    def _show_servos(self, line: ServoLine) -> None:
+        """Show which servos reply, and of which firmware."""
+        rows: list[dict[str, object]] = []
+        for servo in line.bus.servos.values():
+            try:
+                _, firmware = identify_servo(line, servo)
+            except PortError:
+                raise
+            except IkservoError:
+                firmware = "is silent"
+            name, model = servo.name or str(servo.id), servo.table.model_name
+            rows.append({"name": name, "id": servo.id, "model": model, "firmware": firmware})
+        self._show_line("", rows)
+
+    def _show_line(
+        self, text: str, servos: list[dict[str, object]], done: float | None = None
+    ) -> None:
+        port = (self._port or "").partition("?")[0]
+        line = {"port": port, "text": text, "done": done, "servos": servos}
+        self._frames["line"] = {"kind": "line", **line}
+
+
+def _is_search(command: tuple[int, BenchMessage] | None) -> bool:
+    return command is not None and getattr(command[1], "action", "") == "search"
+
+
+def _text(error: Exception) -> str:
+    if not isinstance(error, IkservoError):
+        return str(error)
+    return f"{error.message} {in_page(error.command_hint)}".strip()
+
+
+def _is_written_here(name: str) -> bool:
+    return not name.startswith("goal_") and name not in ("torque_enable", "lock", "id", "baud_rate")
+
+
+def _write(line: ServoLine, servo: ServoSpec, values: Mapping[Register, int]) -> str:
+    if holds_torque(line, servo):
+        raise InputError(
+            f"{servo} holds: with other numbers it could fall.",
+            "Support it, and switch its torque off first.",
+        )
+    return write_values(line, servo, values)
+
+
+def _restore(line: ServoLine, servo: ServoSpec, text: str) -> str:
+    """Write a backup and return what was written, and what was left out."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "backup.toml"
+        path.write_text(text, encoding="utf-8")
+        plan = plan_restoration(line.bus, read_backup(path), str(servo.id))
+    restore(line.bus, plan)
+    written = ", ".join(f"{each.register} {each.found} → {each.expected}" for each in plan.changes)
+    kept = ", ".join(str(each.register) for each in plan.kept)
+    left = f"; left as it is: {kept}" if kept else ""
+    return f"{servo}: {written or 'nothing to change'}{left}."

@@ -1,0 +1,180 @@
+"""The servos' page without a browser: searches, watchers, damage, a port that is lost."""
+
+import itertools
+import json
+import threading
+
+import pytest
+
+from ikservo.clock import RealClock
+from ikservo.model import load_model
+from ikservo.view.auth import Permission
+from ikservo.view.downloads import DownloadOffers
+from ikservo.view.messages import BadMessageError
+from ikservo.view.servo_bench import ServoBench, read_bench_message
+from tests.hardware.factories import make_transport
+
+NUMBERS = itertools.count(1)
+WAIT_S = 20.0
+
+
+class Session:
+    """A bench and one of its pages."""
+
+    def __init__(self, bench):
+        self.bench, self.frames = bench, {}
+        self.page = bench.connect(Permission.CONTROL)
+
+    def send(self, kind, page=None, **fields):
+        words = {"kind": kind, "seq": next(NUMBERS), "seen": 0, **fields}
+        self.bench.receive(page or self.page, read_bench_message(json.dumps(words)))
+
+    def act(self, action, **fields):
+        self.send("work_on_servo", action=action, **fields)
+
+    def until(self, kind, true):
+        """Wait for a frame; what comes meanwhile is kept."""
+        for _ in range(int(WAIT_S / 0.01)):
+            for frame in self.bench.frames(self.page):
+                self.frames[frame["kind"]] = frame
+            if kind in self.frames and true(self.frames[kind]):
+                return self.frames.pop(kind)
+            threading.Event().wait(0.01)
+        raise AssertionError(f"no such {kind} in {WAIT_S} s: {self.frames}")
+
+    def note(self, text):
+        return self.until("note", lambda frame: text in frame["text"])
+
+
+def opened(model, port):
+    bench = ServoBench(port, model, DownloadOffers(RealClock()))
+    return Session(bench)
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+
+
+@pytest.fixture
+def session():
+    session = opened(load_model("so101"), "sim:?paced=0")
+    yield session
+    session.bench.close()
+
+
+@pytest.fixture
+def transport(monkeypatch):
+    transport = make_transport({1: "STS3215", 7: "STS3215"})
+    monkeypatch.setattr("ikservo.hardware.port.open_transport", lambda *_, **__: transport)
+    monkeypatch.setattr(transport, "close", lambda: None)
+    return transport
+
+
+@pytest.fixture
+def line(transport):
+    session = opened(None, "/dev/ttyUSB7")
+    yield session
+    session.bench.close()
+
+
+def test_servos_of_no_arm_are_searched_with_progress_and_given_an_id(line, transport):
+    shares = []
+    found = line.until("line", lambda f: shares.append(f["done"]) or len(f["servos"]) == 2)
+    assert [row["name"] for row in found["servos"]] == ["1", "7"]
+    line.act("move", joint="7", address=[9, 500_000])
+    line.note("id 7 → 9")
+    moved = line.until("line", lambda f: f["servos"] and f["servos"] != found["servos"])
+    assert transport.line.servos[9].read("lock") == 1
+    assert {row["id"] for row in moved["servos"]} <= {1, 9}
+
+
+def test_a_search_can_be_ended_at_once(monkeypatch, transport):
+    transport.line.servos.clear()
+    session = opened(None, "/dev/ttyUSB7")
+    session.until("line", lambda frame: frame["done"] is not None)
+    session.bench.close()
+
+
+def test_a_port_that_is_lost_is_opened_again(line, transport):
+    line.until("line", lambda frame: len(frame["servos"]) == 2)
+    write = transport.write
+
+    def gone(_data):
+        raise OSError(5, "Input/output error")
+
+    transport.write = gone
+    line.send("read_servo", joint="7")
+    line.until("line", lambda frame: "ttyUSB7" in frame["text"] and not frame["servos"])
+    transport.write = write
+    line.act("search")
+    line.until("line", lambda frame: len(frame["servos"]) == 2)
+
+
+def test_a_servo_that_is_silent_while_it_is_plotted_leaves_a_gap(session):
+    session.act("plot", joint="elbow_flex", names=["present_voltage"])
+    first = session.until("plots", lambda frame: True)
+    assert [one["quantity"] for one in first["series"]] == ["present_voltage"]
+    assert first["values"][0][0] == 7.4
+
+
+def test_mistakes_are_notes(session):
+    for fields, said in (
+        ({"joint": "elbow"}, "elbow_flex"),
+        ({"joint": "elbow_flex", "name": "goal_position", "value": "5"}, "not written here"),
+        ({"joint": "elbow_flex", "name": "profile_velocity", "value": "5"}, "not written here"),
+        ({"joint": "elbow_flex", "name": "id", "value": "5"}, "not written here"),
+        ({"joint": "elbow_flex", "name": "p_gain", "value": "x"}, "no value"),
+        ({"joint": "elbow_flex", "name": "p_gain", "value": "255"}, "outside"),
+    ):
+        kind = "write_register" if "name" in fields else "read_servo"
+        session.send(kind, **fields)
+        session.note(said)
+    for action, more, said in (
+        ("restore", {"text": "format = 1"}, "is not an EEPROM backup"),
+        ("restore", {"text": "\u0000\ud7ff"}, "backup.toml"),
+        ("move", {"address": [3, 12345]}, "no rate of 12345 baud"),
+        ("led_on", {}, "led"),
+        ("reboot", {}, "does not support reboot"),
+        ("plot", {"names": ["present_volts"]}, "present_voltage"),
+    ):
+        session.act(action, joint="elbow_flex", **more)
+        session.note(said)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        {"kind": "stop"},
+        {"kind": "work_on_servo", "action": "explode"},
+        {"kind": "work_on_servo", "action": "plot", "names": ["a"] * 11},
+        {"kind": "work_on_servo", "action": "restore", "text": "x" * 2001},
+        {"kind": "work_on_servo", "action": "move", "address": [1]},
+        {"kind": "write_register", "joint": "../x", "name": "p_gain", "value": "1"},
+    ],
+)
+def test_other_messages_are_none(words):
+    with pytest.raises(BadMessageError):
+        read_bench_message(json.dumps({"seq": 1, "seen": 0, **words}))
+
+
+def test_watchers_see_and_ask_nothing(session):
+    watcher = session.bench.connect(Permission.WATCH)
+    session.send("read_servo", joint="elbow_flex")
+    session.until("servo", lambda frame: frame["joint"] == "elbow_flex")
+    with pytest.raises(BadMessageError, match="watching only"):
+        session.send("read_servo", watcher, joint="elbow_flex")
+    assert {"line", "servo", "note"} <= {frame["kind"] for frame in session.bench.frames(watcher)}
+    assert session.bench.frames(watcher) == []
+    session.bench.disconnect(watcher)
+
+
+def test_commands_beyond_what_can_wait_are_refused(session):
+    session.until("line", lambda frame: frame["servos"])
+
+    def press_without_end():
+        for _ in range(1000):
+            session.send("read_servo", joint="elbow_flex")
+
+    with pytest.raises(BadMessageError, match="busy"):
+        press_without_end()
