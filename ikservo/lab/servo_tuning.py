@@ -306,12 +306,10 @@ def search_gains(arm: Arm, servo: ServoSpec, before: Trial, step_rad: float) -> 
     tried: set[tuple[int, int]] = {(before.gains[p_gain], before.gains[d_gain])}
     for register, factors in ((p_gain, _P_FACTORS), (d_gain, _D_FACTORS), (p_gain, _FINE_FACTORS)):
         present, (lower, upper) = best.gains[register], register.range
-        wanted = (
-            [round(present * f) for f in factors]
-            if present
-            else [upper // fraction for fraction in _FRACTIONS]
-        )
-        for raw in sorted({min(max(each, lower, 1), upper) for each in wanted}):
+        if before.gains[register]:
+            upper = min(upper, round(_P_FACTORS[-1] * before.gains[register]))
+        wanted = [f * present for f in factors] if present else [upper / n for n in _FRACTIONS]
+        for raw in sorted({min(max(round(each), lower, 1), upper) for each in wanted}):
             gains = {**best.gains, register: raw}
             pair = gains[p_gain], gains[d_gain]
             if pair in tried:
