@@ -20,8 +20,8 @@ from ikservo.maintenance.servo_workbench import ServoLine, find_register, shown_
 
 __all__ = ["block_curve", "plot"]
 
+_COLUMNS = ("servo", "register", "now", "lowest", "highest", "")
 _BLOCKS = " ▁▂▃▄▅▆▇█"
-_LOST = "·"
 _SHORTEST_CURVE, _OTHER_COLUMNS_CHARS = 10, 60
 _TALL_ROWS, _TALL_UP_TO = 3, 6  # curves of three lines, for few of them
 
@@ -61,31 +61,24 @@ def plot(
     samples = takewhile(lambda one: duration_s is None or one.time_s <= duration_s, endless)
     with contextlib.suppress(KeyboardInterrupt):  # the user ends it this way
         if json:
-            _print_json_lines(samples, servos)
+            for sample in samples:
+                values = {
+                    i: {r.name: x for r, x in row.items()} for i, row in sample.values.items()
+                }
+                rows = [{"id": each.id, "joint": each.name, "values": values[each.id]}
+                        for each in servos if each.id in values]  # fmt: skip
+                print_json("servo-sample", time_s=round(sample.time_s, 6), servos=rows)
         elif sys.stdout.isatty():
             _draw(samples, curves, period_s)
         else:
             _print_csv(samples, curves)
 
 
-def _print_json_lines(samples: Iterator[Sample], servos: Sequence[ServoSpec]) -> None:
-    for sample in samples:
-        print_json(
-            "servo-sample", time_s=round(sample.time_s, 6),
-            servos=[
-                {"id": each.id, "joint": each.name,
-                 "values": {r.name: v for r, v in sample.values[each.id].items()}}
-                for each in servos if each.id in sample.values
-            ],
-        )  # fmt: skip
-
-
 def _print_csv(samples: Iterator[Sample], curves: Sequence[Curve]) -> None:
     """Print a line for each sample; a servo that did not reply has empty cells."""
-    heads = [
-        f"{_owner(servo)}.{register}{f' [{unit}]' if (unit := register.unit.symbol) else ''}"
-        for servo, register in curves
-    ]
+    units = [register.unit.symbol for _, register in curves]
+    names = [f"{servo.name or servo.id}.{register}" for servo, register in curves]
+    heads = [f"{name} [{unit}]" if unit else name for name, unit in zip(names, units, strict=True)]
     print_lines([f"time_s,{','.join(heads)}"])
     for sample in samples:
         values = (sample.values.get(servo.id, {}).get(register) for servo, register in curves)
@@ -100,26 +93,19 @@ def _draw(samples: Iterator[Sample], curves: Sequence[Curve], period_s: float) -
     rows = _TALL_ROWS if len(curves) <= _TALL_UP_TO else 1
     histories = [deque[float | None](maxlen=width) for _ in curves]
     print_status(f"The last {width * period_s:.3g} s; Ctrl-C ends.")
-    with Live(console=console, auto_refresh=False, vertical_overflow="crop") as live:
+    with Live(console=console, auto_refresh=False) as live:
         for sample in samples:
-            table = Table(box=None, pad_edge=False, header_style="bold")
-            for column in ("servo", "register", "now", "lowest", "highest", ""):
-                right = column in ("now", "lowest", "highest")
-                table.add_column(column, justify="right" if right else "left", no_wrap=True)
+            table = Table(*_COLUMNS, box=None, pad_edge=False)
             for (servo, register), history in zip(curves, histories, strict=True):
                 unit, factor = shown_unit(register)
                 value = sample.values.get(servo.id, {}).get(register)
                 history.append(None if value is None else value * factor)
                 known = [each for each in history if each is not None]
                 shown = (history[-1], min(known, default=None), max(known, default=None))
-                texts = ["–" if each is None else f"{each:.4g}" for each in shown]
-                table.add_row(_owner(servo), register.name, f"{texts[0]} {unit}".rstrip(),
-                              *texts[1:], "\n".join(block_curve(history, rows)))  # fmt: skip
+                now, low, high = ("–" if each is None else f"{each:.4g}" for each in shown)
+                owner, curve = servo.name or str(servo.id), "\n".join(block_curve(history, rows))
+                table.add_row(owner, str(register), f"{now} {unit}", low, high, curve)
             live.update(table, refresh=True)
-
-
-def _owner(servo: ServoSpec) -> str:
-    return servo.name or str(servo.id)
 
 
 def block_curve(values: Sequence[float | None], rows: int) -> list[str]:
@@ -132,12 +118,8 @@ def block_curve(values: Sequence[float | None], rows: int) -> list[str]:
     known = [value for value in values if value is not None]
     low = min(known, default=0.0)
     per_step = (max(known, default=0.0) - low) / (8 * rows - 1) or 1.0
-    steps = [None if value is None else 1 + round((value - low) / per_step) for value in values]
+    steps = [0 if value is None else 1 + round((value - low) / per_step) for value in values]
     return [
-        "".join(
-            (_LOST if row == 0 else " ") if step is None
-            else _BLOCKS[min(max(step - 8 * row, 0), 8)]
-            for step in steps
-        )
+        "".join(_BLOCKS[min(max(step - 8 * row, 0), 8)] for step in steps)
         for row in reversed(range(rows))
-    ]  # fmt: skip
+    ]

@@ -18,7 +18,7 @@ from ikservo.cli.terminal import format_port, print_status
 from ikservo.errors import BadValueError, InputError, UnknownNameError
 from ikservo.hardware.read_plan import Register
 from ikservo.hardware.servo import ServoSpec
-from ikservo.lab.servo_sine import FrequencyPoint, measure_sine
+from ikservo.lab.servo_sine import measure_sine
 from ikservo.lab.servo_tuning import (
     Trial,
     keeping_gains,
@@ -74,35 +74,17 @@ _FIELDS: Fields[Trial] = (
 @dataclass(frozen=True, slots=True)
 class _SineRow:
     gains: Mapping[Register, int]
-    at: FrequencyPoint
+    frequency_hz: float
+    amplitude_ratio: float
+    phase_lag_rad: float
     swing_rad: float
 
 
 _SINE_FIELDS: Fields[_SineRow] = (
-    Field(
-        "gains",
-        "gains",
-        lambda one: _format_gains(one.gains),
-        lambda one: _named(one.gains),
-    ),
-    Field(
-        "frequency_hz",
-        "frequency",
-        lambda one: f"{one.at.frequency_hz:.2f} Hz",
-        lambda one: one.at.frequency_hz,
-    ),
-    Field(
-        "amplitude_ratio",
-        "amplitude",
-        lambda one: f"{one.at.amplitude_ratio:.0%}",
-        lambda one: one.at.amplitude_ratio,
-    ),
-    Field(
-        "phase_lag_rad",
-        "phase lag",
-        lambda one: f"{math.degrees(one.at.phase_lag_rad):.0f}°",
-        lambda one: one.at.phase_lag_rad,
-    ),
+    Field("gains", "gains", lambda one: _format_gains(one.gains), lambda one: _named(one.gains)),
+    Field("frequency_hz", "frequency", lambda one: f"{one.frequency_hz:.2f} Hz"),
+    Field("amplitude_ratio", "amplitude", lambda one: f"{one.amplitude_ratio:.0%}"),
+    Field("phase_lag_rad", "phase lag", lambda one: f"{math.degrees(one.phase_lag_rad):.0f}°"),
     Field("swing_rad", "swings by", lambda one: _format_degrees(one.swing_rad)),
 )
 
@@ -169,7 +151,13 @@ def tune(
                 arm, servo, given,
                 lambda gains: (gains, measure_sine(arm, servo.name, far_rad, *sine_hz)),
             )  # fmt: skip
-            rows = [_SineRow(gains, at, one.swing_rad) for gains, one in sines for at in one.points]
+            rows = [
+                _SineRow(
+                    gains, at.frequency_hz, at.amplitude_ratio, at.phase_lag_rad, one.swing_rad
+                )
+                for gains, one in sines
+                for at in one.points
+            ]
             print_records(
                 "servo-sine", "points", rows, _SINE_FIELDS, json=json, id=servo.id,
                 joint=servo.name, model=servo.table.model_name,

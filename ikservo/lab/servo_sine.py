@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -12,8 +11,8 @@ import numpy as np
 from ikservo.arm.arm import Arm
 from ikservo.errors import BadValueError, RefusedError
 from ikservo.kinematics.arrays import Vector, freeze_arrays
-from ikservo.lab.servo_tuning import REST_S, SWINGING_RAD, record_joint, swing_at_rest
-from ikservo.motion import KinematicLimits, TrajectoryPoint
+from ikservo.lab.servo_tuning import REST_S, record_joint, swing_at_rest
+from ikservo.motion import TrajectoryPoint
 
 __all__ = ["FrequencyPoint", "SineMotion", "SineResponse", "measure_sine"]
 
@@ -22,7 +21,7 @@ _FREQUENCIES_HZ = (0.1, 20.0)
 _CYCLES = 8.0  # of a sine of one frequency
 _WINDOW_CYCLES = 3.0  # of a sweep in each half of an octave, from its lower frequency
 _FADE_CYCLES = 1.5  # in which the amplitude rises, and falls at the end
-_CHECKED_STEP = 1 / 40  # of a cycle
+_STEP_S = 0.0005  # between two points of a motion
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,21 +51,29 @@ class SineMotion:
 
     Attributes:
         windows: When it swings fully, one interval [s] for each half of an octave.
+        top_rad_s: Its highest speed.
+        top_rad_s2: Its highest acceleration.
     """
 
     def __init__(
         self, start: Vector, column: int, amplitude_rad: float, from_hz: float, to_hz: float
     ) -> None:
-        self.start, self._column, self._amplitude_rad = start, column, amplitude_rad
-        self._from_hz, self._to_hz = from_hz, to_hz
+        self.start, self._own = start, np.arange(len(start)) == column
         octaves = math.log2(to_hz / from_hz)
         window_s = _WINDOW_CYCLES * math.log(2) / 2 / (math.sqrt(2) - 1) / from_hz
-        self._sweep_s = 2 * octaves * window_s + _CYCLES / to_hz
-        self._rate = math.log(to_hz / from_hz) / self._sweep_s
-        self.duration_s = self._sweep_s + REST_S
-        self._fades_s = rise_s, fall_s = _FADE_CYCLES / from_hz, _FADE_CYCLES / to_hz
-        edges = np.linspace(rise_s, self._sweep_s - fall_s, max(round(2 * octaves), 1) + 1)
+        sweep_s = 2 * octaves * window_s + _CYCLES / to_hz
+        self._from_hz, self._rate = from_hz, math.log(to_hz / from_hz) / sweep_s
+        self.duration_s = sweep_s + REST_S
+        rise_s, fall_s = _FADE_CYCLES / from_hz, _FADE_CYCLES / to_hz
+        edges = np.linspace(rise_s, sweep_s - fall_s, max(round(2 * octaves), 1) + 1)
         self.windows = list(pairwise(edges.tolist()))
+        self._times = np.arange(0.0, self.duration_s, _STEP_S)
+        x = np.clip(np.minimum(self._times / rise_s, (sweep_s - self._times) / fall_s), 0.0, 1.0)
+        envelope = amplitude_rad * x**3 * (10 - 15 * x + 6 * x * x)  # at rest at both ends
+        angle = envelope * np.sin(self.phase_rad(self._times))
+        speed = np.gradient(angle, _STEP_S)
+        self._moved = angle, speed, np.gradient(speed, _STEP_S)
+        self.top_rad_s, self.top_rad_s2 = (float(np.abs(each).max()) for each in self._moved[1:])
 
     def frequency_hz(self, time_s: float) -> float:
         """Return the frequency at a time."""
@@ -80,53 +87,8 @@ class SineMotion:
 
     def state(self, time_s: float) -> TrajectoryPoint:
         """Return position, velocity and acceleration (n,) at a time."""
-        at_s = min(max(time_s, 0.0), self._sweep_s)
-        phase = float(self.phase_rad(np.array([at_s]))[0])
-        speed = math.tau * self.frequency_hz(at_s)
-        e, de, dde = self._envelope(at_s)
-        sine, cosine = math.sin(phase), math.cos(phase)
-        moved = (
-            e * sine,
-            de * sine + e * speed * cosine,
-            (dde - e * speed**2) * sine + (2 * de * speed + e * self._rate * speed) * cosine,
-        )
-        own = self._amplitude_rad * (np.arange(len(self.start)) == self._column)
-        return TrajectoryPoint(self.start + moved[0] * own, moved[1] * own, moved[2] * own)
-
-    def _envelope(self, time_s: float) -> tuple[float, float, float]:
-        """Return the amplitude from 0 to 1 and its derivatives: a quintic step at both ends."""
-        rise_s, fall_s = self._fades_s
-        left_s, sign, fade_s = time_s, 1.0, rise_s
-        if self._sweep_s - time_s < fall_s:
-            left_s, sign, fade_s = self._sweep_s - time_s, -1.0, fall_s
-        x = min(left_s / fade_s, 1.0)
-        return (
-            x**3 * (10 - 15 * x + 6 * x * x),
-            sign * 30 * x**2 * (1 - x) ** 2 / fade_s,
-            60 * x * (1 - x) * (1 - 2 * x) / fade_s**2,
-        )
-
-    def check_limits(self, limits: KinematicLimits, joint: str) -> None:
-        """Check that the joint may move so fast.
-
-        Raises:
-            RefusedError: It may not.
-        """
-        step_s = _CHECKED_STEP / self._to_hz
-        states = [self.state(t) for t in np.arange(0.0, self._sweep_s, step_s)]
-        top_rad_s = max(abs(each.velocity[self._column]) for each in states)
-        top_rad_s2 = max(abs(each.acceleration[self._column]) for each in states)
-        if top_rad_s > limits.speed_rad_s or top_rad_s2 > limits.acceleration_rad_s2:
-            needed, allowed = (
-                f"{math.degrees(speed):.0f}°/s and {math.degrees(acceleration):.0f}°/s²"
-                for speed, acceleration in (
-                    (top_rad_s, top_rad_s2), (limits.speed_rad_s, limits.acceleration_rad_s2)
-                )
-            )  # fmt: skip
-            raise RefusedError(
-                f"{joint} would need {needed}; it is allowed {allowed}.",
-                "Choose a smaller amplitude or a lower frequency.",
-            )
+        q, v, a = (np.interp(time_s, self._times, each) * self._own for each in self._moved)
+        return TrajectoryPoint(self.start + q, v, a)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -149,34 +111,27 @@ class SineResponse:
         freeze_arrays(self)
 
     @property
-    def points(self) -> Sequence[FrequencyPoint]:
+    def points(self) -> list[FrequencyPoint]:
         """What the joint does at each frequency: one for each half of an octave of a sweep."""
-        return list(self._points())
-
-    def _points(self) -> Iterator[FrequencyPoint]:
+        points: list[FrequencyPoint] = []
         for start_s, end_s in self.sine.windows:
             rows = (self.time_s >= start_s) & (self.time_s <= end_s)
-            phase = self.sine.phase_rad(self.time_s[rows])
-            drift = self.time_s[rows] - start_s
-            basis = np.column_stack([np.cos(phase), np.sin(phase), np.ones_like(phase), drift])
-            found, *_ = np.linalg.lstsq(
-                basis, np.column_stack([self.goal_rad[rows], self.position_rad[rows]]), rcond=None
-            )
+            time_s = self.time_s[rows]
+            phase = self.sine.phase_rad(time_s)
+            basis = np.column_stack([np.cos(phase), np.sin(phase), np.ones_like(phase), time_s])
+            both = np.column_stack([self.goal_rad[rows], self.position_rad[rows]])
+            found, *_ = np.linalg.lstsq(basis, both, rcond=None)
             goal, position = found[1] + 1j * found[0]
             ratio = position / goal
             lag_rad = (-np.angle(ratio) + 0.5) % math.tau - 0.5  # a lead is a small negative lag
             middle_hz = self.sine.frequency_hz((start_s + end_s) / 2)
-            yield FrequencyPoint(middle_hz, float(abs(ratio)), float(lag_rad))
+            points.append(FrequencyPoint(middle_hz, float(abs(ratio)), float(lag_rad)))
+        return points
 
     @property
     def swing_rad(self) -> float:
         """How far it still moves back and forth at rest afterwards."""
         return swing_at_rest(self.time_s, self.position_rad, self.sine.duration_s)
-
-    @property
-    def swings(self) -> bool:
-        """Whether it does not come to rest."""
-        return self.swing_rad > SWINGING_RAD
 
 
 def measure_sine(
@@ -215,13 +170,24 @@ def measure_sine(
             "Move it away from its limits, or choose a smaller amplitude.",
         )
     limits = context.planner.motion_limits("fast")[column]
-    SineMotion(start, column, amplitude_rad, from_hz, to_hz).check_limits(limits, joint)
+    motion = SineMotion(start, column, amplitude_rad, from_hz, to_hz)
+    if motion.top_rad_s > limits.speed_rad_s or motion.top_rad_s2 > limits.acceleration_rad_s2:
+        needed, allowed = (
+            f"{math.degrees(speed):.0f}°/s and {math.degrees(acceleration):.0f}°/s²"
+            for speed, acceleration in (
+                (motion.top_rad_s, motion.top_rad_s2),
+                (limits.speed_rad_s, limits.acceleration_rad_s2),
+            )
+        )
+        raise RefusedError(
+            f"{joint} would need {needed}; it is allowed {allowed}.",
+            "Choose a smaller amplitude or a lower frequency.",
+        )
     made: list[SineMotion] = []
 
     def make_motion(start: Vector) -> SineMotion:
-        motion = SineMotion(start, column, amplitude_rad, from_hz, to_hz)
-        context.check_streamed_path(motion, "fast")
-        made.append(motion)
-        return motion
+        made.append(SineMotion(start, column, amplitude_rad, from_hz, to_hz))
+        context.check_streamed_path(made[0], "fast")
+        return made[0]
 
     return SineResponse(*record_joint(arm, column, make_motion), made[0])

@@ -19,7 +19,6 @@ from ikservo.registers import Register
 
 __all__ = [
     "REST_S",
-    "SWINGING_RAD",
     "StepResponse",
     "Trial",
     "gain_registers",
@@ -36,7 +35,7 @@ REST_S = 1.0  # after a motion
 _JUDGED_S = 0.5  # the last part of a rest, in which a joint should be still
 _LEAST_STEP_RAD = np.radians(1.0) - 1e-9
 _SETTLED_RAD = np.radians(0.2)
-SWINGING_RAD = np.radians(0.25)
+_SWINGING_RAD = np.radians(0.25)
 _TRIED = ("i_gain", "position_i_gain", "min_startup_force", "cw_dead_zone", "ccw_dead_zone")
 _GAIN_NAMES = (("p_gain", "position_p_gain"), ("d_gain", "position_d_gain"))
 _P_FACTORS, _D_FACTORS, _FINE_FACTORS = (0.7, 1.4, 2.0, 2.8, 4.0), (0.5, 2.0, 4.0), (0.7, 1.4)
@@ -102,7 +101,7 @@ class StepResponse:
     @property
     def swings(self) -> bool:
         """Whether it does not come to rest."""
-        return self.swing_rad > SWINGING_RAD
+        return self.swing_rad > _SWINGING_RAD
 
     @property
     def cost(self) -> float:

@@ -223,7 +223,7 @@ def test_a_plot_of_nothing_is_refused(run_cli, words, said):
 
 
 def test_a_curve_spans_its_values():
-    assert block_curve([0.0, 1.0, 2.0, None, 7.0], 1) == ["▁▂▃·█"]
+    assert block_curve([0.0, 1.0, 2.0, None, 7.0], 1) == ["▁▂▃ █"]
     assert block_curve([0.0, 15.0], 2) == [" █", "▁█"]
     assert block_curve([3.0, 3.0], 1) == ["▁▁"]
-    assert block_curve([None], 1) == ["·"]
+    assert block_curve([None], 1) == [" "]

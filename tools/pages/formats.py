@@ -95,8 +95,8 @@ No polygons travel: the page computes the drawing (`view/page/picture.js` in 2D,
 
 _SERVOS = """## Messages to the page of servos
 
-The server answers with `line` (what replies), `servo` (a table), `note` and `plots`; `read_servo` and
-`write_register` as above."""
+The server answers with `line` (what replies), `servo` (a table), `note` and `plots`;
+`read_servo` and `write_register` as above."""
 
 _LIST = """## Messages to the list of arms
 
