@@ -104,6 +104,11 @@ class StepResponse:
         return self.swing_rad > _SWINGING_RAD
 
     @property
+    def overshoots(self) -> bool:
+        """Whether it goes past where it comes to rest by more than it may be off there."""
+        return self.overshoot_rad > _SETTLED_RAD
+
+    @property
     def cost(self) -> float:
         """One number to compare gains by: 1 for each degree and each 0.2 s, much for swinging."""
         far = np.degrees(self.overshoot_rad + self.steady_error_rad)
@@ -292,7 +297,8 @@ def search_gains(arm: Arm, servo: ServoSpec, before: Trial, step_rad: float) -> 
     """Try gains on the joint: P, then D with the best P, then P around that; yield each trial.
 
     Higher gains are not tried beyond one with which the joint swings, and of equal ones the
-    lower are better.
+    lower are better. A joint that does not overshoot gets no lower P: under a load it would lag
+    so far that the guard stops it.
 
     Args:
         arm: The arm.
@@ -305,6 +311,8 @@ def search_gains(arm: Arm, servo: ServoSpec, before: Trial, step_rad: float) -> 
     tried: set[tuple[int, int]] = {(before.gains[p_gain], before.gains[d_gain])}
     for register, factors in ((p_gain, _P_FACTORS), (d_gain, _D_FACTORS), (p_gain, _FINE_FACTORS)):
         present, (lower, upper) = best.gains[register], register.range
+        if register is p_gain and not (before.response.swings or before.response.overshoots):
+            lower = before.gains[register]
         if before.gains[register]:
             upper = min(upper, round(_P_FACTORS[-1] * before.gains[register]))
         wanted = [f * present for f in factors] if present else [upper / n for n in _FRACTIONS]

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from ikservo.arm.opening import open_own_arm
+from ikservo.errors import RefusedError
 from ikservo.lab.servo_tuning import (
     Trial,
     gain_registers,
@@ -42,7 +43,11 @@ def test_suggested_gains_are_near_the_best_of_a_grid(arm_name, seed, joint):
                     d_gain: min(round(d_factor * usual), d_gain.range[1]),
                 }
                 write_gains(bus, servo, gains)
-                grid.append(Trial(gains, measure_response(arm, joint, STEP_RAD)))
+                try:
+                    grid.append(Trial(gains, measure_response(arm, joint, STEP_RAD)))
+                except RefusedError:  # it lags so far that the guard stops it
+                    write_gains(bus, servo, present)
+                    arm.acknowledge()
     found = min(trials, key=lambda one: one.response.cost)
     best = min(grid, key=lambda one: one.response.cost)
     print(f"{arm_name} {seed} {joint}: found {summary(found)} in {len(trials)}; "  # noqa: T201
