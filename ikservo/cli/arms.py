@@ -11,6 +11,7 @@ import typer
 
 from ikservo.cli.options import JsonOption
 from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
+from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import BadValueError, InputError, UnknownNameError
 from ikservo.model import Model, ModelServo, arm_names, load_model
 
@@ -188,7 +189,8 @@ def command(  # one option each
         options,
         port,
     )
-    drafts = Operator.of(None, yes=False, no_input=json).run(draft_new_arm(new))
+    with exiting_on_signals():  # a servo that is moved goes limp
+        drafts = Operator.of(None, yes=False, no_input=json).run(draft_new_arm(new))
     written = [] if dry_run else write_drafts(drafts, folder)
     _print_drafts(drafts, written, folder, json=json)
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import math
-import signal
-from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
@@ -15,6 +13,7 @@ from ikservo.cli.options import ArmConnection, MotionOptions
 from ikservo.cli.results import Field, Fields, json_values, print_records
 from ikservo.cli.session import confirm_motion, open_from_options
 from ikservo.cli.terminal import format_port, print_status
+from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import BadValueError, InputError, UnknownNameError
 from ikservo.hardware.read_plan import Register
 from ikservo.hardware.servo import ServoSpec
@@ -181,22 +180,6 @@ def _best(trials: Sequence[Trial]) -> Trial:
     return min(trials, key=lambda one: one.response.cost)
 
 
-@contextmanager
-def _ending_in_order() -> Generator[None]:
-    """Let a signal that ends the program restore the gains first."""
-    signals = [signal.SIGTERM, *([signal.SIGHUP] if hasattr(signal, "SIGHUP") else [])]
-
-    def leave(number: int, _frame: object) -> None:
-        raise SystemExit(128 + number)
-
-    before = {each: signal.signal(each, leave) for each in signals}
-    try:
-        yield
-    finally:
-        for each, handler in before.items():
-            signal.signal(each, handler)
-
-
 def _parse_gains(servo: ServoSpec, settings: Sequence[str]) -> dict[Register, int]:
     gains: dict[Register, int] = {}
     for word in settings:
@@ -234,7 +217,7 @@ def _try_gains(
 ) -> list[_Tried]:
     """Return what becomes of the present gains, of those given, and of those a search tries."""
     bus = arm.context.servos.bus
-    with _ending_in_order(), keeping_gains(bus, servo, given) as present:
+    with exiting_on_signals(), keeping_gains(bus, servo, given) as present:
         tried = [try_one(present)]
         if given:
             gains = {**present, **given}

@@ -28,6 +28,7 @@ __all__ = [
     "StopRequest",
     "check_pause",
     "exit_exception",
+    "exiting_on_signals",
     "fault_reason",
     "handle_signals",
     "hold_servos",
@@ -233,6 +234,27 @@ def exit_exception(number: int, text: str) -> BaseException:
     if number in (0, signal.SIGINT):
         return KeyboardInterrupt(text)
     return SystemExit(128 + number)  # a shell's exit code for a process that a signal ended
+
+
+@contextmanager
+def exiting_on_signals() -> Generator[None]:
+    """Turn SIGTERM and SIGHUP into ``SystemExit`` within the block, so that it is left in order.
+
+    In threads other than the main one nothing is changed.
+    """
+
+    def leave(number: int, _: FrameType | None) -> None:
+        raise exit_exception(number, "")
+
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = {n: signal.signal(n, leave) for n in _signal_numbers() if n != signal.SIGINT}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 _watched_stops: list[tuple[StopRequest, Callable[[], bool]]] = []

@@ -19,6 +19,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
+from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import IkservoError
 from ikservo.importing.draft import ArmDraft
 from ikservo.importing.folder import write_drafts
@@ -217,7 +218,7 @@ def _run(line: Connection, new: NewArm) -> None:
         os.nice(_NICE)
     try:
         answer = None
-        with contextlib.closing(draft_new_arm(new)) as dialogue:
+        with exiting_on_signals(), contextlib.closing(draft_new_arm(new)) as dialogue:
             while True:
                 try:
                     answer = _tell(line, dialogue.send(answer))

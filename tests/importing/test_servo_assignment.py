@@ -2,13 +2,16 @@
 
 import copy
 import re
+import signal
 import tomllib
+from contextlib import closing, nullcontext
 
 import pytest
 
 import ikservo
 import ikservo.hardware.torque
 import servosim.port
+from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import InputError, ServoSilentError
 from ikservo.importing.building import ImportOptions, build_drafts
 from ikservo.importing.draft import DraftServo
@@ -108,7 +111,10 @@ def test_a_servo_is_moved_alone_and_limp_whenever_something_is_asked(draft, port
     assert sorted(moved) == sorted(IDS.values())
 
 
-def test_a_dialogue_that_is_left_in_a_motion_leaves_the_servo_limp(draft, port, monkeypatch):
+@pytest.mark.parametrize("number", [None, signal.SIGTERM, signal.SIGHUP])
+def test_a_dialogue_that_is_left_in_a_motion_leaves_the_servo_limp(
+    draft, port, monkeypatch, number
+):
     worlds = []
     make = servosim.port.make_arm_world
     monkeypatch.setattr(
@@ -119,7 +125,13 @@ def test_a_dialogue_that_is_left_in_a_motion_leaves_the_servo_limp(draft, port, 
     while not (isinstance(item, Progress) and "moving" in item.text):
         item = dialogue.send(ACCEPT if isinstance(item, Question) else None)
     assert any(servo.read("torque_enable") for servo in worlds[0].servos)
-    dialogue.close()
+    with (
+        nullcontext() if number is None else pytest.raises(SystemExit),
+        exiting_on_signals(),
+        closing(dialogue),
+    ):
+        if number is not None:
+            signal.raise_signal(number)
     assert not any(servo.read("torque_enable") for servo in worlds[0].servos)
 
 
