@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 from ikservo.calibration.calibration_file import load_calibration
 from ikservo.calibration.servo_config import calibration_registers
 from ikservo.errors import BusError, FileFormatError, UnknownNameError
 from ikservo.guard import alarm_hint
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.eeprom import RegisterDifference, register_differences, update_eeprom
+from ikservo.hardware.eeprom import (
+    RegisterDifference,
+    eeprom_registers,
+    register_differences,
+    update_eeprom,
+)
 from ikservo.hardware.read_plan import RegisterRef
 from ikservo.hardware.remembered_port import serial_number_of
 from ikservo.hardware.scan import firmware_version
@@ -224,15 +229,34 @@ def _check_firmware(bus: ServoBus) -> Iterator[Finding]:
         versions[servo.table.model_name][firmware_version(bus, servo.id)].append(servo)
     for name, groups in versions.items():
         if len(groups) > 1:
-            text = "; ".join(f"{v}: {', '.join(map(str, s))}" for v, s in sorted(groups.items()))
+            ordered = sorted(groups, key=lambda version: list(map(int, version.split("."))))
+            text = "; ".join(f"{each}: {', '.join(map(str, groups[each]))}" for each in ordered)
+            apart = _settings_apart(bus, [groups[each] for each in ordered])
             yield warning(
                 "firmware",
-                f"{name} servos differ: {text}",
-                "Bring all to the newest with the vendor's tool (FD, Dynamixel Wizard).",
+                f"{name} servos differ: {text}; stored settings: {apart or 'the same'}",
+                f"Bring all to {ordered[-1]} or newer with the vendor's tool (FD, Dynamixel "
+                "Wizard), and restore a backup of one that moves as it should.",
             )
     if all(len(groups) == 1 for groups in versions.values()):
         texts = [f"{name} {next(iter(groups))}" for name, groups in versions.items()]
         yield ok("firmware", ", ".join(texts))
+
+
+def _settings_apart(bus: ServoBus, groups: Sequence[Sequence[ServoSpec]]) -> str:
+    """Return the stored settings that are the same within each group of servos, and no others."""
+    table = groups[0][0].table
+    kept = {table.id.name, *_CALIBRATED_REGISTERS}
+    rows = [r for r in eeprom_registers(table) if r.is_writable and r.name not in kept]
+    ids = [servo.id for group in groups for servo in group]
+    held = bus.sync_read_many(ids, rows, raw=True).require_all()
+    apart: list[str] = []
+    for register in rows:
+        own = [{held[servo.id][register] for servo in group} for group in groups]
+        numbers = [next(iter(each)) for each in own if len(each) == 1]
+        if len(numbers) == len(own) and len(set(numbers)) > 1:
+            apart.append(f"{register} {' / '.join(map(str, numbers))}")
+    return ", ".join(apart)
 
 
 def _check_alarms(bus: ServoBus) -> Iterator[Finding]:

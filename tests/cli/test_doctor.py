@@ -62,8 +62,14 @@ def lines_of(result, topic):
         (lambda s: setattr(s[3].motor.heat, "temperature_c", 90.0), "heat",
          "✗ heat      elbow_flex (id 3) is at 89 °C"),
         (lambda s: s[3].memory.put("firmware_minor", 9), "firmware",
-         "! firmware  STS3215 servos differ: 3.10: shoulder_pan (id 1), shoulder_lift (id 2), "
-         "wrist_flex (id 4), wrist_roll (id 5), gripper (id 6); 3.9: elbow_flex (id 3)"),
+         "! firmware  STS3215 servos differ: 3.9: elbow_flex (id 3); 3.10: shoulder_pan (id 1), "
+         "shoulder_lift (id 2), wrist_flex (id 4), wrist_roll (id 5), gripper (id 6); "
+         "stored settings: the same"),
+        (lambda s: [s[3].memory.put(*each) for each in (("firmware_minor", 9), ("i_gain", 4))],
+         "firmware",
+         "! firmware  STS3215 servos differ: 3.9: elbow_flex (id 3); 3.10: shoulder_pan (id 1), "
+         "shoulder_lift (id 2), wrist_flex (id 4), wrist_roll (id 5), gripper (id 6); "
+         "stored settings: i_gain 4 / 0"),
         (lambda s: s[3].memory.put("return_delay", 250), "delay",
          "! delay     return delays take 0.5 ms in each round (elbow_flex (id 3))"),
         (lambda s: s[3].memory.put("lock", 0), "lock",
