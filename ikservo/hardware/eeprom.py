@@ -38,6 +38,7 @@ __all__ = [
     "backup_text",
     "eeprom_registers",
     "lock_eeprom",
+    "parse_backup",
     "read_backup",
     "read_eeprom",
     "refuse_under_torque",
@@ -266,7 +267,16 @@ def read_backup(path: Path) -> Backup:
     Raises:
         FileFormatError: It is no such file, or damaged.
     """
-    tables = parse_toml(path, read_text(path, MAX_BYTES))
+    return parse_backup(path, read_text(path, MAX_BYTES))
+
+
+def parse_backup(path: Path, text: str) -> Backup:
+    """Parse the text of a copy; the path is only for messages.
+
+    Raises:
+        FileFormatError: It is none, or damaged.
+    """
+    tables = parse_toml(path, text)
     model, servo_id = tables.get("model"), tables.get("id")
     rows: object = tables.get("eeprom")
     if tables.get("format") != _FORMAT or not isinstance(rows, dict):

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import itertools
 import queue
-import tempfile
 import threading
 from collections import deque
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,7 +17,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, TypeAdapter
 
 from ikservo.errors import IkservoError, InputError, PortError
-from ikservo.hardware.eeprom import backup_text, read_backup
+from ikservo.hardware.eeprom import backup_text, parse_backup
 from ikservo.hardware.read_plan import Register
 from ikservo.hardware.remembered_port import real_time_port
 from ikservo.hardware.scan import ScanProgress
@@ -341,10 +340,8 @@ def _write(line: ServoLine, servo: ServoSpec, values: Mapping[Register, int]) ->
 
 def _restore(line: ServoLine, servo: ServoSpec, text: str) -> str:
     """Write a backup and return what was written, and what was left out."""
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "backup.toml"
-        path.write_text(text, encoding="utf-8")
-        plan = plan_restoration(line.bus, read_backup(path), str(servo.id))
+    backup = parse_backup(Path("backup.toml"), text)
+    plan = plan_restoration(line.bus, backup, str(servo.id))
     restore(line.bus, plan)
     written = ", ".join(f"{each.register} {each.found} → {each.expected}" for each in plan.changes)
     kept = ", ".join(str(each.register) for each in plan.kept)
