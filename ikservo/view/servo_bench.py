@@ -269,8 +269,8 @@ class ServoBench:
                 note = write_values(line, servo, {register: int(state == "on")})
             case ReadServo():
                 pass
-        self._say(note)
         self._show_table(line, servo)
+        self._say(note)  # what it tells of is shown by then
         return True
 
     def _say(self, text: str) -> None:
