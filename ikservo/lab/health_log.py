@@ -216,7 +216,7 @@ class Change:
 # A measurement differs from the next by this much although nothing has changed: what the errors
 # of one motion do not contain (posture, temperature of the grease, supply).
 _REPEATS: Mapping[str, tuple[float, float]] = {  # a floor and a share of the value
-    "backlash_rad": (math.radians(0.05), 0.05),
+    "backlash_rad": (math.radians(0.05), 0.02),
     "friction_nm": (0.01, 0.10),
 }
 _SIGMAS = 3.0  # one false alarm in 740 for each joint and quantity: 2 % for six joints
