@@ -46,6 +46,7 @@ __all__ = [
     "check_joints_match",
     "check_servo_models",
     "geometric_errors_of",
+    "known_bending",
     "limit_to_one_turn",
     "load_calibration_for",
     "own_chain",
@@ -240,13 +241,19 @@ def own_chain(model: Model, calibration: Calibration) -> Chain:
 
 def bent_chain(model: Model, chain: Chain, calibration: Calibration) -> Chain:
     """Return a chain of an arm that gives way as its calibration says; the same if it is rigid."""
-    found = [calibration.joint(name) for name in chain.names]
+    bending = known_bending(model, chain, calibration)
+    if not (bending.compliance.any() or bending.half_play.any()):
+        return chain
+    return replace(chain, link_joints=bending.link_joints)
+
+
+def known_bending(model: Model, chain: Chain, calibration: Calibration | None) -> Bending:
+    """Return how a chain's links give way as a calibration says; they do not without one."""
+    found = [calibration and calibration.joint(name) for name in chain.names]
     compliance = np.array([joint.compliance if joint else 0.0 for joint in found])
     half_play = np.radians([joint.play_deg / 2.0 if joint else 0.0 for joint in found])
-    if not (compliance.any() or half_play.any()):
-        return chain
     dynamics = Dynamics.from_masses(chain, link_masses(model, chain))
-    return replace(chain, link_joints=Bending(dynamics, compliance, half_play).link_joints)
+    return Bending(dynamics, compliance, half_play)
 
 
 def load_calibration_for(

@@ -3,10 +3,12 @@
 A sample is the measured joints and the pose of the board in the camera. With the pose C of the
 arm's base in the camera, that of the board on the tip B, and the arm's forward kinematics f behind
 zeros, compliance and play (``kinematics.bending``), the board is predicted at ``C f(q) B``. The
-estimate minimises ``Σ (e_k / σ_k)² + Σ (x_j / s_j)²`` over all of them: e has six rows in the frame
-of the ray to the board. The deviations σ of what is across the ray, along it, of the turn about it
-and of the tilt, which differ tenfold, are estimated from the residuals (variance components);
-the deviations s before any picture keep what the data do not determine where it was.
+estimate minimises ``Σ (e_k / σ_k)² + Σ ((x_j - m_j) / s_j)²`` over all of them: e has six rows in
+the frame of the ray to the board. The deviations σ of what is across the ray, along it, of the turn
+about it and of the tilt, which differ tenfold, are estimated from the residuals (variance
+components); m and s are what was known of x before any picture. What the pictures do not determine
+is not estimated, and stays as it was known: the zero of a last joint, which turns the board, would
+follow the smallest thing that the model leaves out.
 """
 
 from __future__ import annotations
@@ -22,7 +24,6 @@ from numpy.typing import NDArray
 from ikservo.errors import CalibrationError
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.bending import Bending
-from ikservo.kinematics.dynamics import Dynamics
 from ikservo.kinematics.joints import JointType
 from ikservo.kinematics.se3 import exp_so3, log_so3, make_pose, skew
 
@@ -130,7 +131,7 @@ class FittedParameter:
     @property
     def is_determined(self) -> bool:
         """Whether the pictures say more of it than was known before."""
-        return self.deviation < 0.5 * self.prior
+        return self.deviation < _DETERMINED * self.prior
 
 
 # Standard deviations before any picture: a zero set by eye, printed links and the play of gears.
@@ -143,6 +144,7 @@ _POSES = 12 + 1 + 6  # numbers before the arm's: two poses, the scale and the le
 # The rows of a residual, and of which component each is.
 _ACROSS, _DEPTH, _TILT, _TURN = range(4)
 _COMPONENT = np.array([_ACROSS, _ACROSS, _DEPTH, _TILT, _TILT, _TURN])
+_DETERMINED = 0.5  # of the deviation before: a number with a smaller one is known from here on
 _START_SIGMA = np.array([0.002, 0.01, 0.05, 0.02])  # m, m, rad, rad
 _ASSUMED = 6.0  # samples as which the ratios of these count
 _FINEST = 0.02  # deviations are not estimated smaller than that share of them
@@ -193,7 +195,8 @@ class CameraFit:
         kept: Which samples (n,) are no outliers.
         covariance: Of the six numbers of each pose, the scale, the lens, zeros, compliances and
             half plays.
-        free: Which of these were estimated.
+        asked: Which of these were to be estimated.
+        free: Those of them that the samples determine; the others are as they were.
     """
 
     bending: Bending
@@ -206,6 +209,7 @@ class CameraFit:
     sigma: Vector
     kept: _Mask
     covariance: Matrix = field(repr=False)
+    asked: _Mask = field(repr=False)
     free: _Mask = field(repr=False)
 
     def __post_init__(self) -> None:
@@ -237,7 +241,7 @@ class CameraFit:
 
     @property
     def parameters(self) -> tuple[FittedParameter, ...]:
-        """The arm's numbers that were estimated."""
+        """The arm's numbers that were to be estimated."""
         chain, n = self.bending.dynamics.chain, len(self.zeros)
         values = np.concatenate([self.zeros, self.bending.compliance, self.bending.half_play])
         deviations, priors = (
@@ -254,7 +258,7 @@ class CameraFit:
         return tuple(
             FittedParameter(*named[k], float(values[k]), float(deviations[k]), float(priors[k]))
             for k in range(3 * n)
-            if self.free[_POSES + k]
+            if self.asked[_POSES + k]
         )
 
 
@@ -284,11 +288,12 @@ class CameraEstimate:
 _BETTER = 0.97  # more numbers are estimated only where that makes the error so much smaller
 
 
-def estimate_camera(dynamics: Dynamics, samples: Sequence[BoardSample]) -> CameraEstimate:
+def estimate_camera(known: Bending, samples: Sequence[BoardSample]) -> CameraEstimate:
     """Estimate camera, board and arm; of the arm as much as helps samples that are left out.
 
     Args:
-        dynamics: The arm with its masses; what it carries besides, the board too, adds to them.
+        known: The arm as it is known, with its masses; what it carries besides, the board too, adds
+            to them.
         samples: At least six, in postures that differ.
 
     Raises:
@@ -299,8 +304,8 @@ def estimate_camera(dynamics: Dynamics, samples: Sequence[BoardSample]) -> Camer
             f"The board was seen in {len(samples)} pictures; at least {MIN_SAMPLES} are needed.",
             "Show it in about 20 postures that differ, each near another part of the picture.",
         )
-    fullest = fit_camera(dynamics, samples, Extent.ARM)
-    found = {each: fit_camera(dynamics, samples, each, fullest) for each in Extent}
+    fullest = fit_camera(known, samples, Extent.ARM)
+    found = {each: fit_camera(known, samples, each, fullest) for each in Extent}
     error_m = {each: _left_out_m(fit, samples) for each, fit in found.items()}
     best = Extent.CAMERA
     for extent in Extent:
@@ -310,7 +315,7 @@ def estimate_camera(dynamics: Dynamics, samples: Sequence[BoardSample]) -> Camer
 
 
 def fit_camera(
-    dynamics: Dynamics,
+    known: Bending,
     samples: Sequence[BoardSample],
     extent: Extent,
     outliers_of: CameraFit | None = None,
@@ -318,7 +323,7 @@ def fit_camera(
     """Fit camera, board and as much of the arm as ``extent`` says.
 
     Args:
-        dynamics: The arm with its masses.
+        known: The arm as it is known.
         samples: The samples (n), three or more.
         extent: What is estimated.
         outliers_of: The fit whose outliers are left out; they are looked for if None.
@@ -326,22 +331,20 @@ def fit_camera(
     Raises:
         CalibrationError: More than a third of the samples contradict the others.
     """
-    dof = dynamics.chain.dof
-    bending = Bending(dynamics, np.zeros(dof), np.zeros(dof))
-    problem = _Problem(bending, samples, extent)
+    problem = _Problem(known, samples, extent)
     kept = np.ones(len(samples), dtype=bool) if outliers_of is None else outliers_of.kept
     sigma = _START_SIGMA
     if outliers_of is None:
         state, kept = _without_outliers(problem, _first_state(problem))
     else:
-        arm = np.zeros(3 * dof)
-        state = _State(
-            outliers_of.T_camera_base, outliers_of.T_tip_board, 0.0, problem.lens_at, arm
-        )
+        state = problem.start(outliers_of.T_camera_base, outliers_of.T_tip_board)
     weight = kept.astype(float)
-    for _ in range(_ROUNDS):
-        state = problem.minimise(state, sigma, weight)
-        sigma = problem.deviations(state, sigma, weight)
+    for is_last in (False, True):
+        for _ in range(_ROUNDS):
+            state = problem.minimise(state, sigma, weight)
+            sigma = problem.deviations(state, sigma, weight)
+        if not is_last:
+            state = problem.leave_undetermined(state, sigma, weight)
     return problem.fit(problem.minimise(state, sigma, weight), sigma, kept)
 
 
@@ -391,7 +394,13 @@ class _NormalEquations:
 class _Problem:
     """The least-squares problem of some samples."""
 
-    def __init__(self, bending: Bending, samples: Sequence[BoardSample], extent: Extent) -> None:
+    def __init__(
+        self,
+        bending: Bending,
+        samples: Sequence[BoardSample],
+        extent: Extent,
+        free: _Mask | None = None,
+    ) -> None:
         self._bending, self.samples, self._extent = bending, samples, extent
         dof = bending.dynamics.chain.dof
         self._q = np.array([sample.q for sample in samples])
@@ -399,14 +408,37 @@ class _Problem:
         self.lens_at = self._lenses[0][1].at if self._lenses else np.zeros(6)
         wanted = (True, bool(self._lenses), extent.zeros, extent.bending,
                   extent is Extent.EVERYTHING)  # fmt: skip
-        self._free = np.repeat(np.array(wanted), [_POSES - 6, 6, dof, dof, dof])
+        self._asked = np.repeat(np.array(wanted), [_POSES - 6, 6, dof, dof, dof])
+        self._free = self._asked if free is None else free
         self._prior, self.dof = _priors(bending), dof
+        self._known = np.concatenate([np.zeros(dof), bending.compliance, bending.half_play])
         self._distance = [float(np.linalg.norm(s.T_camera_board[:3, 3])) for s in samples]
         self._rays = [_ray_frame(sample.T_camera_board[:3, 3]) for sample in samples]
         self._noise = np.zeros((len(samples), 6, 6))
         for i, lens in self._lenses:
             both = np.kron(np.eye(2), self._rays[i])
             self._noise[i] = both @ lens.noise @ both.T
+
+    def start(self, camera: Matrix, board: Matrix) -> _State:
+        """Return the state with the arm as it is known."""
+        return _State(camera, board, 0.0, self.lens_at, self._known)
+
+    def leave_undetermined(self, state: _State, sigma: Vector, weight: Vector) -> _State:
+        """Leave what is not determined as it is known, the least determined first.
+
+        Of two numbers that cannot be told apart, one is left, and then the other is determined.
+        """
+        curvature = self._equations(state, sigma, weight).curvature
+        free = self._free.copy()
+        while True:
+            some = np.flatnonzero(free)
+            deviation = np.sqrt(np.diag(np.linalg.inv(curvature[np.ix_(some, some)])))
+            share = np.where(some < _POSES, 0.0, deviation / self._prior[some])
+            if share.max() < _DETERMINED:
+                break
+            free[some[np.argmax(share)]] = False
+        self._free = free
+        return replace(state, arm=np.where(free[_POSES:], state.arm, self._known))
 
     def minimise(self, state: _State, sigma: Vector, weight: Vector) -> _State:
         """Return the state with the least sum of squares, by Levenberg's steps."""
@@ -447,12 +479,12 @@ class _Problem:
         """Return the fit at a state."""
         dof = self.dof
         curvature = self._equations(state, sigma, kept.astype(float)).curvature
-        covariance, free = np.zeros_like(curvature), np.ix_(self._free, self._free)
+        covariance, free = np.diag(self._prior**2), np.ix_(self._free, self._free)
         covariance[free] = np.linalg.inv(curvature[free])
         bending = self._bent(state)
         return CameraFit(
             bending, self._extent, state.camera, state.board, state.scale, state.lens,
-            state.arm[:dof], sigma, kept, covariance, self._free,
+            state.arm[:dof], sigma, kept, covariance, self._asked, self._free,
         )  # fmt: skip
 
     def left_out(self, state: _State, sigma: Vector, weight: Vector) -> Matrix:
@@ -497,8 +529,8 @@ class _Problem:
         return np.sum((self._whiten(_START_SIGMA) @ e[:, :, None]) ** 2, axis=(1, 2))
 
     def tips(self) -> Matrix:
-        """Return the tip's poses (n, 4, 4) of the arm as it is described."""
-        return self._bending.dynamics.chain.forward(self._q)
+        """Return the tip's poses (n, 4, 4) of the arm as it is known."""
+        return self._bending.dynamics.chain.forward(self._bending.link_joints(self._q))
 
     def _bent(self, state: _State) -> Bending:
         dof = self.dof
@@ -522,7 +554,8 @@ class _Problem:
         e, J = self._linearise(state)
         whiten = np.sqrt(weight)[:, None, None] * self._whiten(sigma)
         rows, A = (whiten @ e[:, :, None]).ravel(), (whiten @ J).reshape(-1, len(self._free))
-        known = np.concatenate([np.zeros(12), [state.scale], state.lens, state.arm]) * self._free
+        moved = state.arm - self._known
+        known = np.concatenate([np.zeros(12), [state.scale], state.lens, moved]) * self._free
         information = np.diag(1.0 / self._prior**2)
         slope = A.T @ rows + information @ known
         cost = float(rows @ rows + known @ information @ known)
@@ -571,7 +604,7 @@ class _Problem:
 
 def _left_out_m(fit: CameraFit, samples: Sequence[BoardSample]) -> float:
     """Compute the root mean square across the ray over kept samples, each left out once."""
-    problem = _Problem(fit.bending, samples, fit.extent)
+    problem = _Problem(fit.bending, samples, fit.extent, fit.free)
     errors = problem.left_out(problem.state_of(fit), fit.sigma, fit.kept.astype(float))
     across = errors[fit.kept, :2]
     return math.sqrt(float(np.sum(across**2)) / len(across))
@@ -622,11 +655,7 @@ def _first_state(problem: _Problem) -> _State:
     chance, indices = np.random.default_rng(0), np.arange(len(tips))
     count = min(_START_SAMPLES, len(indices))
     chosen = [indices, *(chance.choice(indices, count, replace=False) for _ in range(_STARTS))]
-    zeros = np.zeros(3 * problem.dof)
-    starts = [
-        _State(*_closed_form(tips[some], seen[some]), 0.0, problem.lens_at, zeros)
-        for some in chosen
-    ]
+    starts = [problem.start(*_closed_form(tips[some], seen[some])) for some in chosen]
     return min(starts, key=lambda start: float(np.median(problem.squares(start))))
 
 

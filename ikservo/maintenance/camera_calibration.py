@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ikservo.arm.arm import Arm
-from ikservo.arm.calibrated_arm import ZeroSource
+from ikservo.arm.calibrated_arm import ZeroSource, known_bending
 from ikservo.calibration.calibration_file import load_calibration, save_calibration
 from ikservo.calibration.camera_file import SIMULATED, CameraFile, save_camera
 from ikservo.calibration.records import CalibratedCamera, Calibration, SeenBoard
@@ -36,11 +36,9 @@ from ikservo.eyes.pictures import (
     guess_intrinsics,
 )
 from ikservo.eyes.pose_choice import choose_postures, is_visible
-from ikservo.kinematics import Dynamics
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import log_so3
 from ikservo.maintenance.touch_off import shift_zeros
-from ikservo.model.sag import link_masses
 
 __all__ = ["CameraCalibration", "CameraResult", "save_camera_result", "seen_board"]
 
@@ -98,8 +96,10 @@ class CameraCalibration:
         self._views: list[BoardView] = []
         self._joints: list[Vector] = []
         self._last: Picture | None = None
-        chain = arm.chain.rigid
-        self._dynamics = Dynamics.from_masses(chain, link_masses(arm.model, chain))
+        calibration = None
+        if arm.zeros is ZeroSource.CALIBRATED:
+            calibration = load_calibration(arm.model.name, arm.context.serial_number)
+        self._known = known_bending(arm.model, arm.chain.rigid, calibration)
 
     def run(self) -> CameraResult:
         """Take the pictures, and estimate; the arm ends where it began, if it can.
@@ -125,7 +125,7 @@ class CameraCalibration:
         with suppress(RefusedError):
             self._move(home)
         intrinsics = self._fit()[1]
-        estimate = estimate_camera(self._dynamics, self._samples(intrinsics))
+        estimate = estimate_camera(self._known, self._samples(intrinsics))
         duration_s = self._arm.clock.now_s() - began_s
         return CameraResult(
             estimate, intrinsics, self._board, len(self._views), self._missed, duration_s
@@ -216,11 +216,11 @@ class CameraCalibration:
     def _fit(self) -> tuple[CameraFit, Intrinsics]:
         """Fit camera, lens and arm, in steps: how poses change with the lens holds near it only."""
         intrinsics = guess_intrinsics(self._board, self._views)
-        fit = fit_camera(self._dynamics, self._samples(intrinsics), Extent.ARM)
+        fit = fit_camera(self._known, self._samples(intrinsics), Extent.ARM)
         for _ in range(_LENS_STEPS):
             intrinsics = Intrinsics.of_numbers(fit.lens, intrinsics.size)
             before, samples = fit.lens, self._samples(intrinsics)
-            fit = fit_camera(self._dynamics, samples, Extent.ARM)
+            fit = fit_camera(self._known, samples, Extent.ARM)
             if np.abs(fit.lens - before).max() < _SAME_LENS:
                 break
         return fit, intrinsics

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,13 @@ class SimulatedView:
     size: tuple[int, int] = (960, 720)
     noise: float = 2.0
 
+    def lens(self) -> tuple[Matrix, Matrix]:
+        """Return the camera matrix (3, 3) and the distortion k1, k2, p1, p2 (4,), as OpenCV's."""
+        (width, height), (right, down) = self.size, self.off_centre_px
+        matrix = np.diag([self.focal_px, self.focal_px, 1.0])
+        matrix[:2, 2] = width / 2.0 + right, height / 2.0 + down
+        return matrix, np.array([*self.distortion, 0.0, 0.0])
+
 
 class SimulatedCamera:
     """Takes pictures of a board on the tip of a simulated arm, whose links give way.
@@ -96,6 +103,15 @@ class SimulatedCamera:
         """Return where the board is at present."""
         return np.linalg.inv(self.T_base_camera) @ self._tip_pose() @ self.T_tip_board
 
+    def pixel(self, point_m: Matrix) -> Matrix:
+        """Return the pixel (2,) of a point (3,), metres, base frame."""
+        import cv2  # noqa: PLC0415 - an extra
+
+        ahead = np.linalg.inv(self.T_base_camera) @ np.append(point_m, 1.0)
+        lens, distortion = self._view.lens()
+        project = cast("Any", cv2).projectPoints  # missing in its stubs
+        return np.ravel(project(ahead[None, :3], np.zeros(3), np.zeros(3), lens, distortion)[0])
+
     def _tip_pose(self) -> Matrix:
         return self._tip.pose([joint.position for joint in self._world.joints])
 
@@ -126,16 +142,7 @@ class SimulatedCamera:
         view = self._view
         width, height = view.size
         x, y = np.meshgrid(np.arange(2 * width) / 2.0 - 0.25, np.arange(2 * height) / 2.0 - 0.25)
-        right, down = view.off_centre_px
-        lens = np.array(
-            [
-                [view.focal_px, 0, width / 2.0 + right],
-                [0, view.focal_px, height / 2.0 + down],
-                [0, 0, 1.0],
-            ]
-        )
         pixels = np.stack([x.ravel(), y.ravel()], axis=1)
-        k1, k2 = view.distortion
-        flat = cv2.undistortPoints(pixels[:, None], lens, np.array([k1, k2, 0.0, 0.0]))
+        flat = cv2.undistortPoints(pixels[:, None], *view.lens())
         ahead = np.concatenate([flat[:, 0], np.ones((len(flat), 1))], axis=1)
         return ahead.reshape(2 * height, 2 * width, 3)

@@ -1,7 +1,7 @@
 """An arm with zeros, compliance and play that nobody knows, before a camera somewhere."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -23,6 +23,12 @@ class SimulatedArm:
         looks = rotation_rpy(math.pi / 2 + 0.5, math.pi, 0.0).T
         self.T_camera_base = make_pose(np.array([0.0, 0.15, 0.6]) + off, exp_so3(turn) @ looks)
         self.T_tip_board = make_pose([0.0, 0.03, -0.02], exp_so3(self.chance.uniform(-0.3, 0.3, 3)))
+
+    @property
+    def known(self):
+        """The arm as it is described: rigid."""
+        nothing = np.zeros(self.bending.dynamics.chain.dof)
+        return replace(self.bending, compliance=nothing, half_play=nothing)
 
     def tips(self, q):
         return self.bending.dynamics.chain.forward(self.bending.link_joints(q + self.zeros))

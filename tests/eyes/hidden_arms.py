@@ -2,8 +2,10 @@
 
 import numpy as np
 
+from ikservo.arm.camera import table_m
+from ikservo.errors import IkservoError
 from ikservo.eyes.board import DEFAULT_BOARD, Board
-from servosim.camera import SimulatedCamera
+from servosim.camera import SimulatedCamera, SimulatedView
 from servosim.joint import Hand, hold
 from servosim.specimen import Specimen
 from tests.calibration.mounted_arms import STRENGTH, load_model
@@ -12,7 +14,23 @@ from tests.cli.fixtures_mounted_arm import connect_arm, write_calibration
 BOARD = Board.named(DEFAULT_BOARD)
 
 
-def hidden_arm(monkeypatch, name, seed, zeros_deg=3.0, compliance=0.15):
+def drawn_view(chance):
+    """Return a camera somewhere before an arm, above the tip, with a lens of its own."""
+    away_m, aside = chance.uniform(0.3, 0.55), np.radians(chance.uniform(-50.0, 50.0))
+    above = np.radians(chance.uniform(10.0, 60.0))
+    ahead = np.array([np.cos(aside), np.sin(aside)]) * np.cos(above)
+    width = int(chance.choice([640, 960, 1280]))
+    return SimulatedView(
+        from_tip_m=tuple(away_m * np.append(ahead, np.sin(above))),
+        focal_px=width * chance.uniform(0.75, 1.1),
+        off_centre_px=tuple(chance.normal(0.0, 0.015 * width, 2)),
+        distortion=(chance.uniform(-0.2, 0.05), chance.uniform(0.0, 0.06)),
+        size=(width, width * 3 // 4),
+        noise=chance.uniform(1.0, 4.0),
+    )
+
+
+def hidden_arm(monkeypatch, name, seed, zeros_deg=3.0, compliance=0.15, view=None):
     """Return a calibrated arm whose calibration is wrong, and a camera before it."""
     chance, model = np.random.default_rng(seed), load_model(name)
     names = [joint.name for joint in model.joints]
@@ -30,7 +48,7 @@ def hidden_arm(monkeypatch, name, seed, zeros_deg=3.0, compliance=0.15):
     for each in names:
         arm.world.release(each)
         arm.world.place(each, home[each])
-    camera = SimulatedCamera(arm.world, BOARD.opencv(), seed=seed)
+    camera = SimulatedCamera(arm.world, BOARD.opencv(), view, seed)
     return arm, camera
 
 
@@ -50,4 +68,23 @@ def tip_errors_m(arm, camera, chain, zeros, T_camera_base, count=200):
         truth = np.linalg.inv(camera.T_base_camera) @ arm.world.tip.pose(positions)
         said = T_camera_base @ chain.forward(q + zeros)
         errors.append(np.linalg.norm(truth[:3, 3] - said[:3, 3]))
+    return np.array(errors)
+
+
+def click_errors_m(arm, camera, opened, count, seed=0):
+    """How far the tip ends from points of the table that were clicked in the picture.
+
+    The points are drawn where the camera sees them and the arm can reach a finger's width above
+    them; it drives there. An arm whose lens is known by its estimate only finds them itself.
+    """
+    chance, errors = np.random.default_rng(seed), []
+    while len(errors) < count:
+        point = np.append(chance.uniform([0.08, -0.2], [0.38, 0.2]), table_m(opened.model) + 0.03)
+        u, v = camera.pixel(point)
+        try:
+            opened.move_to(opened.camera.point_on_table(u, v, height_m=0.03))
+        except IkservoError:
+            continue  # beside the picture, or out of reach
+        positions = [joint.position for joint in arm.world.joints]
+        errors.append(np.linalg.norm(arm.world.tip.position_m(positions) - point))
     return np.array(errors)
