@@ -11,14 +11,13 @@ from typing import Annotated
 import typer
 
 from ikservo.arm.opening import require_own_port
-from ikservo.cli.camera import BoardOption
+from ikservo.cli.camera import BoardOption, open_camera
 from ikservo.cli.dialogue import Operator
 from ikservo.cli.options import MotionOptions, NamedServoConnection
 from ikservo.cli.session import open_from_options, second_interrupt_lowers
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.errors import IkservoError
 from ikservo.eyes.board import DEFAULT_BOARD, Board, require_opencv
-from ikservo.eyes.sources import open_source
 from ikservo.hardware.remembered_port import is_simulated
 from ikservo.maintenance.camera_calibration import (
     CameraCalibration,
@@ -67,7 +66,7 @@ def calibrate_by_camera(
         raise IkservoError("Nothing moved.")
     with open_from_options(connection, MotionOptions()) as machine:
         arm = require_own_port(machine)
-        camera = open_source(source, arm.context.port.transport, board)
+        camera = open_camera(source, arm, board)
         with second_interrupt_lowers(arm):
             result = CameraCalibration(arm, camera, board, options.pictures, print_status).run()
         print_lines(_describe(result), indent=2)

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from ikservo.arm.arm import Arm
     from ikservo.eyes.pictures import PictureSource
 
-__all__ = ["BoardOption", "command"]
+__all__ = ["BoardOption", "command", "open_camera"]
 
 ACTIONS = ("board", "check")
 Action = Annotated[
@@ -129,16 +129,29 @@ def _check(
     from ikservo.arm.opening import require_own_port  # noqa: PLC0415  # loads the kernels
     from ikservo.cli.options import ArmConnection  # noqa: PLC0415
     from ikservo.cli.session import open_from_options  # noqa: PLC0415
-    from ikservo.eyes.sources import open_source  # noqa: PLC0415
 
     arm = arm or os.environ.get("IKSERVO_ARM")
     with open_from_options(ArmConnection(arm=arm, port=port)) as machine:
         opened = require_own_port(machine)
-        camera = open_source(source, opened.context.port.transport, board)
+        camera = open_camera(source, opened, board)
         if remember:
             _remember(opened, camera, board, json=json)
         else:
             _compare(opened, camera, within_m, json=json)
+
+
+def open_camera(source: str, arm: Arm, board: Board) -> PictureSource:
+    """Open a camera before an arm, and print its hint.
+
+    Raises:
+        InputError: OpenCV is not installed, or there is no such camera.
+    """
+    from ikservo.eyes.sources import open_source  # noqa: PLC0415
+
+    camera = open_source(source, arm.context.port.transport, board)
+    if camera.hint:
+        print_status(camera.hint)
+    return camera
 
 
 def _remember(arm: Arm, camera: PictureSource, board: Board, *, json: bool) -> None:

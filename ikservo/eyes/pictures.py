@@ -32,7 +32,13 @@ _STALE_PICTURES = 5  # that a driver may hold in its queue
 
 
 class PictureSource(Protocol):
-    """Takes pictures."""
+    """Takes pictures.
+
+    Attributes:
+        hint: What somebody who looks at them should know; empty for nothing.
+    """
+
+    hint: str
 
     def take(self) -> Picture:
         """Take a picture of what is before the camera now.
@@ -52,6 +58,7 @@ class LiveCamera:
 
     def __init__(self, source: str) -> None:
         require_opencv()
+        self.hint = ""
         self._source, self._capture = source, open_capture(source)
         if not self._capture.isOpened():
             raise InputError(f"There is no camera {source}.", "Is it plugged in, and not in use?")

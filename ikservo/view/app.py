@@ -217,9 +217,9 @@ class ViewApp:
         return open_source(self._camera, transport, Board.named(DEFAULT_BOARD))
 
     def _collect_warnings(self) -> list[str]:
-        if self._is_local:
-            return []
-        return [_TLS_TEXT if self._uses_tls else _INSECURE_TEXT]
+        hint = "" if self._simulated is None else self._simulated.hint
+        network = _TLS_TEXT if self._uses_tls else _INSECURE_TEXT
+        return [text for text in (hint, "" if self._is_local else network) if text]
 
 
 _TLS_TEXT = (

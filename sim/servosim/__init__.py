@@ -25,7 +25,11 @@ def open_camera(port: object, board: CharucoBoard) -> SimulatedCamera | None:
     """Return a camera before the arm at a simulated port; None for other ports."""
     from servosim.camera import SimulatedCamera  # noqa: PLC0415 - needs OpenCV
 
-    return SimulatedCamera(port.line.world, board) if isinstance(port, SimulatedPort) else None
+    if not isinstance(port, SimulatedPort):
+        return None
+    camera = SimulatedCamera(port.line.world, board)
+    camera.set_stage()
+    return camera
 
 
 def serve(argv: list[str]) -> int:

@@ -18,6 +18,7 @@ from servosim.register import ServoTable, SimulatedFamily
 from servosim.servo import HornMounting, Servo
 from servosim.servo_models import baud_code, make_servo, table_for
 from servosim.specimen import Specimen
+from servosim.surroundings import Cube, Surroundings
 from servosim.world import ExternalDynamics, PowerSupply, World
 
 __all__ = ["BenchServo", "make_arm_world", "make_bench_world"]
@@ -50,6 +51,8 @@ def make_arm_world(
     physics: bool = False,
     backlash_deg: float | None = None,
     specimen: Specimen | None = None,
+    cubes: tuple[Cube, ...] = (),
+    has_board: bool = True,
 ) -> World:
     """Make an arm at a pose, torque off, its servos as delivered.
 
@@ -60,17 +63,21 @@ def make_arm_world(
         physics: True for bodies and contacts from MuJoCo, with the masses of the URDF.
         backlash_deg: Backlash of every servo's gears; None for that of the arm.
         specimen: Masses, payload and motors that differ from those of the files.
+        cubes: Cubes on the table, with ``physics`` only.
+        has_board: Whether a simulated camera sees a board on the tip.
 
     Raises:
         ArmFileError: No such pose, or a URDF without the joints or the tip.
         SimulatorError: MuJoCo is not installed, a play that no gears have, other masses with
-            MuJoCo, or a payload without a tip.
+            MuJoCo, cubes without it, or a payload without a tip.
         UnknownModelError: A servo model without a table.
     """
     if pose not in arm.poses:
         raise ArmFileError(arm.path, f"poses.{pose}", f"no such pose; has: {', '.join(arm.poses)}")
     if backlash_deg is not None and not 0.0 <= backlash_deg <= MAX_PLAY_DEG:
         raise SimulatorError(f"gears have a play of 0 to {MAX_PLAY_DEG:g}°, not {backlash_deg}°")
+    if cubes and not physics:
+        raise SimulatorError("cubes are bodies of MuJoCo; add physics=1")
     specimen = specimen or Specimen()
     if physics and specimen.changes_masses:
         raise SimulatorError("bodies of MuJoCo have the masses of the URDF and no payload")
@@ -89,11 +96,14 @@ def make_arm_world(
     ]
     tip = body.tip(arm.tip) if arm.tip else None
     rails = None if member is None else _weak_rails(joints, member.drawn("supply"))
+    around = Surroundings(arm, cubes, has_board)
     if physics:
-        return World(joints, _make_mujoco_body(arm, joints), rails, tip=tip)
+        mover = _make_mujoco_body(arm, joints, cubes)
+        return World(joints, mover, rails, tip=tip, surroundings=around)
     others = [positions for name, positions in arm.poses.items() if name != "rest"]
     postures = [[positions.get(name, 0.0) for name in names] for positions in others]
-    return World(joints, body, rails, body.contacts(arm.floor_m, postures), tip)
+    contacts = body.contacts(arm.floor_m, postures)
+    return World(joints, body, rails, contacts, tip, surroundings=around)
 
 
 def _weak_rails(joints: Iterable[SimulatedJoint], share: float) -> dict[float, PowerSupply]:
@@ -101,7 +111,9 @@ def _weak_rails(joints: Iterable[SimulatedJoint], share: float) -> dict[float, P
     return {volt: PowerSupply(share * volt) for volt in volts}
 
 
-def _make_mujoco_body(arm: SimulatedArmFile, joints: list[SimulatedJoint]) -> ExternalDynamics:
+def _make_mujoco_body(
+    arm: SimulatedArmFile, joints: list[SimulatedJoint], cubes: tuple[Cube, ...]
+) -> ExternalDynamics:
     try:
         from servosim.mujoco_body import MujocoBody  # noqa: PLC0415 - an extra, and slow to import
     except ImportError as error:
@@ -109,7 +121,8 @@ def _make_mujoco_body(arm: SimulatedArmFile, joints: list[SimulatedJoint]) -> Ex
         raise SimulatorError(hint) from error
     motors = [[servo.motor.parameters for servo in joint.servos] for joint in joints]
     margins = [_stop_margin(joint.is_prismatic) for joint in joints]
-    return MujocoBody(arm.urdf, [joint.name for joint in joints], motors, arm.floor_m, margins)
+    names = [joint.name for joint in joints]
+    return MujocoBody(arm.urdf, names, motors, arm.floor_m, margins, cubes)
 
 
 def _stop_margin(slides: bool) -> float:

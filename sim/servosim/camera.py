@@ -1,4 +1,4 @@
-"""A camera before a simulated arm: pictures of a board on its tip, drawn with OpenCV."""
+"""A camera before a simulated arm: the board on its tip is drawn exactly, the rest by MuJoCo."""
 
 from __future__ import annotations
 
@@ -16,9 +16,13 @@ from servosim.world import World
 if TYPE_CHECKING:
     from cv2.aruco import CharucoBoard
 
+    from servosim.stage import Stage
+
 __all__ = ["SimulatedCamera", "SimulatedView"]
 
 PIXELS_PER_SQUARE = 40  # of the board's picture
+MARGIN_PX, MARGIN_SHARE = 4.0, 0.1  # around where its outline is seen
+IN_FRONT_M = 0.002  # what hides the board is so much nearer at least
 BACKGROUND = 150.0  # grey of what is behind it
 
 
@@ -48,7 +52,7 @@ class SimulatedView:
     """
 
     from_tip_m: tuple[float, float, float] = (0.36, 0.14, 0.2)
-    aside_m: float = 0.03
+    aside_m: float = 0.06
     tilt_rad: float = 0.3
     focal_px: float = 900.0
     off_centre_px: tuple[float, float] = (0.0, 0.0)
@@ -67,11 +71,16 @@ class SimulatedView:
 class SimulatedCamera:
     """Takes pictures of a board on the tip of a simulated arm, whose links give way.
 
+    Without a stage there is nothing else before a grey wall, and pictures are grey.
+
     Args:
         world: The arm.
-        board: The board.
+        board: The board; nobody sees it if the arm's surroundings have none.
         view: Where camera and board are; the board faces the camera as the arm was placed.
         seed: Of the noise.
+
+    Attributes:
+        hint: Why the pictures show no more than the board; empty if they do.
 
     Raises:
         SimulatorError: There is no arm.
@@ -98,6 +107,34 @@ class SimulatedCamera:
         size = (columns * PIXELS_PER_SQUARE, rows * PIXELS_PER_SQUARE)
         self._board = board.generateImage(size).astype(np.float32)
         self._rays = self._pixel_rays()
+        around = world.surroundings
+        self._has_board = around is None or around.has_board
+        self._stage: Stage | None = None
+        self._on_stage: NDArray[np.float32] | None = None
+        self.hint = ""
+
+    def set_stage(self) -> None:
+        """Draw the arm, its table and cubes, too, where MuJoCo can; ``hint`` says why it cannot."""
+        around = self._world.surroundings
+        if around is None:
+            return
+        try:
+            from servosim.stage import MountedBoard, Stage, StageCamera  # noqa: PLC0415 - an extra
+        except ImportError:
+            self.hint = "The picture shows the board only. For all: pip install 'ikservo[physics]'"
+            return
+        flat = self._rays[..., :2] / self._rays[..., 2:]
+        focal_px = self._view.focal_px
+        half_px = np.ceil(focal_px * np.abs(flat).max(axis=(0, 1))) + 1.0
+        width, height = (2 * half_px).astype(int).tolist()
+        camera = StageCamera(self.T_base_camera, focal_px, (width, height))
+        tip_m = np.linalg.inv(self.T_tip_board)[:3, 3].astype(np.float64)
+        board = MountedBoard(self._half_m, tip_m) if self._has_board else None
+        try:
+            self._stage = Stage(around, camera, board)
+        except SimulatorError as error:
+            self.hint = f"The picture shows the board only: {error}."
+        self._on_stage = (focal_px * flat + half_px - 0.5).astype(np.float32)
 
     def T_camera_board(self) -> Matrix:  # noqa: N802 - the name is the mathematics
         """Return where the board is at present."""
@@ -105,35 +142,78 @@ class SimulatedCamera:
 
     def pixel(self, point_m: Matrix) -> Matrix:
         """Return the pixel (2,) of a point (3,), metres, base frame."""
-        import cv2  # noqa: PLC0415 - an extra
-
-        ahead = np.linalg.inv(self.T_base_camera) @ np.append(point_m, 1.0)
-        lens, distortion = self._view.lens()
-        project = cast("Any", cv2).projectPoints  # missing in its stubs
-        return np.ravel(project(ahead[None, :3], np.zeros(3), np.zeros(3), lens, distortion)[0])
+        there = np.linalg.inv(self.T_base_camera).astype(np.float64)
+        return _projected((there[:3, :3] @ point_m + there[:3, 3])[None], self._view)[0]
 
     def _tip_pose(self) -> Matrix:
         return self._tip.pose([joint.position for joint in self._world.joints])
 
     def take(self) -> NDArray[np.uint8]:
-        """Take a picture (h, w): each pixel's ray meets the board's plane."""
+        """Take a picture (h, w), or (h, w, 3) with a stage, blue first."""
         import cv2  # noqa: PLC0415 - an extra
 
-        T, view = self.T_camera_board(), self._view
-        along = self._rays @ T[:3, 2]
+        picture, ahead_m = self._background()
+        if self._has_board:
+            self._draw_board(picture, ahead_m)
+        small = cv2.resize(picture, self._view.size, interpolation=cv2.INTER_AREA)
+        noisy = small + self._chance.normal(0.0, self._view.noise, small.shape)
+        return np.clip(noisy, 0.0, 255.0).astype(np.uint8)
+
+    def _background(self) -> tuple[NDArray[np.float32], NDArray[np.float32]]:
+        """Return what is seen without the board, four times as fine, and how far ahead it is."""
+        import cv2  # noqa: PLC0415 - an extra
+
+        if self._stage is None or self._on_stage is None:
+            shape = self._rays.shape[:2]
+            return np.full(shape, BACKGROUND, np.float32), np.full(shape, np.inf, np.float32)
+        joints, tip = self._world.joints, self._tip
+        links = tip.link_positions([joint.position for joint in joints])
+        positions = dict(zip((joint.name for joint in joints), links, strict=True))
+        poses = [*self._world.cube_poses()]
+        if self._has_board:
+            poses.append(self._tip_pose() @ self.T_tip_board)
+        colours, ahead_m = self._stage.draw(positions, poses)
+        u, v = self._on_stage[..., 0], self._on_stage[..., 1]
+        picture = cv2.remap(colours.astype(np.float32), u, v, cv2.INTER_LINEAR)
+        far = cv2.remap(ahead_m.astype(np.float32), u, v, cv2.INTER_NEAREST)
+        return picture, far
+
+    def _draw_board(self, picture: NDArray[np.float32], ahead_m: NDArray[np.float32]) -> None:
+        """Draw the board where nothing is before it: each ray meets its plane."""
+        import cv2  # noqa: PLC0415 - an extra
+
+        T = self.T_camera_board()
+        if T[:3, 3] @ T[:3, 2] <= 0.0:
+            return  # seen from its back
+        part = self._part_with_board(T)
+        rays = self._rays[part]
+        along = rays @ T[:3, 2]
         depth = np.divide(
             T[:3, 3] @ T[:3, 2], along, out=np.full(along.shape, -1.0), where=abs(along) > 1e-6
         )
-        on_board = (self._rays * depth[..., None] - T[:3, 3]) @ T[:3, :2]
+        on_board = (rays * depth[..., None] - T[:3, 3]) @ T[:3, :2]
+        seen = (np.abs(on_board) < self._half_m).all(axis=2)
+        seen &= (depth > 0.0) & (depth < ahead_m[part] + IN_FRONT_M)
+        if not seen.any():
+            return
         at = ((on_board + self._half_m) * self._per_m - 0.5).astype(np.float32)
-        at[(depth <= 0.0) | (T[:3, 3] @ T[:3, 2] <= 0.0)] = -1e6  # behind it, or from its back
-        picture = cv2.remap(
-            self._board, at[..., 0], at[..., 1], cv2.INTER_LINEAR,
-            borderMode=cv2.BORDER_CONSTANT, borderValue=BACKGROUND,
-        )  # fmt: skip
-        small = cv2.resize(picture, view.size, interpolation=cv2.INTER_AREA)
-        noisy = small + self._chance.normal(0.0, view.noise, small.shape)
-        return np.clip(noisy, 0.0, 255.0).astype(np.uint8)
+        drawn = cv2.remap(
+            self._board, at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
+        )
+        picture[part][seen] = drawn[seen] if picture.ndim == 2 else drawn[seen][:, None]
+
+    def _part_with_board(self, T: Matrix) -> tuple[slice, slice]:
+        """Return rows and columns of the rays among which are all that meet the board."""
+        x, y = self._half_m
+        outline = np.array([[a, b, 0.0] for a in (-x, 0.0, x) for b in (-y, 0.0, y)])
+        points = outline @ T[:3, :3].T + T[:3, 3]
+        if points[:, 2].min() <= 0.0:
+            return slice(None), slice(None)
+        seen = _projected(points, self._view)
+        margin = MARGIN_PX + MARGIN_SHARE * np.ptp(seen, axis=0)  # a lens bends straight edges
+        low = np.maximum(2.0 * (seen.min(axis=0) - margin), 0.0).astype(int).tolist()
+        high = np.maximum(2.0 * (seen.max(axis=0) + margin), 0.0).astype(int).tolist()
+        return slice(low[1], high[1]), slice(low[0], high[0])
 
     def _pixel_rays(self) -> Matrix:
         """Return the direction (2h, 2w, 3) of what each quarter of a pixel sees."""
@@ -146,3 +226,12 @@ class SimulatedCamera:
         flat = cv2.undistortPoints(pixels[:, None], *view.lens())
         ahead = np.concatenate([flat[:, 0], np.ones((len(flat), 1))], axis=1)
         return ahead.reshape(2 * height, 2 * width, 3)
+
+
+def _projected(points_m: Matrix, view: SimulatedView) -> Matrix:
+    """Return the pixels (n, 2) of points (n, 3) ahead of a camera, in its frame."""
+    import cv2  # noqa: PLC0415 - an extra
+
+    project = cast("Any", cv2).projectPoints  # missing in its stubs
+    seen: Matrix = project(points_m, np.zeros(3), np.zeros(3), *view.lens())[0]
+    return seen.reshape(-1, 2)

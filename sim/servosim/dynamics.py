@@ -49,7 +49,7 @@ class Tip:
         limits: Sequence[tuple[float, float]],
         link_positions: Callable[[Sequence[float]], Sequence[float]],
     ) -> None:
-        self._link_positions = link_positions
+        self.link_positions = link_positions
         self._joints, self._driven, self._tree = joints, driven, tree
         self._parent, self._frame, self._offset_m = parent, T_joint_link, T_joint_link[:3, 3]
         self._lower, self._upper = np.array(limits).T
@@ -61,11 +61,11 @@ class Tip:
 
     def position_m(self, positions: Sequence[float]) -> Matrix:
         """Return where the tip is (3,), base frame."""
-        return self._origin_m(self._tree.frames(self._link_positions(positions)))
+        return self._origin_m(self._tree.frames(self.link_positions(positions)))
 
     def pose(self, positions: Sequence[float]) -> Matrix:
         """Return the link's frame (4, 4) in the base frame."""
-        frames = self._tree.frames(self._link_positions(positions))
+        frames = self._tree.frames(self.link_positions(positions))
         T = np.eye(4)
         T[:3] = (np.eye(4) if self._parent < 0 else frames[self._parent])[:3]
         return T @ self._frame
@@ -99,7 +99,7 @@ class Tip:
         Wampler 1986; a joint at a limit is left out of the steps that would push it further.
         """
         for _ in range(ITERATIONS):
-            frames = self._tree.frames(self._link_positions(q.tolist()))
+            frames = self._tree.frames(self.link_positions(q.tolist()))
             gap_m = goal_m - self._origin_m(frames)
             if float(np.linalg.norm(gap_m)) < NEAR_M:
                 break

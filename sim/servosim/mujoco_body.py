@@ -13,10 +13,15 @@ from servosim.errors import ArmFileError
 from servosim.joint import Hand
 from servosim.motor import OUTPUT_INERTIA_KG_M2
 from servosim.parameters import MotorParameters
+from servosim.surroundings import COLOURS, CUBE_HALF_M, Cube
 
 Array = NDArray[np.float64]
 
 PLAY_SOLREF = (0.002, 1.0)  # a flank stops what meets it in two steps, without a rebound
+CUBE_KG = 0.03  # of beech
+CUBE_FRICTION = (1.0, 0.01, 0.0005)  # of wood on printed jaws: sliding, about the normal, rolling
+FORCE_RATIO = 20.0  # with less, what is gripped creeps out of the jaws
+AT_REST_M_S = 0.002
 FRICTION_HOLDS = 0.9999  # MuJoCo's own 0.95 lets a joint without torque creep by degrees a second
 
 
@@ -34,6 +39,7 @@ class MujocoBody:
         motors: The motors on each joint, for their friction and inertia.
         floor_m: Height of the floor in the base frame; None for no floor.
         stop_margins: How far past its limits the stops of each joint are [rad or m].
+        cubes: Cubes on the floor, which the arm can push and grip.
 
     Raises:
         ArmFileError: MuJoCo cannot use the file, or a joint is missing.
@@ -46,9 +52,10 @@ class MujocoBody:
         motors: Sequence[Sequence[MotorParameters]],
         floor_m: float | None = 0.0,
         stop_margins: Sequence[float] = (),
+        cubes: Sequence[Cube] = (),
     ) -> None:
         self.names = tuple(joint_names)
-        self._model = _compile_model(Path(urdf_path), self.names, floor_m)
+        self._model = _compile_model(Path(urdf_path), self.names, floor_m, cubes)
         self._data, self._scratch = mujoco.MjData(self._model), mujoco.MjData(self._model)
         try:
             ids = [self._model.joint(name).id for name in self.names]
@@ -64,6 +71,9 @@ class MujocoBody:
         rotors = [self._model.joint(_rotor(name)).id for name in self.names]
         self._rotor_qpos = np.array([self._model.jnt_qposadr[k] for k in rotors], dtype=int)
         self._rotor_dof = np.array([self._model.jnt_dofadr[k] for k in rotors], dtype=int)
+        self._cubes = [self._model.body(cube.name).id for cube in cubes]
+        speeds = [self._model.body_dofadr[k] + i for k in self._cubes for i in range(3)]
+        self._cube_speeds = np.array(speeds, dtype=int)
         self._plays = np.array([self._model.tendon(_rotor(n)).id for n in self.names], dtype=int)
         solimp[self._rotor_dof, :2] = FRICTION_HOLDS
 
@@ -139,6 +149,20 @@ class MujocoBody:
         return list(zip(*(of.tolist() for of in states), strict=True))
 
     @property
+    def is_at_rest(self) -> bool:
+        """Whether nothing moves but, perhaps, the arm."""
+        return not bool((np.abs(self._data.qvel[self._cube_speeds]) > AT_REST_M_S).any())
+
+    def cube_poses(self) -> list[Array]:
+        """Return where the cubes are (4, 4), base frame, the origin in their middles."""
+        poses: list[Array] = []
+        for k in self._cubes:
+            T = np.eye(4)
+            T[:3, :3], T[:3, 3] = self._data.xmat[k].reshape(3, 3), self._data.xpos[k]
+            poses.append(T)
+        return poses
+
+    @property
     def contacts(self) -> int:
         """How many contacts there are at present."""
         return int(self._data.ncon)
@@ -148,7 +172,9 @@ def _rotor(name: str) -> str:
     return f"{name} rotor"
 
 
-def _compile_model(path: Path, names: Sequence[str], floor_m: float | None) -> mujoco.MjModel:
+def _compile_model(
+    path: Path, names: Sequence[str], floor_m: float | None, cubes: Sequence[Cube]
+) -> mujoco.MjModel:
     try:
         spec = mujoco.MjSpec.from_file(str(path))
         spec.compiler.discardvisual = True
@@ -160,9 +186,26 @@ def _compile_model(path: Path, names: Sequence[str], floor_m: float | None) -> m
         _exclude_contacts(spec, spec.worldbody)
         for name in names:
             _add_rotor(spec, name)
+        for cube in cubes:
+            _add_cube(spec, cube, floor_m or 0.0)
         return spec.compile()
     except (ValueError, OSError) as error:
         raise ArmFileError(path, "", f"MuJoCo cannot use it ({error})") from error
+
+
+def _add_cube(spec: mujoco.MjSpec, cube: Cube, floor_m: float) -> None:
+    """Add a cube on the floor; what is gripped by friction needs a better solution of contacts."""
+    spec.option.cone, spec.option.impratio = mujoco.mjtCone.mjCONE_ELLIPTIC, FORCE_RATIO
+    body = spec.worldbody.add_body(name=cube.name, pos=(cube.x_m, cube.y_m, floor_m + CUBE_HALF_M))
+    body.add_freejoint(name=cube.name)
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=(CUBE_HALF_M,) * 3,
+        mass=CUBE_KG,
+        friction=CUBE_FRICTION,
+        condim=4,
+        rgba=(*COLOURS[cube.colour], 1.0),
+    )
 
 
 def _exclude_contacts(spec: mujoco.MjSpec, parent: mujoco.MjsBody) -> None:

@@ -14,6 +14,7 @@ from servosim.faults import read_faults
 from servosim.hands import add_hands
 from servosim.line import Line, LineOptions
 from servosim.specimen import Specimen, read_specimen
+from servosim.surroundings import parse_cubes
 
 __all__ = ["SimulatedPort", "open_port"]
 
@@ -27,7 +28,9 @@ def open_port(url: str) -> SimulatedPort:
     ``faults`` (a file), ``hand`` (sweep or calibrate), and ``physics``, ``backlash_deg``,
     ``goal_keeps_torque``, ``echo``, ``noise``, ``wire_time``, ``usb_frame_ms``, ``latency_ms`` as
     numbers; ``paced=1`` limits virtual time to real time. ``mass_scale`` and ``payload_g`` change
-    the masses, ``parameters`` is a file with those of one arm.
+    the masses, ``parameters`` is a file with those of one arm. With ``physics=1`` cubes may stand
+    on the table, ``cubes=red@0.24,-0.06;blue@0.2,0.08``; a simulated camera sees them, and a board
+    on the tip unless ``board=0``.
 
     Raises:
         ArmFileError: The arm file cannot be used.
@@ -48,6 +51,8 @@ def open_port(url: str) -> SimulatedPort:
         physics=bool(query.number("physics", 0)),
         backlash_deg=query.optional("backlash_deg"),
         specimen=query.specimen(),
+        cubes=parse_cubes(query.text("cubes", "")),
+        has_board=bool(query.number("board", 1)),
     )
     if query.number("goal_keeps_torque", 0):
         world.keep_torque_with_goals()

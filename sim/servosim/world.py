@@ -18,6 +18,8 @@ from servosim.errors import SimulatorError
 from servosim.joint import HAND_SPEED, STEP_S, Hand, SimulatedJoint, glide, hold
 from servosim.motor import Motor
 from servosim.servo import Servo
+from servosim.surroundings import Surroundings
+from servosim.urdf import Matrix
 
 __all__ = ["ExternalDynamics", "World"]
 
@@ -61,6 +63,15 @@ class ExternalDynamics(Protocol):
     names: tuple[str, ...]
     limits: tuple[tuple[float, float], ...]
 
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether nothing moves but, perhaps, the joints."""
+        ...
+
+    def cube_poses(self) -> list[Matrix]:
+        """Return where the cubes are (4, 4), base frame."""
+        ...
+
     def place(self, positions: Sequence[float]) -> None:
         """Set the body's positions, at rest."""
         ...
@@ -88,7 +99,8 @@ class World:
     ``contacts`` act on joints without torque: a servo that holds does not feel them, and while a
     hand moves the arm it is kept clear of its surroundings.
 
-    ``limits`` are the body's, by joint; ``tip`` is the arm's, None for servos without an arm.
+    ``limits`` are the body's, by joint; ``tip`` is the arm's, None for servos without an arm, and
+    so are the ``surroundings``.
 
     Nothing happens between two steps; ``advance_to`` makes as many as needed. A world in which
     nothing moves and nothing changes is idle: only temperature and protections are updated.
@@ -101,6 +113,7 @@ class World:
         rails: Mapping[float, PowerSupply] | None = None,
         contacts: Contacts | None = None,
         tip: Tip | None = None,
+        surroundings: Surroundings | None = None,
     ) -> None:
         self.joints = tuple(joints)
         self.servos = tuple(servo for joint in joints for servo in joint.servos)
@@ -117,7 +130,7 @@ class World:
             for volts in self.rails
         }
         self._contacts = contacts
-        self.tip = tip
+        self.tip, self.surroundings = tip, surroundings
         self.hands: dict[str, Hand] = {}
         self.steps = 0
         self._still = self._unheated = 0
@@ -200,6 +213,10 @@ class World:
         known = ", ".join(joint.name for joint in self.joints)
         raise SimulatorError(f"no joint is named {name!r}; known: {known}")
 
+    def cube_poses(self) -> list[Matrix]:
+        """Return where the cubes of the surroundings are (4, 4), base frame, in their order."""
+        return [] if self._mover is None else self._mover.cube_poses()
+
     def grasp(self, name: str, hand: Hand) -> None:
         """Let a hand grasp a joint."""
         self.hands[self.joint(name).name] = hand
@@ -253,6 +270,8 @@ class World:
         if self._mover is None:
             # A rotor that crosses the play turns while the output is still.
             busy = busy or any(motor.rotor_rad_s for motor in self._motors)
+        else:
+            busy = busy or not self._mover.is_at_rest
         self._still = 0 if busy else self._still + 1
 
     def _has_moved(self, positions: list[float]) -> bool:

@@ -18,7 +18,8 @@ CALIB_FIX_K3: int
 SOLVEPNP_IPPE: int
 INTER_LINEAR: int
 INTER_AREA: int
-BORDER_CONSTANT: int
+INTER_NEAREST: int
+BORDER_REPLICATE: int
 
 class error(Exception): ...
 
@@ -65,8 +66,7 @@ def remap(
     y: NDArray[np.float32],
     interpolation: int,
     *,
-    borderMode: int,
-    borderValue: float,
+    borderMode: int = ...,
 ) -> NDArray[np.float32]: ...
 def resize(
     image: NDArray[np.float32], size: tuple[int, int], *, interpolation: int

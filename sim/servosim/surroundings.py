@@ -1,0 +1,81 @@
+"""What is around a simulated arm besides its table: cubes to grip, and the board of a camera."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from servosim.arm_file import SimulatedArmFile
+from servosim.errors import SimulatorError
+
+__all__ = ["COLOURS", "CUBE_HALF_M", "Cube", "Surroundings", "parse_cubes"]
+
+COLOURS = MappingProxyType(
+    {
+        "red": (0.80, 0.10, 0.08),
+        "green": (0.10, 0.55, 0.15),
+        "blue": (0.08, 0.20, 0.75),
+        "yellow": (0.90, 0.75, 0.05),
+    }
+)
+CUBE_HALF_M = 0.0175
+_MAX_AWAY_M = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class Cube:
+    """A wooden cube that stands on the table at first.
+
+    Attributes:
+        colour: Of ``COLOURS``; no other cube has it.
+        x_m: Its middle, base frame.
+        y_m: The same, to the left.
+    """
+
+    colour: str
+    x_m: float
+    y_m: float
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+        return f"{self.colour} cube"
+
+
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What is around an arm.
+
+    Attributes:
+        arm: The arm's file.
+        cubes: Cubes on the table.
+        has_board: Whether the board of a camera is on its tip.
+    """
+
+    arm: SimulatedArmFile
+    cubes: tuple[Cube, ...] = ()
+    has_board: bool = True
+
+
+def parse_cubes(text: str) -> tuple[Cube, ...]:
+    """Parse ``red@0.24,-0.06;blue@0.2,0.08``: colours, and places on the table in metres.
+
+    Raises:
+        SimulatorError: It is nothing like that, or a colour or a place that cannot be used.
+    """
+    cubes: list[Cube] = []
+    for part in filter(None, text.split(";")):
+        colour, _, place = part.partition("@")
+        try:
+            x_m, y_m = (float(number) for number in place.split(","))
+        except ValueError as error:
+            raise SimulatorError(f"{part!r} is no cube; try red@0.24,-0.06") from error
+        if colour not in COLOURS:
+            raise SimulatorError(f"no cube is {colour!r}; known: {', '.join(COLOURS)}")
+        if any(colour == other.colour for other in cubes):
+            raise SimulatorError(f"there is one {colour} cube only")
+        if not math.hypot(x_m, y_m) < _MAX_AWAY_M:  # also refuses NaN
+            raise SimulatorError(f"the {colour} cube is within {_MAX_AWAY_M:g} m of the base")
+        cubes.append(Cube(colour, x_m, y_m))
+    return tuple(cubes)

@@ -1,0 +1,142 @@
+"""Pictures of a simulated camera: the arm, its table, a board and cubes, drawn by MuJoCo."""
+
+import sys
+
+import numpy as np
+import pytest
+
+cv2 = pytest.importorskip("cv2")
+
+import servosim  # noqa: E402
+from ikservo.eyes.board import DEFAULT_BOARD, Board  # noqa: E402
+from ikservo.eyes.pictures import find_board  # noqa: E402
+from servosim.camera import SimulatedCamera, SimulatedView  # noqa: E402
+from servosim.errors import SimulatorError  # noqa: E402
+from tests.oracle import CONFIGS  # noqa: E402
+
+BOARD = Board.named(DEFAULT_BOARD)
+CUBES = "physics=1&cubes=red@0.24,-0.06;blue@0.2,0.09"
+
+
+def open_port(options="", name="so101"):
+    return servosim.open_port(f"sim:{CONFIGS}/{name}/arm.toml?pose=home&{options}")
+
+
+def open_camera(port):
+    camera = servosim.open_camera(port, BOARD.opencv())
+    if camera.hint:
+        pytest.skip(camera.hint)
+    return camera
+
+
+def seen_at(picture, channel):
+    """The middle of what has this colour (0 blue, 1 green, 2 red)."""
+    others = np.delete(picture, channel, axis=2).max(axis=2).astype(int)
+    v, u = np.nonzero(picture[..., channel] > 2 * others + 30)
+    return np.array([u.mean(), v.mean()])
+
+
+def outline(camera, T):
+    """The middle of a cube's outline, as the camera's lens has it."""
+    half = 0.0175 * np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
+    corners = np.array([camera.pixel(T[:3, :3] @ each + T[:3, 3]) for each in half])
+    hull = cv2.convexHull(corners.astype(np.float32))
+    moments = cv2.moments(hull)
+    return np.array([moments["m10"], moments["m01"]]) / moments["m00"]
+
+
+@pytest.mark.full
+def test_cubes_and_board_are_seen_where_they_are():
+    port = open_port(CUBES)
+    camera = open_camera(port)
+    picture = camera.take()
+    for T, channel in zip(port.line.world.cube_poses(), (2, 0), strict=True):
+        np.testing.assert_allclose(seen_at(picture, channel), outline(camera, T), atol=1.5)
+    view = find_board(BOARD, picture)
+    assert len(view.ids) == 24
+    T = camera.T_base_camera @ camera.T_camera_board()
+    for corner, pixel in zip(BOARD.corners_m()[view.ids], view.pixels, strict=True):
+        expected = camera.pixel(T[:3, :3] @ corner + T[:3, 3])
+        np.testing.assert_allclose(pixel, expected, atol=0.4)
+
+
+@pytest.mark.full
+def test_what_is_before_the_board_hides_it():
+    world = open_port().line.world
+    camera = SimulatedCamera(world, BOARD.opencv(), SimulatedView(aside_m=0.03))
+    assert len(find_board(BOARD, camera.take()).ids) > 20
+    camera.set_stage()
+    if camera.hint:
+        pytest.skip(camera.hint)
+    assert 8 <= len(find_board(BOARD, camera.take()).ids) < 20  # the moving jaw is before it
+
+
+@pytest.mark.full
+def test_the_picture_follows_the_arm():
+    port = open_port("board=0")
+    camera = open_camera(port)
+    before = camera.take().astype(int)
+    port.line.world.place("shoulder_pan", 0.5)
+    moved = np.abs(camera.take() - before).max(axis=2) > 60
+    assert moved[:500].mean() > 0.02  # the arm
+    assert moved[:, :200].mean() < 0.001  # the table far beside it
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("name", sorted(path.name for path in CONFIGS.iterdir() if path.is_dir()))
+def test_every_arm_is_drawn(name):
+    camera = open_camera(open_port(name=name))
+    assert camera.take().std() > 20.0
+
+
+@pytest.mark.full
+def test_without_mujoco_the_board_is_seen_and_a_hint_says_why(monkeypatch):
+    monkeypatch.setitem(sys.modules, "servosim.stage", None)
+    camera = servosim.open_camera(open_port(), BOARD.opencv())
+    assert "ikservo[physics]" in camera.hint
+    picture = camera.take()
+    assert picture.ndim == 2
+    assert len(find_board(BOARD, picture).ids) == 24
+
+
+@pytest.mark.full
+def test_where_mujoco_cannot_draw_the_board_is_seen(monkeypatch):
+    stage = pytest.importorskip("servosim.stage")
+
+    def fail(*_):
+        raise SimulatorError("MuJoCo cannot draw here (no library)")
+
+    monkeypatch.setattr(stage, "_open_context", fail)
+    camera = servosim.open_camera(open_port(), BOARD.opencv())
+    assert "cannot draw here (no library)" in camera.hint
+    assert len(find_board(BOARD, camera.take()).ids) == 24
+
+
+def test_a_cube_that_is_pushed_moves_and_another_one_stays():
+    world = open_port("physics=1&cubes=red@0.22,0.07;green@0.1,-0.2").line.world
+    start = world.cube_poses()
+    for end_s, point_m in ((1.0, (0.22, 0.0, 0.03)), (2.5, (0.22, 0.1, 0.03))):
+        world.lead_tip(point_m)
+        world.advance_to(end_s)
+    pushed, untouched = world.cube_poses()
+    assert pushed[1, 3] - start[0][1, 3] > 0.02
+    np.testing.assert_allclose(untouched[:3, 3], start[1][:3, 3], atol=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("options", "why"),
+    [
+        ("cubes=red@0.2,0", "add physics=1"),
+        ("physics=1&cubes=red", "is no cube; try red@"),
+        ("physics=1&cubes=red@0.2", "is no cube"),
+        ("physics=1&cubes=red@0.2,0,1", "is no cube"),
+        ("physics=1&cubes=pink@0.2,0", "no cube is 'pink'; known: red"),
+        ("physics=1&cubes=red@0.2,0;red@0.3,0", "one red cube only"),
+        ("physics=1&cubes=red@nan,0", "within 2 m"),
+        ("physics=1&cubes=red@5,0", "within 2 m"),
+        ("board=off", "board=off is no number"),
+    ],
+)
+def test_cubes_that_cannot_be_are_refused(options, why):
+    with pytest.raises(SimulatorError, match=why):
+        open_port(options)

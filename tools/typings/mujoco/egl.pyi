@@ -1,0 +1,3 @@
+from mujoco import GLContext
+
+__all__ = ["GLContext"]
