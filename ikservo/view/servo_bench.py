@@ -157,6 +157,8 @@ class ServoBench:
     def disconnect(self, client_id: int) -> None:
         """Remove a page."""
         del self._pages[client_id]
+        if not self._pages:
+            self._plot = None  # nobody looks any more
 
     def receive(self, client_id: int, message: BenchMessage) -> None:
         """Queue what a page asks for.
