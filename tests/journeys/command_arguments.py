@@ -69,13 +69,14 @@ _NEEDED = {  # options that a command cannot do without
     "test": ("--parts", "poses", "--cycles", "2", "--html", "{folder}/test.html"),
     "draw": ("--origin", "{x},{y},{z}", "--lift", "0"),  # planar arms stay in their plane
 }
+_OF_ONE_ACTION = {("servo", "--duration")}  # typed in the line of that action
 _WITHOUT_OPTIONS = ("arms",)  # they belong to `arms new`, which has journeys of its own
 _WHOLE = {  # arguments that depend on each other: their names and the command line
     "arms": (("action", "name"), ["list"]),
     "camera": (("action", "file"), ["board {folder}/board.pdf"]),  # check: tests/cli
     "servo": (
         ("action", "words"),
-        ["ping", "table --id {joint}", "plot"],
+        ["ping", "table --id {joint}", "plot --duration 0.3"],
     ),  # tune has tests of its own
     "export": (
         ("kind", "recordings"),
@@ -105,7 +106,8 @@ def lines_of(command):
         lines = list(itertools.product(*(_values(command, name) for name in names)))
     options = list(_NEEDED.get(command, ()))
     if command not in _WITHOUT_OPTIONS:
-        options += [w for p in parameters for w in _typed(p) if p.param_type_name == "option"]
+        own = (p for p in parameters if not {(command, word) for word in p.opts} & _OF_ONE_ACTION)
+        options += [w for p in own for w in _typed(p) if p.param_type_name == "option"]
     return [" ".join((command, *line, *options)) for line in lines]
 
 
