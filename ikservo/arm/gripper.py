@@ -29,6 +29,9 @@ _PRESSED_S = 0.5
 _MIN_LAG_RAD = 0.03  # of the horn, behind the goal
 _SQUEEZE_RAD = 0.10  # how far the goal leads a jaw that presses; the torque limit sets its force
 _MAX_LAG_RAD = 0.12  # at this lead the goal waits for a jaw that moves slowly for lack of force
+# A blocked jaw may slip on by some ticks: its goal must not start out for the end then, as it could
+# not come back before the joint counts as one that does not follow.
+_MOST_AHEAD_RAD = 0.15
 _ARRIVED_RAD = 0.05
 
 
@@ -108,9 +111,11 @@ class GripperMotion:
 
     def _choose_goal(self, at: float, goal: float) -> float:
         """Choose the next goal: no further ahead of a jaw than it can follow."""
-        if not self.blocked and abs(goal - at) <= _MAX_LAG_RAD * self._per_horn:
-            return self._goal
-        return at + math.copysign(_SQUEEZE_RAD * self._per_horn, goal - at)
+        is_free = not self.blocked and abs(goal - at) <= _MAX_LAG_RAD * self._per_horn
+        if not is_free:
+            return at + math.copysign(_SQUEEZE_RAD * self._per_horn, goal - at)
+        most = _MOST_AHEAD_RAD * self._per_horn
+        return at + min(max(self._goal - at, -most), most)
 
     def _update_blocking(self, at: float, goal: float) -> bool:
         """Check whether the jaw has not moved while its goal was well ahead of it."""
