@@ -14,8 +14,10 @@ from ikservo.arm.scene import Scene
 from ikservo.calibration.camera_file import SIMULATED, CameraFile, load_camera
 from ikservo.calibration.records import CalibratedCamera
 from ikservo.errors import CalibrationError, InputError
+from ikservo.eyes.board import DEFAULT_BOARD, Board
 from ikservo.eyes.camera_model import CameraModel
-from ikservo.eyes.pictures import Intrinsics
+from ikservo.eyes.pictures import Intrinsics, Picture, PictureSource
+from ikservo.eyes.sources import open_source
 from ikservo.kinematics.arrays import Vector, finite_vector, freeze_arrays
 from ikservo.kinematics.rays import Ray
 from ikservo.kinematics.se3 import exp_so3, make_pose
@@ -23,7 +25,7 @@ from ikservo.model import Model
 from ikservo.model.model import Obstacle
 
 __all__ = ["ArmCamera", "SeenPoint", "camera_key", "camera_model", "first_seen", "known_camera",
-           "moved_error", "table_m"]  # fmt: skip
+           "moved_error", "size_error", "table_m"]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,6 +59,7 @@ class ArmCamera:
 
     def __init__(self, context: ArmContext, scene: Scene) -> None:
         self._context, self._scene = context, scene
+        self._source: PictureSource | None = None
 
     def __repr__(self) -> str:
         """Return the arm's name."""
@@ -73,6 +76,26 @@ class ArmCamera:
         if known.check is not None and known.check.has_moved:
             raise moved_error(known.check.moved_mm, known.check.turned_deg)
         return camera_model(camera)
+
+    def picture(self) -> Picture:
+        """Take a picture; the camera is opened with the first one, and stays open.
+
+        Returns:
+            Grey (h, w) or colour (h, w, 3), blue first, as OpenCV's.
+
+        Raises:
+            CalibrationError: The arm has no calibrated camera, it has moved since, gives no picture
+                any more, or one of another size.
+            InputError: OpenCV is not installed, or there is no such camera.
+        """
+        size, camera = self.model().lens.size, known_camera(self._context)[0]
+        if self._source is None:
+            board = Board.named(camera.board.name if camera.board else DEFAULT_BOARD)
+            self._source = open_source(camera.source, self._context.port.transport, board)
+        picture = self._source.take()
+        if picture.shape[1::-1] != size:
+            raise size_error(picture.shape[1::-1], size)
+        return picture
 
     def point_on_table(self, u: float, v: float, height_m: float = 0.0) -> Vector:
         """Return what a pixel sees of the table, or of the level plane above it.
@@ -179,6 +202,15 @@ def first_seen(ray: Ray, things: Iterable[Obstacle], z_m: float) -> SeenPoint:
             "The line of sight does not meet the table there.", "Choose a pixel that shows it."
         )
     return SeenPoint(ray.at(distance_m), name)
+
+
+def size_error(found: tuple[int, ...], calibrated: tuple[int, int]) -> CalibrationError:
+    """Return the error for pictures of another size than those of the calibration."""
+    seen, known = (" x ".join(map(str, size)) for size in (found, calibrated))
+    return CalibrationError(
+        f"The pictures are {seen}; the camera was calibrated with {known}.",
+        "Name the camera that was calibrated.",
+    )
 
 
 def moved_error(moved_mm: float, turned_deg: float) -> CalibrationError:

@@ -69,7 +69,10 @@ def calibrate_by_camera(
         camera = open_camera(source, arm, board)
         with second_interrupt_lowers(arm):
             result = CameraCalibration(arm, camera, board, options.pictures, print_status).run()
-        print_lines(_describe(result), indent=2)
+        if json:  # stdout is for that alone; who is asked has to know
+            print_status("\n".join(_describe(result)))
+        else:
+            print_lines(_describe(result), indent=2)
         path = None
         if operator.agrees(Question("Save this?", Unasked.YES)):
             path = save_camera_result(arm, source, result, datetime.now(UTC).replace(microsecond=0))

@@ -8,7 +8,7 @@ from datetime import datetime
 import numpy as np
 
 from ikservo.arm.arm import Arm
-from ikservo.arm.camera import camera_key, camera_model, known_camera
+from ikservo.arm.camera import camera_key, camera_model, known_camera, size_error
 from ikservo.calibration.camera_file import CameraCheck, CameraFile, save_camera
 from ikservo.calibration.records import CalibratedCamera, SeenBoard
 from ikservo.errors import CalibrationError
@@ -159,11 +159,7 @@ def _look(source: PictureSource, board: Board) -> BoardView:
 
 def _seen(model: CameraModel, board: Board, view: BoardView) -> Matrix:
     if view.size != model.lens.size:
-        raise CalibrationError(
-            f"The pictures are {view.size[0]} x {view.size[1]}; the camera was calibrated with "
-            f"{model.lens.size[0]} x {model.lens.size[1]}.",
-            "Name the camera that was calibrated.",
-        )
+        raise size_error(view.size, model.lens.size)
     return board_pose(board, view, model.lens)
 
 

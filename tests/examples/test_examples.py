@@ -6,6 +6,8 @@ from pathlib import Path
 
 import pytest
 
+import servosim
+from tests.cli.fixtures_ports import run_command
 from tests.network.conftest import TIMEOUT_S, find_free_port, serve
 
 ROOT = Path(__file__).parents[2]
@@ -16,6 +18,7 @@ PRINTED = {  # the line that tells that it worked
     "draw_circle": r"largest distance from the circle +[0-2]\.\d\d mm",
     "pick_and_place": r"close: grasped False, the gripper is at -10°\n"
     r"open: grasped False, the gripper is at 100°",
+    "camera_pick": r"grasped: True\nthe camera sees the cube \d+ px from the tip",
     "stream": r"150 goals sent, 0 refused",
     "several_arms": r"reached: True, [\d.]+ s\nreached: True, [\d.]+ s",
     "own_arm": r"reached: True, error 0\.000 mm\nmeasured error 0\.\d\d mm",
@@ -46,11 +49,36 @@ def test_every_example_is_tested_and_listed():
     assert names == set(PRINTED) == set(re.findall(r"^\| `(\w+)\.py` \|", page, re.M))
 
 
-@pytest.mark.parametrize("name", sorted(set(PRINTED) - {"network"}))
+@pytest.mark.parametrize("name", sorted(set(PRINTED) - {"network", "camera_pick"}))
 def test_an_example_runs(run, name, tmp_path):
     assert re.search(PRINTED[name], run(name))
     pictures = {path.name: path.read_bytes()[:4] for path in tmp_path.glob("*.png")}
     assert pictures == ({"workspace.png": b"\x89PNG"} if name == "plot_workspace" else {})
+
+
+def test_from_the_printed_board_to_a_cube_that_is_lifted_by_the_camera_alone(
+    run, monkeypatch, tmp_path
+):
+    pytest.importorskip("cv2")
+    ports, open_camera = [], servosim.open_camera
+
+    def open_and_keep(port, board):
+        ports.append(port)
+        camera = open_camera(port, board)
+        if camera.hint:
+            pytest.skip(camera.hint)
+        return camera
+
+    monkeypatch.setattr(servosim, "open_camera", open_and_keep)
+    assert run_command("camera board board.svg").code == 0
+    assert (tmp_path / "board.svg").stat().st_size > 5000
+    words = "calibrate so101 --camera sim --port sim:?pose=home --pictures 14 --yes --json"
+    done = run_command(words)
+    assert done.code == 0, done.err
+    assert done.json["after_m"] < 0.001
+    assert re.search(PRINTED["camera_pick"], run("camera_pick"))
+    ((_, _, height_m),) = [T[:3, 3] for T in ports[-1].line.world.cube_poses()]
+    assert height_m > 0.06  # the simulator says that it is lifted
 
 
 def test_an_arm_on_another_machine_is_driven(run, monkeypatch):
