@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from ikservo.cli.completion import complete_from
-from ikservo.cli.options import JsonOption, ServoPortOption
+from ikservo.cli.options import JsonOption, OverwriteOption, ServoPortOption
 from ikservo.cli.quantities import parse_length_m
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.errors import BadValueError, ExitCode, InputError, UnknownNameError
@@ -70,6 +70,7 @@ def command(
     camera: CameraOption = None,
     remember: Remember = False,
     within: Within = None,
+    overwrite: OverwriteOption = False,
     port: ServoPortOption = None,
     json: JsonOption = False,
 ) -> None:
@@ -92,8 +93,13 @@ def command(
         wrong = [name for name, value in given.items() if value not in (None, False)]
         if wrong:
             raise BadValueError(wrong[0], "given for board", "an option of check only")
-        _write_board(file or Path("board.pdf"), Board.named(board), json=json)
+        path = file or Path("board.pdf")
+        if path.exists() and not overwrite:
+            raise InputError(f"{path} exists.", "Choose another file, or add --overwrite.")
+        _write_board(path, Board.named(board), json=json)
         return
+    if overwrite:
+        raise BadValueError("--overwrite", "given for check", "an option of board only")
     if camera is None:
         raise InputError("Which camera?", "Add: --camera 0")
     if within is not None and not 0.0 < within < 1.0:

@@ -30,6 +30,7 @@ def test_a_hidden_arm_is_found_saved_used_and_undone(monkeypatch, run_cli):
     done = run_cli(f"calibrate so101 --port {PORT} --camera 0 --pictures 14 --yes --json")
     assert done.code == 0, done.err
     found = read_calibration(path)
+    assert done.json["after_m"] == pytest.approx(found.camera.after_mm / 1000)
     assert found.camera.source == "0"
     assert found.camera.after_mm < 0.5 * found.camera.before_mm
     with open_own_arm(load_model("so101"), PORT) as opened:
@@ -63,4 +64,11 @@ def test_the_board_is_written(tmp_path, run_cli):
         done = run_cli(["camera", "board", str(tmp_path / name)])
         assert done.code == 0, done.err
         assert (tmp_path / name).read_bytes().startswith(start)
+    before = (tmp_path / "b.svg").read_bytes()
+    again = ["camera", "board", str(tmp_path / "b.svg"), "--board", "7x9-15mm-5x5"]
+    refused = run_cli(again)
+    assert (refused.code, "add --overwrite" in refused.err) == (2, True)
+    assert (tmp_path / "b.svg").read_bytes() == before
+    assert run_cli([*again, "--overwrite"]).code == 0
+    assert (tmp_path / "b.svg").read_bytes() != before
     assert "ends with .pdf or .svg" in run_cli(["camera", "board", str(tmp_path / "b.png")]).err

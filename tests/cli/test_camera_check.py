@@ -107,6 +107,7 @@ def test_look_prints_the_point_that_a_pixel_sees_and_moves_there(run_cli, camera
         (f"camera check {ARM} --camera sim --within 0", 2, "above 0"),
         (f"camera check {ARM} --camera sim --remember --board 9x9-5mm-5x5", 6, ""),
         ("camera board --camera 0", 2, "an option of check only"),
+        (f"camera check {ARM} --camera sim --overwrite", 2, "an option of board only"),
         ("camera checks", 2, "check"),
     ],
 )

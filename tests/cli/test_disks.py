@@ -59,7 +59,7 @@ WRITTEN = {
     ],
     ("camera", "file"): [
         ("camera board {}/a.pdf", "a.pdf"),
-        ("camera board {}/old.svg", "old.svg"),
+        ("camera board {}/old.svg --overwrite", "old.svg"),
     ],
     ("solve", "plot"): [
         ("solve 0.25 0.05 0.15 --arm so101 --compare --plot {}/a.svg", "a.svg"),

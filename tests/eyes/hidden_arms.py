@@ -75,7 +75,7 @@ def click_errors_m(arm, camera, opened, count, seed=0):
     """How far the tip ends from points of the table that were clicked in the picture.
 
     The points are drawn where the camera sees them and the arm can reach a finger's width above
-    them; it drives there. An arm whose lens is known by its estimate only finds them itself.
+    them; it drives there by what its calibration says of the camera.
     """
     chance, errors = np.random.default_rng(seed), []
     while len(errors) < count:
