@@ -192,10 +192,7 @@ def first_seen(ray: Ray, things: Iterable[Obstacle], z_m: float) -> SeenPoint:
     """
     hits: list[tuple[float, str | None]] = [(ray.distance_to_level_m(z_m), None)]
     for thing in things:
-        row = thing.row
-        half_m = row[12:15] + row[15]
-        distance_m = ray.distance_to_box_m(row[:9].reshape(3, 3), row[9:12], half_m)
-        hits.append((distance_m, thing.name))
+        hits.append((ray.distance_to_thing_m(thing.row), thing.name))
     distance_m, name = min(hits, key=lambda hit: hit[0])
     if not np.isfinite(distance_m):
         raise InputError(

@@ -1,4 +1,4 @@
-"""Rays: what a pixel sees, and where that meets planes and boxes."""
+"""Rays: what a pixel sees, and where that meets planes and things."""
 
 from __future__ import annotations
 
@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.packed import IS_CYLINDER, ROUNDING
 
 __all__ = ["Ray"]
 
 _LEVEL = 1e-3  # a ray as level as that meets a level plane anywhere
 _PARALLEL_TO_PLANE, _PARALLEL = 1e-9, 1e-12
+_TOUCHES_M, _MOST_STEPS = 1e-7, 500
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,3 +65,33 @@ class Ray:
         enter_m = float(np.minimum(one, other).max())
         leave_m = float(np.maximum(one, other).min())
         return enter_m if 0.0 < enter_m <= leave_m else math.inf
+
+    def distance_to_thing_m(self, row: Vector) -> float:
+        """Return the distance to a box, cylinder or ball, metres; infinite if it is not met.
+
+        It walks by the distance to the thing, which no step passes (sphere tracing),
+        from where it enters the box around it; from inside of that it meets nothing.
+
+        Args:
+            row: The thing (17,); see ``kinematics.packed``.
+        """
+        R, centre_m, half_m = row[:9].reshape(3, 3), row[9:12], row[12:15]
+        walked_m = self.distance_to_box_m(R, centre_m, half_m + row[ROUNDING])
+        end_m = walked_m + 2.0 * float(np.linalg.norm(half_m + row[ROUNDING]))
+        for _ in range(_MOST_STEPS):
+            if not walked_m <= end_m < math.inf:
+                return math.inf
+            away_m = _away_m((self.at(walked_m) - centre_m) @ R, half_m, row)
+            if away_m < _TOUCHES_M:
+                return walked_m
+            walked_m += away_m
+        return math.inf  # it grazes it
+
+
+def _away_m(point_m: Vector, half_m: Vector, row: Vector) -> float:
+    """Compute how far a point (3,) in a thing's own axes is from the outside of it, metres."""
+    x, y, z = np.abs(point_m)
+    beyond = np.array([x, y, z]) - half_m
+    if row[IS_CYLINDER]:
+        beyond = np.array([math.hypot(x, y) - half_m[0], z - half_m[2]])
+    return float(np.linalg.norm(np.maximum(beyond, 0.0)) - row[ROUNDING])

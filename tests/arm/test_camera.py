@@ -41,6 +41,23 @@ def test_a_thing_of_the_scene_is_seen_before_the_table(arm):
     assert arm.camera.point_seen(u, v).thing is None
 
 
+def test_a_ball_and_a_cylinder_are_seen_where_their_bodies_are(arm):
+    ball, radius = np.array([0.25, 0.1, 0.05]), 0.04
+    arm.scene.add("sphere", "the ball", centre_m=ball, radius_m=radius)
+    arm.scene.add("cylinder", "the can", centre_m=(0.2, -0.1, 0.05), radius_m=0.03, height_m=0.1)
+    eye = arm.camera.model().T_base_camera[:3, 3]
+    u, v = arm.camera.pixel(ball)
+    seen = arm.camera.point_seen(u, v)
+    assert seen.thing == "the ball"
+    towards = (eye - ball) / np.linalg.norm(eye - ball)
+    np.testing.assert_allclose(seen.point_m, ball + radius * towards, atol=1e-6)
+    aside = np.cross(towards, [0.0, 0.0, 1.0])
+    beside = ball + 1.1 * radius * aside / np.linalg.norm(aside)  # in the box around it
+    assert arm.camera.point_seen(*arm.camera.pixel(beside)).thing != "the ball"
+    x, y, z = arm.camera.point_seen(*arm.camera.pixel((0.2, -0.1, 0.05))).point_m
+    assert np.hypot(x - 0.2, y + 0.1) == pytest.approx(0.03, abs=1e-6) or z == pytest.approx(0.1)
+
+
 def test_what_cannot_be_seen_is_refused_in_one_sentence(arm):
     with pytest.raises(InputError, match="does not meet the table"):
         arm.camera.point_on_table(480, 360, height_m=2.0)
