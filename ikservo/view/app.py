@@ -139,7 +139,7 @@ class ViewApp:
             )
             stack.callback(self.arms.close)
             self.arms.open_all(self._places)
-            self._simulated = self._place_simulated_camera()
+            self._simulated = self._place_simulated_camera(camera)
             if self._servos is not None:
                 self._bench = ServoBench(*self._servos, downloads)
                 stack.callback(self._bench.close)
@@ -204,16 +204,16 @@ class ViewApp:
             return open_capture(source)
         return PictureCapture(self._simulated)
 
-    def _place_simulated_camera(self) -> PictureSource | None:
+    def _place_simulated_camera(self, video: VideoSource | None) -> PictureSource | None:
         """Place a simulated camera before the first open arm.
 
         Raises:
             InputError: That is no simulated arm.
         """
         arm = self.arms.find("")
-        if self._camera != SIMULATED_SOURCE or arm is None:
+        if self._camera != SIMULATED_SOURCE or video is None or arm is None:
             return None
-        transport = arm.arm_thread.arm.context.port.transport
+        transport = video.before = arm.arm_thread.arm.context.port.transport
         return open_source(self._camera, transport, Board.named(DEFAULT_BOARD))
 
     def _collect_warnings(self) -> list[str]:

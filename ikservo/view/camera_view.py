@@ -85,6 +85,8 @@ class CameraView:
             return moved_error(self._moved.moved_mm, self._moved.turned_deg).message
         if self._mirrored:
             return self._mirrored
+        if self._video.before not in (None, self._arm.context.port.transport):
+            return "The picture is that of another simulated arm."
         picture, (width, height) = self._video.newest, self._model.lens.size
         if picture is not None and picture.shape[:2] != (height, width):
             seen = f"{picture.shape[1]} x {picture.shape[0]}"

@@ -53,6 +53,7 @@ class VideoSource:
     Attributes:
         source: As given.
         newest: The last picture (h, w) or (h, w, 3); None before any.
+        before: The transport of the arm that a simulated camera stands before; None for others.
 
     Raises:
         InputError: There is no such device or file.
@@ -68,6 +69,7 @@ class VideoSource:
         self._is_file = is_path and Path(source).is_file()
         self._is_paced = self._is_file or source == SIMULATED_SOURCE
         self.newest: NDArray[np.uint8] | None = None
+        self.before: object = None
         self._picture: Picture | None = None
         self._read_s, self._error = -math.inf, ""
         self._watchers = 0

@@ -23,6 +23,7 @@ class Video:
     newest: np.ndarray | None
     is_fresh: bool = True
     source: str = field(default="sim")
+    before: object = None
 
 
 @pytest.fixture
@@ -74,6 +75,16 @@ def test_clicks_in_an_old_picture_or_one_of_another_size_are_refused(arm, camera
         view.require_usable()
     video.newest, video.is_fresh = np.zeros((480, 640, 3), np.uint8), True
     with pytest.raises(BadMessageError, match="640 x 480, not 960 x 720"):
+        view.require_usable()
+    view.close()
+
+
+def test_clicks_in_the_picture_of_another_simulated_arm_are_refused(arm, camera):
+    view = CameraView(arm, video := Video(camera.take()), ManualClock())
+    video.before = arm.context.port.transport
+    view.require_usable()
+    video.before = object()
+    with pytest.raises(BadMessageError, match="of another simulated arm"):
         view.require_usable()
     view.close()
 
