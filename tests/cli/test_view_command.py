@@ -100,7 +100,7 @@ def test_no_arm_or_one_that_cannot_be_opened_leaves_the_page_open(options, expec
         ("view so101 koch --port /dev/ttyNOTHERE", 2, "one port for 2 arms"),
         ("view so101=sim --arm koch", 2, "--arm koch besides so101=sim"),
         ("view so101=sim kock=sim", 2, "koch"),
-        ("view so101=/dev/ttyNOTHERE koch=/dev/ttyNOR", 3, "/dev/ttyNOTHERE"),
+        ("view so101=/dev/ttyNOTHERE koch=/dev/ttyNOR --http-port 0", 3, "/dev/ttyNOTHERE"),
     ],
 )
 def test_arms_that_make_no_sense_are_refused_before_anything_is_served(

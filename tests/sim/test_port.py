@@ -166,7 +166,7 @@ def test_an_address_that_is_none_is_refused():
     ("query", "message"),
     [
         ("seed=x", "seed=x is no number"),
-        ("colour=red", "has no option 'colour'; known: backlash_deg, echo"),
+        ("colour=red", "has no option 'colour'; known: backlash_deg, board, cubes, echo"),
     ],
 )
 def test_an_option_that_makes_no_sense_is_refused(configs, query, message):
