@@ -212,7 +212,7 @@ def command(
         ids = list(dict.fromkeys(servo_id.split(","))) if servo_id else []
         only = servo_id if len(ids) == 1 else None
         with _open_line(arm, real_time_port(port), only, servo_model, baud) as line:
-            servos = [line.find(each) for each in ids] or list(line.bus.servos.values())
+            servos = list(dict.fromkeys(map(line.find, ids)) or line.bus.servos.values())
             plot(line, servos, given, 0.1 if period is None else period, duration, json=json)
         return
     backup = read_backup(Path(given[0])) if action == "restore" else None
@@ -433,7 +433,7 @@ def _restart(line: ServoLine, servo: ServoSpec, action: str, *, yes: bool, json:
     if json:
         print_json("servo-restart", id=servo.id, joint=servo.name, done=result)
         return
-    print_lines([f"✓ {servo}: {result}; torque off"])
+    print_lines([f"✓ {servo}: {result}; torque {'on' if holds_torque(line, servo) else 'off'}"])
 
 
 def _print_packets(

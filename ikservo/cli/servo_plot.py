@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 import contextlib
+import math
 import sys
 from collections import deque
 from collections.abc import Iterator, Sequence
-from itertools import takewhile
 
 from rich.console import Console
 from rich.live import Live
@@ -57,8 +57,8 @@ def plot(
         for servo in servos
     }
     curves = [(servo, register) for servo in servos for register in watched[servo.id]]
-    endless = sample_registers(line.bus, watched, period_s)
-    samples = takewhile(lambda one: duration_s is None or one.time_s <= duration_s, endless)
+    ends_s = math.inf if duration_s is None else duration_s
+    samples = sample_registers(line.bus, watched, period_s, ends_s)
     with contextlib.suppress(KeyboardInterrupt):  # the user ends it this way
         if json:
             for sample in samples:

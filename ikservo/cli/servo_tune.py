@@ -133,7 +133,8 @@ def tune(
         raise InputError("No joint is named.", "As in: ikservo servo tune --arm so101 --id 3")
     if suggest and sine_hz:
         raise InputError("Gains are suggested by a step.", "Omit --sine or --suggest.")
-    far_rad = far_rad or math.radians(2 if sine_hz else 10)
+    if far_rad is None:
+        far_rad = math.radians(2 if sine_hz else 10)
     with open_from_options(connection, MotionOptions(yes=yes)) as machine:
         arm = require_own_port(machine)
         servo = _find_turning_servo(arm, joint)

@@ -240,21 +240,21 @@ def exit_exception(number: int, text: str) -> BaseException:
 def exiting_on_signals() -> Generator[None]:
     """Turn SIGTERM and SIGHUP into ``SystemExit`` within the block, so that it is left in order.
 
-    In threads other than the main one nothing is changed.
+    A motion in the block brakes first. In threads other than the main one nothing is changed.
     """
-
-    def leave(number: int, _: FrameType | None) -> None:
-        raise exit_exception(number, "")
-
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    before = {n: signal.signal(n, leave) for n in _signal_numbers() if n != signal.SIGINT}
+    before = {n: signal.signal(n, _leave) for n in _signal_numbers() if n != signal.SIGINT}
     try:
         yield
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)
+
+
+def _leave(number: int, _: FrameType | None) -> None:
+    raise exit_exception(number, "")
 
 
 _watched_stops: list[tuple[StopRequest, Callable[[], bool]]] = []
@@ -323,7 +323,7 @@ def handle_signals(stop_request: StopRequest, loop_running: Callable[[], bool]) 
     if threading.current_thread() is not threading.main_thread():
         yield
         return
-    ours = (*_DEFAULTS, _on_signal)
+    ours = (*_DEFAULTS, _on_signal, _leave)
     before = {n: signal.getsignal(n) for n in _signal_numbers() if signal.getsignal(n) in ours}
     try:
         for number in before:

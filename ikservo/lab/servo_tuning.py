@@ -206,16 +206,18 @@ def record_joint(
 ) -> tuple[Vector, Vector, Vector]:
     """Run a motion without ikservo's corrections; return times, goals, positions (m,) of a joint.
 
+    The times increase: of cycles in which the motion did not go on, the last one counts.
+
     Raises:
         IkservoError: Those of every motion; see ``Arm``.
     """
-    rows: list[tuple[float, float, float]] = []
+    rows: dict[float, tuple[float, float]] = {}
 
     def record(cycle: ControlCycle) -> None:
-        rows.append((cycle.time_s, float(cycle.goals[column]), float(cycle.measured[column])))
+        rows[cycle.time_s] = float(cycle.goals[column]), float(cycle.measured[column])
 
     arm.runner.run(make_motion, record, "fast", compensated=False)
-    time_s, goals, positions = np.array(rows).T
+    time_s, (goals, positions) = np.array(list(rows)), np.array(list(rows.values())).T
     return time_s, goals, positions
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
@@ -19,6 +20,7 @@ _LIVE = (
     RegisterName.PRESENT_VOLTAGE,
     RegisterName.PRESENT_TEMPERATURE,
 )
+_SHORTEST_S, _ROUNDING = 1e-4, 1e-6  # no line is faster; of a period
 _CURRENT = "present_current"  # beside the load where a model measures both
 
 
@@ -44,19 +46,26 @@ def live_registers(table: type[ControlTable]) -> list[Register]:
 
 
 def sample_registers(
-    bus: ServoBus, watched: Mapping[int, Sequence[Register]], period_s: float
+    bus: ServoBus,
+    watched: Mapping[int, Sequence[Register]],
+    period_s: float,
+    duration_s: float = math.inf,
 ) -> Iterator[Sample]:
-    """Read registers of servos periodically, without end.
+    """Read registers of servos periodically.
 
     Args:
         bus: The servos.
         watched: The registers of each servo, by id.
         period_s: Between two samples; what takes longer is read as fast as the line allows.
+        duration_s: Ends before the first sample that is due later; without end if infinite.
 
     Raises:
         BusError: A servo did not reply at first; later it is missing from a sample.
         PortLostError: The port is lost.
     """
     bus.bulk_read(watched).require_all()
+    period_s = max(period_s, _SHORTEST_S)
     for time_s in Rate(bus.clock, period_s):
         yield Sample(time_s, bus.bulk_read(watched).values)
+        if (round(time_s / period_s) + 1 - _ROUNDING) * period_s > duration_s:
+            return

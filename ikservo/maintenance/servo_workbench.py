@@ -345,6 +345,9 @@ def plan_writes(
         if register.name in _REPLY_LEVELS and raw < _REPLY_LEVELS[register.name]:
             reason = f"at {raw} the servo would not reply to a write any more"
             raise RegisterAccessError(str(servo), register.name, reason)
+        if register.name == "protocol_type" and raw != line.bus.read(servo.id, register, raw=True):
+            reason = f"at {raw} the servo would not reply on this line any more"
+            raise RegisterAccessError(str(servo), register.name, reason)
         if register.name == "secondary_id" and raw <= _HIGHEST_ID:
             reason = f"the servo would also obey the goals of servo {raw}"
             raise RegisterAccessError(str(servo), register.name, reason)
@@ -423,7 +426,7 @@ def _verify(bus: ServoBus, servo: ServoSpec, register: Register, raw: int) -> No
 
 
 def restart_servo(line: ServoLine, servo: ServoSpec) -> None:
-    """Restart a servo and wait until it replies; its torque is off afterwards.
+    """Restart a servo and wait until it replies; its torque is off, unless it is set to hold then.
 
     Raises:
         BusError: It refused, its family cannot, or it does not come back.

@@ -264,7 +264,8 @@ class ServoBench:
                 page.files.append((name, backup_text(line.bus, servo.id)))
             case WorkOnServo(action="reboot"):
                 restart_servo(line, servo)
-                note = f"{servo}: restarted; torque off."
+                state = "on" if holds_torque(line, servo) else "off"
+                note = f"{servo}: restarted; torque {state}."
             case WorkOnServo(action=action):
                 name, _, state = action.partition("_")
                 register = find_register(servo.table, {"torque": "torque_enable"}.get(name, name))

@@ -5,6 +5,7 @@ import signal
 import pytest
 
 import ikservo
+from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import IkservoError, RefusedError, StoppedError
 from tests.arm.simulated import clock_of, line_of, registers
 
@@ -71,6 +72,14 @@ def test_a_program_that_has_its_own_handler_keeps_it(arm):
     finally:
         signal.signal(signal.SIGTERM, before)
     assert handled == [True]
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_motion_in_a_block_that_ends_on_signals_is_braked_too(arm, number):
+    with pytest.raises(SystemExit) as caught, exiting_on_signals():
+        arm.move_joints({"shoulder_pan": 1.2}, on_progress=strike(number))
+    assert caught.value.args == (128 + number,)
+    assert arm.stopped_for.startswith("Stopped b")
 
 
 def test_handlers_are_as_before_once_the_motion_is_over(arm):

@@ -173,6 +173,13 @@ def test_tune_takes_gains_only(run_cli, ports, word):
     assert held(ports).read("torque_enable") == 0, "nothing moves for bad input"
 
 
+@pytest.mark.parametrize("more", ["", "--sine 2"])
+def test_a_step_of_nothing_is_not_the_usual_step(run_cli, ports, more):
+    result = run_cli(f"servo tune --step 0 {more} {ELBOW}".replace("sim", "sim:?pose=home"))
+    assert (result.code, result.out) == (ExitCode.USAGE, "")
+    assert "at least" in result.err
+
+
 FAST = "--port sim:?paced=0"
 
 
@@ -186,6 +193,13 @@ def test_plot_prints_csv_for_programs(run_cli):
     assert len(rows) == 21
     assert [float(row.split(",")[0]) for row in rows][-1] == pytest.approx(1.0, abs=1e-3)
     assert float(rows[-1].split(",")[columns.index("wrist_roll.present_voltage [V]")]) == 7.4
+
+
+def test_a_servo_that_is_named_twice_is_plotted_once(run_cli):
+    result = run_cli(
+        f"servo plot present_position {FAST} --arm so101 --id 3,elbow_flex --duration 1"
+    )
+    assert result.out.splitlines()[0] == "time_s,elbow_flex.present_position [rad]"
 
 
 def test_plot_with_json_has_a_line_for_each_sample(run_cli, ports):

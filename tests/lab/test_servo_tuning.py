@@ -1,9 +1,12 @@
 """Tuning a servo: figures of a response, gains that come back, suggestions that do not swing."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from ikservo.arm.opening import open_own_arm, servo_specs
+from ikservo.control.loop import ControlCycle
 from ikservo.errors import BadValueError, RefusedError
 from ikservo.lab.servo_tuning import (
     StepResponse,
@@ -11,6 +14,7 @@ from ikservo.lab.servo_tuning import (
     gain_registers,
     keeping_gains,
     measure_response,
+    record_joint,
     search_gains,
 )
 from ikservo.model import load_model
@@ -135,3 +139,17 @@ def test_a_second_ctrl_c_restores_the_gains_all_the_same(arm, monkeypatch):
     with pytest.raises(KeyboardInterrupt):
         leave_with_a_second_press()
     assert raw_gains(arm, servo) == before
+
+
+def test_the_times_of_a_motion_that_waits_increase():
+    class Runner:
+        def run(self, _make, record, _speed, *, compensated):
+            for time_s, goal in ((0.0, 0.0), (0.01, 0.1), (0.01, 0.2), (0.02, 0.3), (0.02, 0.3)):
+                joints = np.array([goal, 5.0])
+                record(ControlCycle(time_s, 0.02, joints, joints, joints - 0.1, ()))
+
+    arm = SimpleNamespace(runner=Runner())
+    times, goals, positions = record_joint(arm, 0, None)
+    assert times.tolist() == [0.0, 0.01, 0.02]
+    assert goals.tolist() == [0.0, 0.2, 0.3]
+    assert np.isfinite(StepResponse(times, goals, positions, (0.01, 0.02)).lag_s)

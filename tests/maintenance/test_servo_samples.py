@@ -28,6 +28,16 @@ def test_samples_hold_what_the_servos_hold():
         assert {r: r.to_value(held.read(r.name)) for r in watched[servo_id]} == values
 
 
+@pytest.mark.parametrize(("period_s", "count"), [(0.05, 5), (0.15, 2), (1e300, 1), (1e-320, None)])
+def test_samples_end_with_their_time_and_not_one_period_later(period_s, count):
+    bus = make_bus({1: "STS3215"})
+    since_s = bus.clock.now_s()
+    rows = list(sample_registers(bus, {1: live_registers(MODELS["STS3215"])}, period_s, 0.2))
+    assert len(rows) == (count or len(rows))
+    assert rows[-1].time_s <= 0.202
+    assert bus.clock.now_s() - since_s < 0.3
+
+
 def test_a_servo_that_never_replied_is_an_error():
     bus = make_bus({1: "STS3215"})
     bus.port.transport.line.faults.add(Fault("silent", id=1))

@@ -287,6 +287,7 @@ def test_an_id_that_is_taken_at_the_new_rate_is_refused_before_anything_is_writt
         ("STS3215", "response_level", 0),
         ("XL430-W250", "status_return_level", 1),
         ("XL430-W250", "secondary_id", 4),
+        ("XL430-W250", "protocol_type", 1),
     ],
 )
 def test_what_ends_replies_or_shares_goals_is_refused(model, name, raw):

@@ -178,3 +178,17 @@ def test_commands_beyond_what_can_wait_are_refused(session):
 
     with pytest.raises(BadMessageError, match="busy"):
         press_without_end()
+
+
+def test_a_servo_that_holds_from_its_start_is_not_called_limp(monkeypatch):
+    transport = make_transport({7: "XL430-W250"})
+    monkeypatch.setattr("ikservo.hardware.port.open_transport", lambda *_, **__: transport)
+    session = opened(None, "/dev/ttyUSB7")
+    session.until("line", lambda frame: frame["servos"])
+    session.act("reboot", joint="7")
+    session.note("torque off")
+    session.send("write_register", joint="7", name="startup_configuration", value="1")
+    session.note("startup_configuration 0 → 1")
+    session.act("reboot", joint="7")
+    session.note("torque on")
+    session.bench.close()
