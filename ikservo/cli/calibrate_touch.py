@@ -17,7 +17,7 @@ from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.errors import FileFormatError
 from ikservo.files.reading import read_text
 from ikservo.maintenance.calibration_dialogue import switch_torque_off
-from ikservo.maintenance.calibration_session import open_torque_off
+from ikservo.maintenance.calibration_session import find_lost_camera, open_torque_off
 from ikservo.maintenance.touch_dialogue import estimate_fields, estimate_geometry
 from ikservo.maintenance.touch_off import TouchOffSession
 from ikservo.model import Model
@@ -105,6 +105,8 @@ def run_touch_off(
         operator.run(switch_torque_off(limp_arm))
         with reporting_unchanged_state():
             print_servos(limp_arm, "home")
+            for warning in find_lost_camera(session.calibration):
+                print_status(warning)
             start = session.start_touch_off(targets)
             state, found = operator.run(estimate_geometry(limp_arm, start))
             path = session.save(found, datetime.now(UTC))

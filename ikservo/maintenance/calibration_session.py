@@ -53,6 +53,7 @@ __all__ = [
     "adopt_calibration",
     "base_calibration",
     "find_adoptable",
+    "find_lost_camera",
     "find_mismatches",
     "find_replaced_zeros",
     "load_own_calibration",
@@ -281,10 +282,22 @@ def register_differences(loose: TorqueOffArm) -> list[RegisterMismatch]:
     return list(register_mismatches(load_own_calibration(loose), loose.facts))
 
 
+def find_lost_camera(before: Calibration) -> Iterator[str]:
+    """Yield a warning where new zeros end what is known of the camera."""
+    if before.camera:
+        yield (
+            f"The camera of {before.camera.seen:%Y-%m-%d} was calibrated with the old zeros and is "
+            f"lost with them. Repeat that: ikservo calibrate {before.arm} "
+            f"--camera {before.camera.source}"
+        )
+
+
 def lost_geometry_warning(loose: TorqueOffArm) -> Iterator[str]:
-    """Yield a warning where a new calibration loses the corrections of a touch-off."""
+    """Yield warnings where a new calibration loses corrections of a touch-off, or a camera."""
     with contextlib.suppress(FileFormatError):  # a malformed one has nothing to lose
         before = load_calibration(loose.model.name, loose.serial_number)
+        if before:
+            yield from find_lost_camera(before)
         if before and before.geometry:
             yield (
                 "The link and base corrections of the touch-off of "
@@ -442,7 +455,8 @@ def merge_outcome(base: Calibration, outcome: CalibrationResult) -> CalibrationR
 
 
 def find_replaced_zeros(base: Calibration, joints: Collection[str]) -> Iterator[str]:
-    """Yield a warning where calibrating some joints again replaces zeros of a touch-off."""
+    """Yield what calibrating some joints again replaces: zeros of a touch-off, and a camera."""
+    yield from find_lost_camera(base)
     if base.geometry:
         yield (
             f"Zeros from the touch-off of {base.geometry.touched:%Y-%m-%d} are replaced for "

@@ -92,7 +92,10 @@ def apply_touch_off(
     found: CalibrationEstimate,
     written: datetime,
 ) -> Calibration:
-    """Return a calibration with the zeros and the geometry of a touch-off."""
+    """Return a calibration with the zeros and the geometry of a touch-off.
+
+    It has no camera: that stood where the zeros before put it.
+    """
     joints = shift_zeros(calibration.joints, maps, found.zeros)
     written = written.replace(microsecond=0)
     geometry = (
@@ -101,7 +104,7 @@ def apply_touch_off(
         else None
     )
     return calibration.model_copy(
-        update={"joints": joints, "geometry": geometry, "written": written}
+        update={"joints": joints, "geometry": geometry, "camera": None, "written": written}
     )
 
 

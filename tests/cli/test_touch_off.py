@@ -2,13 +2,15 @@
 
 import math
 from contextlib import nullcontext
+from datetime import UTC, datetime
 
 import numpy as np
 import pytest
 
 from ikservo.arm.calibrated_arm import load_calibration_for
-from ikservo.calibration.calibration_file import read_calibration
+from ikservo.calibration.calibration_file import read_calibration, save_calibration
 from ikservo.calibration.paths import calibration_path
+from ikservo.calibration.records import CalibratedCamera
 from tests.calibration.mounted_arms import load_model
 from tests.cli.fixtures_mounted_arm import PORT, SERIAL, connect_arm, write_calibration
 from tests.model.touch.perturbed_geometry import PerturbedGeometry
@@ -98,6 +100,23 @@ def test_fifteen_touches_bring_the_opened_arm_within_a_millimetre_and_a_half(
     assert moved.code == 0, moved.err
     true = truth.tip([arm.true_position(name) for name in truth.chain.names])
     np.testing.assert_allclose(true, (0.22, 0.03, 0.12), atol=2.5e-3)
+
+
+@pytest.mark.full
+def test_a_camera_that_was_calibrated_with_the_zeros_before_is_lost_and_named(
+    arm, truth, tmp_path, run_cli
+):
+    camera = CalibratedCamera(
+        source="2", seen=datetime(2026, 11, 2, tzinfo=UTC), pictures=24, left_out=0,
+        before_mm=1.0, after_mm=0.2, size_px=(640, 480), lens_px=(600.0, 600.0, 320.0, 240.0),
+        distortion=(0.0,) * 5, at_mm=(300.0, 0.0, 500.0), turned_deg=(180.0, 0.0, 0.0),
+    )  # fmt: skip
+    path = calibration_path(NAME, SERIAL)
+    save_calibration(read_calibration(path).model_copy(update={"camera": camera}))
+    done = run_cli(f"{WORDS} --points {guide(arm, truth, tmp_path)} --yes")
+    assert done.code == 0
+    assert "The camera of 2026-11-02 was calibrated with the old zeros" in done.err
+    assert read_calibration(path).camera is None
 
 
 @pytest.mark.full
