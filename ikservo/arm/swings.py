@@ -116,6 +116,9 @@ class SwingDamper:
 class MotionSwings:
     """Finds the joints that swing while they move: feedback does not reach a link inside its play.
 
+    A joint that lags is on the other side of its reference each time that this turns round: turns
+    are counted from there on.
+
     Args:
         driven_joints: The joints, in the order of the control cycle.
     """
@@ -124,7 +127,8 @@ class MotionSwings:
         self._maps = [driven.joint_map for driven in driven_joints]
         per_horn = [each.unit_per_tick / each.horn_rad_per_tick for each in self._maps]
         self._names = np.array([driven.joint for driven in driven_joints])
-        self._turns = TurnCounter(_MOTION_SWING_RAD * np.abs(per_horn), _MOTION_TURN_S)
+        least = _MOTION_SWING_RAD * np.abs(per_horn)
+        self._turns, self._ways = (TurnCounter(least, each) for each in (_MOTION_TURN_S, math.inf))
         self._widest = np.zeros(len(self._maps))
         self._last_s = 0.0
 
@@ -133,6 +137,7 @@ class MotionSwings:
         elapsed_s, self._last_s = cycle.time_s - self._last_s, cycle.time_s
         fresh = ~np.isin(self._names, cycle.lost)
         turned = self._turns.update(cycle.measured - cycle.reference, elapsed_s, fresh=fresh)
+        self._turns.count[self._ways.update(cycle.reference, elapsed_s, fresh=True)] = 0
         swings = turned & (self._turns.count >= _MIN_MOTION_TURNS)
         self._widest = np.where(swings, np.maximum(self._widest, self._turns.width), self._widest)
 

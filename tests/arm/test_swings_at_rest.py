@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 import ikservo
+from ikservo.arm.swings import MotionSwings
+from ikservo.control.loop import ControlCycle
 from tests.arm.simulated import clock_of, line_of
 
 TICK_RAD = 2.0 * np.pi / 4096
@@ -53,3 +55,19 @@ def test_a_joint_that_follows_with_a_lag_has_not_swung():
     with ikservo.open_arm("so101", port="sim:?pose=home") as arm:
         report = arm.move_joints({"shoulder_lift": -1.0, "elbow_flex": 0.6}, speed="normal")
     assert not any("swung" in each for each in report.binding)
+
+
+@pytest.mark.parametrize(("ways", "named"), [(12, 0), (1, 1)])
+def test_a_joint_that_lags_there_and_back_does_not_swing(ways, named):
+    time_s = np.arange(0.0, 4.0, 0.01)
+    there = 0.5 * np.abs((time_s * ways / 4.0) % 2.0 - 1.0)
+    swing = 0.03 * np.sin(2.0 * np.pi * 5.0 * time_s) * (ways == 1)
+    with ikservo.open_arm("so101", port="sim") as arm:
+        driven = arm.context.servos.driven_joints
+    swings, only = MotionSwings(driven), np.arange(len(driven)) == 0
+    for now_s, goal, lagging in zip(
+        time_s, there, np.interp(time_s - 0.1, time_s, there) + swing, strict=True
+    ):
+        reference, measured = goal * only, lagging * only
+        swings.record(ControlCycle(now_s, 4.0, reference, reference, measured, ()))
+    assert len(swings.notes()) == named
