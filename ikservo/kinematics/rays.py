@@ -70,14 +70,18 @@ class Ray:
         """Return the distance to a box, cylinder or ball, metres; infinite if it is not met.
 
         It walks by the distance to the thing, which no step passes (sphere tracing),
-        from where it enters the box around it; from inside of that it meets nothing.
+        from where it enters the box around it; from inside of the thing it meets nothing.
 
         Args:
             row: The thing (17,); see ``kinematics.packed``.
         """
         R, centre_m, half_m = row[:9].reshape(3, 3), row[9:12], row[12:15]
-        walked_m = self.distance_to_box_m(R, centre_m, half_m + row[ROUNDING])
-        end_m = walked_m + 2.0 * float(np.linalg.norm(half_m + row[ROUNDING]))
+        around_m, origin_m = half_m + row[ROUNDING], (self.origin_m - centre_m) @ R
+        if _away_m(origin_m, half_m, row) <= 0.0:
+            return math.inf
+        is_in_box = bool((np.abs(origin_m) <= around_m).all())
+        walked_m = 0.0 if is_in_box else self.distance_to_box_m(R, centre_m, around_m)
+        end_m = walked_m + 2.0 * float(np.linalg.norm(around_m))
         for _ in range(_MOST_STEPS):
             if not walked_m <= end_m < math.inf:
                 return math.inf

@@ -9,6 +9,8 @@ import ikservo
 from ikservo.calibration.camera_file import SIMULATED, CameraCheck, load_camera, save_camera
 from ikservo.calibration.paths import camera_path
 from ikservo.errors import BadValueError, CalibrationError, FileFormatError, InputError
+from ikservo.kinematics.packed import ROUNDING, SHAPE_WIDTH
+from ikservo.kinematics.rays import Ray
 
 pytest.importorskip("cv2")
 
@@ -105,3 +107,12 @@ def test_a_stored_lens_that_would_mirror_is_refused(arm, wrong):
     save_camera("so101", SIMULATED, known.model_copy(update={"camera": camera}))
     with pytest.raises(FileFormatError, match=next(iter(wrong))):
         arm.camera.point_on_table(480, 500)
+
+
+def test_a_camera_in_the_box_around_a_ball_sees_the_ball():
+    eye, ball = np.full(3, 0.09), np.zeros(SHAPE_WIDTH)
+    ball[:9], ball[ROUNDING] = np.eye(3).ravel(), 0.1
+    towards = Ray(eye, np.full(3, -1 / math.sqrt(3)))
+    assert towards.distance_to_thing_m(ball) == pytest.approx(math.sqrt(3) * 0.09 - 0.1, abs=1e-6)
+    assert Ray(eye, -towards.direction).distance_to_thing_m(ball) == math.inf
+    assert Ray(np.full(3, 0.01), towards.direction).distance_to_thing_m(ball) == math.inf, "inside"
