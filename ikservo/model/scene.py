@@ -18,7 +18,7 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.capsules import Capsule
 from ikservo.kinematics.packed import IS_CYLINDER, ROUNDING, rotation_z_to
 from ikservo.kinematics.se3 import rotation_rpy
-from ikservo.model.arm_schema import Positive, Text
+from ikservo.model.arm_schema import Text
 from ikservo.model.collision_model import bounding_capsules
 from ikservo.model.model import Model
 from ikservo.model.urdf_types import Box
@@ -28,8 +28,12 @@ __all__ = ["KINDS", "KeepOutShape", "make_shape", "read_scene", "with_scene"]
 _Z = np.array([0.0, 0.0, 1.0])
 _FAR_M = 10.0  # half the sides of the box that stands for a half-space
 
-Triple = Annotated[tuple[float, float, float], Field(strict=False)]
-Sides = Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
+# A thing of astronomic numbers would be nowhere: distances to it are not finite.
+_MOST = 1000.0
+Number = Annotated[float, Field(ge=-_MOST, le=_MOST)]
+Length = Annotated[float, Field(gt=0, le=_MOST)]
+Triple = Annotated[tuple[Number, Number, Number], Field(strict=False)]
+Sides = Annotated[tuple[Length, Length, Length], Field(strict=False)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,26 +94,30 @@ class _Thing(StrictModel):
 
 
 class _SceneBox(_Thing):
-    centre_m: Triple = Field(description="[x, y, z] in metres")
-    size_m: Sides = Field(description="[x, y, z] in metres, above 0")
+    centre_m: Triple = Field(description="[x, y, z] in metres, at most ±1000")
+    size_m: Sides = Field(description="[x, y, z] in metres, above 0, at most 1000")
     rpy_deg: Triple = Field(default=(0.0, 0.0, 0.0), description="[roll, pitch, yaw] in degrees")
 
 
 class _SceneCylinder(_Thing):
-    centre_m: Triple = Field(description="[x, y, z] in metres")
-    radius_m: Positive = Field(description="metres above 0")
-    height_m: Positive = Field(description="metres above 0")
-    axis: Triple = Field(default=(0.0, 0.0, 1.0), description="a direction [x, y, z]")
+    centre_m: Triple = Field(description="[x, y, z] in metres, at most ±1000")
+    radius_m: Length = Field(description="metres above 0, at most 1000")
+    height_m: Length = Field(description="metres above 0, at most 1000")
+    axis: Triple = Field(
+        default=(0.0, 0.0, 1.0), description="a direction [x, y, z], at most ±1000"
+    )
 
 
 class _SceneSphere(_Thing):
-    centre_m: Triple = Field(description="[x, y, z] in metres")
-    radius_m: Positive = Field(description="metres above 0")
+    centre_m: Triple = Field(description="[x, y, z] in metres, at most ±1000")
+    radius_m: Length = Field(description="metres above 0, at most 1000")
 
 
 class _SceneHalfSpace(_Thing):
-    point_m: Triple = Field(description="a point [x, y, z] of its surface, in metres")
-    normal: Triple = Field(description="the direction [x, y, z] in which it is free")
+    point_m: Triple = Field(
+        description="a point [x, y, z] of its surface, in metres, at most ±1000"
+    )
+    normal: Triple = Field(description="the direction [x, y, z] in which it is free, at most ±1000")
 
 
 class _SceneFile(StrictModel):

@@ -111,3 +111,20 @@ def test_a_name_that_is_taken_is_refused(tmp_path, name):
     path.write_text(one * 2 if name == "crate" else one)
     with pytest.raises(FileFormatError, match="a second time"):
         with_scene(model, path)
+
+
+@pytest.mark.parametrize(
+    ("kind", "sizes"),
+    [
+        ("sphere", {"centre_m": (0, 0, 0), "radius_m": 1e300}),
+        ("sphere", {"centre_m": (1e300, 0, 0), "radius_m": 0.1}),
+        ("box", {"centre_m": (0, 0, 0), "size_m": (1e300, 1, 1)}),
+        ("cylinder", {"centre_m": (0, 0, 0), "radius_m": 1, "height_m": 1e300}),
+        ("cylinder", {"centre_m": (0, 0, 0), "radius_m": 1, "height_m": 1, "axis": (0, 0, 1e300)}),
+        ("half_space", {"point_m": (0, 0, -1e300), "normal": (0, 0, 1)}),
+        ("half_space", {"point_m": (0, 0, 0), "normal": (0, 0, 1e300)}),
+    ],
+)
+def test_a_thing_so_large_or_far_that_it_would_be_nowhere_is_refused(kind, sizes):
+    with pytest.raises(FileFormatError, match="at most"):
+        make_shape(kind, "the sun", sizes)
