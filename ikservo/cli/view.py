@@ -22,6 +22,7 @@ from ikservo.cli.option_groups import Without
 from ikservo.cli.options import MotionOptions, ServoConnection
 from ikservo.cli.session import warn_uncompiled
 from ikservo.cli.terminal import print_lines, print_status
+from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import InputError
 from ikservo.hardware.discovery import simulated_port_url
 from ikservo.model import Model
@@ -105,7 +106,7 @@ def command(
     places = [] if bench else _places_from_options(arms or [], connection.arm, connection.port)
     app = ViewApp(places, listen, http_port, insecure=insecure, collisions=options.collision,
                   uncalibrated=options.uncalibrated, camera=camera, servos=bench)  # fmt: skip
-    with app as urls:
+    with exiting_on_signals(), app as urls:  # what moves brakes, what is written is finished
         print_status(f"To watch only:\n{urls.watch}\nTo control the arm:")
         sys.stderr.flush()  # the label of what follows
         print_lines([urls.control])

@@ -11,6 +11,8 @@ import sys
 import httpx
 import pytest
 
+from ikservo.view.servo_bench import ServoBench
+
 
 def started(*options):
     """Return the view's process with its output still to be read."""
@@ -202,3 +204,16 @@ def test_a_port_that_is_missing_ends_no_page_of_servos(run_cli, monkeypatch):
     result = run_cli("view --servos --no-open --http-port 0 --port /dev/ttyNONE")
     assert result.code == 0
     assert result.out.startswith("http://127.0.0.1:")
+
+
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_closes_the_servos_in_order(run_cli, monkeypatch, number):
+    closed, close = [], ServoBench.close
+    monkeypatch.setattr("ikservo.view.app.serve", lambda *_: signal.raise_signal(number))
+    monkeypatch.setattr(ServoBench, "close", lambda bench: closed.append(close(bench)))
+    before = signal.signal(number, signal.SIG_IGN)  # what would end the tests, too
+    try:
+        result = run_cli("view --servos --no-open --http-port 0 --port sim --arm so101")
+    finally:
+        signal.signal(number, before)
+    assert (closed, result.code) == ([None], 130)
