@@ -53,7 +53,7 @@ function describe(found) {
   return `${found.map(({ name, id, model, firmware }) => `${name === String(id) ? id : `${name} (${id})`} ${model} ${firmware}`).join(" · ")}.${mixed.join("")}`;
 }
 
-const act = (action, fields = {}) => send("work_on_servo", { joint: servos.joint, action, ...fields });
+const act = (action, fields = {}) => shown && send("work_on_servo", { joint: servos.joint, action, ...fields });
 const pressed = (button) => button.getAttribute("aria-pressed") === "true";
 $("search").onclick = () => send("work_on_servo", { action: "search" });
 $("torque").onclick = () => (pressed($("torque")) ? ask($("torque"), "It may fall: sure?", () => act("torque_off")) : act("torque_on"));
