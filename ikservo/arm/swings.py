@@ -145,7 +145,7 @@ class MotionSwings:
         """Say which joints swung, and by how much."""
         found = zip(self._maps, self._widest.tolist(), strict=True)
         return tuple(
-            f"{each.joint} swung by up to {each.format(width)} as it moved: its gears have play"
+            f"{each.joint} swung by up to {each.format(width)} as it moved"
             for each, width in found
             if width
         )
