@@ -49,9 +49,10 @@ def true_tip_m(arm):
     return arm.world.tip.position_m([joint.position for joint in arm.world.joints])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize(
     ("known", "low_m", "high_m"),
-    [pytest.param({}, 0.006, 0.05, marks=pytest.mark.full), (COMPLIANCE, 0.0, 0.002)],
+    [({}, 0.006, 0.05), (COMPLIANCE, 0.0, 0.002)],
 )
 def test_the_true_tip_reaches_the_target(own_arm, known, low_m, high_m):
     learn(known)

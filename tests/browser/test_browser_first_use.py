@@ -79,7 +79,6 @@ def test_tab_goes_through_a_screen_in_the_order_in_which_it_is_read(newcomer, sc
     expect_read_in_order(newcomer.page, screen)
 
 
-@pytest.mark.smoke
 def test_a_program_that_is_opened_comes_into_sight(newcomer):
     open_program(newcomer.page)
     newcomer.page.click("#program > summary")

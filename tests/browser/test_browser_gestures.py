@@ -76,7 +76,6 @@ def test_throwing_live_after_a_preview_moves_nothing(operator):
     assert max(abs(operator.served.ticks()[i] - before[i]) for i in before) <= 2
 
 
-@pytest.mark.smoke
 def test_a_grabbed_elbow_follows_the_pointer(live):
     before, move = live.served.place_m("wrist_flex"), np.array([30.0, 25.0])
     scale = live.pixels_per_metre

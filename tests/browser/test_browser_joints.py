@@ -91,7 +91,6 @@ def test_typed_coordinates_bring_the_tip_there(live):
     live.until_near(live.served.tip_m, goal_m, 3.0)
 
 
-@pytest.mark.smoke
 def test_torque_of_one_servo_is_switched_by_two_presses_off_and_by_one_on(operator):
     switch = row(operator, "gripper").get_by_role("switch")
     own = servo_id("so101", "gripper")

@@ -73,7 +73,6 @@ def test_go_there_stands_beside_the_target_or_in_the_bar_of_a_narrow_page(reader
     assert 0 < box["y"] - y < 40
 
 
-@pytest.mark.smoke
 def test_go_there_covers_nothing_that_is_read_in_the_corner(browser, shared):
     context = browser.new_context(viewport={"width": 1100, "height": 720})
     reader = Operator(context.new_page(), shared.brought_home())

@@ -25,6 +25,8 @@ from tests.arm.simulated import servo_group
 from tests.cli.fixtures_mounted_arm import PORT, connect_arm
 from tests.cli.fixtures_ports import run_arguments
 
+pytestmark = pytest.mark.full  # most need an identified arm, which takes six seconds
+
 ARM = "open_manipulator_x"
 MODEL = load_model(ARM)
 

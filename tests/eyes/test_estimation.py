@@ -8,6 +8,7 @@ from ikservo.eyes.estimation import BoardSample, Extent, estimate_camera, fit_ca
 from ikservo.kinematics.se3 import exp_so3, make_pose
 
 
+@pytest.mark.full
 def test_hidden_arms_are_known_to_a_millimetre(make_arm):
     before, after = [], []
     for seed in range(4):
@@ -23,6 +24,7 @@ def test_hidden_arms_are_known_to_a_millimetre(make_arm):
     assert np.percentile(after, 95) < 0.002
 
 
+@pytest.mark.full
 def test_the_error_of_samples_left_out_is_that_of_new_ones(make_arm):
     arm = make_arm(1)
     estimate = estimate_camera(arm.known, arm.samples(across_m=0.001))
@@ -60,6 +62,7 @@ def test_compliances_are_found_and_never_negative(make_arm):
     assert (fit.bending.compliance >= 0.0).all()
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("wrong", [(3,), (0, 7, 19, 20)])
 def test_wrong_pictures_are_named_and_do_no_harm(make_arm, wrong):
     arm = make_arm(5)

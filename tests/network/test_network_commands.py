@@ -151,6 +151,7 @@ def silent_port():
         yield listening.getsockname()[1]
 
 
+@pytest.mark.full
 def test_a_machine_that_answers_nothing_is_named_and_the_others_are_stopped(
     served, run, monkeypatch, silent_port
 ):
