@@ -1,9 +1,9 @@
 """Which tests run at every save (``make test``), and which before a commit (``make test-all``).
 
 At every save: the pure layers, servos and the bus, each command, arms in motion on one Feetech and
-one Dynamixel arm, and browser tests of the main screens (``smoke``). The others are marked ``full``, by
-hand where one test takes long, and here where a whole folder does or the case is another arm. A
-path on the command line runs all of what it names.
+one Dynamixel arm, and browser tests of the main screens (``smoke``). The others are marked
+``full``, by hand where one test takes long, and here where a whole folder does or the case is
+another arm. A path on the command line runs all of what it names.
 """
 
 import re
