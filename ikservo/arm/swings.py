@@ -128,7 +128,8 @@ class MotionSwings:
         per_horn = [each.unit_per_tick / each.horn_rad_per_tick for each in self._maps]
         self._names = np.array([driven.joint for driven in driven_joints])
         least = _MOTION_SWING_RAD * np.abs(per_horn)
-        self._turns, self._ways = (TurnCounter(least, each) for each in (_MOTION_TURN_S, math.inf))
+        self._turns = TurnCounter(least, _MOTION_TURN_S)
+        self._reversals = TurnCounter(least, math.inf)
         self._widest = np.zeros(len(self._maps))
         self._last_s = 0.0
 
@@ -137,7 +138,7 @@ class MotionSwings:
         elapsed_s, self._last_s = cycle.time_s - self._last_s, cycle.time_s
         fresh = ~np.isin(self._names, cycle.lost)
         turned = self._turns.update(cycle.measured - cycle.reference, elapsed_s, fresh=fresh)
-        self._turns.count[self._ways.update(cycle.reference, elapsed_s, fresh=True)] = 0
+        self._turns.count[self._reversals.update(cycle.reference, elapsed_s, fresh=True)] = 0
         swings = turned & (self._turns.count >= _MIN_MOTION_TURNS)
         self._widest = np.where(swings, np.maximum(self._widest, self._turns.width), self._widest)
 

@@ -139,10 +139,12 @@ def tune(
         arm = require_own_port(machine)
         servo = _find_turning_servo(arm, joint)
         given = _parse_gains(servo, settings)
-        what = "there and back" if sine_hz is None else "to both sides, {:g} to {:g} Hz,"
+        what = "there and back"
+        if sine_hz:
+            what = f"to both sides, {' to '.join(f'{hz:g}' for hz in sorted(set(sine_hz)))} Hz,"
         print_status(
             f"{servo} of {arm.model.title} on {format_port(arm.port_name)}: "
-            f"{math.degrees(far_rad):.3g}° {what.format(*sine_hz or ())} at the speed fast, "
+            f"{math.degrees(far_rad):.3g}° {what} at the speed fast, "
             f"{'some ten times' if suggest else 'once' if not given else 'twice'}."
         )
         confirm_motion(machine, yes=yes)

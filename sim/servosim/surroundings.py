@@ -76,6 +76,6 @@ def parse_cubes(text: str) -> tuple[Cube, ...]:
         if any(colour == other.colour for other in cubes):
             raise SimulatorError(f"there is one {colour} cube only")
         if not math.hypot(x_m, y_m) < _MAX_AWAY_M:  # also refuses NaN
-            raise SimulatorError(f"the {colour} cube is within {_MAX_AWAY_M:g} m of the base")
+            raise SimulatorError(f"the {colour} cube must be within {_MAX_AWAY_M:g} m of the base")
         cubes.append(Cube(colour, x_m, y_m))
     return tuple(cubes)
