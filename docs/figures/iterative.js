@@ -1,8 +1,9 @@
-// Figures of the iterative methods: pseudo-inverse, null space, transpose, CCD.
+// Figures of the iterative methods: pseudo-inverse, joint limits, null space, transpose, CCD.
 
 import { addButton, addOutput, addSlider, COLOURS, degrees, millimetres, Plane } from "./drawing.js";
 import {
-  ccdTurn, forward, jacobian, length, minus, nullSpaceStep, pseudoInverseStep, scaled, singularValues, transposeStep,
+  ccdTurn, forward, jacobian, length, limitedStep, minus, nullSpaceStep, pseudoInverseStep, scaled, singularValues,
+  transposeStep,
 } from "./planar.js";
 
 const LINKS = [0.2, 0.18, 0.14, 0.1];
@@ -10,7 +11,7 @@ const START = [0.6, 0.5, 0.4, 0.3];
 const REACHED_M = 1e-4;
 const MOST_STEPS = 400;
 
-/** An arm, a target and a trace: what the four figures share. */
+/** An arm, a target and a trace: what the figures share. */
 class Iteration {
   constructor(figure, step) {
     this.figure = figure;
@@ -100,6 +101,24 @@ export function pseudoInverse(figure) {
     });
     run.output.value = `${run.summary}\nsingular values ${values.map((s) => s.toFixed(3)).join(" and ")} m/rad (green: fast and slow direction of the tip)`;
   });
+}
+
+export function jointLimits(figure) {
+  let limit = 0.9;
+  const run = new Iteration(figure, ({ q, error }) => plus(q, limitedStep(jacobian(LINKS, q), error, q, limit)));
+  const draw = () => {
+    run.drawArm();
+    const held = run.q.flatMap((value, i) => (Math.abs(value) > limit - 1e-9 ? [i] : []));
+    held.forEach((i) => run.plane.dot(run.points[i], COLOURS.target, 7));
+    const names = held.map((i) => i + 1).join(", ");
+    run.output.value = `${run.summary}\njoints ${run.q.map(degrees).join(", ")}; at a limit (red): ${names || "none"}`;
+  };
+  addSlider(figure, "limit of each joint", [0.65, 1.5, limit], (value) => {
+    limit = value;
+    run.restart();
+    draw();
+  });
+  run.connect(draw);
 }
 
 export function nullSpace(figure) {

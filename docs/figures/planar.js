@@ -69,7 +69,23 @@ export function pseudoInverseStep(J, E) {
 }
 
 /** J C for a vector of the joints: how the tip moves. */
-const times = (J, C) => J.reduce(([x, y], [jx, jy], i) => [x + jx * C[i], y + jy * C[i]], [0, 0]);
+export const times = (J, C) => J.reduce(([x, y], [jx, jy], i) => [x + jx * C[i], y + jy * C[i]], [0, 0]);
+
+/** L9: the step of the joints that stay inside +-limit; a joint that would leave is put on it and solved without. */
+export function limitedStep(J, E, q, limit) {
+  const step = q.map(() => 0);
+  let free = q.map((_, i) => i);
+  const remaining = () => minus(E, times(J, step.map((value, i) => (free.includes(i) ? 0 : value))));
+  while (free.length) {
+    const solved = scaled(pseudoInverseStep(free.map((i) => J[i]), remaining()));
+    free.forEach((i, k) => (step[i] = solved[k]));
+    const leaves = free.filter((i) => Math.abs(q[i] + step[i]) > limit);
+    if (!leaves.length) break;
+    leaves.forEach((i) => (step[i] = Math.sign(step[i]) * limit - q[i]));
+    free = free.filter((i) => !leaves.includes(i));
+  }
+  return step;
+}
 
 /** L10: (J+ J - I) C, a motion of the joints that does not move the tip. */
 export function nullSpaceStep(J, C) {
@@ -84,6 +100,15 @@ export function transposeStep(J, E) {
   const square = move[0] ** 2 + move[1] ** 2;
   const alpha = square > 1e-18 ? (E[0] * move[0] + E[1] * move[1]) / square : 0;
   return { torque, step: torque.map((t) => alpha * t) };
+}
+
+/** L13: J^T (J J^T + damping^2 I)^-1 E. */
+export function dampedStep(J, E, damping) {
+  let [a, b, c] = [damping ** 2, 0, damping ** 2];
+  for (const [jx, jy] of J) [a, b, c] = [a + jx * jx, b + jx * jy, c + jy * jy];
+  const determinant = a * c - b * b;
+  const [fx, fy] = [(c * E[0] - b * E[1]) / determinant, (a * E[1] - b * E[0]) / determinant];
+  return J.map(([jx, jy]) => jx * fx + jy * fy);
 }
 
 /** L7: the whole step is scaled so that no joint turns further than `most`. */

@@ -59,6 +59,49 @@ def test_the_wrist_of_three_links_leaves_some_directions(page):
     assert 0 < int(share[1]) < 100
 
 
+def test_a_turned_joint_moves_every_link_behind_it(page):
+    output = figure(page, "forwardKinematics").locator("output")
+    pattern = r"φ\d = (.*): link \d ends at (.*) m"
+    before = re.findall(pattern, output.inner_text())
+    after = re.findall(pattern, drag_to(page, "forwardKinematics", 0.9, 0.3))  # link 1 is pressed
+    assert [angle for angle, _ in after][1:] == [angle for angle, _ in before][1:]
+    assert all(end != start for (_, end), (_, start) in zip(after, before, strict=True))
+
+
+def test_columns_of_the_jacobian_predict_a_small_turn(page):
+    text = drag_to(page, "jacobianColumns", 0.3, 0.7)
+    tips = re.findall(r"moves the tip ([\d.]+) mm, ([\d.]+) mm beside", text)
+    assert len(tips) == 3
+    assert all(float(beside) <= 0.05 * float(moved) for moved, beside in tips)
+
+
+def test_damping_keeps_the_step_short_near_a_singular_posture(page):
+    def furthest_deg(damping):
+        figure(page, "damping").locator("input").fill(damping)
+        text = figure(page, "damping").locator("output").inner_text()
+        return float(re.search(r"turn by ([\d.]+)°", text)[1])
+
+    figure(page, "damping").scroll_into_view_if_needed()
+    assert furthest_deg("0.001") > 90 > 20 > furthest_deg("0.05")
+
+
+def test_joints_stop_at_their_limits_and_come_off_them(page):
+    figure(page, "jointLimits").locator("input").fill("0.75")
+
+    def end_after_drag_to(x, y):
+        assert "step 0," in drag_to(page, "jointLimits", x, y)
+        figure(page, "jointLimits").get_by_text("To the end").click()
+        return figure(page, "jointLimits").locator("output").inner_text()
+
+    near = end_after_drag_to(0.7, 0.4)  # nearer than the limits let the arm bend
+    joints = re.search(r"joints (.*);", near)[1].split(", ")
+    assert all(abs(float(value[:-1])) <= 43.1 for value in joints)
+    assert near.endswith("at a limit (red): 2, 3, 4")
+    far = end_after_drag_to(0.85, 0.5)
+    assert re.search(r"error 0\.[01] mm", far)
+    assert far.endswith("none")
+
+
 @pytest.mark.parametrize("name", ["pseudoInverse", "transpose", "ccd"])
 def test_an_iterative_method_ends_at_the_target(page, name):
     assert "step 0," in drag_to(page, name, 0.55, 0.8)
