@@ -48,12 +48,12 @@ _REMEDIES = [(re.compile(pattern), replacement) for pattern, replacement in _REP
 
 
 def in_page(hint: str) -> str:
-    """Return a hint with the buttons of the page in place of commands."""
+    """Word a hint with the buttons of the page in place of commands."""
     return _replace(hint, _PAGE_REMEDIES)
 
 
 def in_python(hint: str) -> str:
-    """Return a hint with methods and arguments in place of commands and their options."""
+    """Word a hint with methods and arguments in place of commands and their options."""
     return _replace(hint, _REMEDIES)
 
 

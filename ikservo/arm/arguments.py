@@ -37,7 +37,7 @@ _MIN_RATE_HZ, _MAX_RATE_HZ = 5.0, 1000.0  # a lower rate exceeds the dead-man ti
 
 
 def parse_all_positions(positions: object, names: Sequence[str]) -> dict[str, float]:
-    """Return joint positions by name, given by name or as an array of all joints (n,).
+    """Read joint positions by name, given by name or as an array of all joints (n,).
 
     Raises:
         BadValueError: They are neither.
@@ -59,7 +59,7 @@ def check_callable(what: str, value: object) -> None:
 
 
 def check_choice(what: str, value: T, choices: Sequence[T]) -> T:
-    """Return a value that is one of a few.
+    """Check that a value is one of a few, and return it.
 
     Raises:
         UnknownNameError: It is none of them.
@@ -71,7 +71,7 @@ def check_choice(what: str, value: T, choices: Sequence[T]) -> T:
 
 
 def check_exit(on_exit: OnExit) -> OnExit:
-    """Return what becomes of an arm that is closed.
+    """Check what is to become of an arm that is closed.
 
     Raises:
         UnknownNameError: It is neither ``hold`` nor ``relax``.
@@ -113,7 +113,7 @@ def parse_points(values: object) -> list[ArrayLike]:
 
 
 def parse_joint_positions(positions: object) -> dict[str, float]:
-    """Return joint positions as plain numbers by name.
+    """Read joint positions as plain numbers by name.
 
     Raises:
         BadValueError: They are no mapping of names to numbers.

@@ -102,7 +102,7 @@ class Arm(MotionMethods):
         runner.on_overheat = self._lower
 
     def __repr__(self) -> str:
-        """Return arm, port and why it is stopped; reads no servo."""
+        """Show arm, port and why it is stopped; reads no servo."""
         state = "open" if self._port.is_open else "closed"
         stopped = f", stopped: {self.stopped_for}" if self.stopped_for else ""
         return f"Arm({self.model.name!r} on {self.port_name!r}, {state}{stopped})"

@@ -144,7 +144,7 @@ class RunningMotion(Generic[T]):
         return self._result_or_raise().__await__()
 
     def __repr__(self) -> str:
-        """Return whether it has ended, and its result."""
+        """Show whether it has ended, and its result."""
         if not self.done:
             return "RunningMotion(running)"
         failed = self._error is not None

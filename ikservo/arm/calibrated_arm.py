@@ -343,7 +343,7 @@ def calibrated_limits(calibration: Calibration, own: CalibratedJoint, joint: Mod
 
 
 def limit_to_one_turn(limits: Limits, joint_map: JointMap, encoder: Encoder) -> Limits:
-    """Return limits of one revolution, where the arm file gives a joint none."""
+    """Limit a joint to one revolution where the arm file gives a joint none."""
     if math.isfinite(limits.upper.value - limits.lower.value):
         return limits
     half = (encoder.ticks / 2 - 2) * joint_map.unit_per_tick

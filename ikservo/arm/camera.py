@@ -62,7 +62,7 @@ class ArmCamera:
         self._source: PictureSource | None = None
 
     def __repr__(self) -> str:
-        """Return the arm's name."""
+        """Show the arm's name."""
         return f"ArmCamera(of {self._context.model.name!r})"
 
     def model(self) -> CameraModel:
@@ -185,7 +185,7 @@ def table_m(model: Model) -> float:
 
 
 def first_seen(ray: Ray, things: Iterable[Obstacle], z_m: float) -> SeenPoint:
-    """Return what a ray meets first: a thing, or the level plane at z.
+    """Find what a ray meets first: a thing, or the level plane at z.
 
     Raises:
         InputError: It meets neither.

@@ -205,7 +205,7 @@ class PreflightPlanner:
         return replace(plan, requested=goals)
 
     def _ask_about_degrees(self, goals: Mapping[str, float]) -> str:
-        """Return a hint where goals in radians are outside the limits and as degrees are inside."""
+        """Give a hint where goals in radians are outside the limits and as degrees are inside."""
         driven_joints = {driven.joint: driven for driven in self._servos.driven_joints}
         for name, goal in goals.items():
             lower, upper = (

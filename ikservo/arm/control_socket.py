@@ -82,7 +82,7 @@ def _socket_folder() -> Path:
 
 
 def _shorten_path(path: Path) -> Path:
-    """Return a short path for one that is too long for an address."""
+    """Find a short path for one that is too long for an address."""
     folder = hashlib.sha256(os.fsencode(path.parent)).hexdigest()[:16]
     return Path(tempfile.gettempdir()) / f"ikservo-{_user_id()}" / f"{folder}-{path.name}"
 

@@ -181,7 +181,7 @@ def run_gripper(arm: ArmParts, motion: MoveGripper, on_progress: OnProgress | No
 
 
 def plan_gripper(context: ArmContext, motion: MoveGripper, start: Vector) -> Vector:
-    """Return all joints (n,) after a motion of the gripper from ``start`` (n,); nothing moves.
+    """Compute all joints (n,) after a motion of the gripper from ``start`` (n,); nothing moves.
 
     Raises:
         IkservoError: As ``run_gripper``.

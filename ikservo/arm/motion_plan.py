@@ -144,7 +144,7 @@ class MotionPlan:
     def to_csv(
         self, path: Path | str | None = None, dt_s: float = 0.01, *, overwrite: bool = False
     ) -> str:
-        """Return the sampled motion as CSV, and write it to a file where a path is given.
+        """Format the sampled motion as CSV, and write it to a file where a path is given.
 
         Raises:
             BadValueError: See ``sample``; or the file exists and ``overwrite`` is false.
@@ -153,7 +153,7 @@ class MotionPlan:
         return self.sample(dt_s).to_csv(path, overwrite=overwrite)
 
     def __repr__(self) -> str:
-        """Return goal, length of the tip's path and duration."""
+        """Show goal, length of the tip's path and duration."""
         ends = zip(self.names, self.goal.tolist(), strict=True)
         goal = ", ".join(f"{name}: {at:.4f}" for name, at in ends)
         return (

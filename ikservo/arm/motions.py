@@ -522,7 +522,7 @@ KINDS: Mapping[str, type[MotionValue[Any]]] = {
 
 
 def check_motion(motion: MotionValue[R]) -> MotionValue[R]:
-    """Return what is a motion.
+    """Check that a value is a motion, and return it.
 
     Raises:
         BadValueError: It is none.

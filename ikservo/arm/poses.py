@@ -62,11 +62,11 @@ class PoseLibrary:
         self._model, self.path = model, pose_path(model.name, usb_serial_number)
 
     def __repr__(self) -> str:
-        """Return the names of the poses of the arm file."""
+        """Show the names of the poses of the arm file."""
         return f"Poses({', '.join(self._model.poses)}; taught ones: taught())"
 
     def get_pose(self, name: str) -> Positions:
-        """Return the joint positions of a pose, rad or m by joint.
+        """Look up the joint positions of a pose, rad or m by joint.
 
         Raises:
             UnknownNameError: There is no such pose; the closest is offered.
@@ -106,7 +106,7 @@ class PoseLibrary:
         return {name: self._positions_of(name, pose) for name, pose in read.poses.items()}
 
     def check_name(self, name: str) -> str:
-        """Return the name, if a pose can be taught under it.
+        """Check that a pose can be taught under a name, and return it.
 
         Raises:
             BadValueError: It is malformed, or a pose of the arm file.

@@ -120,7 +120,7 @@ def describe_arm(
     zeros: ZeroSource,
     serial_number: str | None = None,
 ) -> RecordedArm:
-    """Return what is recorded of an arm besides samples.
+    """Describe an arm as a recording does, besides its samples.
 
     Args:
         model: The arm.

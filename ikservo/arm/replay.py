@@ -164,7 +164,7 @@ def load_replay(
 
 
 def plan_replay(context: ArmContext, motion: Replay, start: Vector) -> Vector:
-    """Return the joints (n,) after a replay from ``start`` (n,); nothing moves.
+    """Compute the joints (n,) after a replay from ``start`` (n,); nothing moves.
 
     Raises:
         IkservoError: As ``run_replay``.

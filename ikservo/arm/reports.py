@@ -111,7 +111,7 @@ class ArmState:
         return np.array([joint.torque for joint in self.joints])
 
     def __repr__(self) -> str:
-        """Return the tip and the positions; the rest is in ``joints``."""
+        """Show the tip and the positions; the rest is in ``joints``."""
         positions = ", ".join(f"{name}: {at:.4f}" for name, at in self.positions.items())
         tip = ", ".join(f"{x:z.4f}" for x in self.tip_m)
         return f"ArmState(tip_m=({tip}), positions={{{positions}}})"
@@ -269,7 +269,7 @@ class ReplayResult:
 
 
 def describe_torque(states: Sequence[JointState]) -> str:
-    """Return ``torque stays on``, or which servos are limp."""
+    """Say ``torque stays on``, or which servos are limp."""
     limp = [state.name for state in states if not state.torque]
     if not limp:
         return "torque stays on"

@@ -59,7 +59,7 @@ class Scene:
         return tuple(self._things.values())
 
     def __repr__(self) -> str:
-        """Return the names."""
+        """Show the names."""
         return f"Scene({', '.join(self.names)}; held: {', '.join(self.held) or 'nothing'})"
 
     def add(self, kind: str, name: str, **sizes: Any) -> None:  # noqa: ANN401  # keys of a file

@@ -221,7 +221,7 @@ class SetpointStream:
         return self._mailbox.put_count
 
     def __repr__(self) -> str:
-        """Return how many setpoints were sent and refused."""
+        """Show how many setpoints were sent and refused."""
         state = "closed" if self._has_ended else "open"
         return f"SetpointStream({state}, {self.sent} sent, {self.refused} refused)"
 

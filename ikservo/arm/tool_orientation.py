@@ -166,7 +166,7 @@ KEEP_BEST_EFFORT = ToolOrientation()
 
 
 def check_orientation(stance: object, orientation: ArrayLike | None = None) -> ToolOrientation:
-    """Return the constraint, with the whole orientation (3, 3) where that is given instead.
+    """Check the constraint, with the whole orientation (3, 3) where that is given instead.
 
     Raises:
         BadValueError: It is no ``ToolOrientation``, or both are given.
@@ -267,7 +267,7 @@ class OrientationSolver:
         return OrientationSolution(solution, self._orientation_error_rad(solution.q))
 
     def check_error(self, solved: OrientationSolution) -> float:
-        """Return the orientation error, if it is within the tolerance.
+        """Check that the orientation error is within the tolerance, and return it.
 
         Raises:
             OrientationError: It is more than that.
@@ -418,7 +418,7 @@ def solve_with_orientation(
 def check_orientation_error(
     chain: Chain, tool: ToolFrame, target: Target, stance: ToolOrientation, solution: Result
 ) -> float:
-    """Return the orientation error of the tool in a solution, rad.
+    """Compute the orientation error of the tool in a solution, rad.
 
     Raises:
         OrientationError: It is more than the tolerance.

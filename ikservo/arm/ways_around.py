@@ -71,7 +71,7 @@ class _MovingSpace:
         return bodies
 
     def project(self, posture: Vector) -> Vector | None:
-        """Return a posture nearby at which the tool keeps its constraint; None without one."""
+        """Find a posture nearby at which the tool keeps its constraint; None without one."""
         joints = self.joints(posture[None])[0]
         found = None if self._tool is None else self._tool.project(self._index.chain_joints(joints))
         if found is None:

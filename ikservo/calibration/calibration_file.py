@@ -151,7 +151,7 @@ _HEADER = """\
 
 
 def dump_calibration(calibration: Calibration) -> str:
-    """Return the content of the file."""
+    """Format the content of the file."""
     import tomli_w  # noqa: PLC0415  # noqa: PLC0415  # needed for writing only
 
     tables = _plain_tables(calibration.model_dump(mode="python", exclude_none=True))

@@ -75,7 +75,7 @@ class IdentifiedArm(StrictModel):
 
 
 def dump_identified(arm: IdentifiedArm) -> str:
-    """Return the content of the file."""
+    """Format the content of the file."""
     import tomli_w  # noqa: PLC0415  # needed for writing only
 
     tables = arm.model_dump(mode="python", exclude_none=True)

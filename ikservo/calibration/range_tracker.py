@@ -62,7 +62,7 @@ class RangeTracker:
         return self.high - self.low
 
     def update(self, reading: int, at_s: float) -> RangeTracker:
-        """Return the track with one more reading."""
+        """Add one more reading to the track."""
         tick = unwrap(self.tick, reading, self.ticks_per_turn) if self.ticks_per_turn else reading
         jumped = self.ticks_per_turn and abs(tick - self.tick) > _MAX_STEP
         other_direction = self.ticks_per_turn - abs(tick - self.tick)
@@ -77,7 +77,7 @@ class RangeTracker:
         )
 
     def update_unwrapped(self, tick: int, at_s: float) -> RangeTracker:
-        """Return the track with one more reading that is already unwrapped."""
+        """Add one more reading that is already unwrapped to the track."""
         low, high = min(self.low, tick), max(self.high, tick)
         return replace(self, tick=tick, low=low, high=high, at_s=at_s)
 
@@ -110,7 +110,7 @@ class StillnessDetector:
     readings: tuple[tuple[float, Mapping[int, float]], ...] = ()
 
     def add_reading(self, at_s: float, positions: Mapping[int, float]) -> StillnessDetector:
-        """Return it with one more reading, without those that are too old."""
+        """Add one more reading, without those that are too old."""
         start_s = at_s - self.window_s
         recent = [row for row in self.readings if row[0] > start_s]
         before = [row for row in self.readings if row[0] <= start_s][-1:]
@@ -237,7 +237,7 @@ class EndStopDetector:
         return at_rest_s >= _BLOCKED_S and abs(goal_rad - at_rad) >= self.min_lag_rad
 
     def update(self, at_s: float, at_rad: float) -> EndStopDetector:
-        """Return it with one more position sample."""
+        """Add one more position sample."""
         if self.since_s == math.inf or abs(at_rad - self.at_rad) > _BLOCKED_RAD:
             return replace(self, since_s=at_s, at_rad=at_rad, contact=ContactState.MOVING)
         return self
@@ -245,7 +245,7 @@ class EndStopDetector:
     def update_with_load(
         self, at_s: float, at_rad: float, goal_rad: float, load_percent: float
     ) -> EndStopDetector:
-        """Return it with one more sample of position and load.
+        """Add one more sample of position and load.
 
         Args:
             at_s: The time.

@@ -255,7 +255,7 @@ class PartialCalibration(StrictModel):
 
 
 def dump_partial(partial: PartialCalibration) -> str:
-    """Return the content of the file."""
+    """Format the content of the file."""
     import tomli_w  # noqa: PLC0415  # noqa: PLC0415  # needed for writing only
 
     return with_checksum(_HEADER + tomli_w.dumps(partial.model_dump(mode="python")))

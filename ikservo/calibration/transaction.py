@@ -74,7 +74,7 @@ class Journal(StrictModel):
 
 
 def dump_journal(journal: Journal) -> str:
-    """Return the content of the file."""
+    """Format the content of the file."""
     import tomli_w  # noqa: PLC0415  # noqa: PLC0415  # needed for writing only
 
     tables = journal.model_dump(mode="python")
@@ -108,7 +108,7 @@ class TransactionProgress(Enum):
 
 
 def plan_changes(bus: ServoBus, expected: Mapping[int, Mapping[str, int]]) -> list[EepromChange]:
-    """Return the changes that give servos their expected registers, raw, by id and register.
+    """Plan the changes that give servos their expected registers, raw, by id and register.
 
     Raises:
         BusError: A servo does not reply.

@@ -32,14 +32,14 @@ def complete_from(*names: str) -> Callable[[str], list[str]]:
 
 
 def complete_arms(incomplete: str) -> list[str]:
-    """Return the arms whose names start with a prefix."""
+    """Complete a prefix to the names of arms."""
     from ikservo.model import arm_names  # noqa: PLC0415  # the Tab key should not wait for more
 
     return [name for name in arm_names() if name.startswith(incomplete)]
 
 
 def complete_poses(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401  # typer hides click's types
-    """Return the poses of the chosen arm, taught ones included, that start with a prefix."""
+    """Complete a prefix to poses of the chosen arm, taught ones included."""
     from ikservo.arm.poses import known_pose_names  # noqa: PLC0415
 
     model = _model_from_context(ctx)
@@ -47,7 +47,7 @@ def complete_poses(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401  # t
 
 
 def complete_joints(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401
-    """Return the joints of the chosen arm as ``NAME=``, without those given before."""
+    """Complete the joints of the chosen arm as ``NAME=``, without those given before."""
     model = _model_from_context(ctx)
     given = {str(goal).partition("=")[0] for goal in ctx.params.get("goals") or ()}
     names = [] if model is None else [joint.name for joint in model.joints]
@@ -55,14 +55,14 @@ def complete_joints(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401
 
 
 def complete_jogs(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401
-    """Return what can be jogged: the joints of the chosen arm, and directions of the tip."""
+    """Complete what can be jogged: the joints of the chosen arm, and directions of the tip."""
     model = _model_from_context(ctx)
     names = [] if model is None else [joint.name for joint in model.joints]
     return _filter_by_prefix([*names, *_DIRECTIONS], incomplete)
 
 
 def complete_methods(incomplete: str) -> list[str]:
-    """Return the methods of ``solve`` that start with a prefix."""
+    """Complete a prefix to methods of ``solve``."""
     from ikservo.ik import METHODS  # noqa: PLC0415
 
     return _filter_by_prefix(["auto", *METHODS], incomplete)

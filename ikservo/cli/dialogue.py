@@ -271,7 +271,7 @@ def _joint_table(readings: tuple[JointReadout, ...], current: str, width: int) -
 
 
 def _format_range(low: float, high: float, unit: JointUnit) -> str:
-    """Return ``-100° … 100°`` or ``15.0 … 37.0 mm``: short, for a table."""
+    """Format a range as ``-100° … 100°`` or ``15.0 … 37.0 mm``: short, for a table."""
     if unit == "m":
         return f"{low * 1000:z.1f} … {high * 1000:z.1f} mm"
     return f"{math.degrees(low):z.0f}° … {math.degrees(high):z.0f}°"

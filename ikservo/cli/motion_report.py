@@ -163,7 +163,7 @@ def print_move_report(report: MoveResult | None, *, json: bool) -> None:
 
 
 def _describe_orientation(error_rad: float, change_rad: float, *, requested: bool) -> str:
-    """Return the error of a requested orientation as text, or the change if none was requested."""
+    """Describe the error of a requested orientation, or the change if none was requested."""
     if requested:
         return f"orientation error {math.degrees(error_rad):.1f}°"
     return f"orientation changed by {math.degrees(change_rad):.1f}° (none was requested)"

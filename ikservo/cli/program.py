@@ -86,7 +86,7 @@ def command(
 def _check(
     run: ProgramRun, program: Program, file: Path, first: int, *, quiet: bool
 ) -> list[StepCheck]:
-    """Return the check of each step.
+    """Check each step.
 
     Raises:
         IkservoError: Steps cannot be made; all of them have been named.

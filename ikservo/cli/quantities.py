@@ -51,7 +51,7 @@ def parse_time_s(text: str | float) -> float:
 
 
 def parse_tool_speed_m_s(text: str) -> float:
-    """Return m/s above 0 from ``50``, ``50mm/s``, ``5cm/s`` or ``0.05m/s``."""
+    """Read m/s above 0 from ``50``, ``50mm/s``, ``5cm/s`` or ``0.05m/s``."""
     speed_m_s = _parse_quantity(
         text.strip().removesuffix("/s"), _TOOL_SPEEDS, "a speed like 50, 50mm/s or 0.05m/s"
     )

@@ -78,7 +78,7 @@ def _stop_one(arm: str, port: str) -> StopAllResult:
 
 
 def _name_of(arm: str) -> str:
-    """Return the name of an arm that is given by name or arm file; empty where it is not known."""
+    """Find the name of an arm that is given by name or arm file; empty where it is not known."""
     if _ARM_NAME.fullmatch(arm):
         return arm
     path = Path(arm)

@@ -83,7 +83,7 @@ Action = Annotated[
 
 
 def _complete_registers(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401  # typer hides click's types
-    """Return the registers of the model, or of all models, that start with a prefix."""
+    """Complete a prefix to registers of the model, or of all models."""
     from ikservo.maintenance.servo_workbench import register_names  # noqa: PLC0415
 
     ending = "=" if ctx.params.get("action") == "write" else ""

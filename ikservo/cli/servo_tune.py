@@ -218,7 +218,7 @@ def _try_gains(
     try_one: Callable[[Mapping[Register, int]], _Tried],
     search: Callable[[Sequence[_Tried]], Iterable[_Tried]] | None = None,
 ) -> list[_Tried]:
-    """Return what becomes of the present gains, of those given, and of those a search tries."""
+    """Try the present gains, of those given, and of those a search tries."""
     bus = arm.context.servos.bus
     with exiting_on_signals(), keeping_gains(bus, servo, given) as present:
         tried = [try_one(present)]

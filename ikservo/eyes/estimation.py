@@ -539,7 +539,7 @@ class _Problem:
         )
 
     def _at_bound(self, state: _State, slope: Vector) -> _Mask:
-        """Return which numbers would turn negative: compliances and plays that are zero."""
+        """Tell which numbers would turn negative: compliances and plays that are zero."""
         bound = np.zeros(len(slope), dtype=bool)
         first = _POSES + self.dof
         bound[first:] = (state.arm[self.dof :] <= 0.0) & (slope[first:] >= 0.0)

@@ -239,7 +239,7 @@ _CHECKSUM = 'checksum = "sha256:'
 
 
 def with_checksum(body: str) -> str:
-    """Return a body with its checksum line."""
+    """Add its checksum line to a body."""
     return f"{_first_line(body)}\n{body}"
 
 

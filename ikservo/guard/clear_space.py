@@ -56,7 +56,7 @@ class ClearSpace:
         self._free_postures = bind("free_postures", *arguments)
 
     def is_free(self, path: Matrix) -> bool:
-        """Return whether the straight motions through postures (n, dof) keep the distances."""
+        """Tell whether the straight motions through postures (n, dof) keep the distances."""
         return self._first_contact(path) == self._no_contact
 
     def contains(self, postures: Matrix) -> NDArray[np.bool_]:

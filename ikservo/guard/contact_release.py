@@ -41,7 +41,7 @@ def nearest_free_posture(
 def _move_apart(
     checker: CollisionChecker, q: Vector, lower: Vector, upper: Vector, distance_m: float
 ) -> Vector | None:
-    """Return joints (dof,) near ``q`` in which all pairs are a distance apart; None without any.
+    """Find joints (dof,) near ``q`` in which all pairs are a distance apart; None without any.
 
     Each step is the one, of a linear program in the joints, by which the distances of all pairs
     that are too near grow most while no other comes too near (the non-penetration constraints of

@@ -230,7 +230,7 @@ class HealthMonitor:
         self.release = False
 
     def update(self, telemetry: ServoTelemetry) -> tuple[str, ...]:
-        """Return warnings for the user.
+        """Update what is watched, and return warnings for the user.
 
         Raises:
             ServoAlarmError: The arm must hold: a servo is too hot, overloaded, its supply is out of

@@ -135,7 +135,7 @@ class OverloadMonitor:
         return tuple(warnings)
 
     def draw_back(self, goals: Mapping[str, int], ticks: Mapping[str, int]) -> dict[str, int]:
-        """Return goals of which those of joints that press too long are drawn back.
+        """Draw back the goals of joints that press too long.
 
         Such a joint keeps on pressing with 60 % of what its servo bears, until its goal comes back
         or what blocks it gives way. It follows no load that pushes it back.

@@ -141,7 +141,7 @@ def explaining_silence(bus: ServoBus) -> Generator[None]:
 def find_unexpected_servos(
     port: Port, silent: Sequence[ServoSpec], known: Collection[int]
 ) -> list[FoundServo]:
-    """Return some servos that may be the silent ones: at their ids first, then at any.
+    """Find some servos that may be the silent ones: at their ids first, then at any.
 
     Args:
         port: The port; its rate is restored.

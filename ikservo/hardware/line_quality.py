@@ -119,7 +119,7 @@ class MeteredTransport:
             return self._transport.in_waiting
 
     def read(self, size: int = 1, /) -> bytes:
-        """Return up to ``size`` bytes."""
+        """Read up to ``size`` bytes."""
         started_s = time.thread_time()
         data = self._transport.read(size)
         self.inside_s += time.thread_time() - started_s

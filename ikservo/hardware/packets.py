@@ -181,5 +181,5 @@ class PacketCodec(Protocol):
         ...
 
     def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
-        """Return the reply in a frame to a request for ``size`` bytes; None if it is none."""
+        """Interpret a frame as the reply to a request for ``size`` bytes; None if it is none."""
         ...

@@ -86,7 +86,7 @@ class SdkPort:
         return max(self.sent_all_s, self.clock.now_s()) + self.wire_s(expected) + delays_s
 
     def read_until(self, size: int, deadline_s: float) -> bytes:
-        """Return up to ``size`` bytes; fewer only when the deadline has passed.
+        """Read up to ``size`` bytes; fewer only when the deadline has passed.
 
         Raises:
             PortLostError: The port is lost.
@@ -233,7 +233,7 @@ class SdkPort:
 
 
 def _describe_loss(error: Exception) -> str:
-    """Return why a port was lost; systems and pyserial report an unplugged device differently."""
+    """Describe why a port was lost; systems and pyserial report an unplugged device differently."""
     code = next(iter(error.args), None)
     if code in {errno.EIO, errno.ENXIO, errno.ENODEV, errno.EBADF} or "no data" in str(error):
         return "device unplugged"

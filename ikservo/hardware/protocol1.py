@@ -166,7 +166,7 @@ class Protocol1Codec:
         return parse_in_order(data, sizes)
 
     def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
-        """Return the reply in a frame to a request for ``size`` bytes; None if it is none."""
+        """Interpret a frame as the reply to a request for ``size`` bytes; None if it is none."""
         raise NotImplementedError
 
 

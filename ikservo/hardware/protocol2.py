@@ -151,7 +151,7 @@ class Protocol2Codec:
         return Status(servo_id, packet[_INSIDE + 2 : -2])
 
     def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
-        """Return data with their alert, a refusal with its text, or None if it is no reply."""
+        """Interpret a frame: data with an alert, a refusal with its text, or None for no reply."""
         number, alert = frame.error & ~_ALERT, frame.error & _ALERT
         if number:
             kind = FaultKind.GARBLED if number == _CRC_ERROR else FaultKind.REFUSED

@@ -266,7 +266,7 @@ def plan_writes(servos: Iterable[ServoSpec], ref: RegisterRef) -> list[WriteTarg
 
 
 def plan_reads(refs: Mapping[ServoSpec, Sequence[RegisterRef]]) -> ReadPlan:
-    """Return how to read each servo's own registers.
+    """Plan how to read each servo's own registers.
 
     Raises:
         UnknownNameError: A servo has no such register.

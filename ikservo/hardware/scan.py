@@ -133,7 +133,7 @@ def _read_first_registers(port: Port, servo_id: int) -> bytes | None:
 
 
 def _decode_identity(head: bytes, table: type[ControlTable]) -> tuple[int, int]:
-    """Return model number and id if the memory has the layout of the table."""
+    """Decode model number and id if the memory has the layout of the table."""
     model, own_id = table.model_number, table.id
     return (
         model.decode(head[model.address : model.end]),

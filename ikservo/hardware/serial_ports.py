@@ -229,7 +229,7 @@ _URL_FORMATS = "a network port is written like socket://192.168.1.5:4000"
 
 
 def open_error(name: str, baud_rate: int, error: Exception) -> PortError:
-    """Return the error that explains why a port did not open, and what to do.
+    """Explain by an error why a port did not open, and what to do.
 
     Args:
         name: As given by the user.

@@ -155,7 +155,7 @@ def torque_off(bus: ServoBus, servo_ids: Iterable[int]) -> dict[int, BusError]:
 
 
 def check_supply_voltage(bus: ServoBus, servo_id: int) -> float:
-    """Return the servo's supply voltage, if it is within the servo's own limits.
+    """Check that the servo's supply voltage is within the servo's own limits.
 
     Raises:
         ServoAlarmError: It does not.

@@ -98,7 +98,7 @@ class FileDescriptorPort:
         self.timeout: float | None = 0.0
 
     def read(self, size: int = 1, /) -> bytes:
-        """Return up to ``size`` bytes; fewer only once ``timeout`` has passed."""
+        """Read up to ``size`` bytes; fewer only once ``timeout`` has passed."""
         left_s = self.timeout or 0.0
         give_up_s = monotonic() + left_s
         data = b""
@@ -218,7 +218,7 @@ class Transport(Protocol):
         ...
 
     def read(self, size: int = 1, /) -> bytes:
-        """Return up to ``size`` bytes; fewer only once ``timeout`` seconds have passed."""
+        """Read up to ``size`` bytes; fewer only once ``timeout`` seconds have passed."""
         ...
 
     def write(self, data: bytes, /) -> int | None:

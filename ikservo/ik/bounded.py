@@ -47,7 +47,7 @@ __all__ = [
 def unpack_result(
     chain: Chain, answer: Vector, method: str, trace: tuple[Vector, ...] = ()
 ) -> Result:
-    """Return the result in one row of kernel output (2 dof + RESULT_TAIL,)."""
+    """Unpack the result in one row of kernel output (2 dof + RESULT_TAIL,)."""
     n, row = chain.dof, answer.copy()
     numbers: list[float] = row.tolist()
     tail, nearest = numbers[2 * n :], 2 * n + REACHED_POINT

@@ -192,7 +192,7 @@ def allowed_arcs(
 def _open_arcs(
     ends: list[float], at_end: list[bool], after: list[bool]
 ) -> tuple[DirectionArc, ...]:
-    """Return the open pieces of the circle, and the open ends between closed pieces."""
+    """Find the open pieces of the circle, and the open ends between closed pieces."""
     alone = (
         DirectionArc(end, end)
         for i, end in enumerate(ends)

@@ -315,7 +315,7 @@ def pack_problem(
     tool_axis: Vector | None,
     restarts: int,
 ) -> PackedProblem:
-    """Return the arm packed for so many starting points; the last few are cached."""
+    """Pack the arm for so many starting points; the last few are cached."""
     key = (None if frame is None else str(frame), _array_bytes(offset_m), _array_bytes(tool_axis))
     kept = _prepared.setdefault(chain, {})
     ready = kept.get(key)

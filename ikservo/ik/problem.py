@@ -147,7 +147,7 @@ def _check_frame(frame: object) -> None:
 
 
 def check_position(v: ArrayLike, what: str) -> Vector:
-    """Return a copy of a point (3,) [m]; BadValueError if it is none or beyond 1 km."""
+    """Check and copy a point (3,) [m]; BadValueError if it is none or beyond 1 km."""
     point = bounded_vector(v, 3, MAX_POSITION_M, what, "metres, within 1 km")
     return point.copy()  # later changes by the caller must not change the target
 

@@ -160,7 +160,7 @@ class Solver:
         return cast("PoseKernel", solve)
 
     def __repr__(self) -> str:
-        """Return the kind of target and the chain."""
+        """Show the kind of target and the chain."""
         return f"Solver(kind={self.kind!r}, {self.chain.dof} joints to {self.chain.tip!r})"
 
     def __call__(

@@ -184,7 +184,7 @@ class _FloodFill:
             cells = self.mark_reached(q, tip_positions(self._chain, q))
 
     def _open_neighbours(self, cells: Cells) -> tuple[Cells, Matrix]:
-        """Return the open cells (m, 3) beside the given (n, 3), and the joints of those."""
+        """Find the open cells (m, 3) beside the given (n, 3), and the joints of those."""
         around = (cells[:, None, :] + _NEIGHBOURS).reshape(-1, 3)
         origin = np.repeat(cells, len(_NEIGHBOURS), axis=0)
         exist = np.all((around >= 0) & (around < self._grid.shape), axis=1)

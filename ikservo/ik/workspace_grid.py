@@ -52,13 +52,13 @@ class VoxelGrid:
         freeze_arrays(self)
 
     def to_grid(self, points_m: ArrayLike) -> Matrix:
-        """Return points (n, 3) of the base frame in the grid's own frame."""
+        """Convert points (n, 3) from the base frame to the grid's own frame."""
         T = self.T_world_grid
         local: Matrix = (np.asarray(points_m, dtype=np.float64) - T[:3, 3]) @ T[:3, :3]
         return local
 
     def to_world(self, local_m: ArrayLike) -> Matrix:
-        """Return points (n, 3) of the grid's frame in the base frame."""
+        """Convert points (n, 3) from the grid's frame to the base frame."""
         T = self.T_world_grid
         world: Matrix = np.asarray(local_m, dtype=np.float64) @ T[:3, :3].T + T[:3, 3]
         return world

@@ -205,7 +205,7 @@ class ArmDraft:
 
 
 def format_range(joint: UrdfJoint) -> str:
-    """Return the range of a joint in degrees or millimetres."""
+    """Format the range of a joint in degrees or millimetres."""
     if joint.kind is UrdfJointType.PRISMATIC:
         return f"{1000 * joint.lower:.0f} to {1000 * joint.upper:.0f} mm"
     return f"{math.degrees(joint.lower):.0f}° to {math.degrees(joint.upper):.0f}°"

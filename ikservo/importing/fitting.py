@@ -244,7 +244,7 @@ class _SampledSurface:
 
 
 def _sample_surface(triangles: Triangles, spacing_m: float) -> Matrix:
-    """Return points of a surface (n, 3), nowhere much farther apart than the spacing."""
+    """Sample points of a surface (n, 3), nowhere much farther apart than the spacing."""
     done: list[Matrix] = []
     for _ in range(12):
         edges = np.sqrt(_squares(triangles - triangles[:, (2, 0, 1)]).max(axis=1))
@@ -424,7 +424,7 @@ def _best_cut(
 
 
 def _cut_by_plane(triangles: Triangles, axis: Vector, at_m: float) -> tuple[Triangles, Triangles]:
-    """Return the triangles on both sides of a plane; those that cross it are cut in three."""
+    """Cut triangles into those on both sides of a plane; those that cross it are cut in three."""
     side = triangles @ axis - at_m
     above, below = (side >= 0.0).all(axis=1), (side < 0.0).all(axis=1)
     crossing, side = triangles[~above & ~below], side[~above & ~below]

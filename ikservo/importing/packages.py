@@ -51,14 +51,14 @@ class PackageFolders:
         return self.used[name]
 
     def find_mesh(self, filename: str) -> Path | None:
-        """Return the file of a mesh inside its package, or the description's own; else None."""
+        """Find the file of a mesh inside its package, or the description's own; else None."""
         path = self._mesh_path(filename)
         if path is None and filename not in self.outside:
             self.outside.append(filename)
         return path
 
     def require(self, name: str) -> Path:
-        """Return the folder of a package.
+        """Find the folder of a package, which has to be there.
 
         Raises:
             FileFormatError: It is not found.
@@ -122,7 +122,7 @@ class PackageFolders:
 
 
 def _split_package(filename: str) -> tuple[str, str]:
-    """Return package and path of ``package://NAME/PATH`` and ``$(find NAME)/PATH``, else blanks."""
+    """Split ``package://NAME/PATH`` and ``$(find NAME)/PATH`` in two; blanks for other names."""
     if filename.startswith(_PACKAGE):
         name, _, rest = filename.removeprefix(_PACKAGE).partition("/")
         return name, rest

@@ -46,7 +46,7 @@ def propose_home(model: Model) -> dict[str, float]:
 
 
 def _first_free(model: Model, postures: Matrix) -> Vector:
-    """Return the first posture of some (n, dof) with room around the body, or that with the most.
+    """Find the first posture of some (n, dof) with room around the body, or that with the most.
 
     Room is the distance from itself and the table, as far as each pair of links can have it.
     """

@@ -59,7 +59,7 @@ def parse_measured(text: str) -> RulerJoint:
 def describe_measured(
     name: str, joints: Sequence[RulerJoint], foot_m: float = _FOOT_M
 ) -> Description:
-    """Return the description of an arm that stands upright at zero.
+    """Describe an arm that stands upright at zero.
 
     Args:
         name: The arm.

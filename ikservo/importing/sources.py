@@ -41,7 +41,7 @@ class Description:
 
 
 def choose_description(source: Path, name: str | None = None) -> Path:
-    """Return the description that is meant: a file, or the only one of its folder.
+    """Choose the description that is meant: a file, or the only one of its folder.
 
     Args:
         source: A file or folder.

@@ -289,7 +289,7 @@ class Chain:
         return joints if self.link_joints is None else self.link_joints(joints)
 
     def _check_limits(self, limits: ArrayLike, present: Vector, what: str) -> Vector:
-        """Return limits (dof,); those of a continuous joint may stay infinite."""
+        """Check limits (dof,); those of a continuous joint may stay infinite."""
         array = as_floats(limits, what, f"numbers of shape ({self.dof},)")
         if array.shape == present.shape:
             open_ended = np.isinf(present) & (array == present)

@@ -158,7 +158,7 @@ class CollisionBody:
         )
 
     def pack(self) -> PackedBody:
-        """Return the body as arrays of numbers."""
+        """Pack the body into arrays of numbers."""
         names, links = pack_links(self._chain)
         reach = LinkTravelBounds(self._chain, self._capsules)
         pair = np.searchsorted(self._first, np.arange(len(self._ones)), side="right") - 1

@@ -55,7 +55,7 @@ class GeometricErrors:
 
 
 def apply_geometric_errors(chain: Chain, geometry: GeometricErrors) -> Chain:
-    """Return the chain with geometric errors."""
+    """Apply geometric errors to a chain."""
     joints = {
         step.joint.name: step.joint for link in chain.frames for step in chain.joints_to(link)
     }

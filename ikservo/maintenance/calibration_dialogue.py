@@ -212,7 +212,7 @@ def record_ranges(
 
 
 def apply_answer(state: CalibrationState, text: str) -> CalibrationState:
-    """Return the state after an answer.
+    """Apply an answer to the state.
 
     Raises:
         BadValueError: It is no answer.

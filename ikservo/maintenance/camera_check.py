@@ -148,7 +148,7 @@ def compare_place(
 
 
 def _look(source: PictureSource, board: Board) -> BoardView:
-    """Return what is seen of a board, in the first of some pictures that shows it."""
+    """Find what is seen of a board, in the first of some pictures that shows it."""
     for _ in range(_LOOKS - 1):
         try:
             return find_board(board, source.take())

@@ -95,7 +95,7 @@ def plan_lift(arm: Arm) -> DirectionCheck | None:
 
 
 def check_clearance_m(arm: Arm, name: str) -> float:
-    """Return the clearance of the body during the test motion of a joint and back.
+    """Compute the clearance of the body during the test motion of a joint and back.
 
     It is the smaller one of that at the start and that at the better of the two ends; negative
     where the body would touch something.
@@ -178,7 +178,7 @@ def _move_joint(arm: Arm, joint: str, position: float) -> None:
 
 
 def _test_clearance(arm: Arm, name: str) -> Clearance:
-    """Return the clearance of configurations for the test motion of a joint and back."""
+    """Compute the clearance of configurations for the test motion of a joint and back."""
     travels = _possible_travels(arm, arm.model.joint(name), CHECK_ANGLE_RAD)
 
     def clearance(joints: Mapping[str, float]) -> float:

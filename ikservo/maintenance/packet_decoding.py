@@ -233,7 +233,7 @@ def _parse_frame(data: bytes | bytearray, at: int, *, status: bool) -> tuple[_Fr
 
 
 def _next_header(data: bytearray, at: int) -> int:
-    """Return where the next packet may begin, after the byte at an index."""
+    """Find where the next packet may begin, after the byte at an index."""
     found = data.find(_HEADER_1, at + 1)
     return len(data) if found < 0 else found
 

@@ -88,7 +88,7 @@ class ServoLine:
     owner: str
 
     def find(self, target: str | None) -> ServoSpec:
-        """Return the servo of a joint or id; the only one if None.
+        """Find the servo of a joint or id; the only one if None.
 
         Raises:
             UnknownNameError: There is none.
@@ -331,7 +331,7 @@ _HIGHEST_ID = 252
 def plan_writes(
     line: ServoLine, servo: ServoSpec, values: Mapping[Register, int]
 ) -> list[RegisterDifference]:
-    """Return which registers would change; nothing is written.
+    """Plan which registers would change; nothing is written.
 
     Raises:
         RegisterAccessError: A register is read-only, does not accept its number, is in EEPROM

@@ -92,7 +92,7 @@ def apply_touch_off(
     found: CalibrationEstimate,
     written: datetime,
 ) -> Calibration:
-    """Return a calibration with the zeros and the geometry of a touch-off.
+    """Make a calibration with the zeros and the geometry of a touch-off.
 
     It has no camera: that stood where the zeros before put it.
     """

@@ -25,7 +25,7 @@ _MOST = 1000.0  # degrees or metres
 
 
 def parse_frame(text: str) -> Matrix:
-    """Return the pose (4, 4) that words like ``rotate 90, raise 0.05`` describe.
+    """Read the pose (4, 4) that words like ``rotate 90, raise 0.05`` describe.
 
     ``rotate`` turns to the left [deg], ``forward``, ``left`` and ``raise`` shift [m], and
     ``upside down`` turns over; one after the other, along the axes of the table.

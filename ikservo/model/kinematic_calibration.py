@@ -314,14 +314,14 @@ class CalibrationFit:
 def fit_parameters(
     chain: Chain, touches: Sequence[TouchPoint], extent: ParameterSet, kept: Mask
 ) -> CalibrationFit:
-    """Return the arm fitted to the kept touches."""
+    """Fit the arm to the kept touches."""
     return _solve_parameters(LeastSquaresProblem(chain, touches, extent), kept, robust=False)
 
 
 def fit_robustly(
     chain: Chain, touches: Sequence[TouchPoint], extent: ParameterSet
 ) -> CalibrationFit:
-    """Return the arm fitted to most touches, without the outliers.
+    """Fit the arm to most touches, without the outliers.
 
     Raises:
         CalibrationError: More than a third of the touches contradict the others, or all do.

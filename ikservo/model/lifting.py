@@ -42,7 +42,7 @@ class LoadLag:
 
 
 def load_lags(model: Model, chain: Chain, payload_kg: float = 0.0) -> dict[str, LoadLag]:
-    """Return for each joint of a chain how its servos lag in the arm's heaviest posture.
+    """Compute for each joint of a chain how its servos lag in the arm's heaviest posture.
 
     A joint lifts where its motor torque sets it in motion against gravity and the friction of its
     loaded gears.

@@ -260,7 +260,7 @@ class Model:
         return cls(name, title, chain, urdf, (), {}, {}, None, 0, path)
 
     def __repr__(self) -> str:
-        """Return its name, joints and poses."""
+        """Show its name, joints and poses."""
         joints = ", ".join(joint.name for joint in self.joints) or ", ".join(self.chain.names)
         poses = ", ".join(self.poses) or "none"
         return f"Model({self.name!r}: {self.title}; joints {joints}; poses {poses})"

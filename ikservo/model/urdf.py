@@ -178,7 +178,7 @@ def _find_colour(visual: XmlElement, materials: Mapping[str, Triple]) -> Triple 
 
 
 def _read_colour(material: XmlElement) -> Triple | None:
-    """Return red, green and blue; None without usable numbers: nothing depends on a colour."""
+    """Read red, green and blue; None without usable numbers: nothing depends on a colour."""
     for colour in material.child_elements("color"):
         parts = colour.attributes.get("rgba", "").split()
         with contextlib.suppress(ValueError):

@@ -66,7 +66,7 @@ class XmlElement:
         return self.attributes[attribute]
 
     def name(self, attribute: str = "name") -> str:
-        """Return an attribute that is a name: printable, neither empty nor too long."""
+        """Read an attribute that is a name: printable, neither empty nor too long."""
         name = self.text(attribute)
         if not name.strip() or not name.isprintable() or len(name) > _MAX_NAME_CHARS:
             expected = f"1 to {_MAX_NAME_CHARS} printable characters"
@@ -180,7 +180,7 @@ class _ElementBuilder:
 
 
 def parse_origin(element: XmlElement) -> tuple[Triple, Triple]:
-    """Return xyz in metres and rpy in radians; zeros where the file gives none."""
+    """Read xyz in metres and rpy in radians; zeros where the file gives none."""
     origin = element.optional("origin")
     if origin is None:
         return (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)

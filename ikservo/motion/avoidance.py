@@ -38,7 +38,7 @@ class MotionSpace(Protocol):
     """What is known of the ways between postures."""
 
     def is_free(self, path: Matrix) -> bool:
-        """Return whether the straight motions through postures (n, dof) are free."""
+        """Tell whether the straight motions through postures (n, dof) are free."""
         ...
 
     def contains(self, postures: Matrix) -> NDArray[np.bool_]:
@@ -65,7 +65,7 @@ class _WaySearch:
 
 
 def can_search() -> bool:
-    """Return whether OMPL is installed."""
+    """Tell whether OMPL is installed."""
     try:
         importlib.import_module("ompl.base")
     except ImportError:

@@ -94,7 +94,7 @@ def listens(endpoint: Endpoint) -> bool:
 
 
 def check_arm_name(name: str) -> str:
-    """Return a name under which an arm can be served.
+    """Check a name under which an arm is to be served.
 
     Raises:
         BadValueError: It has other characters, or none.
@@ -105,7 +105,7 @@ def check_arm_name(name: str) -> str:
 
 
 def check_host(host: str) -> str:
-    """Return the name or address of a machine.
+    """Check the name or address of a machine.
 
     Raises:
         BadValueError: It is none.
@@ -171,7 +171,7 @@ def _check_protocol(protocol: str, text: str) -> Protocol:
 
 
 def _split_place(place: str, text: str, expected: str) -> tuple[str, int]:
-    """Return host and port of ``HOST``, ``HOST:PORT`` or ``[IPv6]:PORT``."""
+    """Split off host and port of ``HOST``, ``HOST:PORT`` or ``[IPv6]:PORT``."""
     found = re.fullmatch(r"(?:\[([0-9a-fA-F:.]+)\]|([^:\[\]]+))(?::(\d{1,5}))?", place)
     if found is None:
         raise BadValueError("The address", repr(text), expected)

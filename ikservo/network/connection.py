@@ -187,7 +187,7 @@ class Connection:
             return self._send(keys.drive(self.address.name, service), request, _LONG_S)
 
     def plan(self, service: str, **arguments: object) -> object:
-        """Return the result of a request of the operator that needs no lease.
+        """Answer a request of the operator that needs no lease.
 
         Raises:
             RefusedError: This machine's certificate is no operator's.
@@ -225,7 +225,7 @@ class Connection:
             return self._lease
 
     def _ask_for_lease(self) -> Mapping[str, object]:
-        """Return the lease and the server's time.
+        """Ask for the lease and the server's time.
 
         Raises:
             RefusedError: Another program has it, or this machine's certificate is no operator's.

@@ -144,7 +144,7 @@ def _hermite(
 def plan_from_fields(
     fields: Mapping[str, Any], motion: MotionValue[Any], fetch: Callable[[str], PathSamples]
 ) -> MotionPlan:
-    """Return the plan that a server keeps, with a path that is fetched when needed.
+    """Read the plan that a server keeps, with a path that is fetched when needed.
 
     Args:
         fields: What ``PlanRegistry.add`` returned there.

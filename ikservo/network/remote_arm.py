@@ -86,7 +86,7 @@ class RemoteArm(MotionMethods):
         self.background = Background(self, self._calls.stop_request)
 
     def __repr__(self) -> str:
-        """Return arm and address."""
+        """Show arm and address."""
         state = "open" if self._connection.is_open else "closed"
         return f"RemoteArm({self.model.name!r} at {self.port_name!r}, {state})"
 

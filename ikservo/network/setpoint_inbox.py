@@ -78,7 +78,7 @@ class SetpointInbox:
             return found[1]
 
     def wait(self) -> None:
-        """Return when there is a new goal or the motion is to end, or after a while."""
+        """Wait until there is a new goal or the motion is to end, or after a while."""
         with self._changed:
             self._changed.wait_for(lambda: self._goal is not None or not self.wanted, _POLL_S)
 
@@ -117,7 +117,7 @@ class _Pace:
         self._start_s: tuple[float, float] | None = None
 
     def wait(self) -> None:
-        """Return once as much real as simulated time has passed since the first call."""
+        """Wait until as much real as simulated time has passed since the first call."""
         if self._real:
             return
         now_s = self._clock.now_s()

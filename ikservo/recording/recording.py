@@ -102,7 +102,7 @@ class Recording:
         return SampledTrajectory(header.joints, header.units, self.times_s, self.joints, velocities)
 
     def to_csv(self, path: Path | str | None = None, *, overwrite: bool = False) -> str:
-        """Return the recording as CSV, and write it to a file where a path is given.
+        """Format the recording as CSV, and write it to a file where a path is given.
 
         Raises:
             InputError: The file exists and ``overwrite`` is false.
@@ -111,7 +111,7 @@ class Recording:
         return self.trajectory().to_csv(path, overwrite=overwrite)
 
     def __repr__(self) -> str:
-        """Return the number of samples, the duration and the arm."""
+        """Show the number of samples, the duration and the arm."""
         last_s = float(self.times_s[-1]) if len(self.times_s) else 0.0
         return f"Recording({len(self.times_s)} samples in {last_s:.3f} s of {self.header.arm})"
 
@@ -354,7 +354,7 @@ def _parse_header(path: Path, line: str) -> RecordingHeader:
 
 
 def check_header(path: Path, where: str, row: Mapping[str, object]) -> RecordingHeader:
-    """Return the header in arm, joints, units and period_s.
+    """Check the header in arm, joints, units and period_s.
 
     Raises:
         FileFormatError: One of them is missing, or cannot be used.

@@ -24,11 +24,11 @@ class Codec(Protocol):
     """Encodes a number as an unsigned word in memory, and decodes it."""
 
     def to_word(self, number: int, size: int) -> int:
-        """Return the word of ``size`` bytes that encodes ``number``."""
+        """Encode ``number`` as a word of ``size`` bytes."""
         ...
 
     def to_number(self, word: int, size: int) -> int:
-        """Return the number that a word of ``size`` bytes encodes."""
+        """Decode the number that a word of ``size`` bytes encodes."""
         ...
 
     def span(self, size: int) -> tuple[int, int]:
@@ -183,11 +183,11 @@ class Register:
         return self.codec.to_number(int.from_bytes(data, self.byte_order), self.size)
 
     def to_value(self, raw: int) -> float:
-        """Return the quantity in the register's unit."""
+        """Convert to the quantity in the register's unit."""
         return self.unit.to_value(raw)
 
     def to_raw(self, value: float) -> int:
-        """Return the raw number nearest to a quantity in the register's unit."""
+        """Convert to the raw number nearest to a quantity in the register's unit."""
         return self.unit.to_raw(value)
 
     def __str__(self) -> str:

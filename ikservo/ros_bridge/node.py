@@ -195,7 +195,7 @@ class _Senders:
         self._lock = threading.Lock()
 
     def check(self, attachment: Attachment) -> Attachment:
-        """Return the attachment of a message that counts.
+        """Check the attachment of a message that counts.
 
         Raises:
             RefusedError: It is repeated, or was overtaken by a later one.

@@ -48,7 +48,7 @@ class Attachment:
     gid: bytes
 
     def to_bytes(self) -> bytes:
-        """Return it as it is sent, 33 bytes."""
+        """Pack it as it is sent, 33 bytes."""
         return _ATTACHMENT.pack(self.sequence, self.time_ns, _GID_BYTES, self.gid)
 
     @classmethod
@@ -88,7 +88,7 @@ class NodeName:
 
 
 def check_namespace(namespace: str) -> str:
-    """Return a namespace with its leading slash; empty for none.
+    """Check a namespace and give it a leading slash; empty for none.
 
     Raises:
         BadValueError: ROS 2 allows no such name.

@@ -234,7 +234,7 @@ _INSECURE_TEXT = (
 
 
 def _check_address(listen: str) -> str:
-    """Return the address if it is a single one; a browser cannot open a wildcard address."""
+    """Check that an address is a single one; a browser cannot open a wildcard address."""
     with contextlib.suppress(ValueError):
         address = ipaddress.ip_address(listen)
         if not address.is_unspecified:

@@ -129,7 +129,7 @@ class CameraView:
     def _look(
         self, place: BoardPlace, picture: Picture, T_base_tip: Matrix
     ) -> CameraCheck | str | None:
-        """Return what a picture says of the camera's place, or why it says nothing."""
+        """Find what a picture says of the camera's place, or why it says nothing."""
         try:
             view = find_board(place.board, picture)
             return compare_place(self._model, place, T_base_tip, view, datetime.now(UTC))

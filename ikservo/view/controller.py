@@ -444,7 +444,7 @@ class SessionController:
         )
 
     def _find_camera_view(self) -> CameraView | None:
-        """Return the view of the page's camera, or None and say why its picture is one only."""
+        """Find the view of the page's camera, or None and say why its picture is one only."""
         if self._video is None:
             return None
         try:

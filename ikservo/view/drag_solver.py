@@ -192,7 +192,7 @@ class DragSolver:
         return Posture(self.posture.q, weights)
 
     def _limit_step(self, start: Vector, q: Vector) -> tuple[Vector, bool]:
-        """Return joints at most 8° from the start towards q, and whether the step was scaled."""
+        """Limit the joints to 8° from the start towards q, and whether the step was scaled."""
         max_distance = _max_joint_distance(q, start)
         if max_distance <= MAX_STEP_RAD:
             return q, False

@@ -88,7 +88,7 @@ class FollowPanel:
 
 
 def _check_coupling(leader: ArmThread, follower: Arm, name: str) -> tuple[str, ...]:
-    """Return the joints that both have, of a leader that can be guided by hand."""
+    """Find the joints that both have, of a leader that can be guided by hand."""
     for arm in (leader.arm, follower):
         arm.context.require_zeros()
     if all(state.torque for state in leader.snapshot.states):

@@ -70,17 +70,17 @@ def describe_target(marker: TargetMarker, method: str | None = None) -> str:
 
 
 def describe_stop(text: str, states: Sequence[JointState]) -> str:
-    """Return why the arm was stopped, and whether it holds."""
+    """Describe why the arm was stopped, and whether it holds."""
     return f"{text.removesuffix('.')}; {describe_torque(states)}."
 
 
 def format_solve_time(solve_s: float) -> str:
-    """Return ``0.04 ms``."""
+    """Format a time as ``0.04 ms``."""
     return f"{solve_s * 1000:.2f} ms"
 
 
 def format_supply(volts: Sequence[float]) -> str:
-    """Return ``7.4 V``, or ``11.8 – 12.1 V`` where servos measure different voltages."""
+    """Format voltages as ``7.4 V``, or as ``11.8 – 12.1 V`` where servos measure different ones."""
     low, high = f"{min(volts):.1f}", f"{max(volts):.1f}"
     return f"{low} V" if low == high else f"{low} – {high} V"
 

@@ -54,7 +54,7 @@ class LensCamera(Camera):
 
 
 def make_lens_camera(model: CameraModel, viewport: Viewport) -> LensCamera:
-    """Return a camera whose picture is as large as fits the drawing."""
+    """Make a camera whose picture is as large as fits the drawing."""
     size, drawing = np.array(model.lens.size), np.array([viewport.width_px, viewport.height_px])
     zoom = float((drawing / size).min())
     return LensCamera(

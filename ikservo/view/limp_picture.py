@@ -53,7 +53,7 @@ class LimpPicture:
 
 
 def show_calibration(scene: SceneState, view: CalibrationView, model: Model) -> SceneState:
-    """Return a scene with what a calibration asks for: the pose to hold, then the joint to move.
+    """Show in a scene what a calibration asks for: the pose to hold, then the joint to move.
 
     Args:
         scene: The limp arm.

@@ -72,7 +72,7 @@ class ReachableRegion:
         return id(self.rings), self.T_world_plane.tobytes()
 
     def move_to_plane(self, plane: SlicePlane) -> ReachableRegion:
-        """Return the same region at the pose of a plane."""
+        """Move the region to the pose of a plane."""
         return replace(self, T_world_plane=plane.T_world_plane)
 
 
