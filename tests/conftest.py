@@ -63,6 +63,11 @@ def pytest_sessionstart():
     gc.disable()  # collection makes thousands of objects, and all of them stay
 
 
+@pytest.hookimpl(optionalhook=True)  # of xdist, for ``-n auto``
+def pytest_xdist_auto_num_workers():
+    return (os.cpu_count() or 1) + 1  # a test in eight waits for a process, a thread or a socket
+
+
 @pytest.hookimpl(tryfirst=True)  # before the markers are looked at
 def pytest_collection_modifyitems(config, items):
     leave_others_to_campaign(items)

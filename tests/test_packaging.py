@@ -43,6 +43,7 @@ def test_the_wheel_carries_the_udev_rule(wheel):
     assert rule == (ROOT / "tools" / "60-ikservo.rules").read_bytes()
 
 
+@pytest.mark.full
 def test_the_wheel_carries_the_page_of_the_view(wheel):
     page = {f"ikservo/view/page/{path.name}" for path in (ROOT / "ikservo/view/page").iterdir()}
     assert "ikservo/view/page/index.html" in page
@@ -115,6 +116,7 @@ def test_without_a_compiler_the_wheel_is_pure_python(tmp_path):
     assert not [name for name in names if name.endswith((".so", ".pyd"))]
 
 
+@pytest.mark.full
 def test_where_it_must_be_compiled_a_broken_compiler_is_an_error(tmp_path):
     done = build_wheel(tmp_path, IKSERVO_COMPILED="1", CC="false")
     assert done.returncode != 0

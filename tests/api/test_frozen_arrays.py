@@ -73,6 +73,7 @@ SHARED = {
 }
 
 
+@pytest.mark.full
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("make", SHARED.values(), ids=SHARED)
 def test_what_may_be_written_to_is_a_copy(arm, make):

@@ -82,6 +82,7 @@ def test_what_is_learned_is_kept(own_arm):
     assert found.joint("gripper").compliance == 0.0
 
 
+@pytest.mark.full
 def test_what_is_checked_are_the_drooping_links(own_arm):
     learn(COMPLIANCE)
     with open_own_arm(load_model("so101"), PORT) as opened:

@@ -32,6 +32,7 @@ def follow(arm):
     return arm.follow([goal] * 60).ended == "end of the targets"
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("task", [move, line, follow])
 @pytest.mark.parametrize("name", ["so101", pytest.param("koch", marks=pytest.mark.campaign)])

@@ -31,6 +31,7 @@ def test_it_is_lowered_and_lets_go(holding):
     assert set(registers(arm, "torque_enable").values()) == {0}
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("speed", [pytest.param("slow", marks=pytest.mark.campaign), "fast"])
 def test_it_follows_and_presses_no_harder(holding, speed):
     arm, gripper = holding

@@ -23,6 +23,7 @@ def joint(arm):
     return arm.model.joints[0].name
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(("speed", "deg_s"), [("slow", 25), ("normal", 60), ("fast", 120)])
 def test_a_feetech_turns_by_itself_only_little_faster_than_its_speed_class(sts, speed, deg_s):

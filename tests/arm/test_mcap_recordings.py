@@ -58,6 +58,7 @@ def matrix(transform):
     return T
 
 
+@pytest.mark.full
 def test_joints_goals_poses_and_health_are_read_by_another_reader(recorded):
     path, state, samples = recorded
     found = messages(path)

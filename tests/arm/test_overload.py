@@ -108,6 +108,7 @@ def test_a_pressing_is_warned_of_two_seconds_before_the_servo_trips():
     assert text.endswith("its servo protects itself from overload in 2.0 s.")
 
 
+@pytest.mark.full
 def test_a_standing_stream_that_presses_is_relaxed_in_time_and_goes_on_when_it_comes_back():
     with ikservo.open_arm("so101", port="sim", collisions=False) as arm:
         arm.pose("home")

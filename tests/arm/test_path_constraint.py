@@ -53,6 +53,7 @@ def test_a_cup_is_carried_upright_over_a_block():
         assert arm.execute(plan).reached
 
 
+@pytest.mark.full
 @needs_planner
 def test_a_straight_way_out_of_the_box_is_replaced_by_one_inside(ready):
     plan = ready.plan_to(RIGHT, within=NEAR)
@@ -80,6 +81,7 @@ def test_a_broken_constraint_is_refused_with_how_far_and_where(ready):
     assert registers(ready, "goal_position") == before
 
 
+@pytest.mark.full
 def test_a_line_that_keeps_to_it_is_gone_and_says_so(ready):
     plan = ready.plan_line((0.2, 0.0, 0.1), within=UPRIGHT)
     assert tilts_deg(poses_along(ready, plan)).max() <= 10.1

@@ -32,6 +32,7 @@ def test_a_thing_is_in_the_way_until_it_is_removed(arm):
     assert arm.move_to(RIGHT, straight=True).reached
 
 
+@pytest.mark.full
 def test_what_the_gripper_holds_is_checked_as_a_part_of_the_arm_until_it_opens(arm):
     tip_m = arm.where().tip_m
     arm.scene.add("sphere", "the ball", centre_m=tip_m + np.array([0.0, 0.0, 0.01]), radius_m=0.03)
@@ -53,6 +54,7 @@ def test_what_the_gripper_holds_is_checked_as_a_part_of_the_arm_until_it_opens(a
     assert np.linalg.norm(placed.row[9:12] - centre_m) < 0.02
 
 
+@pytest.mark.full
 def test_a_cup_that_is_held_has_its_size(arm):
     centre_m, size_m = arm.where().tip_m, (0.03, 0.05, 0.08)
     arm.scene.add("box", "the block", centre_m=centre_m, size_m=size_m, rpy_deg=(10, 20, 30))
@@ -138,6 +140,7 @@ def test_what_comes_while_a_motion_is_planned_stops_it_before_it_starts(monkeypa
     assert registers(arm, "goal_position") == before
 
 
+@pytest.mark.full
 def test_nothing_comes_between_the_check_of_the_jaws_and_their_motion(monkeypatch, arm):
     threads, centre_m = [], arm.where().tip_m
 

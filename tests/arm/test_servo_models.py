@@ -32,6 +32,7 @@ def planar_arm_of(tmp_path):
     return describe
 
 
+@pytest.mark.full
 @pytest.mark.sample(2)
 @pytest.mark.parametrize("model", OF_ONE_SERIES_EACH)
 def test_it_moves_to_a_point(planar_arm_of, model):

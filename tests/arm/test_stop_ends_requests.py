@@ -53,6 +53,7 @@ def test_a_stop_while_torque_comes_on_ends_the_motion(monkeypatch):
         assert abs(arm.where().positions_rad - before).max() < 0.05  # it sags
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("method", ["refresh_reference", "reference", "goals"])
 def test_a_stop_that_is_acknowledged_between_two_steps_of_a_motion_ends_it(
@@ -115,6 +116,7 @@ def test_a_stop_while_a_plan_is_checked_ends_its_execution(arm, monkeypatch):
     assert registers(arm, "goal_position") == before
 
 
+@pytest.mark.full
 def test_a_stop_between_two_steps_ends_a_program(arm):
     with arm.background.requested():
         arm.move_joints({"shoulder_pan": 0.1})

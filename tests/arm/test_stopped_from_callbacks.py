@@ -45,6 +45,7 @@ def test_a_stop_that_is_acknowledged_at_once_ends_the_motion_nevertheless(arm):
     assert arm.move_joints({"shoulder_pan": 0.1}).reached
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 def test_so_does_one_from_another_thread(arm):
     def stop():
@@ -74,6 +75,7 @@ def test_a_stop_after_the_acknowledgement_stays(arm):
         arm.move_joints({"shoulder_pan": 0.1})
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 def test_acknowledging_nothing_changes_no_motion(arm):
     assert go(arm, arm.acknowledge).reached

@@ -138,6 +138,7 @@ def test_a_stop_from_another_process_reaches_the_arm_that_it_names(arms, stopped
     assert (bool(named.stopped_for), bool(other.stopped_for)) == (True, False)
 
 
+@pytest.mark.full
 def test_the_state_that_another_process_asks_for_is_that_of_its_arm(arms):
     arms[1].move_joints({"shoulder_pan": radians(15.0)})
     states = [query_state(arm.model, arm.port_name).joints[0].position_rad for arm in arms]

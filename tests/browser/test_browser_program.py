@@ -117,7 +117,6 @@ def test_a_stop_ends_the_program_in_its_step_and_nothing_moves_before_it_is_ackn
     assert empty.served.goals() == before
 
 
-@pytest.mark.smoke
 def test_the_step_that_cannot_be_made_is_marked_with_its_reason(empty):
     page, before = empty.page, empty.served.goals()
     page.click("#add-wait")

@@ -108,7 +108,6 @@ def test_an_arm_that_was_never_calibrated_says_so_beside_the_button_that_calibra
     assert "not calibrated" in operator.page.inner_text("#mode")
 
 
-@pytest.mark.smoke
 def test_live_that_fell_back_says_why_and_goes_on_by_one_button(live):
     live.page.evaluate(
         "Object.defineProperty(document, 'visibilityState', { get: () => 'hidden', configurable: true });"  # noqa: E501

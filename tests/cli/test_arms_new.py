@@ -232,6 +232,7 @@ def test_json_names_every_file(make, tmp_path):
     assert json.loads(result.out)["written"] == []
 
 
+@pytest.mark.full
 def test_an_arm_is_measured_with_a_ruler(run_cli, tmp_path):
     joints = "--joint pan=z:0.06 --joint lift=y:0.12 --joint elbow=y:0.1"
     assert run_cli(f"arms new ruled {joints} --folder {tmp_path}").code == 0

@@ -275,6 +275,7 @@ def stopped_there(_):
     raise StoppedError("Stopped.")
 
 
+@pytest.mark.full
 def test_an_arm_without_room_for_a_motion_is_made_to_begin_at_another_pose(monkeypatch, run_cli):
     monkeypatch.setattr("ikservo.maintenance.direction_check.plan_clearance", lambda *_: None)
     done = limp(run_cli, "so100")

@@ -95,6 +95,7 @@ def check_with_answers(monkeypatch, **answers):
     return asked, lambda: check_new_signs(load_model(NAME), PORT, ["joint1"], operator)
 
 
+@pytest.mark.full
 def test_the_test_motion_is_offered_at_once_and_moves_the_joint_in_doubt_alone(monkeypatch, capsys):
     asked, check = check_with_answers(monkeypatch)
     assert check() is True

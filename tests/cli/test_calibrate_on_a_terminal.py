@@ -141,6 +141,7 @@ def test_the_table_fits_the_terminal(name, width):
     assert "…\n" not in capture.get()  # nothing is cut off at the end
 
 
+@pytest.mark.full
 def test_a_resized_terminal_is_cleared_before_the_next_picture(terminal, picture, monkeypatch):
     cleared = []
     monkeypatch.setattr(Console, "clear", lambda console, home=True: cleared.append(console.width))

@@ -72,6 +72,7 @@ def test_options_of_commands_in_messages_exist():
     assert wrong == []
 
 
+@pytest.mark.full
 def test_no_sentence_goes_on_behind_a_command_without_punctuation():
     prose = {"tries", "is", "and", "then", "the", "to", "goes", "with", "for"}
     assert [row for row in mentions() if prose & set(row[2].split())] == []

@@ -137,6 +137,7 @@ def test_packets_of_a_command_are_recorded_and_printed(run_cli, monkeypatch, tmp
     assert run_cli("servo packets log.pcapng").code == ExitCode.USAGE
 
 
+@pytest.mark.full
 def test_tune_compares_gains_and_says_how_to_keep_the_best(run_cli, ports):
     result = run_cli("servo tune position_p_gain=1500 --arm koch --port sim:?pose=home --id 2")
     assert result.code == 0, result.err

@@ -118,6 +118,7 @@ def test_the_memory_of_each_servo_is_locked_again(set_up):
     assert [servo.memory.get("lock") for servo in operator.servos] == [1] * 6
 
 
+@pytest.mark.full
 def test_stdout_tells_what_was_written(set_up):
     _, result = set_up["koch"]
     assert result.out.splitlines()[:3] == [

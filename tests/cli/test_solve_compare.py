@@ -260,6 +260,7 @@ def test_a_wanted_direction_has_a_curve_of_its_own(run_cli, tmp_path):
     assert "angle left [°]" in words_of(file)
 
 
+@pytest.mark.full
 def test_an_arm_in_a_plane_is_drawn_from_above_only(run_cli, tmp_path):
     file = tmp_path / "arm.svg"
     run_cli(f"{FLAT} --method ccd --plot {file}")

@@ -206,6 +206,7 @@ def test_a_port_that_is_missing_ends_no_page_of_servos(run_cli, monkeypatch):
     assert result.out.startswith("http://127.0.0.1:")
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGHUP])
 def test_a_signal_closes_the_servos_in_order(run_cli, monkeypatch, number):
     closed, close = [], ServoBench.close

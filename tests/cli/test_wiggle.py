@@ -158,6 +158,7 @@ def swapped(monkeypatch, pair):
     return arm
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize("pair", PAIRS, ids=str)
 def test_any_two_swapped_ids_are_seen(monkeypatch, run_cli, watcher, pair):

@@ -33,6 +33,7 @@ def test_the_error_of_samples_left_out_is_that_of_new_ones(make_arm):
     assert estimate.after_m == pytest.approx(expected, rel=0.4)
 
 
+@pytest.mark.full
 def test_a_rigid_arm_with_right_zeros_stays_as_it_is(make_arm):
     arm = make_arm(2, zeros=0.0, compliance=0.0, half_play=0.0)
     fit = estimate_camera(arm.known, arm.samples(across_m=0.001)).fit

@@ -90,6 +90,7 @@ def start(pty_name):
 LONG = pytest.param(100, marks=[pytest.mark.campaign, pytest.mark.timeout(3600)])
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("races", [1, LONG])
 def test_of_those_that_race_one_wins_and_once_it_is_killed_the_next_start_succeeds(pty_name, races):
     chance = random.Random(3)

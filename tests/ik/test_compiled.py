@@ -348,6 +348,7 @@ def test_settings_that_make_no_sense_give_the_same_bits_where_python_gives_any()
     assert same > 20
 
 
+@pytest.mark.full
 @needs_extension
 def test_a_changed_kernel_is_run_as_python_with_a_warning(tmp_path):
     package = Path(compiled.__file__).parents[2]

@@ -79,6 +79,7 @@ def servos_of(draft):
     return {joint.name: (joint.servos[0].id, joint.servos[0].sign) for joint in draft.joints}
 
 
+@pytest.mark.full
 def test_each_joint_gets_the_servo_that_moved_it(draft, port):
     onlooker = Onlooker()
     run(assign_servos([draft], port, {}), onlooker)

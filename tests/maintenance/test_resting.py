@@ -11,8 +11,10 @@ import ikservo
 from ikservo.maintenance.resting import find_resting_place
 from tests.oracle import CONFIGS
 
+OTHER_ARMS = [pytest.param(name, marks=pytest.mark.full) for name in ("koch", "px150")]
 
-@pytest.mark.parametrize("name", ["so101", "koch", "px150"])
+
+@pytest.mark.parametrize("name", ["so101", *OTHER_ARMS])
 def test_an_arm_can_be_moved_from_home_to_where_it_would_sink(name: str):
     place = find_resting_place(CONFIGS / name)
     assert place.still
@@ -29,6 +31,7 @@ def test_it_has_room_to_sag_as_at_normal_speed_and_not_at_rest_only():
         assert arm.context.checked_collision.distances_with_sag(body, load).min() >= 0.006
 
 
+@pytest.mark.full
 def test_what_overlaps_where_a_limp_arm_lies_is_named(tmp_path: Path):
     folder = tmp_path / "buried"
     shutil.copytree(CONFIGS / "so101", folder)

@@ -51,6 +51,7 @@ def test_model_and_simulator_place_the_arm_alike(placed, base):
     assert boxes[0] == boxes[1]  # the base stands on the table, wherever it stands
 
 
+@pytest.mark.full
 def test_an_arm_on_a_turned_base_moves_to_a_point_of_the_table(placed):
     folder = placed("rotate 90, raise 0.05")
     with ikservo.open_arm(folder, port="sim:?pose=home", uncalibrated=True) as arm:

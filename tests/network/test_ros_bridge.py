@@ -53,6 +53,7 @@ def sdk(graph):
     session.close()
 
 
+@pytest.mark.full
 def test_another_implementation_lists_reads_and_calls(graph, sdk):
     assert dict(discovery.get_topic_names_and_types(0, HOST, graph.port)) == {
         "/joint_states": ["sensor_msgs/msg/JointState"], "/tf": ["tf2_msgs/msg/TFMessage"],

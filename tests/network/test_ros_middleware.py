@@ -118,6 +118,7 @@ def test_a_joint_state_that_rclpy_has_serialized_is_read(exchanged):
     assert (message.name, list(message.position), len(message.effort)) == (["a"], [1.5], 0)
 
 
+@pytest.mark.full
 def test_a_trajectory_that_rclpy_has_serialized_is_read(exchanged):
     message = decode("trajectory_msgs/msg/JointTrajectory", exchanged[0][1])
     assert [list(point.positions) for point in message.points] == [[0.5, i] for i in range(20)]

@@ -43,6 +43,7 @@ def wait_until_at(read, goal_rad):
     return read()
 
 
+@pytest.mark.full
 def test_pings_reads_and_moves_sts_servos(server):
     path = server(CONFIGS / "so101" / "arm.toml", "--pose", "home")
     bus = rustypot.Sts3215PyController(path, 1_000_000, TIMEOUT_S)

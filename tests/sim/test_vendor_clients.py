@@ -235,6 +235,7 @@ class TestDynamixelSdk:
         port.setBaudRate(1_000_000)
         assert answer[1] == dynamixel_sdk.COMM_RX_TIMEOUT
 
+    @pytest.mark.full
     def test_changes_id_and_baud_rate(self, dynamixel):
         port, packets = dynamixel
         first_reply(packets.write1ByteTxRx, port, 6, 7, 60)

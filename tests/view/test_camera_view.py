@@ -54,6 +54,7 @@ def measured_joints(arm):
     return np.array([here[name].position_rad for name in arm.joint_names])
 
 
+@pytest.mark.full
 def test_clicks_in_a_mirrored_picture_are_refused_until_it_is_as_before(arm, camera):
     clock, picture, q = ManualClock(), camera.take(), measured_joints(arm)
     view = CameraView(arm, video := Video(picture), clock)

@@ -110,6 +110,7 @@ def silence_servo(pair):
     line.faults.add(Fault("silent", id=3, at_s=line.world.time_s))
 
 
+@pytest.mark.full
 @pytest.mark.sample(1)
 @pytest.mark.parametrize(
     ("fault", "reported", "leader_too"),

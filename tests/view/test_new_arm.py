@@ -86,6 +86,7 @@ def test_what_is_no_description_is_refused_by_a_sentence(panel, source):
     assert panel.fields()["error"].endswith(".")
 
 
+@pytest.mark.full
 def test_leaving_ends_the_conversion_and_writes_nothing(panel, tmp_path):
     start(panel, source=CONFIGS / "so101" / "arm.urdf")
     wait_for(panel, asked("tip"))

@@ -64,6 +64,7 @@ def test_a_steeper_jerk_brings_the_arm_to_the_pointer_sooner_and_no_faster(monke
         assert np.degrees(np.abs(now - before)).max() <= 60.5 * (now_s - before_s)
 
 
+@pytest.mark.full
 def test_the_whole_acceleration_of_each_speed_is_there_after_an_eightieth_of_a_second():
     with ViewSession() as session:
         planner = session.arm.context.planner

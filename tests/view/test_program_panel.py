@@ -352,6 +352,7 @@ def test_an_arm_that_holds_is_not_recorded_and_the_page_says_why(session):
     assert panel(session).draft.recordings == []
 
 
+@pytest.mark.full
 def test_a_stop_ends_a_recording_without_a_step_and_it_can_be_added_from_the_list(session):
     session.arm.disable_torque()
     record(session, lambda count: count == 3 and session.send_message(page_messages.Stop))
