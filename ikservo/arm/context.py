@@ -11,6 +11,7 @@ import numpy as np
 from ikservo.arm.calibrated_arm import ZeroSource
 from ikservo.arm.planner import Planner
 from ikservo.arm.reports import MotionProgress, OnProgress
+from ikservo.arm.surroundings import Surroundings
 from ikservo.control.loop import ControlCycle, OnCycle
 from ikservo.control.servo_group import ServoGroup
 from ikservo.errors import CollisionError, RefusedError
@@ -23,23 +24,11 @@ from ikservo.kinematics.arrays import Matrix, Vector, read_only
 from ikservo.model import Model
 from ikservo.motion import RuckigMotion, Trajectory
 
-__all__ = ["ArmContext", "Surroundings"]
+__all__ = ["ArmContext"]
 
 # Nearer than this a part counts as lying on something.
 _CONTACT_M = 0.005
 _JAW_TOUCH_M = 0.004  # omx_f's jaws need 2.9 mm where its arm has sunk out of its rest pose
-
-
-@dataclass(slots=True)
-class Surroundings:
-    """What is around an arm now.
-
-    Attributes:
-        checker: Checks paths among it; a change puts another one here, and leaves those alone that
-            somebody plans with. None where paths are not checked.
-    """
-
-    checker: CollisionChecker | None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -95,7 +84,12 @@ class ArmContext:
         )
 
     def at_present(self) -> ArmContext:
-        """Return the arm in what is around it now, whatever changes there afterwards."""
+        """Return the arm in what is around it now, whatever changes there afterwards.
+
+        Raises:
+            RefusedError: Another arm that it can reach moves, or where that is is not known.
+        """
+        self.surroundings.look()
         return replace(self, surroundings=Surroundings(self.collision))
 
     @property

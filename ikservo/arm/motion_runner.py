@@ -186,8 +186,14 @@ class MotionRunner:
 
     @contextmanager
     def undisturbed(self) -> Generator[None]:
-        """Let no other thread move the arm or change its scene in the block, one request."""
-        with self.requested(), self.lock:
+        """Let no other thread move the arm, change its scene or move another arm that it can reach.
+
+        What is done in the block is one request.
+
+        Raises:
+            RefusedError: Another arm moves that it can reach.
+        """
+        with self.requested(), self.lock, self._context.surroundings.undisturbed():
             yield
 
     def request_stop(self, reason: StopReason) -> None:
@@ -264,10 +270,11 @@ class MotionRunner:
         """Hold the lock for one motion: torque on, signals handled, faults latched.
 
         Raises:
-            RefusedError: Another motion is running, or a stop was not acknowledged.
+            RefusedError: Another motion is running, of this arm or of one that it can reach, or a
+                stop was not acknowledged.
             StoppedError: The arm was stopped after the motion was requested.
         """
-        with self.requested(), self.lock:
+        with self.undisturbed():
             torque = self._servos.torque
             torque.check_idle()
             self._servos.stop_request.check_request()

@@ -5,26 +5,41 @@ from __future__ import annotations
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
 
 from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_runner import MotionRunner
+from ikservo.arm.other_arm import OtherArm
+from ikservo.arm.surroundings import Turn
 from ikservo.errors import BadValueError, RefusedError, UnknownNameError
 from ikservo.guard import Weight, sag_of
 from ikservo.guard.sag import GravitySag
-from ikservo.kinematics.arrays import Matrix
+from ikservo.kinematics.arrays import Matrix, bounded_vector, finite_vector
 from ikservo.kinematics.collision import CollisionBody
 from ikservo.kinematics.inertia import LinkMass
-from ikservo.kinematics.se3 import make_pose
+from ikservo.kinematics.se3 import make_pose, rotation_rpy
 from ikservo.model import Model
 from ikservo.model.collision_model import collision_body_with_gripper
 from ikservo.model.model import Obstacle
 from ikservo.model.sag import joint_compliances, link_masses
 from ikservo.model.scene import KeepOutShape, make_shape, read_scene
 
-__all__ = ["Scene", "arm_sag"]
+__all__ = ["InScene", "Scene", "arm_sag"]
 
 _LARGEST_M = 0.5  # half of a side of what a gripper holds
+_FURTHEST_M = 10.0  # between the bases of two arms
+
+
+class InScene(Protocol):
+    """An arm of this program."""
+
+    @property
+    def scene(self) -> Scene:
+        """What is around it."""
+        ...
 
 
 class Scene:
@@ -42,11 +57,12 @@ class Scene:
         self._context, self._runner = context, runner
         self._things: dict[str, Obstacle] = {each.name: each for each in context.model.keep_out}
         self._held: dict[str, KeepOutShape] = {}
+        self._others: dict[Scene, OtherArm] = {}
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The things that stand around it."""
-        return tuple(self._things)
+        """The things that stand around it, and the other arms."""
+        return (*self._things, *(other.name for other in self._others.values()))
 
     @property
     def held(self) -> tuple[str, ...]:
@@ -96,16 +112,61 @@ class Scene:
                 self._check_new(name)
             self._change({**self._things, **added}, self._held)
 
+    def add_arm(
+        self, other: InScene, name: str, at_m: ArrayLike, rpy_deg: ArrayLike = (0.0, 0.0, 0.0)
+    ) -> None:
+        """Add another arm of this program, and this arm to its scene.
+
+        From then on one of the two moves at a time, around where the other one is. An arm that a
+        person moves by hand is where it was when the motion of the other one began.
+
+        ``left.scene.add_arm(right, "right", at_m=(0.0, -0.4, 0.0))``
+
+        Args:
+            other: The other arm, open and calibrated.
+            name: For messages; no other thing or link has it.
+            at_m: The origin of its base frame (3,) in that of this arm.
+            rpy_deg: Roll, pitch and yaw of its base frame (3,) in that of this arm.
+
+        Raises:
+            BadValueError: The name is taken, the place is none, or it is no other arm.
+            RefusedError: A motion of one of them is running, where one of them is is not known, or
+                its paths are not checked.
+        """
+        scene = getattr(other, "scene", None)
+        if not isinstance(scene, Scene) or scene is self or scene in self._others:
+            raise BadValueError("The arm to add", other, "another arm of this program, once")
+        T = make_pose(
+            bounded_vector(at_m, 3, _FURTHEST_M, "at_m", "metres of the same table"),
+            rotation_rpy(*np.radians(finite_vector(rpy_deg, 3, "rpy_deg")).tolist()),
+        )
+        with self._changing_both(scene):
+            self._check_new(name)
+            own_name = self._context.model.name
+            while own_name in {*scene.names, *scene.held, *scene._context.chain.frames}:
+                own_name = f"another {own_name}"
+            turn = Turn()
+            there = OtherArm(name, scene._context, scene._runner, T, turn)
+            here = OtherArm(own_name, self._context, self._runner, _inverse(T), turn)
+            for each in (there, here):
+                each.things(self)  # where it is has to be known
+            self._change_others({**self._others, scene: there})
+            scene._change_others({**scene._others, self: here})
+
     def remove(self, name: str) -> None:
-        """Remove a thing, which may be held.
+        """Remove a thing, which may be held, or another arm.
 
         Raises:
             UnknownNameError: There is no such thing.
             RefusedError: A motion is running.
         """
+        for scene, other in self._others.items():
+            if other.name == name:
+                self._remove_arm(scene)
+                return
         with self._changing():
             if name not in self._things and name not in self._held:
-                raise UnknownNameError("thing", name, [*self._things, *self._held])
+                raise UnknownNameError("thing", name, [*self.names, *self._held])
             things, held = dict(self._things), dict(self._held)
             things.pop(name, None)
             held.pop(name, None)
@@ -149,8 +210,25 @@ class Scene:
                 things[each] = held.pop(each).moved(T)
             self._change(things, held)
 
+    def _change_others(self, others: dict[Scene, OtherArm]) -> None:
+        self._others = others
+        self._change(self._things, self._held)
+        self._context.surroundings.set_others(tuple(others.values()))
+
+    def _remove_arm(self, other: Scene) -> None:
+        with self._changing_both(other):
+            for one, another in ((self, other), (other, self)):
+                one._change_others({k: v for k, v in one._others.items() if k is not another})
+
+    @contextmanager
+    def _changing_both(self, other: Scene) -> Generator[None]:
+        """Let nothing move in the block, nor its scene change, of both arms; one order for both."""
+        first, second = sorted((self, other), key=id)
+        with first._changing(), second._changing():
+            yield
+
     def _check_new(self, name: str) -> None:
-        if name in {*self._things, *self._held, "the table", *self._context.chain.frames}:
+        if name in {*self.names, *self._held, "the table", *self._context.chain.frames}:
             raise BadValueError("The name of the thing", repr(name), "one that is not taken")
 
     def _tip_pose(self) -> Matrix:
@@ -164,15 +242,15 @@ class Scene:
             yield
 
     def _change(self, things: dict[str, Obstacle], held: dict[str, KeepOutShape]) -> None:
-        checker, model = self._context.collision, self._context.model
-        if checker is None:
+        model = self._context.model
+        if self._context.collision is None:
             raise RefusedError(
                 "This arm was opened without collision checks.", "Open it with them to use a scene."
             )
         body = collision_body_with_gripper(model)
         for name, thing in held.items():
             body = body.with_attached(name, self._context.chain.tip, thing.capsules(name))
-        self._context.surroundings.checker = checker.in_scene(
+        self._context.surroundings.place(
             body, list(things.values()), arm_sag(model, body, list(held.values()))
         )
         self._things, self._held = things, held

@@ -13,8 +13,9 @@ from ikservo.errors import CollisionError
 from ikservo.guard.clear_space import ClearSpace
 from ikservo.guard.sag import GravitySag, Sag
 from ikservo.kinematics.arrays import Matrix, Vector, finite_vectors
+from ikservo.kinematics.capsules import Capsule
 from ikservo.kinematics.collision import CollisionBody
-from ikservo.kinematics.packed import SHAPE_WIDTH
+from ikservo.kinematics.packed import LINK, RADIUS, SHAPE_WIDTH
 from ikservo.model.model import Obstacle
 
 __all__ = [
@@ -280,6 +281,20 @@ class CollisionChecker:
         distances += self.overlap_m
         distances[:, ~self.watched] = np.inf
         return distances
+
+    def capsules_at(self, q: Vector) -> list[Capsule]:
+        """Compute the capsules of the body in a posture (dof,), base frame."""
+        from ikservo.guard.collision_kernel import place_capsules, place_links  # noqa: PLC0415
+
+        body = self.body
+        posture = q if self.bends is None else self.bends(q[None])[0]
+        places, ends = np.empty((len(body.links), 12)), np.empty((len(body.capsules), 6))
+        place_links(body.links, posture, places)
+        place_capsules(body.capsules, places, ends)
+        return [
+            Capsule(body.names[int(row[LINK])], end[:3], end[3:], float(row[RADIUS]))
+            for row, end in zip(body.capsules, ends, strict=True)
+        ]
 
     def _unresolved_intervals(self, path: Matrix, gap_m: Matrix) -> NDArray[np.intp]:
         """Compute the samples between which and the next a collision is possible."""

@@ -23,7 +23,7 @@ from ikservo.model.collision_model import bounding_capsules
 from ikservo.model.model import Model
 from ikservo.model.urdf_types import Box
 
-__all__ = ["KINDS", "KeepOutShape", "make_shape", "read_scene", "with_scene"]
+__all__ = ["KINDS", "KeepOutShape", "capsule_shape", "make_shape", "read_scene", "with_scene"]
 
 _Z = np.array([0.0, 0.0, 1.0])
 _FAR_M = 10.0  # half the sides of the box that stands for a half-space
@@ -87,6 +87,16 @@ class KeepOutShape:
         R, centre, half = self.row[:9].reshape(3, 3), self.row[9:12], self.row[12:15]
         x, y, z = (centre + side * (np.abs(R) @ half + self.row[15])).tolist()
         return x, y, z
+
+
+def capsule_shape(name: str, capsule: Capsule, margin_m: float) -> KeepOutShape:
+    """Return a capsule, grown by a margin, as a thing: a rounded line."""
+    along = capsule.end_m - capsule.start_m
+    length_m = float(np.linalg.norm(along))
+    R = rotation_z_to(along / length_m) if length_m > 0.0 else np.eye(3)
+    middle_m, half_m = 0.5 * (capsule.start_m + capsule.end_m), (0.0, 0.0, 0.5 * length_m)
+    row = [*R.ravel(), *middle_m, *half_m, capsule.radius_m + margin_m, 0.0]
+    return KeepOutShape(name, np.array(row))
 
 
 class _Thing(StrictModel):

@@ -1,0 +1,78 @@
+"""Another arm that an arm can reach: where its links are now."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ikservo.arm.context import ArmContext
+from ikservo.arm.motion_runner import MotionRunner
+from ikservo.arm.surroundings import Turn, other_moves
+from ikservo.errors import IkservoError, RefusedError
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.model.scene import KeepOutShape, capsule_shape
+
+__all__ = ["OtherArm"]
+
+# Play and bent links, which its sensors do not see, and how far it drifts while this arm moves.
+_ROOM_M = 0.02
+_ANSWER_S = 1.0  # reading an arm takes milliseconds, and so does what else may hold its lock
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OtherArm:
+    """Another arm, as it is around this one.
+
+    Attributes:
+        name: For messages.
+        context: What it is made of.
+        runner: Its motions.
+        T_base_other: Its base frame (4, 4) in that of this arm.
+        turn: Which of the two moves.
+    """
+
+    name: str
+    context: ArmContext
+    runner: MotionRunner
+    T_base_other: Matrix
+    turn: Turn
+
+    def things(self, arm: object) -> list[KeepOutShape]:
+        """Measure where its links, and what it holds, are now: rounded rods in the base frame.
+
+        Args:
+            arm: This arm, as it takes turns.
+
+        Raises:
+            RefusedError: It moves, or where it is cannot be measured.
+        """
+        if self.turn.is_of_other(arm):
+            raise other_moves(self.name)
+        checker = self.context.collision
+        if checker is None:
+            raise RefusedError(
+                f"{self.name} was opened without collision checks.",
+                "Open both arms with them to use them on one table.",
+            )
+        capsules = checker.capsules_at(self.context.index.body_joints(self._measure()))
+        return [
+            capsule_shape(f"{self.name}'s {each.link}", each, _ROOM_M).moved(self.T_base_other)
+            for each in capsules
+        ]
+
+    def _measure(self) -> Vector:
+        try:
+            self.runner.check_open()
+            self.context.require_zeros()
+            if not self.runner.lock.acquire(timeout=_ANSWER_S):
+                raise other_moves(self.name)
+            try:
+                return self.context.servos.measure_positions()
+            finally:
+                self.runner.lock.release()
+        except RefusedError:
+            raise
+        except IkservoError as error:
+            raise RefusedError(
+                f"Where {self.name} is, which this arm can reach, is not known: {error.message}",
+                "Open it again and add it to the scene, or remove it from there.",
+            ) from error
