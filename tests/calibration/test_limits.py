@@ -29,6 +29,11 @@ def test_an_empty_intersection_names_both_limits():
     assert caught.value.exit_code == ExitCode.CALIBRATION
 
 
+def test_a_joint_that_slides_keeps_its_unit():
+    jaws = Limits.of("jaws", 0.0, 0.04, "arm file", unit="m")
+    assert jaws.intersect(Limits.of("jaws", 0.01, 0.05, "user", unit="m")).unit == "m"
+
+
 def test_the_ends_belong_to_the_range():
     assert ARM_FILE.contains(-1.7)
     assert ARM_FILE.contains(1.7)
