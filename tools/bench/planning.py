@@ -1,6 +1,7 @@
 """Ways around things: how many are found, how soon, and whether other programs find them free.
 
     python tools/bench/planning.py panda FOLDER --urdf FILE     # MotionBenchMaker's problems
+    python tools/bench/planning.py panda FOLDER --urdf FILE --by ompl     # or sscbirrt
     python tools/bench/planning.py arms                         # random scenes of four arms
     python tools/bench/planning.py arms --upright 10 --best-of 20
 
@@ -18,7 +19,7 @@ import random
 import re
 import tempfile
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -28,6 +29,7 @@ from typing import Any, cast
 
 import numpy as np
 from numpy.typing import NDArray
+from planning_peers import find_by_ompl, find_by_sscbirrt
 
 from ikservo.arm import ways_around
 from ikservo.arm.checked_planning import PreflightPlanner
@@ -45,12 +47,13 @@ from ikservo.kinematics.packed import PackedBody
 from ikservo.kinematics.se3 import exp_so3
 from ikservo.model import load_model
 from ikservo.model.collision_model import capsules_of
-from ikservo.motion.avoidance import find_way, path_length
+from ikservo.motion.avoidance import MotionSpace, find_way, path_length
 
 Array = NDArray[np.float64]
 
 _SETTLED_MARGIN_M = 0.002
 _STEP_M = 0.001
+_MOST_S = 60.0  # other planners may take
 _WALK_RAD = 0.1
 _ARMS = ("so101", "koch", "open_manipulator_x", "wx250s")
 
@@ -183,8 +186,8 @@ class MuJoCo:
         return True
 
 
-def panda(folder: Path, urdf: Path, every: int) -> None:
-    """Solve MotionBenchMaker's problems of the Panda."""
+def panda(folder: Path, urdf: Path, every: int, by: str) -> None:
+    """Solve MotionBenchMaker's problems of the Panda by one of the planners."""
     yaml: Any = importlib.import_module("yaml")
     total: list[Judged] = []
     fixed = Path(tempfile.mkdtemp()) / "panda.urdf"  # a fixed finger that mimics a fixed one
@@ -211,9 +214,8 @@ def panda(folder: Path, urdf: Path, every: int) -> None:
             ]
             began = time.process_time()
             space = checker.clear_space(_SETTLED_MARGIN_M, np.array([start_q, goal]), load=0.0)
-            path = find_way(
-                space, start_q, goal[None], model.chain.lower_rad, model.chain.upper_rad
-            )
+            question = (space, start_q, goal, model.chain.lower_rad, model.chain.upper_rad)
+            path = PLANNERS[by](*question)
             seconds, free = time.process_time() - began, dict[str, bool]()
             if path is not None:
                 samples = dense(checker.body, path)
@@ -226,6 +228,20 @@ def panda(folder: Path, urdf: Path, every: int) -> None:
     report("all", total)
 
 
+def find_by_ikservo(
+    space: MotionSpace, start: Array, goal: Array, lower: Array, upper: Array
+) -> Array | None:
+    """Return postures (k, n) from a start to a goal; None where none was found."""
+    return find_way(space, start, goal[None], lower, upper)
+
+
+PLANNERS: dict[str, Callable[..., Array | None]] = {
+    "ikservo": find_by_ikservo,
+    "ompl": partial(find_by_ompl, most_s=_MOST_S),
+    "sscbirrt": partial(find_by_sscbirrt, most_s=_MOST_S),
+}
+
+
 def report(name: str, found: list[Judged]) -> None:
     """Print a line of the table."""
     solved = [each for each in found if each.path is not None]
@@ -233,9 +249,11 @@ def report(name: str, found: list[Judged]) -> None:
     judged = {
         who: sum(each.free[who] for each in solved) for who in (solved[0].free if solved else ())
     }
+    lengths = [path_length(each.path) for each in solved if each.path is not None]
     print(
         f"{name:24} {len(solved):4} of {len(found):4}  median {np.median(times_ms):7.1f} ms"
-        f"  p95 {np.percentile(times_ms, 95):8.1f} ms  free: {judged}",
+        f"  p95 {np.percentile(times_ms, 95):8.1f} ms"
+        f"  length {np.median(lengths or [0.0]):.2f} rad  free: {judged}",
         flush=True,
     )
 
@@ -293,7 +311,8 @@ def arms(names: list[str], scenes: int, upright_deg: float | None, seeds: int) -
                 if plan is not None and not plan.around:
                     straight += 1
                     continue
-                found.append(Judged(seconds, None if plan is None else plan.goal[None], {}))
+                way = None if plan is None else plan.sample(0.02).positions
+                found.append(Judged(seconds, way, {}))
                 if plan is None:
                     print(f"not solved: {name} {seed}, {seconds:.2f} s")
                 elif seeds:
@@ -384,13 +403,14 @@ def main() -> None:
     parser.add_argument("folder", type=Path, nargs="?")
     parser.add_argument("--urdf", type=Path)
     parser.add_argument("--every", type=int, default=1, help="take each n-th problem")
+    parser.add_argument("--by", choices=PLANNERS, default="ikservo", help="whose planner (panda)")
     parser.add_argument("--scenes", type=int, default=200)
     parser.add_argument("--arms", nargs="+", default=_ARMS)
     parser.add_argument("--upright", type=float, help="degrees that the tool may tilt")
     parser.add_argument("--best-of", type=int, default=0, help="seeds to compare lengths with")
     given = parser.parse_args()
     if given.part == "panda":
-        panda(given.folder, given.urdf, given.every)
+        panda(given.folder, given.urdf, given.every, given.by)
     else:
         arms(given.arms, given.scenes, given.upright, given.best_of)
 
