@@ -25,7 +25,7 @@ from ikservo.model import Model
 from ikservo.model.collision_model import collision_body_with_gripper
 from ikservo.model.model import Obstacle
 from ikservo.model.sag import joint_compliances, link_masses
-from ikservo.model.scene import KeepOutShape, make_shape, read_scene
+from ikservo.model.scene import KeepOutShape, describe_thing, make_shape, read_scene
 
 __all__ = ["InScene", "Scene", "arm_sag"]
 
@@ -97,6 +97,36 @@ class Scene:
         with self._changing():
             self._check_new(name)
             self._change({**self._things, name: make_shape(kind, name, sizes)}, self._held)
+
+    def change(self, name: str, /, **sizes: Any) -> None:  # noqa: ANN401  # keys of a file
+        """Change keys of a thing that stands around the arm: its place, its size or its name.
+
+        ``arm.scene.change("the shelf", centre_m=(0.3, 0.25, 0.1))``
+
+        Raises:
+            UnknownNameError: There is no such thing.
+            BadValueError: Its new name is taken.
+            FileFormatError: A value is unknown or of another type; names the key.
+            RefusedError: A motion is running.
+        """
+        with self._changing():
+            if name not in self._things:
+                raise UnknownNameError("thing", name, self._things)
+            kind, present = describe_thing(self._things[name])
+            values = {**present, **sizes}
+            new_name = str(values.pop("name", name))
+            if new_name != name:
+                self._check_new(new_name)
+            changed = make_shape(kind, new_name, values)
+            self._change(
+                {
+                    each.name: each
+                    for each in (
+                        changed if known == name else thing for known, thing in self._things.items()
+                    )
+                },
+                self._held,
+            )
 
     def load(self, path: Path | str) -> None:
         """Add the things of a scene file.

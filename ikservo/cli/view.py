@@ -10,6 +10,7 @@ import tempfile
 import webbrowser
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -26,6 +27,7 @@ from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import InputError
 from ikservo.hardware.discovery import simulated_port_url
 from ikservo.model import Model
+from ikservo.model.scene import with_scene
 
 if TYPE_CHECKING:
     from ikservo.view.app import ViewApp, ViewUrls
@@ -66,6 +68,10 @@ Camera = Annotated[
     ),
 ]
 Listen = Annotated[str, typer.Option("--listen", metavar="ADDRESS", help=_LISTEN_HELP)]
+Scene = Annotated[
+    Path | None,
+    typer.Option("--scene", metavar="FILE", help="TOML file of the things around the arm."),
+]
 Servos = Annotated[
     bool,
     typer.Option("--servos", help="Instead of an arm: registers, ids, backups of the servos."),
@@ -82,6 +88,7 @@ def command(
     insecure: Insecure = False,
     no_open: NoOpen = False,
     camera: Camera = None,
+    scene: Scene = None,
     servos: Servos = False,
     options: Annotated[MotionOptions, Without("dry_run", "no_wiggle", "tip", "yes", "json")],
 ) -> None:
@@ -104,6 +111,8 @@ def command(
 
     bench = _bench_from_options(arms, connection, camera) if servos else None
     places = [] if bench else _places_from_options(arms or [], connection.arm, connection.port)
+    if scene is not None:
+        places = _among_things(places, scene)
     app = ViewApp(places, listen, http_port, insecure=insecure, collisions=options.collision,
                   uncalibrated=options.uncalibrated, camera=camera, servos=bench)  # fmt: skip
     with exiting_on_signals(), app as urls:  # what moves brakes, what is written is finished
@@ -162,6 +171,21 @@ def _places_from_options(arms: Sequence[str], arm: str | None, port: str | None)
             "Give each its own: ikservo view so101=/dev/ttyACM0 koch=/dev/ttyUSB0",
         )
     return [ArmAtPort(model_from_option(name), own or port) for name, own in pairs]
+
+
+def _among_things(places: list[ArmAtPort], scene: Path) -> list[ArmAtPort]:
+    """Put the things of a scene file around the only arm.
+
+    Raises:
+        InputError: There is none, or there are several: the file is in one arm's base frame.
+        FileFormatError: The file is malformed.
+    """
+    if len(places) != 1:
+        raise InputError(
+            f"--scene {scene} is around one arm; there are {len(places)}.",
+            "As in: ikservo view so101=/dev/ttyACM0 --scene table.toml",
+        )
+    return [replace(places[0], model=with_scene(places[0].model, scene))]
 
 
 def _print_arms(app: ViewApp) -> None:

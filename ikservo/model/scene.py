@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -10,6 +11,7 @@ from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, ValidationError
+from scipy.spatial.transform import Rotation
 
 from ikservo.errors import BadValueError, FileFormatError, UnknownNameError
 from ikservo.files.reading import read_toml
@@ -20,10 +22,19 @@ from ikservo.kinematics.packed import IS_CYLINDER, ROUNDING, rotation_z_to
 from ikservo.kinematics.se3 import rotation_rpy
 from ikservo.model.arm_schema import Text
 from ikservo.model.collision_model import bounding_capsules
-from ikservo.model.model import Model
+from ikservo.model.model import Model, Obstacle
 from ikservo.model.urdf_types import Box
 
-__all__ = ["KINDS", "KeepOutShape", "capsule_shape", "make_shape", "read_scene", "with_scene"]
+__all__ = [
+    "KINDS",
+    "KeepOutShape",
+    "capsule_shape",
+    "describe_thing",
+    "make_shape",
+    "read_scene",
+    "scene_text",
+    "with_scene",
+]
 
 _Z = np.array([0.0, 0.0, 1.0])
 _FAR_M = 10.0  # half the sides of the box that stands for a half-space
@@ -184,6 +195,44 @@ def make_shape(kind: str, name: str, sizes: dict[str, Any]) -> KeepOutShape:
     except ValidationError as error:
         raise first_issue(validation_issues(error, _SceneFile), Path(f"<{name}>")) from error
     return next(_things(scene))
+
+
+def describe_thing(thing: Obstacle) -> tuple[str, dict[str, Any]]:
+    """Return the kind of a thing, and the values that it has in a scene file, margins included.
+
+    The inverse of ``make_shape``; what has round edges is described by a box around it.
+    """
+    R, centre, half = thing.row[:9].reshape(3, 3), thing.row[9:12], thing.row[12:15]
+    grown = half + thing.row[ROUNDING]
+    at = {"centre_m": centre.tolist()}
+    if thing.row[IS_CYLINDER]:
+        sizes = {"radius_m": float(grown[0]), "height_m": float(2.0 * grown[2])}
+        return "cylinder", {**at, **sizes, "axis": R[:, 2].tolist()}
+    if not half.any():
+        return "sphere", {**at, "radius_m": float(grown[0])}
+    if half.min() >= _FAR_M:
+        return "half_space", {
+            "point_m": (centre + grown[2] * R[:, 2]).tolist(),
+            "normal": R[:, 2].tolist(),
+        }
+    turned_deg = Rotation.from_matrix(R).as_euler("xyz", degrees=True)
+    return "box", {**at, "size_m": (2.0 * grown).tolist(), "rpy_deg": turned_deg.tolist()}
+
+
+def scene_text(things: Sequence[Obstacle]) -> str:
+    """Return the text of a scene file of some things."""
+    lines = list[str]()
+    for thing in things:
+        kind, sizes = describe_thing(thing)
+        lines += [f"[[{kind}]]", f"name = {json.dumps(thing.name, ensure_ascii=False)}"]
+        lines += [f"{key} = {json.dumps(_rounded(value))}" for key, value in sizes.items()]
+        lines.append("")
+    return "\n".join(lines)
+
+
+def _rounded(value: float | list[float]) -> float | list[float]:
+    """Return metres, degrees or a direction without the digits that no ruler shows."""
+    return [round(each, 6) for each in value] if isinstance(value, list) else round(value, 6)
 
 
 def with_scene(model: Model, path: Path | str) -> Model:

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from ikservo.kinematics.arrays import Matrix
 from ikservo.kinematics.capsules import Capsule
-from ikservo.model import Model
 from ikservo.model.collision_model import capsules_of
+from ikservo.model.model import Obstacle
 
 __all__ = [
     "CAPSULE",
@@ -67,9 +67,9 @@ def triangle_rows(corners_m: Matrix) -> Matrix:
     return rows
 
 
-def object_primitives(model: Model) -> Mapping[str, Matrix]:
-    """Compute the primitives (n, ROW_WIDTH) of each keep-out box, base frame."""
-    return {box.name: _box_rows(np.array([box.low_m, box.high_m])) for box in model.keep_out}
+def object_primitives(things: Sequence[Obstacle]) -> Mapping[str, Matrix]:
+    """Compute the primitives (n, ROW_WIDTH) of the upright box around each thing, base frame."""
+    return {each.name: _box_rows(np.array([each.low_m, each.high_m])) for each in things}
 
 
 def _box_rows(ends_m: Matrix) -> Matrix:

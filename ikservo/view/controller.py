@@ -35,6 +35,8 @@ from ikservo.view.program_panel import ProgramPanel
 from ikservo.view.server import Frame
 from ikservo.view.servo_panel import ServoPanel
 from ikservo.view.snapshot import StopNotice
+from ikservo.view.thing_messages import SaveThings, ThingMessage
+from ikservo.view.things_panel import ThingsPanel
 from ikservo.view.video import VideoSource
 from ikservo.view.viewpoints import Viewpoint, available_views
 
@@ -85,6 +87,7 @@ class SessionController:
         self._program = ProgramPanel(arm_thread)
         self._following = FollowPanel(arm_thread, clock, find_arm)
         self._servos = ServoPanel(arm_thread)
+        self._things = ThingsPanel(self._arm, self.downloads)
         self._clients: dict[int, Client] = {}
         self._numbers = itertools.count(1)
         self._handlers: dict[type, Handler] = {
@@ -97,6 +100,7 @@ class SessionController:
             msg.TakeControl: self._take_control,
             msg.ShowPlots: self._show_plots,
             msg.SaveHistory: self._save_history,
+            SaveThings: self._save_things,
         }
         # Only the client in control may send these, and messages that are in neither table.
         self._control_handlers: dict[type, Handler] = {
@@ -118,6 +122,7 @@ class SessionController:
             msg.ReadServo: self._read_servo,
             msg.WriteRegister: self._write_register,
             **dict.fromkeys(get_args(ProgramMessage), self._handle_program),
+            **dict.fromkeys(get_args(ThingMessage), self._handle_thing),
         }
 
     def close(self) -> None:
@@ -159,6 +164,7 @@ class SessionController:
         others = "none" if self._lease.holder is None else "other"
         controller = "you" if in_control else others
         frames = self._composer.compose(client, controller=controller, fallback=self._fallback)
+        frames += self._things.frames(client)
         frames += self._program.frames(client)
         frames += self._following.frames(client)
         frames += self._servos.frames(client)
@@ -267,6 +273,9 @@ class SessionController:
         url = self.downloads.offer(Download(name, lambda: csv_lines(recording)))
         client.outbox.append({"kind": "download", "url": url, "name": name})
 
+    def _save_things(self, _message: SaveThings, client: Client) -> None:
+        client.outbox.append(self._things.offer())
+
     # --- messages of the client in control ---
 
     def _receive_in_control(self, message: Message, client: Client) -> None:
@@ -313,6 +322,35 @@ class SessionController:
 
     def _handle_program(self, message: ProgramMessage, _client: Client) -> None:
         self._program.handle(message, self._interaction)
+
+    def _handle_thing(self, message: ThingMessage, _client: Client) -> None:
+        """Change what stands around the arm; a target of the preview is checked among it again."""
+        self._require_ready()
+        if self._arm_thread.command.live:
+            raise BadMessageError("Things stay while the arm follows.", "Switch Live off first.")
+        self._things.handle(message)
+        self._forget_checks()
+
+    def _move_thing(self) -> None:
+        """Show a thing where it is dragged to; once it is dropped, it stands there."""
+        moved = self._interaction.moved_thing
+        if moved is None or not moved.shift_m.any():
+            self._things.show_moved(None)
+            return
+        if self._arm_thread.command.live:
+            self._interaction.reset()
+            raise BadMessageError("Things stay while the arm follows.", "Switch Live off first.")
+        self._things.show_moved(moved)
+        if moved.is_dropped:
+            try:
+                self._things.drop(moved)
+            finally:
+                self._forget_checks()
+
+    def _forget_checks(self) -> None:
+        """Check the target of the preview again: things around the arm have changed."""
+        self._guard = PreviewGuard(self._arm)
+        self._interaction.set_things(self._arm.scene.things)
 
     def _set_torque(self, message: msg.SetTorque, _client: Client) -> None:
         """Switch a servo's torque; the goal of the preview started from where the arm was."""
@@ -395,6 +433,7 @@ class SessionController:
         camera, plane_m = self._composer.camera(client), self._composer.plane_m(client)
         context = self._interaction.pointer_context(camera, snapshot, plane_m, surface)
         self._interaction.handle(message, context, snapshot, self._clock.now_s())
+        self._move_thing()
 
     def _set_live(self, message: msg.SetLive, _client: Client) -> None:
         """Switch Live: the arm starts at its measured position, whatever the preview showed."""
@@ -438,6 +477,7 @@ class SessionController:
         self.close()
         self._interaction = Interaction(self._arm, self._clock)
         self._guard = PreviewGuard(self._arm)
+        self._things = ThingsPanel(self._arm, self.downloads)
         self._camera_view = self._find_camera_view()
         self._composer = FrameComposer(
             self._arm_thread, self._interaction, self._clock, self._camera_view

@@ -43,6 +43,7 @@ __all__ = [
     "CandidateSelection",
     "Drag",
     "JointDrag",
+    "MovedThing",
     "PointerContext",
     "start_joint_drag",
 ]
@@ -198,6 +199,7 @@ def _candidate_names(options: tuple[PickCandidate | None, ...]) -> Names:
 
 
 _NOTCH_RAD, _NOTCH_M, _FINE = math.radians(1.0), 0.001, 0.1
+_LEVEL = 0.3  # a view whose axis is steeper moves things along the table
 _KEY_M, _FINE_KEY_M = 0.005, 0.001
 _ARROWS = {
     "ArrowLeft": (-1.0, 0.0, 0.0),
@@ -238,8 +240,38 @@ class _GrabbedPoint:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class MovedThing:
+    """An object of the scene that was grabbed.
+
+    Attributes:
+        name: Its name.
+        shift_m: How far it was moved (3,), base frame.
+        is_dropped: Whether the pointer was lifted.
+    """
+
+    name: str
+    shift_m: Vector
+    is_dropped: bool = False
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _GrabbedThing:
+    """The grabbed point of an object: it moves level, or in the plane of a level view."""
+
+    camera: Camera
+    point_m: Vector
+
+    def shift_m(self, px: Vector) -> Vector:
+        ray, depth_m = self.camera.ray(px), self.camera.depth_of(self.point_m)
+        if abs(self.camera.forward[2]) < _LEVEL or ray.direction[2] * self.camera.forward[2] <= 0.0:
+            return self.camera.unproject(px, depth_m) - self.point_m
+        along_m = (self.point_m[2] - ray.origin_m[2]) / ray.direction[2]
+        return ray.at(float(along_m)) - self.point_m
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Fixture:
-    """A pressed thing that cannot be moved: an object of the scene, or the base."""
+    """A pressed link that cannot be moved: the base."""
 
     camera: Camera
     found: PickCandidate
@@ -252,12 +284,16 @@ class Drag:
         chain: The arm, inside its own limits.
         picker: Finds its links.
         objects: Finds the objects of the scene, in the base frame; None for none.
+
+    Attributes:
+        moved_thing: The object that is dragged, or was dragged last; None after another press.
     """
 
     def __init__(self, chain: Chain, picker: Picker, objects: Picker | None = None) -> None:
         self._chain, self._hit_tester = chain, HitTester(chain, picker, objects)
         self._selection = CandidateSelection(self._hit_tester)
-        self._grabbed: _GrabbedPoint | JointDrag | _Fixture | None = None
+        self._grabbed: _GrabbedPoint | _GrabbedThing | JointDrag | _Fixture | None = None
+        self.moved_thing: MovedThing | None = None
         self._pressed: tuple[Vector, PointerContext] | None = None
         self._pointer = 0
         self._tip_target: Vector | None = None
@@ -290,11 +326,16 @@ class Drag:
         at = np.asarray(px, dtype=np.float64)
         found = self._selection.selected(at, context)
         self._pointer, self._pressed = pointer, (at, context)
+        self.moved_thing = None
         if shift:
             self._grabbed = self._make_joint_drag(at, context, found)
             return None if self._grabbed is None else self._turn_command(self._grabbed)
         if found is not None and found.kind == "object" and context.surface is not None:
             found = None  # the tip goes to it
+        if found is not None and found.kind == "object":
+            self._grabbed = _GrabbedThing(context.camera, found.hit.point_m)
+            self.moved_thing = MovedThing(found.hit.link, np.zeros(3))
+            return None
         if found is not None and found.kind != "link":
             self._grabbed = _Fixture(context.camera, found)
             return None
@@ -317,6 +358,10 @@ class Drag:
             if has_left:
                 raise _fixed_error(self._grabbed.found)
             return None
+        if isinstance(self._grabbed, _GrabbedThing):
+            if self.moved_thing is not None and self._pressed is None:
+                self.moved_thing = replace(self.moved_thing, shift_m=self._grabbed.shift_m(at))
+            return None
         if isinstance(self._grabbed, JointDrag):
             self._grabbed = self._grabbed.move_pointer(at)
             return self._turn_command(self._grabbed)
@@ -329,6 +374,8 @@ class Drag:
         if pointer != self._pointer:
             return
         self._grabbed = None
+        if self.moved_thing is not None:
+            self.moved_thing = replace(self.moved_thing, is_dropped=True)
         if self._pressed is not None:
             at, context = self._pressed
             if len(self._selection.candidates_at(at, context)) > 1:
@@ -337,7 +384,7 @@ class Drag:
 
     def cancel(self) -> DragCommand:
         """Cancel the drag, and hold."""
-        self._grabbed = self._tip_target = self._pressed = None
+        self._grabbed = self._tip_target = self._pressed = self.moved_thing = None
         self._selection.reset()
         return HoldCommand()
 
@@ -389,6 +436,10 @@ class Drag:
     def select_next(self, px: ArrayLike, context: PointerContext, step: int = 1) -> None:
         """Select what is behind, or with -1 before, the selected thing at a pixel (2,)."""
         self._selection.select_next(np.asarray(px, dtype=np.float64), context, step)
+
+    def set_objects(self, objects: Picker) -> None:
+        """Find other objects of the scene from now on."""
+        self._hit_tester.set_objects(objects)
 
     def _has_left_press(self, at: Vector) -> bool:
         """Check whether the pointer has just left the place where it was pressed."""
@@ -454,8 +505,7 @@ class Drag:
 def _fixed_error(found: PickCandidate) -> InputError:
     """Return the error for a thing that cannot be dragged."""
     where = ", ".join(f"{x:z.3f}" for x in found.hit.point_m.tolist())
-    what = "an object of the scene" if found.kind == "object" else "a link that no joint moves"
     return InputError(
-        f"{found.hit.link} cannot be dragged: it is {what}, pressed at ({where}) m.",
+        f"{found.hit.link} cannot be dragged: no joint moves it; it was pressed at ({where}) m.",
         "Grab a link of the arm; a click, or N, chooses what is behind.",
     )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import time
 from collections import deque
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -13,10 +14,11 @@ from ikservo.errors import UnknownNameError
 from ikservo.ik import Target
 from ikservo.kinematics.arrays import Vector
 from ikservo.model.collision_model import capsules_of
+from ikservo.model.model import Obstacle
 from ikservo.view import messages as msg
 from ikservo.view.bvh import link_primitives, object_primitives
 from ikservo.view.camera import Camera, Viewport
-from ikservo.view.drag import Drag
+from ikservo.view.drag import Drag, MovedThing
 from ikservo.view.drag_commands import DragCommand, DragTarget, JointTarget
 from ikservo.view.drag_solver import AUTO, DragSolver, PosturePreference
 from ikservo.view.goal_history import GoalHistory, PastGoal
@@ -67,7 +69,7 @@ class Interaction:
         self._arm, self._chain, self._clock = arm, chain, clock
         self._index = arm.joint_index
         picker = Picker(link_primitives(capsules_of(arm.model)))
-        self._drag = Drag(chain, picker, Picker(object_primitives(arm.model)))
+        self._drag = Drag(chain, picker, Picker(object_primitives(arm.scene.things)))
         self._tool_drag = ToolDrag(chain)
         self._solver, self._gamepad = DragSolver(chain), GamepadControl()
         self._gripper = gripper_control(arm)
@@ -314,6 +316,16 @@ class Interaction:
         if self._command is not None:
             self.revision += 1
             self._solve_pending(snapshot, now_s)
+
+    @property
+    def moved_thing(self) -> MovedThing | None:
+        """The thing that is dragged, or was dropped last."""
+        return self._drag.moved_thing
+
+    def set_things(self, things: Sequence[Obstacle]) -> None:
+        """Let these be the things around the arm that a press may grab."""
+        self._drag.set_objects(Picker(object_primitives(things)))
+        self._drag.moved_thing = None
 
     @property
     def shown_goal(self) -> Vector | None:

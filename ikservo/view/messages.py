@@ -11,6 +11,7 @@ from ikservo.errors import InputError
 from ikservo.files.validation import StrictModel, first_mistake
 from ikservo.view.message_fields import Name, PageMessage, StopInput
 from ikservo.view.program_messages import ProgramMessage
+from ikservo.view.thing_messages import SaveThings, ThingMessage
 
 __all__ = [
     "MAX_MESSAGE_BYTES",
@@ -412,6 +413,8 @@ Message = (
     | FollowArm
     | ReadServo
     | WriteRegister
+    | SaveThings
+    | ThingMessage
     | CalibrationAnswer
     | ProgramMessage
 )

@@ -262,6 +262,10 @@ class HitTester:
         self._chain, self._picker, self._objects = chain, picker, objects
         self._dials = {dial.column: dial for dial in joint_dials(chain, chain.mid_range())}
 
+    def set_objects(self, objects: Picker) -> None:
+        """Find other objects of the scene from now on."""
+        self._objects = objects
+
     def candidates_at(self, at: Vector, context: PointerContext) -> tuple[PickCandidate, ...]:
         """Return everything under the pointer, in the order in which presses select it.
 

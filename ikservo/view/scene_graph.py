@@ -40,7 +40,6 @@ from ikservo.view.viewpoints import ArmExtent
 
 __all__ = ["SceneGraph"]
 
-_DRAWN_M = 5.0  # what is larger, such as a half-space, is not drawn
 _DIGITS = 7  # of positions: at a metre's distance 0.1 µm
 _AXIS_DIGITS = 4
 
@@ -76,11 +75,6 @@ class SceneGraph:
             ],
             "dials": [_dial_fields(chain, dial) for dial in joint_dials(chain, extent.home)],
             "tip": chain.tip,
-            "boxes": [
-                {"name": box.name, "low": box.low_m, "high": box.high_m}
-                for box in model.keep_out
-                if np.subtract(box.high_m, box.low_m).max() < _DRAWN_M
-            ],
             "floor": model.floor_m,
             "centre": extent.pivot_m.tolist(),
             "handles": self._handles.description,

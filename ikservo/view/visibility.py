@@ -87,7 +87,7 @@ class VisibilityChecker:
         links, self._floor_m = link_primitives(capsules_of(model)), model.floor_m
         self._obstacles = {
             f"{name} (object)" if name in links else name: rows
-            for name, rows in object_primitives(model).items()
+            for name, rows in object_primitives(model.keep_out).items()
         }
         if model.floor_m is not None:
             # Compute the table as two triangles (2, WIDTH)

@@ -22,6 +22,7 @@ from ikservo.view.reachable_region import ReachableRegion, slice_plane
 from ikservo.view.scene import SceneState
 from ikservo.view.solver_demo import trace_method
 from ikservo.view.target_marker import TargetMarker
+from ikservo.view.things_panel import thing_fields
 from ikservo.view.viewpoints import available_views
 from tests.kinematics.chains import crane, planar
 from tests.oracle import ARMS, tip_from_joints
@@ -33,10 +34,11 @@ pytestmark = pytest.mark.browser
 VIEWS = ["side", "top", "front", "orbit"]
 PAGE = files("ikservo.view") / "page"
 HOST = "http://page.test/"
-COMPOSE = """async ([graph, scene]) => {
+COMPOSE = """async ([graph, scene, things]) => {
   const { Picture } = await import("/page/picture.js");
   const picture = new Picture();
   picture.setGraph(graph);
+  picture.setThings(things);
   return picture.compose(scene);
 }"""
 COMPOSE_ALL = """async ([graph, scenes]) => {
@@ -85,9 +87,10 @@ class Canvas:
     def evaluate(self, script, *values):
         return self._page.evaluate(script, json.loads(to_json(values)))
 
-    def compose(self, graph, state, **more):
-        """Return items, backdrop and the goal's pixel of a scene."""
-        return self.evaluate(COMPOSE, graph.description, scene_of(graph, state, **more))
+    def compose(self, graph, state, things=(), **more):
+        """Return items, backdrop and the goal's pixel of a scene among things."""
+        scene = scene_of(graph, state, **more)
+        return self.evaluate(COMPOSE, graph.description, scene, [thing_fields(t) for t in things])
 
     def items(self, name="so101", view="side", **shown):
         """Return all items of an arm at home, from back to front."""
@@ -519,10 +522,10 @@ def test_the_bar_is_as_long_as_it_says(canvas):
 @pytest.mark.parametrize("view", VIEWS)
 def test_a_box_to_keep_out_of_is_drawn_at_its_corners(canvas, view):
     box = KeepOutBox("the cup", (0.2, 0.1, 0.0), (0.3, 0.2, 0.12))
-    graph = graph_of(replace(model_of("so101"), keep_out=(box,)))
+    graph = graph_of(model_of("so101"))
     camera = looked_at("so101", view)
     state = SceneState(camera, stage("so101").home)
-    picture = canvas.compose(graph, state)
+    picture = canvas.compose(graph, state, [box])
     (drawn,) = of_style(picture["backdrop"], "keep_out")
     corners = np.array(drawn["rings"]).reshape(-1, 2)
     expected = camera.project(np.array([[x, y, z] for x in (0.2, 0.3) for y in (0.1, 0.2)
@@ -531,7 +534,7 @@ def test_a_box_to_keep_out_of_is_drawn_at_its_corners(canvas, view):
         assert np.hypot(*(corners - px).T).min() < 0.01
     assert not of_style(picture["items"], "picked")
     for marked in (replace(state, picked="the cup"), replace(state, refused_pair=("the cup",))):
-        (over,) = of_style(canvas.compose(graph, marked)["items"], "picked")
+        (over,) = of_style(canvas.compose(graph, marked, [box])["items"], "picked")
         assert over["rings"] == drawn["rings"]
 
 

@@ -7,8 +7,8 @@ import ikservo
 from ikservo.errors import BadValueError, FileFormatError
 from ikservo.guard.collision_kernel import point_shape_distance
 from ikservo.model import load_model
-from ikservo.model.scene import make_shape, read_scene, with_scene
-from tests.view.view_fixtures import graph_of
+from ikservo.model.scene import describe_thing, make_shape, read_scene, scene_text, with_scene
+from ikservo.view.things_panel import thing_fields
 
 SCENE = """
 margin_m = 0.01
@@ -63,9 +63,9 @@ def test_things_are_where_the_file_says_with_its_margin(scene, name, point, dist
 
 def test_the_arm_keeps_out_of_a_scene_and_the_page_draws_it(scene):
     model = with_scene(load_model("so101"), scene())
-    drawn = graph_of(model).description["boxes"]
-    assert [box["name"] for box in drawn] == ["the shelf", "the can", "the ball"]
-    np.testing.assert_allclose(drawn[1]["low"], (-0.11, 0.36, 0.06), atol=1e-12)
+    drawn = [fields for each in model.keep_out if (fields := thing_fields(each))["drawn"]]
+    assert [each["name"] for each in drawn] == ["the shelf", "the can", "the ball"]
+    assert [each["shape"] for each in drawn] == ["box", "cylinder", "sphere"]
     ball = '[[sphere]]\nname = "the ball"\ncentre_m = [0.25, 0.0, 0.15]\nradius_m = 0.03\n'
     model = with_scene(load_model("so101"), scene(ball))
     with (
@@ -128,3 +128,28 @@ def test_a_name_that_is_taken_is_refused(tmp_path, name):
 def test_a_thing_so_large_or_far_that_it_would_be_nowhere_is_refused(kind, sizes):
     with pytest.raises(FileFormatError, match="at most"):
         make_shape(kind, "the sun", sizes)
+
+
+def test_a_scene_that_is_written_is_read_as_it_was(scene, tmp_path):
+    things = read_scene(scene())
+    (tmp_path / "again.toml").write_text(scene_text(things), encoding="utf-8")
+    for thing, again in zip(things, read_scene(tmp_path / "again.toml"), strict=True):
+        assert again.name == thing.name
+        for point in np.random.default_rng(1).uniform(-0.6, 0.6, (40, 3)):
+            far_m = point_shape_distance(*point, thing.row[None], 0)
+            again_m = point_shape_distance(*point, again.row[None], 0)
+            assert again_m <= max(far_m, 0.0) + 1e-6  # edges are not round any more
+            assert again_m >= far_m - 0.01
+
+
+@pytest.mark.parametrize("kind", ["box", "cylinder", "sphere", "half_space"])
+def test_a_thing_is_described_as_it_was_made(scene, kind):
+    no_margin = SCENE.replace("margin_m = 0.01", "")
+    thing = {"box": 0, "cylinder": 1, "sphere": 2, "half_space": 3}[kind]
+    found, sizes = describe_thing(read_scene(scene(no_margin))[thing])
+    assert found == kind
+    row = make_shape(kind, "again", sizes).row
+    points = np.random.default_rng(2).uniform(-0.6, 0.6, (40, 3))
+    for point in points:
+        far_m = point_shape_distance(*point, read_scene(scene(no_margin))[thing].row[None], 0)
+        assert point_shape_distance(*point, row[None], 0) == pytest.approx(far_m, abs=1e-9)

@@ -688,7 +688,7 @@ def with_a_cup(view):
     """Return the drag and the look of an arm beside a cup, and the pixel of the cup's middle."""
     model = replace(model_of("so101"), keep_out=(CUP,))
     view_state = sight("so101", view)
-    drag = Drag(model.chain, picker("so101"), Picker(object_primitives(model)))
+    drag = Drag(model.chain, picker("so101"), Picker(object_primitives(model.keep_out)))
     return drag, view_state, view_state.camera.project(np.array([0.2, 0.16, 0.05]))[0]
 
 
@@ -704,12 +704,23 @@ def test_a_box_is_picked_by_its_name_where_the_line_of_sight_meets_it(view):
     np.testing.assert_allclose(view_state.camera.project(point)[0], px, atol=1e-6)
 
 
-def test_a_box_that_is_dragged_is_refused_in_a_sentence_once():
-    drag, view_state, px = with_a_cup("top")
+@pytest.mark.parametrize("view", ["top", "orbit"])
+def test_a_box_that_is_dragged_moves_level_under_the_pointer(view):
+    drag, view_state, px = with_a_cup(view)
     assert drag.press(px, view_state) is None
-    with pytest.raises(InputError, match="the cup cannot be dragged: it is an object"):
-        drag.move(px + 10.0)
-    assert drag.move(px + 20.0) is None
+    assert not drag.moved_thing.shift_m.any()
+    found = next(f for f in drag.candidates_under(px, view_state)[0] if f and f.kind == "object")
+    for step in (10.0, 20.0):
+        assert drag.move(px + step) is None
+    moved = drag.moved_thing
+    assert (moved.name, moved.is_dropped) == ("the cup", False)
+    assert moved.shift_m[2] == pytest.approx(0.0, abs=1e-12)
+    at_px = view_state.camera.project(found.hit.point_m + moved.shift_m)[0]
+    np.testing.assert_allclose(at_px, px + 20.0, atol=1e-6)
+    drag.release()
+    assert drag.moved_thing.is_dropped
+    drag.cancel()
+    assert drag.moved_thing is None
 
 
 def test_a_second_click_on_a_box_sends_the_tip_there():
@@ -722,7 +733,7 @@ def test_a_second_click_on_a_box_sends_the_tip_there():
 def test_a_link_is_grabbed_before_the_box_around_it():
     model = replace(model_of("so101"), keep_out=(KeepOutBox("the cage", (-1, -1, 0), (1, 1, 1)),))
     view_state = sight("so101", "side")
-    drag = Drag(model.chain, picker("so101"), Picker(object_primitives(model)))
+    drag = Drag(model.chain, picker("so101"), Picker(object_primitives(model.keep_out)))
     assert (
         drag.press(pixel_on("so101", view_state, "forearm"), view_state).target.frame == "forearm"
     )

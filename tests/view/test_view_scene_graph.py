@@ -17,6 +17,7 @@ from ikservo.view import messages as page_messages
 from ikservo.view.link_poses import link_poses
 from ikservo.view.scene import SceneState
 from ikservo.view.scene_shapes import link_shapes
+from ikservo.view.things_panel import thing_fields
 from tests.oracle import ARMS
 from tests.view.view_fixtures import graph_of, looked_at, model_of, stage
 from tests.view.view_session import ViewSession
@@ -208,10 +209,12 @@ def test_the_range_of_a_joint_is_the_calibrated_one():
     assert dial["range"] == [narrow.lower_rad[2], narrow.upper_rad[2]]
 
 
-def test_a_box_of_the_surroundings_and_the_table_are_described():
-    shelf = KeepOutBox("shelf", (0.2, 0.1, 0.0), (0.3, 0.2, 0.4))
-    description = graph_of(
-        replace(load_model("so101"), keep_out=(shelf,), floor_m=-0.02)
-    ).description
-    assert description["floor"] == -0.02
-    assert description["boxes"] == [{"name": "shelf", "low": shelf.low_m, "high": shelf.high_m}]
+def test_the_table_is_described():
+    assert graph_of(replace(load_model("so101"), floor_m=-0.02)).description["floor"] == -0.02
+
+
+def test_a_box_of_the_surroundings_is_described():
+    fields = thing_fields(KeepOutBox("shelf", (0.2, 0.1, 0.0), (0.3, 0.2, 0.4)))
+    assert (fields["name"], fields["shape"], fields["drawn"]) == ("shelf", "box", True)
+    np.testing.assert_allclose(fields["half"], (0.05, 0.05, 0.2))
+    np.testing.assert_allclose(np.reshape(fields["pose"], (4, 4))[:3, 3], (0.25, 0.15, 0.2))

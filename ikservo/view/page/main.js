@@ -20,6 +20,7 @@ import { Plots, download } from "./plots.js";
 import { Rendering } from "./rendering.js";
 import { Servos } from "./servos.js";
 import { StopButton } from "./stop.js";
+import { Things } from "./things.js";
 import { CalibrationScreens } from "./calibration.js";
 
 const VIEWS = { side: "Side", top: "Top", front: "Front", orbit: "Orbit", plane: "Plane", camera: "Camera" };
@@ -59,6 +60,11 @@ const connection = new Connection(key, {
     rendering.graph = message;
   },
   shapes(message) { rendering.setShapes(message.links); },
+  things(message) {
+    picture.setThings(message.things);
+    rendering.setThings(message.things);
+    things.setThings(message.things);
+  },
   scene(message) {
     scenes.push(message);
   },
@@ -84,6 +90,7 @@ const program = new Program(send, (message) => panel.showRefusal({ message, hint
 const plots = new Plots(send);
 const poses = new Poses(send);
 const servos = new Servos(send);
+const things = new Things(send, (message) => panel.showRefusal({ message, hint: "" }));
 const actions = new Actions(send);
 const leader = new Leader(key, send, () => sendViewport());
 const arms = new Arms(key, options, (name) => leader.choose(name));
@@ -126,6 +133,7 @@ function showStatus(status) {
   showAllAround(Boolean(status.calibration));
   plots.showStatus(status);
   servos.showStatus(status);
+  things.showStatus(status);
 }
 
 // A calibration is seen from all around, where each joint's motion shows; then the view is as before.

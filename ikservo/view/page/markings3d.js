@@ -1,4 +1,4 @@
-// What surrounds the arm in 3D: table, grid, boxes, reachable region, the way of the tip.
+// What surrounds the arm in 3D: table, grid, things, reachable region, the way of the tip.
 
 import * as THREE from "./three.min.js";
 
@@ -15,7 +15,7 @@ export class Markings {
     this.lines = {
       grid: new THREE.LineBasicMaterial(),
       region: new THREE.LineBasicMaterial({ transparent: true, opacity: 0.45 }),
-      box: new THREE.LineBasicMaterial({ transparent: true, opacity: 0.6 }),
+      thing: new THREE.LineBasicMaterial({ transparent: true, opacity: 0.6 }),
     };
     this.sheet = new THREE.MeshBasicMaterial({ polygonOffset: true, polygonOffsetFactor: 4, polygonOffsetUnits: 4 });
     this.dotMaterial = new THREE.MeshBasicMaterial();
@@ -23,8 +23,9 @@ export class Markings {
     this.dots.frustumCulled = false;
     this.region = new THREE.Group();
     this.region.matrixAutoUpdate = false;
-    this.boxes = new Map(graph.boxes.map((box) => [box.name, createBox(box, this.lines.box)]));
-    this.root.add(this.dots, this.region, ...this.boxes.values());
+    this.things = new THREE.Group();
+    this.thingColour = new THREE.Color();
+    this.root.add(this.dots, this.region, this.things);
     this.table = graph.floor === null ? [] : this.createTable(graph);
     this.root.add(...this.table);
   }
@@ -50,8 +51,9 @@ export class Markings {
     this.sheet.color.copy(read("--draw-floor"));
     this.lines.grid.color.copy(read("--draw-floor-edge"));
     this.lines.region.color.copy(read("--draw-reach-edge"));
-    this.lines.box.color.copy(read("--draw-bad"));
-    for (const box of this.boxes.values()) box.children[0].material.color.copy(read("--draw-bad"));
+    this.thingColour.copy(read("--draw-bad"));
+    this.lines.thing.color.copy(this.thingColour);
+    for (const { children: [body] } of this.things.children) body.material.color.copy(this.thingColour);
   }
 
   showPath(points, refused) {
@@ -62,8 +64,14 @@ export class Markings {
     this.dotMaterial.color.copy(refused ? this.pathColours.bad : this.pathColours.good);
   }
 
-  showBoxes(marked) {
-    for (const [name, box] of this.boxes) box.children[0].material.opacity = marked.includes(name) ? 0.4 : 0.12;
+  setThings(things) {
+    for (const { children } of this.things.children) for (const { geometry } of children) geometry.dispose();
+    this.things.clear();
+    for (const thing of things) if (thing.drawn) this.things.add(createThing(thing, this.thingColour, this.lines.thing));
+  }
+
+  markThings(marked) {
+    for (const { name, children: [body] } of this.things.children) body.material.opacity = marked.includes(name) ? 0.4 : 0.12;
   }
 
   showRegion(rings, pose) {
@@ -91,13 +99,20 @@ function createGrid(half) {
   return new THREE.BufferGeometry().setFromPoints(ends.map(([x, y]) => new THREE.Vector3(x, y, 0)));
 }
 
-function createBox({ name, low, high }, lines) {
-  const size = high.map((each, i) => each - low[i]);
-  const geometry = new THREE.BoxGeometry(...size);
-  const box = new THREE.Group();
-  box.name = name;
-  box.add(new THREE.Mesh(geometry, new THREE.MeshStandardMaterial({ transparent: true, opacity: 0.12, depthWrite: false })),
-    new THREE.LineSegments(new THREE.EdgesGeometry(geometry), lines));
-  box.position.set(...low.map((each, i) => (each + high[i]) / 2));
-  return box;
+// By the shapes that the server names, of half their extents.
+const SHAPES = {
+  box: (half) => new THREE.BoxGeometry(...half.map((each) => 2 * each)),
+  cylinder: ([radius, , half]) => new THREE.CylinderGeometry(radius, radius, 2 * half, 40).rotateX(Math.PI / 2),
+  sphere: ([radius]) => new THREE.SphereGeometry(radius, 24, 16),
+};
+
+function createThing({ name, shape, pose, half }, colour, lines) {
+  const geometry = SHAPES[shape](half);
+  const thing = new THREE.Group();
+  thing.name = name;
+  thing.add(new THREE.Mesh(geometry, new THREE.MeshStandardMaterial({ color: colour, transparent: true, opacity: 0.12, depthWrite: false })),
+    new THREE.LineSegments(new THREE.EdgesGeometry(geometry, 20), lines));
+  thing.matrixAutoUpdate = false;
+  thing.matrix.set(...pose);
+  return thing;
 }

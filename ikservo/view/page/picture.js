@@ -4,7 +4,7 @@
 //   { kind: "polyline", style, points: [[x, y], …] }
 //   { kind: "circle" or "cross", style, at: [x, y], r }
 //   { kind: "text",     style, at, text }                  `at` is its lower left corner
-// Items of a link have `link`, those of a joint `joint`, boxes `name`.
+// Items of a link have `link`, those of a joint `joint`, things `name`.
 
 import { Dials } from "./dials.js";
 import { origin } from "./geometry.js";
@@ -12,13 +12,21 @@ import { placeLinks } from "./kinematics.js";
 import { markItems, traceItems } from "./marks.js";
 import { outlineLinks } from "./outlines.js";
 import { Projection } from "./projection.js";
-import { backdropItems, boxItem, scaleItems } from "./surroundings.js";
+import { backdropItems, scaleItems, thingItem } from "./surroundings.js";
 import { TipPaths } from "./tip_paths.js";
 
 // Whether nothing has changed: what has not is the same object in the next scene.
 export const isSame = (scene, shown) => Object.keys(scene).every((name) => name === "seq" || scene[name] === shown[name]);
 
 export class Picture {
+  things = [];
+
+  // What is around the arm, see ikservo/view/things_panel.py.
+  setThings(things) {
+    this.things = things.filter(({ drawn }) => drawn);
+    this.shown = {};
+  }
+
   setGraph(graph) {
     this.graph = graph;
     this.dials = new Dials(graph);
@@ -48,7 +56,7 @@ export class Picture {
   // The items that change with camera and region only.
   composeBackdrop(scene, projection) {
     const same = ["camera", "region", "region_pose", "bare"].every((name) => scene[name] === this.shown[name]);
-    return same && this.last.backdrop ? this.last.backdrop : backdropItems(this.graph, scene, projection);
+    return same && this.last.backdrop ? this.last.backdrop : backdropItems(this.graph, this.things, scene, projection);
   }
 
   armItems(scene, arm, goal, projection) {
@@ -57,7 +65,7 @@ export class Picture {
     const links = outlineLinks(this.graph, arm, projection);
     const behind = links.filter(({ link }) => scene.behind && link === scene.hover);
     return [
-      ...this.graph.boxes.filter(({ name }) => marked.includes(name)).map((box) => boxItem("picked", box, projection)),
+      ...this.things.filter(({ name }) => marked.includes(name)).map((thing) => thingItem("picked", thing, projection)),
       ...ghost.map(({ link, rings }) => ({ kind: "polygon", style: goalStyle(link, scene), rings, link })),
       ...links.map(({ link, rings }) => ({ kind: "polygon", style: armStyle(link, scene, projection), rings, link })),
       ...behind.map(({ rings }) => ({ kind: "polygon", style: "behind", rings })),

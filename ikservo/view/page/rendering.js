@@ -20,6 +20,7 @@ export class Rendering {
     this.wanted = wanted; // "3d" or "2d" if the user has chosen
     this.onChange = onChange;
     this.view = this.module = this.renderer = this.graph = this.shapes = this.scene3d = null;
+    this.things = []; // around the arm
     this.shown = {}; // the scene of the last frame
     this.reason = wanted === "3d" ? "" : findObstacle(); // why the canvas draws what 3D should
     this.live = false; // whether the arm follows this page
@@ -104,11 +105,18 @@ export class Rendering {
     try {
       this.renderer ??= this.module.createRenderer(this.canvas);
       this.scene3d = new this.module.Scene3D(this.renderer, this.graph, shapes);
+      this.scene3d.markings.setThings(this.things);
     } catch {
       this.fallBack(NO_WEBGL);
     }
     this.frameMs = null;
     this.tried = false;
+  }
+
+  setThings(things) {
+    this.things = things;
+    this.scene3d?.markings.setThings(things);
+    this.shown = {};
   }
 
   fallBack(reason) {

@@ -72,7 +72,7 @@ export class Scene3D {
     this.highlight(scene);
     this.markings.showRegion(scene.bare ? null : scene.region, scene.region_pose);
     this.markings.showTable(!scene.bare);
-    this.markings.showBoxes([scene.picked, ...(scene.refused_pair ?? [])]);
+    this.markings.markThings([scene.picked, ...(scene.refused_pair ?? [])]);
   }
 
   setCamera({ pose, scale_px }) {

@@ -1,4 +1,4 @@
-// What surrounds the arm: table, reachable region, boxes to keep out of, scale bar.
+// What surrounds the arm: table, reachable region, things to keep out of, scale bar.
 
 import { transform } from "./geometry.js";
 
@@ -14,12 +14,12 @@ const FACES = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6,
 
 // A bare scene is drawn over a camera's picture: a table would hide it, and what is in a plane of the arm is not there. Where
 // the camera is known, the region is that of the table.
-export function backdropItems({ centre, floor, boxes }, { region, region_pose, bare }, projection) {
+export function backdropItems({ centre, floor }, things, { region, region_pose, bare }, projection) {
   const { lens } = projection;
   return [
     ...(floor === null || bare || lens ? [] : floorItems(centre, floor, projection)),
     ...(region === null || (bare && !lens) ? [] : [regionItem(region, region_pose, projection)]),
-    ...boxes.map((box) => boxItem("keep_out", box, projection)),
+    ...things.map((thing) => thingItem("keep_out", thing, projection)),
   ];
 }
 
@@ -54,10 +54,10 @@ function regionItem(region, pose, projection) {
   return { kind: "polygon", style: "reach", rings };
 }
 
-// A box as its six faces filled together.
-export function boxItem(style, { name, low, high }, projection) {
+// The box around a thing as its six faces filled together.
+export function thingItem(style, { name, pose, half: [a, b, c] }, projection) {
   const corners = [];
-  for (const x of [low[0], high[0]]) for (const y of [low[1], high[1]]) for (const z of [low[2], high[2]]) corners.push([x, y, z]);
+  for (const x of [-a, a]) for (const y of [-b, b]) for (const z of [-c, c]) corners.push(transform(pose, [x, y, z]));
   const rings = FACES.map((face) => orient(projection.projectClipped(face.map((i) => corners[i]), NEAR_M)));
   return { kind: "polygon", style, rings, name };
 }

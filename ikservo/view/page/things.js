@@ -1,0 +1,81 @@
+// What stands around the arm: a row for each thing, whose name, place and size are typed; saved as a scene file.
+
+import { $, createElement, setText } from "./elements.js";
+import { NumberField } from "./number_field.js";
+
+const MM = 0.001;
+const AXES = ["x", "y", "z"];
+const TITLES = { box: "box", cylinder: "can", sphere: "ball", half_space: "half space" };
+// By the keys of a scene file: what is typed for each number, in which unit.
+const SIZES = {
+  box: [["size_m", AXES.map((axis) => `length ${axis}`), "mm"], ["rpy_deg", ["roll", "pitch", "yaw"], "°"]],
+  cylinder: [["radius_m", "radius", "mm"], ["height_m", "height", "mm"]],
+  sphere: [["radius_m", "radius", "mm"]],
+  half_space: [],
+};
+
+export class Things {
+  // refuse(sentence) is called with what is typed wrong.
+  constructor(send, refuse) {
+    Object.assign(this, { send, refuse, rows: [], movable: false });
+    for (const shape of ["box", "cylinder", "sphere"]) $(`add-${shape}`).onclick = () => send("add_thing", { shape });
+    $("things-save").onclick = () => send("save_things");
+  }
+
+  // A row is made anew where another thing is in its place, so that what has the focus keeps it.
+  setThings(things) {
+    setText($("things-count"), things.length ? String(things.length) : "");
+    const same = (row, { name, thing }) => row?.name === name && row.kind === thing;
+    const before = this.rows;
+    this.rows = things.map((thing, i) => (same(before[i], thing) ? before[i] : this.createRow(thing)));
+    if (this.rows.length !== before.length || this.rows.some((row, i) => row !== before[i])) {
+      $("things").replaceChildren(...this.rows.map(({ element }) => element));
+    }
+    things.forEach((thing, i) => this.showSizes(this.rows[i], thing.sizes));
+  }
+
+  showStatus({ controller, mode, live }) {
+    this.movable = controller === "you" && mode === "preview" && !live;
+    for (const control of $("things-card").querySelectorAll("button:not(#things-save), input")) control.disabled = !this.movable;
+  }
+
+  createRow({ name, thing: kind, sizes }) {
+    const change = (fields) => this.send("change_thing", { name, ...fields });
+    const title = createElement("input", { type: "text", autocomplete: "off", maxlength: 40, "aria-label": `Name of ${name}`, value: name });
+    title.onchange = () => (title.value.trim() ? change({ new_name: title.value.trim() }) : (title.value = name));
+    const remove = createElement("button", { type: "button", class: "ghost small", "aria-label": `Remove ${name}`, onclick: () => this.send("remove_thing", { name }) }, "×");
+    const row = { name, kind, fields: [], element: createElement("li", { "data-thing": name }, title, createElement("span", { class: "quiet" }, TITLES[kind]), remove) };
+    const keys = kind === "half_space" ? [] : [["centre_m", AXES, "mm"], ...SIZES[kind]];
+    for (const [key, labels, unit] of keys) row.element.append(this.createNumbers(row, { key, labels, unit }, change, sizes));
+    return row;
+  }
+
+  createNumbers(row, { key, labels, unit }, change, sizes) {
+    const group = createElement("div", { class: "thing-numbers" });
+    [labels].flat().forEach((label, i) => {
+      const factor = unit === "mm" ? MM : 1;
+      const entry = { key, index: Array.isArray(labels) ? i : null, factor, sizes };
+      entry.field = new NumberField({
+        label: `${row.name}: ${label}`, unit, refuse: this.refuse,
+        submit: (value) => change({ [key]: changed(entry, value * factor) }),
+      });
+      row.fields.push(entry);
+      group.append(createElement("label", {}, `${label} `, entry.field.element));
+    });
+    group.append(createElement("span", { class: "quiet" }, unit));
+    return group;
+  }
+
+  showSizes({ fields }, sizes) {
+    for (const entry of fields) {
+      entry.sizes = sizes;
+      const value = entry.index === null ? sizes[entry.key] : sizes[entry.key][entry.index];
+      entry.field.show(value / entry.factor, !this.movable);
+    }
+  }
+}
+
+// The new value of a key of which one number was typed.
+function changed({ key, index, sizes }, value) {
+  return index === null ? value : sizes[key].map((each, i) => (i === index ? value : each));
+}

@@ -1,0 +1,82 @@
+"""The things around the arm in a browser: added, typed, pulled, removed."""
+
+import numpy as np
+import pytest
+
+from tests.browser.page_operator import until
+from tests.browser.test_browser_page import CONTRAST, NAMES, SMALL
+
+pytestmark = pytest.mark.browser
+
+
+def scene_of(operator):
+    return operator.served.arm.scene
+
+
+def add(operator, kind, name):
+    """Add the only thing around the arm, which the tests of a module have in common."""
+    for left in scene_of(operator).names:
+        scene_of(operator).remove(left)
+    operator.page.click("#things-card summary")
+    operator.page.click(f"#add-{kind}")
+    operator.page.wait_for_selector(f"[data-thing='{name}']")
+
+
+def pixel_of(operator, point_m):
+    """Return where a flat view draws a point (3,)."""
+    camera = operator.page.evaluate("ikservo.scene.camera")
+    T = np.reshape(camera["pose"], (4, 4))
+    right, up, _ = T[:3, :3].T @ (point_m - T[:3, 3])
+    return 0.5 * np.array(camera["size"]) + camera["scale_px"] * np.array([right, -up])
+
+
+def type_number(operator, label, value):
+    field = operator.page.get_by_label(label, exact=True)
+    field.fill(value)
+    field.press("Enter")
+
+
+@pytest.mark.smoke
+def test_a_box_is_added_placed_named_and_removed(operator):
+    add(operator, "box", "the box 1")
+    type_number(operator, "the box 1: x, mm", "150")
+    type_number(operator, "the box 1: length z, mm", "100")
+    until(lambda: scene_of(operator).things[0].high_m[2] > 0.07)
+    (box,) = scene_of(operator).things
+    np.testing.assert_allclose(box.row[9:15], (0.15, 0.0, 0.03, 0.03, 0.03, 0.05), atol=1e-9)
+    type_number(operator, "Name of the box 1", "the shelf")
+    operator.page.wait_for_selector("[data-thing='the shelf']")
+    assert scene_of(operator).names == ("the shelf",)
+    operator.page.get_by_label("Remove the shelf").click()
+    until(lambda: scene_of(operator).names == ())
+    operator.page.wait_for_function("!document.querySelector('#things li')")
+
+
+def test_a_number_that_cannot_be_is_refused_in_a_sentence(operator):
+    add(operator, "sphere", "the ball 1")
+    type_number(operator, "the ball 1: radius, mm", "-5")
+    operator.page.wait_for_selector("#log :text('radius_m')")
+    type_number(operator, "the ball 1: radius, mm", "wide")
+    operator.page.wait_for_selector("#log :text('is no number of millimetres')")
+    assert scene_of(operator).things[0].row[15] == pytest.approx(0.03)
+
+
+def test_a_can_is_pulled_along_the_table(operator):
+    add(operator, "cylinder", "the can 1")
+    type_number(operator, "the can 1: y, mm", "250")
+    until(lambda: scene_of(operator).things[0].row[10] > 0.2)
+    operator.page.click("#views [value=top]")
+    operator.wait_for("scene.camera.pose[10] > 0.9")
+    before_m = scene_of(operator).things[0].row[9:12]
+    operator.drag(pixel_of(operator, before_m), (40.0, 0.0)).release()
+    until(lambda: np.linalg.norm(scene_of(operator).things[0].row[9:12] - before_m) > 0.01)
+    assert scene_of(operator).things[0].row[11] == pytest.approx(0.03)
+
+
+def test_they_can_be_read_and_worked_with_a_finger(visit):
+    operator = visit(color_scheme="dark")
+    add(operator, "box", "the box 1")
+    operator.page.set_viewport_size({"width": 390, "height": 844})
+    assert operator.page.evaluate(CONTRAST) == []
+    assert operator.page.evaluate(SMALL, 24) == []
+    assert all(operator.page.evaluate(NAMES))
