@@ -33,7 +33,11 @@ __all__ = [
 # Errors of a window's volts: counts of the duty, and steps of the supply's reading, which windows
 # alike share: they count as no more than this many.
 _VOLTS, _SUPPLY_VOLTS, _MIN_WINDOWS = 0.01, 0.03, 10
-_SWINGING = 3.0  # times those errors, in the mean: the motor has another speed than the joint
+# A window in which gears cross their backlash has another speed of the motor than of the joint: it
+# differs by more than this many of those errors, and than this many times as much as most windows.
+# Where more than half of the windows do, the joint swings by itself.
+_SWINGING, _OUTLIER = 3.0, 4.0
+_TRIMMING_ROUNDS = 4  # in which the windows that differ are found
 _NOMINAL_SHARE = 0.1  # by which a servo's winding and magnets may differ from its model's
 # By which the duty of a rad may differ from the firmware's, and where its gain was not read.
 _KNOWN_GAIN_SHARE, _GAIN_SHARE = 0.02, 0.3
@@ -146,24 +150,28 @@ def _winding(
 ) -> tuple[float, float, float] | None:
     """Return kt, R and the standard error of kt / R, as a share of it, of one servo's motor.
 
-    Where a joint swings in its backlash its motor has another speed than the joint, and the current
-    with it: such windows say nothing about the motor, and it is the nominal one.
+    While gears cross their backlash the motor has another speed than the joint. Windows of that are
+    left out; a joint that swings in its backlash has too few others, and its motor is the nominal.
     """
     current = windows.current_a[:, servo]
     used = np.isfinite(current)
-    count = np.count_nonzero(used)
-    if count < _MIN_WINDOWS:
+    if np.count_nonzero(used) < _MIN_WINDOWS:
         return None
     duty = windows.duty[used, servo]
     volts = duty * windows.voltage_v[used, servo]
     noise = np.hypot(_VOLTS, _SUPPLY_VOLTS * duty)
     causes = np.column_stack([current, windows.speed / prior.per_horn_rad])[used] / noise[:, None]
     nominal = np.array([prior.kt * prior.nominal_v / prior.servo.full_duty_nm, prior.kt])
-    known, alike = np.diag(1.0 / (_NOMINAL_SHARE * nominal)), np.sqrt(_MIN_WINDOWS / count)
-    A = np.vstack([alike * causes, known])
-    data = np.append(alike * volts / noise, [1.0 / _NOMINAL_SHARE] * 2)
-    found, *_ = np.linalg.lstsq(A, data, rcond=None)
-    if np.sqrt(np.mean((volts / noise - causes @ found) ** 2)) > _SWINGING:
+    known = np.diag(1.0 / (_NOMINAL_SHARE * nominal))
+    found, A, residuals = nominal, known, np.zeros(len(volts))
+    for _ in range(_TRIMMING_ROUNDS):
+        kept = residuals <= max(_SWINGING, _OUTLIER * float(np.median(residuals)))
+        alike = np.sqrt(_MIN_WINDOWS / np.count_nonzero(kept))
+        A = np.vstack([alike * causes[kept], known])
+        data = np.append(alike * (volts / noise)[kept], [1.0 / _NOMINAL_SHARE] * 2)
+        found, *_ = np.linalg.lstsq(A, data, rcond=None)
+        residuals = np.abs(volts / noise - causes @ found)
+    if np.median(residuals) > _SWINGING:
         found, A = nominal, known
     R, kt = found.tolist()
     if R <= 0.0 or kt <= 0.0:
