@@ -3,28 +3,25 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TypeVar
 
-from ikservo.arm.arm import Arm
 from ikservo.arm.opening import require_own_port
 from ikservo.cli.options import ArmConnection, MotionOptions
 from ikservo.cli.results import Field, Fields, json_values, print_records
 from ikservo.cli.session import confirm_motion, open_from_options
 from ikservo.cli.terminal import format_port, print_status
-from ikservo.control.stop_requests import exiting_on_signals
-from ikservo.errors import BadValueError, InputError, UnknownNameError
+from ikservo.errors import BadValueError, InputError
 from ikservo.hardware.read_plan import Register
 from ikservo.hardware.servo import ServoSpec
 from ikservo.lab.servo_sine import measure_sine
 from ikservo.lab.servo_tuning import (
     Trial,
-    keeping_gains,
-    measure_response,
-    search_gains,
+    best_trial,
+    find_turning_servo,
+    try_gains,
+    try_steps,
     tunable_registers,
-    write_gains,
 )
 from ikservo.maintenance.servo_workbench import find_register, parse_register_value
 
@@ -137,7 +134,7 @@ def tune(
         far_rad = math.radians(2 if sine_hz else 10)
     with open_from_options(connection, MotionOptions(yes=yes)) as machine:
         arm = require_own_port(machine)
-        servo = _find_turning_servo(arm, joint)
+        servo = find_turning_servo(arm, joint)
         given = _parse_gains(servo, settings)
         what = "there and back"
         if sine_hz:
@@ -149,7 +146,7 @@ def tune(
         )
         confirm_motion(machine, yes=yes)
         if sine_hz:
-            sines = _try_gains(
+            sines = try_gains(
                 arm, servo, given,
                 lambda gains: (gains, measure_sine(arm, servo.name, far_rad, *sine_hz)),
             )  # fmt: skip
@@ -165,22 +162,14 @@ def tune(
                 joint=servo.name, model=servo.table.model_name,
             )  # fmt: skip
             return
-        trials = _try_gains(
-            arm, servo, given,
-            lambda gains: Trial(gains, measure_response(arm, servo.name, far_rad)),
-            (lambda trials: search_gains(arm, servo, _best(trials), far_rad)) if suggest else None,
-        )  # fmt: skip
-    best = _best(trials)
+        trials = try_steps(arm, servo, given, far_rad, suggest=suggest)
+    best = best_trial(trials)
     print_records(
         "servo-tune", "trials", trials, _FIELDS, json=json, id=servo.id, joint=servo.name,
         model=servo.table.model_name, best=json_values(best, _FIELDS),
     )  # fmt: skip
     if not json and len(trials) > 1:
         _print_advice(connection, servo, trials[0], best)
-
-
-def _best(trials: Sequence[Trial]) -> Trial:
-    return min(trials, key=lambda one: one.response.cost)
 
 
 def _parse_gains(servo: ServoSpec, settings: Sequence[str]) -> dict[Register, int]:
@@ -196,37 +185,6 @@ def _parse_gains(servo: ServoSpec, settings: Sequence[str]) -> dict[Register, in
         if not lower <= gains[register] <= upper:
             raise BadValueError(f"{register} of {servo}", gains[register], f"{lower} to {upper}")
     return gains
-
-
-def _find_turning_servo(arm: Arm, joint: str) -> ServoSpec:
-    servos = list(arm.context.servos.bus.servos.values())
-    found = [each for each in servos if joint in (each.name, str(each.id))]
-    if not found:
-        raise UnknownNameError("joint", joint, [each.name for each in servos])
-    if found[0].name not in arm.chain.names:
-        raise InputError(f"{found[0]} is no joint of the chain.", "Name one that moves the tip.")
-    return found[0]
-
-
-_Tried = TypeVar("_Tried")
-
-
-def _try_gains(
-    arm: Arm,
-    servo: ServoSpec,
-    given: Mapping[Register, int],
-    try_one: Callable[[Mapping[Register, int]], _Tried],
-    search: Callable[[Sequence[_Tried]], Iterable[_Tried]] | None = None,
-) -> list[_Tried]:
-    """Try the present gains, of those given, and of those a search tries."""
-    bus = arm.context.servos.bus
-    with exiting_on_signals(), keeping_gains(bus, servo, given) as present:
-        tried = [try_one(present)]
-        if given:
-            gains = {**present, **given}
-            write_gains(bus, servo, gains)
-            tried.append(try_one(gains))
-        return [*tried, *search(tried)] if search else tried
 
 
 def _print_advice(connection: ArmConnection, servo: ServoSpec, present: Trial, best: Trial) -> None:

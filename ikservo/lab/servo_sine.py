@@ -11,7 +11,7 @@ import numpy as np
 from ikservo.arm.arm import Arm
 from ikservo.errors import BadValueError, RefusedError
 from ikservo.kinematics.arrays import Vector, freeze_arrays
-from ikservo.lab.servo_tuning import REST_S, record_joint, swing_at_rest
+from ikservo.lab.servo_tuning import REST_S, find_free_motion, record_joint, swing_at_rest
 from ikservo.motion import TrajectoryPoint
 
 __all__ = ["FrequencyPoint", "SineMotion", "SineResponse", "measure_sine"]
@@ -187,7 +187,6 @@ def measure_sine(
 
     def make_motion(start: Vector) -> SineMotion:
         made.append(SineMotion(start, column, amplitude_rad, from_hz, to_hz))
-        context.check_streamed_path(made[0], "fast")
-        return made[0]
+        return find_free_motion(context, made)
 
     return SineResponse(*record_joint(arm, column, make_motion), made[0])

@@ -5,12 +5,15 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import TypeVar
 
 import numpy as np
 
 from ikservo.arm.arm import Arm
+from ikservo.arm.context import ArmContext
 from ikservo.control.loop import ControlCycle
-from ikservo.errors import BadValueError, RefusedError
+from ikservo.control.stop_requests import exiting_on_signals
+from ikservo.errors import BadValueError, BlockedError, InputError, RefusedError, UnknownNameError
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.servo import ServoSpec
 from ikservo.kinematics.arrays import Vector, freeze_arrays
@@ -21,12 +24,17 @@ __all__ = [
     "REST_S",
     "StepResponse",
     "Trial",
+    "best_trial",
+    "find_free_motion",
+    "find_turning_servo",
     "gain_registers",
     "keeping_gains",
     "measure_response",
     "record_joint",
     "search_gains",
     "swing_at_rest",
+    "try_gains",
+    "try_steps",
     "tunable_registers",
     "write_gains",
 ]
@@ -39,6 +47,8 @@ _SWINGING_RAD = np.radians(0.25)
 _TRIED = ("i_gain", "position_i_gain", "min_startup_force", "cw_dead_zone", "ccw_dead_zone")
 _GAIN_NAMES = (("p_gain", "position_p_gain"), ("d_gain", "position_d_gain"))
 _P_FACTORS, _D_FACTORS, _FINE_FACTORS = (0.7, 1.4, 2.0, 2.8, 4.0), (0.5, 2.0, 4.0), (0.7, 1.4)
+_Motion = TypeVar("_Motion", bound=Trajectory)
+_Tried = TypeVar("_Tried")
 _FRACTIONS = (32, 16, 8)  # of the highest gain, tried where the present one is 0
 
 
@@ -189,16 +199,30 @@ def measure_response(arm: Arm, joint: str, step_rad: float) -> StepResponse:
     def make_motion(start: Vector) -> Trajectory:
         motions = [_ThereAndBack(start, start + move * (np.arange(len(start)) == column), limits)
                    for move in moves_rad]  # fmt: skip
-        motion = motions[0]
-        try:
-            context.check_streamed_path(motion, "fast")
-        except RefusedError:
-            motion = motions[-1]
-            context.check_streamed_path(motion, "fast")
+        motion = find_free_motion(context, motions)
         ends_s.extend(motion.ends_s)
         return motion
 
     return StepResponse(*record_joint(arm, column, make_motion), (ends_s[0], ends_s[1]))
+
+
+def find_free_motion(context: ArmContext, motions: Sequence[_Motion]) -> _Motion:
+    """Return the first of some motions on which nothing is in the way.
+
+    Raises:
+        RefusedError: Something is in the way of each.
+    """
+    *others, last = motions
+    for motion in others:
+        with contextlib.suppress(RefusedError):
+            context.check_streamed_path(motion, "fast")
+            return motion
+    try:
+        context.check_streamed_path(last, "fast")
+    except BlockedError as error:
+        hint = "Move the arm to a pose with more room around it, or choose a smaller step."
+        raise RefusedError(error.message, hint) from error
+    return last
 
 
 def record_joint(
@@ -251,6 +275,22 @@ def tunable_registers(servo: ServoSpec) -> list[Register]:
     """
     registers = servo.table.registers
     return [*gain_registers(servo), *(registers[name] for name in _TRIED if name in registers)]
+
+
+def find_turning_servo(arm: Arm, joint: str) -> ServoSpec:
+    """Return the servo of a joint of the chain, by the joint's name or the servo's id.
+
+    Raises:
+        UnknownNameError: There is no such joint.
+        InputError: It moves the jaws.
+    """
+    servos = list(arm.context.servos.bus.servos.values())
+    found = [each for each in servos if joint in (each.name, str(each.id))]
+    if not found:
+        raise UnknownNameError("joint", joint, [each.name for each in servos])
+    if found[0].name not in arm.chain.names:
+        raise InputError(f"{found[0]} is no joint of the chain.", "Name one that moves the tip.")
+    return found[0]
 
 
 @contextlib.contextmanager
@@ -331,3 +371,54 @@ def search_gains(arm: Arm, servo: ServoSpec, before: Trial, step_rad: float) -> 
                 best = trial
             elif trial.response.swings and raw > best.gains[register]:
                 break
+
+
+def best_trial(trials: Sequence[Trial]) -> Trial:
+    """Return the trial whose response is best; of equal ones the first."""
+    return min(trials, key=lambda one: one.response.cost)
+
+
+def try_gains(
+    arm: Arm,
+    servo: ServoSpec,
+    given: Mapping[Register, int],
+    try_one: Callable[[Mapping[Register, int]], _Tried],
+    search: Callable[[Sequence[_Tried]], Iterable[_Tried]] | None = None,
+) -> list[_Tried]:
+    """Return what becomes of the present gains, of those given, and of those a search tries.
+
+    The present gains are in force again at the end, however it ends.
+    """
+    bus = arm.context.servos.bus
+    with exiting_on_signals(), keeping_gains(bus, servo, given) as present:
+        tried = [try_one(present)]
+        if given:
+            gains = {**present, **given}
+            write_gains(bus, servo, gains)
+            tried.append(try_one(gains))
+        return [*tried, *search(tried)] if search else tried
+
+
+def try_steps(
+    arm: Arm, servo: ServoSpec, given: Mapping[Register, int], step_rad: float, *, suggest: bool
+) -> list[Trial]:
+    """Return the step responses with the present gains, with those given, and of a search.
+
+    Args:
+        arm: The arm.
+        servo: Of the joint.
+        given: Gains to try; none if empty.
+        step_rad: See ``measure_response``.
+        suggest: Whether to search better gains.
+
+    Raises:
+        IkservoError: As ``measure_response``; the present gains are in force again.
+    """
+
+    def try_one(gains: Mapping[Register, int]) -> Trial:
+        return Trial(gains, measure_response(arm, servo.name, step_rad))
+
+    def search(trials: Sequence[Trial]) -> Iterable[Trial]:
+        return search_gains(arm, servo, best_trial(trials), step_rad) if suggest else ()
+
+    return try_gains(arm, servo, given, try_one, search)
