@@ -124,8 +124,9 @@ class DutyModel:
         return replace(self, windows=self.windows.where(mask), gravity=self.gravity[mask])
 
     def with_noise(self, x: Vector) -> DutyModel:
-        """Return the model with the noise of each joint's duties as it was found."""
-        found = np.sqrt(np.array([np.mean(r**2) for r in self.errors_by_joint(x)]))
+        """Return the model with the noise of each joint's duties as it was found, if it moved."""
+        pairs = zip(self.errors_by_joint(x), self.noise, strict=True)
+        found = np.array([np.sqrt(np.mean(r**2)) if len(r) else old for r, old in pairs])
         return replace(self, noise=np.maximum(found, 0.5 * _DUTY_NOISE))
 
     def duties(self, x: Vector) -> Vector:

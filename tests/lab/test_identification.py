@@ -136,6 +136,17 @@ def test_what_a_d_gain_does_between_two_goals_is_not_taken_for_friction(found):
     assert stepped.payload_kg == pytest.approx(found.payload_kg, abs=0.004)
 
 
+def test_a_joint_that_moves_only_in_legs_kept_aside_spoils_no_other():
+    clean = recorded()
+    aside = clean.leg // 2 % 4 == 1
+    rests = replace(
+        clean, speed=np.where(aside[:, None] | ~np.eye(1, DOF, dtype=bool), clean.speed, 0.0)
+    )
+    own = identify(DYNAMICS, PRIORS, rests)
+    assert all(np.isfinite(each.value) for each in own.estimates.values())
+    assert own.motors[own.joints[1]].full_duty_nm == pytest.approx(Drive().full_nm, rel=0.02)
+
+
 def test_legs_kept_aside_are_predicted_better_than_before(found):
     for name in found.joints[1:]:
         assert found.validation[name].identified < 0.3 * found.validation[name].nominal

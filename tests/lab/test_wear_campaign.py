@@ -18,7 +18,7 @@ from servosim.family import FamilyMember
 from tests.arm.seeds import log, part_of, spread
 from tests.arm.simulated import line_of
 
-ARMS = ("so101", "open_manipulator_x", "koch")
+ARMS = ("so101", "open_manipulator_x", "koch", "wx250s")
 WEAR_RAD = math.radians(0.8)
 TOUR = TourOptions(postures=3, slow_postures=0, swings=3)
 DAY = datetime(2026, 3, 2, tzinfo=UTC)
