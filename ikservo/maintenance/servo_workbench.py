@@ -6,7 +6,7 @@ import contextlib
 import math
 import re
 from collections.abc import Generator, Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from ikservo.arm.arguments import parse_port
 from ikservo.arm.opening import open_bus
@@ -103,6 +103,11 @@ class ServoLine:
             ids = ", ".join(str(each.id) for each in found)
             raise InputError("Several servos could be meant.", f"Name one by its id: {ids}.")
         return found[0]
+
+    def with_ids(self, ids: Mapping[int, int]) -> ServoLine:
+        """Return the line with servos that have other ids than the arm file says, by that id."""
+        specs = [replace(each, id=ids.get(each.id, each.id)) for each in self.bus.servos.values()]
+        return replace(self, bus=ServoBus(self.bus.port, specs))
 
 
 @contextlib.contextmanager

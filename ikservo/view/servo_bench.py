@@ -1,6 +1,7 @@
 """The page of servos: one line, which its owner named, searched and worked on in a thread.
 
-What is written goes through the same checks as by the command; nothing here moves a joint.
+What is written goes through the same checks as by the command. Only a trial of gains moves a joint:
+then the line is closed, and the arm is opened on it with its guard.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, TypeAdapter
 
+from ikservo.arm.arm import Arm
+from ikservo.arm.opening import open_own_arm
 from ikservo.errors import IkservoError, InputError, PortError
 from ikservo.hardware.eeprom import backup_text, parse_backup
 from ikservo.hardware.read_plan import Register
@@ -42,6 +45,7 @@ from ikservo.view.message_fields import Name, PageMessage
 from ikservo.view.messages import BadMessageError, ReadServo, WriteRegister, validate_message
 from ikservo.view.server import Frame
 from ikservo.view.servo_panel import table_frame, write_values
+from ikservo.view.servo_trial import describe_trials, trial_frame, try_on_joint, tunable_names
 
 __all__ = ["BenchMessage", "ServoBench", "WorkOnServo", "read_bench_message"]
 
@@ -57,14 +61,18 @@ class WorkOnServo(PageMessage):
         names: The registers to plot; those of the motion if empty.
         text: The backup to restore.
         address: The new id and baud rate.
+        gains: The raw numbers to try, by register.
+        step_deg: How far the joint moves with them.
     """
 
     kind: Literal["work_on_servo"]
     action: Literal[
         "search", "torque_on", "torque_off", "led_on", "led_off", "reboot", "backup", "restore",
-        "move", "plot",
+        "move", "plot", "try", "suggest", "stop",
     ]  # fmt: skip
     joint: Name = "-"
+    gains: dict[Name, int] = Field(default_factory=dict[Name, int], max_length=8)
+    step_deg: Annotated[float, Field(ge=1.0, le=90.0)] = 10.0
     names: list[Name] = Field(default_factory=list[Name], max_length=10)
     text: Annotated[str, Field(max_length=2000)] = ""
     address: tuple[int, int] = Field(default=(0, 0), strict=False)
@@ -137,13 +145,18 @@ class ServoBench:
         self._opened: dict[ServoSpec, Mapping[str, int]] = {}
         self._plot: _LivePlot | None = None
         self._frames: dict[str, Frame] = {}
+        self._moved: dict[int, int] = {}
+        self._shown: list[dict[str, object]] = []
+        self._arm: Arm | None = None
+        self._trial: WorkOnServo | None = None
         self._closing = threading.Event()
         self._thread = threading.Thread(target=self._run, name="ikservo servos", daemon=True)
         self._thread.start()
 
     def close(self) -> None:
-        """Close the port; torque stays as it is."""
+        """Stop a trial and close the port; torque stays as it is."""
         self._closing.set()
+        self._stop_trial()
         self._thread.join()
 
     # --- SessionBackend ---
@@ -159,6 +172,7 @@ class ServoBench:
         del self._pages[client_id]
         if not self._pages:
             self._plot = None  # nobody looks any more
+            self._stop_trial()
 
     def receive(self, client_id: int, message: BenchMessage) -> None:
         """Queue what a page asks for.
@@ -168,6 +182,9 @@ class ServoBench:
         """
         if self._pages[client_id].permission is not Permission.CONTROL:
             raise BadMessageError("This page is for watching only.", "Open the other address.")
+        if isinstance(message, WorkOnServo) and message.action == "stop":
+            self._stop_trial()
+            return
         try:
             self._commands.put_nowait((client_id, message))
         except queue.Full:
@@ -197,13 +214,18 @@ class ServoBench:
 
     def _run(self) -> None:
         while not self._closing.is_set():
-            self._plot = None
-            self._show_line("Searching …", [])
+            self._plot, trial = None, self._trial
+            if trial is not None and self._model is not None:
+                self._try_gains(self._model, trial)
+            else:
+                self._show_line("Searching …", [])
             try:
-                with open_servos(self._model, self._port, on_step=self._show_progress) as line:
-                    self._show_servos(line)
+                with open_servos(self._model, self._port, on_step=self._show_progress) as opened:
+                    self._show_servos(line := opened.with_ids(self._moved))
+                    if trial is not None:
+                        self._show_table(line, line.find(trial.joint))
                     while not self._closing.is_set() and self._work(line):
-                        pass
+                        line = opened.with_ids(self._moved) if self._moved else opened
             except IkservoError as error:
                 self._show_line(_text(error), [])
                 while not self._closing.is_set() and not _is_search(self._next_command(_POLL_S)):
@@ -226,6 +248,8 @@ class ServoBench:
         if _is_search(command):
             return False
         try:
+            if command is not None and self._is_trial(command[1]):
+                return False
             if command is not None:
                 return self._obey(line, *command)
             if plot is not None:
@@ -250,13 +274,23 @@ class ServoBench:
                 if rate not in codes:
                     raise InputError(f"{servo} has no rate of {rate} baud.")
                 address = {servo.table.id: new_id, servo.table.baud_rate: codes[rate]}
-                self._say(_write(line, servo, address))
-                return self._model is not None
+                note = _write(line, servo, address)
+                if self._model is None:
+                    self._say(note)
+                    return False
+                by_file = {now: own for own, now in self._moved.items()}.get(servo.id, servo.id)
+                self._moved[by_file], self._plot = new_id, None
+                line = line.with_ids({servo.id: new_id})
+                servo = line.find(str(new_id))
+                self._show_servos(line)
+                note += f" The arm file names id {by_file}: correct it before the arm moves."
             case WorkOnServo(action="plot", names=names):
                 shown = [find_register(servo.table, name) for name in names]
                 shown = shown or live_registers(servo.table)
                 samples = sample_registers(line.bus, {servo.id: shown}, _PERIOD_S)
                 self._plot = _LivePlot(servo, shown, samples)
+            case ReadServo():
+                pass
             case WorkOnServo(action="restore", text=text):
                 note = _restore(line, servo, text)
             case WorkOnServo(action="backup") if page := self._pages.get(client_id):
@@ -270,11 +304,45 @@ class ServoBench:
                 name, _, state = action.partition("_")
                 register = find_register(servo.table, {"torque": "torque_enable"}.get(name, name))
                 note = write_values(line, servo, {register: int(state == "on")})
-            case ReadServo():
-                pass
         self._show_table(line, servo)
         self._say(note)  # what it tells of is shown by then
         return True
+
+    # --- trials of gains ---
+
+    def _is_trial(self, command: BenchMessage) -> bool:
+        """Whether gains are to be tried, for which the line is closed."""
+        if not isinstance(command, WorkOnServo) or command.action not in ("try", "suggest"):
+            return False
+        if self._model is None:
+            raise InputError(
+                "Gains are tried on a joint of an arm.",
+                "Name it in a terminal: ikservo view --servos --arm",
+            )
+        self._trial = command
+        return True
+
+    def _stop_trial(self) -> None:
+        """Stop the joint that a trial moves; its former gains are written again. Any thread."""
+        self._trial = None
+        if (arm := self._arm) is not None:
+            arm.stop("Stopped on the page of servos.")
+
+    def _try_gains(self, model: Model, trial: WorkOnServo) -> None:
+        """Move a joint with its present gains and others, show both; the present ones stay."""
+        self._show_line(f"{trial.joint} moves …", self._shown)
+        try:
+            with open_own_arm(model, self._port) as arm:
+                self._arm = arm
+                if self._trial is trial and not self._closing.is_set():
+                    trials = try_on_joint(arm, trial.joint, trial.gains, trial.step_deg,
+                                          suggest=trial.action == "suggest")  # fmt: skip
+                    self._frames["trial"] = trial_frame(trial.joint, trials)
+                    self._say(describe_trials(trials))
+        except (IkservoError, OSError) as error:
+            self._say(_text(error))
+        finally:
+            self._arm = self._trial = None
 
     def _say(self, text: str) -> None:
         self._frames["note"] = {"kind": "note", "text": text}
@@ -287,8 +355,14 @@ class ServoBench:
             if row["writable"] and opened[row["name"]] != row["raw"]:
                 row["first"] = opened[row["name"]]
         torque, rates = holds_torque(line, servo), list(servo.table.baud_rates.values())
-        more = {"torque": torque, "baud_rates": rates, "baud_rate": line.bus.port.baudrate}
-        self._frames["servo"] = {**frame, **more, "led": "led" in servo.table.registers}
+        self._frames["servo"] = {
+            **frame,
+            "torque": torque,
+            "baud_rates": rates,
+            "baud_rate": line.bus.port.baudrate,
+            "led": "led" in servo.table.registers,
+            "tunable": tunable_names(servo) if self._model else [],
+        }
 
     def _show_progress(self, progress: ScanProgress) -> None:
         if self._closing.is_set():
@@ -308,6 +382,7 @@ class ServoBench:
                 firmware = "is silent"
             name, model = servo.name or str(servo.id), servo.table.model_name
             rows.append({"name": name, "id": servo.id, "model": model, "firmware": firmware})
+        self._shown = rows
         self._show_line("", rows)
 
     def _show_line(

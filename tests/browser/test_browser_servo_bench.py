@@ -210,3 +210,27 @@ def test_the_line_is_searched_again_and_firmware_is_shown(bench):
     until(lambda: len(bench.app.lines) > 1)
     bench.choose()
     assert re.search(r"3\.\d+", bench.page.inner_text("#line")), "versions of firmware"
+
+
+SLIDER = "#gains input[name={}]"
+
+
+@pytest.mark.parametrize("bench", ["so101"], indirect=True)
+def test_gains_are_tried_by_slider_plotted_before_and_after_and_only_then_saved(bench):
+    page = bench.choose("wrist_roll").page
+    assert page.locator("#gains input").count() == 6, "P, I, D, start-up force, two dead zones"
+    page.fill("#step", "5")
+    page.locator(SLIDER.format("p_gain")).fill("64")
+    assert page.inner_text("#gains label:has(input[name=p_gain]) output") == "64"
+    page.click("#try")
+    page.click("#try:has-text('sure')")
+    page.wait_for_function("() => window.ikservo.trial()", timeout=40_000)
+    assert page.evaluate("window.ikservo.trial().values.length") == 3
+    assert page.locator("#trial-chart canvas").count() == 1
+    page.wait_for_selector("#servos-title:has-text('id 5')")
+    servo = bench.servos[5]
+    assert servo.read("p_gain") == 32, "only tried"
+    assert page.locator(SLIDER.format("p_gain")).input_value() == "64"
+    page.click("#save")
+    bench.says("p_gain 32 → 64")
+    assert servo.read("p_gain") == 64

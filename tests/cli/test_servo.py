@@ -181,7 +181,7 @@ def test_a_step_of_nothing_is_not_the_usual_step(run_cli, ports, more):
     assert "at least" in result.err
 
 
-def test_a_joint_without_room_is_not_told_of_options_of_another_command(run_cli):
+def test_a_joint_without_room_hints_at_no_option_of_move(run_cli):
     # At rest the links of an SO-101 lie on each other.
     result = run_cli("servo tune --step 20 --arm so101 --port sim --id shoulder_lift")
     assert result.code == ExitCode.REFUSED

@@ -4,9 +4,12 @@ import itertools
 import json
 import threading
 
+import numpy as np
 import pytest
 
+import servosim
 from ikservo.clock import RealClock
+from ikservo.lab import servo_tuning
 from ikservo.model import load_model
 from ikservo.view.auth import Permission
 from ikservo.view.downloads import DownloadOffers
@@ -192,3 +195,101 @@ def test_a_servo_that_holds_from_its_start_is_not_called_limp(monkeypatch):
     session.act("reboot", joint="7")
     session.note("torque on")
     session.bench.close()
+
+
+@pytest.fixture
+def raised():
+    """The page of an SO-101 in its pose home, where its joints have room."""
+    session = opened(load_model("so101"), "sim:?pose=home&paced=0")
+    session.send("read_servo", joint="elbow_flex")
+    session.until("servo", lambda frame: frame["joint"] == "elbow_flex")
+    yield session
+    session.bench.close()
+
+
+def gains_of(session):
+    session.send("read_servo", joint="elbow_flex")
+    servo = session.until("servo", lambda frame: frame["joint"] == "elbow_flex")
+    return {row["name"]: row["raw"] for row in servo["registers"] if row["name"].endswith("_gain")}
+
+
+def test_gains_are_tried_and_shown_beside_the_present_ones_which_stay(raised):
+    before = gains_of(raised)
+    raised.act("try", joint="elbow_flex", gains={"p_gain": 64}, step_deg=8)
+    trial = raised.until("trial", lambda frame: True)
+    assert trial["gains"]["p_gain"] == 64
+    goal, first, second = map(np.array, trial["values"])
+    assert [each["joint"] for each in trial["series"]] == ["goal", "before", "after"]
+    assert abs(goal).max() == pytest.approx(8, abs=0.2)
+    reached = [abs(one[len(one) // 3 :] - goal[len(goal) // 3 :]).mean() for one in (first, second)]
+    assert 0.0 < reached[1] < reached[0], "a stiffer joint is nearer to its goal"
+    assert "before: p_gain 32" in raised.note("former gains are in force again")["text"]
+    assert gains_of(raised) == before
+
+
+def test_better_gains_are_suggested(raised):
+    raised.act("suggest", joint="elbow_flex")
+    trial = raised.until("trial", lambda frame: True)
+    assert trial["gains"]["p_gain"] >= 32
+    raised.note("comes to rest")
+
+
+@pytest.mark.parametrize(
+    ("joint", "gains", "said"),
+    [
+        ("elbow_flex", {"p_gain": 32}, "present gains"),
+        ("elbow_flex", {"p_gain": 999}, "a gain, 0 to 254"),
+        ("elbow_flex", {"goal_position": 5}, "a gain"),
+        ("elbow_flex", {"p_gian": 5}, "p_gain"),
+        ("gripper", {"p_gain": 20}, "no joint of the chain"),
+        ("tail", {"p_gain": 20}, "tail"),
+    ],
+)
+def test_what_is_no_trial_moves_nothing(raised, joint, gains, said):
+    raised.act("try", joint=joint, gains=gains)
+    raised.note(said)
+    assert "trial" not in raised.frames
+
+
+def test_gains_of_a_servo_of_no_arm_are_not_tried(line):
+    line.until("line", lambda frame: len(frame["servos"]) == 2)
+    line.act("try", joint="7", gains={"p_gain": 20})
+    line.note("on a joint of an arm")
+
+
+@pytest.mark.parametrize("end", ["stop", "leave", "close"])
+def test_a_trial_ends_at_once_and_leaves_the_former_gains(monkeypatch, end):
+    lines, changed, write = [], threading.Event(), servo_tuning.write_gains
+
+    def open_and_note(url, opened=servosim.open_port):
+        lines.append(opened(url))
+        return lines[-1]
+
+    def write_and_note(*words):
+        write(*words)
+        changed.set()
+
+    monkeypatch.setattr("servosim.open_port", open_and_note)
+    monkeypatch.setattr(servo_tuning, "write_gains", write_and_note)
+    session = opened(load_model("so101"), "sim:?pose=home")  # in real time
+    session.until("line", lambda frame: frame["servos"])
+    session.act("suggest", joint="elbow_flex")
+    assert changed.wait(WAIT_S), "other gains are in force"
+    servo = lines[-1].line.servos[3]
+    assert servo.memory.get("p_gain") != 32
+    if end == "stop":
+        session.act("stop")
+        session.note("Stopped on the page")
+    elif end == "leave":
+        session.bench.disconnect(session.page)
+    session.bench.close()
+    assert servo.memory.get("p_gain") == 32
+
+
+def test_a_joint_is_found_at_the_id_that_it_was_given(session):
+    session.act("move", joint="elbow_flex", address=(9, 1_000_000))
+    session.note("The arm file names id 3")
+    session.send("read_servo", joint="elbow_flex")
+    assert session.until("servo", lambda frame: frame["joint"] == "elbow_flex")["id"] == 9
+    session.act("move", joint="elbow_flex", address=(10, 1_000_000))
+    session.until("servo", lambda frame: frame["id"] == 10)

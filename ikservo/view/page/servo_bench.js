@@ -9,7 +9,7 @@ import { Servos } from "./servos.js";
 
 const MOST_PLOTTED = 10;
 const key = new URLSearchParams(location.hash.slice(1)).get("token") ?? "";
-let [names, charts, shown] = [null, [], null];
+let [names, charts, shown, trialChart] = [null, [], null, null];
 
 const connection = new Connection(key, {
   line({ port, text, done, servos: found }) {
@@ -29,10 +29,15 @@ const connection = new Connection(key, {
     setAttribute($("torque"), "aria-pressed", message.torque);
     setAttribute($("led"), "aria-pressed", message.registers.some(({ name, raw }) => name === "led" && raw));
     $("led").hidden = !message.led;
+    showGains(message);
     $("new-id").value = message.id;
     $("new-rate").replaceChildren(...message.baud_rates.map((rate) => createElement("option", { value: rate, selected: rate === message.baud_rate }, rate)));
   },
   note({ text }) { setText($("note"), text); },
+  trial(message) {
+    setGains(message.gains);
+    drawing = drawing.then(() => drawTrial(message));
+  },
   plots(message) { drawing = drawing.then(() => draw(message)); },
   download,
   refused({ message, hint }) { setText($("note"), `${message} ${hint}`); },
@@ -75,6 +80,36 @@ $("plot").onclick = () => {
   act("plot", { names: left.length <= MOST_PLOTTED ? left : [] });
 };
 
+// Sliders of the gains: what they are set to is only tried, until it is saved.
+const sliders = () => [...$("gains").querySelectorAll("input")];
+const gains = () => Object.fromEntries(sliders().map(({ name, value }) => [name, Number(value)]));
+function showGains({ joint, tunable, registers }) {
+  const now = registers.filter(({ name }) => tunable.includes(name));
+  $("tuning").hidden = !now.length;
+  const state = JSON.stringify([joint, now.map(({ name, raw }) => [name, raw])]);
+  if ($("gains").dataset.state === state) return; // what the sliders were moved to stays
+  $("gains").dataset.state = state;
+  $("gains").replaceChildren(...now.map(({ name, raw, range: [min, max] }) => {
+    const value = createElement("output", {}, raw);
+    const slider = createElement("input", { type: "range", name, min, max, "aria-label": name, oninput: () => setText(value, slider.value) });
+    slider.value = raw;
+    return createElement("label", { class: "gain" }, createElement("span", {}, name), slider, value);
+  }));
+  trialChart?.destroy();
+  trialChart = null;
+  $("trial-chart").replaceChildren();
+}
+function setGains(numbers) {
+  for (const slider of sliders()) if (slider.name in numbers) [slider.value, slider.nextSibling.textContent] = [numbers[slider.name], numbers[slider.name]];
+}
+const tryGains = (action) => act(action, { gains: gains(), step_deg: Number($("step").value) });
+for (const action of ["try", "suggest"]) $(action).onclick = () => ask($(action), "It moves: sure?", () => tryGains(action));
+$("stop").onclick = () => act("stop");
+$("save").onclick = () => {
+  const held = Object.fromEntries(shown.registers.map(({ name, raw }) => [name, raw]));
+  for (const [name, value] of Object.entries(gains())) if (held[name] !== value) send("write_register", { joint: servos.joint, name, value: String(value) });
+};
+
 let drawing = Promise.resolve(); // the first waits for its library, the next for the first
 async function draw(message) {
   if (!message.series) return charts.forEach((chart) => chart.append(message));
@@ -84,4 +119,11 @@ async function draw(message) {
   $("plots-charts").replaceChildren(...charts.map((chart) => chart.element));
   charts.forEach((chart) => chart.fit($("plots-charts").clientWidth));
 }
-window.ikservo = { shown: () => shown, charts: () => charts }; // for tests
+async function drawTrial(message) {
+  const { default: Plot } = await import("./uplot.min.js");
+  trialChart?.destroy();
+  trialChart = new PlotChart(Plot, "step", [0, 1, 2], message, message.series.map(({ joint }) => joint));
+  $("trial-chart").replaceChildren(trialChart.element);
+  trialChart.fit($("trial-chart").clientWidth);
+}
+window.ikservo = { shown: () => shown, charts: () => charts, trial: () => trialChart }; // for tests
