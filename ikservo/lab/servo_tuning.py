@@ -16,6 +16,11 @@ from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import BadValueError, BlockedError, InputError, RefusedError, UnknownNameError
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.servo import ServoSpec
+from ikservo.hardware.tried_values import (
+    forget_former,
+    note_former,
+    restore_former,
+)
 from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.motion import JointMove, KinematicLimits, Trajectory, TrajectoryPoint
 from ikservo.registers import Register
@@ -304,8 +309,10 @@ def keeping_gains(
         servo: The servo.
         tried: Those beside P and D that are kept, too.
     """
+    restore_former(bus, servo)  # of a program that was killed
     kept = dict.fromkeys([*gain_registers(servo), *tried])
     before = {each: bus.read(servo.id, each, raw=True) for each in kept}
+    note_former(bus, servo, before)
     try:
         yield before
     finally:
@@ -313,7 +320,9 @@ def keeping_gains(
             write_gains(bus, servo, before)
         except BaseException:  # a second Ctrl-C
             write_gains(bus, servo, before)
+            forget_former(bus, servo)
             raise
+        forget_former(bus, servo)
 
 
 def write_gains(bus: ServoBus, servo: ServoSpec, gains: Mapping[Register, int]) -> None:

@@ -20,6 +20,7 @@ from ikservo.hardware.read_plan import RegisterRef
 from ikservo.hardware.remembered_port import serial_number_of
 from ikservo.hardware.scan import firmware_version
 from ikservo.hardware.servo import ServoSpec
+from ikservo.hardware.tried_values import restore_former, tried_differences
 from ikservo.maintenance.findings import Finding, failure, ok, warning
 from ikservo.model import Model, ModelServo
 from ikservo.model.model import HealthLimits
@@ -116,7 +117,8 @@ def expected_eeprom(servo: ServoSpec, values: Mapping[str, int]) -> dict[Registe
 def write_eeprom(bus: ServoBus, model: Model) -> dict[ServoSpec, list[RegisterDifference]]:
     """Write the arm file's EEPROM values and no return delay; return the changes.
 
-    Registers that a calibration of this arm has set are not written.
+    Registers that a calibration of this arm has set are not written. Numbers that were only tried
+    when a program was killed become the former ones.
 
     Raises:
         RegisterAccessError: Torque is on, or a value is out of range; servos before it are
@@ -128,7 +130,8 @@ def write_eeprom(bus: ServoBus, model: Model) -> dict[ServoSpec, list[RegisterDi
     calibrated = _has_calibrated_registers(bus, model)
     for own in all_servos(model):
         servo = bus.servos[own.id]
-        changes = update_eeprom(
+        changes = restore_former(bus, servo)
+        changes += update_eeprom(
             bus, own.id, zero_return_delay(servo) | _expected_registers(servo, own, calibrated)
         )
         if changes:
@@ -162,11 +165,12 @@ def check_servos(bus: ServoBus, model: Model | None) -> Iterator[Finding]:
         "alarms": lambda: _check_alarms(bus),
         "delay": lambda: _check_return_delay(bus),
         "lock": lambda: _check_locks(bus),
+        "trial": lambda: _check_trials(bus),
     }
     for name, check in checks.items():
         try:
             yield from check()
-        except BusError as error:
+        except (BusError, FileFormatError) as error:
             yield failure(name, error.message, error.command_hint)
     if model:
         yield from check_eeprom(bus, model)
@@ -298,6 +302,20 @@ def _check_locks(bus: ServoBus) -> Iterator[Finding]:
                 "lock",
                 f"{servo} has its EEPROM unlocked",
                 "Every write wears it; lock it again: ikservo doctor --write-eeprom",
+            )
+
+
+def _check_trials(bus: ServoBus) -> Iterator[Finding]:
+    for servo in bus.servos.values():
+        left = tried_differences(bus, servo)
+        if left:
+            texts = (f"{each.register} {each.found}, not {each.expected}" for each in left)
+            yield warning(
+                "trial",
+                f"{servo} has numbers that were only tried when a program was killed: "
+                f"{', '.join(texts)}",
+                "Switch its power off and on, or write the former ones: "
+                "ikservo doctor --write-eeprom",
             )
 
 

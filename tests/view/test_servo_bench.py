@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 import servosim
+from ikservo.arm.arm import Arm
 from ikservo.clock import RealClock
 from ikservo.lab import servo_tuning
 from ikservo.model import load_model
@@ -259,19 +260,26 @@ def test_gains_of_a_servo_of_no_arm_are_not_tried(line):
 
 @pytest.mark.parametrize("end", ["stop", "leave", "close"])
 def test_a_trial_ends_at_once_and_leaves_the_former_gains(monkeypatch, end):
-    lines, changed, write = [], threading.Event(), servo_tuning.write_gains
+    lines, write, stop = [], servo_tuning.write_gains, Arm.stop
+    changed, stopped = threading.Event(), threading.Event()
 
     def open_and_note(url, opened=servosim.open_port):
         lines.append(opened(url))
         return lines[-1]
 
-    def write_and_note(*words):
+    def write_and_wait(*words):
         write(*words)
         changed.set()
+        assert stopped.wait(WAIT_S)
 
+    def stop_and_note(*words):
+        stop(*words)
+        stopped.set()
+
+    monkeypatch.setattr(Arm, "stop", stop_and_note)
     monkeypatch.setattr("servosim.open_port", open_and_note)
-    monkeypatch.setattr(servo_tuning, "write_gains", write_and_note)
-    session = opened(load_model("so101"), "sim:?pose=home")  # in real time
+    monkeypatch.setattr(servo_tuning, "write_gains", write_and_wait)
+    session = opened(load_model("so101"), "sim:?pose=home&paced=0")
     session.until("line", lambda frame: frame["servos"])
     session.act("suggest", joint="elbow_flex")
     assert changed.wait(WAIT_S), "other gains are in force"
