@@ -45,7 +45,7 @@ class HealthPoller:
         names: The name of each servo, by id: its joint, or which further servo of it.
         limits: The expected limits in the servos' RAM.
         health: Checks the telemetry.
-        overload: Told of each load that is a share of the servo's output.
+        overload: Told of each load, or of each current where the servo counts that.
         on_warning: Called with each new warning.
     """
 
@@ -145,11 +145,15 @@ class HealthPoller:
         if servo_id in values:
             self._known[servo_id].update(values[servo_id])
             self._check_servo(servo_id)
-            load = self._bus.servos[servo_id].table.present_load
-            if load in values[servo_id] and load.unit.symbol != "A":
-                percent = 100.0 * load.to_value(values[servo_id][load])
-                now_s = self._bus.clock.now_s()
-                self._overload.observe_load(self._names[servo_id], percent, now_s)
+            name, now_s = self._names[servo_id], self._bus.clock.now_s()
+            counted = self._counted_current(servo_id)
+            load = counted or self._bus.servos[servo_id].table.present_load
+            if load in values[servo_id]:
+                value = load.to_value(values[servo_id][load])
+                if counted:
+                    self._overload.observe_current(name, value, now_s)
+                elif load.unit.symbol != "A":
+                    self._overload.observe_load(name, value, now_s)
 
     def _check_servo(self, servo_id: int) -> None:
         telemetry = self._make_telemetry(servo_id)
@@ -179,7 +183,16 @@ class HealthPoller:
     def _telemetry_registers(self, servo_id: int) -> list[Register]:
         table = self._bus.servos[servo_id].table
         registers = [table.find(name) for name in _NUMBERS]
+        counted = self._counted_current(servo_id)
+        if counted and counted not in registers:
+            registers.append(counted)
         return [*registers, *self._limits.reset_markers(servo_id)]
+
+    def _counted_current(self, servo_id: int) -> Register | None:
+        """Return the register of the current of a servo that protects itself by that."""
+        rule = self._overload.rules.get(self._names[servo_id])
+        registers = self._bus.servos[servo_id].table.registers
+        return registers.get("present_current") if rule and rule.full_a else None
 
 
 def _register_value(servo: ServoSpec, known: Mapping[Register, int], name: RegisterName) -> float:

@@ -11,7 +11,7 @@ from ikservo.errors import BusError, HeldUpError, RegisterAccessError
 from ikservo.guard import OverloadRule
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.servo import ServoSpec
-from ikservo.model.servo_torque import find_servo_torque
+from ikservo.model.servo_torque import find_servo_torque, nominal_supply_v
 from ikservo.registers import Alarm, OperatingMode, Register, RegisterName
 
 __all__ = [
@@ -93,14 +93,28 @@ def read_overload_rule(bus: ServoBus, servo_id: int, gain_share: float) -> Overl
     registers, torque = table.registers, find_servo_torque(table.model_name, None)
     per_rad = gain_share * torque.stiffness_nm_rad / torque.full_duty_nm if torque else 0.0
     share = read_torque_share(bus, servo_id)
+    full_a = torque.full_current_a(nominal_supply_v(table.model_name, None)) if torque else 0.0
     if "overload_torque" in registers:
         output = bus.read(servo_id, registers["overload_torque"])
         time_s = bus.read(servo_id, registers["protection_time"])
+        most_a, current_s = _read_current_limit(bus, servo_id)
+        if full_a and 0.0 < most_a < output * full_a:  # reached first; the shorter time is safe
+            return OverloadRule(most_a / full_a, min(time_s, current_s), per_rad, share, full_a)
         return OverloadRule(output, time_s, per_rad, share) if output < 1.0 else None
     bits = sum(1 << bit for bit, alarm in table.alarm_bits.items() if alarm is Alarm.OVERLOAD)
     if "shutdown" in registers and bus.read(servo_id, registers["shutdown"], raw=True) & bits:
-        return OverloadRule(_DYNAMIXEL_OUTPUT, _DYNAMIXEL_TIME_S, per_rad, share)
+        counted_a = full_a if table.present_load.unit.symbol == "A" else 0.0
+        return OverloadRule(_DYNAMIXEL_OUTPUT, _DYNAMIXEL_TIME_S, per_rad, share, counted_a)
     return None
+
+
+def _read_current_limit(bus: ServoBus, servo_id: int) -> tuple[float, float]:
+    """Read the current [A] and the time [s] of Feetech's protection; 0 A where there is none."""
+    registers = bus.servos[servo_id].table.registers
+    limit = registers.get("protection_current")
+    if limit is None or limit.unit.symbol != "A" or "over_current_time" not in registers:
+        return 0.0, 0.0
+    return bus.read(servo_id, limit), bus.read(servo_id, registers["over_current_time"])
 
 
 _TIME_BASED_PROFILE = 0b100  # drive mode of Dynamixel X

@@ -20,12 +20,15 @@ class OverloadRule:
         time_s: After so long it protects itself.
         output_per_rad: Share of the output for each rad between goal and horn; 0 where unknown.
         torque_limit: Largest share of the output that its limits in force let it give.
+        full_a: Current of the blocked motor at its whole output, where its servo counts current;
+            0 where it counts its output.
     """
 
     output: float
     time_s: float
     output_per_rad: float = 0.0
     torque_limit: float = 1.0
+    full_a: float = 0.0
 
 
 # A horn that has turned by no more than this in this time is blocked (0.1 rad/s).
@@ -104,11 +107,17 @@ class OverloadMonitor:
             return None
         return max(self.rules[joint].time_s - (self._time_s - since_s), 0.0)
 
-    def observe_load(self, joint: str, load_percent: float, time_s: float) -> None:
-        """Take a reading of the load, percent of the whole output, signed."""
+    def observe_load(self, joint: str, load: float, time_s: float) -> None:
+        """Take a reading of the load as a share of the whole output, signed."""
         state = self._joints.get(joint)
         if state is not None:
-            state.load, state.load_s = load_percent / 100.0, time_s
+            state.load, state.load_s = load, time_s
+
+    def observe_current(self, joint: str, current_a: float, time_s: float) -> None:
+        """Take a reading of the current, signed or its size, of a servo that counts that."""
+        rule = self.rules.get(joint)
+        if rule is not None and rule.full_a:
+            self.observe_load(joint, current_a / rule.full_a, time_s)
 
     def update(
         self,

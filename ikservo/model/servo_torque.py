@@ -96,6 +96,10 @@ class ServoTorque:
         """Torque for an error with which a blocked servo may press for long."""
         return (self.sustained_duty - self.startup_duty) * self.full_duty_nm
 
+    def full_current_a(self, nominal_v: float) -> float:
+        """Compute the current of the blocked motor for the whole duty at its nominal supply."""
+        return self.full_duty_nm**2 / (self.damping_nm_s * nominal_v)
+
     @property
     def static_friction_nm(self) -> float:
         """Torque that sets the resting shaft in motion."""

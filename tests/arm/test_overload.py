@@ -123,6 +123,26 @@ def test_a_standing_stream_that_presses_is_relaxed_in_time_and_goes_on_when_it_c
         assert abs(servo_group(arm).measure_positions()[column] - pressing.at) < 0.02
 
 
+@pytest.mark.parametrize("protection_current", [511, 250])
+def test_a_servo_that_counts_its_current_is_warned_of_by_that(protection_current):
+    """250 counts, 1.6 A, are what LeRobot writes into grippers: less than 80 % of the output."""
+    with ikservo.open_arm("so101", port="sim", collisions=False) as arm:
+        for servo in line_of(arm).servos.values():
+            servo.memory.put("protection_current", protection_current)
+            servo.memory.put("overload_torque", 95)
+        arm.pose("home")
+        pressing = Pressing(arm, "shoulder_lift", 0.085, relaxes=False)
+        trips = protection_current == 250
+        if trips:
+            with pytest.raises(ServoAlarmError, match="current"):
+                pressing.follow(6.0)
+        else:
+            pressing.follow(6.0)
+        assert bool(pressing.warned_s) == trips
+        if trips:
+            assert line_of(arm).world.time_s - pressing.warned_s[0][0] > 1.8
+
+
 def tour(seed):
     """Return the warnings of a tour through random postures, with all speeds."""
     draw = random.Random(seed)

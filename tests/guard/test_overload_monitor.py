@@ -15,7 +15,7 @@ def pressed_by_a_load(goal, seconds):
     news = []
     for cycle in range(round(seconds * 50)):
         time_s = 0.02 * cycle
-        monitor.observe_load("elbow", 85.0 if goal > AT else -85.0, time_s)
+        monitor.observe_load("elbow", 0.85 if goal > AT else -0.85, time_s)
         assert monitor.draw_back({"elbow": goal}, {"elbow": AT}) == {"elbow": goal}
         news += monitor.update({"elbow": goal}, {"elbow": AT}, time_s)
     return monitor, news

@@ -11,6 +11,7 @@ from datetime import UTC, datetime, timedelta
 import pytest
 
 import ikservo
+from ikservo.errors import RefusedError
 from ikservo.lab.arm_identification import IdentificationRun
 from ikservo.lab.excitation import TourOptions
 from ikservo.lab.health_log import HealthRecord, changes_of, identified_health
@@ -33,7 +34,12 @@ def test_wear_is_found_in_95_of_100_arms_and_nowhere_else(capsys, monkeypatch):
         before = identified(name, seed + 1, monkeypatch)
         known = [row.name for row in before if row.backlash_rad is not None]
         worn = known[seed % len(known)]
-        after = identified(name, seed + 1, monkeypatch, worn)
+        try:
+            after = identified(name, seed + 1, monkeypatch, worn)
+        except RefusedError as error:  # the guard stops a tour: no health is logged
+            missed.append((name, seed + 1, worn, error.message))
+            log(capsys, f"{name} {seed + 1} {worn}: {error.message}")
+            continue
         records = [
             HealthRecord(written=DAY + timedelta(days=90 * i), source="identify", joints=rows)
             for i, rows in enumerate((before, after))

@@ -1,4 +1,4 @@
-"""A program that is killed while it tries gains: what it left is found, told and undone."""
+"""A program that is killed while it tries gains: what it left is found, named and undone."""
 
 import os
 import signal
@@ -57,10 +57,10 @@ def trial_findings(bus):
 
 
 @pytest.mark.full
-def test_it_is_told_and_the_former_gains_are_written(left):
-    (told,) = trial_findings(left)
-    assert told.level is Severity.ODD
-    assert "p_gain 99, not 32" in told.text
+def test_doctor_names_it_and_the_former_gains_are_written(left):
+    (finding,) = trial_findings(left)
+    assert finding.level is Severity.ODD
+    assert "p_gain 99, not 32" in finding.text
     assert [each.register for each in restore_former(left, SERVO)] == [P_GAIN]
     assert left.read(3, P_GAIN, raw=True) == 32
     assert trial_findings(left) == []
@@ -89,6 +89,6 @@ def test_a_damaged_file_is_named_and_stops_no_check(left, text):
     path.write_text(text)
     with pytest.raises(FileFormatError, match="is damaged"):
         tried_differences(left, SERVO)
-    (told,) = trial_findings(left)
-    assert told.level is Severity.BAD
-    assert path.name in told.text
+    (finding,) = trial_findings(left)
+    assert finding.level is Severity.BAD
+    assert path.name in finding.text
