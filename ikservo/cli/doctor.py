@@ -68,4 +68,4 @@ def _write_eeproms(connection: ServoConnection) -> None:
     with open_bus(model, connection.port) as bus:
         for servo, changes in write_eeprom(bus, model).items():
             for change in changes:
-                print_status(f"{servo}: {change.register} {change.found} → {change.expected}")
+                print_status(f"{servo}: {change}")

@@ -30,7 +30,7 @@ from ikservo.cli.servo_plot import plot
 from ikservo.cli.servo_tune import tune
 from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
 from ikservo.errors import IkservoError, InputError, UnknownNameError
-from ikservo.hardware.eeprom import RegisterDifference, read_backup, write_backup
+from ikservo.hardware.eeprom import read_backup, write_backup
 from ikservo.hardware.packet_log import read_packet_log
 from ikservo.hardware.packets import BROADCAST_ID
 from ikservo.hardware.remembered_port import real_time_port
@@ -380,7 +380,7 @@ def _write(
         register = find_register(servo.table, name)
         values[register] = parse_register_value(register, text)
     changes = plan_writes(line, servo, values)
-    texts = [_format_change(each) for each in changes]
+    texts = [str(each) for each in changes]
     if changes and not dry_run:
         print_status(f"{servo}: {', '.join(texts)}")
         moving = any(each.register.name.startswith("goal_") for each in changes)
@@ -404,10 +404,6 @@ def _write(
         return
     mark = "would write" if dry_run else "✓"
     print_lines([f"{mark} {servo}: {', '.join(texts) or 'nothing to change'}"])
-
-
-def _format_change(change: RegisterDifference) -> str:
-    return f"{change.register} {change.found} → {change.expected}"
 
 
 def _back_up(
@@ -485,7 +481,7 @@ def restore_backup(
     """
     count = len(plan.changes)
     print_status(f"{plan.servo}: {count or 'no'} register{'s' * (count != 1)} to restore.")
-    texts = [_format_change(each) for each in plan.changes]
+    texts = [str(each) for each in plan.changes]
     for text in texts:
         print_status(f"    {text}")
     for each in plan.kept:

@@ -62,6 +62,9 @@ class RegisterDifference:
     found: int
     expected: int
 
+    def __str__(self) -> str:
+        return f"{self.register} {self.found} → {self.expected}"
+
 
 def eeprom_registers(table: type[ControlTable]) -> list[Register]:
     """Return the registers of a model that survive loss of power."""

@@ -209,7 +209,7 @@ class _ServoBeingProvisioned:
     def write_registers(self, expected: Mapping[RegisterRef, int]) -> None:
         """Write what differs of everything else, and verify it."""
         for change in update_eeprom(self._bus, self._id, expected):
-            self.written.append(f"{change.register} {change.found} → {change.expected}")
+            self.written.append(str(change))
 
     def _unlock_eeprom(self) -> None:
         lock = self._table.eeprom_lock

@@ -44,7 +44,7 @@ from ikservo.view.downloads import Download, DownloadOffers
 from ikservo.view.message_fields import Name, PageMessage
 from ikservo.view.messages import BadMessageError, ReadServo, WriteRegister, validate_message
 from ikservo.view.server import Frame
-from ikservo.view.servo_panel import table_frame, write_values
+from ikservo.view.servo_panel import table_frame, write_limp, write_values
 from ikservo.view.servo_trial import describe_trials, trial_frame, try_on_joint, tunable_names
 
 __all__ = ["BenchMessage", "ServoBench", "WorkOnServo", "read_bench_message"]
@@ -268,13 +268,13 @@ class ServoBench:
                 register = find_register(servo.table, name)
                 if not _is_written_here(register.name):
                     raise InputError(f"{register} is not written here.")
-                note = _write(line, servo, {register: parse_register_value(register, value)})
+                note = write_limp(line, servo, {register: parse_register_value(register, value)})
             case WorkOnServo(action="move", address=(new_id, rate)):
                 codes = {bits: code for code, bits in servo.table.baud_rates.items()}
                 if rate not in codes:
                     raise InputError(f"{servo} has no rate of {rate} baud.")
                 address = {servo.table.id: new_id, servo.table.baud_rate: codes[rate]}
-                note = _write(line, servo, address)
+                note = write_limp(line, servo, address)
                 if self._model is None:
                     self._say(note)
                     return False
@@ -407,21 +407,12 @@ def _is_written_here(name: str) -> bool:
     return not name.startswith("goal_") and name not in ("torque_enable", "lock", "id", "baud_rate")
 
 
-def _write(line: ServoLine, servo: ServoSpec, values: Mapping[Register, int]) -> str:
-    if holds_torque(line, servo):
-        raise InputError(
-            f"{servo} holds: with other numbers it could fall.",
-            "Support it, and switch its torque off first.",
-        )
-    return write_values(line, servo, values)
-
-
 def _restore(line: ServoLine, servo: ServoSpec, text: str) -> str:
     """Write a backup and return what was written, and what was left out."""
     backup = parse_backup(Path("backup.toml"), text)
     plan = plan_restoration(line.bus, backup, str(servo.id))
     restore(line.bus, plan)
-    written = ", ".join(f"{each.register} {each.found} → {each.expected}" for each in plan.changes)
+    written = ", ".join(map(str, plan.changes))
     kept = ", ".join(str(each.register) for each in plan.kept)
     left = f"; left as it is: {kept}" if kept else ""
     return f"{servo}: {written or 'nothing to change'}{left}."

@@ -7,12 +7,13 @@ from typing import Any
 
 from ikservo.arm import Arm
 from ikservo.errors import BusError, IkservoError, InputError, PortError, RegisterAccessError
-from ikservo.hardware.read_plan import Register, RegisterName
+from ikservo.hardware.read_plan import Register
 from ikservo.hardware.servo import ServoSpec
 from ikservo.maintenance.servo_workbench import (
     RegisterReading,
     ServoLine,
     find_register,
+    holds_torque,
     parse_register_value,
     plan_writes,
     read_registers,
@@ -23,7 +24,7 @@ from ikservo.view.arm_thread import ArmThread
 from ikservo.view.connection import Client
 from ikservo.view.server import Frame
 
-__all__ = ["ServoPanel", "table_frame", "write_values"]
+__all__ = ["ServoPanel", "table_frame", "write_limp", "write_values"]
 
 # What moves the arm, ends its replies or belongs to its calibration has ways of its own.
 _ELSEWHERE = {
@@ -133,13 +134,8 @@ class _ServoJob:
         register = find_register(servo.table, self._name)
         if not _is_written_here(register.name):  # a name that all families have is another's alias
             raise InputError(f"{register.name} is not written here.")
-        if line.bus.read(servo.id, RegisterName.TORQUE_ENABLE, raw=True):
-            raise InputError(
-                f"{self._joint} holds: with other numbers it could fall.",
-                "Support it, and switch its torque off first.",
-            )
         try:
-            return write_values(line, servo, {register: parse_register_value(register, self._text)})
+            return write_limp(line, servo, {register: parse_register_value(register, self._text)})
         except OSError as error:  # no room for the copy of the EEPROM
             if not isinstance(error, IkservoError) or isinstance(error, PortError):
                 raise
@@ -154,8 +150,22 @@ def write_values(line: ServoLine, servo: ServoSpec, values: Mapping[Register, in
     """
     changes = plan_writes(line, servo, values)
     write_registers(line, servo, changes)
-    done = ", ".join(f"{each.register} {each.found} → {each.expected}" for each in changes)
-    return f"{servo}: {done or 'nothing to change'}."
+    return f"{servo}: {', '.join(map(str, changes)) or 'nothing to change'}."
+
+
+def write_limp(line: ServoLine, servo: ServoSpec, values: Mapping[Register, int]) -> str:
+    """Write registers of a servo without torque, as ``write_values`` does.
+
+    Raises:
+        InputError: It holds.
+        IkservoError: As ``write_values``.
+    """
+    if holds_torque(line, servo):
+        raise InputError(
+            f"{servo} holds: with other numbers it could fall.",
+            "Support it, and switch its torque off first.",
+        )
+    return write_values(line, servo, values)
 
 
 def table_frame(
