@@ -321,6 +321,7 @@ _REGISTERS: Fields[RegisterReading] = (
         lambda one: one.register.access.name,
     ),
     Field("area", "area", value=lambda one: one.register.area.name),
+    Field("default", "default", lambda one: "" if one.default is None else str(one.default)),
     Field("first", "first copy", _format_first),
 )
 

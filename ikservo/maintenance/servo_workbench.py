@@ -56,6 +56,7 @@ from ikservo.registers import (
     RegisterName,
     control_table,
 )
+from ikservo.registers.delivered import delivered_value
 
 __all__ = [
     "RegisterReading",
@@ -194,11 +195,13 @@ class RegisterReading:
         raw: The raw number it holds.
         first: The raw number in the servo's first copy, made before ikservo changed anything;
             None where there is no copy.
+        default: The raw number as delivered, by the sheet; None where it is not known.
     """
 
     register: Register
     raw: int
     first: int | None
+    default: int | None
 
     @property
     def value(self) -> float:
@@ -237,7 +240,11 @@ def read_registers(
     wanted = registers or list(servo.table.registers.values())
     first = _first_copy(line, servo)
     raw = line.bus.sync_read_many([servo.id], wanted, raw=True).require_all()[servo.id]
-    return [RegisterReading(each, raw[each], first.get(each.name)) for each in wanted]
+    table = servo.table
+    return [
+        RegisterReading(each, raw[each], first.get(each.name), delivered_value(table, each))
+        for each in wanted
+    ]
 
 
 def find_register(table: type[ControlTable], name: str) -> Register:

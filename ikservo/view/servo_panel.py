@@ -202,5 +202,6 @@ def _fields_of(reading: RegisterReading, is_written: Callable[[str], bool]) -> d
         "range": list(register.range),
         "area": register.area.name,
         "writable": register.is_writable and is_written(register.name),
+        "default": reading.default,
         "first": reading.first if reading.changed else None,
     }

@@ -87,7 +87,7 @@ def test_a_register_is_read_written_refused_and_shown_as_changed(bench):
     bench.write("p_gain", "20")
     bench.says("p_gain 32 → 20")
     assert bench.servos[ELBOW].read("p_gain") == 20
-    assert "was 32" in bench.page.inner_text(ROW.format("p_gain"))
+    assert "was 32, default 32" in bench.page.inner_text(ROW.format("p_gain"))
     bench.write("p_gain", "255")
     bench.says("255 is outside 0 to 254")
     bench.write("max_temperature_limit", "60C")

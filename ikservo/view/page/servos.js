@@ -65,7 +65,8 @@ function showRegister(row, register) {
   const [low, high] = register.range;
   setText(row.name, register.name);
   setText(row.value, register.value);
-  setText(row.was, register.first === null ? "" : `was ${register.first}`);
+  const others = { was: register.first, default: register.default === register.raw ? null : register.default };
+  setText(row.was, Object.entries(others).filter(([, raw]) => raw !== null).map(([word, raw]) => `${word} ${raw}`).join(", "));
   setAttribute(row.element, "data-register", register.name);
   setAttribute(row.element, "data-area", register.area);
   setAttribute(row.input, "aria-label", register.name);

@@ -1,0 +1,20 @@
+"""Registers as delivered, beside the copy of the sheets that the simulator has."""
+
+import pytest
+
+from ikservo.registers import MODELS, Area
+from ikservo.registers.delivered import delivered_value
+from servosim.servo_models import table_for
+
+
+@pytest.mark.parametrize("model", MODELS)
+def test_each_register_that_persists_has_the_number_of_the_sheet(model):
+    sheet = {row.address: row for row in table_for(model).registers}
+    for register in MODELS[model].registers.values():
+        value = delivered_value(MODELS[model], register)
+        if register.is_writable and register.area is Area.EEPROM:
+            assert value is not None, register
+        if value is not None:
+            assert value == sheet[register.address].default, register
+            low, high = register.range
+            assert low <= value <= high, register
