@@ -181,7 +181,7 @@ class Arm(MotionMethods):
         chosen = check_exit(on_exit or self._on_exit)
         if self._port.is_open:
             self.background.close()
-            self._runner.close(self.relax if chosen == "relax" else None, self._close_server)
+            self._runner.close(self.relax if chosen == "relax" else None, self._leave)
 
     def listen(self) -> None:
         """Accept stop, state and relax commands of this user's other processes."""
@@ -357,6 +357,7 @@ class Arm(MotionMethods):
     def _lower(self) -> None:
         lower(self)
 
-    def _close_server(self) -> None:
+    def _leave(self) -> None:
+        self.scene.close()
         if self._server is not None:
             self._server.close()

@@ -236,14 +236,14 @@ class MotionRunner:
                 f"{self._context.port.name} was closed.", "Open the arm again: open_arm()."
             )
 
-    def close(self, relax: Callable[[], object] | None, close_server: Callable[[], None]) -> None:
+    def close(self, relax: Callable[[], object] | None, leave: Callable[[], None]) -> None:
         """Close the port; another thread's motion ends with ``StoppedError`` first.
 
         A fork of the process that opened it has no port to close, and relaxes nothing.
 
         Args:
             relax: Lowers the arm before that; None leaves torque as it is.
-            close_server: Ends what serves other processes.
+            leave: Tells other arms where this one is left, and ends what serves other processes.
 
         Raises:
             RefusedError: The arm is to be relaxed, and a callback of its motion closes it.
@@ -261,7 +261,7 @@ class MotionRunner:
             self._closed = True
             with self._after_motion(*_CLOSED):
                 pass
-            close_server()
+            leave()
             with self.lock:  # not while another process relaxes the arm
                 self._context.port.close()
 

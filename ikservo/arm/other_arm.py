@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 
 from ikservo.arm.context import ArmContext
@@ -18,7 +19,7 @@ _ROOM_M = 0.02
 _ANSWER_S = 1.0  # reading an arm takes milliseconds, and so does what else may hold its lock
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(slots=True, eq=False)
 class OtherArm:
     """Another arm, as it is around this one.
 
@@ -28,6 +29,8 @@ class OtherArm:
         runner: Its motions.
         T_base_other: Its base frame (4, 4) in that of this arm.
         turn: Which of the two moves.
+        left: Where it was when it was closed, as ``things`` returns it; None while it is open, or
+            if that could not be measured.
     """
 
     name: str
@@ -35,9 +38,17 @@ class OtherArm:
     runner: MotionRunner
     T_base_other: Matrix
     turn: Turn
+    left: list[KeepOutShape] | None = None
+
+    def close(self) -> None:
+        """Remember where it is: from then on nothing can be measured."""
+        with suppress(IkservoError), self.runner.lock:
+            self.left = self._place(self.context.servos.measure_positions())
 
     def things(self, arm: object) -> list[KeepOutShape]:
         """Measure where its links, and what it holds, are now: rounded rods in the base frame.
+
+        An arm that was closed is where it was then.
 
         Args:
             arm: This arm, as it takes turns.
@@ -47,13 +58,16 @@ class OtherArm:
         """
         if self.turn.is_of_other(arm):
             raise other_moves(self.name)
+        return self._place(self._measure()) if self.left is None else self.left
+
+    def _place(self, joints: Vector) -> list[KeepOutShape]:
         checker = self.context.collision
         if checker is None:
             raise RefusedError(
                 f"{self.name} was opened without collision checks.",
                 "Open both arms with them to use them on one table.",
             )
-        capsules = checker.capsules_at(self.context.index.body_joints(self._measure()))
+        capsules = checker.capsules_at(self.context.index.body_joints(joints))
         return [
             capsule_shape(f"{self.name}'s {each.link}", each, _ROOM_M).moved(self.T_base_other)
             for each in capsules

@@ -148,7 +148,8 @@ class Scene:
         """Add another arm of this program, and this arm to its scene.
 
         From then on one of the two moves at a time, around where the other one is. An arm that a
-        person moves by hand is where it was when the motion of the other one began.
+        person moves by hand is where it was when the motion of the other one began, and one that
+        was closed is where it was then.
 
         ``left.scene.add_arm(right, "right", at_m=(0.0, -0.4, 0.0))``
 
@@ -239,6 +240,11 @@ class Scene:
             for each in [*held] if name is None else [name]:
                 things[each] = held.pop(each).moved(T)
             self._change(things, held)
+
+    def close(self) -> None:
+        """Tell the scenes of other arms where this one is left; its port is about to be closed."""
+        for scene in self._others:
+            scene._others[self].close()
 
     def _change_others(self, others: dict[Scene, OtherArm]) -> None:
         self._others = others
