@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
+import math
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +15,11 @@ from ikservo.kinematics.arrays import Matrix, Vector, finite_vectors
 from ikservo.kinematics.packed import CAPSULE_WIDTH, END, LINK, RADIUS, START, PackedBody
 
 __all__ = ["ClearSpace"]
+
+# The links of an arm that gives way are followed straight between postures so far apart. Torques are
+# sines of sums of joints: where three joints turn together and one gives way by 0.1 rad, the links
+# are at most 0.001 rad beside that.
+_BENDING_STEP_RAD = 0.1
 
 
 class ClearSpace:
@@ -27,6 +36,8 @@ class ClearSpace:
             arm that sags.
         sag: How the arm yields to gravity; None where that is not looked at.
         load: Multiple of gravity under which it does.
+        bends: Returns where the links are (n, dof) from where the joints' sensors are; None for an
+            arm that does not give way behind them.
     """
 
     def __init__(
@@ -37,9 +48,11 @@ class ClearSpace:
         allowed_m: Matrix,
         sag: GravitySag | None,
         load: float,
+        bends: Callable[[Matrix], Matrix] | None = None,
     ) -> None:
         from ikservo.guard import free_path_kernel  # noqa: PLC0415  # as the checker's
 
+        self._bends = bends
         self._no_contact, self._dof, links = free_path_kernel.FREE, body.dof, len(body.names)
         halves_m, balls = _balls(body)
         order = np.argsort(body.rows[:, 2], kind="stable")
@@ -57,14 +70,25 @@ class ClearSpace:
 
     def is_free(self, path: Matrix) -> bool:
         """Tell whether the straight motions through postures (n, dof) keep the distances."""
+        if self._bends is not None:
+            pieces = [_close_postures(a, b) for a, b in itertools.pairwise(path)]
+            path = self._bends(np.vstack([path[:1], *pieces]))
         return self._first_contact(path) == self._no_contact
 
     def contains(self, postures: Matrix) -> NDArray[np.bool_]:
         """Return for each posture (n, dof) whether it keeps the distances (n,)."""
         q = finite_vectors(np.array(postures), self._dof, "q")
+        if self._bends is not None:
+            q = self._bends(q)
         free = np.zeros(len(q), dtype=np.int64)
         self._free_postures(q, free)
         return free == 1
+
+
+def _close_postures(start: Vector, goal: Vector) -> Matrix:
+    """Return postures (k, dof) on the straight way to another, which is the last of them."""
+    count = max(1, math.ceil(float(np.abs(goal - start).max()) / _BENDING_STEP_RAD))
+    return np.linspace(start, goal, count + 1)[1:]
 
 
 def _balls(body: PackedBody) -> tuple[Vector, Matrix]:

@@ -256,7 +256,7 @@ class CollisionChecker:
             allowed_m[1, len(self.body.pairs) :] = near_m[count:]
         allowed_m[:, ~self.watched] = -np.inf
         sag = self.sag if isinstance(self.sag, GravitySag) and load > 0.0 else None
-        return ClearSpace(self.body, self.shapes, self.floor_m, allowed_m, sag, load)
+        return ClearSpace(self.body, self.shapes, self.floor_m, allowed_m, sag, load, self.bends)
 
     def distances(self, path: Sequence[Vector] | Matrix) -> Matrix:
         """Compute the distance of each pair (n, pairs) [m] in postures (n, dof)."""

@@ -66,6 +66,31 @@ def test_a_motion_called_free_is_free_between_samples(name):
     assert 2 <= free <= 22
 
 
+def droop(q):
+    """Turn the second and the third joint by what their torque could be."""
+    bent = q.copy()
+    bent[:, 1] += 0.1 * np.sin(q[:, 1] + q[:, 2])
+    bent[:, 2] -= 0.08 * np.cos(q[:, 2])
+    return bent
+
+
+def test_an_arm_that_gives_way_keeps_the_distance_where_its_links_are():
+    things, random = things_around(6), np.random.default_rng(4)
+    checker, stiff = (CollisionChecker(body("so101"), None, things) for _ in range(2))
+    checker.bends = droop
+    q = random.uniform(-1.5, 1.5, (300, checker.dof))
+    space, rigid, free = checker.clear_space(0.005), stiff.clear_space(0.005), 0
+    kept = checker.distances(q).min(axis=1) >= 0.005
+    np.testing.assert_array_equal(space.contains(q), kept)
+    assert (rigid.contains(q) != kept).any()
+    for start, goal in q[:160].reshape(80, 2, -1):
+        near_m = checker.distances(np.linspace(start, goal, 400)).min()
+        found = space.is_free(np.array([start, goal]))
+        free += found
+        assert near_m >= 0.0039 if found else near_m < 0.0052
+    assert 2 <= free <= 70
+
+
 def test_a_plate_as_thin_as_paper_is_not_stepped_over():
     chain = model_of("so101").chain
     start, goal = np.zeros(chain.dof), np.zeros(chain.dof)
