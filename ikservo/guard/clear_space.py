@@ -16,9 +16,9 @@ from ikservo.kinematics.packed import CAPSULE_WIDTH, END, LINK, RADIUS, START, P
 
 __all__ = ["ClearSpace"]
 
-# The links of an arm that gives way are followed straight between postures so far apart. Torques are
-# sines of sums of joints: where three joints turn together and one gives way by 0.1 rad, the links
-# are at most 0.001 rad beside that.
+# The links of an arm that gives way are followed straight between postures so far apart. Torques
+# are sines of sums of joints: where three joints turn together and one gives way by 0.1 rad, the
+# links are at most about 0.001 rad beside that.
 _BENDING_STEP_RAD = 0.1
 
 
