@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from ikservo.arm import Arm
+from ikservo.errors import BadValueError
 from ikservo.kinematics.packed import IS_CYLINDER, ROUNDING
 from ikservo.kinematics.se3 import make_pose
 from ikservo.model.model import Obstacle
@@ -23,6 +24,7 @@ __all__ = ["ThingsPanel"]
 
 _DRAWN_M = 5.0  # what is larger, such as a half-space, is not drawn
 _NEW_SIZE_M, _NEW_AWAY_M = 0.06, 0.1  # of a new thing, and of its place from the base
+_MOST = 100  # that a page adds to: each is checked on every path, and sent
 _TITLES = {"box": "box", "cylinder": "can", "sphere": "ball"}
 
 
@@ -56,12 +58,14 @@ class ThingsPanel:
 
         Raises:
             UnknownNameError: There is no such thing.
-            BadValueError: Its new name is taken.
+            BadValueError: Its new name is taken, or there are too many.
             FileFormatError: A size cannot be used; names it.
             RefusedError: A motion is running, or the arm was opened without collision checks.
         """
         scene = self._arm.scene
         match message:
+            case msg.AddThing() if len(scene.names) >= _MOST:
+                raise BadValueError("The number of things", len(scene.names), f"below {_MOST}")
             case msg.AddThing():
                 scene.add(message.shape, self._new_name(message.shape), **self._new(message.shape))
             case msg.ChangeThing():

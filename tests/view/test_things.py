@@ -1,5 +1,7 @@
 """The things around an arm on its page: added, changed, dragged, removed, saved."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -51,6 +53,15 @@ def test_new_things_have_names_of_their_own_and_touch_nothing(session, shape):
     first, second = session.arm.scene.names
     assert first[:-1] == second[:-1]
     assert session.arm.clearance_m(session.arm.where().positions) > 0.0
+
+
+def test_there_is_an_end_to_adding(session):
+    session.send_message(things.AddThing, shape="sphere")
+    (ball,) = session.arm.scene.things
+    more = {f"ball {i}": replace(ball, name=f"ball {i}") for i in range(100)}
+    session.arm.scene._change(more, {})
+    with pytest.raises(BadMessageError, match="below 100"):
+        session.send_message(things.AddThing, shape="sphere")
 
 
 def test_what_has_not_changed_is_sent_once(session):
