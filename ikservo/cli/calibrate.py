@@ -97,6 +97,8 @@ def command(
     ikservo calibrate so101 --touch         then touch a printed sheet, for millimetres
 
     ikservo calibrate so101 --camera 0      or show a printed board to a camera
+
+    ikservo calibrate so101 --camera 0 --by-hand      the same, and you move the limp arm
     """
     seen = camera.camera is not None
     if auto + touch + wiggle + seen > 1:

@@ -19,6 +19,7 @@ from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.errors import IkservoError
 from ikservo.eyes.board import DEFAULT_BOARD, Board, require_opencv
 from ikservo.hardware.remembered_port import is_simulated
+from ikservo.maintenance.camera_by_hand import HandCalibration
 from ikservo.maintenance.camera_calibration import (
     CameraCalibration,
     CameraResult,
@@ -45,12 +46,18 @@ class CameraOptions:
     pictures: Annotated[
         int, typer.Option("--pictures", min=10, max=100, help="How many pictures to take.")
     ] = 30
+    by_hand: Annotated[
+        bool,
+        typer.Option("--by-hand", help="With --camera: you move the limp arm before the camera."),
+    ] = False
 
 
 def calibrate_by_camera(
     connection: NamedServoConnection, options: CameraOptions, operator: Operator, *, json: bool
 ) -> None:
     """Let the arm show its board to a camera, tell what that says, and save it if it helps.
+
+    By hand it is limp, and somebody moves it.
 
     Raises:
         CalibrationError: The board is not seen, or the arm has no calibration.
@@ -60,7 +67,13 @@ def calibrate_by_camera(
     board, source = Board.named(options.board), options.camera or ""
     print_status(
         f"Fix the board {board.name} to the gripper, before the camera and about in the middle of "
-        "its picture. The arm will move with it in its whole reach there."
+        "its picture. "
+        + (
+            "Torque will be switched off: hold the arm. Then move it, and keep it still for a "
+            "second in about as many postures as pictures are asked for."
+            if options.by_hand
+            else "The arm will move with it in its whole reach there."
+        )
     )
     if not operator.agrees(Question("May it begin?", Unasked.ERROR)):
         raise IkservoError("Nothing moved.")
@@ -68,7 +81,10 @@ def calibrate_by_camera(
         arm = require_own_port(machine)
         camera = open_camera(source, arm, board)
         with second_interrupt_lowers(arm):
-            result = CameraCalibration(arm, camera, board, options.pictures, print_status).run()
+            if options.by_hand:
+                arm.disable_torque()
+            session = HandCalibration if options.by_hand else CameraCalibration
+            result = session(arm, camera, board, options.pictures, print_status).run()
         if json:  # stdout is for that alone; who is asked has to know
             print_status("\n".join(_describe(result)))
         else:

@@ -288,13 +288,16 @@ class CameraEstimate:
 _BETTER = 0.97  # more numbers are estimated only where that makes the error so much smaller
 
 
-def estimate_camera(known: Bending, samples: Sequence[BoardSample]) -> CameraEstimate:
+def estimate_camera(
+    known: Bending, samples: Sequence[BoardSample], extents: Sequence[Extent] = tuple(Extent)
+) -> CameraEstimate:
     """Estimate camera, board and arm; of the arm as much as helps samples that are left out.
 
     Args:
         known: The arm as it is known, with its masses; what it carries besides, the board too, adds
             to them.
         samples: At least six, in postures that differ.
+        extents: What may be estimated, `Extent.CAMERA` among it.
 
     Raises:
         CalibrationError: Too few samples, or they contradict each other.
@@ -305,10 +308,10 @@ def estimate_camera(known: Bending, samples: Sequence[BoardSample]) -> CameraEst
             "Show it in about 20 postures that differ, each near another part of the picture.",
         )
     fullest = fit_camera(known, samples, Extent.ARM)
-    found = {each: fit_camera(known, samples, each, fullest) for each in Extent}
+    found = {each: fit_camera(known, samples, each, fullest) for each in extents}
     error_m = {each: _left_out_m(fit, samples) for each, fit in found.items()}
     best = Extent.CAMERA
-    for extent in Extent:
+    for extent in extents:
         if error_m[extent] < _BETTER * error_m[best]:
             best = extent
     return CameraEstimate(found[best], error_m)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from datetime import datetime
@@ -13,6 +13,7 @@ import numpy as np
 
 from ikservo.arm.arm import Arm
 from ikservo.arm.calibrated_arm import ZeroSource, known_bending
+from ikservo.arm.reports import ArmState
 from ikservo.calibration.calibration_file import load_calibration, save_calibration
 from ikservo.calibration.camera_file import SIMULATED, CameraFile, save_camera
 from ikservo.calibration.records import CalibratedCamera, Calibration, SeenBoard
@@ -37,15 +38,19 @@ from ikservo.eyes.pictures import (
 )
 from ikservo.eyes.pose_choice import choose_postures, is_visible
 from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.se3 import log_so3
 from ikservo.maintenance.touch_off import shift_zeros
 
-__all__ = ["CameraCalibration", "CameraResult", "save_camera_result", "seen_board"]
+__all__ = ["LEAST_SHARE", "BoardPictures", "CameraCalibration", "CameraResult", "measured_joints",
+           "save_camera_result", "seen_board"]  # fmt: skip
+
+LEAST_SHARE = 0.5
+"""Of the pictures that were asked for: with fewer nothing is estimated."""
 
 _FIRST_STEP_RAD = math.radians(9.0)  # of each joint, before anything is known of the camera
 _REACH_RAD = math.radians(75.0)  # how far joints go from where the arm was put
 _CANDIDATES, _AT_ONCE, _MAX_MISSED = 1500, 4, 8
-_LEAST_SHARE = 0.5  # of the pictures that were asked for
 _SETTLE_S = 0.3  # after a motion: what swings is blurred
 _EXPOSURE_TRIES, _STEADY_GREY = 5, 4.0  # pictures, and by how much their mean may differ, of 255
 _LENS_STEPS, _SAME_LENS = 6, 1e-3  # of its numbers
@@ -72,6 +77,71 @@ class CameraResult:
     duration_s: float
 
 
+class BoardPictures:
+    """What is seen of a board on the gripper in pictures, with the joints that belong to each.
+
+    Args:
+        arm: The arm.
+        board: What is fixed to the gripper.
+    """
+
+    def __init__(self, arm: Arm, board: Board) -> None:
+        self.board, self.views, self.joints = board, list[BoardView](), list[Vector]()
+        calibration = None
+        if arm.zeros is ZeroSource.CALIBRATED:
+            calibration = load_calibration(arm.model.name, arm.context.serial_number)
+        self._known = known_bending(arm.model, arm.chain.rigid, calibration)
+
+    def __len__(self) -> int:
+        """Count the pictures."""
+        return len(self.views)
+
+    def add(self, view: BoardView, q: Vector) -> None:
+        """Add what is seen with the chain's joints at q (dof,)."""
+        self.views.append(view)
+        self.joints.append(q)
+
+    def fit(self) -> tuple[CameraFit, Intrinsics]:
+        """Fit camera, lens and arm, in steps: how poses change with the lens holds near it only.
+
+        Raises:
+            CalibrationError: The pictures do not suffice.
+        """
+        intrinsics = guess_intrinsics(self.board, self.views)
+        fit = fit_camera(self._known, self._samples(intrinsics), Extent.ARM)
+        for _ in range(_LENS_STEPS):
+            intrinsics = Intrinsics.of_numbers(fit.lens, intrinsics.size)
+            before, samples = fit.lens, self._samples(intrinsics)
+            fit = fit_camera(self._known, samples, Extent.ARM)
+            if np.abs(fit.lens - before).max() < _SAME_LENS:
+                break
+        return fit, intrinsics
+
+    def result(
+        self, missed: int, duration_s: float, extents: Sequence[Extent] = tuple(Extent)
+    ) -> CameraResult:
+        """Estimate camera and arm; see ``CameraResult``.
+
+        Args:
+            missed: In how many pictures the board was not seen.
+            duration_s: From the first picture to the last.
+            extents: What may be estimated.
+
+        Raises:
+            CalibrationError: The pictures do not suffice, or contradict each other.
+        """
+        intrinsics = self.fit()[1]
+        estimate = estimate_camera(self._known, self._samples(intrinsics), extents)
+        return CameraResult(estimate, intrinsics, self.board, len(self), missed, duration_s)
+
+    def _samples(self, intrinsics: Intrinsics) -> list[BoardSample]:
+        samples: list[BoardSample] = []
+        for number, (q, view) in enumerate(zip(self.joints, self.views, strict=True), start=1):
+            with suppress(CalibrationError):
+                samples.append(board_sample(self.board, view, intrinsics, q, f"picture {number}"))
+        return samples
+
+
 class CameraCalibration:
     """Shows a camera a board on the gripper, and says what that tells of arm and camera.
 
@@ -91,15 +161,10 @@ class CameraCalibration:
         count: int,
         report: Callable[[str], None] = lambda _: None,
     ) -> None:
-        self._arm, self._camera, self._board, self._report = arm, camera, board, report
+        self._arm, self._camera, self._report = arm, camera, report
+        self._pictures = BoardPictures(arm, board)
         self._count, self._missed = count, 0
-        self._views: list[BoardView] = []
-        self._joints: list[Vector] = []
         self._last: Picture | None = None
-        calibration = None
-        if arm.zeros is ZeroSource.CALIBRATED:
-            calibration = load_calibration(arm.model.name, arm.context.serial_number)
-        self._known = known_bending(arm.model, arm.chain.rigid, calibration)
 
     def run(self) -> CameraResult:
         """Take the pictures, and estimate; the arm ends where it began, if it can.
@@ -111,25 +176,21 @@ class CameraCalibration:
         began_s = self._arm.clock.now_s()
         self._arm.enable()  # held by a hand or a table it bends otherwise
         self._keep(self._take())  # nothing moves before the board was seen
-        home = self._joints[0]
+        home = self._pictures.joints[0]
         for step in self._first_steps(home):
-            if len(self._views) < self._count:
+            if len(self._pictures) < self._count:
                 self._visit(step)
-        while len(self._views) < self._count and self._visit_best(home):
+        while len(self._pictures) < self._count and self._visit_best(home):
             pass
-        if len(self._views) < _LEAST_SHARE * self._count:
+        if len(self._pictures) < LEAST_SHARE * self._count:
             raise CalibrationError(
-                f"The board is seen in no more postures than {len(self._views)}.",
+                f"The board is seen in no more postures than {len(self._pictures)}.",
                 "Put the camera further away, or the board more into its middle.",
             )
         with suppress(RefusedError):
             self._move(home)
-        intrinsics = self._fit()[1]
-        estimate = estimate_camera(self._known, self._samples(intrinsics))
         duration_s = self._arm.clock.now_s() - began_s
-        return CameraResult(
-            estimate, intrinsics, self._board, len(self._views), self._missed, duration_s
-        )
+        return self._pictures.result(self._missed, duration_s)
 
     def _first_steps(self, home: Vector) -> Matrix:
         """Return postures around the first one, each joint moved once to either side."""
@@ -141,20 +202,20 @@ class CameraCalibration:
 
     def _visit_best(self, home: Vector) -> bool:
         """Go to the postures that say most by what is known so far; return whether one was seen."""
-        fit, intrinsics = self._fit()
+        fit, intrinsics = self._pictures.fit()
         chain = self._arm.chain
-        chance = np.random.default_rng(len(self._views) + self._missed)
+        chance = np.random.default_rng(len(self._pictures) + self._missed)
         low = np.maximum(chain.lower_rad, home - _REACH_RAD)
         high = np.minimum(chain.upper_rad, home + _REACH_RAD)
         tried = chance.uniform(low, high, (_CANDIDATES, chain.dof))
-        seen = tried[is_visible(self._board, intrinsics, fit.board_poses(tried))]
+        seen = tried[is_visible(self._pictures.board, intrinsics, fit.board_poses(tried))]
         visited, chosen = 0, list[int]()
         if len(seen):
-            done = np.array(self._joints)
-            chosen = choose_postures(self._board, fit, intrinsics, seen, done, 3 * _AT_ONCE)
+            done, board = np.array(self._pictures.joints), self._pictures.board
+            chosen = choose_postures(board, fit, intrinsics, seen, done, 3 * _AT_ONCE)
         for q in seen[chosen]:
             visited += self._visit(q)
-            if visited == _AT_ONCE or len(self._views) == self._count:
+            if visited == _AT_ONCE or len(self._pictures) == self._count:
                 break
         return visited > 0
 
@@ -173,7 +234,7 @@ class CameraCalibration:
                 raise
             self._report(f"not used: {error.message}")
             return False
-        self._report(f"picture {len(self._views)} of {self._count}")
+        self._report(f"picture {len(self._pictures)} of {self._count}")
         return True
 
     def _move(self, q: Vector) -> None:
@@ -208,29 +269,13 @@ class CameraCalibration:
         Raises:
             CalibrationError: The board is not seen.
         """
-        view = find_board(self._board, picture)
-        here = self._arm.where()
-        self._views.append(view)
-        self._joints.append(np.array([here[n].position_rad for n in self._arm.chain.names]))
+        view = find_board(self._pictures.board, picture)
+        self._pictures.add(view, measured_joints(self._arm.chain, self._arm.where()))
 
-    def _fit(self) -> tuple[CameraFit, Intrinsics]:
-        """Fit camera, lens and arm, in steps: how poses change with the lens holds near it only."""
-        intrinsics = guess_intrinsics(self._board, self._views)
-        fit = fit_camera(self._known, self._samples(intrinsics), Extent.ARM)
-        for _ in range(_LENS_STEPS):
-            intrinsics = Intrinsics.of_numbers(fit.lens, intrinsics.size)
-            before, samples = fit.lens, self._samples(intrinsics)
-            fit = fit_camera(self._known, samples, Extent.ARM)
-            if np.abs(fit.lens - before).max() < _SAME_LENS:
-                break
-        return fit, intrinsics
 
-    def _samples(self, intrinsics: Intrinsics) -> list[BoardSample]:
-        samples: list[BoardSample] = []
-        for number, (q, view) in enumerate(zip(self._joints, self._views, strict=True), start=1):
-            with suppress(CalibrationError):
-                samples.append(board_sample(self._board, view, intrinsics, q, f"picture {number}"))
-        return samples
+def measured_joints(chain: Chain, state: ArmState) -> Vector:
+    """Return the measured joints (dof,) of a chain, rad or m."""
+    return np.array([state[name].position_rad for name in chain.names])
 
 
 def save_camera_result(arm: Arm, source: str, result: CameraResult, written: datetime) -> Path:

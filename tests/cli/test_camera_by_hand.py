@@ -1,0 +1,131 @@
+"""Somebody moves a limp arm before a camera: pictures are used while it is still."""
+
+import numpy as np
+import pytest
+
+from ikservo.arm.opening import open_own_arm
+from ikservo.calibration.calibration_file import read_calibration
+from ikservo.calibration.paths import calibration_path
+from ikservo.errors import CalibrationError
+from servosim.joint import Hand
+from tests.calibration.mounted_arms import STRENGTH, load_model
+from tests.cli.fixtures_mounted_arm import PORT, SERIAL
+
+cv2 = pytest.importorskip("cv2")
+
+from ikservo.maintenance.camera_by_hand import HandCalibration  # noqa: E402
+from tests.eyes.hidden_arms import BOARD, hidden_arm, tip_errors_m  # noqa: E402
+
+REACH_RAD, MOVING_S, POSTURE_S = 0.5, 0.7, 2.0
+
+
+def wander(start, postures):
+    """Return the path of a hand: from posture to posture, still for a while in each."""
+    ends = np.append(start, start + postures)
+
+    def path(time_s):
+        number, since_s = divmod(time_s, POSTURE_S)
+        number = min(int(number), len(ends) - 2)
+        share = np.clip(since_s / MOVING_S, 0.0, 1.0)
+        by = ends[number + 1] - ends[number]
+        return ends[number] + share * by, by / MOVING_S if share < 1.0 else 0.0
+
+    return path
+
+
+class Person:
+    """Holds the arm, moves it on from posture to posture, and looks at what the camera sees."""
+
+    def __init__(self, arm, camera, seed=0, spoil=None):
+        self._camera, self._spoil, self._taken = camera, spoil, 0
+        chance, self.hint = np.random.default_rng(seed), ""
+        for joint in arm.world.joints:
+            path = wander(joint.position, chance.uniform(-REACH_RAD, REACH_RAD, 60))
+            arm.world.grasp(joint.name, Hand(path, STRENGTH))
+
+    def take(self):
+        self._taken += 1
+        picture = self._camera.take()
+        return picture if self._spoil is None else self._spoil(picture, self._taken)
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
+
+
+def run_by_hand(monkeypatch, spoil=None, count=12, meanwhile=None):
+    """Return result, messages, arm and camera of a calibration by hand."""
+    arm, camera = hidden_arm(monkeypatch, "so101", 0)
+    said = []
+    with open_own_arm(load_model("so101"), PORT) as opened:
+        opened.disable_torque()
+        person = Person(arm, camera, spoil=spoil)
+        if meanwhile is not None:
+            meanwhile(opened)
+        session = HandCalibration(opened, person, BOARD, count, said.append)
+        return session.run(), said, arm, camera
+
+
+@pytest.mark.full
+@pytest.mark.timeout(600)
+def test_an_arm_moved_by_hand_is_found_saved_and_undone(monkeypatch, run_cli):
+    arm, camera = hidden_arm(monkeypatch, "so101", 0, compliance=0.0)
+    person = Person(arm, camera)
+    monkeypatch.setattr("ikservo.eyes.sources.LiveCamera", lambda _: person)
+    path = calibration_path("so101", SERIAL)
+    before = path.read_text()
+    done = run_cli(f"calibrate so101 --port {PORT} --camera 0 --by-hand --pictures 16 --yes --json")
+    assert done.code == 0, done.err
+    found = read_calibration(path)
+    assert (done.json["pictures"], done.json["estimated"]) == (16, "camera and zeros")
+    assert found.camera.after_mm < 0.5 * found.camera.before_mm
+    with open_own_arm(load_model("so101"), PORT) as opened:
+        here, names = opened.where(), opened.chain.names
+        off = np.array([here[name].position_rad - arm.true_position(name) for name in names])
+        T = opened.camera.model().T_base_camera
+        after = tip_errors_m(arm, camera, opened.chain, off, np.linalg.inv(T))
+    assert np.median(after) < 0.003
+    assert run_cli(f"calibration undo so101 --port {PORT}").code == 0
+    assert path.read_text() == before
+
+
+@pytest.mark.full
+def test_no_picture_of_a_moving_arm_or_of_a_known_posture_is_used(monkeypatch):
+    result, said, *_ = run_by_hand(monkeypatch)
+    assert result.pictures == 12
+    assert [line for line in said if line.startswith("picture")] == [
+        f"picture {i} of 12: move on" for i in range(1, 13)
+    ]
+    assert len(result.estimate.fit.kept) == 12
+    assert result.estimate.fit.kept.all()  # a picture of a moving arm would be an outlier
+    assert result.duration_s > 11 * POSTURE_S - 1.0
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (
+            lambda picture, n: np.full_like(picture, 100 + n % 2),
+            "0 of 12 so far. The board .* is not seen",
+        ),
+        (lambda picture, _: np.full_like(picture, 100), "stands still"),
+    ],
+)
+def test_without_the_board_it_ends(monkeypatch, spoil, message):
+    monkeypatch.setattr("ikservo.maintenance.camera_by_hand._WAIT_S", 3.0)
+    with pytest.raises(CalibrationError, match=message):
+        run_by_hand(monkeypatch, spoil)
+
+
+def test_an_arm_that_holds_is_refused(monkeypatch):
+    with pytest.raises(CalibrationError, match="not limp any more"):
+        run_by_hand(monkeypatch, meanwhile=lambda opened: opened.enable())
+
+
+def test_the_command_asks_somebody_and_needs_a_camera(monkeypatch, run_cli):
+    hidden_arm(monkeypatch, "so101", 3)
+    words = f"calibrate so101 --port {PORT} --by-hand"
+    refused = run_cli(f"{words} --camera 0")
+    assert (refused.code, "--yes" in refused.err) == (2, True)
+    assert "Add: --camera" in run_cli(words).err
