@@ -11,9 +11,9 @@ from ikservo.arm.arguments import parse_number
 from ikservo.arm.calibrated_arm import ZeroSource
 from ikservo.arm.context import ArmContext
 from ikservo.arm.scene import Scene
-from ikservo.calibration.camera_file import SIMULATED, CameraFile, load_camera
+from ikservo.calibration.camera_file import SIMULATED, CameraFile, camera_names, load_camera
 from ikservo.calibration.records import CalibratedCamera
-from ikservo.errors import CalibrationError, InputError
+from ikservo.errors import CalibrationError, InputError, UnknownNameError
 from ikservo.eyes.board import DEFAULT_BOARD, Board
 from ikservo.eyes.camera_model import CameraModel
 from ikservo.eyes.pictures import Intrinsics, Picture, PictureSource
@@ -55,15 +55,26 @@ class ArmCamera:
     Args:
         context: The arm.
         scene: What stands around it.
+        name: Of the camera; see ``known_camera``.
     """
 
-    def __init__(self, context: ArmContext, scene: Scene) -> None:
-        self._context, self._scene = context, scene
+    def __init__(self, context: ArmContext, scene: Scene, name: str = "") -> None:
+        self._context, self._scene, self._name = context, scene, name
         self._source: PictureSource | None = None
 
     def __repr__(self) -> str:
         """Show the arm's name."""
         return f"ArmCamera(of {self._context.model.name!r})"
+
+    def named(self, name: str) -> ArmCamera:
+        """Return the camera of that name, where an arm was calibrated with several.
+
+        Raises:
+            UnknownNameError: It was not calibrated with one of that name.
+            FileFormatError: A file about it is damaged.
+        """
+        known_camera(self._context, name)
+        return ArmCamera(self._context, self._scene, name)
 
     def model(self) -> CameraModel:
         """Return lens and pose of the camera.
@@ -72,7 +83,7 @@ class ArmCamera:
             CalibrationError: The arm has no calibrated camera, or it has moved since.
             FileFormatError: A file about it is damaged.
         """
-        camera, known = known_camera(self._context)
+        camera, known = known_camera(self._context, self._name)[:2]
         if known.check is not None and known.check.has_moved:
             raise moved_error(known.check.moved_mm, known.check.turned_deg)
         return camera_model(camera)
@@ -88,7 +99,7 @@ class ArmCamera:
                 any more, or one of another size.
             InputError: OpenCV is not installed, or there is no such camera.
         """
-        size, camera = self.model().lens.size, known_camera(self._context)[0]
+        size, camera = self.model().lens.size, known_camera(self._context, self._name)[0]
         if self._source is None:
             board = Board.named(camera.board.name if camera.board else DEFAULT_BOARD)
             self._source = open_source(camera.source, self._context.port.transport, board)
@@ -150,21 +161,39 @@ def camera_key(context: ArmContext) -> str:
     return SIMULATED if context.zeros is ZeroSource.SIMULATED else context.serial_number
 
 
-def known_camera(context: ArmContext) -> tuple[CalibratedCamera, CameraFile]:
-    """Return the camera of an arm, and what is known of its place.
+def known_camera(
+    context: ArmContext, name: str = "", source: str | None = None
+) -> tuple[CalibratedCamera, CameraFile, str]:
+    """Return a camera of an arm, what is known of its place, and its name.
+
+    Args:
+        context: The arm.
+        name: Of the camera; empty for the one without a name, or the only one.
+        source: Where no name is given, the one with this source is preferred; None for none.
 
     Raises:
-        CalibrationError: It has none.
+        CalibrationError: The arm has no calibrated camera.
+        UnknownNameError: It has none of that name.
+        InputError: It has several, and a name is needed.
         FileFormatError: A file about it is damaged.
     """
-    name = context.model.name
-    found = load_camera(name, camera_key(context))
-    if found is None:
+    arm, key = context.model.name, camera_key(context)
+    names = camera_names(arm, key)
+    cameras = {each: found for each in names if (found := load_camera(arm, key, each))}
+    if not cameras:
         raise CalibrationError(
-            f"{name} has no calibrated camera.",
-            f"Show one a board, with its option for a camera: ikservo calibrate {name}",
+            f"{arm} has no calibrated camera.",
+            f"Show one a board, with its option for a camera: ikservo calibrate {arm}",
         )
-    return found
+    if name and name not in cameras:
+        raise UnknownNameError("camera", name, filter(None, cameras))
+    if not name and source is not None:
+        name = next((each for each, found in cameras.items() if found[0].source == source), "")
+    if name not in cameras:
+        if len(cameras) > 1:
+            raise InputError(f"{arm} has several cameras.", f"Name one: {', '.join(cameras)}.")
+        name = next(iter(cameras))
+    return *cameras[name], name
 
 
 def camera_model(camera: CalibratedCamera) -> CameraModel:

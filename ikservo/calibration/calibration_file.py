@@ -158,6 +158,8 @@ def dump_calibration(calibration: Calibration) -> str:
     for joint in tables["joints"]:  # a rigid joint is written as before there were others
         for name in [name for name in ("compliance", "play_deg") if joint[name] == 0.0]:
             del joint[name]
+    if not tables["cameras"]:  # as before there were several
+        del tables["cameras"]
     return with_checksum(_HEADER + tomli_w.dumps(tables))
 
 

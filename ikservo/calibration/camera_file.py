@@ -15,7 +15,7 @@ from ikservo.files.reading import MAX_BYTES, parse_toml, read_text
 from ikservo.files.validation import StrictModel, first_issue, validation_issues
 from ikservo.files.writing import strip_checksum, with_checksum, write_atomic
 
-__all__ = ["SIMULATED", "CameraCheck", "CameraFile", "load_camera", "save_camera"]
+__all__ = ["SIMULATED", "CameraCheck", "CameraFile", "camera_names", "load_camera", "save_camera"]
 
 SIMULATED = "sim"
 """Stands for the serial number of a simulated arm's adapter."""
@@ -49,19 +49,35 @@ class CameraFile(StrictModel):
     )
 
 
-def load_camera(arm: str, usb_serial_number: str) -> tuple[CalibratedCamera, CameraFile] | None:
-    """Load the camera that an arm was calibrated with, or None if there is none.
+def camera_names(arm: str, usb_serial_number: str) -> list[str]:
+    """Return the names of an arm's cameras; empty for the one that was given none.
+
+    Raises:
+        FileFormatError: The calibration is damaged.
+    """
+    if usb_serial_number != SIMULATED:
+        calibration = load_calibration(arm, usb_serial_number)
+        return sorted(calibration.cameras_by_name) if calibration else []
+    path = camera_path(arm, usb_serial_number)
+    named = path.parent.glob(f"{path.stem}.*.toml")
+    return [""] * path.exists() + sorted(each.stem.rpartition(".")[2] for each in named)
+
+
+def load_camera(
+    arm: str, usb_serial_number: str, name: str = ""
+) -> tuple[CalibratedCamera, CameraFile] | None:
+    """Load a camera that an arm was calibrated with, or None if there is none of that name.
 
     Raises:
         FileFormatError: A file is damaged.
     """
-    path = camera_path(arm, usb_serial_number)
+    path = camera_path(arm, usb_serial_number, name)
     known = _read(path) if path.exists() else None
     if usb_serial_number == SIMULATED:
         camera = None if known is None else known.camera
     else:
         calibration = load_calibration(arm, usb_serial_number)
-        camera = None if calibration is None else calibration.camera
+        camera = None if calibration is None else calibration.cameras_by_name.get(name)
     if camera is None:
         return None
     if known is None or known.calibrated != camera.seen:
@@ -69,7 +85,7 @@ def load_camera(arm: str, usb_serial_number: str) -> tuple[CalibratedCamera, Cam
     return camera, known
 
 
-def save_camera(arm: str, usb_serial_number: str, known: CameraFile) -> Path:
+def save_camera(arm: str, usb_serial_number: str, known: CameraFile, name: str = "") -> Path:
     """Write what is known of a camera.
 
     Raises:
@@ -77,7 +93,7 @@ def save_camera(arm: str, usb_serial_number: str, known: CameraFile) -> Path:
     """
     import tomli_w  # noqa: PLC0415  # needed for writing only
 
-    path = camera_path(arm, usb_serial_number)
+    path = camera_path(arm, usb_serial_number, name)
     tables = known.model_dump(mode="python", exclude_none=True)
     write_atomic(path, with_checksum(_HEADER + tomli_w.dumps(tables)))
     return path

@@ -33,9 +33,13 @@ def identified_path(arm: str, usb_serial_number: str) -> Path:
     return config_dir() / "identified" / f"{_file_stem(arm, usb_serial_number)}.toml"
 
 
-def camera_path(arm: str, usb_serial_number: str) -> Path:
-    """Return the file of the camera before an arm: ``cameras/so101-58FA083.toml``."""
-    return config_dir() / "cameras" / f"{_file_stem(arm, usb_serial_number)}.toml"
+def camera_path(arm: str, usb_serial_number: str, name: str = "") -> Path:
+    """Return the file of a camera before an arm: ``cameras/so101-58FA083.toml``.
+
+    That of a camera with a name: ``cameras/so101-58FA083.left.toml``.
+    """
+    stem = _file_stem(arm, usb_serial_number)
+    return config_dir() / "cameras" / (f"{stem}.{name}.toml" if name else f"{stem}.toml")
 
 
 def journal_path(arm: str, usb_serial_number: str) -> Path:

@@ -194,6 +194,19 @@ class Calibration(StrictModel):
     )
     geometry: CalibratedGeometry | None = Field(default=None, description="a table [geometry]")
     camera: CalibratedCamera | None = Field(default=None, description="a table [camera]")
+    cameras: dict[Name, CalibratedCamera] = Field(
+        default_factory=dict[str, CalibratedCamera], description="tables [cameras.NAME]"
+    )
+
+    @property
+    def cameras_by_name(self) -> dict[str, CalibratedCamera]:
+        """All cameras; that of ``[camera]`` has an empty name."""
+        return ({"": self.camera} if self.camera else {}) | self.cameras
+
+    def with_cameras(self, cameras: Mapping[str, CalibratedCamera]) -> Calibration:
+        """Return a calibration with other cameras, as ``cameras_by_name``."""
+        named = {name: camera for name, camera in cameras.items() if name}
+        return self.model_copy(update={"camera": cameras.get(""), "cameras": named})
 
     def joint(self, name: str) -> CalibratedJoint | None:
         """Return the joint of that name, or None."""

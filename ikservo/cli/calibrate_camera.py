@@ -11,7 +11,7 @@ from typing import Annotated
 import typer
 
 from ikservo.arm.opening import require_own_port
-from ikservo.cli.camera import BoardOption, open_camera
+from ikservo.cli.camera import BoardOption, CameraNameOption, check_camera_name, open_camera
 from ikservo.cli.dialogue import Operator
 from ikservo.cli.options import MotionOptions, NamedServoConnection
 from ikservo.cli.session import open_from_options, second_interrupt_lowers
@@ -23,6 +23,7 @@ from ikservo.maintenance.camera_by_hand import HandCalibration
 from ikservo.maintenance.camera_calibration import (
     CameraCalibration,
     CameraResult,
+    possible_extents,
     save_camera_result,
 )
 from ikservo.maintenance.dialogue import Question, Unasked
@@ -46,6 +47,7 @@ class CameraOptions:
     pictures: Annotated[
         int, typer.Option("--pictures", min=10, max=100, help="How many pictures to take.")
     ] = 30
+    camera_name: CameraNameOption = ""
     by_hand: Annotated[
         bool,
         typer.Option("--by-hand", help="With --camera: you move the limp arm before the camera."),
@@ -64,6 +66,7 @@ def calibrate_by_camera(
         InputError: OpenCV is not installed, there is no such camera, or nobody can be asked.
     """
     require_opencv()
+    name = check_camera_name(options.camera_name)
     board, source = Board.named(options.board), options.camera or ""
     print_status(
         f"Fix the board {board.name} to the gripper, before the camera and about in the middle of "
@@ -83,15 +86,17 @@ def calibrate_by_camera(
         with second_interrupt_lowers(arm):
             if options.by_hand:
                 arm.disable_torque()
+            extents = possible_extents(arm, name)
             session = HandCalibration if options.by_hand else CameraCalibration
-            result = session(arm, camera, board, options.pictures, print_status).run()
+            result = session(arm, camera, board, options.pictures, print_status, extents).run()
         if json:  # stdout is for that alone; who is asked has to know
             print_status("\n".join(_describe(result)))
         else:
             print_lines(_describe(result), indent=2)
         path = None
         if operator.agrees(Question("Save this?", Unasked.YES)):
-            path = save_camera_result(arm, source, result, datetime.now(UTC).replace(microsecond=0))
+            now = datetime.now(UTC).replace(microsecond=0)
+            path = save_camera_result(arm, source, result, now, name)
             if is_simulated(arm.port_name):
                 print_status(f"A simulated arm has no calibration: its camera is in {path}.")
             else:

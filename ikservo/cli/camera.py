@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
     from ikservo.arm.arm import Arm
     from ikservo.eyes.pictures import PictureSource
 
-__all__ = ["BoardOption", "command", "open_camera"]
+__all__ = ["BoardOption", "CameraNameOption", "check_camera_name", "command", "open_camera"]
 
 ACTIONS = ("board", "check")
 Action = Annotated[
@@ -42,6 +43,10 @@ File = Annotated[
 BoardOption = Annotated[
     str,
     typer.Option("--board", metavar="NAME", help="COLUMNSxROWS-SQUAREmm-FAMILY of the board."),
+]
+CameraNameOption = Annotated[
+    str,
+    typer.Option("--camera-name", metavar="NAME", help="Which, where an arm has several cameras."),
 ]
 CameraOption = Annotated[
     str | None,
@@ -68,6 +73,7 @@ def command(
     *,
     board: BoardOption = DEFAULT_BOARD,
     camera: CameraOption = None,
+    camera_name: CameraNameOption = "",
     remember: Remember = False,
     within: Within = None,
     overwrite: OverwriteOption = False,
@@ -88,7 +94,13 @@ def command(
     """
     if action not in ACTIONS:
         raise UnknownNameError("action", action, ACTIONS)
-    given = {"--camera": camera, "--remember": remember, "--within": within}
+    check_camera_name(camera_name)
+    given = {
+        "--camera": camera,
+        "--camera-name": camera_name or None,
+        "--remember": remember,
+        "--within": within,
+    }
     if action == "board":
         wrong = [name for name, value in given.items() if value not in (None, False)]
         if wrong:
@@ -105,8 +117,9 @@ def command(
     if within is not None and not 0.0 < within < 1.0:
         raise BadValueError("--within", within, "a length above 0, below 1 m")
     _check(
-        file and str(file), port, camera, Board.named(board), within, remember=remember, json=json
-    )
+        file and str(file), port, camera, camera_name, Board.named(board), within,
+        remember=remember, json=json,
+    )  # fmt: skip
 
 
 def _write_board(file: Path, board: Board, *, json: bool) -> None:
@@ -126,6 +139,7 @@ def _check(
     arm: str | None,
     port: str | None,
     source: str,
+    name: str,
     board: Board,
     within_m: float | None,
     *,
@@ -141,9 +155,9 @@ def _check(
         opened = require_own_port(machine)
         camera = open_camera(source, opened, board)
         if remember:
-            _remember(opened, camera, board, json=json)
+            _remember(opened, camera, board, name, json=json)
         else:
-            _compare(opened, camera, within_m, json=json)
+            _compare(opened, camera, within_m, name, json=json)
 
 
 def open_camera(source: str, arm: Arm, board: Board) -> PictureSource:
@@ -160,10 +174,21 @@ def open_camera(source: str, arm: Arm, board: Board) -> PictureSource:
     return camera
 
 
-def _remember(arm: Arm, camera: PictureSource, board: Board, *, json: bool) -> None:
+def check_camera_name(name: str) -> str:
+    """Return the name of a camera.
+
+    Raises:
+        BadValueError: It cannot be one.
+    """
+    if not re.fullmatch(r"[A-Za-z0-9_-]{0,64}", name):
+        raise BadValueError("--camera-name", repr(name), "letters, digits, - and _; at most 64")
+    return name
+
+
+def _remember(arm: Arm, camera: PictureSource, board: Board, name: str, *, json: bool) -> None:
     from ikservo.maintenance.camera_check import remember_board  # noqa: PLC0415
 
-    stored = remember_board(arm, camera, board)
+    stored = remember_board(arm, camera, board, name)
     if json:
         at_m = [each / 1000.0 for each in stored.at_mm]
         print_json("camera-board-place", board=stored.name, at_m=at_m)
@@ -172,11 +197,13 @@ def _remember(arm: Arm, camera: PictureSource, board: Board, *, json: bool) -> N
         print_lines([f"Remembered {stored.name} at ({at}) mm. Leave it there."])
 
 
-def _compare(arm: Arm, camera: PictureSource, within_m: float | None, *, json: bool) -> None:
+def _compare(
+    arm: Arm, camera: PictureSource, within_m: float | None, name: str, *, json: bool
+) -> None:
     from ikservo.maintenance.camera_check import check_camera  # noqa: PLC0415
 
     now = datetime.now(UTC).replace(microsecond=0)
-    check, place = check_camera(arm, camera, now, within_m and 1000.0 * within_m)
+    check, place = check_camera(arm, camera, now, within_m and 1000.0 * within_m, name)
     if json:
         print_json(
             "camera-check",

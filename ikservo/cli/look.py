@@ -8,6 +8,7 @@ import typer
 
 from ikservo.arm.motions import MoveTo
 from ikservo.arm.opening import require_own_port
+from ikservo.cli.camera import CameraNameOption
 from ikservo.cli.motion_report import make_tip_motion, print_move_report
 from ikservo.cli.options import (
     MotionOptions,
@@ -43,6 +44,7 @@ def command(
     *,
     connection: ServoConnection,
     height: Height = None,
+    camera_name: CameraNameOption = "",
     move: Move = False,
     speed: SpeedOption = "normal",
     tool: ToolOptions,
@@ -64,11 +66,12 @@ def command(
         raise BadValueError("--dry-run", "given without --move", "--move, which it would plan")
     with open_from_options(connection, options, path.scene) as machine:
         arm = require_own_port(machine)
+        camera = arm.camera.named(camera_name)
         if height is None:
-            seen = arm.camera.point_seen(u, v)
+            seen = camera.point_seen(u, v)
             point_m, thing = seen.point_m, seen.thing
         else:
-            point_m, thing = arm.camera.point_on_table(u, v, height), None
+            point_m, thing = camera.point_on_table(u, v, height), None
         x, y, z = point_m.tolist()
         if not move:
             if options.json:

@@ -283,12 +283,13 @@ def register_differences(loose: TorqueOffArm) -> list[RegisterMismatch]:
 
 
 def find_lost_camera(before: Calibration) -> Iterator[str]:
-    """Yield a warning where new zeros end what is known of the camera."""
-    if before.camera:
+    """Yield a warning for each camera where new zeros end what is known of it."""
+    for name, camera in before.cameras_by_name.items():
+        named = f" --camera-name {name}" if name else ""
         yield (
-            f"The camera of {before.camera.seen:%Y-%m-%d} was calibrated with the old zeros and is "
+            f"The camera of {camera.seen:%Y-%m-%d} was calibrated with the old zeros and is "
             f"lost with them. Repeat that: ikservo calibrate {before.arm} "
-            f"--camera {before.camera.source}"
+            f"--camera {camera.source}{named}"
         )
 
 

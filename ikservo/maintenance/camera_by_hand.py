@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
@@ -43,6 +43,7 @@ class HandCalibration:
         board: What is fixed to the gripper.
         count: How many pictures to use.
         report: Takes a line on each picture, and on why none is used.
+        extents: What may be estimated, of what a hand does not disturb.
     """
 
     def __init__(
@@ -52,7 +53,9 @@ class HandCalibration:
         board: Board,
         count: int,
         report: Callable[[str], None] = lambda _: None,
+        extents: Sequence[Extent] = _EXTENTS,
     ) -> None:
+        self._extents = [each for each in extents if each in _EXTENTS]
         self._arm, self._camera, self._report = arm, camera, report
         self._pictures, self._count, self._missed = BoardPictures(arm, board), count, 0
         self._last_error = ""
@@ -77,7 +80,7 @@ class HandCalibration:
                 f"so far. {self._last_error}".rstrip(),
                 "Show the board in postures that differ, and keep the arm still for a second.",
             )
-        return self._pictures.result(self._missed, used_s - began_s, _EXTENTS)
+        return self._pictures.result(self._missed, used_s - began_s, self._extents)
 
     def _use_picture(self) -> bool:
         """Look once; return whether the picture was used."""

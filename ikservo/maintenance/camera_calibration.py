@@ -13,9 +13,10 @@ import numpy as np
 
 from ikservo.arm.arm import Arm
 from ikservo.arm.calibrated_arm import ZeroSource, known_bending
+from ikservo.arm.camera import camera_key
 from ikservo.arm.reports import ArmState
 from ikservo.calibration.calibration_file import load_calibration, save_calibration
-from ikservo.calibration.camera_file import SIMULATED, CameraFile, save_camera
+from ikservo.calibration.camera_file import SIMULATED, CameraFile, camera_names, save_camera
 from ikservo.calibration.records import CalibratedCamera, Calibration, SeenBoard
 from ikservo.errors import CalibrationError, RefusedError
 from ikservo.eyes.board import Board
@@ -43,7 +44,7 @@ from ikservo.kinematics.se3 import log_so3
 from ikservo.maintenance.touch_off import shift_zeros
 
 __all__ = ["LEAST_SHARE", "BoardPictures", "CameraCalibration", "CameraResult", "measured_joints",
-           "save_camera_result", "seen_board"]  # fmt: skip
+           "possible_extents", "save_camera_result", "seen_board"]  # fmt: skip
 
 LEAST_SHARE = 0.5
 """Of the pictures that were asked for: with fewer nothing is estimated."""
@@ -151,6 +152,7 @@ class CameraCalibration:
         board: What is fixed to the gripper.
         count: How many pictures to take.
         report: Takes a line on each picture.
+        extents: What may be estimated.
     """
 
     def __init__(
@@ -160,7 +162,9 @@ class CameraCalibration:
         board: Board,
         count: int,
         report: Callable[[str], None] = lambda _: None,
+        extents: Sequence[Extent] = tuple(Extent),
     ) -> None:
+        self._extents = extents
         self._arm, self._camera, self._report = arm, camera, report
         self._pictures = BoardPictures(arm, board)
         self._count, self._missed = count, 0
@@ -190,7 +194,7 @@ class CameraCalibration:
         with suppress(RefusedError):
             self._move(home)
         duration_s = self._arm.clock.now_s() - began_s
-        return self._pictures.result(self._missed, duration_s)
+        return self._pictures.result(self._missed, duration_s, self._extents)
 
     def _first_steps(self, home: Vector) -> Matrix:
         """Return postures around the first one, each joint moved once to either side."""
@@ -278,10 +282,25 @@ def measured_joints(chain: Chain, state: ArmState) -> Vector:
     return np.array([state[name].position_rad for name in chain.names])
 
 
-def save_camera_result(arm: Arm, source: str, result: CameraResult, written: datetime) -> Path:
+def possible_extents(arm: Arm, name: str) -> Sequence[Extent]:
+    """Return what may be estimated with a camera: no more than its place where there are others.
+
+    They were calibrated with the zeros and compliances that the arm has.
+
+    Raises:
+        FileFormatError: The calibration is damaged.
+    """
+    others = [each for each in camera_names(arm.model.name, camera_key(arm.context))
+              if each != name]  # fmt: skip
+    return (Extent.CAMERA,) if others else tuple(Extent)
+
+
+def save_camera_result(
+    arm: Arm, source: str, result: CameraResult, written: datetime, name: str = ""
+) -> Path:
     """Save what pictures say of the arm, and the camera, with its calibration.
 
-    A simulated arm has none: of it the camera alone is saved.
+    A simulated arm has none: of it the camera alone is saved. ``name`` is the camera's.
 
     Raises:
         CalibrationError: The arm has no calibration of its own.
@@ -290,18 +309,24 @@ def save_camera_result(arm: Arm, source: str, result: CameraResult, written: dat
     model = arm.model
     if arm.zeros is ZeroSource.SIMULATED:
         camera = _calibrated_camera(source, result, written)
-        return save_camera(model.name, SIMULATED, CameraFile(calibrated=written, camera=camera))
+        known = CameraFile(calibrated=written, camera=camera)
+        return save_camera(model.name, SIMULATED, known, name)
     calibration = load_calibration(model.name, arm.context.serial_number)
     if calibration is None:
         raise CalibrationError(
             f"{model.name} has no calibration that could be corrected; nothing was saved.",
             f"Calibrate it first: ikservo calibrate {model.name}",
         )
-    return save_calibration(_with_result(arm, calibration, source, result, written))
+    return save_calibration(_with_result(arm, calibration, source, result, written, name))
 
 
 def _with_result(
-    arm: Arm, calibration: Calibration, source: str, result: CameraResult, written: datetime
+    arm: Arm,
+    calibration: Calibration,
+    source: str,
+    result: CameraResult,
+    written: datetime,
+    name: str,
 ) -> Calibration:
     fit, names = result.estimate.fit, arm.chain.names
     joints = calibration.joints
@@ -327,7 +352,8 @@ def _with_result(
             for joint in joints
         )
     camera = _calibrated_camera(source, result, written)
-    return calibration.model_copy(update={"joints": joints, "camera": camera, "written": written})
+    changed = calibration.model_copy(update={"joints": joints, "written": written})
+    return changed.with_cameras(calibration.cameras_by_name | {name: camera})
 
 
 def _calibrated_camera(source: str, result: CameraResult, written: datetime) -> CalibratedCamera:

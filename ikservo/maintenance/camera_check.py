@@ -66,7 +66,11 @@ class BoardPlace:
 
 
 def check_camera(
-    arm: Arm, source: PictureSource, now: datetime, within_mm: float | None = None
+    arm: Arm,
+    source: PictureSource,
+    now: datetime,
+    within_mm: float | None = None,
+    name: str = "",
 ) -> tuple[CameraCheck, BoardPlace]:
     """Look at the board, and save whether the camera has moved; the arm does not.
 
@@ -75,31 +79,35 @@ def check_camera(
         source: The camera.
         now: The time of the check.
         within_mm: How far off the board may be seen; as far as the calibration is wrong if None.
+        name: Of the camera; see ``known_camera``.
 
     Raises:
+        UnknownNameError: The arm has no camera of that name.
         CalibrationError: The arm has no calibrated camera, or the board is not seen.
         FileWriteError: The result cannot be saved.
     """
-    camera, known = known_camera(arm.context)
+    camera, known, name = known_camera(arm.context, name)
     place = BoardPlace(camera, known)
     view = _look(source, place.board)
     check = compare_place(camera_model(camera), place, _tip_pose(arm), view, now, within_mm)
-    save_camera(arm.model.name, camera_key(arm.context), known.model_copy(update={"check": check}))
+    known = known.model_copy(update={"check": check})
+    save_camera(arm.model.name, camera_key(arm.context), known, name)
     return check, place
 
 
-def remember_board(arm: Arm, source: PictureSource, board: Board) -> SeenBoard:
-    """Save where a board lies on the table, for later checks.
+def remember_board(arm: Arm, source: PictureSource, board: Board, name: str = "") -> SeenBoard:
+    """Save where a board lies on the table, for later checks of the camera of that name.
 
     Raises:
         CalibrationError: The arm has no calibrated camera, it has moved, or the board is not seen.
         FileWriteError: It cannot be saved.
     """
-    model = arm.camera.model()
-    known = known_camera(arm.context)[1]
+    _, known, name = known_camera(arm.context, name)
+    model = arm.camera.named(name).model()
     T = model.T_base_camera @ _seen(model, board, _look(source, board))
     stored = seen_board(board.name, T, 1.0)
-    save_camera(arm.model.name, camera_key(arm.context), known.model_copy(update={"board": stored}))
+    known = known.model_copy(update={"board": stored})
+    save_camera(arm.model.name, camera_key(arm.context), known, name)
     return stored
 
 

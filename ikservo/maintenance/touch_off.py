@@ -104,8 +104,8 @@ def apply_touch_off(
         else None
     )
     return calibration.model_copy(
-        update={"joints": joints, "geometry": geometry, "camera": None, "written": written}
-    )
+        update={"joints": joints, "geometry": geometry, "written": written}
+    ).with_cameras({})
 
 
 def shift_zeros(

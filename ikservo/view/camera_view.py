@@ -41,7 +41,7 @@ class CameraView:
     """
 
     def __init__(self, arm: Arm, video: VideoSource, clock: Clock) -> None:
-        camera, self._known = known_camera(arm.context)
+        camera, self._known, self._name = known_camera(arm.context, source=video.source)
         if camera.source != video.source:
             raise CalibrationError(
                 f"{arm.model.name} was calibrated with camera {camera.source}, not this one."
@@ -152,4 +152,5 @@ class CameraView:
         self._doubts, self._moved = 0, check if check.has_moved else None
         self._known = self._known.model_copy(update={"check": check})
         with suppress(IkservoError):  # a full disk: this page knows
-            save_camera(self._arm.model.name, camera_key(self._arm.context), self._known)
+            key = camera_key(self._arm.context)
+            save_camera(self._arm.model.name, key, self._known, self._name)
