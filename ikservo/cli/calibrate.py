@@ -10,7 +10,7 @@ import typer
 from ikservo.arm.opening import require_own_port
 from ikservo.cli.calibrate_auto import calibrate_auto
 from ikservo.cli.calibrate_by_hand import calibrate, parse_limits
-from ikservo.cli.calibrate_camera import CameraOptions, calibrate_by_camera
+from ikservo.cli.calibrate_camera import CameraOptions, calibrate_by_camera, calibrate_from_pictures
 from ikservo.cli.calibrate_touch import TouchOffOptions, run_touch_off
 from ikservo.cli.dialogue import AnswerOptions
 from ikservo.cli.direction_check import check_directions
@@ -101,6 +101,15 @@ def command(
     ikservo calibrate so101 --camera 0 --by-hand      the same, and you move the limp arm
     """
     seen = camera.camera is not None
+    if camera.from_pictures is not None:
+        if camera != CameraOptions(from_pictures=camera.from_pictures):
+            raise InputError("--from-pictures says all of the camera.", "Leave the others out.")
+        if auto or touch or wiggle or joint:
+            raise InputError("--from-pictures moves nothing.", "Leave the other ways out.")
+        model = model_from_option(connection.arm)
+        operator = answers.operator(read_script)
+        calibrate_from_pictures(model, camera.from_pictures, operator, json=json)
+        return
     if auto + touch + wiggle + seen > 1:
         raise InputError("One of --auto, --touch, --camera and --wiggle at a time.")
     if joint and (auto or touch or seen):

@@ -6,29 +6,36 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from ikservo.arm.camera import camera_key
 from ikservo.arm.opening import require_own_port
+from ikservo.calibration.camera_file import SIMULATED
 from ikservo.cli.camera import BoardOption, CameraNameOption, check_camera_name, open_camera
 from ikservo.cli.dialogue import Operator
 from ikservo.cli.options import MotionOptions, NamedServoConnection
 from ikservo.cli.session import open_from_options, second_interrupt_lowers
 from ikservo.cli.terminal import print_json, print_lines, print_status
-from ikservo.errors import IkservoError
+from ikservo.errors import CalibrationError, IkservoError
 from ikservo.eyes.board import DEFAULT_BOARD, Board, require_opencv
-from ikservo.hardware.remembered_port import is_simulated
-from ikservo.maintenance.camera_by_hand import HandCalibration
+from ikservo.eyes.pictures import find_board
+from ikservo.maintenance.camera_by_hand import HAND_EXTENTS, HandCalibration
 from ikservo.maintenance.camera_calibration import (
+    ArmBefore,
+    BoardPictures,
     CameraCalibration,
     CameraResult,
     possible_extents,
     save_camera_result,
 )
 from ikservo.maintenance.dialogue import Question, Unasked
+from ikservo.maintenance.picture_folder import PictureFolder, read_pictures
+from ikservo.model import Model
 
-__all__ = ["CameraOptions", "calibrate_by_camera"]
+__all__ = ["CameraOptions", "calibrate_by_camera", "calibrate_from_pictures"]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,6 +55,22 @@ class CameraOptions:
         int, typer.Option("--pictures", min=10, max=100, help="How many pictures to take.")
     ] = 30
     camera_name: CameraNameOption = ""
+    save_pictures: Annotated[
+        Path | None,
+        typer.Option(
+            "--save-pictures",
+            metavar="FOLDER",
+            help="Keep the pictures and joint readings in this new folder.",
+        ),
+    ] = None
+    from_pictures: Annotated[
+        Path | None,
+        typer.Option(
+            "--from-pictures",
+            metavar="FOLDER",
+            help="Repeat the calibration of such a folder; needs no arm and no camera.",
+        ),
+    ] = None
     by_hand: Annotated[
         bool,
         typer.Option("--by-hand", help="With --camera: you move the limp arm before the camera."),
@@ -80,28 +103,79 @@ def calibrate_by_camera(
     )
     if not operator.agrees(Question("May it begin?", Unasked.ERROR)):
         raise IkservoError("Nothing moved.")
+    if options.save_pictures is not None:
+        PictureFolder.require_new(options.save_pictures)
     with open_from_options(connection, MotionOptions()) as machine:
         arm = require_own_port(machine)
         camera = open_camera(source, arm, board)
         with second_interrupt_lowers(arm):
             if options.by_hand:
                 arm.disable_torque()
-            extents = possible_extents(arm, name)
+            extents = possible_extents(arm.model.name, camera_key(arm.context), name)
+            before = ArmBefore.of(arm)
+            folder = None
+            if options.save_pictures is not None:
+                folder = PictureFolder(
+                    options.save_pictures, before.calibration, arm=arm.model.name, board=board.name,
+                    source=source, camera_name=name, by_hand=options.by_hand,
+                    joints=arm.chain.names,
+                )  # fmt: skip
             session = HandCalibration if options.by_hand else CameraCalibration
-            result = session(arm, camera, board, options.pictures, print_status, extents).run()
-        if json:  # stdout is for that alone; who is asked has to know
-            print_status("\n".join(_describe(result)))
+            result = session(
+                arm, camera, board, options.pictures, print_status, extents, folder
+            ).run()
+        _tell_and_save(before, source, name, result, operator, json=json)
+
+
+def calibrate_from_pictures(model: Model, folder: Path, operator: Operator, *, json: bool) -> None:
+    """Repeat a calibration by its saved pictures, with the calibration that the arm had then.
+
+    Raises:
+        CalibrationError: The pictures do not suffice.
+        FileFormatError: The folder has none of this arm, or a file in it is damaged.
+    """
+    require_opencv()
+    saved = read_pictures(folder, model.name, model.chain.names)
+    before = ArmBefore(model, saved.calibration, saved.calibration is None)
+    pictures, missed = BoardPictures(before, Board.named(saved.index.board)), 0
+    for picture, q in saved.pictures():
+        try:
+            pictures.add(picture, find_board(pictures.board, picture), q)
+        except CalibrationError:
+            missed += 1
+    serial = SIMULATED if saved.calibration is None else saved.calibration.usb_serial_number
+    extents = possible_extents(model.name, serial, saved.index.camera_name)
+    if saved.index.by_hand:
+        extents = [each for each in extents if each in HAND_EXTENTS]
+    result = pictures.result(missed, 0.0, extents)
+    if saved.calibration is not None:
+        print_status(f"Saving it replaces what was calibrated since {saved.calibration.written}.")
+    index = saved.index
+    _tell_and_save(before, index.source, index.camera_name, result, operator, json=json)
+
+
+def _tell_and_save(
+    before: ArmBefore,
+    source: str,
+    name: str,
+    result: CameraResult,
+    operator: Operator,
+    *,
+    json: bool,
+) -> None:
+    if json:  # stdout is for that alone; who is asked has to know
+        print_status("\n".join(_describe(result)))
+    else:
+        print_lines(_describe(result), indent=2)
+    path = None
+    if operator.agrees(Question("Save this?", Unasked.YES)):
+        now = datetime.now(UTC).replace(microsecond=0)
+        path = save_camera_result(before, source, result, now, name)
+        if before.is_simulated:
+            print_status(f"A simulated arm has no calibration: its camera is in {path}.")
         else:
-            print_lines(_describe(result), indent=2)
-        path = None
-        if operator.agrees(Question("Save this?", Unasked.YES)):
-            now = datetime.now(UTC).replace(microsecond=0)
-            path = save_camera_result(arm, source, result, now, name)
-            if is_simulated(arm.port_name):
-                print_status(f"A simulated arm has no calibration: its camera is in {path}.")
-            else:
-                undo = f"ikservo calibration undo {arm.model.name}"
-                print_status(f"Saved to {path}. To undo it: {undo}")
+            undo = f"ikservo calibration undo {before.model.name}"
+            print_status(f"Saved to {path}. To undo it: {undo}")
     if json:
         print_json("calibrate-camera", path=path, **_fields(result))
 

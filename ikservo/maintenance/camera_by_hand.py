@@ -15,19 +15,21 @@ from ikservo.eyes.pictures import BoardView, Picture, PictureSource, find_board
 from ikservo.kinematics.arrays import Vector
 from ikservo.maintenance.camera_calibration import (
     LEAST_SHARE,
+    ArmBefore,
     BoardPictures,
     CameraResult,
     measured_joints,
 )
+from ikservo.maintenance.picture_folder import PictureFolder
 
-__all__ = ["HandCalibration"]
+__all__ = ["HAND_EXTENTS", "HandCalibration"]
 
 _STILL_S, _STILL_RAD, _STILL_PX = 0.3, math.radians(0.3), 0.7
 _APART_RAD = math.radians(8.0)  # at least one joint, from every picture that there is
 _WAIT_S = 60.0  # for the next picture
 _PERIOD_S = 0.1
-# What a hand carries, the links do not: nothing is learnt of how they give way.
-_EXTENTS = (Extent.CAMERA, Extent.ZEROS)
+HAND_EXTENTS = (Extent.CAMERA, Extent.ZEROS)
+"""What is estimated by hand: it carries the arm, so how links give way is not shown."""
 
 
 class HandCalibration:
@@ -44,6 +46,7 @@ class HandCalibration:
         count: How many pictures to use.
         report: Takes a line on each picture, and on why none is used.
         extents: What may be estimated, of what a hand does not disturb.
+        folder: Where the pictures are kept, too; None for nowhere.
     """
 
     def __init__(
@@ -53,11 +56,16 @@ class HandCalibration:
         board: Board,
         count: int,
         report: Callable[[str], None] = lambda _: None,
-        extents: Sequence[Extent] = _EXTENTS,
+        extents: Sequence[Extent] = HAND_EXTENTS,
+        folder: PictureFolder | None = None,
     ) -> None:
-        self._extents = [each for each in extents if each in _EXTENTS]
+        self._extents = [each for each in extents if each in HAND_EXTENTS]
         self._arm, self._camera, self._report = arm, camera, report
-        self._pictures, self._count, self._missed = BoardPictures(arm, board), count, 0
+        self._pictures, self._count, self._missed = (
+            BoardPictures(ArmBefore.of(arm), board, folder),
+            count,
+            0,
+        )
         self._last_error = ""
         self._last: Picture | None = None
 
@@ -87,17 +95,17 @@ class HandCalibration:
         q = self._limp_joints()
         if any(np.abs(q - other).max() < _APART_RAD for other in self._pictures.joints):
             return False
-        first = self._look()
+        first = self._look()[1]
         if first is None:
             return False
         clock = self._arm.clock
         clock.sleep_until(clock.now_s() + _STILL_S)
-        second = self._look()
+        picture, second = self._look()
         if second is None or np.abs(self._limp_joints() - q).max() > _STILL_RAD:
             return False
         if not _is_still(first, second):
             return False
-        self._pictures.add(second, q)
+        self._pictures.add(picture, second, q)
         self._last_error = ""
         self._report(f"picture {len(self._pictures)} of {self._count}: move on")
         return True
@@ -116,7 +124,7 @@ class HandCalibration:
             )
         return measured_joints(self._arm.chain, state)
 
-    def _look(self) -> BoardView | None:
+    def _look(self) -> tuple[Picture, BoardView | None]:
         """Find the board in a picture; tell once why it is not there.
 
         Raises:
@@ -127,13 +135,13 @@ class HandCalibration:
             raise CalibrationError("The camera's picture stands still.", "Plug it in again.")
         self._last = picture
         try:
-            return find_board(self._pictures.board, picture)
+            return picture, find_board(self._pictures.board, picture)
         except CalibrationError as error:
             self._missed += 1
             if error.message != self._last_error:
                 self._last_error = error.message
                 self._report(f"not used: {error.message}")
-            return None
+            return picture, None
 
 
 def _is_still(first: BoardView, second: BoardView) -> bool:

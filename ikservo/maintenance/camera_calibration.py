@@ -12,8 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from ikservo.arm.arm import Arm
-from ikservo.arm.calibrated_arm import ZeroSource, known_bending
-from ikservo.arm.camera import camera_key
+from ikservo.arm.calibrated_arm import ZeroSource, known_bending, own_chain
 from ikservo.arm.reports import ArmState
 from ikservo.calibration.calibration_file import load_calibration, save_calibration
 from ikservo.calibration.camera_file import SIMULATED, CameraFile, camera_names, save_camera
@@ -39,12 +38,15 @@ from ikservo.eyes.pictures import (
 )
 from ikservo.eyes.pose_choice import choose_postures, is_visible
 from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.bending import Bending
 from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.se3 import log_so3
+from ikservo.maintenance.picture_folder import PictureFolder
 from ikservo.maintenance.touch_off import shift_zeros
+from ikservo.model import Model
 
-__all__ = ["LEAST_SHARE", "BoardPictures", "CameraCalibration", "CameraResult", "measured_joints",
-           "possible_extents", "save_camera_result", "seen_board"]  # fmt: skip
+__all__ = ["LEAST_SHARE", "ArmBefore", "BoardPictures", "CameraCalibration", "CameraResult",
+           "measured_joints", "possible_extents", "save_camera_result", "seen_board"]  # fmt: skip
 
 LEAST_SHARE = 0.5
 """Of the pictures that were asked for: with fewer nothing is estimated."""
@@ -78,27 +80,66 @@ class CameraResult:
     duration_s: float
 
 
+@dataclass(frozen=True, slots=True)
+class ArmBefore:
+    """An arm as it is known before its pictures.
+
+    Attributes:
+        model: The arm file's model.
+        calibration: With which its joints are measured; None where it has none.
+        is_simulated: Whether it is a simulated arm.
+    """
+
+    model: Model
+    calibration: Calibration | None
+    is_simulated: bool = False
+
+    @classmethod
+    def of(cls, arm: Arm) -> ArmBefore:
+        """Return what is known of an open arm.
+
+        Raises:
+            FileFormatError: Its calibration is damaged.
+        """
+        is_simulated = arm.zeros is ZeroSource.SIMULATED
+        key = arm.context.serial_number
+        calibration = None if is_simulated else load_calibration(arm.model.name, key)
+        return cls(arm.model, calibration, is_simulated)
+
+    @property
+    def bending(self) -> Bending:
+        """How its links give way, with its own links and base."""
+        calibration, chain = self.calibration, self.model.chain
+        if calibration is not None:
+            chain = own_chain(self.model, calibration)
+        return known_bending(self.model, chain.rigid, calibration)
+
+
 class BoardPictures:
     """What is seen of a board on the gripper in pictures, with the joints that belong to each.
 
     Args:
         arm: The arm.
         board: What is fixed to the gripper.
+        folder: Where the pictures are kept, too; None for nowhere.
     """
 
-    def __init__(self, arm: Arm, board: Board) -> None:
+    def __init__(self, arm: ArmBefore, board: Board, folder: PictureFolder | None = None) -> None:
         self.board, self.views, self.joints = board, list[BoardView](), list[Vector]()
-        calibration = None
-        if arm.zeros is ZeroSource.CALIBRATED:
-            calibration = load_calibration(arm.model.name, arm.context.serial_number)
-        self._known = known_bending(arm.model, arm.chain.rigid, calibration)
+        self._known, self._folder = arm.bending, folder
 
     def __len__(self) -> int:
         """Count the pictures."""
         return len(self.views)
 
-    def add(self, view: BoardView, q: Vector) -> None:
-        """Add what is seen with the chain's joints at q (dof,)."""
+    def add(self, picture: Picture, view: BoardView, q: Vector) -> None:
+        """Add what is seen in a picture with the chain's joints at q (dof,).
+
+        Raises:
+            FileWriteError: It cannot be kept in the folder.
+        """
+        if self._folder is not None:
+            self._folder.add(picture, q)
         self.views.append(view)
         self.joints.append(q)
 
@@ -153,6 +194,7 @@ class CameraCalibration:
         count: How many pictures to take.
         report: Takes a line on each picture.
         extents: What may be estimated.
+        folder: Where the pictures are kept, too; None for nowhere.
     """
 
     def __init__(
@@ -163,10 +205,11 @@ class CameraCalibration:
         count: int,
         report: Callable[[str], None] = lambda _: None,
         extents: Sequence[Extent] = tuple(Extent),
+        folder: PictureFolder | None = None,
     ) -> None:
         self._extents = extents
         self._arm, self._camera, self._report = arm, camera, report
-        self._pictures = BoardPictures(arm, board)
+        self._pictures = BoardPictures(ArmBefore.of(arm), board, folder)
         self._count, self._missed = count, 0
         self._last: Picture | None = None
 
@@ -274,7 +317,8 @@ class CameraCalibration:
             CalibrationError: The board is not seen.
         """
         view = find_board(self._pictures.board, picture)
-        self._pictures.add(view, measured_joints(self._arm.chain, self._arm.where()))
+        q = measured_joints(self._arm.chain, self._arm.where())
+        self._pictures.add(picture, view, q)
 
 
 def measured_joints(chain: Chain, state: ArmState) -> Vector:
@@ -282,7 +326,7 @@ def measured_joints(chain: Chain, state: ArmState) -> Vector:
     return np.array([state[name].position_rad for name in chain.names])
 
 
-def possible_extents(arm: Arm, name: str) -> Sequence[Extent]:
+def possible_extents(arm: str, usb_serial_number: str, name: str) -> Sequence[Extent]:
     """Return what may be estimated with a camera: no more than its place where there are others.
 
     They were calibrated with the zeros and compliances that the arm has.
@@ -290,13 +334,12 @@ def possible_extents(arm: Arm, name: str) -> Sequence[Extent]:
     Raises:
         FileFormatError: The calibration is damaged.
     """
-    others = [each for each in camera_names(arm.model.name, camera_key(arm.context))
-              if each != name]  # fmt: skip
+    others = set(camera_names(arm, usb_serial_number)) - {name}
     return (Extent.CAMERA,) if others else tuple(Extent)
 
 
 def save_camera_result(
-    arm: Arm, source: str, result: CameraResult, written: datetime, name: str = ""
+    arm: ArmBefore, source: str, result: CameraResult, written: datetime, name: str = ""
 ) -> Path:
     """Save what pictures say of the arm, and the camera, with its calibration.
 
@@ -307,31 +350,30 @@ def save_camera_result(
         FileWriteError: The disk is full or not writable; the one before is unchanged.
     """
     model = arm.model
-    if arm.zeros is ZeroSource.SIMULATED:
+    if arm.is_simulated:
         camera = _calibrated_camera(source, result, written)
         known = CameraFile(calibrated=written, camera=camera)
         return save_camera(model.name, SIMULATED, known, name)
-    calibration = load_calibration(model.name, arm.context.serial_number)
-    if calibration is None:
+    if arm.calibration is None:
         raise CalibrationError(
             f"{model.name} has no calibration that could be corrected; nothing was saved.",
             f"Calibrate it first: ikservo calibrate {model.name}",
         )
-    return save_calibration(_with_result(arm, calibration, source, result, written, name))
+    return save_calibration(_with_result(model, arm.calibration, source, result, written, name))
 
 
 def _with_result(
-    arm: Arm,
+    model: Model,
     calibration: Calibration,
     source: str,
     result: CameraResult,
     written: datetime,
     name: str,
 ) -> Calibration:
-    fit, names = result.estimate.fit, arm.chain.names
+    fit, names = result.estimate.fit, model.chain.names
     joints = calibration.joints
     if fit.extent.zeros:
-        maps = [arm.model.joint(name).joint_map for name in names]
+        maps = [model.joint(name).joint_map for name in names]
         own = [
             joint.joint_map(nominal) if (joint := calibration.joint(name)) else nominal
             for name, nominal in zip(names, maps, strict=True)

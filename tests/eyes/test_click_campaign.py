@@ -14,6 +14,7 @@ pytest.importorskip("cv2")
 
 from ikservo.eyes.pictures import find_board
 from ikservo.maintenance.camera_calibration import (
+    ArmBefore,
     CameraCalibration,
     save_camera_result,
 )
@@ -42,7 +43,9 @@ def test_the_tip_goes_where_the_picture_is_clicked(tmp_path, monkeypatch, name, 
     model = load_model(name)
     with open_own_arm(model, PORT) as opened:
         result = CameraCalibration(opened, camera, BOARD, 30).run()
-        save_camera_result(opened, "0", result, datetime.now(UTC).replace(microsecond=0))
+        save_camera_result(
+            ArmBefore.of(opened), "0", result, datetime.now(UTC).replace(microsecond=0)
+        )
     assert result.duration_s < 180.0
     with open_own_arm(model, PORT) as opened:
         errors = click_errors_m(arm, camera, opened, 20, seed)

@@ -1,0 +1,60 @@
+"""`--save-pictures` and `--from-pictures`: a calibration is repeated without the arm."""
+
+import pytest
+
+from ikservo.calibration.calibration_file import read_calibration
+from ikservo.calibration.paths import calibration_path
+from tests.cli.fixtures_mounted_arm import PORT, SERIAL
+from tests.cli.test_camera_by_hand import Person
+
+pytest.importorskip("cv2")
+
+from tests.eyes.hidden_arms import hidden_arm
+
+REPEAT = "calibrate so101 --yes --json --from-pictures"
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
+
+
+@pytest.mark.full
+@pytest.mark.timeout(600)
+def test_the_same_is_found_again_and_damage_is_told(tmp_path, monkeypatch, run_cli):
+    arm, camera = hidden_arm(monkeypatch, "so101", 0)
+    person = Person(arm, camera)
+    monkeypatch.setattr("ikservo.eyes.sources.LiveCamera", lambda _: person)
+    folder, path = tmp_path / "pictures", calibration_path("so101", SERIAL)
+    words = f"calibrate so101 --port {PORT} --camera 0 --by-hand --pictures 12 --yes --json"
+    first = run_cli(f"{words} --save-pictures {folder}")
+    assert first.code == 0, first.err
+    found = read_calibration(path)
+    assert run_cli(f"calibration undo so101 --port {PORT}").code == 0
+
+    monkeypatch.setattr("ikservo.eyes.sources.LiveCamera", None)  # neither camera nor arm
+    monkeypatch.setattr("ikservo.hardware.port.open_transport", None)
+    again = run_cli(f"{REPEAT} {folder}")
+    assert again.code == 0, again.err
+    assert again.json["estimated"] == first.json["estimated"]
+    assert again.json["after_m"] == pytest.approx(first.json["after_m"], rel=1e-4)
+    repeated = read_calibration(path)
+    assert [j.name for j in repeated.joints] == [j.name for j in found.joints]
+    assert repeated.camera.at_mm == pytest.approx(found.camera.at_mm, abs=0.01)
+    assert repeated.camera.turned_deg == pytest.approx(found.camera.turned_deg, abs=0.01)
+
+    before = path.read_bytes()
+    refused = run_cli(f"{words} --save-pictures {folder}")
+    assert (refused.code, "is not empty" in refused.err) == (2, True)
+    assert "is of so101" in run_cli(f"calibrate koch --yes --from-pictures {folder}").err
+    (folder / "picture-003.png").write_bytes(b"no picture")
+    damaged = run_cli(f"{REPEAT} {folder}")
+    assert (damaged.code, "picture-003.png" in damaged.err) == (2, True)
+    assert path.read_bytes() == before
+
+
+def test_a_folder_without_pictures_or_with_other_options_is_refused(tmp_path, run_cli):
+    missing = run_cli(f"{REPEAT} {tmp_path}")
+    assert (missing.code, "pictures.toml" in missing.err) == (2, True)
+    assert "Leave the others out" in run_cli(f"{REPEAT} {tmp_path} --camera 0").err
+    assert "moves nothing" in run_cli(f"{REPEAT} {tmp_path} --touch").err
