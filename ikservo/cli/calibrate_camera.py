@@ -32,7 +32,7 @@ from ikservo.maintenance.camera_calibration import (
     save_camera_result,
 )
 from ikservo.maintenance.dialogue import Question, Unasked
-from ikservo.maintenance.picture_folder import PictureFolder, read_pictures
+from ikservo.maintenance.picture_folder import PictureFolder, PictureIndex, read_pictures
 from ikservo.model import Model
 
 __all__ = ["CameraOptions", "calibrate_by_camera", "calibrate_from_pictures"]
@@ -115,11 +115,11 @@ def calibrate_by_camera(
             before = ArmBefore.of(arm)
             folder = None
             if options.save_pictures is not None:
-                folder = PictureFolder(
-                    options.save_pictures, before.calibration, arm=arm.model.name, board=board.name,
-                    source=source, camera_name=name, by_hand=options.by_hand,
-                    joints=arm.chain.names,
+                index = PictureIndex(
+                    arm=arm.model.name, source=source, camera_name=name, board=board.name,
+                    by_hand=options.by_hand, joints=arm.chain.names,
                 )  # fmt: skip
+                folder = PictureFolder(options.save_pictures, index, before.calibration)
             session = HandCalibration if options.by_hand else CameraCalibration
             result = session(
                 arm, camera, board, options.pictures, print_status, extents, folder

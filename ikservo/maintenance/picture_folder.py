@@ -59,35 +59,17 @@ class PictureFolder:
 
     Args:
         path: The folder.
+        index: What the pictures will show.
         calibration: With which the joints are measured; None for a simulated arm.
-        arm: The arm's name.
-        board: What is fixed to the gripper.
-        source: The camera.
-        camera_name: Its name, or nothing.
-        by_hand: Whether somebody moves the limp arm.
-        joints: The joints' names.
 
     Raises:
         InputError: The folder has something in it.
         FileWriteError: It cannot be written.
     """
 
-    def __init__(
-        self,
-        path: Path,
-        calibration: Calibration | None,
-        *,
-        arm: str,
-        board: str,
-        source: str,
-        camera_name: str,
-        by_hand: bool,
-        joints: Sequence[str],
-    ) -> None:
+    def __init__(self, path: Path, index: PictureIndex, calibration: Calibration | None) -> None:
         self.require_new(path)
-        self._path = path
-        self._index = PictureIndex(arm=arm, source=source, camera_name=camera_name, board=board,
-                                   by_hand=by_hand, joints=tuple(joints))  # fmt: skip
+        self._path, self._index = path, index
         if calibration is not None:
             write_atomic(path / _CALIBRATION, dump_calibration(calibration))
         self._write_index()

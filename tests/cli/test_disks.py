@@ -24,6 +24,7 @@ RECORDING = f"record {{}} --duration 2 {SIM}"
 # Options and arguments that name a file which is read.
 READ = {
     ("arms", "source"), ("calibrate", "from_script"), ("calibrate", "points"),
+    ("calibrate", "from_pictures"),
     ("calibration", "source"),
     ("arc", "scene"), ("draw", "scene"), ("joints", "scene"), ("look", "scene"),
     ("scene", "file"),
@@ -34,6 +35,9 @@ READ = {
 # the error. {} is the folder.
 WRITTEN = {
     ("arms", "folder"): [("arms new two --joint a=z:0.1 --folder {}", "arm.toml")],
+    ("calibrate", "save_pictures"): [
+        ("calibrate so101 --port sim --camera sim --yes --save-pictures {}/a", "pictures.toml")
+    ],
     ("export", "to"): [
         ("export csv {source} --to {}/a.csv", "a.csv"),
         ("export csv {source} --to {}/old.csv", "old.csv"),

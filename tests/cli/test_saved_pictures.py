@@ -21,7 +21,7 @@ def home(tmp_path, monkeypatch):
 
 @pytest.mark.full
 @pytest.mark.timeout(600)
-def test_the_same_is_found_again_and_damage_is_told(tmp_path, monkeypatch, run_cli):
+def test_the_same_is_found_again_and_damage_is_reported(tmp_path, monkeypatch, run_cli):
     arm, camera = hidden_arm(monkeypatch, "so101", 0)
     person = Person(arm, camera)
     monkeypatch.setattr("ikservo.eyes.sources.LiveCamera", lambda _: person)
