@@ -11,9 +11,7 @@ from typing import Annotated
 
 import typer
 
-from ikservo.arm.camera import camera_key
 from ikservo.arm.opening import require_own_port
-from ikservo.calibration.camera_file import SIMULATED
 from ikservo.cli.camera import BoardOption, CameraNameOption, check_camera_name, open_camera
 from ikservo.cli.dialogue import Operator
 from ikservo.cli.options import MotionOptions, NamedServoConnection
@@ -28,7 +26,6 @@ from ikservo.maintenance.camera_calibration import (
     BoardPictures,
     CameraCalibration,
     CameraResult,
-    possible_extents,
     save_camera_result,
 )
 from ikservo.maintenance.dialogue import Question, Unasked
@@ -91,6 +88,8 @@ def calibrate_by_camera(
     require_opencv()
     name = check_camera_name(options.camera_name)
     board, source = Board.named(options.board), options.camera or ""
+    if options.save_pictures is not None:
+        PictureFolder.require_new(options.save_pictures)
     print_status(
         f"Fix the board {board.name} to the gripper, before the camera and about in the middle of "
         "its picture. "
@@ -103,27 +102,23 @@ def calibrate_by_camera(
     )
     if not operator.agrees(Question("May it begin?", Unasked.ERROR)):
         raise IkservoError("Nothing moved.")
-    if options.save_pictures is not None:
-        PictureFolder.require_new(options.save_pictures)
     with open_from_options(connection, MotionOptions()) as machine:
         arm = require_own_port(machine)
         camera = open_camera(source, arm, board)
         with second_interrupt_lowers(arm):
-            if options.by_hand:
-                arm.disable_torque()
-            extents = possible_extents(arm.model.name, camera_key(arm.context), name)
-            before = ArmBefore.of(arm)
-            folder = None
+            before, folder = ArmBefore.of(arm), None
             if options.save_pictures is not None:
                 index = PictureIndex(
                     arm=arm.model.name, source=source, camera_name=name, board=board.name,
                     by_hand=options.by_hand, joints=arm.chain.names,
                 )  # fmt: skip
                 folder = PictureFolder(options.save_pictures, index, before.calibration)
-            session = HandCalibration if options.by_hand else CameraCalibration
-            result = session(
-                arm, camera, board, options.pictures, print_status, extents, folder
-            ).run()
+            if options.by_hand:
+                arm.disable_torque()
+            session = (HandCalibration if options.by_hand else CameraCalibration)(
+                arm, camera, board, options.pictures, print_status, before.extents(name), folder
+            )
+            result = session.run()
         _tell_and_save(before, source, name, result, operator, json=json)
 
 
@@ -136,15 +131,14 @@ def calibrate_from_pictures(model: Model, folder: Path, operator: Operator, *, j
     """
     require_opencv()
     saved = read_pictures(folder, model.name, model.chain.names)
-    before = ArmBefore(model, saved.calibration, saved.calibration is None)
+    before = ArmBefore(model, saved.calibration)
     pictures, missed = BoardPictures(before, Board.named(saved.index.board)), 0
     for picture, q in saved.pictures():
         try:
             pictures.add(picture, find_board(pictures.board, picture), q)
         except CalibrationError:
             missed += 1
-    serial = SIMULATED if saved.calibration is None else saved.calibration.usb_serial_number
-    extents = possible_extents(model.name, serial, saved.index.camera_name)
+    extents = before.extents(saved.index.camera_name)
     if saved.index.by_hand:
         extents = [each for each in extents if each in HAND_EXTENTS]
     result = pictures.result(missed, 0.0, extents)
@@ -171,7 +165,7 @@ def _tell_and_save(
     if operator.agrees(Question("Save this?", Unasked.YES)):
         now = datetime.now(UTC).replace(microsecond=0)
         path = save_camera_result(before, source, result, now, name)
-        if before.is_simulated:
+        if before.calibration is None:
             print_status(f"A simulated arm has no calibration: its camera is in {path}.")
         else:
             undo = f"ikservo calibration undo {before.model.name}"

@@ -180,6 +180,8 @@ def guess_intrinsics(board: Board, views: Sequence[BoardView]) -> Intrinsics:
     import cv2  # noqa: PLC0415  # of the extra `camera`
 
     cv = cast("Any", cv2)  # not all of it is in its stubs
+    if not views:
+        raise CalibrationError(f"The board {board.name} is in no picture.", "Take some with it.")
     points = [board.corners_m()[view.ids].astype(np.float32) for view in views]
     pixels = [view.pixels.astype(np.float32) for view in views]
     size = views[0].size

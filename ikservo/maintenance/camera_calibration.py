@@ -46,7 +46,7 @@ from ikservo.maintenance.touch_off import shift_zeros
 from ikservo.model import Model
 
 __all__ = ["LEAST_SHARE", "ArmBefore", "BoardPictures", "CameraCalibration", "CameraResult",
-           "measured_joints", "possible_extents", "save_camera_result", "seen_board"]  # fmt: skip
+           "measured_joints", "save_camera_result", "seen_board"]  # fmt: skip
 
 LEAST_SHARE = 0.5
 """Of the pictures that were asked for: with fewer nothing is estimated."""
@@ -86,25 +86,41 @@ class ArmBefore:
 
     Attributes:
         model: The arm file's model.
-        calibration: With which its joints are measured; None where it has none.
-        is_simulated: Whether it is a simulated arm.
+        calibration: With which its joints are measured; None for a simulated arm.
     """
 
     model: Model
     calibration: Calibration | None
-    is_simulated: bool = False
 
     @classmethod
     def of(cls, arm: Arm) -> ArmBefore:
         """Return what is known of an open arm.
 
         Raises:
+            CalibrationError: It has no calibration that could be corrected.
             FileFormatError: Its calibration is damaged.
         """
-        is_simulated = arm.zeros is ZeroSource.SIMULATED
-        key = arm.context.serial_number
-        calibration = None if is_simulated else load_calibration(arm.model.name, key)
-        return cls(arm.model, calibration, is_simulated)
+        name = arm.model.name
+        if arm.zeros is ZeroSource.SIMULATED:
+            return cls(arm.model, None)
+        calibration = load_calibration(name, arm.context.serial_number)
+        if calibration is None:
+            raise CalibrationError(
+                f"{name} has no calibration that could be corrected.",
+                f"Calibrate it first: ikservo calibrate {name}",
+            )
+        return cls(arm.model, calibration)
+
+    def extents(self, name: str) -> Sequence[Extent]:
+        """Return what a camera of that name may show: where there are others, its place only.
+
+        They were calibrated with the zeros and compliances that the arm has.
+        """
+        if self.calibration is None:
+            names = camera_names(self.model.name, SIMULATED)
+        else:
+            names = list(self.calibration.cameras_by_name)
+        return (Extent.CAMERA,) if set(names) - {name} else tuple(Extent)
 
     @property
     def bending(self) -> Bending:
@@ -326,18 +342,6 @@ def measured_joints(chain: Chain, state: ArmState) -> Vector:
     return np.array([state[name].position_rad for name in chain.names])
 
 
-def possible_extents(arm: str, usb_serial_number: str, name: str) -> Sequence[Extent]:
-    """Return what may be estimated with a camera: no more than its place where there are others.
-
-    They were calibrated with the zeros and compliances that the arm has.
-
-    Raises:
-        FileFormatError: The calibration is damaged.
-    """
-    others = set(camera_names(arm, usb_serial_number)) - {name}
-    return (Extent.CAMERA,) if others else tuple(Extent)
-
-
 def save_camera_result(
     arm: ArmBefore, source: str, result: CameraResult, written: datetime, name: str = ""
 ) -> Path:
@@ -346,19 +350,13 @@ def save_camera_result(
     A simulated arm has none: of it the camera alone is saved. ``name`` is the camera's.
 
     Raises:
-        CalibrationError: The arm has no calibration of its own.
         FileWriteError: The disk is full or not writable; the one before is unchanged.
     """
     model = arm.model
-    if arm.is_simulated:
+    if arm.calibration is None:
         camera = _calibrated_camera(source, result, written)
         known = CameraFile(calibrated=written, camera=camera)
         return save_camera(model.name, SIMULATED, known, name)
-    if arm.calibration is None:
-        raise CalibrationError(
-            f"{model.name} has no calibration that could be corrected; nothing was saved.",
-            f"Calibrate it first: ikservo calibrate {model.name}",
-        )
     return save_calibration(_with_result(model, arm.calibration, source, result, written, name))
 
 

@@ -154,7 +154,8 @@ def read_pictures(folder: Path, arm: str, joints: Sequence[str]) -> SavedPicture
         raise FileFormatError(path, "arm", f"is of {index.arm} with other joints", arm)
     if any(len(saved.joints_rad) != len(joints) for saved in index.pictures):
         raise FileFormatError(path, "pictures", "has too few or too many joints", f"{len(joints)}")
-    calibration = folder / _CALIBRATION
-    return SavedPictures(
-        folder, index, read_calibration(calibration) if calibration.exists() else None
-    )
+    path = folder / _CALIBRATION
+    calibration = read_calibration(path) if path.exists() else None
+    if calibration is not None and calibration.arm != arm:
+        raise FileFormatError(path, "arm", f"is {calibration.arm}", arm)
+    return SavedPictures(folder, index, calibration)
