@@ -4,6 +4,8 @@ import pytest
 
 from ikservo.calibration.calibration_file import read_calibration
 from ikservo.calibration.paths import calibration_path
+from ikservo.maintenance.picture_folder import PictureFolder, PictureIndex
+from tests.calibration.mounted_arms import load_model
 from tests.cli.fixtures_mounted_arm import PORT, SERIAL
 from tests.cli.test_camera_by_hand import Person
 
@@ -51,6 +53,14 @@ def test_the_same_is_found_again_and_damage_is_reported(tmp_path, monkeypatch, r
     damaged = run_cli(f"{REPEAT} {folder}")
     assert (damaged.code, "picture-003.png" in damaged.err) == (2, True)
     assert path.read_bytes() == before
+
+
+def test_a_folder_whose_pictures_are_none_is_refused(tmp_path, run_cli):
+    index = PictureIndex(arm="so101", source="0", camera_name="", board="5x7-12mm-4x4",
+                         by_hand=True, joints=load_model("so101").chain.names)  # fmt: skip
+    PictureFolder(tmp_path / "pictures", index, None)
+    done = run_cli(f"{REPEAT} {tmp_path / 'pictures'}")
+    assert (done.code, "is in no picture" in done.err) == (6, True)
 
 
 def test_a_folder_without_pictures_or_with_other_options_is_refused(tmp_path, run_cli):

@@ -10,7 +10,10 @@ from ikservo.maintenance.calibration_session import find_lost_camera
 
 pytest.importorskip("cv2")
 
+from ikservo.eyes.estimation import Extent
+from ikservo.maintenance.camera_calibration import ArmBefore
 from servosim.camera import SimulatedCamera
+from tests.calibration.mounted_arms import load_model
 from tests.cli.fixtures_mounted_arm import connect_arm, write_calibration
 from tests.eyes.saved_camera import save_simulated_camera
 
@@ -83,4 +86,7 @@ def test_a_calibration_keeps_them_and_one_of_before_is_written_as_it_was(
     both = one.with_cameras({"": camera, "left": camera})
     found = parse_calibration(tmp_path / "a.toml", dump_calibration(both))
     assert found.cameras_by_name == {"": camera, "left": camera}
+    model = load_model("so101")
+    assert ArmBefore(model, both).extents("right") == (Extent.CAMERA,)
+    assert ArmBefore(model, one).extents("") == tuple(Extent)
     assert ["--camera-name left" in line for line in find_lost_camera(found)] == [False, True]
