@@ -76,7 +76,7 @@ LONG = [pytest.mark.campaign, pytest.mark.timeout(7200)]
 
 @pytest.mark.full
 @pytest.mark.parametrize(
-    ("name", "count"), [("so101", 4), *(pytest.param(name, 500, marks=LONG) for name in NAMES)]
+    ("name", "count"), [("so101", 25), *(pytest.param(name, 500, marks=LONG) for name in NAMES)]
 )
 def test_the_true_tip_is_within_half_a_millimetre_and_nearer_than_by_plain_rounding(name, count):
     ours = float(np.median(list(left_by_us_m(name, count))))

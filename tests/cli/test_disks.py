@@ -30,6 +30,7 @@ READ = {
     ("scene", "file"),
     ("draw", "file"), ("export", "recordings"), ("import", "from_script"), ("replay", "file"),
     ("move", "scene"), ("pose", "scene"), ("setup", "restore"), ("test", "points"),
+    ("view", "scene"),
 }  # fmt: skip
 # Those that name a file or folder which is written: command lines, and the file that is named in
 # the error. {} is the folder.
