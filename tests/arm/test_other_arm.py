@@ -154,6 +154,7 @@ def test_a_limp_arm_is_where_somebody_has_put_it(arms):
     assert "the koch's base_link" not in moved
 
 
+@pytest.mark.full
 def test_an_arm_that_was_closed_is_where_it_was_left(arms):
     arm, other = arms
     other.close()
@@ -164,6 +165,7 @@ def test_an_arm_that_was_closed_is_where_it_was_left(arms):
     assert arm.move_to(RIGHT, straight=True).reached
 
 
+@pytest.mark.full
 def test_an_arm_that_cannot_be_measured_is_not_forgotten(arms):
     arm, other = arms
     inject(other, "unplug", after_s=0.0)

@@ -123,6 +123,7 @@ def test_a_standing_stream_that_presses_is_relaxed_in_time_and_goes_on_when_it_c
         assert abs(servo_group(arm).measure_positions()[column] - pressing.at) < 0.02
 
 
+@pytest.mark.full
 @pytest.mark.parametrize("protection_current", [511, 250])
 def test_a_servo_that_counts_its_current_is_warned_of_by_that(protection_current):
     """250 counts, 1.6 A, are what LeRobot writes into grippers: less than 80 % of the output."""

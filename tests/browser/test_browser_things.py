@@ -36,7 +36,6 @@ def type_number(operator, label, value):
     field.press("Enter")
 
 
-@pytest.mark.smoke
 def test_a_box_is_added_placed_named_and_removed(operator):
     add(operator, "box", "the box 1")
     type_number(operator, "the box 1: x, mm", "150")

@@ -228,6 +228,7 @@ def test_gains_are_tried_and_shown_beside_the_present_ones_which_stay(raised):
     assert gains_of(raised) == before
 
 
+@pytest.mark.full
 def test_better_gains_are_suggested(raised):
     raised.act("suggest", joint="elbow_flex")
     trial = raised.until("trial", lambda frame: True)
