@@ -393,13 +393,16 @@ def test_a_recording_without_end_or_period_is_refused(arm, tmp_path, options):
 
 
 def fastest_deg_s(arm, motion):
-    """Return the top speed of any servo's goal in a motion, over twenty cycles."""
+    """Return the top speed of any servo's goal in a motion, over forty cycles.
+
+    At a slow speed they are 57 ticks; what compensates friction shifts goals by up to four.
+    """
     auditor = Auditor(arm)
     motion()
     at = {}
     for goal in auditor.goals:
         at.setdefault(goal.servo_id, []).append((goal.time_s, goal.tick))
-    moved = [np.array(rows[20:]) - np.array(rows[:-20]) for rows in at.values() if len(rows) > 20]
+    moved = [np.array(rows[40:]) - np.array(rows[:-40]) for rows in at.values() if len(rows) > 40]
     return (
         max(np.abs(ticks / times).max() for times, ticks in (rows.T for rows in moved)) * 360 / 4096
     )
@@ -417,8 +420,7 @@ MOTIONS = {
 @pytest.mark.parametrize("motion", MOTIONS.values(), ids=MOTIONS)
 def test_the_first_motion_after_torque_comes_on_is_slow(arm, motion):
     slow = math.degrees(arm.model.speed("slow").rad_s)
-    # Twenty cycles at that speed are 28 ticks; what compensates friction shifts goals by up to 4.
-    assert fastest_deg_s(arm, lambda: motion(arm)) < 1.15 * slow
+    assert fastest_deg_s(arm, lambda: motion(arm)) < 1.1 * slow
     arm.pose("home")
     assert fastest_deg_s(arm, lambda: motion(arm)) > 1.3 * slow
 

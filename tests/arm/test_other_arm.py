@@ -117,20 +117,23 @@ def test_one_moves_at_a_time(arms):
 @pytest.mark.full
 def test_a_second_thread_is_refused_and_not_kept_waiting(arms):
     arm, other = arms
-    begun, go_on, errors = threading.Event(), threading.Event(), []
+    begun, go_on, reports = threading.Event(), threading.Event(), []
 
     def hold_up(_):
         begun.set()
         go_on.wait(10.0)
 
-    mover = threading.Thread(target=lambda: arm.move_to((*LEFT[:2], 0.1), on_progress=hold_up))
+    def move():
+        reports.append(arm.move_to((*LEFT[:2], 0.1), on_progress=hold_up))
+
+    mover = threading.Thread(target=move)
     mover.start()
     begun.wait(10.0)
     with pytest.raises(RefusedError, match="is moving"):
         other.move_to((0.15, 0.0, 0.12))
     go_on.set()
     mover.join()
-    assert not errors
+    assert [report.reached for report in reports] == [True]
 
 
 def things_around(arm):

@@ -101,5 +101,5 @@ def test_what_is_carried_around_things_touches_none(capsys, name, seeds):
     planned, own, others = (f"{1e3 * each:.1f}" for each in lowest_m)
     log(capsys, f"{name}: {len(made)} motions, {len(around)} around, {refused} refused, failed "
         f"{failed}; planned {planned} mm, true: itself {own}, others {others}")  # fmt: skip
-    assert around or len(seeds) < 5  # a small part of the campaign may have none
+    assert around or (seeds.start > 0 and not made)  # a later part of a campaign may have none
     assert lowest_m[1:].min() > -DEEP_M
