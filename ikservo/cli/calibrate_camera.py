@@ -20,7 +20,7 @@ from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.errors import CalibrationError, IkservoError
 from ikservo.eyes.board import DEFAULT_BOARD, Board, require_opencv
 from ikservo.eyes.pictures import find_board
-from ikservo.maintenance.camera_by_hand import HAND_EXTENTS, HandCalibration
+from ikservo.maintenance.camera_by_hand import HandCalibration
 from ikservo.maintenance.camera_calibration import (
     ArmBefore,
     BoardPictures,
@@ -115,11 +115,13 @@ def calibrate_by_camera(
                 folder = PictureFolder(options.save_pictures, index, before.calibration)
             if options.by_hand:
                 arm.disable_torque()
+            extents = before.extents(name, by_hand=options.by_hand)
             session = (HandCalibration if options.by_hand else CameraCalibration)(
-                arm, camera, board, options.pictures, print_status, before.extents(name), folder
+                arm, camera, board, options.pictures, print_status, extents, folder
             )
             result = session.run()
-        _tell_and_save(before, source, name, result, operator, json=json)
+        question = Question("Save this?", Unasked.YES)
+        _tell_and_save(before, source, name, result, operator, question, json=json)
 
 
 def calibrate_from_pictures(model: Model, folder: Path, operator: Operator, *, json: bool) -> None:
@@ -138,14 +140,14 @@ def calibrate_from_pictures(model: Model, folder: Path, operator: Operator, *, j
             pictures.add(picture, find_board(pictures.board, picture), q)
         except CalibrationError:
             missed += 1
-    extents = before.extents(saved.index.camera_name)
-    if saved.index.by_hand:
-        extents = [each for each in extents if each in HAND_EXTENTS]
-    result = pictures.result(missed, 0.0, extents)
-    if saved.calibration is not None:
-        print_status(f"Saving it replaces what was calibrated since {saved.calibration.written}.")
     index = saved.index
-    _tell_and_save(before, index.source, index.camera_name, result, operator, json=json)
+    extents = before.extents(index.camera_name, by_hand=index.by_hand)
+    result = pictures.result(missed, 0.0, extents)
+    question = Question("Save this?", Unasked.YES)
+    if saved.calibration is not None:  # servos may have been mounted anew since
+        print_status(f"Saving it replaces what was calibrated since {saved.calibration.written}.")
+        question = Question("Save this nevertheless?", Unasked.NEEDS_YES)
+    _tell_and_save(before, index.source, index.camera_name, result, operator, question, json=json)
 
 
 def _tell_and_save(
@@ -154,6 +156,7 @@ def _tell_and_save(
     name: str,
     result: CameraResult,
     operator: Operator,
+    question: Question,
     *,
     json: bool,
 ) -> None:
@@ -162,7 +165,7 @@ def _tell_and_save(
     else:
         print_lines(_describe(result), indent=2)
     path = None
-    if operator.agrees(Question("Save this?", Unasked.YES)):
+    if operator.agrees(question):
         now = datetime.now(UTC).replace(microsecond=0)
         path = save_camera_result(before, source, result, now, name)
         if before.calibration is None:

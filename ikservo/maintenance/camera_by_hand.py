@@ -14,6 +14,7 @@ from ikservo.eyes.estimation import Extent
 from ikservo.eyes.pictures import BoardView, Picture, PictureSource, find_board
 from ikservo.kinematics.arrays import Vector
 from ikservo.maintenance.camera_calibration import (
+    HAND_EXTENTS,
     LEAST_SHARE,
     ArmBefore,
     BoardPictures,
@@ -22,14 +23,12 @@ from ikservo.maintenance.camera_calibration import (
 )
 from ikservo.maintenance.picture_folder import PictureFolder
 
-__all__ = ["HAND_EXTENTS", "HandCalibration"]
+__all__ = ["HandCalibration"]
 
 _STILL_S, _STILL_RAD, _STILL_PX = 0.3, math.radians(0.3), 0.7
 _APART_RAD = math.radians(8.0)  # at least one joint, from every picture that there is
 _WAIT_S = 60.0  # for the next picture
 _PERIOD_S = 0.1
-HAND_EXTENTS = (Extent.CAMERA, Extent.ZEROS)
-"""What is estimated by hand: it carries the arm, so how links give way is not shown."""
 
 
 class HandCalibration:
@@ -45,7 +44,7 @@ class HandCalibration:
         board: What is fixed to the gripper.
         count: How many pictures to use.
         report: Takes a line on each picture, and on why none is used.
-        extents: What may be estimated, of what a hand does not disturb.
+        extents: What may be estimated, of ``HAND_EXTENTS``.
         folder: Where the pictures are kept, too; None for nowhere.
     """
 
@@ -59,14 +58,10 @@ class HandCalibration:
         extents: Sequence[Extent] = HAND_EXTENTS,
         folder: PictureFolder | None = None,
     ) -> None:
-        self._extents = [each for each in extents if each in HAND_EXTENTS]
+        self._extents = extents
         self._arm, self._camera, self._report = arm, camera, report
-        self._pictures, self._count, self._missed = (
-            BoardPictures(ArmBefore.of(arm), board, folder),
-            count,
-            0,
-        )
-        self._last_error = ""
+        self._pictures = BoardPictures(ArmBefore.of(arm), board, folder)
+        self._count, self._missed, self._last_error = count, 0, ""
         self._last: Picture | None = None
 
     def run(self) -> CameraResult:

@@ -45,8 +45,11 @@ from ikservo.maintenance.picture_folder import PictureFolder
 from ikservo.maintenance.touch_off import shift_zeros
 from ikservo.model import Model
 
-__all__ = ["LEAST_SHARE", "ArmBefore", "BoardPictures", "CameraCalibration", "CameraResult",
-           "measured_joints", "save_camera_result", "seen_board"]  # fmt: skip
+__all__ = ["HAND_EXTENTS", "LEAST_SHARE", "ArmBefore", "BoardPictures", "CameraCalibration",
+           "CameraResult", "measured_joints", "save_camera_result", "seen_board"]  # fmt: skip
+
+HAND_EXTENTS = (Extent.CAMERA, Extent.ZEROS)
+"""What is estimated by hand."""
 
 LEAST_SHARE = 0.5
 """Of the pictures that were asked for: with fewer nothing is estimated."""
@@ -111,16 +114,19 @@ class ArmBefore:
             )
         return cls(arm.model, calibration)
 
-    def extents(self, name: str) -> Sequence[Extent]:
+    def extents(self, name: str, *, by_hand: bool) -> Sequence[Extent]:
         """Return what a camera of that name may show: where there are others, its place only.
 
-        They were calibrated with the zeros and compliances that the arm has.
+        They were calibrated with the zeros and compliances that the arm has. A hand carries the
+        arm's weight, so how links give way is not shown by hand.
         """
         if self.calibration is None:
             names = camera_names(self.model.name, SIMULATED)
         else:
             names = list(self.calibration.cameras_by_name)
-        return (Extent.CAMERA,) if set(names) - {name} else tuple(Extent)
+        if set(names) - {name}:
+            return (Extent.CAMERA,)
+        return HAND_EXTENTS if by_hand else tuple(Extent)
 
     @property
     def bending(self) -> Bending:

@@ -9,7 +9,8 @@ import numpy as np
 
 from ikservo.arm import Arm
 from ikservo.errors import BadValueError
-from ikservo.kinematics.packed import IS_CYLINDER, ROUNDING
+from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.packed import ROUNDING
 from ikservo.kinematics.se3 import make_pose
 from ikservo.model.model import Obstacle
 from ikservo.model.scene import describe_thing, scene_text
@@ -102,11 +103,8 @@ class ThingsPanel:
         return {"kind": "download", "url": url, "name": name}
 
     def _fields(self, thing: Obstacle) -> Fields:
-        fields = thing_fields(thing)
-        if self._moved is not None and thing.name == self._moved.name:
-            T = make_pose(thing.row[9:12] + self._moved.shift_m, thing.row[:9].reshape(3, 3))
-            fields["pose"] = row_major(T)
-        return fields
+        moved = self._moved
+        return thing_fields(thing, moved.shift_m if moved and moved.name == thing.name else 0.0)
 
     def _new_name(self, shape: str) -> str:
         taken = {*self._arm.scene.names, *self._arm.scene.held}
@@ -125,18 +123,15 @@ class ThingsPanel:
         return {**place, "radius_m": half_m}
 
 
-def thing_fields(thing: Obstacle) -> Fields:
-    """Return how a thing is drawn, and what a person may change of it."""
+def thing_fields(thing: Obstacle, shift_m: Vector | float = 0.0) -> Fields:
+    """Return how a thing is drawn, shifted (3,), and what a person may change of it."""
     row = thing.row
     kind, sizes = describe_thing(thing)
     grown = row[12:15] + row[ROUNDING]
-    shape = "cylinder" if row[IS_CYLINDER] else "box"
-    if kind == "sphere":
-        shape = "sphere"
     return {
         "name": thing.name,
-        "shape": shape,
-        "pose": row_major(make_pose(row[9:12], row[:9].reshape(3, 3))),
+        "shape": "box" if kind == "half_space" else kind,
+        "pose": row_major(make_pose(row[9:12] + shift_m, row[:9].reshape(3, 3))),
         "half": grown.tolist(),
         "drawn": bool(np.max(2.0 * grown) < _DRAWN_M),
         "thing": kind,

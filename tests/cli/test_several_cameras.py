@@ -87,6 +87,7 @@ def test_a_calibration_keeps_them_and_one_of_before_is_written_as_it_was(
     found = parse_calibration(tmp_path / "a.toml", dump_calibration(both))
     assert found.cameras_by_name == {"": camera, "left": camera}
     model = load_model("so101")
-    assert ArmBefore(model, both).extents("right") == (Extent.CAMERA,)
-    assert ArmBefore(model, one).extents("") == tuple(Extent)
+    assert ArmBefore(model, both).extents("right", by_hand=False) == (Extent.CAMERA,)
+    assert ArmBefore(model, one).extents("", by_hand=False) == tuple(Extent)
+    assert ArmBefore(model, one).extents("", by_hand=True) == (Extent.CAMERA, Extent.ZEROS)
     assert ["--camera-name left" in line for line in find_lost_camera(found)] == [False, True]
