@@ -36,6 +36,10 @@ def test_the_same_is_found_again_and_damage_is_reported(tmp_path, monkeypatch, r
 
     monkeypatch.setattr("ikservo.eyes.sources.LiveCamera", None)  # neither camera nor arm
     monkeypatch.setattr("ikservo.hardware.port.open_transport", None)
+    undone = path.read_bytes()
+    unasked = run_cli(f"calibrate so101 --json --from-pictures {folder}")
+    assert (unasked.code, unasked.json["path"]) == (0, None)
+    assert path.read_bytes() == undone
     again = run_cli(f"{REPEAT} {folder}")
     assert again.code == 0, again.err
     assert again.json["estimated"] == first.json["estimated"]
