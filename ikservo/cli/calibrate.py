@@ -118,7 +118,10 @@ def command(
         calibrate_by_camera(connection, camera, answers.operator(read_script), json=json)
         return
     if camera != CameraOptions():
-        raise InputError("A board is for a calibration before a camera.", "Add: --camera")
+        raise InputError(
+            "The options of boards and pictures are for a calibration before a camera.",
+            "Add --camera, or leave them out: without it you move the arm by hand.",
+        )
     if wiggle:
         options = MotionOptions(collision=False, uncalibrated=uncalibrated)
         with open_from_options(connection, options) as machine:

@@ -183,7 +183,7 @@ def _among_things(places: list[ArmAtPort], scene: Path) -> list[ArmAtPort]:
     if len(places) != 1:
         raise InputError(
             f"--scene {scene} is around one arm; there are {len(places)}.",
-            "As in: ikservo view so101=/dev/ttyACM0 --scene table.toml",
+            "The file is in its base frame: open one arm with it, and the others on the page.",
         )
     return [replace(places[0], model=with_scene(places[0].model, scene))]
 

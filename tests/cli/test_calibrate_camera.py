@@ -54,7 +54,8 @@ def test_the_command_says_what_is_missing(monkeypatch, run_cli):
     words = f"calibrate so101 --port {PORT}"
     assert "--yes" in run_cli(f"{words} --camera 0").err
     assert "One of --auto" in run_cli(f"{words} --camera 0 --touch").err
-    assert "Add: --camera" in run_cli(f"{words} --pictures 12").err
+    for without in ("--pictures 12", "--by-hand"):
+        assert "Add --camera" in run_cli(f"{words} {without}").err
     assert "The board is '1x1'" in run_cli(f"{words} --camera 0 --board 1x1 --yes").err
     assert "There is no camera 77" in run_cli(f"{words} --camera 77 --yes").err
 

@@ -113,6 +113,27 @@ def test_arms_that_make_no_sense_are_refused_before_anything_is_served(
     assert expected in result.err
 
 
+@pytest.mark.parametrize(
+    ("arms", "scene", "sentence"),
+    [
+        (
+            "so101 koch",
+            '[[sphere]]\nname = "a"\ncentre_m = [0, 1, 0]\nradius_m = 0.1',
+            "there are 2",
+        ),
+        ("so101", "[[sphere]]\nradius = 1", "is not a known key"),
+        ("so101", None, "does not exist"),
+    ],
+)
+def test_a_scene_that_makes_no_sense_is_refused(run_cli, tmp_path, arms, scene, sentence):
+    path = tmp_path / "scene.toml"
+    if scene is not None:
+        path.write_text(scene)
+    done = run_cli(f"view {arms} --port sim --no-open --scene {path}")
+    assert (done.code, sentence in done.err) == (2, True)
+    assert "/dev/tty" not in done.err
+
+
 def test_no_other_command_loads_the_server():
     script = (
         "import sys; from ikservo.cli import main; main(['arms']);"
