@@ -11,7 +11,6 @@ from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, ValidationError
-from scipy.spatial.transform import Rotation
 
 from ikservo.errors import BadValueError, FileFormatError, UnknownNameError
 from ikservo.files.reading import read_toml
@@ -215,6 +214,8 @@ def describe_thing(thing: Obstacle) -> tuple[str, dict[str, Any]]:
             "point_m": (centre + grown[2] * R[:, 2]).tolist(),
             "normal": R[:, 2].tolist(),
         }
+    from scipy.spatial.transform import Rotation  # noqa: PLC0415  # takes longer than a command
+
     turned_deg = Rotation.from_matrix(R).as_euler("xyz", degrees=True)
     return "box", {**at, "size_m": (2.0 * grown).tolist(), "rpy_deg": turned_deg.tolist()}
 
