@@ -119,8 +119,8 @@ def command(
         return
     if camera != CameraOptions():
         raise InputError(
-            "The options of boards and pictures are for a calibration before a camera.",
-            "Add --camera, or leave them out: without it you move the arm by hand.",
+            "--by-hand and the options of boards and pictures go with --camera.",
+            "Add --camera SOURCE, or leave them out to set the limits by hand.",
         )
     if wiggle:
         options = MotionOptions(collision=False, uncalibrated=uncalibrated)

@@ -128,4 +128,4 @@ def test_the_command_asks_somebody_and_needs_a_camera(monkeypatch, run_cli):
     words = f"calibrate so101 --port {PORT} --by-hand"
     refused = run_cli(f"{words} --camera 0")
     assert (refused.code, "--yes" in refused.err) == (2, True)
-    assert "Add: --camera" in run_cli(words).err
+    assert "Add --camera" in run_cli(words).err
