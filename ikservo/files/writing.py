@@ -9,8 +9,9 @@ from __future__ import annotations
 import contextlib
 import hashlib
 import os
+import secrets
+import stat
 import sys
-import tempfile
 from collections.abc import Generator, Mapping
 from importlib.util import find_spec
 from pathlib import Path
@@ -33,6 +34,7 @@ __all__ = [
 
 BACKUP_SUFFIX = ".bak"
 _PROBE_BYTES = 64 * 1024  # more than a calibration and its journal
+_NEW_FILE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)
 _UNCHANGED = "The existing file is unchanged"
 
 
@@ -56,7 +58,9 @@ class FileWriteError(IkservoError, OSError):
         )
 
 
-def write_atomic(path: Path, content: str | bytes, *, keep_old: bool = False) -> None:
+def write_atomic(
+    path: Path, content: str | bytes, *, keep_old: bool = False, private: bool = False
+) -> None:
     """Replace a file atomically, or leave it unchanged.
 
     The content is written to a temporary file in the same folder, synced, and renamed; last the
@@ -66,27 +70,28 @@ def write_atomic(path: Path, content: str | bytes, *, keep_old: bool = False) ->
         path: The file; its folder is created if needed.
         content: Its new content; text becomes UTF-8.
         keep_old: Whether the present content is kept beside it with ``.bak``.
+        private: Whether a new file is readable by its owner only. A file that is replaced keeps
+            its permissions.
 
     Raises:
         FileWriteError: The disk is full, read-only or broken; tells whether the file is changed.
     """
+    data = content.encode("utf-8") if isinstance(content, str) else content
     with _translating_os_errors(path):
         path.parent.mkdir(parents=True, exist_ok=True)
-        _replace_file(
-            path, content.encode("utf-8") if isinstance(content, str) else content, keep_old
-        )
+        _replace_file(path, data, keep_old, private)
     with _translating_os_errors(path, changed=True):
         _sync_folder(path.parent)
 
 
-def write_all_atomic(files: Mapping[Path, bytes], *, folder_mode: int = 0o777) -> None:
+def write_all_atomic(files: Mapping[Path, bytes], *, private: bool = False) -> None:
     """Replace files that belong together, or leave all unchanged where one has no room.
 
     All are written beside their names first; a rename needs no room.
 
     Args:
         files: The content of each file; its folder is created if needed.
-        folder_mode: Permissions of folders that are created.
+        private: Whether new files and folders are readable by their owner only.
 
     Raises:
         FileWriteError: The disk is full, read-only or broken; names the file.
@@ -96,8 +101,8 @@ def write_all_atomic(files: Mapping[Path, bytes], *, folder_mode: int = 0o777) -
     try:
         for path, data in files.items():
             with _translating_os_errors(path):
-                _make_folders(path.parent, folder_mode, made)
-                written.append((path, _write_beside(path, data)))
+                _make_folders(path.parent, 0o700 if private else 0o777, made)
+                written.append((path, _write_beside(path, data, private)))
         for path, name in written:
             with _translating_os_errors(path):
                 os.replace(name, path)  # noqa: PTH105
@@ -190,33 +195,40 @@ def _make_folders(folder: Path, mode: int, made: list[Path]) -> None:
     made.append(folder)
 
 
-def _replace_file(path: Path, data: bytes, keep_old: bool) -> None:
-    name = _write_beside(path, data)
-    try:
+def _replace_file(path: Path, data: bytes, keep_old: bool, private: bool) -> None:
+    name = _write_beside(path, data, private)
+    with _removed_if_it_fails(name):
         if keep_old and path.exists():
-            _replace_file(path.with_name(path.name + BACKUP_SUFFIX), path.read_bytes(), False)
+            old = _write_beside(path, path.read_bytes(), private)
+            with _removed_if_it_fails(old):
+                os.replace(old, path.with_name(path.name + BACKUP_SUFFIX))  # noqa: PTH105
             _sync_folder(path.parent)
         os.replace(name, path)  # noqa: PTH105  # tests replace this call to cut the power
-    except BaseException:
-        with contextlib.suppress(OSError):
-            os.unlink(name)  # noqa: PTH108
-        raise
 
 
-def _write_beside(path: Path, data: bytes) -> str:
-    """Write a new file in the folder of ``path``; return its name."""
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
+@contextlib.contextmanager
+def _removed_if_it_fails(name: str) -> Generator[None]:
     try:
-        _write_out(handle, data)
+        yield
     except BaseException:
         with contextlib.suppress(OSError):
             os.unlink(name)  # noqa: PTH108
         raise
+
+
+def _write_beside(path: Path, data: bytes, private: bool) -> str:
+    """Write a new file, with the permissions of ``path``, in its folder; return its name."""
+    name = str(path.with_name(f".{path.name}.{secrets.token_hex(8)}"))
+    handle = os.open(name, _NEW_FILE, 0o600 if private else 0o666)
+    with _removed_if_it_fails(name):
+        _write_out(handle, data, path)
     return name
 
 
-def _write_out(handle: int, data: bytes) -> None:
+def _write_out(handle: int, data: bytes, replaced: Path) -> None:
     try:
+        if sys.platform != "win32" and replaced.exists():
+            os.fchmod(handle, stat.S_IMODE(replaced.stat().st_mode))
         left = memoryview(data)
         while left:
             left = left[os.write(handle, left) :]

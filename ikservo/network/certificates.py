@@ -131,7 +131,7 @@ def make_keys(folder: Path, hosts: Sequence[str], *, overwrite: bool = False) ->
     files: dict[Path, bytes] = {}
     for name, own in signed.items():
         files |= _files_of(folder / name, name, own, authority)
-    write_all_atomic(files, folder_mode=0o700)
+    write_all_atomic(files, private=True)
     return [folder / name for name in signed]
 
 

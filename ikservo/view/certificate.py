@@ -68,7 +68,7 @@ def load_or_make_certificate(address: str, folder: Path | None = None) -> PageCe
     """
     path = (folder or config_dir()) / _FILE_NAME
     if not path.exists():
-        write_atomic(path, _make_pem(address))  # its temporary file is readable by its owner only
+        write_atomic(path, _make_pem(address), private=True)
         return PageCertificate(path, _checked_fingerprint(path), is_new=True)
     return PageCertificate(path, _checked_fingerprint(path))
 

@@ -1,7 +1,6 @@
 """Power cuts at a chosen moment of a save or of a packet."""
 
 import os
-import tempfile
 
 from ikservo.files import writing
 
@@ -56,13 +55,11 @@ def is_write(packet):
 def patch_calls(monkeypatch, before):
     """Call ``before`` ahead of every disk call of a save."""
     monkeypatch.setattr(writing, "os", _Calls(os, CALLS, before))
-    monkeypatch.setattr(writing, "tempfile", _Calls(tempfile, ("mkstemp",), before))
 
 
 def restore_calls(monkeypatch):
     """Restore the real calls."""
     monkeypatch.setattr(writing, "os", os)
-    monkeypatch.setattr(writing, "tempfile", tempfile)
 
 
 class _Calls:

@@ -1,7 +1,9 @@
 """A file is the old one or the new one, whatever happens while it is written."""
 
 import errno
+import os
 import random
+import stat
 
 import pytest
 
@@ -38,6 +40,20 @@ def test_the_old_file_is_kept_beside_the_new_one(path):
 def test_nothing_else_is_left_in_the_folder(path):
     write_atomic(path, NEW)
     assert [p.name for p in path.parent.iterdir()] == ["so101.toml"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="modes of files")
+def test_a_file_has_the_permissions_that_other_programs_give(path):
+    """A new one those of the user's umask; a replaced one its own; a key is its owner's only."""
+    by_hand = path.with_name("by_hand")
+    by_hand.touch()
+    assert path.stat().st_mode == by_hand.stat().st_mode
+    path.chmod(0o660)
+    write_atomic(path, NEW, keep_old=True)
+    write_atomic(key := path.with_name("key.pem"), NEW, private=True)
+    backup = path.with_name("so101.toml.bak")
+    modes = [stat.S_IMODE(each.stat().st_mode) for each in (path, backup, key)]
+    assert modes == [0o660, 0o660, 0o600]
 
 
 def calls_of_a_save(path, monkeypatch):

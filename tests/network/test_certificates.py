@@ -48,7 +48,7 @@ def certificates(tmp_path_factory):
     ):  # fmt: skip
         names = ("127.0.0.1",) if role == "server" else ()
         signed = making._sign(authority, role, names, lifetime)
-        write_all_atomic(making._files_of(folder / name, role, signed, own), folder_mode=0o700)
+        write_all_atomic(making._files_of(folder / name, role, signed, own), private=True)
     write_all_atomic(making._files_of(folder / "self-signed", "operator", foreign, own))
     roles = {"server": "server", "watcher": "watcher", "guest": "guest"}
     names = ("server", "operator", "watcher", "guest", "expired", "foreign", "self-signed")
