@@ -196,7 +196,7 @@ class RemoteArm(MotionMethods):
 
     def acknowledge(self) -> None:
         """End a stop: the arm may be moved again; nothing moves yet."""
-        self._connection.drive("acknowledge")
+        self._connection.acknowledge()
 
     # plans
 

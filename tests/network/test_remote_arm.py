@@ -1,12 +1,13 @@
 """An arm over the network has the methods, results and errors of an arm on a port."""
 
 import inspect
+import time
 
 import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm import Arm, OpenArm, ToolOrientation
+from ikservo.arm import Arm, OpenArm, StopKind, StopReason, ToolOrientation
 from ikservo.arm.motions import MoveArc, MoveGripper, MoveJoints, MovePose, MoveTo, Replay
 from ikservo.arm.opening import open_own_arm, require_own_port
 from ikservo.arm.result_json import encode_fields
@@ -274,6 +275,21 @@ def test_a_stop_lasts_until_it_is_acknowledged(served):
             arm.move_joints({"gripper": 0.4})
         arm.acknowledge()
         assert arm.move_joints({"gripper": 0.4}).reached
+
+
+def test_a_stop_that_is_slow_on_its_way_arrives_before_it_is_acknowledged(served, monkeypatch):
+    stop = served.server.service.stop
+
+    def stop_late(*args, **kwargs):
+        time.sleep(0.2)
+        return stop(*args, **kwargs)
+
+    monkeypatch.setattr(served.server.service, "stop", stop_late)
+    with served.open() as arm:
+        arm.request_stop(StopReason(StopKind.CLIENT, "a test"))
+        arm.acknowledge()
+        time.sleep(0.3)
+        assert arm.stop_reason is None
 
 
 def test_a_stop_by_another_program_ends_the_motion(served):
