@@ -25,7 +25,6 @@ _REPLACEMENTS = [
     (r"--uncalibrated\b", "open_arm(..., uncalibrated=True)"),
     (r"--overwrite\b", "overwrite=True"),
     (r"--foxglove-port (\d+)", r"foxglove_port=\1"),
-    (r"--via\b", "arm.move_through([...])"),
     (r"without --line\b", "with arm.move_to()"),
     (r"--port (sim\b[^\s.,]*)", r'port="\1"'),
     (r"--port\b", "port="),
