@@ -34,7 +34,7 @@ from ikservo.arm.arguments import (
 from ikservo.arm.path_constraint import UNCONSTRAINED, PathConstraint
 from ikservo.arm.reports import GraspResult, JointMoveResult, MoveResult, ReplayResult
 from ikservo.arm.tool_orientation import KEEP_BEST_EFFORT, ToolOrientation, check_orientation
-from ikservo.errors import BadValueError, InputError
+from ikservo.errors import BadValueError, InputError, format_point
 from ikservo.ik import Posture
 from ikservo.ik.problem import check_position
 from ikservo.kinematics.arrays import finite_vector, finite_vectors
@@ -608,5 +608,4 @@ _NESTED: Mapping[str, Callable[..., object]] = {
 
 
 def _format_point(point_m: ArrayLike) -> str:
-    x, y, z = cast("Point", point_m)
-    return f"({x:.3f}, {y:.3f}, {z:.3f}) m"
+    return format_point(cast("Point", point_m))

@@ -162,7 +162,7 @@ def _write_first_program(model: Model, file: Path, *, overwrite: bool) -> None:
     """
     if file.exists() and not overwrite:
         raise IkservoError(f"File {file} exists.", "Replace it: --overwrite")
-    x, y, z = (round(float(value), 3) for value in _home_tip_m(model))
+    x, y, z = (round(float(value), 3) + 0.0 for value in _home_tip_m(model))  # no -0.0
     steps = [
         ProgramStep(name="begin", pose="home"),
         ProgramStep(name="beside it", tip_m=(x, y, z), speed="slow"),
