@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from contextlib import suppress
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -74,7 +73,7 @@ _LONGEST_S = 3600.0
 # Top speed of the tip on a line; 0.25 m/s is what safety standards call reduced speed.
 _TIP_M_S = {"slow": 0.1, "normal": 0.25, "fast": 0.5}
 # Random starts from which a point is solved; solutions that differ by less are the same.
-_STARTS, _SAME_GOAL = 24, 0.05
+_STARTS, _MISSES, _SAME_GOAL = 24, 4, 0.05
 # The fraction of a blend by which a waypoint is passed; see ``BlendedPath``.
 _PASSED = 0.375
 
@@ -302,23 +301,24 @@ class Planner:
         upper = np.minimum(self._chain.upper_rad, math.pi)
         random = np.random.default_rng(len(q0))
         tried = random.uniform(lower, upper, (_STARTS, len(q0)))
-        found = list[PointGoal]()
+        found, misses = list[PointGoal](), 0
         for q in (q0, *sorted(tried, key=lambda each: float(np.linalg.norm(each - q0)))):
+            if misses == _MISSES and not found:
+                break  # each of them was a search from many starts
             wanted = stance.varied(random) if found else stance
-            with suppress(OrientationError):
-                solved = solve_with_orientation(self._chain, self._tool, target, wanted, q)
-                if wanted is not stance:
-                    arguments = (self._chain, self._tool, target, stance, solved.solution)
-                    solved = replace(solved, error_rad=check_orientation_error(*arguments))
-                if tool is not None and not tool.keeps(solved.solution.q[None])[0]:
-                    inside = tool.project(solved.solution.q, target.position)
-                    if inside is None or stance.is_constrained:
-                        continue
-                    solved = replace(solved, solution=replace(solved.solution, q=inside))
-                joints = self._index.with_chain(start, solved.solution.q)
-                apart = [float(np.abs(joints - each.joints).max()) for each in found]
-                if solved.solution.reached and min(apart, default=1.0) > _SAME_GOAL:
-                    found.append(PointGoal(joints, target, solved, stance))
+            solved = self._solve_variation(target, wanted, stance, q)
+            if solved is None:
+                misses += 1
+                continue
+            if tool is not None and not tool.keeps(solved.solution.q[None])[0]:
+                inside = tool.project(solved.solution.q, target.position)
+                if inside is None or stance.is_constrained:
+                    continue
+                solved = replace(solved, solution=replace(solved.solution, q=inside))
+            joints = self._index.with_chain(start, solved.solution.q)
+            apart = [float(np.abs(joints - each.joints).max()) for each in found]
+            if min(apart, default=1.0) > _SAME_GOAL:
+                found.append(PointGoal(joints, target, solved, stance))
         return found[:1] + sorted(
             found[1:], key=lambda each: float(np.linalg.norm(each.joints - start))
         )
@@ -428,6 +428,19 @@ class Planner:
         if not solved.solution.reached:
             raise unreachable_error(target, solved.solution)
         return solved
+
+    def _solve_variation(
+        self, target: Target, wanted: ToolOrientation, stance: ToolOrientation, q: Vector
+    ) -> OrientationSolution | None:
+        """Solve for one orientation within those of ``stance``; None where there is no solution."""
+        try:
+            solved = solve_with_orientation(self._chain, self._tool, target, wanted, q)
+            if wanted is not stance:
+                arguments = (self._chain, self._tool, target, stance, solved.solution)
+                solved = replace(solved, error_rad=check_orientation_error(*arguments))
+        except OrientationError:
+            return None
+        return solved if solved.solution.reached else None
 
     def _clip_to_limits(self, joints: Vector) -> Vector:
         """Return all joints (n,) with those of the chain inside its limits."""
