@@ -152,7 +152,16 @@ def _jaws(urdf: Urdf) -> list[str]:
         and (name in last or name in leaders)
         and (_GRIPPER_WORDS.search(name) or _GRIPPER_WORDS.search(joint.child))
         and len(above[joint.child]) > 1
+        and not _is_wrist(urdf, joint)
     ]
+
+
+def _is_wrist(urdf: Urdf, joint: UrdfJoint) -> bool:
+    """Return whether a joint of a "hand" turns a tool: too far for jaws, or a tool is behind it."""
+    behind = [link.name for link in urdf.links if joint in urdf.joints_to(link.name)]
+    tools = [name for name in behind if not _GRIPPER_WORDS.search(name)]
+    turn_rad = joint.upper - joint.lower if joint.kind is UrdfJointType.REVOLUTE else 0.0
+    return math.pi < turn_rad < math.inf or any(_word_rank(x) < len(_TIP_WORDS) for x in tools)
 
 
 def _own_jaws(urdf: Urdf, joints: Sequence[str]) -> str:
