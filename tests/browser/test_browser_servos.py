@@ -27,7 +27,9 @@ def test_a_register_is_read_filtered_and_written(operator):
     operator.page.wait_for_selector("[data-joint=wrist_roll] .torque[aria-checked=false]")
     held = operator.served.line.servos[servo_id("so101", "wrist_roll")]
     operator.page.fill("#servos-filter", "torque_limit")
-    operator.page.wait_for_function("document.querySelectorAll('#servos-table li').length === 1")
+    operator.page.wait_for_function(
+        "() => document.querySelectorAll('#servos-table li').length === 1"
+    )
     field = operator.page.locator(ROW.format("torque_limit") + " input")
     assert field.input_value() == str(held.read("torque_limit"))
     field.fill("60%")

@@ -48,7 +48,7 @@ def test_a_box_is_added_placed_named_and_removed(operator):
     assert scene_of(operator).names == ("the shelf",)
     operator.page.get_by_label("Remove the shelf").click()
     until(lambda: scene_of(operator).names == ())
-    operator.page.wait_for_function("!document.querySelector('#things li')")
+    operator.page.wait_for_function("() => !document.querySelector('#things li')")
 
 
 def test_a_number_that_cannot_be_is_refused_in_a_sentence(operator):
