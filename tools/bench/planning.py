@@ -4,6 +4,7 @@
     python tools/bench/planning.py panda FOLDER --urdf FILE --by ompl     # or sscbirrt
     python tools/bench/planning.py arms                         # random scenes of four arms
     python tools/bench/planning.py arms --upright 10 --best-of 20
+    python tools/bench/planning.py arms --by ompl               # asked for what is not solved
 
 FOLDER holds folders with request*.yaml and scene*.yaml. Every path is checked by Coal (through
 Pinocchio) and by MuJoCo, at samples between which nothing moves by more than a millimetre.
@@ -276,7 +277,7 @@ class StandsAt:
         """Do nothing."""
 
 
-def arms(names: list[str], scenes: int, upright_deg: float | None, seeds: int) -> None:
+def arms(names: list[str], scenes: int, upright_deg: float | None, seeds: int, by: str) -> None:
     """Plan from random starts to random goals among one to five random boxes.
 
     Args:
@@ -285,6 +286,7 @@ def arms(names: list[str], scenes: int, upright_deg: float | None, seeds: int) -
         upright_deg: How far the tool may tilt on the way. Goals are then where steps that keep it
             lead, boxes aside: an arm of five joints cannot turn over to others.
         seeds: How many ways the length is compared with, at the distances that are kept.
+        by: Whose planner is asked for ways that were not found, without a distance to things.
     """
     turned_rad = None if upright_deg is None else math.radians(upright_deg)
     within = PathConstraint(upright_rad=turned_rad)
@@ -314,7 +316,8 @@ def arms(names: list[str], scenes: int, upright_deg: float | None, seeds: int) -
                 way = None if plan is None else plan.sample(0.02).positions
                 found.append(Judged(seconds, way, {}))
                 if plan is None:
-                    print(f"not solved: {name} {seed}, {seconds:.2f} s")
+                    print(f"not solved: {name} {seed}, {seconds:.2f} s", end="", flush=True)
+                    print("" if by == "ikservo" else f"; {find_by_other(by, preflight, motion)}")
                 elif seeds:
                     ratios.append(joint_length(plan) / best_length(preflight, motion, seeds))
         print(f"{straight} straight")
@@ -323,6 +326,26 @@ def arms(names: list[str], scenes: int, upright_deg: float | None, seeds: int) -
             middle, most = np.percentile(ratios, (50, 95))
             print(f"  length to best of {seeds}: median {middle:.2f}, p95 {most:.2f}", end="")
             print(f", most {max(ratios):.2f}, {len(ratios)} ways")
+
+
+def find_by_other(by: str, preflight: PreflightPlanner, motion: MoveJoints) -> str:
+    """Return what another planner finds where ours finds nothing."""
+    paths = list[Array | None]()
+
+    def find(space: MotionSpace, start: Array, goals: Array, *limits: Array, **_: object) -> Any:  # noqa: ANN401
+        paths.append(PLANNERS[by](space, start, goals[0], *limits))
+        return paths[-1]
+
+    own, kept = ways_around.find_way, ways_around._MARGINS_M  # pyright: ignore[reportPrivateUsage]
+    ways_around.find_way, ways_around._MARGINS_M = find, ((0.0, 0),)  # pyright: ignore[reportPrivateUsage]
+    try:
+        with suppress(RefusedError):
+            preflight.plan(motion)
+            return f"solved by {by}"
+    finally:
+        ways_around.find_way, ways_around._MARGINS_M = own, kept  # pyright: ignore[reportPrivateUsage]
+    found = any(path is not None for path in paths)
+    return f"{by} finds a way that touches something" if found else f"not by {by} either"
 
 
 def joint_length(plan: MotionPlan) -> float:
@@ -403,7 +426,7 @@ def main() -> None:
     parser.add_argument("folder", type=Path, nargs="?")
     parser.add_argument("--urdf", type=Path)
     parser.add_argument("--every", type=int, default=1, help="take each n-th problem")
-    parser.add_argument("--by", choices=PLANNERS, default="ikservo", help="whose planner (panda)")
+    parser.add_argument("--by", choices=PLANNERS, default="ikservo", help="whose planner")
     parser.add_argument("--scenes", type=int, default=200)
     parser.add_argument("--arms", nargs="+", default=_ARMS)
     parser.add_argument("--upright", type=float, help="degrees that the tool may tilt")
@@ -412,7 +435,7 @@ def main() -> None:
     if given.part == "panda":
         panda(given.folder, given.urdf, given.every, given.by)
     else:
-        arms(given.arms, given.scenes, given.upright, given.best_of)
+        arms(given.arms, given.scenes, given.upright, given.best_of, given.by)
 
 
 if __name__ == "__main__":
