@@ -268,10 +268,12 @@ class CameraEstimate:
 
     Attributes:
         fit: The chosen fit, of all samples but outliers.
+        arm_fit: That of everything but the play.
         left_out_m: By extent: across the ray, root mean square over samples left out one by one.
     """
 
     fit: CameraFit
+    arm_fit: CameraFit
     left_out_m: dict[Extent, float]
 
     @property
@@ -283,6 +285,13 @@ class CameraEstimate:
     def after_m(self) -> float:
         """The error across the ray of samples left out, with the arm as it is estimated."""
         return self.left_out_m[self.fit.extent]
+
+    @property
+    def zero_deviations(self) -> Vector:
+        """How uncertain zeros (dof,) are, rad or m, whether or not they were estimated."""
+        fit = self.fit if self.fit.extent.zeros else self.arm_fit
+        last = _POSES + len(fit.zeros)
+        return np.sqrt(np.diag(fit.covariance))[_POSES:last]
 
 
 _BETTER = 0.97  # more numbers are estimated only where that makes the error so much smaller
@@ -314,7 +323,7 @@ def estimate_camera(
     for extent in extents:
         if error_m[extent] < _BETTER * error_m[best]:
             best = extent
-    return CameraEstimate(found[best], error_m)
+    return CameraEstimate(found[best], fullest, error_m)
 
 
 def fit_camera(

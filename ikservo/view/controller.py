@@ -14,7 +14,7 @@ from ikservo.arm import StopKind, StopReason
 from ikservo.clock import Clock
 from ikservo.errors import IkservoError
 from ikservo.view import messages as msg
-from ikservo.view.arm_job import ExecuteGoal, RelaxArm, ReleaseArm
+from ikservo.view.arm_job import ExecuteGoal, RelaxArm, ReleaseArm, SetTipZero
 from ikservo.view.arm_thread import ArmThread
 from ikservo.view.auth import Permission
 from ikservo.view.camera import Viewport
@@ -28,6 +28,7 @@ from ikservo.view.goal_check import PreviewGuard
 from ikservo.view.history import csv_lines
 from ikservo.view.interaction import Interaction
 from ikservo.view.labels import STOP_TEXTS
+from ikservo.view.lens_camera import LensCamera
 from ikservo.view.messages import BadMessageError, Message
 from ikservo.view.plots import PlotFeed
 from ikservo.view.program_messages import ProgramMessage
@@ -118,6 +119,7 @@ class SessionController:
             msg.SetTorque: self._set_torque,
             msg.Undo: self._undo,
             msg.ArmAction: self._start_action,
+            msg.MarkTip: self._mark_tip,
             msg.FollowArm: self._follow_arm,
             msg.ReadServo: self._read_servo,
             msg.WriteRegister: self._write_register,
@@ -394,6 +396,16 @@ class SessionController:
         if refusal is not None and refusal.goal is goal:
             raise BadMessageError(refusal.reason, "Nothing moves. Choose another target.")
         self._arm_thread.request_job(ExecuteGoal(goal, self._arm_thread.command.speed))
+
+    def _mark_tip(self, message: msg.MarkTip, client: Client) -> None:
+        """Set the zero that the tip shows where it was clicked."""
+        self._require_ready()
+        picture, camera = self._composer.camera_view(client), self._composer.camera(client)
+        if picture is None or not isinstance(camera, LensCamera):
+            raise BadMessageError("The tip is clicked in a camera's picture.", "Choose its view.")
+        px, snapshot = np.array([message.x, message.y]), self._arm_thread.snapshot
+        found = picture.find_tip_zero(camera, px, snapshot)
+        self._arm_thread.request_job(SetTipZero(found))
 
     def _follow_arm(self, message: msg.FollowArm, _client: Client) -> None:
         if message.leader is None:

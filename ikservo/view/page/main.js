@@ -5,7 +5,7 @@ import { Actions } from "./actions.js";
 import { Arms } from "./arms.js";
 import { Connection } from "./connection.js";
 import { Drawing } from "./drawing.js";
-import { $, place, setText, updateChoices } from "./elements.js";
+import { $, place, setAttribute, setText, updateChoices } from "./elements.js";
 import { Freshness } from "./freshness.js";
 import { Gamepads } from "./gamepad.js";
 import { HandleInput } from "./handle_input.js";
@@ -116,6 +116,7 @@ const heightField = new NumberField({
 });
 $("height-field").append(heightField.element, " mm");
 heightField.show(height / MM, false);
+$("mark-tip").onclick = () => { pointerInput.take = pointerInput.take ? null : (at) => send("mark_tip", at); };
 const gamepads = new Gamepads(send, (text) => { $("gamepad").textContent = text; });
 gamepads.bindButton($("gripper-open"), -1);
 gamepads.bindButton($("gripper-close"), 1);
@@ -209,7 +210,10 @@ function show(scene) {
   drawing.show(backdrop, items);
   canvas.toggleAttribute("data-hover", Boolean(scene.hover));
   canvas.toggleAttribute("data-grabbed", Boolean(scene.grabbed));
-  canvas.toggleAttribute("data-picked", Boolean(scene.picked));
+  if (!scene.tip_shows) pointerInput.take = null;
+  $("mark-tip").hidden = !scene.tip_shows;
+  setAttribute($("mark-tip"), "aria-checked", Boolean(pointerInput.take));
+  canvas.toggleAttribute("data-picked", Boolean(scene.picked || pointerInput.take));
   showRefusal(scene.refusal, goalAt);
   showMission(scene, goalAt);
   arms.camera.showPictureTrouble(scene.picture_trouble);
