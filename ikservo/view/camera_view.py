@@ -36,6 +36,7 @@ class CameraView:
         arm: The arm before it.
         video: Its pictures.
         clock: Tells when to look whether it has moved.
+        name: Of the camera; the one with the source of the pictures if empty.
 
     Attributes:
         tip_shows: The joint whose zero a click on the tip would show; None if there is none.
@@ -45,9 +46,9 @@ class CameraView:
         FileFormatError: A file about it is damaged.
     """
 
-    def __init__(self, arm: Arm, video: VideoSource, clock: Clock) -> None:
-        camera, self._known, self._name = known_camera(arm.context, source=video.source)
-        if camera.source != video.source:
+    def __init__(self, arm: Arm, video: VideoSource, clock: Clock, name: str = "") -> None:
+        camera, self._known, self._name = known_camera(arm.context, name, video.source)
+        if not name and camera.source != video.source:
             raise CalibrationError(
                 f"{arm.model.name} was calibrated with camera {camera.source}, not this one."
             )

@@ -62,7 +62,8 @@ class SessionController:
         clock: The time of the page.
         downloads: Where files are offered; a place of its own if None.
         find_arm: Finds another arm of the page, to be followed.
-        video: The camera of the page, if it has one.
+        video: The pictures of the arm's camera, if it has one.
+        camera_name: Of that camera; see ``CameraView``.
 
     Attributes:
         downloads: The files that pages have asked for.
@@ -75,8 +76,10 @@ class SessionController:
         downloads: DownloadOffers | None = None,
         find_arm: FindArm = lambda _: None,
         video: VideoSource | None = None,
+        camera_name: str = "",
     ) -> None:
-        self._arm_thread, self._clock, self._video = arm_thread, clock, video
+        self._arm_thread, self._clock = arm_thread, clock
+        self._video, self._camera_name = video, camera_name
         self._arm = arm_thread.arm
         self._interaction = Interaction(arm_thread.arm, clock)
         self._guard = PreviewGuard(arm_thread.arm)
@@ -496,11 +499,11 @@ class SessionController:
         )
 
     def _find_camera_view(self) -> CameraView | None:
-        """Find the view of the page's camera, or None and say why its picture is one only."""
+        """Find the view of the arm's camera, or None and say why its picture is one only."""
         if self._video is None:
             return None
         try:
-            return CameraView(self._arm, self._video, self._clock)
+            return CameraView(self._arm, self._video, self._clock, self._camera_name)
         except IkservoError as error:
             self._interaction.log(f"Clicks in the picture are no targets: {error.message}")
             return None
