@@ -32,7 +32,7 @@ __all__ = ["TipZero", "find_tip_zero"]
 
 _MOST_RAD, _STEP_RAD = math.radians(10.0), math.radians(0.05)  # of zeros that are set by eye
 _LEAST_PX, _GOOD_PX = 1.0, 2.0  # by which a degree has to move the tip in the picture
-_OFF_M = 0.003  # by which a good click is beside the arc, besides what the camera is wrong
+_OFF_MM = 3.0  # by which a good click is beside the arc, besides what the camera is wrong
 _POSTURES = 37  # of each joint, among which a better one is looked for
 _REST_S, _REST_RAD = 0.3, math.radians(0.1)
 _SAME_TICK = 0.01
@@ -93,13 +93,13 @@ def find_tip_zero(
     _require_same(arm, calibration)
     q = _resting_joints(arm) if q is None else q
     steps = np.arange(-_MOST_RAD, _MOST_RAD, _STEP_RAD)
-    tried = _with_last(q, steps)
+    tried = q + steps[:, None] * np.eye(arm.chain.dof)[-1]
     away_m = np.cross(arm.chain.forward(tried)[:, :3, 3] - ray.origin_m, ray.direction)
     off_m = np.linalg.norm(away_m, axis=1)
     best = int(np.argmin(off_m))
     hint = "Click where the tip is, between the fingertips, in a picture of the arm as it stands."
-    if off_m[best] > _OFF_M + 2.0 * camera.after_mm / 1000.0:
-        beside_mm = 1000.0 * off_m[best]
+    beside_mm = 1000.0 * float(off_m[best])
+    if beside_mm > _OFF_MM + 2.0 * camera.after_mm:
         raise CalibrationError(
             f"The click is {beside_mm:.0f} mm from every place where the tip can be.", hint
         )
@@ -115,9 +115,8 @@ def find_tip_zero(
         raise CalibrationError(
             f"By this click the zero of {joint} would be off by {most_deg:.0f}° or more.", hint
         )
-    shift_rad = float(steps[best])
-    changed = _with_last_zero(arm, calibration, q, shift_rad, written)
-    return TipZero(joint, shift_rad, float(off_m[best]), px_per_deg, changed)
+    changed = _with_last_zero(arm, calibration, q, tried[best], written)
+    return TipZero(joint, float(steps[best]), beside_mm / 1000.0, px_per_deg, changed)
 
 
 def _resting_joints(arm: Arm) -> Vector:
@@ -150,23 +149,17 @@ def _require_same(arm: Arm, calibration: Calibration) -> None:
             )
 
 
-def _with_last(q: Vector, steps: Vector) -> Matrix:
-    """Return joints (n, dof) whose last one is further by steps (n,)."""
-    return q + steps[:, None] * np.eye(len(q))[-1]
-
-
 def _px_per_deg(model: CameraModel, chain: Chain, q: Matrix) -> Vector:
     """Compute by how many pixels (n,) a degree of the last joint moves the tip at joints (n, dof).
 
     Where the tip is not before the camera or beside the picture, that is 0.
     """
-    half = np.array([math.radians(0.5)])
-    (px, depth_m), (low, _), (high, _) = (
+    (px, depth_m), (then, _) = (
         model.project(chain.forward(each)[:, :3, 3])
-        for each in (q, q - _with_last(0.0 * q[0], half), q + _with_last(0.0 * q[0], half))
+        for each in (q, q + math.radians(1.0) * np.eye(chain.dof)[-1])
     )
     is_seen = (depth_m > 0.0) & (px > 0.0).all(axis=1) & (px < model.lens.size).all(axis=1)
-    return np.where(is_seen, np.linalg.norm(high - low, axis=1), 0.0)
+    return np.where(is_seen, np.linalg.norm(then - px, axis=1), 0.0)
 
 
 def _better_posture(model: CameraModel, chain: Chain, q: Vector) -> str:
@@ -184,18 +177,16 @@ def _better_posture(model: CameraModel, chain: Chain, q: Vector) -> str:
 
 
 def _with_last_zero(
-    arm: Arm, calibration: Calibration, q: Vector, shift_rad: float, written: datetime
+    arm: Arm, calibration: Calibration, q: Vector, moved: Vector, written: datetime
 ) -> Calibration:
-    """Return a calibration whose last zero is moved, and what is on the tip the other way."""
-    zeros = _with_last(np.zeros(len(q)), np.array([shift_rad]))[0]
-    joints = shift_zeros(calibration.joints, chain_maps(arm.model, calibration), zeros)
-    T_old, T_new = arm.chain.forward(q), arm.chain.forward(q + zeros)
+    """Return a calibration with which joints (dof,) measure moved, and what is on the tip stays."""
+    joints = shift_zeros(calibration.joints, chain_maps(arm.model, calibration), moved - q)
+    T_moved_tip = np.linalg.inv(arm.chain.forward(moved)) @ arm.chain.forward(q)
     cameras: dict[str, CalibratedCamera] = {}
     for name, camera in calibration.cameras_by_name.items():
         board = camera.board
         if board is not None:
-            T = np.linalg.inv(T_new) @ T_old @ stored_pose(board)
-            board = seen_board(board.name, T, board.scale)
+            board = seen_board(board.name, T_moved_tip @ stored_pose(board), board.scale)
         cameras[name] = camera.model_copy(update={"board": board})
     changed = calibration.model_copy(update={"joints": joints, "written": written})
     return changed.with_cameras(cameras)
