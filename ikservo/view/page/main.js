@@ -116,10 +116,16 @@ const heightField = new NumberField({
 });
 $("height-field").append(heightField.element, " mm");
 heightField.show(height / MM, false);
-$("mark-tip").onclick = () => { pointerInput.take = pointerInput.take ? null : (at) => send("mark_tip", at); };
+$("mark-tip").onclick = () => takeClick(pointerInput.take ? null : (at) => { takeClick(null); send("mark_tip", at); });
 const gamepads = new Gamepads(send, (text) => { $("gamepad").textContent = text; });
 gamepads.bindButton($("gripper-open"), -1);
 gamepads.bindButton($("gripper-close"), 1);
+
+// The next press is given to take(at), or is a gesture again.
+function takeClick(take) {
+  pointerInput.take = take;
+  setAttribute($("mark-tip"), "aria-checked", Boolean(take));
+}
 
 function showStatus(status) {
   setOnline(true);
@@ -210,9 +216,8 @@ function show(scene) {
   drawing.show(backdrop, items);
   canvas.toggleAttribute("data-hover", Boolean(scene.hover));
   canvas.toggleAttribute("data-grabbed", Boolean(scene.grabbed));
-  if (!scene.tip_shows) pointerInput.take = null;
+  if (!scene.tip_shows) takeClick(null);
   $("mark-tip").hidden = !scene.tip_shows;
-  setAttribute($("mark-tip"), "aria-checked", Boolean(pointerInput.take));
   canvas.toggleAttribute("data-picked", Boolean(scene.picked || pointerInput.take));
   showRefusal(scene.refusal, goalAt);
   showMission(scene, goalAt);

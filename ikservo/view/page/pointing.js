@@ -54,7 +54,6 @@ export class PointerInput {
     this.canvas.focus({ preventScroll: true });
     if (this.take && event.button === 0) {
       this.take(this.position(event));
-      this.take = null;
       return;
     }
     this.canvas.setPointerCapture(event.pointerId);
