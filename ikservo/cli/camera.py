@@ -92,11 +92,11 @@ def command(
     port: ServoPortOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Write the board for a calibration before a camera, or check whether the camera has moved.
+    """Write the board for a calibration, check whether a camera has moved, or find a zero by it.
 
     A check looks at the board on the gripper, where it was calibrated, or at one on the table that
     was remembered. Nothing moves. Exit code 6: the camera has moved; no target is taken from its
-    pictures until it is back. The zero of a last joint that no board shows is found by one look at
+    pictures until it is back. The zero of a last joint that no board shows is found by the pixel of
     the tip, and saved.
 
     ikservo camera board board.svg --board 7x9-15mm-5x5
