@@ -176,6 +176,9 @@ class CalibratedCamera(StrictModel):
         strict=False, description="a rotation vector in degrees"
     )
     board: SeenBoard | None = Field(default=None, description="a table [camera.board]")
+    tip_shows: Name | None = Field(
+        default=None, description="a joint whose zero only the tip shows, not the board"
+    )
 
 
 class Calibration(StrictModel):

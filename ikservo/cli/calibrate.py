@@ -101,6 +101,22 @@ def command(
     ikservo calibrate so101 --camera 0 --by-hand      the same, and you move the limp arm
     """
     seen = camera.camera is not None
+    if auto + touch + wiggle + seen > 1:
+        raise InputError("One of --auto, --touch, --camera and --wiggle at a time.")
+    if joint and (auto or touch or seen):
+        raise InputError("--joint goes with a calibration by hand or with --wiggle.")
+    of_limits = (pose, margin, continuous or None, skip or None, limit or None, write_limits)
+    sets_limits = not (touch or wiggle or seen or camera.from_pictures)
+    if not sets_limits and of_limits != ("rest", 2.0, None, None, None, None):
+        raise InputError(
+            "--pose, --margin, --continuous, --skip, --limit and --write-limits go with a "
+            "calibration that sets limits: by hand, or with --auto.",
+            "Leave them out.",
+        )
+    if touch_off != TouchOffOptions() and not touch:
+        raise InputError("Points are touched in a touch-off only.", "Add: --touch")
+    if uncalibrated and not wiggle:
+        raise InputError("--uncalibrated goes with --wiggle.", "Leave it out.")
     if camera.from_pictures is not None:
         if camera != CameraOptions(from_pictures=camera.from_pictures):
             raise InputError("--from-pictures says all of the camera.", "Leave the others out.")
@@ -110,10 +126,6 @@ def command(
         operator = answers.operator(read_script)
         calibrate_from_pictures(model, camera.from_pictures, operator, json=json)
         return
-    if auto + touch + wiggle + seen > 1:
-        raise InputError("One of --auto, --touch, --camera and --wiggle at a time.")
-    if joint and (auto or touch or seen):
-        raise InputError("--joint goes with a calibration by hand or with --wiggle.")
     if seen:
         calibrate_by_camera(connection, camera, answers.operator(read_script), json=json)
         return
@@ -132,8 +144,6 @@ def command(
     if touch:
         run_touch_off(model, port, touch_off, operator, json=json)
         return
-    if touch_off != TouchOffOptions():
-        raise InputError("Points are touched in a touch-off only.", "Add: --touch")
     user = parse_limits(model, limit or [])
     options = CalibrationOptions(
         pose=pose,

@@ -199,6 +199,8 @@ def _describe(result: CameraResult) -> Iterator[str]:
     unknown = [each.name for each in fit.parameters if not each.is_determined]
     if unknown:
         yield f"Not shown by these pictures, and kept: {', '.join(unknown)}."
+    if result.tip_shows:
+        yield f"A click on the tip shows the zero of {result.tip_shows}: ikservo camera tip"
     if abs(fit.scale) > 0.01:
         yield f"The board seems to be {1.0 + fit.scale:.1%} of the size that its name says."
 
@@ -219,6 +221,7 @@ def _fields(result: CameraResult) -> dict[str, object]:
         "before_m": estimate.before_m,
         "after_m": estimate.after_m,
         "board_scale": 1.0 + fit.scale,
+        "tip_shows": result.tip_shows,
         "T_camera_base": fit.T_camera_base,
         "lens_px": result.intrinsics.matrix,
         "distortion": result.intrinsics.distortion,

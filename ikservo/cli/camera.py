@@ -1,7 +1,8 @@
-"""``ikservo camera``: the board for a calibration before a camera; whether a camera has moved."""
+"""``ikservo camera``: boards, whether a camera has moved, and the tip in its picture."""
 
 from __future__ import annotations
 
+import math
 import os
 import re
 from datetime import UTC, datetime
@@ -24,20 +25,26 @@ if TYPE_CHECKING:
 
 __all__ = ["BoardOption", "CameraNameOption", "check_camera_name", "command", "open_camera"]
 
-ACTIONS = ("board", "check")
+ACTIONS = {
+    "board": ("--board", "--overwrite"),
+    "check": ("--board", "--camera", "--camera-name", "--remember", "--within"),
+    "tip": ("--camera-name", "--at"),
+}
+"""With the options that belong to each, besides --port and --json."""
 Action = Annotated[
     str,
     typer.Argument(
-        metavar="board|check",
+        metavar="board|check|tip",
         autocompletion=complete_from(*ACTIONS),
-        help="board: write it to a file. check: whether the camera has moved.",
+        help="board: write it to a file. check: whether the camera has moved. "
+        "tip: the last joint's zero, from where the tip is in the picture.",
     ),
 ]
 File = Annotated[
     Path | None,
     typer.Argument(
         metavar="[FILE|ARM]",
-        help="For board: a file of type .pdf or .svg. For check: the arm before the camera.",
+        help="For board: a file of type .pdf or .svg. Otherwise: the arm before the camera.",
     ),
 ]
 BoardOption = Annotated[
@@ -65,6 +72,10 @@ Within = Annotated[
         help="How far off the board may be seen; default: 3mm and what the arm is wrong.",
     ),
 ]
+At = Annotated[
+    str | None,
+    typer.Option("--at", metavar="U,V", help="The pixel of the tip, from the top left corner."),
+]
 
 
 def command(
@@ -76,50 +87,58 @@ def command(
     camera_name: CameraNameOption = "",
     remember: Remember = False,
     within: Within = None,
+    at: At = None,
     overwrite: OverwriteOption = False,
     port: ServoPortOption = None,
     json: JsonOption = False,
 ) -> None:
-    """Write the board for a calibration before a camera, or check whether the camera has moved.
+    """Write the board for a calibration, check whether a camera has moved, or find a zero by it.
 
     A check looks at the board on the gripper, where it was calibrated, or at one on the table that
     was remembered. Nothing moves. Exit code 6: the camera has moved; no target is taken from its
-    pictures until it is back.
+    pictures until it is back. The zero of a last joint that no board shows is found by the pixel of
+    the tip, and saved.
 
     ikservo camera board board.svg --board 7x9-15mm-5x5
 
     ikservo camera check so101 --camera 0
 
     ikservo camera check so101 --camera 0 --remember
+
+    ikservo camera tip open_manipulator_x --at 512,300
     """
     if action not in ACTIONS:
         raise UnknownNameError("action", action, ACTIONS)
     check_camera_name(camera_name)
     given = {
-        "--camera": camera,
-        "--camera-name": camera_name or None,
+        "--board": board != DEFAULT_BOARD,
+        "--camera": camera is not None,
+        "--camera-name": bool(camera_name),
         "--remember": remember,
-        "--within": within,
+        "--within": within is not None,
+        "--at": at is not None,
+        "--overwrite": overwrite,
     }
+    for name, is_given in given.items():
+        if is_given and name not in ACTIONS[action]:
+            its = " and ".join(each for each, options in ACTIONS.items() if name in options)
+            raise BadValueError(name, f"given for {action}", f"an option of {its} only")
     if action == "board":
-        wrong = [name for name, value in given.items() if value not in (None, False)]
-        if wrong:
-            raise BadValueError(wrong[0], "given for board", "an option of check only")
         path = file or Path("board.pdf")
         if path.exists() and not overwrite:
             raise InputError(f"{path} exists.", "Choose another file, or add --overwrite.")
         _write_board(path, Board.named(board), json=json)
         return
-    if overwrite:
-        raise BadValueError("--overwrite", "given for check", "an option of board only")
+    arm = (file and str(file)) or os.environ.get("IKSERVO_ARM")
+    if action == "tip":
+        _set_tip_zero(arm, port, _parse_pixel(at), camera_name, json=json)
+        return
     if camera is None:
         raise InputError("Which camera?", "Add: --camera 0")
     if within is not None and not 0.0 < within < 1.0:
         raise BadValueError("--within", within, "a length above 0, below 1 m")
-    _check(
-        file and str(file), port, camera, camera_name, Board.named(board), within,
-        remember=remember, json=json,
-    )  # fmt: skip
+    _check(arm, port, camera, camera_name, Board.named(board), within,
+           remember=remember, json=json)  # fmt: skip
 
 
 def _write_board(file: Path, board: Board, *, json: bool) -> None:
@@ -150,7 +169,6 @@ def _check(
     from ikservo.cli.options import ArmConnection  # noqa: PLC0415
     from ikservo.cli.session import open_from_options  # noqa: PLC0415
 
-    arm = arm or os.environ.get("IKSERVO_ARM")
     with open_from_options(ArmConnection(arm=arm, port=port)) as machine:
         opened = require_own_port(machine)
         camera = open_camera(source, opened, board)
@@ -223,3 +241,39 @@ def _compare(
     if check.has_moved:
         print_status("Put it back and check again, or calibrate again.")
         raise typer.Exit(ExitCode.CALIBRATION)
+
+
+def _parse_pixel(text: str | None) -> tuple[float, float]:
+    if text is None:
+        raise InputError("Where is the tip in the picture?", "Add its pixel: --at 512,300")
+    try:
+        u, v = map(float, text.split(","))
+    except ValueError:
+        raise BadValueError("--at", repr(text), "two numbers, such as 512,300") from None
+    return u, v
+
+
+def _set_tip_zero(
+    name: str | None, port: str | None, pixel: tuple[float, float], camera: str, *, json: bool
+) -> None:
+    from ikservo.arm.opening import require_own_port  # noqa: PLC0415  # loads the kernels
+    from ikservo.calibration.calibration_file import save_calibration  # noqa: PLC0415
+    from ikservo.cli.options import ArmConnection  # noqa: PLC0415
+    from ikservo.cli.session import open_from_options  # noqa: PLC0415
+    from ikservo.maintenance.tip_click import find_tip_zero  # noqa: PLC0415
+
+    with open_from_options(ArmConnection(arm=name, port=port)) as machine:
+        arm, now = require_own_port(machine), datetime.now(UTC).replace(microsecond=0)
+        found = find_tip_zero(arm, pixel, now, camera)
+        path = save_calibration(found.calibration)
+    if json:
+        print_json(
+            "camera-tip", path=path, joint=found.joint, shift_rad=found.shift_rad,
+            off_m=found.off_m, px_per_deg=found.px_per_deg,
+        )  # fmt: skip
+        return
+    print_lines([
+        f"{found.joint} is {math.degrees(found.shift_rad):+.2f}° from where it measured; the tip "
+        f"is then {1000.0 * found.off_m:.1f} mm beside the click.",
+    ])  # fmt: skip
+    print_status(f"Saved to {path}. To undo it: ikservo calibration undo {arm.model.name}")

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from ikservo.cli.camera import CameraNameOption, check_camera_name
 from ikservo.cli.completion import complete_arms
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.option_groups import Without
@@ -59,12 +60,13 @@ Insecure = Annotated[
         help="Serve the network over plain HTTP, which others can read and change.",
     ),
 ]
-Camera = Annotated[
-    str | None,
+Cameras = Annotated[
+    list[str] | None,
     typer.Option(
         "--camera",
         metavar="SOURCE",
-        help="Camera picture beside the arm: a number, /dev/video0, http://… or a file.",
+        help="Camera picture beside the arm: a number, /dev/video0, http://… or a file; once for "
+        "each camera. An arm shows the one that it was calibrated with.",
     ),
 ]
 Listen = Annotated[str, typer.Option("--listen", metavar="ADDRESS", help=_LISTEN_HELP)]
@@ -87,7 +89,8 @@ def command(
     listen: Listen = "127.0.0.1",
     insecure: Insecure = False,
     no_open: NoOpen = False,
-    camera: Camera = None,
+    camera: Cameras = None,
+    camera_name: CameraNameOption = "",
     scene: Scene = None,
     servos: Servos = False,
     options: Annotated[MotionOptions, Without("dry_run", "no_wiggle", "tip", "yes", "json")],
@@ -105,16 +108,18 @@ def command(
     ikservo view --port sim --listen 192.168.0.7     for other machines, over TLS
     """
     _check_installed(_NEEDS if insecure or _is_loopback(listen) else (*_NEEDS, *_TLS_NEEDS))
-    if camera is not None:
+    check_camera_name(camera_name)
+    if camera or camera_name:
         _check_installed(["cv2"], "camera")
     from ikservo.view.app import ViewApp  # noqa: PLC0415  # what --help does not need
 
-    bench = _bench_from_options(arms, connection, camera) if servos else None
+    bench = _bench_from_options(arms, connection, camera or camera_name) if servos else None
     places = [] if bench else _places_from_options(arms or [], connection.arm, connection.port)
     if scene is not None:
         places = _among_things(places, scene)
     app = ViewApp(places, listen, http_port, insecure=insecure, collisions=options.collision,
-                  uncalibrated=options.uncalibrated, camera=camera, servos=bench)  # fmt: skip
+                  uncalibrated=options.uncalibrated, cameras=camera or (), camera_name=camera_name,
+                  servos=bench)  # fmt: skip
     with exiting_on_signals(), app as urls:  # what moves brakes, what is written is finished
         print_status(f"To watch only:\n{urls.watch}\nTo control the arm:")
         sys.stderr.flush()  # the label of what follows
@@ -134,7 +139,7 @@ def command(
 
 
 def _bench_from_options(
-    arms: Sequence[str] | None, connection: ServoConnection, camera: str | None
+    arms: Sequence[str] | None, connection: ServoConnection, camera: Sequence[str] | None
 ) -> tuple[str, Model | None]:
     """Return the port of the servos, and their arm if one is named.
 

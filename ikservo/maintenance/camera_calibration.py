@@ -14,6 +14,7 @@ import numpy as np
 from ikservo.arm.arm import Arm
 from ikservo.arm.calibrated_arm import ZeroSource, known_bending, own_chain
 from ikservo.arm.reports import ArmState
+from ikservo.calibration import JointMap
 from ikservo.calibration.calibration_file import load_calibration, save_calibration
 from ikservo.calibration.camera_file import SIMULATED, CameraFile, camera_names, save_camera
 from ikservo.calibration.records import CalibratedCamera, Calibration, SeenBoard
@@ -40,13 +41,15 @@ from ikservo.eyes.pose_choice import choose_postures, is_visible
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.bending import Bending
 from ikservo.kinematics.chain import Chain
+from ikservo.kinematics.joints import JointType
 from ikservo.kinematics.se3 import log_so3
 from ikservo.maintenance.picture_folder import PictureFolder
 from ikservo.maintenance.touch_off import shift_zeros
 from ikservo.model import Model
 
 __all__ = ["HAND_EXTENTS", "LEAST_SHARE", "ArmBefore", "BoardPictures", "CameraCalibration",
-           "CameraResult", "measured_joints", "save_camera_result", "seen_board"]  # fmt: skip
+           "CameraResult", "chain_maps", "measured_joints", "save_camera_result",
+           "seen_board"]  # fmt: skip
 
 HAND_EXTENTS = (Extent.CAMERA, Extent.ZEROS)
 """What is estimated by hand."""
@@ -58,6 +61,7 @@ _FIRST_STEP_RAD = math.radians(9.0)  # of each joint, before anything is known o
 _REACH_RAD = math.radians(75.0)  # how far joints go from where the arm was put
 _CANDIDATES, _AT_ONCE, _MAX_MISSED = 1500, 4, 8
 _SETTLE_S = 0.3  # after a motion: what swings is blurred
+_TIP_M = 0.001  # by which a zero that nobody knows better may move the tip
 _EXPOSURE_TRIES, _STEADY_GREY = 5, 4.0  # pictures, and by how much their mean may differ, of 255
 _LENS_STEPS, _SAME_LENS = 6, 1e-3  # of its numbers
 
@@ -81,6 +85,14 @@ class CameraResult:
     pictures: int
     missed: int
     duration_s: float
+
+    @property
+    def tip_shows(self) -> str | None:
+        """The last joint if the pictures leave its zero so open that the tip is uncertain."""
+        chain = self.estimate.fit.bending.dynamics.chain
+        swing_m = np.linalg.norm(chain.jacobian(np.zeros(chain.dof))[:3, -1])  # each rad of it
+        is_open = self.estimate.zero_deviations[-1] * swing_m > _TIP_M
+        return chain.names[-1] if is_open and chain.kinds[-1] is JointType.REVOLUTE else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -348,6 +360,13 @@ def measured_joints(chain: Chain, state: ArmState) -> Vector:
     return np.array([state[name].position_rad for name in chain.names])
 
 
+def chain_maps(model: Model, calibration: Calibration) -> list[JointMap]:
+    """Return the maps of the chain's joints with the zeros and signs of a calibration."""
+    maps = [model.joint(name).joint_map for name in model.chain.names]
+    found = [(calibration.joint(nominal.joint), nominal) for nominal in maps]
+    return [joint.joint_map(nominal) if joint else nominal for joint, nominal in found]
+
+
 def save_camera_result(
     arm: ArmBefore, source: str, result: CameraResult, written: datetime, name: str = ""
 ) -> Path:
@@ -377,12 +396,7 @@ def _with_result(
     fit, names = result.estimate.fit, model.chain.names
     joints = calibration.joints
     if fit.extent.zeros:
-        maps = [model.joint(name).joint_map for name in names]
-        own = [
-            joint.joint_map(nominal) if (joint := calibration.joint(name)) else nominal
-            for name, nominal in zip(names, maps, strict=True)
-        ]
-        joints = shift_zeros(joints, own, fit.zeros)
+        joints = shift_zeros(joints, chain_maps(model, calibration), fit.zeros)
     if fit.extent.bending:
         compliance = dict(zip(names, fit.bending.compliance.tolist(), strict=True))
         half_play = dict(zip(names, fit.bending.half_play.tolist(), strict=True))
@@ -419,6 +433,7 @@ def _calibrated_camera(source: str, result: CameraResult, written: datetime) -> 
         at_mm=tuple((1000.0 * T[:3, 3]).tolist()),
         turned_deg=tuple(np.degrees(log_so3(T[:3, :3])).tolist()),
         board=seen_board(board, fit.T_tip_board, 1.0 + fit.scale),
+        tip_shows=result.tip_shows,
     )
 
 

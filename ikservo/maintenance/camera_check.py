@@ -19,7 +19,7 @@ from ikservo.kinematics.arrays import Matrix
 from ikservo.kinematics.se3 import exp_so3, log_so3, make_pose
 from ikservo.maintenance.camera_calibration import seen_board
 
-__all__ = ["BoardPlace", "check_camera", "compare_place", "remember_board"]
+__all__ = ["BoardPlace", "check_camera", "compare_place", "remember_board", "stored_pose"]
 
 _OFF_MM, _OFF_DEG = 3.0, 1.5  # what a picture's noise does not reach
 _GRIPPER_DEG = 1.0  # by which joints may tilt a board besides
@@ -50,7 +50,7 @@ class BoardPlace:
 
     def pose(self, T_base_tip: Matrix) -> Matrix:
         """Return T_base_board (4, 4)."""
-        T = _pose(self._stored)
+        T = stored_pose(self._stored)
         return T if self.on_table else T_base_tip @ T
 
     @property
@@ -177,5 +177,6 @@ def _tip_pose(arm: Arm) -> Matrix:
     return arm.chain.forward(q)
 
 
-def _pose(stored: SeenBoard) -> Matrix:
+def stored_pose(stored: SeenBoard) -> Matrix:
+    """Return the pose (4, 4) of a board as it is stored."""
     return make_pose(np.array(stored.at_mm) / 1000.0, exp_so3(np.radians(stored.turned_deg)))

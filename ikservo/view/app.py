@@ -17,10 +17,6 @@ from ikservo.arm import DEAD_MAN_TIMEOUT_S, Arm
 from ikservo.arm.opening import open_own_arm
 from ikservo.clock import RealClock
 from ikservo.errors import BadValueError
-from ikservo.eyes.board import DEFAULT_BOARD, Board
-from ikservo.eyes.capture import Capture, open_capture
-from ikservo.eyes.pictures import PictureSource
-from ikservo.eyes.sources import SIMULATED_SOURCE, open_source
 from ikservo.hardware.transport import refuse_other_machines
 from ikservo.model import Model
 from ikservo.view.arm_choices import ChoiceFinder
@@ -29,10 +25,10 @@ from ikservo.view.auth import AccessTokens
 from ikservo.view.downloads import DownloadOffers
 from ikservo.view.messages import read_message
 from ikservo.view.new_arm import NewArmPanel
+from ikservo.view.page_cameras import PageCameras
 from ikservo.view.served_arms import ArmAtPort, ServedArms, ViewSettings
 from ikservo.view.server import BoundAddress, PageChannel, make_app, serve, serve_in_thread
 from ikservo.view.servo_bench import ServoBench, read_bench_message
-from ikservo.view.video import PictureCapture, VideoSource
 
 __all__ = ["ViewApp", "ViewUrls", "low_jitter"]
 
@@ -88,7 +84,8 @@ class ViewApp:
         collisions: See ``open_arm``.
         uncalibrated: See ``open_arm``.
         dead_man_s: How long the arm follows without a heartbeat of the page.
-        camera: What ``VideoSource`` reads, for a picture beside the arm.
+        cameras: See ``PageCameras``.
+        camera_name: See ``PageCameras``.
         servos: Instead of arms: the port of the servos that the page works on, and their arm.
     """
 
@@ -102,7 +99,8 @@ class ViewApp:
         collisions: bool = True,
         uncalibrated: bool = False,
         dead_man_s: float = DEAD_MAN_TIMEOUT_S,
-        camera: str | None = None,
+        cameras: Sequence[str] = (),
+        camera_name: str = "",
         servos: tuple[str, Model | None] | None = None,
     ) -> None:
         ports = [place.port or os.environ.get("IKSERVO_PORT", "") for place in places]
@@ -114,7 +112,7 @@ class ViewApp:
         self._is_local = ipaddress.ip_address(self._listen).is_loopback
         self._uses_tls = not (self._is_local or insecure)
         self._collisions, self._uncalibrated = collisions, uncalibrated
-        self._dead_man_s, self._camera = dead_man_s, camera
+        self._dead_man_s, self._cameras, self._camera_name = dead_man_s, cameras, camera_name
         self.keys = AccessTokens.generate()
         self._exits = ExitStack()
 
@@ -128,25 +126,21 @@ class ViewApp:
             self._address = self._bind()
             stack.callback(self._address.socket.close)
             clock = RealClock()
-            camera = None
-            if self._camera is not None:
-                camera = VideoSource(self._camera, clock, self._open_capture)
-            if camera is not None:
-                stack.enter_context(camera)
+            cameras = stack.enter_context(PageCameras(clock, self._cameras, self._camera_name))
             downloads = DownloadOffers(clock)
             self.arms = ServedArms(
-                ViewSettings(self._open_arm, clock, downloads, self._dead_man_s, camera)
+                ViewSettings(self._open_arm, clock, downloads, self._dead_man_s, cameras)
             )
             stack.callback(self.arms.close)
             self.arms.open_all(self._places)
-            self._simulated = self._place_simulated_camera(camera)
+            self._require_camera()
             if self._servos is not None:
                 self._bench = ServoBench(*self._servos, downloads)
                 stack.callback(self._bench.close)
             new_arm = NewArmPanel(Path.cwd(), is_local=self._is_local)
             stack.callback(new_arm.close)
             choices = ChoiceFinder(self._places)
-            arm_list = ArmList(self.arms, choices, clock, downloads, camera, new_arm)
+            arm_list = ArmList(self.arms, choices, clock, downloads, new_arm)
             index = "index.html" if self._servos is None else "servos.html"
             self._app = make_app(self._channels(arm_list), self.keys, clock, downloads, index)
             stack.enter_context(low_jitter())
@@ -198,28 +192,22 @@ class ViewApp:
         return open_own_arm(model, port, collisions=self._collisions,
                             uncalibrated=self._uncalibrated)  # fmt: skip
 
-    def _open_capture(self, source: str) -> Capture:
-        """Open the camera; a simulated one stands before the first arm from the beginning."""
-        if self._simulated is None:
-            return open_capture(source)
-        return PictureCapture(self._simulated)
-
-    def _place_simulated_camera(self, video: VideoSource | None) -> PictureSource | None:
-        """Place a simulated camera before the first open arm.
+    def _require_camera(self) -> None:
+        """Check that one of the open arms shows a picture, if that was asked for.
 
         Raises:
-            InputError: That is no simulated arm.
+            IkservoError: Why the first of them shows none.
         """
-        arm = self.arms.find("")
-        if self._camera != SIMULATED_SOURCE or video is None or arm is None:
-            return None
-        transport = video.before = arm.arm_thread.arm.context.port.transport
-        return open_source(self._camera, transport, Board.named(DEFAULT_BOARD))
+        arms = [arm for arm in self.arms.all() if arm.is_open]
+        if not any(arm.video for arm in arms):
+            for arm in arms:
+                if arm.camera_error is not None:
+                    raise arm.camera_error
 
     def _collect_warnings(self) -> list[str]:
-        hint = "" if self._simulated is None else self._simulated.hint
+        hints = {arm.video.hint for arm in self.arms.all() if arm.is_open and arm.video}
         network = _TLS_TEXT if self._uses_tls else _INSECURE_TEXT
-        return [text for text in (hint, "" if self._is_local else network) if text]
+        return [text for text in (*hints, "" if self._is_local else network) if text]
 
 
 _TLS_TEXT = (

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+import math
 from typing import Protocol
 
 from ikservo.arm import Arm, MotionProgress
+from ikservo.calibration.calibration_file import save_calibration
 from ikservo.errors import RefusedError
 from ikservo.kinematics.arrays import Vector
+from ikservo.maintenance.tip_click import TipZero
 
-__all__ = ["ArmJob", "ExecuteGoal", "JobObserver", "RelaxArm", "ReleaseArm"]
+__all__ = ["ArmJob", "ExecuteGoal", "JobObserver", "RelaxArm", "ReleaseArm", "SetTipZero"]
 
 
 class JobObserver(Protocol):
@@ -36,6 +39,10 @@ class JobObserver(Protocol):
 
     def on_torque_off(self) -> None:
         """Read the arm after its torque was switched off, which is no loss of torque then."""
+        ...
+
+    def reopen(self) -> None:
+        """Open the arm again, after it was calibrated."""
         ...
 
     def log_message(self, message: str) -> None:
@@ -111,3 +118,25 @@ class ReleaseArm:
         arm.disable_torque()
         observer.on_torque_off()
         observer.log_message("Torque of all servos switched off from the page.")
+
+
+class SetTipZero:
+    """Saves the zero that a click on the tip has shown, and opens the arm with it.
+
+    Args:
+        found: The zero.
+    """
+
+    title = "Is opened with its new zero"
+
+    def __init__(self, found: TipZero) -> None:
+        self._found = found
+
+    def run(self, arm: Arm, observer: JobObserver) -> None:
+        """Save the calibration; the arm keeps its torque and does not move."""
+        save_calibration(self._found.calibration)
+        observer.reopen()
+        observer.log_message(
+            f"{self._found.joint} is {math.degrees(self._found.shift_rad):+.2f}° from where it "
+            f"measured; saved. To undo it: ikservo calibration undo {arm.model.name}"
+        )

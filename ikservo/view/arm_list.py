@@ -18,7 +18,7 @@ from ikservo.view.messages import BadMessageError, Heartbeat, validate_message
 from ikservo.view.new_arm import AnswerNewArm, CancelNewArm, NewArmPanel, StartNewArm
 from ikservo.view.served_arms import ServedArms
 from ikservo.view.server import Frame
-from ikservo.view.video import VIDEO_TYPE, VideoSource
+from ikservo.view.video import VIDEO_TYPE
 
 __all__ = [
     "ArmList",
@@ -57,9 +57,10 @@ class CloseArm(PageMessage):
 
 
 class ShowCamera(PageMessage):
-    """Ask for the address of the camera's pictures, which is valid once."""
+    """Ask for the address of the pictures of an arm's camera, which is valid once."""
 
     kind: Literal["show_camera"]
+    arm: Name
 
 
 class StopArms(PageMessage):
@@ -108,8 +109,7 @@ class ArmList:
         arms: The arms.
         choices: What else there is.
         clock: Limits the rate of frames.
-        downloads: Hands out the address of the camera's pictures.
-        camera: The camera, if there is one.
+        downloads: Hands out the addresses of the cameras' pictures.
         new_arm: Makes the folder of a new arm.
     """
 
@@ -119,12 +119,11 @@ class ArmList:
         choices: ChoiceFinder,
         clock: Clock,
         downloads: DownloadOffers,
-        camera: VideoSource | None = None,
         new_arm: NewArmPanel | None = None,
     ) -> None:
         self._new_arm = new_arm or NewArmPanel(Path())
         self._arms, self._choices, self._clock = arms, choices, clock
-        self._downloads, self._camera = downloads, camera
+        self._downloads = downloads
         self._addresses: dict[int, list[Frame]] = {}
         self._numbers = itertools.count(1)
         self._permissions: dict[int, Permission] = {}
@@ -151,9 +150,10 @@ class ArmList:
         if isinstance(message, Heartbeat):
             return
         if isinstance(message, ShowCamera):
-            if self._camera is None:
+            arm = self._arms.find(message.arm)
+            if arm is None or arm.video is None:
                 raise BadMessageError("There is no camera.", "Start with: ikservo view --camera 0")
-            url = self._downloads.offer(Download("", self._camera.stream, VIDEO_TYPE))
+            url = self._downloads.offer(Download("", arm.video.stream, VIDEO_TYPE))
             self._addresses.setdefault(client_id, []).append({"kind": "camera_url", "url": url})
             return
         if self._permissions[client_id] is not Permission.CONTROL:
@@ -200,12 +200,7 @@ class ArmList:
             "new_arm": self._new_arm.fields() if may_control else None,
             "permission": self._permissions[client_id].value,
             "arms": [arm.fields() for arm in self._arms.all()],
-            "camera": _camera_fields(self._camera),
             **self._choices.found.fields(),
         }
         self._sent[client_id] = (now_s, frame)
         return [] if frame == sent else [frame]
-
-
-def _camera_fields(camera: VideoSource | None) -> dict[str, str] | None:
-    return None if camera is None else {"name": camera.name, "trouble": camera.trouble}

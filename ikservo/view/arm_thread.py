@@ -246,6 +246,12 @@ class ArmThread:
         """Read the arm after its torque was switched off, which is no loss of torque then."""
         self.snapshot = replace(self._update_positions(), reference=None)
 
+    def reopen(self) -> None:
+        """Open the arm again, after a job has calibrated it."""
+        self.arm.close("hold")
+        self._lost = True  # until it is open
+        self._reopen_arm()
+
     def _require_heartbeat(self) -> None:
         if self.lease.is_silent and self._stop_reason is None:
             self.request_stop(StopReason(StopKind.CLIENT, _JOB_SILENCE_TEXT))

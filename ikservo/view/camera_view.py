@@ -16,9 +16,11 @@ from ikservo.errors import CalibrationError, IkservoError
 from ikservo.eyes.pictures import Picture, find_board, is_mirrored
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.maintenance.camera_check import BoardPlace, compare_place
+from ikservo.maintenance.tip_click import TipZero, find_tip_zero
 from ikservo.view.camera import Viewport
 from ikservo.view.lens_camera import LensCamera, PictureSurface, make_lens_camera
 from ikservo.view.messages import BadMessageError
+from ikservo.view.snapshot import ArmSnapshot
 from ikservo.view.video import VideoSource
 
 __all__ = ["CameraView"]
@@ -34,20 +36,24 @@ class CameraView:
         arm: The arm before it.
         video: Its pictures.
         clock: Tells when to look whether it has moved.
+        name: Of the camera; the one with the source of the pictures if empty.
+
+    Attributes:
+        tip_shows: The joint whose zero a click on the tip would show; None if there is none.
 
     Raises:
         CalibrationError: The arm has no calibrated camera, or was calibrated with another one.
         FileFormatError: A file about it is damaged.
     """
 
-    def __init__(self, arm: Arm, video: VideoSource, clock: Clock) -> None:
-        camera, self._known, self._name = known_camera(arm.context, source=video.source)
-        if camera.source != video.source:
+    def __init__(self, arm: Arm, video: VideoSource, clock: Clock, name: str = "") -> None:
+        camera, self._known, self._name = known_camera(arm.context, name, video.source)
+        if not name and camera.source != video.source:
             raise CalibrationError(
                 f"{arm.model.name} was calibrated with camera {camera.source}, not this one."
             )
         self._arm, self._video, self._clock = arm, video, clock
-        self._model = camera_model(camera)
+        self._model, self.tip_shows = camera_model(camera), camera.tip_shows
         check = self._known.check
         self._moved = check if check is not None and check.has_moved else None
         self._mirrored = ""
@@ -102,15 +108,33 @@ class CameraView:
         if self.trouble:
             raise BadMessageError(self.trouble, "Nothing moves. Choose a target in another view.")
 
+    def find_tip_zero(self, camera: LensCamera, px: Vector, snapshot: ArmSnapshot) -> TipZero:
+        """Find the zero with which the tip is where it was clicked.
+
+        Args:
+            camera: Of the drawing.
+            px: The pixel (2,) of the drawing.
+            snapshot: The arm.
+
+        Raises:
+            BadMessageError: The picture is not usable, or the arm does not rest.
+            CalibrationError: The click shows no zero.
+        """
+        self.require_usable()
+        is_old = self._clock.now_s() - snapshot.read_s > _REST_S
+        if is_old or not self._rests(snapshot.measured):
+            raise BadMessageError("The arm has moved.", "Click again once it has rested.")
+        q = self._arm.joint_index.chain_joints(snapshot.measured)
+        written = datetime.now(UTC).replace(microsecond=0)
+        return find_tip_zero(self._arm, camera.picture_px(px), written, self._name, q)
+
     def watch(self, measured: Vector) -> None:
         """Look now and then whether the camera has moved; called while somebody looks.
 
         Args:
             measured: All joints (n,).
         """
-        now_s = self._clock.now_s()
-        if self._still is None or float(np.abs(measured - self._still[1]).max()) > _AT_REST_RAD:
-            self._still = now_s, measured
+        now_s, rests = self._clock.now_s(), self._rests(measured)
         if self._checking is not None:
             if self._checking.done():
                 self._judge(self._checking.result())
@@ -119,12 +143,18 @@ class CameraView:
         place, picture = self._place, self._video.newest
         if place is None or picture is None or not self._video.is_fresh:
             return
-        rests = place.on_table or now_s - self._still[0] > _REST_S
-        if rests and now_s - self._checked_s >= _CHECK_PERIOD_S:
+        if (rests or place.on_table) and now_s - self._checked_s >= _CHECK_PERIOD_S:
             self._checked_s = now_s
             q = self._arm.joint_index.chain_joints(measured)
             T_base_tip = self._arm.chain.forward(q)
             self._checking = self._worker.submit(self._look, place, picture, T_base_tip)
+
+    def _rests(self, measured: Vector) -> bool:
+        """Check whether all joints (n,) have been still for longer than a picture takes."""
+        now_s = self._clock.now_s()
+        if self._still is None or float(np.abs(measured - self._still[1]).max()) > _AT_REST_RAD:
+            self._still = now_s, measured
+        return now_s - self._still[0] > _REST_S
 
     def _look(
         self, place: BoardPlace, picture: Picture, T_base_tip: Matrix

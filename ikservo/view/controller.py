@@ -14,7 +14,7 @@ from ikservo.arm import StopKind, StopReason
 from ikservo.clock import Clock
 from ikservo.errors import IkservoError
 from ikservo.view import messages as msg
-from ikservo.view.arm_job import ExecuteGoal, RelaxArm, ReleaseArm
+from ikservo.view.arm_job import ExecuteGoal, RelaxArm, ReleaseArm, SetTipZero
 from ikservo.view.arm_thread import ArmThread
 from ikservo.view.auth import Permission
 from ikservo.view.camera import Viewport
@@ -28,6 +28,7 @@ from ikservo.view.goal_check import PreviewGuard
 from ikservo.view.history import csv_lines
 from ikservo.view.interaction import Interaction
 from ikservo.view.labels import STOP_TEXTS
+from ikservo.view.lens_camera import LensCamera
 from ikservo.view.messages import BadMessageError, Message
 from ikservo.view.plots import PlotFeed
 from ikservo.view.program_messages import ProgramMessage
@@ -61,7 +62,8 @@ class SessionController:
         clock: The time of the page.
         downloads: Where files are offered; a place of its own if None.
         find_arm: Finds another arm of the page, to be followed.
-        video: The camera of the page, if it has one.
+        video: The pictures of the arm's camera, if it has one.
+        camera_name: Of that camera; see ``CameraView``.
 
     Attributes:
         downloads: The files that pages have asked for.
@@ -74,8 +76,10 @@ class SessionController:
         downloads: DownloadOffers | None = None,
         find_arm: FindArm = lambda _: None,
         video: VideoSource | None = None,
+        camera_name: str = "",
     ) -> None:
-        self._arm_thread, self._clock, self._video = arm_thread, clock, video
+        self._arm_thread, self._clock = arm_thread, clock
+        self._video, self._camera_name = video, camera_name
         self._arm = arm_thread.arm
         self._interaction = Interaction(arm_thread.arm, clock)
         self._guard = PreviewGuard(arm_thread.arm)
@@ -118,6 +122,7 @@ class SessionController:
             msg.SetTorque: self._set_torque,
             msg.Undo: self._undo,
             msg.ArmAction: self._start_action,
+            msg.MarkTip: self._mark_tip,
             msg.FollowArm: self._follow_arm,
             msg.ReadServo: self._read_servo,
             msg.WriteRegister: self._write_register,
@@ -395,6 +400,16 @@ class SessionController:
             raise BadMessageError(refusal.reason, "Nothing moves. Choose another target.")
         self._arm_thread.request_job(ExecuteGoal(goal, self._arm_thread.command.speed))
 
+    def _mark_tip(self, message: msg.MarkTip, client: Client) -> None:
+        """Set the zero that the tip shows where it was clicked."""
+        self._require_ready()
+        picture, camera = self._composer.camera_view(client), self._composer.camera(client)
+        if picture is None or not isinstance(camera, LensCamera):
+            raise BadMessageError("The tip is clicked in a camera's picture.", "Choose its view.")
+        px, snapshot = np.array([message.x, message.y]), self._arm_thread.snapshot
+        found = picture.find_tip_zero(camera, px, snapshot)
+        self._arm_thread.request_job(SetTipZero(found))
+
     def _follow_arm(self, message: msg.FollowArm, _client: Client) -> None:
         if message.leader is None:
             self._following.finish()
@@ -484,11 +499,11 @@ class SessionController:
         )
 
     def _find_camera_view(self) -> CameraView | None:
-        """Find the view of the page's camera, or None and say why its picture is one only."""
+        """Find the view of the arm's camera, or None and say why its picture is one only."""
         if self._video is None:
             return None
         try:
-            return CameraView(self._arm, self._video, self._clock)
+            return CameraView(self._arm, self._video, self._clock, self._camera_name)
         except IkservoError as error:
             self._interaction.log(f"Clicks in the picture are no targets: {error.message}")
             return None

@@ -403,6 +403,7 @@ class FrameComposer:
             "kind": "scene",
             "webgl": client.webgl,
             "picture_trouble": None if picture is None else picture.trouble,
+            "tip_shows": None if picture is None else picture.tip_shows,
             "refusal": self._refusal_text(),
             **self._trace_fields(),
             **self._graph.fields(state, handles=self._has_handles(client)),

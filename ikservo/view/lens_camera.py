@@ -40,6 +40,11 @@ class LensCamera(Camera):
         """Compute the offsets (…, 2) of pixels; inverse of ``pixels_at``."""
         return self.scale_px * self.model.flat((px - self.left_top_px) / self.zoom - 0.5)
 
+    def picture_px(self, px: Vector) -> tuple[float, float]:
+        """Return the pixel (u, v) of the camera's own picture at a pixel (2,) of the drawing."""
+        u, v = ((px - self.left_top_px) / self.zoom - 0.5).tolist()
+        return u, v
+
     def fields(self) -> dict[str, object]:
         """Return lens and place of the picture for the page."""
         lens = self.model.lens
@@ -88,8 +93,7 @@ class PictureSurface:
             InputError: It is beside the picture, or sees neither.
         """
         if isinstance(camera, LensCamera):
-            u, v = ((px - camera.left_top_px) / camera.zoom - 0.5).tolist()
-            ray = camera.model.ray(u, v)
+            ray = camera.model.ray(*camera.picture_px(px))
         else:
             ray = camera.ray(px)
         return first_seen(ray, self.things, self.z_m).point_m

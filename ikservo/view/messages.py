@@ -29,6 +29,7 @@ __all__ = [
     "JogJoint",
     "JogTool",
     "Key",
+    "MarkTip",
     "Message",
     "OrbitCamera",
     "PointTool",
@@ -209,6 +210,14 @@ class Gamepad(PageMessage):
     kind: Literal["gamepad"]
     axes: Annotated[list[Axis], Field(min_length=4, max_length=4)]
     grip: Axis = 0.0
+
+
+class MarkTip(PageMessage):
+    """Say at which pixel of the drawing the tip is in the picture of a calibrated camera."""
+
+    kind: Literal["mark_tip"]
+    x: Pixels
+    y: Pixels
 
 
 class Stop(PageMessage):
@@ -394,6 +403,7 @@ Message = (
     | Undo
     | ArmAction
     | Gamepad
+    | MarkTip
     | Stop
     | Acknowledge
     | SetLive

@@ -23,6 +23,7 @@ from ikservo.view.downloads import DownloadOffers
 from ikservo.view.follow_panel import FindArm
 from ikservo.view.frames import mode
 from ikservo.view.messages import BadMessageError, Message
+from ikservo.view.page_cameras import PageCameras
 from ikservo.view.server import Frame, SessionEndedError
 from ikservo.view.snapshot import StopNotice
 from ikservo.view.video import VideoSource
@@ -70,14 +71,14 @@ class ViewSettings:
         clock: The time of heartbeats.
         downloads: Takes the files that pages ask for.
         dead_man_s: How long an arm follows without a heartbeat of its page.
-        video: The camera of the page, if it has one.
+        cameras: The cameras of the page; None for no camera.
     """
 
     open_arm: Callable[[Model, str | None], Arm]
     clock: Clock
     downloads: DownloadOffers
     dead_man_s: float = DEAD_MAN_TIMEOUT_S
-    video: VideoSource | None = None
+    cameras: PageCameras | None = None
 
 
 class ServedArm:
@@ -94,6 +95,8 @@ class ServedArm:
         error: Why it could not be opened.
         arm_thread: Owns the arm; exists while it is open.
         controller: Handles the clients; exists while the arm is open.
+        video: The pictures of its camera, if it has one.
+        camera_error: Why it has none though there should be one.
     """
 
     arm_thread: ArmThread
@@ -106,6 +109,8 @@ class ServedArm:
         self._find_arm = find_arm
         self.state = ServedArmState.OPENING
         self.error: StopNotice | None = None
+        self.video: VideoSource | None = None
+        self.camera_error: IkservoError | None = None
         self._exits = ExitStack()
 
     def open(self) -> None:
@@ -136,15 +141,28 @@ class ServedArm:
                     CalibrationDriver(model, port),
                 )
             )
+            name = self._open_camera(stack)
             self.controller = SessionController(
                 self.arm_thread,
                 settings.clock,
                 settings.downloads,
                 self._find_arm,
-                settings.video,
+                self.video,
+                name,
             )
             stack.callback(self.controller.close)
             return stack.pop_all()
+
+    def _open_camera(self, exits: ExitStack) -> str:
+        """Find the pictures of its camera, and return the name of that; empty for none."""
+        cameras = self._settings.cameras
+        if cameras is None:
+            return ""
+        try:
+            self.video = cameras.open_before(self.arm_thread.arm, exits)
+        except IkservoError as error:
+            self.camera_error = error
+        return cameras.name
 
     def close(self) -> None:
         """Let the arm hold and close its port; waits for both."""
@@ -170,7 +188,14 @@ class ServedArm:
             "state": state,
             "text": what.message,
             "hint": what.hint,
+            "camera": self._camera_fields(),
         }
+
+    def _camera_fields(self) -> dict[str, str] | None:
+        """Return the name of its camera and what is wrong with it; None if it has none."""
+        if self.camera_error is not None:
+            return {"name": "no camera", "trouble": self.camera_error.message}
+        return self.video and {"name": self.video.name, "trouble": self.video.trouble}
 
     @property
     def port_name(self) -> str:

@@ -54,6 +54,7 @@ class VideoSource:
         source: As given.
         newest: The last picture (h, w) or (h, w, 3); None before any.
         before: The transport of the arm that a simulated camera stands before; None for others.
+        hint: What to know of the pictures; empty for nothing.
 
     Raises:
         InputError: There is no such device or file.
@@ -70,6 +71,7 @@ class VideoSource:
         self._is_paced = self._is_file or source == SIMULATED_SOURCE
         self.newest: NDArray[np.uint8] | None = None
         self.before: object = None
+        self.hint = ""
         self._picture: Picture | None = None
         self._read_s, self._error = -math.inf, ""
         self._watchers = 0

@@ -135,10 +135,10 @@ def test_a_camera_is_shown_beside_the_arm_or_behind_it_and_says_when_it_is_unplu
     pytest.importorskip("cv2")
     webcam = Webcam()
     monkeypatch.setattr(
-        "ikservo.view.app.VideoSource",
-        lambda source, clock, _: VideoSource(source, clock, webcam.open),
+        "ikservo.view.page_cameras.VideoSource",
+        lambda source, clock: VideoSource(source, clock, webcam.open),
     )
-    with opened_panel(("planar2", "sim"), camera="0") as served:
+    with opened_panel(("planar2", "sim"), cameras=["0"]) as served:
         operator = Operator(page, served)
         operator.until("document.getElementById('camera-picture').naturalWidth === 32")
         page.wait_for_selector("#camera-note:text-is('camera 0')")

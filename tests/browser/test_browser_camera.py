@@ -4,11 +4,13 @@ import numpy as np
 import pytest
 
 import ikservo
+from ikservo.calibration.camera_file import SIMULATED, load_camera, save_camera
 from ikservo.view.camera import Viewport
 from tests.browser.page_operator import Operator, serve_view, until
 
 pytest.importorskip("cv2")
 
+from servosim.camera import SimulatedCamera
 from tests.eyes.saved_camera import save_simulated_camera
 
 pytestmark = pytest.mark.browser
@@ -21,7 +23,10 @@ def operator(browser, tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     with ikservo.open_arm("so101", PORT) as arm:
         save_simulated_camera(arm)
-    with serve_view(port=PORT, camera="sim") as served:
+    _, known = load_camera("so101", SIMULATED)
+    camera = known.camera.model_copy(update={"tip_shows": "wrist_roll"})
+    save_camera("so101", SIMULATED, known.model_copy(update={"camera": camera}))
+    with serve_view(port=PORT, cameras=["sim"]) as served:
         context = browser.new_context(viewport={"width": 1200, "height": 800})
         operator = Operator(context.new_page(), served)
         operator.page.click("#views [value=camera]")
@@ -47,10 +52,23 @@ def test_the_tip_arrives_at_the_point_of_the_table_that_was_clicked(operator):
     assert operator.errors == []
 
 
-def test_a_picture_that_is_not_fresh_takes_no_click(operator):
-    operator.served.app._simulated.take = lambda: None  # unplugged
+def test_a_picture_that_is_not_fresh_takes_no_click(operator, monkeypatch):
+    monkeypatch.setattr(SimulatedCamera, "take", lambda _: None)  # unplugged
     operator.wait_for("scene.picture_trouble")
     operator.click(lens_of(operator).project([0.25, 0.08, 0.03])[0])
     operator.page.wait_for_timeout(500)
     assert operator.page.evaluate("window.ikservo.scene.goal") is None
     assert "is it unplugged" in operator.page.inner_text("#camera-note")
+
+
+def test_the_click_after_its_button_is_one_on_the_tip_and_no_target(operator):
+    button = operator.page.locator("#mark-tip")
+    button.click()
+    assert button.get_attribute("aria-checked") == "true"
+    operator.click(lens_of(operator).project(operator.served.tip_m())[0])
+    operator.page.wait_for_selector("text=A simulated arm's zeros are right")
+    operator.page.wait_for_selector("#mark-tip[aria-checked=false]")
+    assert operator.page.evaluate("window.ikservo.scene.goal") is None
+    operator.page.click("#views [value=top]")
+    button.wait_for(state="hidden")
+    assert operator.errors == []

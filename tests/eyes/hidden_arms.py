@@ -1,15 +1,18 @@
 """Simulated arms with wrong zeros, bending links and play, before a simulated camera."""
 
+import re
+
 import numpy as np
 
 from ikservo.arm.camera import table_m
-from ikservo.errors import IkservoError
+from ikservo.errors import CalibrationError, IkservoError
 from ikservo.eyes.board import DEFAULT_BOARD, Board
+from ikservo.maintenance.tip_click import find_tip_zero
 from servosim.camera import SimulatedCamera, SimulatedView
 from servosim.joint import Hand, hold
 from servosim.specimen import Specimen
 from tests.calibration.mounted_arms import STRENGTH, load_model
-from tests.cli.fixtures_mounted_arm import connect_arm, write_calibration
+from tests.cli.fixtures_mounted_arm import WHEN, connect_arm, write_calibration
 
 BOARD = Board.named(DEFAULT_BOARD)
 
@@ -69,6 +72,21 @@ def tip_errors_m(arm, camera, chain, zeros, T_camera_base, count=200):
         said = T_camera_base @ chain.forward(q + zeros)
         errors.append(np.linalg.norm(truth[:3, 3] - said[:3, 3]))
     return np.array(errors)
+
+
+def click_on_tip(arm, camera, opened, chance, noise_px=1.5):
+    """Click on the tip as a person does, in another posture where that is asked for."""
+    for _ in range(3):
+        positions = [joint.position for joint in arm.world.joints]
+        at = camera.pixel(arm.world.tip.position_m(positions)) + chance.normal(0.0, noise_px, 2)
+        try:
+            return find_tip_zero(opened, tuple(at), WHEN)
+        except CalibrationError as error:
+            asked = re.match(r"Move (\w+) to (-?\d+)°", error.hint)
+            if asked is None:
+                raise
+            opened.move_joints({asked[1]: np.radians(float(asked[2]))})
+    raise AssertionError("the postures that were asked for do not show enough")
 
 
 def click_errors_m(arm, camera, opened, count, seed=0):

@@ -18,10 +18,17 @@ SEEN = datetime(2026, 11, 2, 14, 3, 22, tzinfo=UTC)
 
 def save_simulated_camera(arm, source="sim"):
     """Save the camera before a simulated arm as it is; return the camera."""
-    camera, view = SimulatedCamera(line_of(arm).world, BOARD.opencv()), SimulatedView()
+    camera = SimulatedCamera(line_of(arm).world, BOARD.opencv())
+    known = CameraFile(calibrated=SEEN, camera=calibrated_camera(camera, source))
+    save_camera(arm.model.name, SIMULATED, known)
+    return camera
+
+
+def calibrated_camera(camera, source, tip_shows=None):
+    """Return what a calibration without any error says of a camera as it is simulated by itself."""
+    view, T = SimulatedView(), camera.T_base_camera
     width, height = view.size
-    T = camera.T_base_camera
-    calibrated = CalibratedCamera(
+    return CalibratedCamera(
         source=source,
         seen=SEEN,
         pictures=24,
@@ -34,6 +41,5 @@ def save_simulated_camera(arm, source="sim"):
         at_mm=tuple((1000 * T[:3, 3]).tolist()),
         turned_deg=tuple(np.degrees(log_so3(T[:3, :3])).tolist()),
         board=seen_board(BOARD.name, camera.T_tip_board, 1.0),
+        tip_shows=tip_shows,
     )
-    save_camera(arm.model.name, SIMULATED, CameraFile(calibrated=SEEN, camera=calibrated))
-    return camera

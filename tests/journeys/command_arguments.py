@@ -73,7 +73,7 @@ _OF_ONE_ACTION = {("servo", "--duration")}  # typed in the line of that action
 _WITHOUT_OPTIONS = ("arms",)  # they belong to `arms new`, which has journeys of its own
 _WHOLE = {  # arguments that depend on each other: their names and the command line
     "arms": (("action", "name"), ["list"]),
-    "camera": (("action", "file"), ["board {folder}/board.pdf"]),  # check: tests/cli
+    "camera": (("action", "file"), ["board {folder}/board.pdf"]),  # check, tip: tests/cli
     "servo": (
         ("action", "words"),
         ["ping", "table --id {joint}", "plot --duration 0.3"],

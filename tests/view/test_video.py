@@ -48,12 +48,15 @@ def picture_of(part):
 
 @pytest.mark.full
 def test_a_page_sees_the_pictures_at_an_address_that_its_key_gives_once(film):
-    app = ViewApp([ArmAtPort(load_model("planar2"), "sim")], camera=str(film))
+    app = ViewApp([ArmAtPort(load_model("planar2"), "sim")], cameras=[str(film)])
     with app as urls, app.serve_in_thread():
         url = urls.control.partition("/#")[0]
         client = SocketClient(url, path="/arms").prove(app.keys.watch)
-        assert client.receive_kind("arms")["camera"] == {"name": "film.avi", "trouble": ""}
-        client.send_message("show_camera")
+        assert client.receive_kind("arms")["arms"][0]["camera"] == {
+            "name": "film.avi",
+            "trouble": "",
+        }
+        client.send_message("show_camera", arm="planar2")
         address = f"{url}/{client.receive_kind('camera_url')['url']}"
         with httpx.stream("GET", address, timeout=20) as answer:
             assert answer.headers["content-type"].startswith("multipart/x-mixed-replace")
@@ -103,7 +106,7 @@ def test_without_a_camera_there_is_none_to_ask_for():
     app = ViewApp([ArmAtPort(load_model("planar2"), "sim")])
     with app as urls, app.serve_in_thread():
         client = SocketClient(urls.control.partition("/#")[0], path="/arms").prove(app.keys.control)
-        assert client.receive_kind("arms")["camera"] is None
-        client.send_message("show_camera")
+        assert client.receive_kind("arms")["arms"][0]["camera"] is None
+        client.send_message("show_camera", arm="planar2")
         assert "no camera" in json.dumps(client.receive_kind("refused"))
         client.close()

@@ -29,7 +29,7 @@ export class Arms {
         this.camera.drop();
       },
     }, "arms");
-    this.camera = new CameraPicture((kind, fields) => this.send(kind, fields));
+    this.camera = new CameraPicture(() => this.send("show_camera", { arm: this.shown }));
     this.newArm = new NewArm((kind, fields) => this.send(kind, fields));
     $("arms-toggle").onclick = () => ($("arms").hidden ? this.show() : this.close());
     $("arms-close").onclick = () => { this.close(); $("arms-toggle").focus(); };
@@ -78,7 +78,6 @@ export class Arms {
     this.mayControl = message.permission === "control";
     if (first && !$("arms").hidden) this.send("find_choices"); // the list was shown before it was connected
     this.update();
-    this.camera.show(message.camera);
     this.showChoices(message);
     this.showWanted();
   }
@@ -88,6 +87,7 @@ export class Arms {
     $("stop-all").hidden = (open.length < 2 && !this.newArm.hasServos) || !this.mayControl;
     $("arms-none").hidden = this.list.length > 0;
     setText($("arms-toggle"), open.length > 1 ? `Arms (${open.length})` : "Arms");
+    this.camera.show(this.list.find(({ name }) => name === this.shown)?.camera);
     updateRows($("arms-open"), this.list, createArmRow, (row, arm) => this.updateArm(row, arm));
   }
 

@@ -6,8 +6,9 @@ const PLACES = { off: "No camera", beside: "Beside", behind: "Behind" };
 const RETRY_MS = 2000;
 
 export class CameraPicture {
-  constructor(send) {
-    this.send = send;
+  // askAddress() has the address of the pictures sent.
+  constructor(askAddress) {
+    this.askAddress = askAddress;
     this.place = "beside";
     this.isView = false; // whether the drawing is over the whole picture, as the camera sees it
     this.camera = null;
@@ -16,7 +17,7 @@ export class CameraPicture {
     $("camera-picture").onerror = () => this.retry();
   }
 
-  // Called with every list of arms, of which the camera is a part.
+  // Called with every list of arms: the camera of the one that is shown, if it has one.
   show(camera) {
     this.camera = camera;
     const place = this.isView ? "view" : this.place;
@@ -53,7 +54,7 @@ export class CameraPicture {
 
   ask() {
     this.asked = true;
-    this.send("show_camera");
+    this.askAddress();
   }
 
   setAddress(url) {

@@ -5,7 +5,7 @@ import { Actions } from "./actions.js";
 import { Arms } from "./arms.js";
 import { Connection } from "./connection.js";
 import { Drawing } from "./drawing.js";
-import { $, place, setText, updateChoices } from "./elements.js";
+import { $, place, setAttribute, setText, updateChoices } from "./elements.js";
 import { Freshness } from "./freshness.js";
 import { Gamepads } from "./gamepad.js";
 import { HandleInput } from "./handle_input.js";
@@ -116,9 +116,16 @@ const heightField = new NumberField({
 });
 $("height-field").append(heightField.element, " mm");
 heightField.show(height / MM, false);
+$("mark-tip").onclick = () => takeClick(pointerInput.take ? null : (at) => { takeClick(null); send("mark_tip", at); });
 const gamepads = new Gamepads(send, (text) => { $("gamepad").textContent = text; });
 gamepads.bindButton($("gripper-open"), -1);
 gamepads.bindButton($("gripper-close"), 1);
+
+// The next press is given to take(at), or is a gesture again.
+function takeClick(take) {
+  pointerInput.take = take;
+  setAttribute($("mark-tip"), "aria-checked", Boolean(take));
+}
 
 function showStatus(status) {
   setOnline(true);
@@ -209,7 +216,9 @@ function show(scene) {
   drawing.show(backdrop, items);
   canvas.toggleAttribute("data-hover", Boolean(scene.hover));
   canvas.toggleAttribute("data-grabbed", Boolean(scene.grabbed));
-  canvas.toggleAttribute("data-picked", Boolean(scene.picked));
+  if (!scene.tip_shows) takeClick(null);
+  $("mark-tip").hidden = !scene.tip_shows;
+  canvas.toggleAttribute("data-picked", Boolean(scene.picked || pointerInput.take));
   showRefusal(scene.refusal, goalAt);
   showMission(scene, goalAt);
   arms.camera.showPictureTrouble(scene.picture_trouble);

@@ -20,6 +20,7 @@ export class PointerInput {
     this.pendingDown = null; // message of a finger that has neither moved nor lifted yet
     this.fingers = null; // positions of two fingers by pointer id: they move the view
     this.pendingOrbit = null;
+    this.take = null; // called with the place of the next press, which is no gesture then
     canvas.addEventListener("pointerdown", (event) => this.onDown(event));
     canvas.addEventListener("pointermove", (event) => this.onMove(event));
     canvas.addEventListener("pointerup", (event) => this.onEnd(event, "up"));
@@ -51,6 +52,10 @@ export class PointerInput {
     if (event.pointerType === "touch" && this.pressed !== null && !this.fingers) return this.startPinch(event);
     if (this.pressed !== null || this.orbiting || this.fingers) return;
     this.canvas.focus({ preventScroll: true });
+    if (this.take && event.button === 0) {
+      this.take(this.position(event));
+      return;
+    }
     this.canvas.setPointerCapture(event.pointerId);
     if (ORBIT_BUTTONS.has(event.button)) {
       this.orbiting = { id: event.pointerId, ...this.position(event) };

@@ -1,0 +1,144 @@
+"""A click on the tip shows the zero of a last joint that no board shows, or is refused."""
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.arm.opening import open_own_arm
+from ikservo.calibration.calibration_file import load_calibration, save_calibration
+from ikservo.calibration.camera_file import CameraCheck, load_camera, save_camera
+from ikservo.errors import BadValueError, CalibrationError
+from tests.calibration.mounted_arms import load_model
+from tests.cli.fixtures_mounted_arm import PORT, SERIAL, WHEN
+
+pytest.importorskip("cv2")
+
+from ikservo.maintenance.camera_check import check_camera
+from ikservo.maintenance.tip_click import find_tip_zero
+from tests.eyes.hidden_arms import click_on_tip
+from tests.eyes.mistaken_tip import ARM, JOINT, OFF_DEG, mistaken_tip, tip_pixel
+from tests.eyes.saved_camera import SEEN
+
+
+@pytest.fixture
+def mistaken(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+    return mistaken_tip(monkeypatch)
+
+
+@pytest.fixture
+def opened(mistaken):
+    with open_own_arm(load_model(ARM), PORT) as opened:
+        opened.enable()  # limp it sinks
+        yield opened
+
+
+def click(opened, pixel):
+    return find_tip_zero(opened, pixel, WHEN)
+
+
+def blind_posture(arm, camera, opened):
+    """Return joints (dof,) with which the last one swings the tip along the line of sight."""
+    chain, chance = opened.chain, np.random.default_rng(0)
+    tried = chance.uniform(chain.lower_rad, chain.upper_rad, (3000, chain.dof))
+    gripper = arm.true_position("gripper")
+
+    def seen(q):
+        positions = dict(zip(chain.names, q, strict=True)) | {"gripper": gripper}
+        tip = arm.world.tip.position_m([positions[joint.name] for joint in arm.world.joints])
+        return tip, camera.pixel(tip)
+
+    moved = []
+    for q in tried:
+        (tip, px), (_, then) = seen(q), seen(q + np.radians([0.0, 0.0, 0.0, 1.0]))
+        shows = 0.0 < px[0] < 960.0 and 0.0 < px[1] < 720.0 and tip[2] > 0.08 and tip[0] > 0.1
+        moved.append(np.linalg.norm(then - px) if shows else np.inf)
+    return tried[np.argmin(moved)]
+
+
+def test_the_zero_is_found_and_the_board_is_still_where_it_is_seen(mistaken, opened):
+    arm, camera = mistaken
+    found = click(opened, tip_pixel(arm, camera))
+    assert found.joint == JOINT
+    assert np.degrees(found.shift_rad) == pytest.approx(OFF_DEG, abs=0.4)  # ticks
+    before = check_camera(opened, camera, WHEN)[0]
+    save_calibration(found.calibration)
+    opened.close()
+    with open_own_arm(load_model(ARM), PORT) as again:
+        assert again.where()[JOINT].position_rad == pytest.approx(
+            arm.true_position(JOINT), abs=7e-3
+        )
+        after = check_camera(again, camera, WHEN)[0]
+        assert (before.has_moved, after.has_moved) == (False, False)
+        assert after.off_mm == pytest.approx(before.off_mm, abs=0.3)
+        assert click(again, tip_pixel(arm, camera)).shift_rad == pytest.approx(0.0, abs=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("away_px", "text"),
+    [((60.0, -40.0), "mm from every place where the tip can be"), ((0.0, 120.0), "tip can be")],
+)
+def test_a_click_beside_all_that_is_plausible_is_refused(mistaken, opened, away_px, text):
+    u, v = tip_pixel(*mistaken)
+    with pytest.raises(CalibrationError, match=text):
+        click(opened, (u + away_px[0], v + away_px[1]))
+    with pytest.raises(BadValueError, match="one of the picture's 960 x 720"):
+        click(opened, (u, 4000.0))
+
+
+def test_a_zero_that_is_far_off_is_not_believed(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+    arm, camera = mistaken_tip(monkeypatch, off_deg=10.5)
+    with open_own_arm(load_model(ARM), PORT) as opened:
+        opened.enable()
+        with pytest.raises(CalibrationError, match="off by 10° or more"):
+            click(opened, tip_pixel(arm, camera))
+
+
+def test_where_the_picture_shows_too_little_it_says_which_posture_shows_it(mistaken, opened):
+    arm, camera = mistaken
+    opened.move_joints(
+        dict(zip(opened.chain.names, blind_posture(arm, camera, opened), strict=True))
+    )
+    with pytest.raises(CalibrationError, match="Each degree of joint4 moves the tip by") as refused:
+        click(opened, tip_pixel(arm, camera))
+    assert refused.value.hint.startswith("Move joint")
+    found = click_on_tip(arm, camera, opened, np.random.default_rng(0), noise_px=0.0)
+    assert np.degrees(found.shift_rad) == pytest.approx(OFF_DEG, abs=0.4)  # ticks
+
+
+def test_what_the_calibration_has_determined_is_left(mistaken, opened):
+    known = load_calibration(ARM, SERIAL)
+    shown = known.camera.model_copy(update={"tip_shows": None})
+    save_calibration(known.with_cameras({"": shown}))
+    with pytest.raises(CalibrationError, match="joint4 is not left to a click"):
+        click(opened, tip_pixel(*mistaken))
+
+
+def test_an_arm_that_was_opened_with_another_calibration_is_refused(mistaken, opened):
+    found = click(opened, tip_pixel(*mistaken))
+    save_calibration(found.calibration)
+    with pytest.raises(CalibrationError, match="changed since the arm was opened"):
+        click(opened, tip_pixel(*mistaken))
+
+
+def test_a_camera_that_has_moved_is_refused(mistaken, opened):
+    _, known = load_camera(ARM, SERIAL)
+    check = CameraCheck(seen=SEEN, off_mm=20, moved_mm=31.4, turned_deg=2.0, has_moved=True)
+    save_camera(ARM, SERIAL, known.model_copy(update={"check": check}))
+    with pytest.raises(CalibrationError, match="has moved by 31 mm"):
+        click(opened, tip_pixel(*mistaken))
+
+
+def test_an_arm_that_moves_is_refused(mistaken, opened):
+    opened.disable_torque()
+    with pytest.raises(CalibrationError, match="The arm moves"):
+        click(opened, tip_pixel(*mistaken))
+
+
+def test_a_simulated_arm_has_no_zero_to_be_found(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+    with ikservo.open_arm(ARM, "sim:?pose=home") as arm:
+        arm.enable()
+        with pytest.raises(CalibrationError, match="no calibrated camera"):
+            click(arm, (480.0, 360.0))
