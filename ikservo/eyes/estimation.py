@@ -144,7 +144,7 @@ _POSES = 12 + 1 + 6  # numbers before the arm's: two poses, the scale and the le
 # The rows of a residual, and of which component each is.
 _ACROSS, _DEPTH, _TILT, _TURN = range(4)
 _COMPONENT = np.array([_ACROSS, _ACROSS, _DEPTH, _TILT, _TILT, _TURN])
-_DETERMINED = 0.5  # of the deviation before: a number with a smaller one is known from here on
+_DETERMINED = math.sqrt(0.5)  # of the deviation before: the pictures say as much as was known
 # The zero of the last joint is told from the board's mount by the arm's bending alone: half sure of
 # it, it came out 5° wrong.
 _LAST_DETERMINED = 0.1
