@@ -474,7 +474,9 @@ class PreflightPlanner:
 
         Raises:
             RefusedError: Something would be touched, or a constraint broken.
+            StoppedError: The arm was stopped meanwhile.
         """
+        self._servos.stop_request.check_request()
         kept = self._planner.check_constraint(within, plan.trajectory, plan.speed)
         clearance_m = self._context.check_streamed_path(plan.trajectory, plan.speed)
         reduced = plan.speed != requested

@@ -98,21 +98,32 @@ class StopRequest:
             self._count += 1
 
     @contextmanager
-    def requested(self, count: int | None = None, *, anew: bool = False) -> Generator[None]:
+    def requested(
+        self,
+        count: int | None = None,
+        *,
+        anew: bool = False,
+        is_withdrawn: Callable[[], bool] = bool,
+    ) -> Generator[None]:
         """Mark what this thread does in the block as one request.
 
         Args:
             count: The ``count`` of stops when it was requested; the present one if None.
             anew: Whether it is no part of the request that this thread may be at already.
+            is_withdrawn: Returns whether who requested it wants it no longer: it then ends, as by
+                a stop. Asked by what plans it.
         """
         outer = self.marked_count
         if outer is not None and not anew:
             yield
             return
+        outer_withdrawn = self._is_withdrawn
         self._requests.count = self.count if count is None else count
+        self._requests.is_withdrawn = is_withdrawn
         try:
             yield
         finally:
+            self._requests.is_withdrawn = outer_withdrawn
             del self._requests.count
             if outer is not None:
                 self._requests.count = outer
@@ -128,13 +139,21 @@ class StopRequest:
         marked = self.marked_count
         return self.count if marked is None else marked
 
+    @property
+    def _is_withdrawn(self) -> Callable[[], bool]:
+        return getattr(self._requests, "is_withdrawn", bool)
+
+    def is_request_over(self) -> bool:
+        """Return whether the arm was stopped after this thread's request, or that is withdrawn."""
+        return self.count_at_request != self.count or self._is_withdrawn()
+
     def check_request(self) -> None:
-        """Raise where the arm was stopped after this thread's request was made.
+        """Raise where the arm was stopped after this thread's request was made, or it is withdrawn.
 
         Raises:
             StoppedError: It was, whether or not the stop has been acknowledged since.
         """
-        if self.count_at_request != self.count:
+        if self.is_request_over():
             raise StoppedError((self._reason or STOPPED_AFTER_REQUEST).text, REQUEST_HINT)
 
     def set_without_braking(self, reason: StopReason, hint: str) -> None:

@@ -2,13 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Protocol
 
-from ikservo.arm import Arm, MotionProgress
-from ikservo.errors import RefusedError
+from ikservo.arm import Arm, MotionPlan, MotionProgress
 from ikservo.kinematics.arrays import Vector
+from ikservo.view.goal_planning import PlanRequest
 
-__all__ = ["ArmJob", "ExecuteGoal", "JobObserver", "RelaxArm", "ReleaseArm"]
+__all__ = [
+    "LOOK_AGAIN_TEXT",
+    "PLANNED_AGAIN_TEXT",
+    "ArmJob",
+    "ExecutePlan",
+    "JobObserver",
+    "RelaxArm",
+    "ReleaseArm",
+]
+
+PLANNED_AGAIN_TEXT = "Nothing moves: {}, so the way there is planned again."
+LOOK_AGAIN_TEXT = "Look at it, then go there."
 
 
 class JobObserver(Protocol):
@@ -64,28 +76,33 @@ class ArmJob(Protocol):
         ...
 
 
-class ExecuteGoal:
-    """Moves the joints straight to the goal of the preview.
+class ExecutePlan:
+    """Carries out a plan that the page shows, as long as what it depends on has not changed.
 
     Args:
-        goal: All joints (n,), rad or m.
-        speed: The speed class.
+        plan: The plan.
+        request: What it was requested for.
     """
 
     title = "Goes to the preview"
 
-    def __init__(self, goal: Vector, speed: str) -> None:
-        self._goal, self._speed = goal, speed
+    def __init__(self, plan: MotionPlan, request: PlanRequest) -> None:
+        self._plan, self._request = plan, request
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
-        """Plan, check and execute the motion; a refused plan moves nothing and needs no stop."""
-        goals = arm.joint_index.by_name(self._goal)
-        try:
-            plan = arm.plan_joints(goals, speed=self._speed)
-        except RefusedError as error:
-            observer.log_message(error.message)
-            return
-        arm.execute(plan, observer.on_progress)
+        """Execute the plan; an obsolete one moves nothing and needs no stop."""
+        before, servos = self._request, arm.context.servos
+        with arm.runner.requested():
+            if servos.torque.is_on:
+                servos.refresh_reference()
+            else:
+                arm.enable()  # it may sink until then
+            now = PlanRequest.now(arm, before.goal, servos.reference(), before.speed)
+            change = now.change_since(before)
+            if change:
+                observer.log_message(f"{PLANNED_AGAIN_TEXT.format(change)} {LOOK_AGAIN_TEXT}")
+            else:
+                arm.execute(replace(self._plan, limp_arm=None), observer.on_progress)
 
 
 class RelaxArm:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from ikservo.arm.reports import describe_torque
 from ikservo.errors import format_point
 from ikservo.kinematics.conditioning import Conditioning
+from ikservo.view.goal_planning import PlannedWay
 from ikservo.view.message_fields import StopInput
 from ikservo.view.picking import PickCandidate
 from ikservo.view.target_marker import TargetMarker
@@ -28,6 +29,7 @@ __all__ = [
     "format_supply",
     "health_rows",
     "insight_rows",
+    "way_rows",
 ]
 
 
@@ -67,6 +69,27 @@ def describe_target(marker: TargetMarker, method: str | None = None) -> str:
         f"{format_point(marker.target_m)} cannot be reached{limits_text}. Nearest reachable point: "
         f"{format_point(marker.nearest_m)}, {marker.gap_m * 1000:.1f} mm away."
     )
+
+
+def way_rows(way: PlannedWay | None) -> list[tuple[str, str, str]]:
+    """Return rows about the way to the goal: how it leads, what it comes near, and how far."""
+    if way is None or way.refusal is not None:
+        return []
+    plan = way.plan
+    if plan is None:
+        return [("way", "is being planned", "")]
+    if plan.is_straight:
+        how = "straight"
+    elif plan.around:
+        how = "around"
+    else:
+        how = f"by {plan.via_pose}" if plan.via_pose else "first out of what it touches"
+    rows = [("way", f"{how}, {plan.path_m * 1000:.0f} mm in {plan.duration_s:.1f} s", "")]
+    if plan.around:
+        rows.append(("straight", plan.around, "bad"))
+    if math.isfinite(plan.clearance_m):
+        rows.append(("clearance", f"at least {plan.clearance_m * 1000:.0f} mm", ""))
+    return rows
 
 
 def describe_stop(text: str, states: Sequence[JointState]) -> str:

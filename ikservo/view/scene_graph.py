@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from ikservo.model.collision_model import capsules_of
 from ikservo.model.model import at_distance, near_distance
 from ikservo.model.tool import tool_frame
 from ikservo.view.camera import NEAR_PLANE_M, Camera
+from ikservo.view.goal_planning import PlannedWay
 from ikservo.view.joint_dials import JointDial, joint_dials
 from ikservo.view.lens_camera import LensCamera
 from ikservo.view.link_poses import other_joint_position
@@ -62,6 +63,7 @@ class SceneGraph:
         steps = {link: chain.joints_to(link)[-1] for link in chain.frames if link != chain.base}
         self._positions = _JointPositions(list(steps.values()))
         self._camera: tuple[Camera, Fields] | None = None
+        self._way_fields = lru_cache(1)(self._make_way_fields)
         capsules = capsules_of(model)
         self.description: Fields = {
             "kind": "graph",
@@ -101,6 +103,9 @@ class SceneGraph:
             "goal": self._positions.at(state.goal, others)
             if state.goal is not None and state.shows_goal
             else None,
+            "way": self._way_fields(state.way)
+            if state.way is not None and state.way.plan is not None and state.shows_goal
+            else None,
             "marker": None if state.marker is None else _marker_fields(state.marker),
             "handles": self._handle_axes(state) if handles else None,
             "hover": state.hover,
@@ -116,6 +121,13 @@ class SceneGraph:
         if self._camera is None or self._camera[0] is not camera:
             self._camera = camera, _camera_fields(camera)
         return self._camera[1]
+
+    def _make_way_fields(self, way: PlannedWay) -> Fields:
+        """Return the number of a way, and the positions of the joints along it."""
+        return {
+            "number": way.number,
+            "joints": [self._positions.at(q, others) for q, others in way.postures],
+        }
 
     def _handle_axes(self, state: SceneState) -> list[float]:
         axes = self._handles.axes(state.measured if state.goal is None else state.goal)

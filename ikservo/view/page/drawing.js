@@ -8,6 +8,7 @@ const STYLES = {
   keep_out: ["keep-out", "bad", 1],
   picked: ["keep-out", "bad", 2],
   ghost: ["ghost", "ghost-edge", 1.25],
+  swept: ["swept", "swept-edge", 1],
   refused: ["refused", "bad", 1.25],
   touching: ["touching", "bad", 2.5],
   measured: ["link", "link-edge", 1.25],

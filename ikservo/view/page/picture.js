@@ -13,7 +13,7 @@ import { markItems, traceItems } from "./marks.js";
 import { outlineLinks } from "./outlines.js";
 import { Projection } from "./projection.js";
 import { backdropItems, scaleItems, thingItem } from "./surroundings.js";
-import { TipPaths } from "./tip_paths.js";
+import { TipPaths, sweptPostures } from "./tip_paths.js";
 
 // Whether nothing has changed: what has not is the same object in the next scene.
 export const isSame = (scene, shown) => Object.keys(scene).every((name) => name === "seq" || scene[name] === shown[name]);
@@ -53,10 +53,12 @@ export class Picture {
     return this.last;
   }
 
-  // The items that change with camera and region only.
+  // The items that change with camera, region and planned way only.
   composeBackdrop(scene, projection) {
-    const same = ["camera", "region", "region_pose", "bare"].every((name) => scene[name] === this.shown[name]);
-    return same && this.last.backdrop ? this.last.backdrop : backdropItems(this.graph, this.things, scene, projection);
+    const same = ["camera", "region", "region_pose", "bare", "way"].every((name) => scene[name] === this.shown[name]);
+    if (same && this.last.backdrop) return this.last.backdrop;
+    const swept = (scene.way ? sweptPostures(scene.way) : []).flatMap((positions) => outlineLinks(this.graph, placeLinks(this.graph, positions), projection));
+    return [...backdropItems(this.graph, this.things, scene, projection), ...swept.map(({ link, rings }) => ({ kind: "polygon", style: "swept", rings, link }))];
   }
 
   armItems(scene, arm, goal, projection) {

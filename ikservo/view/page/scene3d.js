@@ -4,6 +4,7 @@
 import * as THREE from "./three.min.js";
 import { Handles } from "./handles3d.js";
 import { Markings } from "./markings3d.js";
+import { SWEPT, sweptPostures } from "./tip_paths.js";
 
 const NEAR_M = 0.01;
 const LONGEST_FRAME_MS = 3000; // that is waited for
@@ -34,11 +35,13 @@ export class Scene3D {
     this.arm = new LinkTree(graph, shapes, () => new THREE.MeshStandardMaterial({ roughness: 0.55, metalness: 0.05 }));
     this.ghostMaterials = createGhostMaterials();
     this.ghost = new LinkTree(graph, shapes, () => this.ghostMaterials.ghost);
+    this.sweep = new Sweep(this.ghost, this.ghostMaterials.swept);
+    this.way = null; // that is shown
     this.arm.root.traverse((part) => { part.castShadow = part.receiveShadow = true; });
     this.arm.tip.add(createTriad(TRIAD_M.tool));
     this.markings = new Markings(graph);
     this.handles = new Handles(this.camera, graph.handles);
-    this.scene.add(this.handles.root, this.arm.root, this.ghost.root, this.markings.root, createTriad(TRIAD_M.base), ...createLights(graph));
+    this.scene.add(this.handles.root, this.arm.root, this.ghost.root, this.sweep.root, this.markings.root, createTriad(TRIAD_M.base), ...createLights(graph));
     this.setColours();
   }
 
@@ -49,6 +52,7 @@ export class Scene3D {
     this.hoverColour = read("--draw-link-hover");
     this.arm.setDefaultColour(read("--draw-link"));
     this.ghostMaterials.ghost.color.copy(read("--draw-ghost-edge"));
+    this.ghostMaterials.swept.color.copy(read("--draw-ghost-edge"));
     this.ghostMaterials.refused.color.copy(read("--draw-bad"));
     this.ghostMaterials.touching.color.copy(read("--draw-bad"));
     this.markings.setColours(read);
@@ -67,6 +71,7 @@ export class Scene3D {
   update(scene) {
     this.setCamera(scene.camera);
     this.arm.setJoints(scene.measured);
+    if (scene.way !== this.way) this.showWay(scene.way);
     this.showGoal(scene);
     this.handles.show((scene.goal === null ? this.arm : this.ghost).tipPosition(), scene.handles);
     this.highlight(scene);
@@ -86,9 +91,8 @@ export class Scene3D {
     this.camera.matrixWorldNeedsUpdate = true;
   }
 
-  showGoal({ measured, goal, refused_pair }) {
+  showGoal({ goal, refused_pair }) {
     this.ghost.root.visible = goal !== null;
-    this.markings.showPath(goal === null ? [] : this.tipPath(measured, goal), refused_pair !== null);
     if (goal === null) return;
     this.ghost.setJoints(goal);
     for (const [name, parts] of this.ghost.parts) {
@@ -97,12 +101,15 @@ export class Scene3D {
     }
   }
 
-  // Joints that start at rest move together, straight from where they are to the goal.
-  tipPath(measured, goal) {
-    return this.markings.pathFractions.map((t) => {
-      this.ghost.setJoints(measured.map((from, i) => from + t * (goal[i] - from)));
+  // The planned way: of the tip as dots, and some postures of the arm on it.
+  showWay(way) {
+    this.way = way;
+    const tipAt = (positions) => {
+      this.ghost.setJoints(positions);
       return this.ghost.tipPosition();
-    });
+    };
+    this.markings.showPath(way === null ? [] : way.joints.map(tipAt));
+    this.sweep.show(way === null ? [] : sweptPostures(way));
   }
 
   highlight({ hover, grabbed, behind }) {
@@ -206,6 +213,33 @@ class LinkTree {
   }
 }
 
+// Copies of an arm in some postures; each of its parts is drawn once for all of them.
+class Sweep {
+  constructor(tree, material) {
+    this.tree = tree;
+    this.copies = new Map([...tree.parts.values()].flat().map((part) => [part, new THREE.InstancedMesh(part.geometry, material, SWEPT)]));
+    this.root = new THREE.Group();
+    for (const copies of this.copies.values()) {
+      copies.frustumCulled = false;
+      this.root.add(copies);
+    }
+    this.show([]);
+  }
+
+  // Moves the arm that is copied.
+  show(postures) {
+    postures.forEach((positions, i) => {
+      this.tree.setJoints(positions);
+      this.tree.root.updateMatrixWorld(true);
+      for (const [part, copies] of this.copies) copies.setMatrixAt(i, part.matrixWorld);
+    });
+    for (const copies of this.copies.values()) {
+      copies.count = postures.length;
+      copies.instanceMatrix.needsUpdate = true;
+    }
+  }
+}
+
 function createJoint(node, { origin, axis, joint }) {
   return { node, origin: new THREE.Matrix4().set(...origin), axis: new THREE.Vector3(...axis), slides: joint === "prismatic" };
 }
@@ -230,7 +264,8 @@ function createGhostMaterials() {
   const create = (opacity, offset) => new THREE.MeshStandardMaterial({
     transparent: true, opacity, roughness: 0.8, polygonOffset: true, polygonOffsetFactor: offset, polygonOffsetUnits: offset,
   });
-  return { ghost: create(0.38, 2), refused: create(0.38, 2), touching: create(0.85, -2) };
+  const swept = Object.assign(create(0.07, 2), { depthWrite: false }); // each is seen through the others
+  return { swept, ghost: create(0.38, 2), refused: create(0.38, 2), touching: create(0.85, -2) };
 }
 
 function createTriad(length) {

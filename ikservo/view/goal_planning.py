@@ -1,0 +1,212 @@
+"""The way to the goal of the preview: planned in the background as every motion is, then shown."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass, field
+from threading import Event
+
+import numpy as np
+
+from ikservo.arm import Arm, MotionPlan
+from ikservo.arm.checked_planning import PreflightPlanner
+from ikservo.arm.motion_plan import sample_states
+from ikservo.arm.motions import MoveJoints
+from ikservo.arm.ways_around import HOW_TO_SEARCH
+from ikservo.errors import BlockedError, CollisionError, IkservoError, StoppedError
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.view.snapshot import GoalRefusal
+
+__all__ = ["GoalPlanner", "PlanRequest", "PlannedWay", "refusal_of"]
+
+_PERIOD_S = 0.04  # between two plans during a drag, whose picture has to be drawn meanwhile
+_POSTURES = 25  # along a way as it is shown
+_NEAR_TICKS = 3.0
+_numbers = itertools.count(1)
+
+
+def refusal_of(goal: Vector, error: IkservoError) -> GoalRefusal:
+    """Return the refusal of a goal (n,), in words for a page."""
+    if not isinstance(error, BlockedError):
+        return GoalRefusal(goal, error.message)
+    hint = f" {HOW_TO_SEARCH}" if error.command_hint.endswith(HOW_TO_SEARCH) else ""
+    pair = error.pair if isinstance(error, CollisionError) else ()
+    return GoalRefusal(goal, f"Refused: {error.cause}.{hint}", pair)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlanRequest:
+    """What a plan depends on; where a motion would start (``MotionStart``).
+
+    Attributes:
+        goal: All joints (n,), the array of the preview.
+        start: Where the joints are (n,).
+        near: How far away from there a plan may still begin (n,).
+        speed: The speed class.
+        allowed: That of a motion that starts now.
+        around: What is around the arm, and what it holds.
+        stops: How often the arm was stopped before.
+        is_chosen: Whether the goal is chosen; during a drag only its straight way is looked at.
+    """
+
+    goal: Vector
+    start: Vector
+    near: Vector
+    speed: str
+    allowed: str
+    around: tuple[object, ...]
+    stops: int
+    is_chosen: bool
+
+    @classmethod
+    def now(
+        cls, arm: Arm, goal: Vector, start: Vector, speed: str, *, is_chosen: bool = True
+    ) -> PlanRequest:
+        """Return the request of a plan to a goal (n,) now; reads no servo."""
+        servos = arm.context.servos
+        ticks = np.array([driven.joint_map.unit_per_tick for driven in servos.driven_joints])
+        is_first = servos.torque.first_motion_due or not servos.torque.is_on
+        return cls(
+            goal,
+            start,
+            near=_NEAR_TICKS * ticks,
+            speed=speed,
+            allowed="slow" if is_first else speed,
+            around=(arm.scene.things, arm.scene.held),
+            stops=servos.stop_request.count,
+            is_chosen=is_chosen,
+        )
+
+    @property
+    def is_reached(self) -> bool:
+        """Whether the arm is at the goal."""
+        return bool((np.abs(self.goal - self.start) <= self.near).all())
+
+    def start_position(self) -> Vector:
+        """Return where the motion would start (n,)."""
+        return self.start
+
+    def allowed_speed(self, speed: str) -> str:
+        """Return the speed class in which it would run."""
+        return self.allowed
+
+    def enable(self) -> None:
+        """Do nothing: a plan moves nothing."""
+
+    def change_since(self, before: PlanRequest) -> str:
+        """Say what has changed since another request; nothing where its plan is this one's."""
+        if self.goal is not before.goal:
+            return "another target was chosen"
+        if (np.abs(self.start - before.start) > self.near).any():
+            return "the arm was moved"
+        if self.around != before.around:
+            return "what is around the arm has changed"
+        if (self.speed, self.allowed) != (before.speed, before.allowed):
+            return "its speed has changed"
+        return "" if self.stops == before.stops else "the arm was stopped"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedWay:
+    """What came of a request: a plan, or why there is none; neither while it is being planned.
+
+    Attributes:
+        request: The request.
+        plan: The plan.
+        postures: The joints of the chain (dof,), and all by name, at even distances along it.
+        refusal: Why the goal is refused.
+        number: No other way has it.
+    """
+
+    request: PlanRequest
+    plan: MotionPlan | None = None
+    postures: Sequence[tuple[Vector, Mapping[str, float]]] = ()
+    refusal: GoalRefusal | None = None
+    number: int = field(default_factory=lambda: next(_numbers))
+
+    def is_of(self, request: PlanRequest) -> bool:
+        """Return whether it is what comes of another request; a free straight way always is."""
+        is_same = not request.change_since(self.request)
+        return is_same and (self.plan is not None or self.request.is_chosen >= request.is_chosen)
+
+
+class GoalPlanner:
+    """Plans one way at a time in a thread of its own; a newer request ends the search for another.
+
+    Args:
+        arm: The arm; nothing moves, and no servo is read.
+
+    Attributes:
+        way: The way to the goal; None where there is none.
+    """
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="ikservo plan")
+        self._busy: tuple[PlanRequest, Event, Future[PlannedWay]] | None = None
+        self._asked_s = -1e9
+        self.way: PlannedWay | None = None
+
+    def update(self, request: PlanRequest | None, now_s: float) -> None:
+        """Plan what is requested now, unless that was done, and drop what is not any more.
+
+        During a drag the way to a goal just before is kept until the next one is planned.
+        """
+        self._collect_result(request)
+        if request is None:
+            self.way = None
+            return
+        if self.way is None or not self.way.is_of(request):
+            self.way = PlannedWay(request) if request.is_chosen else self.way
+        elif self.way.plan is not None or self.way.refusal is not None:
+            return
+        if self._busy is None and now_s - self._asked_s >= _PERIOD_S:
+            self._asked_s, withdrawn = now_s, Event()
+            self._busy = request, withdrawn, self._worker.submit(self._plan, request, withdrawn)
+
+    def close(self) -> None:
+        """End the search that runs."""
+        if self._busy is not None:
+            self._busy[1].set()
+        self._worker.shutdown(wait=False, cancel_futures=True)
+
+    def _collect_result(self, wanted: PlanRequest | None) -> None:
+        """Take the plan that was made; end the search for one that is not wanted any more."""
+        if self._busy is None:
+            return
+        request, withdrawn, future = self._busy
+        is_wanted = wanted is not None and not wanted.change_since(request)
+        if request.is_chosen and not is_wanted:
+            withdrawn.set()
+        if future.done():
+            self._busy = None
+            if is_wanted or not request.is_chosen:
+                self.way = future.result()
+
+    def _plan(self, request: PlanRequest, withdrawn: Event) -> PlannedWay:
+        arm, index = self._arm, self._arm.joint_index
+        goals = index.by_name(request.goal)
+        motion = MoveJoints(goals, speed=request.speed, straight=not request.is_chosen)
+        planner = PreflightPlanner(arm.context, request, arm.poses)
+        stop_request = arm.context.servos.stop_request
+        try:
+            with stop_request.requested(request.stops, is_withdrawn=withdrawn.is_set):
+                plan = planner.plan(motion)
+        except StoppedError:
+            return PlannedWay(request)
+        except IkservoError as error:
+            return PlannedWay(request, refusal=refusal_of(request.goal, error))
+        joints = _evenly_spaced(sample_states(plan.trajectory)[0])
+        postures = [(index.chain_joints(each), index.by_name(each)) for each in joints]
+        return PlannedWay(request, plan, postures)
+
+
+def _evenly_spaced(joints: Matrix) -> Matrix:
+    """Return joints (k, n) at even distances along a path (m, n)."""
+    steps = np.linalg.norm(np.diff(joints, axis=0), axis=1)
+    at: Vector = np.concatenate([[0.0], np.cumsum(steps)])
+    even: Vector = np.linspace(0.0, float(at[-1]), _POSTURES)
+    columns = range(joints.shape[1])
+    return np.column_stack([np.interp(even, at, joints[:, k]) for k in columns])
