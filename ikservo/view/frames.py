@@ -388,6 +388,7 @@ class FrameComposer:
             self._chain_joints(snapshot.measured),
             goal=interaction.shown_goal,
             way=interaction.way,
+            is_choosing=interaction.is_choosing,
             marker=interaction.marker,
             region=region,
             hover=interaction.hover,

@@ -88,7 +88,8 @@ def way_rows(way: PlannedWay | None) -> list[tuple[str, str, str]]:
     if plan.around:
         rows.append(("straight", plan.around, "bad"))
     if math.isfinite(plan.clearance_m):
-        rows.append(("clearance", f"at least {plan.clearance_m * 1000:.0f} mm", ""))
+        text = f"at least {plan.clearance_m * 1000:.0f} mm"
+        rows.append(("clearance", text if plan.clearance_m > 0.0 else "none where it begins", ""))
     return rows
 
 

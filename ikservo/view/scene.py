@@ -27,6 +27,7 @@ class SceneState:
         measured: Measured joints (dof,), rad or m.
         goal: Goal of the joints (dof,); None while there is no goal.
         way: The way to the goal, if there is one.
+        is_choosing: Whether the goal is still being chosen: no posture on the way is shown then.
         marker: The target, if there is one.
         region: The reachable region of the shown plane, if it is available.
         hover: The link under the pointer.
@@ -43,6 +44,7 @@ class SceneState:
     measured: Vector
     goal: Vector | None = None
     way: PlannedWay | None = None
+    is_choosing: bool = False
     marker: TargetMarker | None = None
     region: ReachableRegion | None = None
     hover: str | None = None

@@ -43,6 +43,7 @@ __all__ = ["SceneGraph"]
 
 _DIGITS = 7  # of positions: at a metre's distance 0.1 µm
 _AXIS_DIGITS = 4
+_SWEPT = slice(4, 24, 4)  # of the postures along a way, those at which the whole arm is drawn
 
 
 class SceneGraph:
@@ -63,7 +64,7 @@ class SceneGraph:
         steps = {link: chain.joints_to(link)[-1] for link in chain.frames if link != chain.base}
         self._positions = _JointPositions(list(steps.values()))
         self._camera: tuple[Camera, Fields] | None = None
-        self._way_fields = lru_cache(1)(self._make_way_fields)
+        self._positions_along = lru_cache(1)(self._compute_along)
         capsules = capsules_of(model)
         self.description: Fields = {
             "kind": "graph",
@@ -103,9 +104,6 @@ class SceneGraph:
             "goal": self._positions.at(state.goal, others)
             if state.goal is not None and state.shows_goal
             else None,
-            "way": self._way_fields(state.way)
-            if state.way is not None and state.way.plan is not None and state.shows_goal
-            else None,
             "marker": None if state.marker is None else _marker_fields(state.marker),
             "handles": self._handle_axes(state) if handles else None,
             "hover": state.hover,
@@ -113,6 +111,7 @@ class SceneGraph:
             "behind": state.behind,
             "picked": state.picked,
             "refused_pair": state.refused_pair,
+            **self._way_fields(state),
             **_region_fields(state.region),
         }
 
@@ -122,12 +121,16 @@ class SceneGraph:
             self._camera = camera, _camera_fields(camera)
         return self._camera[1]
 
-    def _make_way_fields(self, way: PlannedWay) -> Fields:
-        """Return the number of a way, and the positions of the joints along it."""
-        return {
-            "number": way.number,
-            "joints": [self._positions.at(q, others) for q, others in way.postures],
-        }
+    def _way_fields(self, state: SceneState) -> Fields:
+        way = state.way
+        if way is None or way.plan is None or not state.shows_goal:
+            return {"way": None, "swept": None}
+        along = self._positions_along(way)
+        swept = None if state.is_choosing else along[_SWEPT]
+        return {"way": {"number": way.number, "joints": along}, "swept": swept}
+
+    def _compute_along(self, way: PlannedWay) -> list[list[float]]:
+        return [self._positions.at(q, others) for q, others in way.postures]
 
     def _handle_axes(self, state: SceneState) -> list[float]:
         axes = self._handles.axes(state.measured if state.goal is None else state.goal)

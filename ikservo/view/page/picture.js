@@ -13,7 +13,7 @@ import { markItems, traceItems } from "./marks.js";
 import { outlineLinks } from "./outlines.js";
 import { Projection } from "./projection.js";
 import { backdropItems, scaleItems, thingItem } from "./surroundings.js";
-import { TipPaths, sweptPostures } from "./tip_paths.js";
+import { TipPaths } from "./tip_paths.js";
 
 // Whether nothing has changed: what has not is the same object in the next scene.
 export const isSame = (scene, shown) => Object.keys(scene).every((name) => name === "seq" || scene[name] === shown[name]);
@@ -53,11 +53,11 @@ export class Picture {
     return this.last;
   }
 
-  // The items that change with camera, region and planned way only.
+  // The items that change with camera, region and planned way only; postures along that are behind the arm.
   composeBackdrop(scene, projection) {
-    const same = ["camera", "region", "region_pose", "bare", "way"].every((name) => scene[name] === this.shown[name]);
+    const same = ["camera", "region", "region_pose", "bare", "swept"].every((name) => scene[name] === this.shown[name]);
     if (same && this.last.backdrop) return this.last.backdrop;
-    const swept = (scene.way ? sweptPostures(scene.way) : []).flatMap((positions) => outlineLinks(this.graph, placeLinks(this.graph, positions), projection));
+    const swept = (scene.swept ?? []).flatMap((positions) => outlineLinks(this.graph, placeLinks(this.graph, positions), projection));
     return [...backdropItems(this.graph, this.things, scene, projection), ...swept.map(({ link, rings }) => ({ kind: "polygon", style: "swept", rings, link }))];
   }
 

@@ -4,13 +4,13 @@
 import * as THREE from "./three.min.js";
 import { Handles } from "./handles3d.js";
 import { Markings } from "./markings3d.js";
-import { SWEPT, sweptPostures } from "./tip_paths.js";
 
 const NEAR_M = 0.01;
 const LONGEST_FRAME_MS = 3000; // that is waited for
 const SHADOW_PX = 1024;
 const MAX_PIXEL_RATIO = 2;
 const TRIAD_M = { base: 0.06, tool: 0.035 };
+const MAX_SWEPT = 5; // postures that are drawn along a way
 const AXES = [[0xd6453d, [1, 0, 0]], [0x3d9a50, [0, 1, 0]], [0x3d6fd6, [0, 0, 1]]];
 const HIGHLIGHT = 0.75; // of the link under the pointer, towards the colour for that
 const BEHIND_OPACITY = 0.3; // of the links in front of a link that was selected behind them
@@ -36,7 +36,7 @@ export class Scene3D {
     this.ghostMaterials = createGhostMaterials();
     this.ghost = new LinkTree(graph, shapes, () => this.ghostMaterials.ghost);
     this.sweep = new Sweep(this.ghost, this.ghostMaterials.swept);
-    this.way = null; // that is shown
+    this.way = this.swept = null; // that are shown
     this.arm.root.traverse((part) => { part.castShadow = part.receiveShadow = true; });
     this.arm.tip.add(createTriad(TRIAD_M.tool));
     this.markings = new Markings(graph);
@@ -71,7 +71,7 @@ export class Scene3D {
   update(scene) {
     this.setCamera(scene.camera);
     this.arm.setJoints(scene.measured);
-    if (scene.way !== this.way) this.showWay(scene.way);
+    this.showWay(scene);
     this.showGoal(scene);
     this.handles.show((scene.goal === null ? this.arm : this.ghost).tipPosition(), scene.handles);
     this.highlight(scene);
@@ -102,14 +102,14 @@ export class Scene3D {
   }
 
   // The planned way: of the tip as dots, and some postures of the arm on it.
-  showWay(way) {
-    this.way = way;
+  showWay({ way, swept }) {
     const tipAt = (positions) => {
       this.ghost.setJoints(positions);
       return this.ghost.tipPosition();
     };
-    this.markings.showPath(way === null ? [] : way.joints.map(tipAt));
-    this.sweep.show(way === null ? [] : sweptPostures(way));
+    if (way !== this.way) this.markings.showPath(way?.joints.map(tipAt) ?? []);
+    if (swept !== this.swept) this.sweep.show(swept ?? []);
+    Object.assign(this, { way, swept });
   }
 
   highlight({ hover, grabbed, behind }) {
@@ -217,7 +217,7 @@ class LinkTree {
 class Sweep {
   constructor(tree, material) {
     this.tree = tree;
-    this.copies = new Map([...tree.parts.values()].flat().map((part) => [part, new THREE.InstancedMesh(part.geometry, material, SWEPT)]));
+    this.copies = new Map([...tree.parts.values()].flat().map((part) => [part, new THREE.InstancedMesh(part.geometry, material, MAX_SWEPT)]));
     this.root = new THREE.Group();
     for (const copies of this.copies.values()) {
       copies.frustumCulled = false;

@@ -6,10 +6,6 @@ const APART_M = 0.0005; // between two points of the measured one
 const REST_MS = 1000; // after so long at rest another motion begins
 const MAX_POINTS = 1000;
 
-// Some of the postures along a planned way, evenly between those of the arm and of its goal.
-export const SWEPT = 5;
-export const sweptPostures = ({ joints }) => Array.from({ length: SWEPT }, (_, i) => joints[Math.round(((i + 1) * (joints.length - 1)) / (SWEPT + 1))]);
-
 export class TipPaths {
   constructor(findTip) {
     this.findTip = findTip; // the tip at positions of the joints
