@@ -92,7 +92,7 @@ class ExecutePlan:
     def run(self, arm: Arm, observer: JobObserver) -> None:
         """Execute the plan; an obsolete one moves nothing and needs no stop."""
         before, servos = self._request, arm.context.servos
-        with arm.runner.requested():
+        with arm.runner.undisturbed():
             if servos.torque.is_on:
                 servos.refresh_reference()
             else:

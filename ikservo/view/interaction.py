@@ -135,7 +135,7 @@ class Interaction:
     def reset(self) -> None:
         """Cancel the drag and drop the goal: the arm holds."""
         self._end_drag()
-        self._command = self.goal = self.marker = self.solver_trace = None
+        self._command = self.goal = self.marker = self.way = self.solver_trace = None
         self.revision += 1
 
     def show_way(self, way: PlannedWay | None, refusal: GoalRefusal | None) -> None:
