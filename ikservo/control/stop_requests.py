@@ -113,25 +113,24 @@ class StopRequest:
             is_withdrawn: Returns whether who requested it wants it no longer: it then ends, as by
                 a stop. Asked by what plans it.
         """
-        outer = self.marked_count
+        outer = self._marked
         if outer is not None and not anew:
             yield
             return
-        outer_withdrawn = self._is_withdrawn
-        self._requests.count = self.count if count is None else count
-        self._requests.is_withdrawn = is_withdrawn
+        self._requests.marked = (self.count if count is None else count, is_withdrawn)
         try:
             yield
         finally:
-            self._requests.is_withdrawn = outer_withdrawn
-            del self._requests.count
-            if outer is not None:
-                self._requests.count = outer
+            self._requests.marked = outer
+
+    @property
+    def _marked(self) -> tuple[int, Callable[[], bool]] | None:
+        return getattr(self._requests, "marked", None)
 
     @property
     def marked_count(self) -> int | None:
         """The ``count`` when what this thread does was requested; None where that is not marked."""
-        return getattr(self._requests, "count", None)
+        return None if self._marked is None else self._marked[0]
 
     @property
     def count_at_request(self) -> int:
@@ -139,13 +138,10 @@ class StopRequest:
         marked = self.marked_count
         return self.count if marked is None else marked
 
-    @property
-    def _is_withdrawn(self) -> Callable[[], bool]:
-        return getattr(self._requests, "is_withdrawn", bool)
-
     def is_request_over(self) -> bool:
         """Return whether the arm was stopped after this thread's request, or that is withdrawn."""
-        return self.count_at_request != self.count or self._is_withdrawn()
+        marked = self._marked
+        return marked is not None and (marked[0] != self.count or marked[1]())
 
     def check_request(self) -> None:
         """Raise where the arm was stopped after this thread's request was made, or it is withdrawn.

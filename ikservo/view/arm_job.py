@@ -5,22 +5,12 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import Protocol
 
-from ikservo.arm import Arm, MotionPlan, MotionProgress
+from ikservo.arm import Arm, MotionProgress
+from ikservo.errors import RefusedError
 from ikservo.kinematics.arrays import Vector
-from ikservo.view.goal_planning import PlanRequest
+from ikservo.view.goal_planning import PlannedWay, PlanRequest
 
-__all__ = [
-    "LOOK_AGAIN_TEXT",
-    "PLANNED_AGAIN_TEXT",
-    "ArmJob",
-    "ExecutePlan",
-    "JobObserver",
-    "RelaxArm",
-    "ReleaseArm",
-]
-
-PLANNED_AGAIN_TEXT = "Nothing moves: {}, so the way there is planned again."
-LOOK_AGAIN_TEXT = "Look at it, then go there."
+__all__ = ["ArmJob", "ExecuteWay", "JobObserver", "RelaxArm", "ReleaseArm"]
 
 
 class JobObserver(Protocol):
@@ -76,33 +66,29 @@ class ArmJob(Protocol):
         ...
 
 
-class ExecutePlan:
-    """Carries out a plan that the page shows, as long as what it depends on has not changed.
-
-    Args:
-        plan: The plan.
-        request: What it was requested for.
-    """
+class ExecuteWay:
+    """Carries out the way that the page shows, as it was planned."""
 
     title = "Goes to the preview"
 
-    def __init__(self, plan: MotionPlan, request: PlanRequest) -> None:
-        self._plan, self._request = plan, request
+    def __init__(self, way: PlannedWay) -> None:
+        self._way = way
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
         """Execute the plan; an obsolete one moves nothing and needs no stop."""
-        before, servos = self._request, arm.context.servos
+        before, servos = self._way.request, arm.context.servos
         with arm.runner.undisturbed():
             if servos.torque.is_on:
                 servos.refresh_reference()
             else:
                 arm.enable()  # it may sink until then
             now = PlanRequest.now(arm, before.goal, servos.reference(), before.speed)
-            change = now.change_since(before)
-            if change:
-                observer.log_message(f"{PLANNED_AGAIN_TEXT.format(change)} {LOOK_AGAIN_TEXT}")
-            else:
-                arm.execute(replace(self._plan, limp_arm=None), observer.on_progress)
+            try:
+                plan = self._way.plan_for(now)
+            except RefusedError as error:
+                observer.log_message(f"{error.message} {error.command_hint}")
+                return
+            arm.execute(replace(plan, limp_arm=None), observer.on_progress)
 
 
 class RelaxArm:

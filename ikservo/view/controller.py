@@ -14,13 +14,7 @@ from ikservo.arm import StopKind, StopReason
 from ikservo.clock import Clock
 from ikservo.errors import IkservoError
 from ikservo.view import messages as msg
-from ikservo.view.arm_job import (
-    LOOK_AGAIN_TEXT,
-    PLANNED_AGAIN_TEXT,
-    ExecutePlan,
-    RelaxArm,
-    ReleaseArm,
-)
+from ikservo.view.arm_job import ExecuteWay, RelaxArm, ReleaseArm
 from ikservo.view.arm_thread import ArmThread
 from ikservo.view.auth import Permission
 from ikservo.view.camera import Viewport
@@ -390,25 +384,13 @@ class SessionController:
         if picture is not None:
             picture.require_usable()
         self._interaction.finish_target()
-        self._arm_thread.request_job(self._shown_plan(message.way))
-
-    def _shown_plan(self, number: int) -> ExecutePlan:
-        """Return what carries out the way of that number, which the page shows.
-
-        Raises:
-            BadMessageError: There is none, or it is obsolete.
-        """
         request, way = self._plan_request(), self._planner.way
         if request is None:
             raise BadMessageError("No target is shown.", "Drag the arm, or click, first.")
-        change = "" if way is None else request.change_since(way.request)
-        if change:
-            raise BadMessageError(PLANNED_AGAIN_TEXT.format(change), LOOK_AGAIN_TEXT)
-        if way is not None and way.refusal is not None:
-            raise BadMessageError(way.refusal.reason, "Nothing moves. Choose another target.")
-        if way is None or way.plan is None or way.number != number:
-            raise BadMessageError("Nothing moves: the way there is not shown yet.", LOOK_AGAIN_TEXT)
-        return ExecutePlan(way.plan, way.request)
+        if way is None or way.number != message.way:
+            raise BadMessageError("The way there is not shown yet.", "Nothing moves.")
+        way.plan_for(request)
+        self._arm_thread.request_job(ExecuteWay(way))
 
     def _follow_arm(self, message: msg.FollowArm, _client: Client) -> None:
         if message.leader is None:

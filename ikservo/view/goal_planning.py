@@ -11,11 +11,17 @@ from threading import Event
 import numpy as np
 
 from ikservo.arm import Arm, MotionPlan
-from ikservo.arm.checked_planning import PreflightPlanner
+from ikservo.arm.checked_planning import PlannedStart, PreflightPlanner
 from ikservo.arm.motion_plan import sample_states
 from ikservo.arm.motions import MoveJoints
 from ikservo.arm.ways_around import HOW_TO_SEARCH
-from ikservo.errors import BlockedError, CollisionError, IkservoError, StoppedError
+from ikservo.errors import (
+    BlockedError,
+    CollisionError,
+    IkservoError,
+    RefusedError,
+    StoppedError,
+)
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.view.snapshot import GoalRefusal
 
@@ -38,7 +44,7 @@ def refusal_of(goal: Vector, error: IkservoError) -> GoalRefusal:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PlanRequest:
-    """What a plan depends on; where a motion would start (``MotionStart``).
+    """What a plan depends on.
 
     Attributes:
         goal: All joints (n,), the array of the preview.
@@ -84,17 +90,6 @@ class PlanRequest:
         """Whether the arm is at the goal."""
         return bool((np.abs(self.goal - self.start) <= self.near).all())
 
-    def start_position(self) -> Vector:
-        """Return where the motion would start (n,)."""
-        return self.start
-
-    def allowed_speed(self, speed: str) -> str:
-        """Return the speed class in which it would run."""
-        return self.allowed
-
-    def enable(self) -> None:
-        """Do nothing: a plan moves nothing."""
-
     def change_since(self, before: PlanRequest) -> str:
         """Say what has changed since another request; nothing where its plan is this one's."""
         if self.goal is not before.goal:
@@ -125,6 +120,25 @@ class PlannedWay:
     postures: Sequence[tuple[Vector, Mapping[str, float]]] = ()
     refusal: GoalRefusal | None = None
     number: int = field(default_factory=lambda: next(_numbers))
+
+    def plan_for(self, now: PlanRequest) -> MotionPlan:
+        """Return the plan, as long as nothing has changed that it depends on.
+
+        Raises:
+            RefusedError: Something has, or there is no plan.
+        """
+        change = now.change_since(self.request)
+        if change:
+            raise RefusedError(
+                f"Nothing moves: {change}, so the way there is planned again.",
+                "Look at it, then go there.",
+            )
+        if self.plan is None:
+            reason = (
+                "The way there is not planned yet." if self.refusal is None else self.refusal.reason
+            )
+            raise RefusedError(reason, "Nothing moves.")
+        return self.plan
 
     def is_of(self, request: PlanRequest) -> bool:
         """Return whether it is what comes of another request; a free straight way always is."""
@@ -189,7 +203,8 @@ class GoalPlanner:
         arm, index = self._arm, self._arm.joint_index
         goals = index.by_name(request.goal)
         motion = MoveJoints(goals, speed=request.speed, straight=not request.is_chosen)
-        planner = PreflightPlanner(arm.context, request, arm.poses)
+        start = PlannedStart(request.start, request.allowed)
+        planner = PreflightPlanner(arm.context, start, arm.poses)
         stop_request = arm.context.servos.stop_request
         try:
             with stop_request.requested(request.stops, is_withdrawn=withdrawn.is_set):

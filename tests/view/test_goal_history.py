@@ -127,7 +127,7 @@ def test_a_refused_or_missing_target_is_not_carried_out(session):
         session.send_message(page_messages.ArmAction, action="execute")
     assert session.planned()["status"]["refused"]
     with pytest.raises(BadMessageError, match="would touch"):
-        session.send_message(page_messages.ArmAction, action="execute")
+        session.go_there()
     assert registers(session.arm, "goal_position") == before
 
 

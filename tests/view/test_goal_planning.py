@@ -145,7 +145,7 @@ def test_a_stop_while_it_is_planned_ends_that_and_what_was_planned_is_gone(
         aim_right(session)
         assert rows(until_begun(session, begun))["way"] == "is being planned"
         number = session.interaction.way.number
-        with pytest.raises(BadMessageError, match="not shown yet"):
+        with pytest.raises(BadMessageError, match="not planned yet"):
             execute(session, number)
         if by == "page":
             session.send_message(page_messages.Stop)
