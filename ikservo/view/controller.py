@@ -519,6 +519,8 @@ class SessionController:
         elif self._arm_thread.job is None:  # what is carried out stays shown
             self._planner.update(self._plan_request(), now_s)
             way = self._planner.way
+            if way is not None and way.plan is not None and not self._interaction.is_choosing:
+                self._interaction.take_posture(way.request.goal)
             self._interaction.show_way(way, None if way is None else way.refusal)
 
     def _plan_request(self) -> PlanRequest | None:
@@ -533,6 +535,7 @@ class SessionController:
             snapshot.start,
             self._arm_thread.command.speed,
             is_chosen=not self._interaction.is_choosing,
+            marker=self._interaction.marker,
         )
         return None if request.is_reached else request
 

@@ -5,7 +5,8 @@ from __future__ import annotations
 import itertools
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass, field, replace
 from threading import Event
 
 import numpy as np
@@ -13,7 +14,7 @@ import numpy as np
 from ikservo.arm import Arm, MotionPlan
 from ikservo.arm.checked_planning import PlannedStart, PreflightPlanner
 from ikservo.arm.motion_plan import sample_states
-from ikservo.arm.motions import MoveJoints
+from ikservo.arm.motions import MoveJoints, MoveTo
 from ikservo.arm.ways_around import HOW_TO_SEARCH
 from ikservo.errors import (
     BlockedError,
@@ -21,9 +22,11 @@ from ikservo.errors import (
     IkservoError,
     RefusedError,
     StoppedError,
+    UnreachableError,
 )
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.view.snapshot import GoalRefusal
+from ikservo.view.target_marker import TargetMarker
 
 __all__ = ["GoalPlanner", "PlanRequest", "PlannedWay", "refusal_of"]
 
@@ -55,6 +58,7 @@ class PlanRequest:
         around: What is around the arm, and what it holds.
         stops: How often the arm was stopped before.
         is_chosen: Whether the goal is chosen; during a drag only its straight way is looked at.
+        marker: The target of the tip to which the goal was found, if there is one.
     """
 
     goal: Vector
@@ -65,10 +69,18 @@ class PlanRequest:
     around: tuple[object, ...]
     stops: int
     is_chosen: bool
+    marker: TargetMarker | None
 
     @classmethod
     def now(
-        cls, arm: Arm, goal: Vector, start: Vector, speed: str, *, is_chosen: bool = True
+        cls,
+        arm: Arm,
+        goal: Vector,
+        start: Vector,
+        speed: str,
+        *,
+        is_chosen: bool = True,
+        marker: TargetMarker | None = None,
     ) -> PlanRequest:
         """Return the request of a plan to a goal (n,) now; reads no servo."""
         servos = arm.context.servos
@@ -83,6 +95,7 @@ class PlanRequest:
             around=(arm.scene.things, arm.scene.held),
             stops=servos.stop_request.count,
             is_chosen=is_chosen,
+            marker=marker,
         )
 
     @property
@@ -108,7 +121,7 @@ class PlannedWay:
     """What came of a request: a plan, or why there is none; neither while it is being planned.
 
     Attributes:
-        request: The request.
+        request: The request; its goal is another one where the target is reached otherwise.
         plan: The plan.
         postures: The joints of the chain (dof,), and all by name, at even distances along it.
         refusal: Why the goal is refused.
@@ -168,9 +181,10 @@ class GoalPlanner:
 
         During a drag the way to a goal just before is kept until the next one is planned.
         """
-        self._collect_result(request)
+        is_new = self._collect_result(request)
         if request is None:
             self.way = None
+        if request is None or is_new:
             return
         if self.way is None or not self.way.is_of(request):
             self.way = PlannedWay(request) if request.is_chosen else self.way
@@ -186,10 +200,14 @@ class GoalPlanner:
             self._busy[1].set()
         self._worker.shutdown(wait=False, cancel_futures=True)
 
-    def _collect_result(self, wanted: PlanRequest | None) -> None:
-        """Take the plan that was made; end the search for one that is not wanted any more."""
+    def _collect_result(self, wanted: PlanRequest | None) -> bool:
+        """Take the plan that was made; end the search for one that is not wanted any more.
+
+        Returns:
+            Whether the plan that is wanted was made.
+        """
         if self._busy is None:
-            return
+            return False
         request, withdrawn, future = self._busy
         is_wanted = wanted is not None and not wanted.change_since(request)
         if request.is_chosen and not is_wanted:
@@ -198,24 +216,40 @@ class GoalPlanner:
             self._busy = None
             if is_wanted or not request.is_chosen:
                 self.way = future.result()
+        return self._busy is None and is_wanted
 
     def _plan(self, request: PlanRequest, withdrawn: Event) -> PlannedWay:
         arm, index = self._arm, self._arm.joint_index
-        goals = index.by_name(request.goal)
-        motion = MoveJoints(goals, speed=request.speed, straight=not request.is_chosen)
         start = PlannedStart(request.start, request.allowed)
         planner = PreflightPlanner(arm.context, start, arm.poses)
         stop_request = arm.context.servos.stop_request
         try:
             with stop_request.requested(request.stops, is_withdrawn=withdrawn.is_set):
-                plan = planner.plan(motion)
+                plan = self._plan_to_goal(planner, request)
         except StoppedError:
             return PlannedWay(request)
         except IkservoError as error:
             return PlannedWay(request, refusal=refusal_of(request.goal, error))
         joints = _evenly_spaced(sample_states(plan.trajectory)[0])
         postures = [(index.chain_joints(each), index.by_name(each)) for each in joints]
+        if not np.allclose(plan.goal, request.goal):
+            request = replace(request, goal=plan.goal)
         return PlannedWay(request, plan, postures)
+
+    def _plan_to_goal(self, planner: PreflightPlanner, request: PlanRequest) -> MotionPlan:
+        """Plan to the goal; where it is refused, to other joints with the tip at the target."""
+        index, marker, speed = self._arm.joint_index, request.marker, request.speed
+        goals = index.by_name(request.goal)
+        try:
+            return planner.plan(MoveJoints(goals, speed=speed, straight=not request.is_chosen))
+        except BlockedError:
+            beside = index.outside_chain() & (np.abs(request.goal - request.start) > request.near)
+            if marker is None or marker.stance is None or not marker.reached or beside.any():
+                raise
+            if request.is_chosen:
+                with suppress(RefusedError, UnreachableError):
+                    return planner.plan(MoveTo(marker.target_m, speed=speed, stance=marker.stance))
+            raise
 
 
 def _evenly_spaced(joints: Matrix) -> Matrix:

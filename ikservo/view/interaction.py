@@ -147,6 +147,12 @@ class Interaction:
             self._logged = refusal
             self.log(refusal.reason, "bad")
 
+    def take_posture(self, goal: Vector) -> None:
+        """Take other joints (n,) with the tip at the target, where the goal was refused."""
+        if goal is not self.goal:
+            self.goal = goal
+            self.log("The arm reaches this target in another posture.")
+
     def log(self, message: str, level: str = "") -> None:
         """Append a message; a message that was told before is moved to the end."""
         for entry in [each for each in self.messages if each.message == message]:

@@ -289,3 +289,43 @@ def expect_along(plan, setpoints):
     assert len(setpoints) > 50
     for setpoint in setpoints[::5]:
         assert np.abs(planned - setpoint).max(axis=1).min() < 0.01
+
+
+LAMP_M = (0.27, 0.0, 0.15)
+
+
+@needs_planner
+def test_a_point_that_another_posture_reaches_is_gone_to_in_that():
+    with ViewSession() as session:
+        planner = session.arm.context.planner
+        session.arm.scene.add("sphere", "the lamp", centre_m=LAMP_M, radius_m=0.015)
+        session.send_message(page_messages.SetTool, what="x", value=260.0)
+        typed, wanted_m = session.interaction.goal, session.interaction.marker.target_m
+        assert nearest_m(session.arm, [typed]) < 0.0
+        session.planned()
+        plan, goal = session.interaction.way.plan, session.interaction.goal
+        assert np.degrees(np.abs(goal - typed).max()) > 20.0
+        np.testing.assert_array_equal(plan.goal, goal)
+        np.testing.assert_allclose(planner.tip(goal), wanted_m, atol=1e-4)
+        assert session.interaction.messages[-1].message == (
+            "The arm reaches this target in another posture."
+        )
+        number = session.interaction.way.number
+        session.latest_frames()
+        assert session.interaction.way.number == number  # it is not planned again
+        session.go_there()
+        assert nearest_m(session.arm, run_job(session)) > 0.0
+        np.testing.assert_allclose(session.arm.where().tip_m, wanted_m, atol=0.002)
+        session.send_message(page_messages.Undo)
+        assert session.interaction.goal is None
+
+
+def test_a_posture_that_was_typed_is_gone_to_or_refused():
+    with ViewSession() as session:
+        session.arm.scene.add("sphere", "the lamp", centre_m=LAMP_M, radius_m=0.015)
+        session.send_message(page_messages.SetTool, what="x", value=260.0)
+        goal = session.interaction.goal
+        for joint, at in zip(session.arm.joint_names, np.degrees(goal).tolist(), strict=True):
+            session.send_message(page_messages.SetJoint, joint=joint, value=at)
+        assert "would touch the lamp" in session.planned()["scene"]["refusal"]
+        np.testing.assert_allclose(session.interaction.goal, goal, atol=1e-9)
