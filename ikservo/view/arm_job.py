@@ -82,7 +82,7 @@ class ExecuteWay:
                 servos.refresh_reference()
             else:
                 arm.enable()  # it may sink until then
-            now = PlanRequest.now(arm, before.goal, servos.reference(), before.speed)
+            now = PlanRequest(arm, before.goal, servos.reference(), before.speed)
             try:
                 plan = self._way.plan_for(now)
             except RefusedError as error:

@@ -529,13 +529,10 @@ class SessionController:
         is_idle = not (snapshot.stop_notice or snapshot.calibration)
         if goal is None or not is_idle or not self._arm.zeros.are_known:
             return None
-        request = PlanRequest.now(
-            self._arm,
-            goal,
-            snapshot.start,
-            self._arm_thread.command.speed,
-            is_chosen=not self._interaction.is_choosing,
-            marker=self._interaction.marker,
+        speed, is_chosen = self._arm_thread.command.speed, not self._interaction.is_choosing
+        marker = self._interaction.marker
+        request = PlanRequest(
+            self._arm, goal, snapshot.start, speed, is_chosen=is_chosen, marker=marker
         )
         return None if request.is_reached else request
 

@@ -6,7 +6,8 @@ import itertools
 from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass, field, replace
+from copy import copy
+from dataclasses import dataclass, field
 from threading import Event
 
 import numpy as np
@@ -24,7 +25,7 @@ from ikservo.errors import (
     StoppedError,
     UnreachableError,
 )
-from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.arrays import Vector
 from ikservo.view.snapshot import GoalRefusal
 from ikservo.view.target_marker import TargetMarker
 
@@ -45,35 +46,20 @@ def refusal_of(goal: Vector, error: IkservoError) -> GoalRefusal:
     return GoalRefusal(goal, f"Refused: {error.cause}.{hint}", pair)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
 class PlanRequest:
-    """What a plan depends on.
+    """A plan that is wanted, and what it depends on now; reads no servo.
 
-    Attributes:
+    Args:
+        arm: The arm.
         goal: All joints (n,), the array of the preview.
-        start: Where the joints are (n,).
-        near: How far away from there a plan may still begin (n,).
+        start: Where the motion would start (n,).
         speed: The speed class.
-        allowed: That of a motion that starts now.
-        around: What is around the arm, and what it holds.
-        stops: How often the arm was stopped before.
         is_chosen: Whether the goal is chosen; during a drag only its straight way is looked at.
         marker: The target of the tip to which the goal was found, if there is one.
     """
 
-    goal: Vector
-    start: Vector
-    near: Vector
-    speed: str
-    allowed: str
-    around: tuple[object, ...]
-    stops: int
-    is_chosen: bool
-    marker: TargetMarker | None
-
-    @classmethod
-    def now(
-        cls,
+    def __init__(
+        self,
         arm: Arm,
         goal: Vector,
         start: Vector,
@@ -81,22 +67,16 @@ class PlanRequest:
         *,
         is_chosen: bool = True,
         marker: TargetMarker | None = None,
-    ) -> PlanRequest:
-        """Return the request of a plan to a goal (n,) now; reads no servo."""
+    ) -> None:
         servos = arm.context.servos
-        ticks = np.array([driven.joint_map.unit_per_tick for driven in servos.driven_joints])
+        self.goal, self.start, self.speed = goal, start, speed
+        self.is_chosen, self.marker = is_chosen, marker
         is_first = servos.torque.first_motion_due or not servos.torque.is_on
-        return cls(
-            goal,
-            start,
-            near=_NEAR_TICKS * ticks,
-            speed=speed,
-            allowed="slow" if is_first else speed,
-            around=(arm.scene.things, arm.scene.held),
-            stops=servos.stop_request.count,
-            is_chosen=is_chosen,
-            marker=marker,
-        )
+        self.allowed_speed = "slow" if is_first else speed
+        ticks = [driven.joint_map.unit_per_tick for driven in servos.driven_joints]
+        self.near = _NEAR_TICKS * np.array(ticks)  # where else a plan may begin
+        self._around = (arm.scene.things, arm.scene.held)
+        self.stops = servos.stop_request.count
 
     @property
     def is_reached(self) -> bool:
@@ -109,9 +89,9 @@ class PlanRequest:
             return "another target was chosen"
         if (np.abs(self.start - before.start) > self.near).any():
             return "the arm was moved"
-        if self.around != before.around:
+        if self._around != before._around:
             return "what is around the arm has changed"
-        if (self.speed, self.allowed) != (before.speed, before.allowed):
+        if (self.speed, self.allowed_speed) != (before.speed, before.allowed_speed):
             return "its speed has changed"
         return "" if self.stops == before.stops else "the arm was stopped"
 
@@ -123,7 +103,7 @@ class PlannedWay:
     Attributes:
         request: The request; its goal is another one where the target is reached otherwise.
         plan: The plan.
-        postures: The joints of the chain (dof,), and all by name, at even distances along it.
+        postures: The joints of the chain (dof,), and all by name, at even times along it.
         refusal: Why the goal is refused.
         number: No other way has it.
     """
@@ -142,15 +122,11 @@ class PlannedWay:
         """
         change = now.change_since(self.request)
         if change:
-            raise RefusedError(
-                f"Nothing moves: {change}, so the way there is planned again.",
-                "Look at it, then go there.",
-            )
+            raise RefusedError(f"The way is planned again: {change}.", "Nothing moves before that.")
+        if self.refusal is not None:
+            raise RefusedError(self.refusal.reason, "Nothing moves. Choose another target.")
         if self.plan is None:
-            reason = (
-                "The way there is not planned yet." if self.refusal is None else self.refusal.reason
-            )
-            raise RefusedError(reason, "Nothing moves.")
+            raise RefusedError("The way there is not planned yet.", "Nothing moves before that.")
         return self.plan
 
     def is_of(self, request: PlanRequest) -> bool:
@@ -181,10 +157,10 @@ class GoalPlanner:
 
         During a drag the way to a goal just before is kept until the next one is planned.
         """
-        is_new = self._collect_result(request)
+        if self._collect_result(request):
+            return
         if request is None:
             self.way = None
-        if request is None or is_new:
             return
         if self.way is None or not self.way.is_of(request):
             self.way = PlannedWay(request) if request.is_chosen else self.way
@@ -201,11 +177,7 @@ class GoalPlanner:
         self._worker.shutdown(wait=False, cancel_futures=True)
 
     def _collect_result(self, wanted: PlanRequest | None) -> bool:
-        """Take the plan that was made; end the search for one that is not wanted any more.
-
-        Returns:
-            Whether the plan that is wanted was made.
-        """
+        """Take the plan that was made; return whether it is wanted. End a search that is not."""
         if self._busy is None:
             return False
         request, withdrawn, future = self._busy
@@ -220,7 +192,7 @@ class GoalPlanner:
 
     def _plan(self, request: PlanRequest, withdrawn: Event) -> PlannedWay:
         arm, index = self._arm, self._arm.joint_index
-        start = PlannedStart(request.start, request.allowed)
+        start = PlannedStart(request.start, request.allowed_speed)
         planner = PreflightPlanner(arm.context, start, arm.poses)
         stop_request = arm.context.servos.stop_request
         try:
@@ -230,10 +202,12 @@ class GoalPlanner:
             return PlannedWay(request)
         except IkservoError as error:
             return PlannedWay(request, refusal=refusal_of(request.goal, error))
-        joints = _evenly_spaced(sample_states(plan.trajectory)[0])
-        postures = [(index.chain_joints(each), index.by_name(each)) for each in joints]
+        joints = sample_states(plan.trajectory)[0]
+        shown = joints[np.linspace(0, len(joints) - 1, _POSTURES).astype(int)]
+        postures = [(index.chain_joints(each), index.by_name(each)) for each in shown]
         if not np.allclose(plan.goal, request.goal):
-            request = replace(request, goal=plan.goal)
+            request = copy(request)
+            request.goal = plan.goal
         return PlannedWay(request, plan, postures)
 
     def _plan_to_goal(self, planner: PreflightPlanner, request: PlanRequest) -> MotionPlan:
@@ -243,19 +217,9 @@ class GoalPlanner:
         try:
             return planner.plan(MoveJoints(goals, speed=speed, straight=not request.is_chosen))
         except BlockedError:
-            beside = index.outside_chain() & (np.abs(request.goal - request.start) > request.near)
-            if marker is None or marker.stance is None or not marker.reached or beside.any():
-                raise
-            if request.is_chosen:
+            moves = np.abs(request.goal - request.start) > request.near
+            has_more = request.is_chosen and not (moves & index.outside_chain()).any()
+            if has_more and marker is not None and marker.reached and marker.stance is not None:
                 with suppress(RefusedError, UnreachableError):
                     return planner.plan(MoveTo(marker.target_m, speed=speed, stance=marker.stance))
             raise
-
-
-def _evenly_spaced(joints: Matrix) -> Matrix:
-    """Return joints (k, n) at even distances along a path (m, n)."""
-    steps = np.linalg.norm(np.diff(joints, axis=0), axis=1)
-    at: Vector = np.concatenate([[0.0], np.cumsum(steps)])
-    even: Vector = np.linspace(0.0, float(at[-1]), _POSTURES)
-    columns = range(joints.shape[1])
-    return np.column_stack([np.interp(even, at, joints[:, k]) for k in columns])

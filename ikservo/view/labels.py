@@ -78,12 +78,8 @@ def way_rows(way: PlannedWay | None) -> list[tuple[str, str, str]]:
     plan = way.plan
     if plan is None:
         return [("way", "is being planned", "")]
-    if plan.is_straight:
-        how = "straight"
-    elif plan.around:
-        how = "around"
-    else:
-        how = f"by {plan.via_pose}" if plan.via_pose else "first out of what it touches"
+    direct = "straight" if plan.is_straight else "first out of what it touches"
+    how = "around" if plan.around else direct
     rows = [("way", f"{how}, {plan.path_m * 1000:.0f} mm in {plan.duration_s:.1f} s", "")]
     if plan.around:
         rows.append(("straight", plan.around, "bad"))

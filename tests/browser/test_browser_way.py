@@ -21,7 +21,7 @@ GOAL_DEG = 60.0
 COPIES = """() => {
   const { ghost, sweep } = window.ikservo.rendering.scene3d;
   const [part] = ghost.parts.get("gripper");
-  const copies = sweep.copies.get(part);
+  const copies = sweep.copies[sweep.parts.indexOf(part)];
   const rows = (m) => Array.from({ length: 16 }, (_, i) => m[4 * (i % 4) + Math.floor(i / 4)]);
   const matrices = Array.from({ length: copies.count }, (_, i) => rows(copies.instanceMatrix.array.slice(16 * i, 16 * i + 16)));
   return [rows(part.matrix.elements), matrices];

@@ -103,8 +103,6 @@ def test_a_way_around_is_shown_in_words_and_postures_and_carried_out_as_it_is(se
     assert not frames["status"]["refused"]
     assert way["joints"][0] == pytest.approx(frames["scene"]["measured"], abs=0.02)
     assert way["joints"][-1] == pytest.approx(frames["scene"]["goal"], abs=1e-6)
-    apart = np.linalg.norm(np.diff(way["joints"], axis=0), axis=1)
-    assert apart.max() < 1.5 * apart.mean()
     execute(session, way["number"])
     seen = run_job(session)
     expect_along(plan, seen)
@@ -227,7 +225,7 @@ def test_what_has_changed_since_is_not_carried_out_but_planned_again(session, ch
     change(session)
     assert len(run_job(session)) == 0
     said = session.arm_thread.snapshot.messages[-1].message
-    assert said.startswith(f"Nothing moves: {reason}, so the way there is planned again.")
+    assert said.startswith(f"The way is planned again: {reason}.")
     assert session.arm_thread.snapshot.stop_notice is None
     if reason == "what is around the arm has changed":
         assert registers(session.arm, "goal_position") == before

@@ -103,11 +103,7 @@ export class Scene3D {
 
   // The planned way: of the tip as dots, and some postures of the arm on it.
   showWay({ way, swept }) {
-    const tipAt = (positions) => {
-      this.ghost.setJoints(positions);
-      return this.ghost.tipPosition();
-    };
-    if (way !== this.way) this.markings.showPath(way?.joints.map(tipAt) ?? []);
+    if (way !== this.way) this.markings.showPath(way?.joints.map((positions) => this.ghost.setJoints(positions).tipPosition()) ?? []);
     if (swept !== this.swept) this.sweep.show(swept ?? []);
     Object.assign(this, { way, swept });
   }
@@ -205,6 +201,7 @@ class LinkTree {
       node.matrix.multiplyMatrices(origin, motion);
       node.matrixWorldNeedsUpdate = true;
     });
+    return this;
   }
 
   tipPosition() {
@@ -217,26 +214,19 @@ class LinkTree {
 class Sweep {
   constructor(tree, material) {
     this.tree = tree;
-    this.copies = new Map([...tree.parts.values()].flat().map((part) => [part, new THREE.InstancedMesh(part.geometry, material, MAX_SWEPT)]));
-    this.root = new THREE.Group();
-    for (const copies of this.copies.values()) {
-      copies.frustumCulled = false;
-      this.root.add(copies);
-    }
+    this.parts = [...tree.parts.values()].flat();
+    this.copies = this.parts.map(({ geometry }) => new THREE.InstancedMesh(geometry, material, MAX_SWEPT));
+    this.root = new THREE.Group().add(...this.copies);
     this.show([]);
   }
 
   // Moves the arm that is copied.
   show(postures) {
+    for (const copies of this.copies) Object.assign(copies, { count: postures.length, frustumCulled: false }).instanceMatrix.needsUpdate = true;
     postures.forEach((positions, i) => {
-      this.tree.setJoints(positions);
-      this.tree.root.updateMatrixWorld(true);
-      for (const [part, copies] of this.copies) copies.setMatrixAt(i, part.matrixWorld);
+      this.tree.setJoints(positions).root.updateMatrixWorld(true);
+      this.parts.forEach((part, k) => this.copies[k].setMatrixAt(i, part.matrixWorld));
     });
-    for (const copies of this.copies.values()) {
-      copies.count = postures.length;
-      copies.instanceMatrix.needsUpdate = true;
-    }
   }
 }
 
