@@ -143,6 +143,8 @@ class Interaction:
         if way is not self.way or refusal is not self.refusal:
             self.way, self.refusal = way, refusal
             self.revision += 1
+            if way is not None and way.plan is not None and way.plan.around:
+                self.log(f"On the straight way {way.plan.around}; the arm goes around.")
         if refusal is not None and refusal is not self._logged and not self.is_choosing:
             self._logged = refusal
             self.log(refusal.reason, "bad")

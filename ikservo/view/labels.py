@@ -72,21 +72,18 @@ def describe_target(marker: TargetMarker, method: str | None = None) -> str:
 
 
 def way_rows(way: PlannedWay | None) -> list[tuple[str, str, str]]:
-    """Return rows about the way to the goal: how it leads, what it comes near, and how far."""
+    """Return the row about the way to the goal: how it leads, its length, time and clearance."""
     if way is None or way.refusal is not None:
         return []
     plan = way.plan
     if plan is None:
         return [("way", "is being planned", "")]
-    direct = "straight" if plan.is_straight else "first out of what it touches"
+    direct = "straight" if plan.is_straight else "out of contact"
     how = "around" if plan.around else direct
-    rows = [("way", f"{how}, {plan.path_m * 1000:.0f} mm in {plan.duration_s:.1f} s", "")]
-    if plan.around:
-        rows.append(("straight", plan.around, "bad"))
-    if math.isfinite(plan.clearance_m):
-        text = f"at least {plan.clearance_m * 1000:.0f} mm"
-        rows.append(("clearance", text if plan.clearance_m > 0.0 else "none where it begins", ""))
-    return rows
+    text = f"{how}, {plan.path_m * 1000:.0f} mm, {plan.duration_s:.1f} s"
+    if 0.0 < plan.clearance_m < math.inf:
+        text += f", {plan.clearance_m * 1000:.0f} mm clear"
+    return [("way", text, "")]
 
 
 def describe_stop(text: str, states: Sequence[JointState]) -> str:

@@ -60,7 +60,7 @@ def test_the_way_around_is_seen_and_gone_and_nothing_is_touched(person):
     page.click("#speeds button[value=fast]")
     aim(person)
     assert way_row(person).startswith("around, ")
-    assert "would touch the post" in page.inner_text(".readout")
+    assert "would touch the post; the arm goes around" in page.inner_text("#log")
     (planned,) = person.items("planned")
     assert len(planned["points"]) == 25
     assert page.is_hidden("#refusal")
