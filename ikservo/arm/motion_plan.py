@@ -129,11 +129,6 @@ class MotionPlan:
     def __post_init__(self) -> None:
         freeze_arrays(self)
 
-    @property
-    def is_straight(self) -> bool:
-        """Whether the joints go straight to the goal."""
-        return isinstance(self.trajectory, JointMove)
-
     def sample(self, dt_s: float = 0.01) -> SampledTrajectory:
         """Sample the motion as arrays: times (k,), positions and velocities (k, n).
 

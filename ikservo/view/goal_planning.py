@@ -34,6 +34,7 @@ __all__ = ["GoalPlanner", "PlanRequest", "PlannedWay", "refusal_of"]
 _PERIOD_S = 0.04  # between two plans during a drag, whose picture has to be drawn meanwhile
 _POSTURES = 25  # along a way as it is shown
 _NEAR_TICKS = 3.0
+_STRAIGHT = 1.001  # longer, in proportion, is not straight
 _numbers = itertools.count(1)
 
 
@@ -104,6 +105,7 @@ class PlannedWay:
         request: The request; its goal is another one where the target is reached otherwise.
         plan: The plan.
         postures: The joints of the chain (dof,), and all by name, at even times along it.
+        is_straight: Whether the joints go straight to the goal.
         refusal: Why the goal is refused.
         number: No other way has it.
     """
@@ -111,6 +113,7 @@ class PlannedWay:
     request: PlanRequest
     plan: MotionPlan | None = None
     postures: Sequence[tuple[Vector, Mapping[str, float]]] = ()
+    is_straight: bool = True
     refusal: GoalRefusal | None = None
     number: int = field(default_factory=lambda: next(_numbers))
 
@@ -208,7 +211,9 @@ class GoalPlanner:
         if not np.allclose(plan.goal, request.goal):
             request = copy(request)
             request.goal = plan.goal
-        return PlannedWay(request, plan, postures)
+        length = float(np.linalg.norm(np.diff(joints, axis=0), axis=1).sum())
+        is_straight = length < _STRAIGHT * float(np.linalg.norm(plan.goal - plan.start))
+        return PlannedWay(request, plan, postures, is_straight)
 
     def _plan_to_goal(self, planner: PreflightPlanner, request: PlanRequest) -> MotionPlan:
         """Plan to the goal; where it is refused, to other joints with the tip at the target."""

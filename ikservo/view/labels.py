@@ -78,7 +78,7 @@ def way_rows(way: PlannedWay | None) -> list[tuple[str, str, str]]:
     plan = way.plan
     if plan is None:
         return [("way", "is being planned", "")]
-    direct = "straight" if plan.is_straight else "out of contact"
+    direct = "straight" if way.is_straight else "out of contact"
     how = "around" if plan.around else direct
     text = f"{how}, {plan.path_m * 1000:.0f} mm, {plan.duration_s:.1f} s"
     if 0.0 < plan.clearance_m < math.inf:

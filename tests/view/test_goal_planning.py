@@ -308,9 +308,8 @@ def test_a_point_that_another_posture_reaches_is_gone_to_in_that():
         assert np.degrees(np.abs(goal - typed).max()) > 20.0
         np.testing.assert_array_equal(plan.goal, goal)
         np.testing.assert_allclose(planner.tip(goal), wanted_m, atol=1e-4)
-        assert session.interaction.messages[-1].message == (
-            "The arm reaches this target in another posture."
-        )
+        said = [entry.message for entry in session.interaction.messages]
+        assert "The arm reaches this target in another posture." in said
         number = session.interaction.way.number
         session.latest_frames()
         assert session.interaction.way.number == number  # it is not planned again
