@@ -60,7 +60,7 @@ from ikservo.kinematics import finite_array, finite_vector
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion.avoidance import can_search
 
-__all__ = ["MotionStart", "PreflightPlanner"]
+__all__ = ["MotionStart", "PlannedStart", "PreflightPlanner"]
 
 # A gripper's goal leads it by more than this at the horn where it presses on something.
 _PRESSING_LAG_RAD = 0.05
@@ -86,6 +86,29 @@ class MotionStart(Protocol):
     def enable(self) -> None:
         """Switch torque on, so that the arm stays there."""
         ...
+
+
+class PlannedStart:
+    """Where a motion will start that is only planned so far.
+
+    Args:
+        joints: All joints (n,).
+        allowed: The speed class in which it would run; that of the motion if empty.
+    """
+
+    def __init__(self, joints: Vector, allowed: str = "") -> None:
+        self.joints, self._allowed = joints, allowed
+
+    def start_position(self) -> Vector:
+        """Return the planned joints (n,)."""
+        return self.joints
+
+    def allowed_speed(self, speed: str) -> str:
+        """Return the speed class in which it would run."""
+        return self._allowed or speed
+
+    def enable(self) -> None:
+        """Do nothing: a plan moves nothing."""
 
 
 class PreflightPlanner:
@@ -474,7 +497,9 @@ class PreflightPlanner:
 
         Raises:
             RefusedError: Something would be touched, or a constraint broken.
+            StoppedError: The arm was stopped meanwhile.
         """
+        self._servos.stop_request.check_request()
         kept = self._planner.check_constraint(within, plan.trajectory, plan.speed)
         clearance_m = self._context.check_streamed_path(plan.trajectory, plan.speed)
         reduced = plan.speed != requested

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ikservo.arm.arm_parts import ArmParts
-from ikservo.arm.checked_planning import PreflightPlanner
+from ikservo.arm.checked_planning import PlannedStart, PreflightPlanner
 from ikservo.arm.motions import MotionValue, Replay, Wait
 from ikservo.arm.poses import PoseLibrary
 from ikservo.arm.program import Program, ProgramStep
@@ -21,7 +21,6 @@ from ikservo.arm.reports import (
 )
 from ikservo.arm.run_by_kind import end_of_motion, run_motion, wait
 from ikservo.errors import BadValueError, IkservoError
-from ikservo.kinematics.arrays import Vector
 
 __all__ = ["ProgramRun", "StepCheck", "StepResult"]
 
@@ -59,24 +58,6 @@ class StepResult:
     repetition: int
     step: ProgramStep
     report: StepReport | None
-
-
-class _PlannedStart:
-    """The end of the step before, as the start of the next one."""
-
-    def __init__(self, joints: Vector) -> None:
-        self.joints = joints
-
-    def start_position(self) -> Vector:
-        """Return the planned joints (n,)."""
-        return self.joints
-
-    def allowed_speed(self, speed: str) -> str:
-        """Return the requested speed class: paths do not depend on it."""
-        return speed
-
-    def enable(self) -> None:
-        """Do nothing: a check moves nothing."""
 
 
 class ProgramRun:
@@ -124,7 +105,7 @@ class ProgramRun:
         """
         begin = self._index_of(first)
         self._arm.context.require_zeros()
-        start = _PlannedStart(self._arm.runner.start_position())
+        start = PlannedStart(self._arm.runner.start_position())
         numbers = list(range(begin, len(self._program.steps)))
         if self._program.repeat > 1:
             numbers += range(begin + 1)
@@ -159,7 +140,7 @@ class ProgramRun:
             raise BadValueError("The step", number, f"1 to {count}")
         return number - 1
 
-    def _find_error(self, step: ProgramStep, start: _PlannedStart) -> IkservoError | None:
+    def _find_error(self, step: ProgramStep, start: PlannedStart) -> IkservoError | None:
         """Plan a step, and let the next one start at its end; return why it cannot be made."""
         context = self._arm.context
         preflight = PreflightPlanner(context, start, self._poses)

@@ -131,7 +131,7 @@ def ways_around(
             upper,
             most=most,
             project=None if tool is None else moving_space.project,
-            is_over=lambda: stop.count != stop.count_at_request,
+            is_over=stop.is_request_over,
         )
         stop.check_request()
         if way is not None:

@@ -98,29 +98,39 @@ class StopRequest:
             self._count += 1
 
     @contextmanager
-    def requested(self, count: int | None = None, *, anew: bool = False) -> Generator[None]:
+    def requested(
+        self,
+        count: int | None = None,
+        *,
+        anew: bool = False,
+        is_withdrawn: Callable[[], bool] = bool,
+    ) -> Generator[None]:
         """Mark what this thread does in the block as one request.
 
         Args:
             count: The ``count`` of stops when it was requested; the present one if None.
             anew: Whether it is no part of the request that this thread may be at already.
+            is_withdrawn: Returns whether who requested it wants it no longer: it then ends, as by
+                a stop. Asked by what plans it.
         """
-        outer = self.marked_count
+        outer = self._marked
         if outer is not None and not anew:
             yield
             return
-        self._requests.count = self.count if count is None else count
+        self._requests.marked = (self.count if count is None else count, is_withdrawn)
         try:
             yield
         finally:
-            del self._requests.count
-            if outer is not None:
-                self._requests.count = outer
+            self._requests.marked = outer
+
+    @property
+    def _marked(self) -> tuple[int, Callable[[], bool]] | None:
+        return getattr(self._requests, "marked", None)
 
     @property
     def marked_count(self) -> int | None:
         """The ``count`` when what this thread does was requested; None where that is not marked."""
-        return getattr(self._requests, "count", None)
+        return None if self._marked is None else self._marked[0]
 
     @property
     def count_at_request(self) -> int:
@@ -128,13 +138,18 @@ class StopRequest:
         marked = self.marked_count
         return self.count if marked is None else marked
 
+    def is_request_over(self) -> bool:
+        """Return whether the arm was stopped after this thread's request, or that is withdrawn."""
+        marked = self._marked
+        return marked is not None and (marked[0] != self.count or marked[1]())
+
     def check_request(self) -> None:
-        """Raise where the arm was stopped after this thread's request was made.
+        """Raise where the arm was stopped after this thread's request was made, or it is withdrawn.
 
         Raises:
             StoppedError: It was, whether or not the stop has been acknowledged since.
         """
-        if self.count_at_request != self.count:
+        if self.is_request_over():
             raise StoppedError((self._reason or STOPPED_AFTER_REQUEST).text, REQUEST_HINT)
 
     def set_without_braking(self, reason: StopReason, hint: str) -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import Protocol
 
 from ikservo.arm import Arm, MotionProgress
@@ -10,8 +11,9 @@ from ikservo.calibration.calibration_file import save_calibration
 from ikservo.errors import RefusedError
 from ikservo.kinematics.arrays import Vector
 from ikservo.maintenance.tip_click import TipZero
+from ikservo.view.goal_planning import PlannedWay, PlanRequest
 
-__all__ = ["ArmJob", "ExecuteGoal", "JobObserver", "RelaxArm", "ReleaseArm", "SetTipZero"]
+__all__ = ["ArmJob", "ExecuteWay", "JobObserver", "RelaxArm", "ReleaseArm", "SetTipZero"]
 
 
 class JobObserver(Protocol):
@@ -71,28 +73,29 @@ class ArmJob(Protocol):
         ...
 
 
-class ExecuteGoal:
-    """Moves the joints straight to the goal of the preview.
-
-    Args:
-        goal: All joints (n,), rad or m.
-        speed: The speed class.
-    """
+class ExecuteWay:
+    """Carries out the way that the page shows, as it was planned."""
 
     title = "Goes to the preview"
 
-    def __init__(self, goal: Vector, speed: str) -> None:
-        self._goal, self._speed = goal, speed
+    def __init__(self, way: PlannedWay) -> None:
+        self._way = way
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
-        """Plan, check and execute the motion; a refused plan moves nothing and needs no stop."""
-        goals = arm.joint_index.by_name(self._goal)
-        try:
-            plan = arm.plan_joints(goals, speed=self._speed)
-        except RefusedError as error:
-            observer.log_message(error.message)
-            return
-        arm.execute(plan, observer.on_progress)
+        """Execute the plan; an obsolete one moves nothing and needs no stop."""
+        before, servos = self._way.request, arm.context.servos
+        with arm.runner.undisturbed():
+            if servos.torque.is_on:
+                servos.refresh_reference()
+            else:
+                arm.enable()  # it may sink until then
+            now = PlanRequest(arm, before.goal, servos.reference(), before.speed)
+            try:
+                plan = self._way.plan_for(now)
+            except RefusedError as error:
+                observer.log_message(f"{error.message} {error.command_hint}")
+                return
+            arm.execute(replace(plan, limp_arm=None), observer.on_progress)
 
 
 class RelaxArm:

@@ -35,7 +35,7 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.remedies import in_page
 from ikservo.view.arm_job import ArmJob
 from ikservo.view.calibration import CalibrationDriver
-from ikservo.view.goal_check import refusal_of
+from ikservo.view.goal_planning import refusal_of
 from ikservo.view.history import History
 from ikservo.view.labels import describe_stop
 from ikservo.view.limp_picture import LimpPicture
@@ -443,9 +443,17 @@ class ArmThread:
     def _read_snapshot(self) -> ArmSnapshot:
         states = self.arm.where().joints
         measured = np.array([state.position_rad for state in states])
-        return ArmSnapshot(measured, self._clock.now_s(), states=states)
+        servos = self.arm.context.servos
+        start = servos.reference() if servos.torque.is_on else measured
+        return ArmSnapshot(measured, start, self._clock.now_s(), states=states)
 
     def _update_positions(self) -> ArmSnapshot:
         """Return the snapshot with positions and telemetry as the servos have them now."""
         new = self._read_snapshot()
-        return replace(self.snapshot, measured=new.measured, read_s=new.read_s, states=new.states)
+        return replace(
+            self.snapshot,
+            measured=new.measured,
+            start=new.start,
+            read_s=new.read_s,
+            states=new.states,
+        )

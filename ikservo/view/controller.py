@@ -14,7 +14,7 @@ from ikservo.arm import StopKind, StopReason
 from ikservo.clock import Clock
 from ikservo.errors import IkservoError
 from ikservo.view import messages as msg
-from ikservo.view.arm_job import ExecuteGoal, RelaxArm, ReleaseArm, SetTipZero
+from ikservo.view.arm_job import ExecuteWay, RelaxArm, ReleaseArm, SetTipZero
 from ikservo.view.arm_thread import ArmThread
 from ikservo.view.auth import Permission
 from ikservo.view.camera import Viewport
@@ -24,7 +24,7 @@ from ikservo.view.downloads import Download, DownloadOffers
 from ikservo.view.drag_solver import PosturePreference
 from ikservo.view.follow_panel import FindArm, FollowPanel
 from ikservo.view.frames import FrameComposer
-from ikservo.view.goal_check import PreviewGuard
+from ikservo.view.goal_planning import GoalPlanner, PlanRequest
 from ikservo.view.history import csv_lines
 from ikservo.view.interaction import Interaction
 from ikservo.view.labels import STOP_TEXTS
@@ -82,7 +82,7 @@ class SessionController:
         self._video, self._camera_name = video, camera_name
         self._arm = arm_thread.arm
         self._interaction = Interaction(arm_thread.arm, clock)
-        self._guard = PreviewGuard(arm_thread.arm)
+        self._planner = GoalPlanner(arm_thread.arm)
         self._fallback: StopNotice | None = None  # why Live has ended
         self._plots, self.downloads = PlotFeed(), downloads or DownloadOffers(clock)
         self._lease = arm_thread.lease
@@ -133,6 +133,7 @@ class SessionController:
     def close(self) -> None:
         """Cancel the background computations."""
         self._composer.close()
+        self._planner.close()
         if self._camera_view is not None:
             self._camera_view.close()
 
@@ -165,7 +166,7 @@ class SessionController:
         if in_control:
             self._interaction.continue_target(self._arm_thread.snapshot, self._clock.now_s())
             self._send_setpoint()
-            self._update_refusal()
+            self._update_way()
         others = "none" if self._lease.holder is None else "other"
         controller = "you" if in_control else others
         frames = self._composer.compose(client, controller=controller, fallback=self._fallback)
@@ -329,12 +330,12 @@ class SessionController:
         self._program.handle(message, self._interaction)
 
     def _handle_thing(self, message: ThingMessage, _client: Client) -> None:
-        """Change what stands around the arm; a target of the preview is checked among it again."""
+        """Change what stands around the arm."""
         self._require_ready()
         if self._arm_thread.command.live:
             raise BadMessageError("Things stay while the arm follows.", "Switch Live off first.")
         self._things.handle(message)
-        self._forget_checks()
+        self._interaction.set_things(self._arm.scene.things)
 
     def _move_thing(self) -> None:
         """Show a thing where it is dragged to; once it is dropped, it stands there."""
@@ -350,12 +351,7 @@ class SessionController:
             try:
                 self._things.drop(moved)
             finally:
-                self._forget_checks()
-
-    def _forget_checks(self) -> None:
-        """Check the target of the preview again: things around the arm have changed."""
-        self._guard = PreviewGuard(self._arm)
-        self._interaction.set_things(self._arm.scene.things)
+                self._interaction.set_things(self._arm.scene.things)
 
     def _set_torque(self, message: msg.SetTorque, _client: Client) -> None:
         """Switch a servo's torque; the goal of the preview started from where the arm was."""
@@ -393,12 +389,13 @@ class SessionController:
         if picture is not None:
             picture.require_usable()
         self._interaction.finish_target()
-        goal, refusal = self._interaction.goal, self._interaction.refusal
-        if goal is None:
+        request, way = self._plan_request(), self._planner.way
+        if request is None:
             raise BadMessageError("No target is shown.", "Drag the arm, or click, first.")
-        if refusal is not None and refusal.goal is goal:
-            raise BadMessageError(refusal.reason, "Nothing moves. Choose another target.")
-        self._arm_thread.request_job(ExecuteGoal(goal, self._arm_thread.command.speed))
+        if way is None or way.number != message.way:
+            raise BadMessageError("The way there is not shown yet.", "Nothing moves.")
+        way.plan_for(request)
+        self._arm_thread.request_job(ExecuteWay(way))
 
     def _mark_tip(self, message: msg.MarkTip, client: Client) -> None:
         """Set the zero that the tip shows where it was clicked."""
@@ -491,7 +488,7 @@ class SessionController:
         self._arm = self._arm_thread.arm
         self.close()
         self._interaction = Interaction(self._arm, self._clock)
-        self._guard = PreviewGuard(self._arm)
+        self._planner = GoalPlanner(self._arm)
         self._things = ThingsPanel(self._arm, self.downloads)
         self._camera_view = self._find_camera_view()
         self._composer = FrameComposer(
@@ -526,18 +523,33 @@ class SessionController:
         self._interaction.reset()
         self._arm_thread.post(replace(self._arm_thread.command, live=False, goal=None))
 
-    def _update_refusal(self) -> None:
-        """Tell the interaction whether the guard refuses its goal: in Live by what it did."""
-        goal, snapshot = self._interaction.goal, self._arm_thread.snapshot
+    def _update_way(self) -> None:
+        """Plan the way to the goal of the preview; in Live tell whether the guard refused it."""
+        goal, now_s = self._interaction.goal, self._clock.now_s()
         if self._arm_thread.command.live:
-            refused = snapshot.refusal
-            refusal = refused if refused is not None and refused.goal is goal else None
-        else:
-            start = snapshot.measured if snapshot.reference is None else snapshot.reference
-            speed, now_s = self._arm_thread.command.speed, self._clock.now_s()
-            self._guard.update(goal, start, speed, now_s)
-            refusal = self._guard.refusal
-        self._interaction.set_refusal(refusal)
+            self._planner.update(None, now_s)
+            refused = self._arm_thread.snapshot.refusal
+            is_of_goal = refused is not None and refused.goal is goal
+            self._interaction.show_way(None, refused if is_of_goal else None)
+        elif self._arm_thread.job is None:  # what is carried out stays shown
+            self._planner.update(self._plan_request(), now_s)
+            way = self._planner.way
+            if way is not None and way.plan is not None and not self._interaction.is_choosing:
+                self._interaction.take_posture(way.request.goal)
+            self._interaction.show_way(way, None if way is None else way.refusal)
+
+    def _plan_request(self) -> PlanRequest | None:
+        """Return what is to be planned now; None where there is no goal, or the arm is there."""
+        goal, snapshot = self._interaction.goal, self._arm_thread.snapshot
+        is_idle = not (snapshot.stop_notice or snapshot.calibration)
+        if goal is None or not is_idle or not self._arm.zeros.are_known:
+            return None
+        speed, is_chosen = self._arm_thread.command.speed, not self._interaction.is_choosing
+        marker = self._interaction.marker
+        request = PlanRequest(
+            self._arm, goal, snapshot.start, speed, is_chosen=is_chosen, marker=marker
+        )
+        return None if request.is_reached else request
 
     def _send_setpoint(self) -> None:
         command = self._arm_thread.command

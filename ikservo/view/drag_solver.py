@@ -17,6 +17,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from ikservo.arm import ToolOrientation
 from ikservo.errors import UnknownNameError
 from ikservo.ik import Options, Posture, Result, Solver, Target, solve
 from ikservo.kinematics import Chain
@@ -222,7 +223,12 @@ def _max_joint_distance(a: Vector, b: Vector) -> float:
 
 def _make_marker(target: Target, found: Result) -> TargetMarker:
     return TargetMarker(
-        target.position, found.nearest_m, found.reached, found.binding, target.frame
+        target.position,
+        found.nearest_m,
+        found.reached,
+        found.binding,
+        target.frame,
+        stance=ToolOrientation() if target.frame is None else None,
     )
 
 

@@ -22,6 +22,7 @@ from ikservo.view.drag import Drag, MovedThing
 from ikservo.view.drag_commands import DragCommand, DragTarget, JointTarget
 from ikservo.view.drag_solver import AUTO, DragSolver, PosturePreference
 from ikservo.view.goal_history import GoalHistory, PastGoal
+from ikservo.view.goal_planning import PlannedWay
 from ikservo.view.held_controls import GamepadControl, GripperControl, gripper_control
 from ikservo.view.labels import describe_target
 from ikservo.view.lens_camera import PictureSurface
@@ -51,6 +52,7 @@ class Interaction:
     Attributes:
         goal: Goal of all joints (n,), rad or m; None to hold position.
         marker: The target of the goal, if there is one.
+        way: The way to the goal in the preview; None where there is none.
         refusal: Why the guard refuses the goal; None if it does not.
         hover: The link that a press would grab.
         under: Everything under the pointer; None for the plane in which a click moves the tip.
@@ -79,6 +81,7 @@ class Interaction:
         self._trace_start_s = 0.0
         self.goal: Vector | None = None
         self.marker: TargetMarker | None = None
+        self.way: PlannedWay | None = None
         self.refusal: GoalRefusal | None = None
         self.hover: str | None = None
         self.under: tuple[PickCandidate | None, ...] = ()
@@ -109,6 +112,11 @@ class Interaction:
         return self._drag.is_busy or self._tool_drag.is_busy
 
     @property
+    def is_choosing(self) -> bool:
+        """Whether the goal is still being chosen: dragged, or solved for."""
+        return self._is_dragging or self._command is not None
+
+    @property
     def picked_object(self) -> str | None:
         """The object of the scene that a press would pick."""
         found = self.under[self.chosen] if self.under else None
@@ -127,17 +135,25 @@ class Interaction:
     def reset(self) -> None:
         """Cancel the drag and drop the goal: the arm holds."""
         self._end_drag()
-        self._command = self.goal = self.marker = self.solver_trace = None
+        self._command = self.goal = self.marker = self.way = self.solver_trace = None
         self.revision += 1
 
-    def set_refusal(self, refusal: GoalRefusal | None) -> None:
-        """Set why the guard refuses the goal, or None; logged once the gesture has ended."""
-        if refusal is not self.refusal:
-            self.refusal = refusal
+    def show_way(self, way: PlannedWay | None, refusal: GoalRefusal | None) -> None:
+        """Show the way to the goal, or why the guard refuses it; logged once it is chosen."""
+        if way is not self.way or refusal is not self.refusal:
+            self.way, self.refusal = way, refusal
             self.revision += 1
-        if refusal is not None and refusal is not self._logged and not self._is_dragging:
+            if way is not None and way.plan is not None and way.plan.around:
+                self.log(f"On the straight way {way.plan.around}; the arm goes around.")
+        if refusal is not None and refusal is not self._logged and not self.is_choosing:
             self._logged = refusal
             self.log(refusal.reason, "bad")
+
+    def take_posture(self, goal: Vector) -> None:
+        """Take other joints (n,) with the tip at the target, where the goal was refused."""
+        if goal is not self.goal:
+            self.goal = goal
+            self.log("The arm reaches this target in another posture.")
 
     def log(self, message: str, level: str = "") -> None:
         """Append a message; a message that was told before is moved to the end."""

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 from ikservo.arm.reports import describe_torque
 from ikservo.errors import format_point
 from ikservo.kinematics.conditioning import Conditioning
+from ikservo.view.goal_planning import PlannedWay
 from ikservo.view.message_fields import StopInput
 from ikservo.view.picking import PickCandidate
 from ikservo.view.target_marker import TargetMarker
@@ -28,6 +29,7 @@ __all__ = [
     "format_supply",
     "health_rows",
     "insight_rows",
+    "way_rows",
 ]
 
 
@@ -67,6 +69,21 @@ def describe_target(marker: TargetMarker, method: str | None = None) -> str:
         f"{format_point(marker.target_m)} cannot be reached{limits_text}. Nearest reachable point: "
         f"{format_point(marker.nearest_m)}, {marker.gap_m * 1000:.1f} mm away."
     )
+
+
+def way_rows(way: PlannedWay | None) -> list[tuple[str, str, str]]:
+    """Return the row about the way to the goal: how it leads, its length, time and clearance."""
+    if way is None or way.refusal is not None:
+        return []
+    plan = way.plan
+    if plan is None:
+        return [("way", "is being planned", "")]
+    direct = "straight" if way.is_straight else "out of contact"
+    how = "around" if plan.around else direct
+    text = f"{how}, {plan.path_m * 1000:.0f} mm, {plan.duration_s:.1f} s"
+    if 0.0 < plan.clearance_m < math.inf:
+        text += f", {plan.clearance_m * 1000:.0f} mm clear"
+    return [("way", text, "")]
 
 
 def describe_stop(text: str, states: Sequence[JointState]) -> str:

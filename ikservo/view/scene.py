@@ -9,6 +9,7 @@ import numpy as np
 
 from ikservo.kinematics.arrays import Vector
 from ikservo.view.camera import Camera
+from ikservo.view.goal_planning import PlannedWay
 from ikservo.view.reachable_region import ReachableRegion
 from ikservo.view.target_marker import TargetMarker
 
@@ -25,6 +26,8 @@ class SceneState:
         camera: The camera.
         measured: Measured joints (dof,), rad or m.
         goal: Goal of the joints (dof,); None while there is no goal.
+        way: The way to the goal, if there is one.
+        is_choosing: Whether the goal is still being chosen: no posture on the way is shown then.
         marker: The target, if there is one.
         region: The reachable region of the shown plane, if it is available.
         hover: The link under the pointer.
@@ -40,6 +43,8 @@ class SceneState:
     camera: Camera
     measured: Vector
     goal: Vector | None = None
+    way: PlannedWay | None = None
+    is_choosing: bool = False
     marker: TargetMarker | None = None
     region: ReachableRegion | None = None
     hover: str | None = None

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 
@@ -28,6 +28,7 @@ from ikservo.model.collision_model import capsules_of
 from ikservo.model.model import at_distance, near_distance
 from ikservo.model.tool import tool_frame
 from ikservo.view.camera import NEAR_PLANE_M, Camera
+from ikservo.view.goal_planning import PlannedWay
 from ikservo.view.joint_dials import JointDial, joint_dials
 from ikservo.view.lens_camera import LensCamera
 from ikservo.view.link_poses import other_joint_position
@@ -42,6 +43,7 @@ __all__ = ["SceneGraph"]
 
 _DIGITS = 7  # of positions: at a metre's distance 0.1 µm
 _AXIS_DIGITS = 4
+_SWEPT = slice(4, 24, 4)  # of the postures along a way, those at which the whole arm is drawn
 
 
 class SceneGraph:
@@ -62,6 +64,7 @@ class SceneGraph:
         steps = {link: chain.joints_to(link)[-1] for link in chain.frames if link != chain.base}
         self._positions = _JointPositions(list(steps.values()))
         self._camera: tuple[Camera, Fields] | None = None
+        self._positions_along = lru_cache(1)(self._compute_along)
         capsules = capsules_of(model)
         self.description: Fields = {
             "kind": "graph",
@@ -108,6 +111,7 @@ class SceneGraph:
             "behind": state.behind,
             "picked": state.picked,
             "refused_pair": state.refused_pair,
+            **self._way_fields(state),
             **_region_fields(state.region),
         }
 
@@ -116,6 +120,17 @@ class SceneGraph:
         if self._camera is None or self._camera[0] is not camera:
             self._camera = camera, _camera_fields(camera)
         return self._camera[1]
+
+    def _way_fields(self, state: SceneState) -> Fields:
+        way = state.way
+        if way is None or way.plan is None or not state.shows_goal:
+            return {"way": None, "swept": None}
+        along = self._positions_along(way)
+        swept = None if state.is_choosing else along[_SWEPT]
+        return {"way": {"number": way.number, "joints": along}, "swept": swept}
+
+    def _compute_along(self, way: PlannedWay) -> list[list[float]]:
+        return [self._positions.at(q, others) for q, others in way.postures]
 
     def _handle_axes(self, state: SceneState) -> list[float]:
         axes = self._handles.axes(state.measured if state.goal is None else state.goal)

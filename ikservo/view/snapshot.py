@@ -106,6 +106,7 @@ class ArmSnapshot:
 
     Attributes:
         measured: Measured joint positions (n,), rad or m.
+        start: Where a motion would start (n,).
         read_s: When they were measured.
         reference: Where the joints should be (n,); None while no session runs.
         states: Telemetry of the servos, a little older.
@@ -118,6 +119,7 @@ class ArmSnapshot:
     """
 
     measured: Vector
+    start: Vector
     read_s: float = 0.0
     reference: Vector | None = None
     states: tuple[JointState, ...] = ()

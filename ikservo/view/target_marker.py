@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ikservo.arm import ToolOrientation
 from ikservo.ik import ActiveLimit
 from ikservo.kinematics.arrays import Vector
 
@@ -22,6 +23,7 @@ class TargetMarker:
         reached: Whether these are the same.
         binding: The active limits.
         frame: The link that was grabbed; None for the tip.
+        stance: How the tool is to be there; None where that, or the link, is not the tool's.
         turn_error_rad: How far the tool is from the orientation that was wanted of it; 0 if none.
     """
 
@@ -31,6 +33,7 @@ class TargetMarker:
     binding: tuple[ActiveLimit, ...] = ()
     frame: str | None = None
     turn_error_rad: float = 0.0
+    stance: ToolOrientation | None = None
 
     @property
     def gap_m(self) -> float:

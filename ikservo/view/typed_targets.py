@@ -177,4 +177,4 @@ class ToolTargets:
             raise UnreachableError(
                 position.tolist(), found.nearest_m.tolist(), [str(limit) for limit in found.binding]
             )
-        return found.q, TargetMarker(position, found.nearest_m, reached=True)
+        return found.q, TargetMarker(position, found.nearest_m, reached=True, stance=orientation)

@@ -10,6 +10,7 @@ import numpy as np
 import pinocchio
 
 from ikservo.model import load_model
+from ikservo.model.scene import with_scene
 from ikservo.view.app import ViewApp
 from ikservo.view.auth import Permission
 from ikservo.view.messages import read_message
@@ -118,9 +119,11 @@ def away_from_home_rad(arm):
 
 
 @contextmanager
-def serve_view(arm="so101", port="sim:?pose=home", dead_man_s=5.0, *, calibrated=True, **options):
+def serve_view(
+    arm="so101", port="sim:?pose=home", dead_man_s=5.0, *, scene=None, calibrated=True, **options
+):
     """Serve a view; a busy machine makes pages stutter, so the dead man is patient by default."""
-    model = load_model(arm)
+    model = load_model(arm) if scene is None else with_scene(load_model(arm), scene)
     places = [ArmAtPort(model, port)]
     view = HoldingView(places, dead_man_s=dead_man_s, calibrated=calibrated, **options)
     with view as urls, view.serve_in_thread() as server:

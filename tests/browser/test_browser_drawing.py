@@ -17,6 +17,7 @@ from ikservo.kinematics.capsules import segment_distance
 from ikservo.model.collision_model import capsules_of
 from ikservo.model.model import KeepOutBox
 from ikservo.view.camera import Camera
+from ikservo.view.goal_planning import PlannedWay
 from ikservo.view.link_poses import link_poses
 from ikservo.view.reachable_region import ReachableRegion, slice_plane
 from ikservo.view.scene import SceneState
@@ -125,6 +126,10 @@ def canvas(page):
 
 def of_style(items, *styles):
     return [item for item in items if item["style"] in styles]
+
+
+def of_link(items, style, link):
+    return [item for item in of_style(items, style) if item.get("link") == link]
 
 
 def at_joints(**positions):
@@ -571,8 +576,11 @@ def test_over_the_picture_of_a_camera_neither_table_nor_region_is_drawn(canvas, 
 
 def test_the_planned_and_the_measured_way_of_the_tip_are_drawn(canvas):
     start, goal = at_joints(), at_joints(shoulder_lift=-1.2)
+    around = at_joints(shoulder_lift=-1.0, elbow_flex=0.3)
     graph, camera = graph_of(model_of("so101")), looked_at("so101", "side")
-    state = SceneState(camera, start, goal=goal)
+    there = [*np.linspace(start, around, 13), *np.linspace(around, goal, 13)[1:]]
+    way = PlannedWay(None, plan="found", postures=[(q, {}) for q in there])
+    state = SceneState(camera, start, goal=goal, way=way)
     on_the_way = [
         graph.fields(replace(state, measured=start + part * (goal - start))) for part in (0.3, 0.6)
     ]
@@ -580,8 +588,11 @@ def test_the_planned_and_the_measured_way_of_the_tip_are_drawn(canvas):
     *_, last = compose_in_turn(canvas, graph, state, *changes)
     (planned,), (travelled,) = (of_style(last["items"], each) for each in ("planned", "travelled"))
     tip_px = lambda q: camera.project(model_of("so101").chain.forward(q)[:3, 3])[0]  # noqa: E731
-    for point, q in zip((planned["points"][0], planned["points"][-1]), (start, goal), strict=True):
-        np.testing.assert_allclose(point, tip_px(q), atol=0.01)
+    np.testing.assert_allclose(planned["points"], [tip_px(q) for q in there], atol=0.01)
+    swept = of_link(last["backdrop"], "swept", "gripper")
+    for ghost, q in zip(swept, there[4:24:4], strict=True):
+        (arm,) = of_link(canvas.items(measured=q), "measured", "gripper")
+        np.testing.assert_allclose(np.vstack(ghost["rings"]), np.vstack(arm["rings"]), atol=0.01)
     expected = [tip_px(start + part * (goal - start)) for part in (0.0, 0.3, 0.6)]
     np.testing.assert_allclose(travelled["points"], expected, atol=0.01)
 

@@ -143,7 +143,7 @@ def test_messages_of_the_arm_and_of_its_guard_are_one_list_in_the_order_of_time(
     operator.page.click("#stop")
     operator.wait_for("status.mode === 'stopped'")
     operator.page.click("#acknowledge")
-    operator.wait_for("status.mode === 'preview'")
+    operator.wait_for("status.mode === 'preview'").wait_for_picture()
     operator.click(below_the_table(operator)).wait_for(REFUSED)
     latest = operator.status["messages"][-2:]
     assert "Stopped from the page" in latest[0]["message"]

@@ -25,7 +25,7 @@ def state(name, **fields):
 def snapshot(at=0.1, goal=None, **fields):
     states = (state("pan", **fields), state("slide"))
     reference = None if goal is None else np.array([goal, 0.02])
-    return ArmSnapshot(np.array([at, 0.01]), reference=reference, states=states)
+    return ArmSnapshot(*2 * [np.array([at, 0.01])], reference=reference, states=states)
 
 
 def make_history(**options):

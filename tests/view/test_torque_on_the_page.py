@@ -32,7 +32,7 @@ def torque(session):
 def go_there(session, on_progress):
     """Let the arm go to the preview; a function is called in each control cycle of that."""
     session.send_message(page_messages.SetJoint, joint="wrist_roll", value=40.0)
-    session.send_message(page_messages.ArmAction, action="execute")
+    session.go_there()
     original = session.arm_thread.on_progress
 
     def seen(progress):

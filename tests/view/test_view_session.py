@@ -549,7 +549,7 @@ PRESSES = {
 def test_a_press_while_the_arm_goes_to_the_preview_is_refused_with_the_reason(session, press):
     session.click(480, 300)
     goal = session.interaction.goal
-    session.send_message(page_messages.ArmAction, action="execute")
+    session.go_there()
     with pytest.raises(BadMessageError, match="busy: Goes to the preview"):
         press(session)
     session.point("move", 500, 320)  # no press: nothing to tell

@@ -1,6 +1,7 @@
 """A session of the view in virtual time: an arm, its thread, the controller and a client."""
 
 import itertools
+import time
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from ikservo.view.controller import SessionController
 from tests.arm.simulated import clock_of, line_of, registers, servo_group
 
 NUMBERS = itertools.count(1)
+LOOKS, LOOK_S = 3000, 0.005  # at a way that is planned in the background
 
 
 class ViewSession:
@@ -60,6 +62,22 @@ class ViewSession:
     def interaction(self):
         """Return the controller's gestures and goal: the one place that reaches into it."""
         return self.controller._interaction
+
+    def planned(self):
+        """Wait until the way to the goal is planned, or refused; return the frames that say so."""
+        for _ in range(LOOKS):
+            self.arm_thread.step()
+            frames, way = self.latest_frames(), self.interaction.way
+            if way is not None and (way.plan is not None or way.refusal is not None):
+                return frames
+            time.sleep(LOOK_S)
+        raise AssertionError("the way is never planned")
+
+    def go_there(self):
+        """Let the arm carry out the way that is shown, once one is."""
+        self.planned()
+        number = self.interaction.way.number
+        self.send_message(page_messages.ArmAction, action="execute", way=number)
 
     def camera(self, client=None):
         """Return the camera of a client, by which it is picked."""

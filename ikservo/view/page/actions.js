@@ -8,7 +8,9 @@ const ONE_COLUMN = matchMedia("(max-width: 1020px)"); // as in the style
 export class Actions {
   constructor(send) {
     this.send = send;
-    $("execute").onclick = () => send("arm_action", { action: "execute" });
+    this.status = this.at = null;
+    this.way = null; // that is drawn
+    $("execute").onclick = () => send("arm_action", { action: "execute", way: this.way.number });
     $("undo").onclick = () => send("undo", { redo: false });
     $("redo").onclick = () => send("undo", { redo: true });
     $("relax").onclick = () => send("arm_action", { action: "relax" });
@@ -26,12 +28,14 @@ export class Actions {
   placeExecute() {
     if (ONE_COLUMN.matches) $("live").before($("execute"));
     else $("redo").after($("execute"));
-    this.follow(null);
+    this.follow(this.way, null);
   }
 
-  // Beside the arm's target, a pixel of the drawing, while it can be carried out.
-  follow(at) {
+  // Beside the arm's target, a pixel of the drawing, while the way there is drawn, described and can be carried out.
+  follow(way, at) {
     const button = $("execute");
+    Object.assign(this, { way, at });
+    button.disabled = !way || way.number !== this.status?.way || !isIdle(this.status);
     const shown = at !== null && !button.disabled && !ONE_COLUMN.matches;
     button.classList.toggle("at-target", shown);
     if (!shown) return button.style.removeProperty("transform");
@@ -66,10 +70,12 @@ export class Actions {
 
   show(status) {
     const free = status.controller === "you" && ["preview", "live"].includes(status.mode);
-    const idle = status.controller === "you" && status.mode === "preview";
+    this.status = status;
     $("undo").disabled = !free || !status.undo;
     $("redo").disabled = !free || !status.redo;
-    $("execute").disabled = !idle || !status.target || status.refused;
-    for (const id of ["relax", "release"]) $(id).disabled = !idle;
+    for (const id of ["relax", "release"]) $(id).disabled = !isIdle(status);
+    this.follow(this.way, this.at);
   }
 }
+
+const isIdle = ({ controller, mode }) => controller === "you" && mode === "preview";

@@ -8,6 +8,7 @@ const STYLES = {
   keep_out: ["keep-out", "bad", 1],
   picked: ["keep-out", "bad", 2],
   ghost: ["ghost", "ghost-edge", 1.25],
+  swept: ["swept", null],
   refused: ["refused", "bad", 1.25],
   touching: ["touching", "bad", 2.5],
   measured: ["link", "link-edge", 1.25],
@@ -99,7 +100,7 @@ export class Drawing {
     const path = (item.path ??= PATHS[item.kind]?.(item));
     if (!path) return;
     const filled = fill && FILLED.has(item.kind);
-    const outlined = filled && item.kind === "polygon";
+    const outlined = filled && stroke && item.kind === "polygon";
     if (stroke) {
       context.strokeStyle = colours[stroke];
       context.lineWidth = outlined ? 2 * width : width;

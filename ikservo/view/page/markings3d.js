@@ -4,14 +4,13 @@ import * as THREE from "./three.min.js";
 
 const GRID_M = 0.1;
 const GRID_LINES = 10; // on each side
-const PATH_DOTS = 24;
+const PATH_DOTS = 25; // as many postures of a way as the server sends
 const DOT_M = 0.0022;
 const ABOVE_TABLE_M = 0.0005;
 
 export class Markings {
   constructor(graph) {
     this.root = new THREE.Group();
-    this.pathFractions = Array.from({ length: PATH_DOTS }, (_, i) => (i + 1) / (PATH_DOTS + 1));
     this.lines = {
       grid: new THREE.LineBasicMaterial(),
       region: new THREE.LineBasicMaterial({ transparent: true, opacity: 0.45 }),
@@ -47,7 +46,7 @@ export class Markings {
   }
 
   setColours(read) {
-    this.pathColours = { good: read("--draw-ghost-edge"), bad: read("--draw-bad") };
+    this.dotMaterial.color.copy(read("--draw-ghost-edge"));
     this.sheet.color.copy(read("--draw-floor"));
     this.lines.grid.color.copy(read("--draw-floor-edge"));
     this.lines.region.color.copy(read("--draw-reach-edge"));
@@ -56,12 +55,11 @@ export class Markings {
     for (const { children: [body] } of this.things.children) body.material.color.copy(this.thingColour);
   }
 
-  showPath(points, refused) {
+  showPath(points) {
     const place = new THREE.Matrix4();
     points.forEach((point, i) => this.dots.setMatrixAt(i, place.makeTranslation(point)));
     this.dots.count = points.length;
     this.dots.instanceMatrix.needsUpdate = true;
-    this.dotMaterial.color.copy(refused ? this.pathColours.bad : this.pathColours.good);
   }
 
   setThings(things) {

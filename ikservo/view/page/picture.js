@@ -53,10 +53,12 @@ export class Picture {
     return this.last;
   }
 
-  // The items that change with camera and region only.
+  // The items that change with camera, region and planned way only; postures along that are behind the arm.
   composeBackdrop(scene, projection) {
-    const same = ["camera", "region", "region_pose", "bare"].every((name) => scene[name] === this.shown[name]);
-    return same && this.last.backdrop ? this.last.backdrop : backdropItems(this.graph, this.things, scene, projection);
+    const same = ["camera", "region", "region_pose", "bare", "swept"].every((name) => scene[name] === this.shown[name]);
+    if (same && this.last.backdrop) return this.last.backdrop;
+    const swept = (scene.swept ?? []).flatMap((positions) => outlineLinks(this.graph, placeLinks(this.graph, positions), projection));
+    return [...backdropItems(this.graph, this.things, scene, projection), ...swept.map(({ link, rings }) => ({ kind: "polygon", style: "swept", rings, link }))];
   }
 
   armItems(scene, arm, goal, projection) {

@@ -10,6 +10,7 @@ const LONGEST_FRAME_MS = 3000; // that is waited for
 const SHADOW_PX = 1024;
 const MAX_PIXEL_RATIO = 2;
 const TRIAD_M = { base: 0.06, tool: 0.035 };
+const MAX_SWEPT = 5; // postures that are drawn along a way
 const AXES = [[0xd6453d, [1, 0, 0]], [0x3d9a50, [0, 1, 0]], [0x3d6fd6, [0, 0, 1]]];
 const HIGHLIGHT = 0.75; // of the link under the pointer, towards the colour for that
 const BEHIND_OPACITY = 0.3; // of the links in front of a link that was selected behind them
@@ -34,11 +35,13 @@ export class Scene3D {
     this.arm = new LinkTree(graph, shapes, () => new THREE.MeshStandardMaterial({ roughness: 0.55, metalness: 0.05 }));
     this.ghostMaterials = createGhostMaterials();
     this.ghost = new LinkTree(graph, shapes, () => this.ghostMaterials.ghost);
+    this.sweep = new Sweep(this.ghost, this.ghostMaterials.swept);
+    this.way = this.swept = null; // that are shown
     this.arm.root.traverse((part) => { part.castShadow = part.receiveShadow = true; });
     this.arm.tip.add(createTriad(TRIAD_M.tool));
     this.markings = new Markings(graph);
     this.handles = new Handles(this.camera, graph.handles);
-    this.scene.add(this.handles.root, this.arm.root, this.ghost.root, this.markings.root, createTriad(TRIAD_M.base), ...createLights(graph));
+    this.scene.add(this.handles.root, this.arm.root, this.ghost.root, this.sweep.root, this.markings.root, createTriad(TRIAD_M.base), ...createLights(graph));
     this.setColours();
   }
 
@@ -49,6 +52,7 @@ export class Scene3D {
     this.hoverColour = read("--draw-link-hover");
     this.arm.setDefaultColour(read("--draw-link"));
     this.ghostMaterials.ghost.color.copy(read("--draw-ghost-edge"));
+    this.ghostMaterials.swept.color.copy(read("--draw-ghost-edge"));
     this.ghostMaterials.refused.color.copy(read("--draw-bad"));
     this.ghostMaterials.touching.color.copy(read("--draw-bad"));
     this.markings.setColours(read);
@@ -67,6 +71,7 @@ export class Scene3D {
   update(scene) {
     this.setCamera(scene.camera);
     this.arm.setJoints(scene.measured);
+    this.showWay(scene);
     this.showGoal(scene);
     this.handles.show((scene.goal === null ? this.arm : this.ghost).tipPosition(), scene.handles);
     this.highlight(scene);
@@ -86,9 +91,8 @@ export class Scene3D {
     this.camera.matrixWorldNeedsUpdate = true;
   }
 
-  showGoal({ measured, goal, refused_pair }) {
+  showGoal({ goal, refused_pair }) {
     this.ghost.root.visible = goal !== null;
-    this.markings.showPath(goal === null ? [] : this.tipPath(measured, goal), refused_pair !== null);
     if (goal === null) return;
     this.ghost.setJoints(goal);
     for (const [name, parts] of this.ghost.parts) {
@@ -97,12 +101,11 @@ export class Scene3D {
     }
   }
 
-  // Joints that start at rest move together, straight from where they are to the goal.
-  tipPath(measured, goal) {
-    return this.markings.pathFractions.map((t) => {
-      this.ghost.setJoints(measured.map((from, i) => from + t * (goal[i] - from)));
-      return this.ghost.tipPosition();
-    });
+  // The planned way: of the tip as dots, and some postures of the arm on it.
+  showWay({ way, swept }) {
+    if (way !== this.way) this.markings.showPath(way?.joints.map((positions) => this.ghost.setJoints(positions).tipPosition()) ?? []);
+    if (swept !== this.swept) this.sweep.show(swept ?? []);
+    Object.assign(this, { way, swept });
   }
 
   highlight({ hover, grabbed, behind }) {
@@ -198,11 +201,32 @@ class LinkTree {
       node.matrix.multiplyMatrices(origin, motion);
       node.matrixWorldNeedsUpdate = true;
     });
+    return this;
   }
 
   tipPosition() {
     this.root.updateMatrixWorld(true);
     return new THREE.Vector3().setFromMatrixPosition(this.tip.matrixWorld);
+  }
+}
+
+// Copies of an arm in some postures; each of its parts is drawn once for all of them.
+class Sweep {
+  constructor(tree, material) {
+    this.tree = tree;
+    this.parts = [...tree.parts.values()].flat();
+    this.copies = this.parts.map(({ geometry }) => new THREE.InstancedMesh(geometry, material, MAX_SWEPT));
+    this.root = new THREE.Group().add(...this.copies);
+    this.show([]);
+  }
+
+  // Moves the arm that is copied.
+  show(postures) {
+    for (const copies of this.copies) Object.assign(copies, { count: postures.length, frustumCulled: false }).instanceMatrix.needsUpdate = true;
+    postures.forEach((positions, i) => {
+      this.tree.setJoints(positions).root.updateMatrixWorld(true);
+      this.parts.forEach((part, k) => this.copies[k].setMatrixAt(i, part.matrixWorld));
+    });
   }
 }
 
@@ -230,7 +254,8 @@ function createGhostMaterials() {
   const create = (opacity, offset) => new THREE.MeshStandardMaterial({
     transparent: true, opacity, roughness: 0.8, polygonOffset: true, polygonOffsetFactor: offset, polygonOffsetUnits: offset,
   });
-  return { ghost: create(0.38, 2), refused: create(0.38, 2), touching: create(0.85, -2) };
+  const swept = Object.assign(create(0.07, 2), { depthWrite: false }); // each is seen through the others
+  return { swept, ghost: create(0.38, 2), refused: create(0.38, 2), touching: create(0.85, -2) };
 }
 
 function createTriad(length) {

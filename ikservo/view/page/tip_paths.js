@@ -1,8 +1,7 @@
-// The way of the tip: planned from where the arm is to its goal, and measured since it began to move.
+// The way of the tip: planned to its goal, and measured since it began to move.
 
 import { length, subtract } from "./geometry.js";
 
-const STEPS = 24; // of the planned way
 const APART_M = 0.0005; // between two points of the measured one
 const REST_MS = 1000; // after so long at rest another motion begins
 const MAX_POINTS = 1000;
@@ -12,11 +11,11 @@ export class TipPaths {
     this.findTip = findTip; // the tip at positions of the joints
     this.measured = [];
     this.planned = [];
-    this.goal = null;
+    this.goal = this.way = null;
     this.movedAt = -Infinity;
   }
 
-  update({ measured, goal }, now) {
+  update({ measured, goal, way }, now) {
     const tip = this.findTip(measured);
     const resting = now - this.movedAt > REST_MS;
     if (resting && goal !== this.goal) this.measured = [];
@@ -25,13 +24,8 @@ export class TipPaths {
       this.measured = resting ? [tip] : [...this.measured, tip].slice(-MAX_POINTS);
       this.movedAt = now;
     }
-    if (goal !== this.goal || (resting && moved)) this.planned = goal === null ? [] : this.plan(measured, goal);
-    this.goal = goal;
-  }
-
-  // Joints that start at rest move together, straight from where they are to the goal.
-  plan(measured, goal) {
-    return Array.from({ length: STEPS + 1 }, (_, i) => this.findTip(measured.map((from, k) => from + (i / STEPS) * (goal[k] - from))));
+    if (way !== this.way) this.planned = way === null ? [] : way.joints.map(this.findTip);
+    Object.assign(this, { goal, way });
   }
 
   items(projection, inThreeD) {

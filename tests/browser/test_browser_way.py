@@ -1,0 +1,112 @@
+"""The way to a target in a browser: seen before it is gone, around what is in the straight way."""
+
+import math
+
+import numpy as np
+import pytest
+
+from ikservo.view.link_poses import link_poses
+from tests.arm.test_ways_around import needs_planner
+from tests.browser.page_operator import Operator, serve_view, until
+
+pytestmark = [pytest.mark.browser, needs_planner]
+
+SCENE = """
+[[box]]
+name = "the post"
+centre_m = [0.17, -0.1, 0.15]
+size_m = [0.04, 0.04, 0.3]
+"""
+GOAL_DEG = 60.0
+COPIES = """() => {
+  const { ghost, sweep } = window.ikservo.rendering.scene3d;
+  const [part] = ghost.parts.get("gripper");
+  const copies = sweep.copies[sweep.parts.indexOf(part)];
+  const rows = (m) => Array.from({ length: 16 }, (_, i) => m[4 * (i % 4) + Math.floor(i / 4)]);
+  const matrices = Array.from({ length: copies.count }, (_, i) => rows(copies.instanceMatrix.array.slice(16 * i, 16 * i + 16)));
+  return [rows(part.matrix.elements), matrices];
+}"""  # noqa: E501
+
+
+@pytest.fixture
+def served(tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text(SCENE, encoding="utf-8")
+    with serve_view(scene=path) as view:
+        yield view
+
+
+@pytest.fixture
+def person(browser, served):
+    context = browser.new_context(viewport={"width": 1280, "height": 800})
+    yield Operator(context.new_page(), served)
+    context.close()
+
+
+def aim(operator):
+    """Type a target beyond the post, and wait until the way there may be carried out."""
+    operator.page.get_by_label("shoulder_pan, degrees", exact=True).fill(f"{GOAL_DEG:g}")
+    operator.page.keyboard.press("Enter")
+    operator.wait_for("scene.way && scene.swept && status.way === scene.way.number")
+    operator.until("!document.getElementById('execute').disabled")
+
+
+def way_row(operator):
+    return dict(row[:2] for row in operator.status["tip"])["way"]
+
+
+def test_the_way_around_is_seen_and_gone_and_nothing_is_touched(person):
+    page, arm = person.page, person.served.arm
+    page.click("#speeds button[value=fast]")
+    aim(person)
+    assert way_row(person).startswith("around, ")
+    assert "would touch the post; the arm goes around" in page.inner_text("#log")
+    (planned,) = person.items("planned")
+    assert len(planned["points"]) == 25
+    assert page.is_hidden("#refusal")
+    page.click("#execute")
+    nearest = []
+
+    def is_there():
+        nearest.append(arm.clearance_m(person.served.joints()))
+        return math.degrees(person.served.joints()["shoulder_pan"]) > GOAL_DEG - 1.0
+
+    until(is_there, lambda: (person.served.joints(), person.status))
+    assert min(nearest) > 0.0
+    person.wait_for("status.mode === 'preview' && !scene.way")
+    assert person.errors == []
+
+
+def test_a_thing_that_comes_into_the_way_changes_what_is_shown_and_a_stop_clears_it(person):
+    page = person.page
+    aim(person)
+    number, before = person.page.evaluate("ikservo.scene.way.number"), person.served.goals()
+    words = way_row(person)
+    page.click("#things-card summary")
+    field = page.get_by_label("the post: length z, mm", exact=True)
+    field.fill("200")
+    field.press("Enter")
+    person.wait_for(f"scene.way && scene.way.number > {number}")
+    person.wait_for("status.way === scene.way.number")
+    assert way_row(person) != words
+    page.click("#stop")
+    person.wait_for("status.mode === 'stopped' && !scene.way && status.way === null")
+    page.click("#acknowledge")
+    person.wait_for("status.mode === 'preview' && !status.target")
+    assert page.is_disabled("#execute")
+    assert max(abs(person.served.goals()[i] - before[i]) for i in before) <= 2
+
+
+def test_in_3d_the_postures_on_the_way_are_where_forward_kinematics_puts_them(
+    webgl_browser, served
+):
+    context = webgl_browser.new_context(viewport={"width": 700, "height": 600})
+    operator = Operator(context.new_page(), served, options="&draw=3d")
+    operator.until("Boolean(window.ikservo.rendering.scene3d) && window.ikservo.rendering.tried")
+    aim(operator)
+    way, (T_link_part, copies) = served.view.controller._planner.way, operator.page.evaluate(COPIES)
+    assert len(copies) == 5
+    for copy, (q, others) in zip(copies, way.postures[4:24:4], strict=True):
+        T = link_poses(served.arm.chain, q, others)["gripper"] @ np.reshape(T_link_part, (4, 4))
+        np.testing.assert_allclose(np.reshape(copy, (4, 4)), T, atol=1e-5)
+    context.close()
