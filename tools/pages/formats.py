@@ -91,6 +91,7 @@ No polygons travel: the page computes the drawing (`view/page/picture.js` in 2D,
 - `trace` of a solver method (`lines`, `target`, `reached`), and `trace_step`, the shown iteration.
 - `handles`: the axes of the tool in 3D; `webgl`: whether it is to be drawn in 3D; `seq`.
 - `picture_trouble`: why the picture of a calibrated camera takes no targets; null in other views.
+- `tip_shows`: the joint whose zero a click on the tip shows in that picture; null where none.
 
 ## Messages of the page
 """
