@@ -47,6 +47,8 @@ _LOOP_NOISE = 0.004  # of a window's mean duty, at least
 _NOISY_DUTY = 0.015  # of a window's mean: by more, duties say less than leads do
 _NOISE_ROUNDS = 3  # in which the noise is found
 _MOVING_RAD_S, _MIN_SWINGS = 0.05, 4
+# A motor that seems slower stands still: a step of the current of an XL330 or STS is as much.
+_STUCK_RAD_S = 0.01
 # A joint whose gravity torque is below this share of that of the whole duty has its gears free.
 _FREE_SHARE = 0.01
 _MIDDLE, _TINY = 0.2, 1e-9  # of a swing, to both sides of its middle
@@ -335,7 +337,7 @@ def fit_backlash(
     if loads.min() > free or loads.max() < -free:
         return None
     motor = motors.windings[0]
-    by_volts, by_amps, by_joint = _lost_motions(recording, joint, swings).T
+    by_volts, by_amps, by_joint = _lost_motions(recording, joint, swings, motor).T
     turned = motors.per_horn_rad / motor.kt * (by_volts - motor.ohm * by_amps)
     lost = turned - by_joint
     value = float(np.median(lost))
@@ -362,15 +364,18 @@ def _swings(recording: DriveRecording, joint: int) -> list[NDArray[np.intp]]:
 
 
 def _lost_motions(
-    recording: DriveRecording, joint: int, swings: Sequence[NDArray[np.intp]]
+    recording: DriveRecording, joint: int, swings: Sequence[NDArray[np.intp]], motor: Winding
 ) -> Matrix:
     """Compute how volts, amperes (each integrated) and joint differ between the two ways (k, 3).
 
-    Each swing is compared with those before and after: what drifts evenly cancels.
+    Each swing is compared with those before and after: what drifts evenly cancels. A motor whose
+    speed is not told from rest has stuck: what a step of its sensors would add up to is no motion.
     """
     time_s, position = recording.time_s, recording.position[:, joint]
     current = recording.current_a[:, joint, 0]
     volts = recording.duty[:, joint, 0] * recording.voltage_v[:, joint, 0]
+    turns = np.abs(volts - motor.ohm * current) > _STUCK_RAD_S * motor.kt
+    volts, current = turns * volts, turns * current
     series = np.column_stack([_integral(volts, time_s), _integral(current, time_s), position])
     samples = np.concatenate(swings)
     place = np.abs(position - np.median(position[samples])) / np.ptp(position[samples])
