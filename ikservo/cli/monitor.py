@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator
 from datetime import UTC, datetime
 from typing import Annotated
 
@@ -26,6 +27,8 @@ from ikservo.lab.health_log import (
     measure_health,
     read_records,
 )
+from ikservo.model import Model
+from ikservo.registers import MODELS
 
 __all__ = ["command"]
 
@@ -90,17 +93,32 @@ def command(
         record = HealthRecord(written=datetime.now(UTC), source="monitor", joints=joints)
         append_record(path, record)
         records = [*records, record]
-    changes = changes_of(records)
+    changes, latest = changes_of(records), latest_health(records)
     print_records(
-        "monitor", "joints", latest_health(records), _JOINTS, json=json, path=path,
+        "monitor", "joints", latest, _JOINTS, json=json, path=path,
         count=len(records), changes=[json_values(each, _CHANGES) for each in changes],
     )  # fmt: skip
     if json:
         return
-    print_lines(_describe(each) for each in changes)
+    print_lines([*map(_describe, changes), *_unknown_play(model, latest)])
     if not changes:
         count = f"{len(records)} record{'s' * (len(records) != 1)}"
         print_status(f"Nothing has risen beyond doubt in {count}, {path}")
+
+
+def _unknown_play(model: Model, latest: Iterable[JointHealth]) -> Iterator[str]:
+    """Say of which joints wear of the gears cannot be seen, and what would show it."""
+    known = {one.name for one in latest if one.backlash_rad is not None}
+    rows = [joint for joint in model.joints if joint.role == "arm" and joint.name not in known]
+    blind = [one.name for one in rows if "present_current" not in MODELS[one.servo.model].registers]
+    if blind:
+        yield f"Play of {', '.join(blind)}: unknown, their servos measure no current"
+    others = [one.name for one in rows if one.name not in blind]
+    if others:
+        yield (
+            f"Play of {', '.join(others)}: unknown until ikservo identify finds it, without "
+            "--quick and with room for the arm to stand upright"
+        )
 
 
 def _describe(change: Change) -> str:

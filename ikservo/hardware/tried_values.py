@@ -6,8 +6,9 @@ off; the file tells which were there before.
 
 from __future__ import annotations
 
+import contextlib
 import json
-from collections.abc import Mapping
+from collections.abc import Container, Mapping
 from pathlib import Path
 
 from pydantic import TypeAdapter, ValidationError
@@ -23,7 +24,14 @@ from ikservo.hardware.remembered_port import serial_number_of
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Register
 
-__all__ = ["forget_former", "note_former", "read_former", "restore_former", "tried_differences"]
+__all__ = [
+    "forget_former",
+    "forget_if_former",
+    "note_former",
+    "read_former",
+    "restore_former",
+    "tried_differences",
+]
 
 _FORMER: TypeAdapter[dict[str, int]] = TypeAdapter(dict[str, int])
 _MOST_BYTES = 10_000
@@ -46,6 +54,13 @@ def forget_former(bus: ServoBus, servo: ServoSpec) -> None:
         remove_durably(path)
 
 
+def forget_if_former(bus: ServoBus, servo: ServoSpec, registers: Container[Register]) -> None:
+    """Remove the file if it has one of some registers; a damaged one has none, and stays."""
+    with contextlib.suppress(FileFormatError):
+        if any(register in registers for register in read_former(bus, servo)):
+            forget_former(bus, servo)
+
+
 def read_former(bus: ServoBus, servo: ServoSpec) -> dict[Register, int]:
     """Return the numbers from before a trial that did not end; none if there was no such.
 
@@ -59,7 +74,8 @@ def read_former(bus: ServoBus, servo: ServoSpec) -> dict[Register, int]:
         former = _FORMER.validate_python(json.loads(read_text(path, _MOST_BYTES)), strict=True)
         return {servo.table.registers[name]: raw for name, raw in former.items()}
     except (ValidationError, ValueError, KeyError, RecursionError) as error:
-        raise FileFormatError(path, "", "is damaged", "numbers of registers; remove it") from error
+        way_out = "numbers of registers; rename it, and switch the servo's power off and on"
+        raise FileFormatError(path, "", "is damaged", way_out) from error
 
 
 def tried_differences(bus: ServoBus, servo: ServoSpec) -> list[RegisterDifference]:

@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.lab.drive_recording import DriveRecording, SteadyWindows
 from ikservo.model.servo_torque import ServoTorque
 
@@ -23,6 +23,7 @@ __all__ = [
     "JointPrior",
     "LoopFit",
     "MotorConstants",
+    "Winding",
     "fit_backlash",
     "fit_loop",
     "fit_motors",
@@ -46,10 +47,14 @@ _LOOP_NOISE = 0.004  # of a window's mean duty, at least
 _NOISY_DUTY = 0.015  # of a window's mean: by more, duties say less than leads do
 _NOISE_ROUNDS = 3  # in which the noise is found
 _MOVING_RAD_S, _MIN_SWINGS = 0.05, 4
+# A motor that seems slower stands still: a step of the current of an XL330 or STS is as much.
+_STUCK_RAD_S = 0.01
 # A joint whose gravity torque is below this share of that of the whole duty has its gears free.
 _FREE_SHARE = 0.01
 _MIDDLE, _TINY = 0.2, 1e-9  # of a swing, to both sides of its middle
 _MAX_BACKLASH_RAD = 0.2
+# By which a motor's speed is known to differ from the joint's at most, but for gears that cross.
+_CROSSING_RAD_S = 0.2
 _MIN_BACKLASH_ERROR_RAD = 0.001  # a tick
 
 
@@ -84,24 +89,67 @@ class JointPrior:
         return self.servo.damping_nm_s * self.nominal_v / self.servo.full_duty_nm
 
     @property
+    def ohm(self) -> float:
+        """The resistance of one of its motors."""
+        return self.kt * self.nominal_v / self.servo.full_duty_nm
+
+    @property
     def force(self) -> float:
         """The torque at the joint for each N m at the horn of each servo."""
         return self.servos / self.per_horn_rad
 
 
-@dataclass(frozen=True, slots=True)
-class MotorConstants:
-    """Motors of all servos of a joint together, at the joint, by duty, current and speed.
+@dataclass(frozen=True, slots=True, eq=False)
+class Winding:
+    """The motor of one servo, at the horn, by duty, current and speed.
 
     Attributes:
-        full_duty_nm: Torque of the whole duty at the nominal supply.
-        back_emf_nm_s: kb.
-        full_duty_error: Standard error of the first, as a share of it.
+        ohm: R.
+        kt: Its torque constant, N m/A.
+        covariance: Of the errors of the two (2, 2).
     """
 
-    full_duty_nm: float
-    back_emf_nm_s: float
-    full_duty_error: float
+    ohm: float
+    kt: float
+    covariance: Matrix
+
+    @property
+    def torque_error(self) -> float:
+        """The standard error of the torque for each volt, as a share of it."""
+        gradient = np.array([-1.0 / self.ohm, 1.0 / self.kt])
+        return float(np.sqrt(gradient @ self.covariance @ gradient))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotorConstants:
+    """Motors of all servos of a joint together, at the joint.
+
+    Attributes:
+        windings: Of each servo.
+        nominal_v: The supply of the whole duty.
+        per_horn_rad: Motion of the joint for each rad of the horns.
+    """
+
+    windings: Sequence[Winding]
+    nominal_v: float
+    per_horn_rad: float = 1.0
+
+    @property
+    def full_duty_nm(self) -> float:
+        """Torque of the whole duty at the nominal supply."""
+        torque_nm = sum(each.kt / each.ohm for each in self.windings) * self.nominal_v
+        return torque_nm / self.per_horn_rad
+
+    @property
+    def full_duty_error(self) -> float:
+        """Its standard error, as a share of it."""
+        errors = np.array([each.torque_error for each in self.windings])
+        return float(np.linalg.norm(errors) / len(errors))
+
+    @property
+    def back_emf_nm_s(self) -> float:
+        """The torque kb by which each rad/s brakes the joint."""
+        return sum(each.kt**2 / each.ohm for each in self.windings) / self.per_horn_rad**2
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,18 +185,11 @@ def fit_motors(windows: SteadyWindows, prior: JointPrior) -> MotorConstants | No
     fits = [each for each in found if each is not None]
     if len(fits) < len(found):
         return None
-    kt, R, shares = np.array(fits).T
-    return MotorConstants(
-        full_duty_nm=float((kt * prior.nominal_v / R).sum() / prior.per_horn_rad),
-        back_emf_nm_s=float((kt * kt / R).sum() / prior.per_horn_rad**2),
-        full_duty_error=float(np.sqrt((shares**2).sum()) / len(fits)),
-    )
+    return MotorConstants(fits, prior.nominal_v, prior.per_horn_rad)
 
 
-def _winding(
-    windows: SteadyWindows, servo: int, prior: JointPrior
-) -> tuple[float, float, float] | None:
-    """Return kt, R and the standard error of kt / R, as a share of it, of one servo's motor.
+def _winding(windows: SteadyWindows, servo: int, prior: JointPrior) -> Winding | None:
+    """Return the motor of one servo; None where it does not measure its current.
 
     While gears cross their backlash the motor has another speed than the joint. Windows of that are
     left out; a joint that swings in its backlash has too few others, and its motor is the nominal.
@@ -161,7 +202,7 @@ def _winding(
     volts = duty * windows.voltage_v[used, servo]
     noise = np.hypot(_VOLTS, _SUPPLY_VOLTS * duty)
     causes = np.column_stack([current, windows.speed / prior.per_horn_rad])[used] / noise[:, None]
-    nominal = np.array([prior.kt * prior.nominal_v / prior.servo.full_duty_nm, prior.kt])
+    nominal = np.array([prior.ohm, prior.kt])
     known = np.diag(1.0 / (_NOMINAL_SHARE * nominal))
     found, A, residuals = nominal, known, np.zeros(len(volts))
     for _ in range(_TRIMMING_ROUNDS):
@@ -174,10 +215,8 @@ def _winding(
     if np.median(residuals) > _SWINGING:
         found, A = nominal, known
     R, kt = found.tolist()
-    if R <= 0.0 or kt <= 0.0:
-        return None
-    gradient = np.array([-1.0 / R, 1.0 / kt])  # of log(kt / R)
-    return kt, R, float(np.sqrt(gradient @ np.linalg.inv(A.T @ A) @ gradient))
+    covariance = np.asarray(np.linalg.inv(A.T @ A), dtype=np.float64)
+    return Winding(R, kt, covariance) if R > 0.0 and kt > 0.0 else None
 
 
 def fit_loop(windows: SteadyWindows, prior: JointPrior) -> LoopFit:
@@ -231,31 +270,58 @@ def mean_duties(windows: SteadyWindows, loops: Sequence[LoopFit]) -> SteadyWindo
 def sign_currents(recording: DriveRecording, priors: Sequence[JointPrior]) -> DriveRecording:
     """Return a recording whose currents have a direction where servos measure only their size.
 
-    Of the two it is the one in which the motor's speed by its back-EMF is nearer to the joint's:
-    gears lose only a short way in their backlash.
+    Of the two it is the one in which the motor's speed by its back-EMF is nearer to the joint's and
+    to what it was before and after: while gears cross their backlash the motor has another speed
+    than the joint, but its rotor has inertia.
 
     Args:
         recording: As read.
         priors: What is known of each joint's servos.
     """
-    current = recording.current_a.copy()
+    current, volts = recording.current_a.copy(), recording.duty * recording.voltage_v
     for j, prior in enumerate(priors):
         speed = np.gradient(recording.position[:, j], recording.time_s) / prior.per_horn_rad
-        driving = (recording.duty * recording.voltage_v)[:, j] - prior.kt * speed[:, None]
-        sizes = (current[:, j] >= 0.0).all(axis=0)
-        current[:, j] = np.where(sizes, np.copysign(current[:, j], driving), current[:, j])
+        for k in range(prior.servos):
+            sizes = current[:, j, k]
+            if (sizes >= 0.0).all():
+                either = np.column_stack([sizes, -sizes])
+                motor = (volts[:, j, k, None] - prior.ohm * either) / prior.kt
+                current[:, j, k] = either[np.arange(len(sizes)), _likeliest(motor, speed)]
     return replace(recording, current_a=current)
 
 
+def _likeliest(motor: Matrix, joint: Vector) -> NDArray[np.intp]:
+    """Return which of two speeds the motor has had in each sample (m,).
+
+    Of all sequences it is the one with the least sum of differences from the joint's speed and from
+    one sample to the next (the algorithm of Viterbi, 1967).
+
+    Args:
+        motor: Both speeds (m, 2).
+        joint: The speed of the joint (m,).
+    """
+    costs = np.minimum(np.abs(motor - joint[:, None]), _CROSSING_RAD_S)
+    changes = np.abs(motor[1:, None, :] - motor[:-1, :, None])
+    least, before = costs[0], list[NDArray[np.intp]]()
+    for change, cost in zip(changes, costs[1:], strict=True):
+        sums = least[:, None] + change
+        before.append(sums.argmin(axis=0))
+        least = sums.min(axis=0) + cost
+    last = [int(least.argmin())]
+    for choices in reversed(before):
+        last.append(int(choices[last[-1]]))
+    return np.array(last[::-1])
+
+
 def fit_backlash(
-    recording: DriveRecording, joint: int, gravity: Vector, motors: MotorConstants,
-    prior: JointPrior,
-) -> tuple[float, float] | None:  # fmt: skip
+    recording: DriveRecording, joint: int, gravity: Vector, motors: MotorConstants
+) -> tuple[float, float] | None:
     """Fit the backlash of a joint and its standard error, rad; None where it does not show.
 
     Where it swings by itself, nearly without load, its gears cross their backlash: pushed one way
     the motor is ahead of the joint, pushed the other way behind it. Where the joint passes the same
-    place both ways, errors of kt cancel.
+    place both ways, errors of kt cancel. Those of R and kt together are less than those of each:
+    the steady motion that they were fitted to needs currents like those of a swing.
 
     Args:
         recording: Of the motion; its currents have a direction.
@@ -263,7 +329,6 @@ def fit_backlash(
         gravity: Its gravity torque in each sample (m,), as far as known: one that keeps its sign
             keeps the gears on one side.
         motors: Of its servos.
-        prior: Of its servos.
     """
     swings = _swings(recording, joint)
     if len(swings) < _MIN_SWINGS:
@@ -271,16 +336,18 @@ def fit_backlash(
     loads, free = gravity[np.concatenate(swings)], _FREE_SHARE * motors.full_duty_nm
     if loads.min() > free or loads.max() < -free:
         return None
-    kt = motors.back_emf_nm_s * prior.nominal_v / motors.full_duty_nm
-    R = kt * prior.nominal_v * prior.servos / motors.full_duty_nm
-    lost, other = (
-        _lost_motions(recording, joint, swings, kt, r)
-        for r in (R, R * (1.0 + motors.full_duty_error))
-    )
-    value, by_resistance = np.median(lost), np.median(other) - np.median(lost)
+    motor = motors.windings[0]
+    by_volts, by_amps, by_joint = _lost_motions(recording, joint, swings, motor).T
+    turned = motors.per_horn_rad / motor.kt * (by_volts - motor.ohm * by_amps)
+    lost = turned - by_joint
+    value = float(np.median(lost))
     spread = 1.48 * np.median(np.abs(lost - value)) / np.sqrt(len(lost))
-    error = np.linalg.norm([spread, by_resistance, _MIN_BACKLASH_ERROR_RAD])
-    return float(np.clip(value, 0.0, _MAX_BACKLASH_RAD)), float(error)
+    gradient = np.array([  # of the value, by R and by kt
+        -motors.per_horn_rad / motor.kt * np.median(by_amps),
+        -np.median(turned) / motor.kt,
+    ])  # fmt: skip
+    variance = spread**2 + gradient @ motor.covariance @ gradient + _MIN_BACKLASH_ERROR_RAD**2
+    return float(np.clip(value, 0.0, _MAX_BACKLASH_RAD)), float(np.sqrt(variance))
 
 
 def _swings(recording: DriveRecording, joint: int) -> list[NDArray[np.intp]]:
@@ -297,22 +364,29 @@ def _swings(recording: DriveRecording, joint: int) -> list[NDArray[np.intp]]:
 
 
 def _lost_motions(
-    recording: DriveRecording, joint: int, swings: Sequence[NDArray[np.intp]], kt: float, R: float
-) -> Vector:
-    """Compute by how much the motor leads the joint in each swing, against those before and after.
+    recording: DriveRecording, joint: int, swings: Sequence[NDArray[np.intp]], motor: Winding
+) -> Matrix:
+    """Compute how volts, amperes (each integrated) and joint differ between the two ways (k, 3).
 
-    What drifts evenly cancels.
+    Each swing is compared with those before and after: what drifts evenly cancels. A motor whose
+    speed is not told from rest has stuck: what a step of its sensors would add up to is no motion.
     """
     time_s, position = recording.time_s, recording.position[:, joint]
+    current = recording.current_a[:, joint, 0]
     volts = recording.duty[:, joint, 0] * recording.voltage_v[:, joint, 0]
-    speed = (volts - R * recording.current_a[:, joint, 0]) / kt
-    turned = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]) * np.diff(time_s)))
+    turns = np.abs(volts - motor.ohm * current) > _STUCK_RAD_S * motor.kt
+    volts, current = turns * volts, turns * current
+    series = np.column_stack([_integral(volts, time_s), _integral(current, time_s), position])
     samples = np.concatenate(swings)
-    ahead = turned - position
     place = np.abs(position - np.median(position[samples])) / np.ptp(position[samples])
     weights = np.where(place < _MIDDLE, 1.0, _TINY)
-    lead = np.array([np.average(ahead[swing], weights=weights[swing]) for swing in swings])
+    lead = np.array([np.average(series[swing], axis=0, weights=weights[swing]) for swing in swings])
     ends = recording.goal[:, joint]
     ways = np.sign([ends[swing[-1]] - ends[swing[0]] for swing in swings])
-    lost: Vector = ways[1:-1] * (lead[1:-1] - 0.5 * (lead[:-2] + lead[2:]))
+    lost: Matrix = ways[1:-1, None] * (lead[1:-1] - 0.5 * (lead[:-2] + lead[2:]))
     return lost
+
+
+def _integral(rate: Vector, time_s: Vector) -> Vector:
+    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(time_s)
+    return np.concatenate([[0.0], np.cumsum(steps)])

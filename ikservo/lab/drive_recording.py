@@ -26,7 +26,7 @@ class DriveRecording:
     """Samples of the chain's joints, and of up to ``most`` servos of each joint.
 
     Attributes:
-        time_s: Of the clock (m,).
+        time_s: When the servos were read (m,).
         leg: Which part of the motion each sample is of (m,).
         speed: Of the reference (m, dof), rad/s or m/s.
         goal: Goals (m, dof), rad or m.
@@ -141,9 +141,7 @@ def _follows(recording: DriveRecording, joint: int, window: slice) -> bool:
 
 
 def _mean_row(recording: DriveRecording, joint: int, window: slice) -> tuple[object, ...]:
-    ages_s = recording.goal_age_s[window, joint]
-    times = recording.time_s[window] + ages_s
-    times = times - times.mean()
+    times = recording.time_s[window] - recording.time_s[window].mean()
     # A joint whose load changes does not have the speed of its goals.
     speed = times @ recording.position[window, joint] / (times @ times)
     return (
@@ -152,7 +150,7 @@ def _mean_row(recording: DriveRecording, joint: int, window: slice) -> tuple[obj
         recording.position[window].mean(axis=0),
         float(speed),
         float((recording.goal - recording.position)[window, joint].mean()),
-        float(ages_s.mean()),
+        float(recording.goal_age_s[window, joint].mean()),
         recording.duty[window, joint].mean(axis=0),
         recording.current_a[window, joint].mean(axis=0),
         recording.voltage_v[window, joint].mean(axis=0),

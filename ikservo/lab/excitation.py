@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from itertools import chain, count, islice, pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_runner import MotionRunner
@@ -17,7 +18,6 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.dynamics import Dynamics
 from ikservo.lab.drive_recording import DriveRecording, smooth_samples
 from ikservo.lab.identification import gravity_columns
-from ikservo.model import ModelJoint
 from ikservo.model.joint_drive import joint_drive
 from ikservo.model.lifting import sustained_lag
 from ikservo.motion import JointMove, KinematicLimits
@@ -121,6 +121,11 @@ class Excitation:
     def leg_at(self, time_s: float) -> int:
         """Compute the index of the leg at a time, the pause before it included."""
         return min(bisect(self._ends_s, time_s), len(self.legs) - 1)
+
+    def moving(self, time_s: float) -> NDArray[np.intp]:
+        """Compute the columns of the joints that move in the leg at a time."""
+        leg = self.leg_at(time_s)
+        return np.flatnonzero(self._waypoints[leg + 1] != self._waypoints[leg])
 
 
 def plan_excitation(
@@ -325,30 +330,47 @@ def record_excitation(
 ) -> DriveRecording:
     """Make the tour and return what the servos measured.
 
+    While one joint moves alone, only its servos are read, but after each goal: gears cross their
+    backlash within a few hundredths of a second. The values of the others stay as they were.
+
     Raises:
         IkservoError: Those of every motion; see ``Arm``.
     """
     excitation = excitation.starting_at(context.servos.reference())
     context.check_streamed_path(excitation, "slow")
-    reader = context.servos.drive_reader([model.name for model in _chain_joints(context)])
+    names, columns = context.chain.names, list(context.index.chain)
+    all_joints = context.servos.drive_reader(names)
+    single = [context.servos.drive_reader([name]) for name in names]
     cycle_s = runner.loop.cycle_time_s
     phases, period_s = _phases(_PHASE_SHARE * cycle_s), max(_READ_PERIOD_S, _READ_CYCLES * cycle_s)
     goals_s: list[float] = []
-    times: list[tuple[float, float]] = []
+    times: list[tuple[float, float, float]] = []
     replies: list[tuple[float, float]] = []
     goals: list[Vector] = []
     drives: list[Matrix] = []
 
+    def read(moving: NDArray[np.intp]) -> Matrix | None:
+        if not drives or len(moving) != 1:
+            return all_joints.read()
+        joint = columns.index(moving[0])
+        own = single[joint].read()
+        if own is None:
+            return None
+        row = drives[-1].copy()
+        row[joint, : own.shape[1]] = own[0]
+        return row
+
     def record(cycle: ControlCycle) -> None:
         now_s = context.now_s()
         goals_s.append(now_s)
-        if not times or now_s - times[-1][0] >= period_s:
+        moving = excitation.moving(cycle.time_s)
+        if not times or len(moving) == 1 or now_s - times[-1][0] >= period_s:
             context.servos.clock.sleep_until(now_s + next(phases))
             asked_s = context.now_s()
-            measured = reader.read()
+            measured = read(moving)
             if measured is not None:
                 replies.append((asked_s - now_s, context.now_s() - now_s))
-                times.append((now_s, cycle.time_s))
+                times.append((now_s, cycle.time_s, asked_s))
                 goals.append(cycle.goals)
                 drives.append(measured)
         if on_cycle:
@@ -404,12 +426,12 @@ def _make_recording(
     context: ArmContext, excitation: Excitation, times: Matrix, goals: Matrix, drives: Matrix
 ) -> DriveRecording:
     columns = list(context.index.chain)
-    clock_s, motion_s = times.T
+    clock_s, motion_s, read_s = times.T
     # The motion's own time passes more slowly while a joint lags.
     rate = np.gradient(motion_s, clock_s)
     speeds = np.array([excitation.state(time_s).velocity for time_s in motion_s])
     return DriveRecording(
-        time_s=clock_s - clock_s[0],
+        time_s=read_s - read_s[0],
         leg=np.array([excitation.leg_at(float(at_s)) for at_s in motion_s]),
         speed=smooth_samples(speeds[:, columns] * rate[:, None]),
         goal=goals[:, columns],
@@ -419,7 +441,3 @@ def _make_recording(
         voltage_v=drives[..., 2],
         goal_age_s=np.zeros_like(goals[:, columns]),
     )
-
-
-def _chain_joints(context: ArmContext) -> list[ModelJoint]:
-    return [context.model.joint(name) for name in context.chain.names]

@@ -16,7 +16,7 @@ determined.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -184,10 +184,9 @@ def identify(
     estimates |= _stiffness_estimates(dynamics.chain.names, estimates, loops, priors)
     estimates |= _backlash_estimates(
         recording,
+        dynamics.chain.names,
         gravity_columns(dynamics, recording.position) @ _scales(x, len(dynamics.bodies)),
-        estimates,
         motors,
-        dict(zip(dynamics.chain.names, priors, strict=True)),
     )
     estimates |= _mass_estimates(dynamics.bodies, x, covariance, model.prior)
     return Identification(
@@ -323,21 +322,16 @@ def _stiffness_estimates(
 
 
 def _backlash_estimates(
-    recording: DriveRecording,
-    gravity: Matrix,
-    estimates: Mapping[str, ParameterEstimate],
+    recording: DriveRecording, names: Sequence[str], gravity: Matrix,
     motors: Mapping[str, MotorConstants],
-    priors: Mapping[str, JointPrior],
-) -> dict[str, ParameterEstimate]:
+) -> dict[str, ParameterEstimate]:  # fmt: skip
     found: dict[str, ParameterEstimate] = {}
-    for j, (name, prior) in enumerate(priors.items()):
-        if name in motors:
-            full = estimates[f"{name}.full_duty_nm"]
-            share = min(full.error / full.value, motors[name].full_duty_error)
-            own = replace(motors[name], full_duty_error=share)
-            backlash = fit_backlash(recording, j, gravity[:, j], own, prior)
-            if backlash is not None:
-                found[f"{name}.backlash_rad"] = ParameterEstimate(*backlash, _BACKLASH_RAD)
+    for j, name in enumerate(names):
+        backlash = (
+            fit_backlash(recording, j, gravity[:, j], motors[name]) if name in motors else None
+        )
+        if backlash is not None:
+            found[f"{name}.backlash_rad"] = ParameterEstimate(*backlash, _BACKLASH_RAD)
     return found
 
 

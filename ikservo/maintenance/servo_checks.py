@@ -20,7 +20,7 @@ from ikservo.hardware.read_plan import RegisterRef
 from ikservo.hardware.remembered_port import serial_number_of
 from ikservo.hardware.scan import firmware_version
 from ikservo.hardware.servo import ServoSpec
-from ikservo.hardware.tried_values import restore_former, tried_differences
+from ikservo.hardware.tried_values import read_former, restore_former, tried_differences
 from ikservo.maintenance.findings import Finding, failure, ok, warning
 from ikservo.model import Model, ModelServo
 from ikservo.model.model import HealthLimits
@@ -121,6 +121,7 @@ def write_eeprom(bus: ServoBus, model: Model) -> dict[ServoSpec, list[RegisterDi
     when a program was killed become the former ones.
 
     Raises:
+        FileFormatError: The file of former numbers of a servo is damaged; nothing is written.
         RegisterAccessError: Torque is on, or a value is out of range; servos before it are
             written.
         ServoRejectedError: A value was not kept.
@@ -128,6 +129,8 @@ def write_eeprom(bus: ServoBus, model: Model) -> dict[ServoSpec, list[RegisterDi
     """
     changed: dict[ServoSpec, list[RegisterDifference]] = {}
     calibrated = _has_calibrated_registers(bus, model)
+    for own in all_servos(model):
+        read_former(bus, bus.servos[own.id])
     for own in all_servos(model):
         servo = bus.servos[own.id]
         changes = restore_former(bus, servo)
@@ -170,7 +173,7 @@ def check_servos(bus: ServoBus, model: Model | None) -> Iterator[Finding]:
     for name, check in checks.items():
         try:
             yield from check()
-        except (BusError, FileFormatError) as error:
+        except BusError as error:
             yield failure(name, error.message, error.command_hint)
     if model:
         yield from check_eeprom(bus, model)
@@ -307,7 +310,11 @@ def _check_locks(bus: ServoBus) -> Iterator[Finding]:
 
 def _check_trials(bus: ServoBus) -> Iterator[Finding]:
     for servo in bus.servos.values():
-        left = tried_differences(bus, servo)
+        try:
+            left = tried_differences(bus, servo)
+        except FileFormatError as error:
+            yield failure("trial", error.message, error.command_hint)
+            continue
         if left:
             texts = (f"{each.register} {each.found}, not {each.expected}" for each in left)
             yield warning(

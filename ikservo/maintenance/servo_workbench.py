@@ -45,7 +45,7 @@ from ikservo.hardware.scan import (
 )
 from ikservo.hardware.servo import ServoSpec
 from ikservo.hardware.torque import torque_on
-from ikservo.hardware.tried_values import forget_former, read_former
+from ikservo.hardware.tried_values import forget_if_former
 from ikservo.maintenance.recovery import wait_for_boot
 from ikservo.model import Model
 from ikservo.registers import (
@@ -398,8 +398,7 @@ def write_registers(
     new = {each.register: each.expected for each in changes}
     address = {register: new.pop(register) for register in (table.id, table.baud_rate)
                if register in new}  # fmt: skip
-    if new.keys() & read_former(bus, servo).keys():
-        forget_former(bus, servo)
+    forget_if_former(bus, servo, new)
     code = address.get(table.baud_rate)
     rate = bus.port.baudrate if code is None else table.baud_rates[code]
     if address:

@@ -1,5 +1,7 @@
 """``ikservo monitor``: logs and reports; nothing moves."""
 
+import json
+
 import pytest
 
 
@@ -17,3 +19,14 @@ def test_each_run_adds_a_record(run_cli, arm, tmp_path):
     report = run_cli(f"monitor --arm {arm} --port sim --report")
     assert "2 records" in report.err
     assert len(list((tmp_path / "health").glob("*.jsonl"))) == 1
+
+
+def test_of_whose_play_nothing_is_known_is_said(run_cli, tmp_path):
+    run_cli("monitor --arm koch --port sim --duration 0.1")
+    (path,) = (tmp_path / "health").glob("*.jsonl")
+    found = {"name": "elbow_flex", "id": 3, "backlash_rad": 0.02, "backlash_error_rad": 0.001}
+    record = {"written": "2026-03-02T00:00:00Z", "source": "identify", "joints": [found]}
+    path.write_text(f"{path.read_text()}{json.dumps(record)}\n")
+    text = run_cli("monitor --arm koch --port sim --report").out
+    assert "shoulder_pan, shoulder_lift: unknown, their servos measure no current" in text
+    assert "Play of wrist_flex, wrist_roll: unknown until ikservo identify finds it" in text

@@ -26,6 +26,7 @@ class Drive:
     slow_rad_s: float = 0.5
     gain: float = 4.6  # duty for each rad
     senses: bool = True
+    rotor_kg_m2: float = 0.02
 
     @property
     def full_nm(self):
@@ -89,14 +90,18 @@ def record(dynamics, drives, seed=0, legs=16, dead=(), d_gain_s=0.0):
 def swing(drive, backlash_rad, joints=2, swings=8, half_rad=0.07, rad_s=0.3, crossing_s=0.1):
     """Return the recording of the first of some joints, which swings to both sides of zero.
 
-    Its motor crosses the backlash after each reversal while the joint stands still.
+    Its motor crosses the backlash after each reversal while the joint stands still: it speeds up
+    and brakes again, against its inertia.
     """
     rest, way = np.zeros(round(crossing_s / DT_S)), np.full(round(2 * half_rad / rad_s / DT_S), 1.0)
     side = np.tile(np.repeat([1.0, -1.0], len(rest) + len(way)), swings // 2)
     speed = np.tile(np.append(rest, way), swings) * side * 2 * half_rad / (len(way) * DT_S)
-    crossing = np.tile(np.append(rest + 1.0, 0.0 * way), swings) * side
-    motor = speed + crossing * backlash_rad / crossing_s
-    current = drive.coulomb / drive.kt * np.sign(motor)
+    shape = np.minimum(np.arange(len(rest)), np.arange(len(rest))[::-1]) + 0.5
+    crossing = np.tile(np.append(shape / shape.mean(), 0.0 * way), swings) * side
+    alone_rad_s = crossing * backlash_rad / crossing_s
+    motor = speed + alone_rad_s
+    inertia_nm = drive.rotor_kg_m2 * np.gradient(alone_rad_s, DT_S)
+    current = (drive.coulomb * np.sign(motor) + inertia_nm) / drive.kt
     alone = np.eye(1, joints)
     moved = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]))) * DT_S
     position = (moved - half_rad)[:, None] * alone

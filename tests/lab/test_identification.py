@@ -1,6 +1,6 @@
 """The estimator on recordings computed from known motors, masses and payloads."""
 
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pytest
@@ -10,17 +10,18 @@ from ikservo.errors import CalibrationError
 from ikservo.kinematics.dynamics import Dynamics
 from ikservo.lab.drive_fit import (
     MotorConstants,
+    Winding,
     fit_backlash,
     fit_loop,
     fit_motors,
     mean_duties,
     sign_currents,
 )
-from ikservo.lab.drive_recording import smooth_samples, steady_windows
+from ikservo.lab.drive_recording import DriveRecording, smooth_samples, steady_windows
 from ikservo.lab.identification import gravity_columns, identify, identify_payload
 from ikservo.model.identified_drives import with_mass_scales
 from ikservo.model.sag import link_masses
-from tests.lab.synthetic_drives import SUPPLY_V, Drive, prior_of, record, swing
+from tests.lab.synthetic_drives import DT_S, SUPPLY_V, Drive, prior_of, record, swing
 
 MODEL = ikservo.load_model("open_manipulator_x")
 DYNAMICS = Dynamics.from_masses(MODEL.chain, link_masses(MODEL, MODEL.chain))
@@ -102,14 +103,31 @@ def test_backlash_is_what_the_motor_turns_further_than_the_joint(backlash_rad, k
     true, recording = Drive(), swing(Drive(), backlash_rad)
     recording = sign_currents(replace(recording, current_a=np.abs(recording.current_a)), PRIORS[:2])
     kt = true.kt * (1.0 + kt_error)
-    motors = MotorConstants(kt * SUPPLY_V / true.ohm, kt**2 / true.ohm, 0.02)
+    motors = MotorConstants([Winding(true.ohm, kt, np.diag([0.1, 0.03]) ** 2)], SUPPLY_V)
     free = np.zeros(len(recording.time_s))
-    value, error = fit_backlash(recording, 0, free, motors, prior_of())
-    assert value == pytest.approx(backlash_rad, rel=0.08)
+    value, error = fit_backlash(recording, 0, free, motors)
+    assert value == pytest.approx(backlash_rad, rel=0.08, abs=0.001)  # or two thirds of a tick
     assert error < 0.2 * backlash_rad + 0.002
-    assert fit_backlash(recording, 1, free, motors, prior_of()) is None
+    assert fit_backlash(recording, 1, free, motors) is None
     for pressed in (free + 0.1, free - 0.1):
-        assert fit_backlash(recording, 0, pressed, motors, prior_of()) is None
+        assert fit_backlash(recording, 0, pressed, motors) is None
+
+
+def test_what_a_step_of_the_current_leaves_at_rest_is_no_backlash():
+    true, recording = Drive(), swing(Drive(), 0.01)
+    last = np.flatnonzero(np.append(np.diff(recording.leg), 1))
+    rows = np.sort(np.append(np.arange(len(recording.time_s)), last.repeat(round(2.0 / DT_S))))
+    rests = np.append(False, rows[1:] == rows[:-1])[:, None, None]
+    still = {field.name: getattr(recording, field.name)[rows] for field in fields(recording)}
+    held_a = still["current_a"]
+    still |= {
+        "time_s": np.arange(len(rows)) * DT_S,
+        "duty": np.where(rests, true.ohm * held_a / SUPPLY_V, still["duty"]),
+        "current_a": np.where(rests, held_a - 0.002 * np.sign(held_a), held_a),
+    }
+    motors = MotorConstants([Winding(true.ohm, true.kt, np.zeros((2, 2)))], SUPPLY_V)
+    value, _ = fit_backlash(DriveRecording(**still), 0, np.zeros(len(rows)), motors)
+    assert value == pytest.approx(0.01, rel=0.08)
 
 
 def test_friction_is_found(found):

@@ -18,9 +18,10 @@ from ikservo.lab.health_log import HealthRecord, changes_of, identified_health
 from servosim.family import FamilyMember
 from tests.arm.seeds import log, part_of, spread
 from tests.arm.simulated import line_of
+from tests.oracle import arm_file
 
 ARMS = ("so101", "open_manipulator_x", "koch", "wx250s")
-WEAR_RAD = math.radians(0.8)
+WEAR_RAD, PAYLOAD_G = math.radians(0.8), 40.0  # or what the arm's file says that it lifts, if less
 TOUR = TourOptions(postures=3, slow_postures=0, swings=3)
 DAY = datetime(2026, 3, 2, tzinfo=UTC)
 
@@ -58,7 +59,8 @@ def identified(name, seed, monkeypatch, worn=""):
     """Return what a tour finds out of an arm of the family; with a worn joint all else differs."""
     own, drawn = FamilyMember.motor_parameters, FamilyMember.drawn
     scale = 0.9 + 0.2 * spread(seed) if worn else 1.0
-    port = f"sim:?seed={seed}&mass_scale={scale:.3f}&payload_g={40 if worn else 0}"
+    payload_g = min(PAYLOAD_G, 1000.0 * arm_file(name)["payload_kg"]) if worn else 0.0
+    port = f"sim:?seed={seed}&mass_scale={scale:.3f}&payload_g={payload_g:.0f}"
 
     def parameters(member, joint, model):
         usual = own(member, joint, model)

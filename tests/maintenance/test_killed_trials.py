@@ -11,7 +11,7 @@ from ikservo.errors import FileFormatError
 from ikservo.files.folders import config_dir
 from ikservo.hardware import ServoBus, ServoSpec
 from ikservo.hardware.port import open_port
-from ikservo.hardware.tried_values import restore_former, tried_differences
+from ikservo.hardware.tried_values import note_former, restore_former, tried_differences
 from ikservo.lab.servo_tuning import keeping_gains
 from ikservo.maintenance.findings import Severity
 from ikservo.maintenance.servo_checks import check_servos
@@ -20,7 +20,7 @@ from ikservo.registers import MODELS
 from tests.journeys.simulator_process import run_simulator
 
 TABLE = MODELS["STS3215"]
-SERVO, P_GAIN = ServoSpec(3, TABLE), TABLE.registers["p_gain"]
+SERVO, OTHER, P_GAIN = ServoSpec(3, TABLE), ServoSpec(4, TABLE), TABLE.registers["p_gain"]
 TRIAL = """
 import sys, time
 from ikservo.hardware import ServoBus, ServoSpec
@@ -41,7 +41,9 @@ with keeping_gains(bus, servo) as present:
 def left(tmp_path, monkeypatch):
     """A bus whose servo has the gain of a program that was killed."""
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
-    with run_simulator(tmp_path / "line", "--servo", "3:sts3215") as simulator:
+    with run_simulator(
+        tmp_path / "line", "--servo", "3:sts3215", "--servo", "4:sts3215"
+    ) as simulator:
         program = subprocess.Popen([sys.executable, "-c", TRIAL, str(simulator.port)],
                                    stdout=subprocess.PIPE, env={**os.environ})  # fmt: skip
         assert program.stdout.readline() == b"tries\n"
@@ -92,3 +94,21 @@ def test_a_damaged_file_is_named_and_stops_no_check(left, text):
     (finding,) = trial_findings(left)
     assert finding.level is Severity.BAD
     assert path.name in finding.text
+    assert "rename it" in finding.fix
+
+
+@pytest.mark.full
+def test_a_damaged_file_of_a_servo_blocks_no_other_servo_and_no_write(left):
+    (path,) = (config_dir() / "tried").iterdir()
+    path.write_text("[]")
+    both = ServoBus(left.port, [SERVO, OTHER])
+    note_former(both, OTHER, {P_GAIN: 31})
+    damaged, tried = trial_findings(both)
+    assert (damaged.level, tried.level) == (Severity.BAD, Severity.ODD)
+    assert "p_gain 32, not 31" in tried.text
+    line = ServoLine(both, "bench")
+    for servo in (SERVO, OTHER):
+        write_registers(line, servo, plan_writes(line, servo, {P_GAIN: 40}))
+        assert both.read(servo.id, P_GAIN, raw=True) == 40
+    assert path.read_text() == "[]"
+    assert [each.level for each in trial_findings(both)] == [Severity.BAD]
