@@ -66,6 +66,31 @@ def test_an_arm_goes_around_a_post_and_says_so(beside_post):
     assert nearest_m(beside_post, seen) > 0.0
 
 
+# A random scene, mm, in which a way is nowhere further than 2 mm from things.
+NARROW_MM = [
+    ((-40, -144, 6), (67, -103, 58)), ((216, 121, 9), (319, 172, 129)),
+    ((-42, -185, 199), (46, -69, 286)), ((16, 28, 34), (132, 126, 128)),
+    ((82, 212, 203), (168, 301, 255)),
+]  # fmt: skip
+
+
+@needs_planner
+def test_a_way_that_is_free_is_found_however_narrow():
+    start = [1.759, -0.326, -1.055, 1.227, 0.339, 0.692]
+    goal = [1.579, 1.271, -0.982, -1.422, -0.087, 1.103]
+    boxes = tuple(
+        KeepOutBox(f"box {i}", *(tuple(np.array(corner) / 1e3) for corner in each))
+        for i, each in enumerate(NARROW_MM)
+    )
+    with ikservo.open_arm(replace(ikservo.load_model("so101"), keep_out=boxes), port="sim") as arm:
+        for joint, position in zip(arm.joint_names, start, strict=True):
+            line_of(arm).world.place(joint, position)
+        arm.enable()
+        plan = arm.plan_joints(dict(zip(arm.joint_names, goal, strict=True)))
+        assert plan.around
+        assert 0.0 < nearest_m(arm, plan.sample(0.005).positions) < 0.003
+
+
 @pytest.mark.full
 @needs_planner
 def test_poses_and_joints_are_reached_around_things(beside_post):
