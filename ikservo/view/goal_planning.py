@@ -190,7 +190,8 @@ class GoalPlanner:
         if future.done():
             self._busy = None
             if is_wanted or not request.is_chosen:
-                self.way = future.result()
+                error = future.exception()
+                self.way = future.result() if error is None else _failed_way(request, error)
         return self._busy is None and is_wanted
 
     def _plan(self, request: PlanRequest, withdrawn: Event) -> PlannedWay:
@@ -228,3 +229,10 @@ class GoalPlanner:
                 with suppress(RefusedError, UnreachableError):
                     return planner.plan(MoveTo(marker.target_m, speed=speed, stance=marker.stance))
             raise
+
+
+def _failed_way(request: PlanRequest, error: BaseException) -> PlannedWay:
+    """Return the refusal of a goal whose planning failed by a bug: the page has to go on."""
+    return PlannedWay(
+        request, refusal=GoalRefusal(request.goal, f"The planner has failed: {error!r}.")
+    )

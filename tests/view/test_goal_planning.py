@@ -136,6 +136,18 @@ def test_without_a_planner_it_is_refused_with_what_to_install(session, monkeypat
         execute(session, session.interaction.way.number)
 
 
+def test_a_bug_of_a_planner_is_a_refusal_and_no_lost_page(session, monkeypatch):
+    def fail(*_, **__):
+        raise RuntimeError("no such state")
+
+    monkeypatch.setattr(session.arm.context.planner.__class__, "motion_limits", fail)
+    aim_right(session)
+    assert "no such state" in session.planned()["scene"]["refusal"]
+    number = session.interaction.way.number
+    session.latest_frames()
+    assert session.interaction.way.number == number  # the same is not tried again and again
+
+
 @needs_planner
 @pytest.mark.parametrize("by", ["page", "another program"])
 def test_a_stop_while_it_is_planned_ends_that_and_what_was_planned_is_gone(
