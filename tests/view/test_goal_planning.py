@@ -257,6 +257,21 @@ def test_what_has_changed_since_is_not_carried_out_but_planned_again(session, ch
     assert math.degrees(true_joints(session.arm)["shoulder_pan"]) == pytest.approx(38.0, abs=1)
 
 
+def test_after_a_stop_the_way_that_is_shown_is_gone_at_once(session):
+    """It is planned slow: whether torque is still on is not known before the arm goes."""
+    session.arm.move_joints({"wrist_roll": 0.1})
+    session.send_message(page_messages.SetSpeed, name="fast")
+    session.send_message(page_messages.Stop)
+    session.arm_thread.step()
+    session.send_message(page_messages.Acknowledge)
+    session.arm_thread.step()
+    session.send_message(page_messages.SetJoint, joint="wrist_roll", value=20.0)
+    session.go_there()
+    plan = session.interaction.way.plan
+    assert plan.speed == "slow"
+    expect_along(plan, run_job(session))
+
+
 @needs_planner
 def test_a_thing_put_into_the_way_that_is_shown_is_gone_around_too(session):
     aim_right(session)
