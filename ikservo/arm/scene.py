@@ -142,6 +142,16 @@ class Scene:
                 self._check_new(name)
             self._change({**self._things, **added}, self._held)
 
+    def take_over(self, before: Scene) -> None:
+        """Have the things of a scene of the same arm, which was open before.
+
+        Raises:
+            RefusedError: A motion is running.
+        """
+        with self._changing():
+            if before._things != self._things or before._held:
+                self._change(before._things, before._held)
+
     def add_arm(
         self, other: InScene, name: str, at_m: ArrayLike, rpy_deg: ArrayLike = (0.0, 0.0, 0.0)
     ) -> None:

@@ -219,16 +219,20 @@ def _removed_if_it_fails(name: str) -> Generator[None]:
 def _write_beside(path: Path, data: bytes, private: bool) -> str:
     """Write a new file, with the permissions of ``path``, in its folder; return its name."""
     name = str(path.with_name(f".{path.name}.{secrets.token_hex(8)}"))
-    handle = os.open(name, _NEW_FILE, 0o600 if private else 0o666)
+    mode, is_new = 0o600 if private else 0o666, not path.exists()
+    if not is_new:
+        mode = stat.S_IMODE(path.stat().st_mode)
+    handle = os.open(name, _NEW_FILE, mode)
     with _removed_if_it_fails(name):
-        _write_out(handle, data, path)
+        if sys.platform != "win32" and not is_new:  # what the umask has taken away, too
+            with contextlib.suppress(OSError):  # FAT and network disks keep no permissions
+                os.fchmod(handle, mode)
+        _write_out(handle, data)
     return name
 
 
-def _write_out(handle: int, data: bytes, replaced: Path) -> None:
+def _write_out(handle: int, data: bytes) -> None:
     try:
-        if sys.platform != "win32" and replaced.exists():
-            os.fchmod(handle, stat.S_IMODE(replaced.stat().st_mode))
         left = memoryview(data)
         while left:
             left = left[os.write(handle, left) :]

@@ -124,7 +124,7 @@ class Connection:
         self._numbers = itertools.count(1)
         self._offset_s = self._synced_s = 0.0
         self._closed = threading.Event()
-        self._stopping: PendingCall | None = None
+        self._stopping: tuple[PendingCall, ...] = ()
         with ExitStack() as stack:
             self._session = stack.enter_context(open_client([address.endpoint], certificate))
             setpoints = keys.setpoint(address.name)
@@ -162,13 +162,14 @@ class Connection:
         key = keys.stop(self.address.name)
         if wait:
             return self._call_again(key, request)
-        self._stopping = self._send(key, request, _QUICK_S)
+        under_way = [each for each in self._stopping if not each.done]
+        self._stopping = (*under_way, self._send(key, request, _QUICK_S))
         return None
 
     def acknowledge(self) -> None:
-        """End a stop; one that is still on its way from here arrives first."""
-        if self._stopping is not None:
-            self._stopping.wait(_QUICK_S)
+        """End a stop; those that are still on their way from here arrive first."""
+        for each in self._stopping:
+            each.wait(_QUICK_S)
         self.drive("acknowledge")
 
     def drive(self, service: str, **arguments: object) -> object:

@@ -434,8 +434,10 @@ class ArmThread:
         )
 
     def _reopen_arm(self) -> None:
-        """Open the arm again: it may have been calibrated meanwhile."""
-        self.arm = self._open()
+        """Open the arm again, among the same things: it may have been calibrated meanwhile."""
+        arm = self._open()
+        arm.scene.take_over(self.arm.scene)
+        self.arm = arm
         self.arm.context.servos.warn = self.log_message
         self._lost = False
         self.snapshot = self._update_positions()

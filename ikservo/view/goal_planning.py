@@ -85,14 +85,15 @@ class PlanRequest:
         return bool((np.abs(self.goal - self.start) <= self.near).all())
 
     def change_since(self, before: PlanRequest) -> str:
-        """Say what has changed since another request; nothing where its plan is this one's."""
+        """Say what has changed since another request; nothing where its plan may be carried out."""
         if self.goal is not before.goal:
             return "another target was chosen"
         if (np.abs(self.start - before.start) > self.near).any():
             return "the arm was moved"
         if self._around != before._around:
             return "what is around the arm has changed"
-        if (self.speed, self.allowed_speed) != (before.speed, before.allowed_speed):
+        is_too_fast = self.allowed_speed == "slow" != before.allowed_speed
+        if self.speed != before.speed or is_too_fast:
             return "its speed has changed"
         return "" if self.stops == before.stops else "the arm was stopped"
 
@@ -190,7 +191,8 @@ class GoalPlanner:
         if future.done():
             self._busy = None
             if is_wanted or not request.is_chosen:
-                self.way = future.result()
+                error = future.exception()
+                self.way = future.result() if error is None else _failed_way(request, error)
         return self._busy is None and is_wanted
 
     def _plan(self, request: PlanRequest, withdrawn: Event) -> PlannedWay:
@@ -228,3 +230,10 @@ class GoalPlanner:
                 with suppress(RefusedError, UnreachableError):
                     return planner.plan(MoveTo(marker.target_m, speed=speed, stance=marker.stance))
             raise
+
+
+def _failed_way(request: PlanRequest, error: BaseException) -> PlannedWay:
+    """Return the refusal of a goal whose planning failed by a bug: the page has to go on."""
+    return PlannedWay(
+        request, refusal=GoalRefusal(request.goal, f"The planner has failed: {error!r}.")
+    )

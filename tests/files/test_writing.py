@@ -56,6 +56,26 @@ def test_a_file_has_the_permissions_that_other_programs_give(path):
     assert modes == [0o660, 0o660, 0o600]
 
 
+@pytest.mark.skipif(os.name != "posix", reason="modes of files")
+def test_a_disk_that_keeps_no_permissions_is_written_to(path, monkeypatch):
+    """FAT and network disks refuse them; what is private is nowhere readable for a while."""
+    path.chmod(0o600)
+    seen, write = [], os.write
+
+    def refuse(*_):
+        raise PermissionError(errno.EPERM, "Operation not permitted")
+
+    def look(handle, data):
+        seen.append(stat.S_IMODE(os.fstat(handle).st_mode))
+        return write(handle, data)
+
+    monkeypatch.setattr(os, "fchmod", refuse)
+    monkeypatch.setattr(os, "write", look)
+    write_atomic(path, NEW)
+    assert path.read_text(encoding="utf-8") == NEW
+    assert seen == [0o600]
+
+
 def calls_of_a_save(path, monkeypatch):
     power = PowerSupply().limit_files(monkeypatch)
     write_atomic(path, NEW, keep_old=True)

@@ -277,16 +277,20 @@ def test_a_stop_lasts_until_it_is_acknowledged(served):
         assert arm.move_joints({"gripper": 0.4}).reached
 
 
-def test_a_stop_that_is_slow_on_its_way_arrives_before_it_is_acknowledged(served, monkeypatch):
-    stop = served.server.service.stop
+@pytest.mark.parametrize("delays_s", [(0.2,), (0.2, 0.0)])
+def test_stops_that_are_slow_on_their_way_arrive_before_they_are_acknowledged(
+    served, monkeypatch, delays_s
+):
+    stop, left_s = served.server.service.stop, list(delays_s)
 
     def stop_late(*args, **kwargs):
-        time.sleep(0.2)
+        time.sleep(left_s.pop(0))
         return stop(*args, **kwargs)
 
     monkeypatch.setattr(served.server.service, "stop", stop_late)
     with served.open() as arm:
-        arm.request_stop(StopReason(StopKind.CLIENT, "a test"))
+        for _ in delays_s:
+            arm.request_stop(StopReason(StopKind.CLIENT, "a test"))
         arm.acknowledge()
         time.sleep(0.3)
         assert arm.stop_reason is None

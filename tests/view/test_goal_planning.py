@@ -136,6 +136,18 @@ def test_without_a_planner_it_is_refused_with_what_to_install(session, monkeypat
         execute(session, session.interaction.way.number)
 
 
+def test_a_bug_of_a_planner_is_a_refusal_and_no_lost_page(session, monkeypatch):
+    def fail(*_, **__):
+        raise RuntimeError("no such state")
+
+    monkeypatch.setattr(session.arm.context.planner.__class__, "motion_limits", fail)
+    aim_right(session)
+    assert "no such state" in session.planned()["scene"]["refusal"]
+    number = session.interaction.way.number
+    session.latest_frames()
+    assert session.interaction.way.number == number  # the same is not tried again and again
+
+
 @needs_planner
 @pytest.mark.parametrize("by", ["page", "another program"])
 def test_a_stop_while_it_is_planned_ends_that_and_what_was_planned_is_gone(
@@ -243,6 +255,21 @@ def test_what_has_changed_since_is_not_carried_out_but_planned_again(session, ch
     seen = run_job(session)
     assert nearest_m(session.arm, seen) > 0.0
     assert math.degrees(true_joints(session.arm)["shoulder_pan"]) == pytest.approx(38.0, abs=1)
+
+
+def test_after_a_stop_the_way_that_is_shown_is_gone_at_once(session):
+    """It is planned slow: whether torque is still on is not known before the arm goes."""
+    session.arm.move_joints({"wrist_roll": 0.1})
+    session.send_message(page_messages.SetSpeed, name="fast")
+    session.send_message(page_messages.Stop)
+    session.arm_thread.step()
+    session.send_message(page_messages.Acknowledge)
+    session.arm_thread.step()
+    session.send_message(page_messages.SetJoint, joint="wrist_roll", value=20.0)
+    session.go_there()
+    plan = session.interaction.way.plan
+    assert plan.speed == "slow"
+    expect_along(plan, run_job(session))
 
 
 @needs_planner

@@ -6,6 +6,7 @@ import pytest
 from ikservo.arm.opening import open_own_arm
 from ikservo.calibration.calibration_file import load_calibration
 from ikservo.view import messages as page_messages
+from ikservo.view import thing_messages as things
 from ikservo.view.arm_thread import ArmThread
 from ikservo.view.auth import Permission
 from ikservo.view.controller import SessionController
@@ -64,8 +65,12 @@ def session(tmp_path, monkeypatch):
 def test_the_arm_is_opened_with_the_zero_that_the_tip_shows(session):
     assert session.latest_frames()["scene"]["tip_shows"] == JOINT
     before = load_calibration(ARM, SERIAL)
+    session.send_message(things.AddThing, shape="box")
     session.mark()
     session.arm_thread.step()
+    arm = session.arm_thread.arm
+    assert arm.scene.names == ("the box 1",)
+    assert "the box 1" in arm.context.collision.things
     found = session.arm_thread.arm.where()[JOINT].position_rad
     assert found == pytest.approx(session.mounted.true_position(JOINT), abs=7e-3)
     assert load_calibration(ARM, SERIAL) != before
