@@ -28,7 +28,6 @@ from ikservo.lab.health_log import (
     read_records,
 )
 from ikservo.model import Model
-from ikservo.registers import MODELS
 
 __all__ = ["command"]
 
@@ -110,7 +109,7 @@ def _unknown_play(model: Model, latest: Iterable[JointHealth]) -> Iterator[str]:
     """Say of which joints wear of the gears cannot be seen, and what would show it."""
     known = {one.name for one in latest if one.backlash_rad is not None}
     rows = [joint for joint in model.joints if joint.role == "arm" and joint.name not in known]
-    blind = [one.name for one in rows if "present_current" not in MODELS[one.servo.model].registers]
+    blind = [one.name for one in rows if not one.servo.measures_current]
     if blind:
         yield f"Play of {', '.join(blind)}: unknown, their servos measure no current"
     others = [one.name for one in rows if one.name not in blind]

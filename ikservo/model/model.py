@@ -17,7 +17,7 @@ from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector
 from ikservo.model.urdf_types import Urdf
-from ikservo.registers import Family
+from ikservo.registers import MODELS, Family
 
 __all__ = [
     "Gripper",
@@ -117,6 +117,11 @@ class ModelServo:
     id: int
     model: str
     eeprom: Mapping[str, int]
+
+    @property
+    def measures_current(self) -> bool:
+        """Whether it has a sensor for the current of its motor."""
+        return "present_current" in MODELS[self.model].registers
 
 
 @dataclass(frozen=True, slots=True)
