@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Annotated
 
 import typer
@@ -64,6 +65,9 @@ def command(
     within, orientation = path.within(), tool.orientation()
     if options.dry_run and not move:
         raise BadValueError("--dry-run", "given without --move", "--move, which it would plan")
+    of_motion = (speed, tool, straight, replace(path, scene=None))
+    if not move and of_motion != ("normal", ToolOptions(), False, PathOptions()):
+        raise BadValueError("An option of the motion", "given without --move", "--move")
     with open_from_options(connection, options, path.scene) as machine:
         arm = require_own_port(machine)
         camera = arm.camera.named(camera_name)

@@ -179,6 +179,10 @@ def _shape_draft(
     model, why = _servo_model(draft, options)
     if not options.servos:
         note(f"The servos are {model}{why}, and have ids from base to tip.")
+    weightless = _weightless(draft.urdf)
+    if weightless:
+        note(f"No mass is given for {_listed(weightless)}: servos and the rest pose are found as "
+             "if they weighed nothing.")  # fmt: skip
     for name in own:
         body = draft.joint(name)
         servos = _servos_of(name, model, options, taken_ids)
@@ -189,6 +193,17 @@ def _shape_draft(
                  f"{1000 * slide:.1f} mm (--m-per-turn {name}=METRES).")  # fmt: skip
         draft.joints = (*draft.joints, DraftJoint(name, name == structure.gripper, servos, slide))
     draft.baud = options.baud
+
+
+def _weightless(urdf: Urdf) -> list[str]:
+    """Return the links that move and have a shape but no mass; empty where none has a mass."""
+    if not any(link.mass_kg > 0.0 for link in urdf.links):
+        return []
+    return [
+        link.name
+        for link in urdf.links
+        if link.name != urdf.root and link.collisions and link.mass_kg <= 0.0
+    ]
 
 
 def _servos_of(

@@ -568,5 +568,5 @@ class SessionController:
 def _check_may_control(client: Client) -> None:
     if client.permission is not Permission.CONTROL:
         raise BadMessageError(
-            "This page is for watching only.", "Open the address with the other key."
+            "This page is for watching only.", "Open the address to control the arm."
         )

@@ -210,6 +210,15 @@ def test_a_folder_of_descriptions_is_searched(make, source, tmp_path):
     assert make("--file other.urdf --dry-run", of=folder).code == 0
 
 
+def test_links_whose_mass_is_missing_are_named(make, source, tmp_path):
+    forearm = LINK.format(name="forearm", shapes=both())
+    bare = f'<link name="forearm">{both()}</link>'
+    source.write_text(source.read_text().replace(forearm, bare))
+    assert make().code == 0
+    decisions = (tmp_path / "mine" / "import.md").read_text()
+    assert "No mass is given for forearm: servos and the rest pose" in decisions
+
+
 def test_a_missing_mesh_is_left_out_and_said(make, source, tmp_path):
     (source.parents[1] / "meshes" / "bar.stl").unlink()
     assert make().code == 0

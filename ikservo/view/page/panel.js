@@ -209,7 +209,7 @@ export class Panel {
     if (fingerprint === this.shownMessages) return;
     this.shownMessages = fingerprint;
     $("log").replaceChildren(...entries.map(createMessage));
-    $("log").scrollTop = $("log").scrollHeight;
+    $("log").scrollTop = ($("log").lastElementChild?.offsetTop ?? 0) - $("log").offsetTop; // a long one from its first line on
   }
 }
 
