@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from ikservo.arm.arm_protocol import OpenArm
     from ikservo.arm.background_motion import Motion, RunningMotion
     from ikservo.arm.calibrated_arm import ZeroSource
+    from ikservo.arm.following import check_followed_goal
     from ikservo.arm.motion_plan import MotionPlan
     from ikservo.arm.opening import open_arm
     from ikservo.arm.path_constraint import PathConstraint
@@ -46,6 +47,7 @@ __all__ = [
     "StopReason",
     "ToolOrientation",
     "ZeroSource",
+    "check_followed_goal",
     "open_arm",
     "read_recording",
 ]
@@ -71,6 +73,7 @@ _HOMES = {
     "PathConstraint": "arm.path_constraint",
     "ToolOrientation": "arm.tool_orientation",
     "ZeroSource": "arm.calibrated_arm",
+    "check_followed_goal": "arm.following",
     "open_arm": "arm.opening",
     "read_recording": "arm.recorder",
 }

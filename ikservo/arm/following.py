@@ -26,6 +26,7 @@ from ikservo.motion import KinematicLimits, OnlineTrajectory
 __all__ = [
     "FollowResult",
     "GoalSource",
+    "check_followed_goal",
     "follow",
     "follow_goals",
     "follow_targets",
@@ -94,6 +95,18 @@ def follow_goals(
     if controller.error:
         raise controller.error
     return controller.settled_goal
+
+
+def check_followed_goal(context: ArmContext, start: Vector, goal: Vector, speed: str) -> None:
+    """Check a goal (n,) as ``follow_goals`` would from rest at ``start`` (n,); moves nothing.
+
+    Raises:
+        RefusedError: Something would be touched on the way.
+    """
+    lower, upper = context.limits()
+    limits = context.planner.motion_limits(speed)
+    trajectory = OnlineTrajectory(start, limits, lower=lower, upper=upper)
+    trajectory.retarget(goal, 0.0, context.check_trajectory)
 
 
 class _OnlineController:
