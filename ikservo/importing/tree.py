@@ -157,11 +157,16 @@ def _jaws(urdf: Urdf) -> list[str]:
 
 
 def _is_wrist(urdf: Urdf, joint: UrdfJoint) -> bool:
-    """Return whether a joint of a "hand" turns a tool: too far for jaws, or a tool is behind it."""
+    """Return whether a joint turns a tool: one is behind it, or it turns a "hand" too far for jaws.
+
+    Of links that are named like jaws the range says nothing: some programs export all as ±180°.
+    """
     behind = [link.name for link in urdf.links if joint in urdf.joints_to(link.name)]
     tools = [name for name in behind if not _GRIPPER_WORDS.search(name)]
-    turn_rad = joint.upper - joint.lower if joint.kind is UrdfJointType.REVOLUTE else 0.0
-    return math.pi < turn_rad < math.inf or any(_word_rank(x) < len(_TIP_WORDS) for x in tools)
+    words = {word.lower() for word in _GRIPPER_WORDS.findall(f"{joint.name} {joint.child}")}
+    turns_hand = words == {"hand"} and joint.kind is UrdfJointType.REVOLUTE
+    too_far = turns_hand and math.pi < joint.upper - joint.lower < math.inf
+    return too_far or any(_word_rank(name) < len(_TIP_WORDS) for name in tools)
 
 
 def _own_jaws(urdf: Urdf, joints: Sequence[str]) -> str:
