@@ -145,6 +145,32 @@ def test_a_base_leaves_out_what_does_not_hang_on_it(make, tmp_path):
     assert "wheel" in (tmp_path / "mine" / "import.md").read_text()
 
 
+HAND = '<link name="hand"/>' + joint(
+    "roll", "revolute", "palm", "hand", xyz="0 0 0.05", axis="0 0 1", limit=LIMIT
+)
+TOOL = '<link name="tool"/>' + joint("tool mount", "fixed", "hand", "tool")
+
+
+@pytest.mark.parametrize(
+    ("hand", "tip"),
+    [(HAND + TOOL, "tool"), (HAND.replace("1.5", "2.5"), "hand")],
+    ids=["a tool behind it", "more than half a turn"],
+)
+def test_a_joint_that_turns_the_hand_is_no_jaw(make, source, tmp_path, hand, tip):
+    without_jaws = published().replace("prismatic", "fixed")
+    source.write_text(without_jaws.replace("</robot>", f"{hand}</robot>"))
+    assert make().code == 0
+    model = ikservo.load_model(tmp_path / "mine")
+    assert (model.chain.tip, model.gripper, model.chain.names[-1]) == (tip, None, "roll")
+
+
+def test_a_jaw_that_was_exported_with_a_whole_turn_is_one(make, source, tmp_path):
+    whole = published().replace("prismatic", "revolute").replace(JAW, LIMIT.replace("1.5", "3.14"))
+    source.write_text(whole)
+    assert make().code == 0
+    assert ikservo.load_model(tmp_path / "mine").gripper.joint == "jaw"
+
+
 def test_options_decide(make, tmp_path):
     options = ("--tip palm --gripper none --limits pan=-90:45 --servo lift=-7:STS3250 "
                "--servo-model STS3250 --base-frame 'rotate 90, raise 0.1'")  # fmt: skip
