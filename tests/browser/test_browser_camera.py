@@ -5,6 +5,7 @@ import pytest
 
 import ikservo
 from ikservo.calibration.camera_file import SIMULATED, load_camera, save_camera
+from ikservo.view import video
 from ikservo.view.camera import Viewport
 from tests.browser.page_operator import Operator, serve_view, until
 
@@ -21,6 +22,7 @@ PORT = "sim:?pose=home"
 @pytest.fixture
 def operator(browser, tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+    monkeypatch.setattr(video, "_OLD_S", 30.0)  # drawing one takes seconds on a busy machine
     with ikservo.open_arm("so101", PORT) as arm:
         save_simulated_camera(arm)
     _, known = load_camera("so101", SIMULATED)
@@ -53,6 +55,7 @@ def test_the_tip_arrives_at_the_point_of_the_table_that_was_clicked(operator):
 
 
 def test_a_picture_that_is_not_fresh_takes_no_click(operator, monkeypatch):
+    monkeypatch.setattr(video, "_OLD_S", 2.0)
     monkeypatch.setattr(SimulatedCamera, "take", lambda _: None)  # unplugged
     operator.wait_for("scene.picture_trouble")
     operator.click(lens_of(operator).project([0.25, 0.08, 0.03])[0])
