@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 import atexit
 import logging
+import math
 import os
 import threading
+import time
 import weakref
 from collections.abc import Callable, Generator
 from contextlib import AbstractContextManager, contextmanager
@@ -24,6 +26,7 @@ __all__ = ["CANCELLED", "Background", "Motion", "RunningMotion", "Stoppable", "c
 CANCELLED = StopReason(StopKind.CANCELLED, "Cancelled by the program; torque stays on.")
 # Braking takes 0.3 s; a busy machine is given more.
 _BRAKE_TIMEOUT_S = 5.0
+_SIGNALS_S = 0.05  # between two looks for signals
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -102,7 +105,7 @@ class RunningMotion(Generic[T]):
         if threading.current_thread() is self._thread:
             raise RefusedError("A motion cannot wait for itself.", "Wait in another thread.")
         try:
-            over = self._finished.wait(timeout_s)
+            over = self._ends_within(math.inf if timeout_s is None else timeout_s)
         except (KeyboardInterrupt, SystemExit):  # the signal's handler has requested the stop
             self._finished.wait(_BRAKE_TIMEOUT_S)
             raise
@@ -115,6 +118,17 @@ class RunningMotion(Generic[T]):
         if self._error is not None:
             raise self._error
         return cast("T", self._report)
+
+    def _ends_within(self, timeout_s: float) -> bool:
+        """Wait for the end, and look for signals meanwhile.
+
+        A wait is not ended by a signal that arrives just before it, or in another thread.
+        """
+        end_s = time.monotonic() + timeout_s
+        while not self._finished.wait(min(_SIGNALS_S, max(0.0, end_s - time.monotonic()))):
+            if time.monotonic() >= end_s:
+                return False
+        return True
 
     def cancel(self) -> None:
         """Brake within 0.3 s and hold; a motion that has not started never does. Never waits.

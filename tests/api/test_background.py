@@ -276,18 +276,20 @@ def test_a_motion_does_not_wait_for_itself(arm):
     assert "wait for itself" in found[-1]
 
 
+@pytest.mark.parametrize("reached", [threading.main_thread, threading.current_thread])
 @pytest.mark.parametrize(
     ("number", "ends"), [(signal.SIGINT, KeyboardInterrupt), (signal.SIGTERM, SystemExit)]
 )
 def test_a_signal_while_the_program_waits_brakes_the_arm_and_ends_the_program(
-    arm, caplog, number, ends
+    arm, caplog, number, ends, reached
 ):
+    """The thread that it reaches is the one that waits, or another, which ends no wait."""
     motion, gate = begun(arm, pan=1.6)
 
     def strike():
         while not is_waited_for(motion):
             time.sleep(0.001)
-        signal.pthread_kill(threading.main_thread().ident, number)
+        signal.pthread_kill(reached().ident, number)
 
     threading.Thread(target=strike).start()
     open_once(gate, lambda: arm.stop_requests)
