@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 import re
 from datetime import UTC, datetime
@@ -257,23 +256,19 @@ def _set_tip_zero(
     name: str | None, port: str | None, pixel: tuple[float, float], camera: str, *, json: bool
 ) -> None:
     from ikservo.arm.opening import require_own_port  # noqa: PLC0415  # loads the kernels
-    from ikservo.calibration.calibration_file import save_calibration  # noqa: PLC0415
     from ikservo.cli.options import ArmConnection  # noqa: PLC0415
     from ikservo.cli.session import open_from_options  # noqa: PLC0415
-    from ikservo.maintenance.tip_click import find_tip_zero  # noqa: PLC0415
+    from ikservo.maintenance.tip_click import find_tip_zero, save_tip_zero  # noqa: PLC0415
 
     with open_from_options(ArmConnection(arm=name, port=port)) as machine:
         arm, now = require_own_port(machine), datetime.now(UTC).replace(microsecond=0)
         found = find_tip_zero(arm, pixel, now, camera)
-        path = save_calibration(found.calibration)
+        path = save_tip_zero(arm, found)
     if json:
         print_json(
             "camera-tip", path=path, joint=found.joint, shift_rad=found.shift_rad,
             off_m=found.off_m, px_per_deg=found.px_per_deg,
         )  # fmt: skip
         return
-    print_lines([
-        f"{found.joint} is {math.degrees(found.shift_rad):+.2f}° from where it measured; the tip "
-        f"is then {1000.0 * found.off_m:.1f} mm beside the click.",
-    ])  # fmt: skip
+    print_lines([str(found)])
     print_status(f"Saved to {path}. To undo it: ikservo calibration undo {arm.model.name}")

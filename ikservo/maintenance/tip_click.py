@@ -9,11 +9,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from datetime import datetime
+from pathlib import Path
 
 import numpy as np
 
 from ikservo.arm.arm import Arm
 from ikservo.arm.camera import known_camera
+from ikservo.calibration.calibration_file import save_calibration
 from ikservo.calibration.records import CalibratedCamera, Calibration
 from ikservo.errors import CalibrationError
 from ikservo.eyes.camera_model import CameraModel
@@ -28,7 +30,7 @@ from ikservo.maintenance.camera_calibration import (
 from ikservo.maintenance.camera_check import stored_pose
 from ikservo.maintenance.touch_off import shift_zeros
 
-__all__ = ["TipZero", "find_tip_zero"]
+__all__ = ["TipZero", "find_tip_zero", "save_tip_zero"]
 
 _MOST_RAD, _STEP_RAD = math.radians(10.0), math.radians(0.05)  # of zeros that are set by eye
 _LEAST_PX, _GOOD_PX = 1.0, 2.0  # by which a degree has to move the tip in the picture
@@ -47,14 +49,22 @@ class TipZero:
         shift_rad: By how much it is further than it measured.
         off_m: How far the click is from the tip then, across the line of sight.
         px_per_deg: By how many pixels a degree of the joint moves the tip.
-        calibration: With that zero.
+        before: The calibration by which it was found.
+        calibration: The same with that zero.
     """
 
     joint: str
     shift_rad: float
     off_m: float
     px_per_deg: float
+    before: Calibration
     calibration: Calibration
+
+    def __str__(self) -> str:
+        return (
+            f"{self.joint} is {math.degrees(self.shift_rad):+.2f}° from where it measured; the tip "
+            f"is then {1000.0 * self.off_m:.1f} mm beside the click."
+        )
 
 
 def find_tip_zero(
@@ -116,7 +126,21 @@ def find_tip_zero(
             f"By this click the zero of {joint} would be off by {most_deg:.0f}° or more.", hint
         )
     changed = _with_last_zero(arm, calibration, q, tried[best], written)
-    return TipZero(joint, float(steps[best]), beside_mm / 1000.0, px_per_deg, changed)
+    return TipZero(joint, float(steps[best]), beside_mm / 1000.0, px_per_deg, calibration, changed)
+
+
+def save_tip_zero(arm: Arm, found: TipZero) -> Path:
+    """Save a zero, and return the file; ``undo_calibration`` takes it back.
+
+    Raises:
+        CalibrationError: The calibration has changed since the click.
+        FileWriteError: It cannot be saved.
+    """
+    if ArmBefore.of(arm).calibration != found.before:
+        raise CalibrationError(
+            "The calibration has changed since the click.", "Open the arm again, and click."
+        )
+    return save_calibration(found.calibration)
 
 
 def _resting_joints(arm: Arm) -> Vector:

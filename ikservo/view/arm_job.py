@@ -2,18 +2,16 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
 from typing import Protocol
 
 from ikservo.arm import Arm, MotionProgress
-from ikservo.calibration.calibration_file import save_calibration
 from ikservo.errors import RefusedError
 from ikservo.kinematics.arrays import Vector
-from ikservo.maintenance.tip_click import TipZero
-from ikservo.view.goal_planning import PlannedWay, PlanRequest
+from ikservo.maintenance.tip_click import TipZero, save_tip_zero
+from ikservo.view.goal_planning import PlannedPath, PlanRequest
 
-__all__ = ["ArmJob", "ExecuteWay", "JobObserver", "RelaxArm", "ReleaseArm", "SetTipZero"]
+__all__ = ["ArmJob", "ExecutePath", "JobObserver", "RelaxArm", "ReleaseArm", "SetTipZero"]
 
 
 class JobObserver(Protocol):
@@ -73,17 +71,17 @@ class ArmJob(Protocol):
         ...
 
 
-class ExecuteWay:
-    """Carries out the way that the page shows, as it was planned."""
+class ExecutePath:
+    """Carries out the path that the page shows, as it was planned."""
 
     title = "Goes to the preview"
 
-    def __init__(self, way: PlannedWay) -> None:
-        self._way = way
+    def __init__(self, path: PlannedPath) -> None:
+        self._path = path
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
         """Execute the plan; an obsolete one moves nothing and needs no stop."""
-        before, servos = self._way.request, arm.context.servos
+        before, servos = self._path.request, arm.context.servos
         with arm.runner.undisturbed():
             if servos.torque.is_on:
                 servos.refresh_reference()
@@ -91,7 +89,7 @@ class ExecuteWay:
                 arm.enable()  # it may sink until then
             now = PlanRequest(arm, before.goal, servos.reference(), before.speed)
             try:
-                plan = self._way.plan_for(now)
+                plan = self._path.plan_for(now)
             except RefusedError as error:
                 observer.log_message(f"{error.message} {error.command_hint}")
                 return
@@ -137,9 +135,8 @@ class SetTipZero:
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
         """Save the calibration; the arm keeps its torque and does not move."""
-        save_calibration(self._found.calibration)
+        save_tip_zero(arm, self._found)
         observer.reopen()
         observer.log_message(
-            f"{self._found.joint} is {math.degrees(self._found.shift_rad):+.2f}° from where it "
-            f"measured; saved. To undo it: ikservo calibration undo {arm.model.name}"
+            f"{self._found} Saved. To undo it: ikservo calibration undo {arm.model.name}"
         )

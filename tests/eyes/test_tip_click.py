@@ -1,5 +1,7 @@
 """A click on the tip shows the zero of a last joint that no board shows, or is refused."""
 
+from datetime import timedelta
+
 import numpy as np
 import pytest
 
@@ -14,7 +16,7 @@ from tests.cli.fixtures_mounted_arm import PORT, SERIAL, WHEN
 pytest.importorskip("cv2")
 
 from ikservo.maintenance.camera_check import check_camera
-from ikservo.maintenance.tip_click import find_tip_zero
+from ikservo.maintenance.tip_click import find_tip_zero, save_tip_zero
 from tests.eyes.hidden_arms import click_on_tip
 from tests.eyes.mistaken_tip import ARM, JOINT, OFF_DEG, mistaken_tip, tip_pixel
 from tests.eyes.saved_camera import SEEN
@@ -62,7 +64,7 @@ def test_the_zero_is_found_and_the_board_is_still_where_it_is_seen(mistaken, ope
     assert found.joint == JOINT
     assert np.degrees(found.shift_rad) == pytest.approx(OFF_DEG, abs=0.4)  # ticks
     before = check_camera(opened, camera, WHEN)[0]
-    save_calibration(found.calibration)
+    save_tip_zero(opened, found)
     opened.close()
     with open_own_arm(load_model(ARM), PORT) as again:
         assert again.where()[JOINT].position_rad == pytest.approx(
@@ -117,9 +119,19 @@ def test_what_the_calibration_has_determined_is_left(mistaken, opened):
 
 def test_an_arm_that_was_opened_with_another_calibration_is_refused(mistaken, opened):
     found = click(opened, tip_pixel(*mistaken))
-    save_calibration(found.calibration)
+    save_tip_zero(opened, found)
     with pytest.raises(CalibrationError, match="changed since the arm was opened"):
         click(opened, tip_pixel(*mistaken))
+
+
+def test_what_another_program_saved_since_the_click_is_kept(mistaken, opened):
+    found = click(opened, tip_pixel(*mistaken))
+    known = load_calibration(ARM, SERIAL)
+    other = known.model_copy(update={"written": known.written + timedelta(seconds=1)})
+    save_calibration(other)
+    with pytest.raises(CalibrationError, match="changed since the click"):
+        save_tip_zero(opened, found)
+    assert load_calibration(ARM, SERIAL) == other
 
 
 def test_a_camera_that_has_moved_is_refused(mistaken, opened):
