@@ -103,28 +103,28 @@ class StopRequest:
         count: int | None = None,
         *,
         anew: bool = False,
-        is_withdrawn: Callable[[], bool] = bool,
+        withdrawn: threading.Event | None = None,
     ) -> Generator[None]:
         """Mark what this thread does in the block as one request.
 
         Args:
             count: The ``count`` of stops when it was requested; the present one if None.
             anew: Whether it is no part of the request that this thread may be at already.
-            is_withdrawn: Returns whether who requested it wants it no longer: it then ends, as by
-                a stop. Asked by what plans it.
+            withdrawn: Set by who requested it once it is not wanted any more: a plan for it then
+                ends, as by a stop.
         """
         outer = self._marked
         if outer is not None and not anew:
             yield
             return
-        self._requests.marked = (self.count if count is None else count, is_withdrawn)
+        self._requests.marked = (self.count if count is None else count, withdrawn)
         try:
             yield
         finally:
             self._requests.marked = outer
 
     @property
-    def _marked(self) -> tuple[int, Callable[[], bool]] | None:
+    def _marked(self) -> tuple[int, threading.Event | None] | None:
         return getattr(self._requests, "marked", None)
 
     @property
@@ -140,8 +140,10 @@ class StopRequest:
 
     def is_request_over(self) -> bool:
         """Return whether the arm was stopped after this thread's request, or that is withdrawn."""
-        marked = self._marked
-        return marked is not None and (marked[0] != self.count or marked[1]())
+        if self._marked is None:
+            return False
+        count, withdrawn = self._marked
+        return count != self.count or (withdrawn is not None and withdrawn.is_set())
 
     def check_request(self) -> None:
         """Raise where the arm was stopped after this thread's request was made, or it is withdrawn.

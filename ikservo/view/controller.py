@@ -14,7 +14,7 @@ from ikservo.arm import StopKind, StopReason
 from ikservo.clock import Clock
 from ikservo.errors import IkservoError
 from ikservo.view import messages as msg
-from ikservo.view.arm_job import ExecuteWay, RelaxArm, ReleaseArm, SetTipZero
+from ikservo.view.arm_job import ExecutePath, RelaxArm, ReleaseArm, SetTipZero
 from ikservo.view.arm_thread import ArmThread
 from ikservo.view.auth import Permission
 from ikservo.view.camera import Viewport
@@ -166,7 +166,7 @@ class SessionController:
         if in_control:
             self._interaction.continue_target(self._arm_thread.snapshot, self._clock.now_s())
             self._send_setpoint()
-            self._update_way()
+            self._update_path()
         others = "none" if self._lease.holder is None else "other"
         controller = "you" if in_control else others
         frames = self._composer.compose(client, controller=controller, fallback=self._fallback)
@@ -389,13 +389,13 @@ class SessionController:
         if picture is not None:
             picture.require_usable()
         self._interaction.finish_target()
-        request, way = self._plan_request(), self._planner.way
+        request, path = self._plan_request(), self._planner.path
         if request is None:
             raise BadMessageError("No target is shown.", "Drag the arm, or click, first.")
-        if way is None or way.number != message.way:
-            raise BadMessageError("The way there is not shown yet.", "Nothing moves.")
-        way.plan_for(request)
-        self._arm_thread.request_job(ExecuteWay(way))
+        if path is None or path.number != message.path:
+            raise BadMessageError("The path there is not shown yet.", "Nothing moves.")
+        path.plan_for(request)
+        self._arm_thread.request_job(ExecutePath(path))
 
     def _mark_tip(self, message: msg.MarkTip, client: Client) -> None:
         """Set the zero that the tip shows where it was clicked."""
@@ -523,20 +523,20 @@ class SessionController:
         self._interaction.reset()
         self._arm_thread.post(replace(self._arm_thread.command, live=False, goal=None))
 
-    def _update_way(self) -> None:
-        """Plan the way to the goal of the preview; in Live tell whether the guard refused it."""
+    def _update_path(self) -> None:
+        """Plan the path to the goal of the preview; in Live tell whether the guard refused it."""
         goal, now_s = self._interaction.goal, self._clock.now_s()
         if self._arm_thread.command.live:
             self._planner.update(None, now_s)
             refused = self._arm_thread.snapshot.refusal
             is_of_goal = refused is not None and refused.goal is goal
-            self._interaction.show_way(None, refused if is_of_goal else None)
+            self._interaction.show_path(None, refused if is_of_goal else None)
         elif self._arm_thread.job is None:  # what is carried out stays shown
             self._planner.update(self._plan_request(), now_s)
-            way = self._planner.way
-            if way is not None and way.plan is not None and not self._interaction.is_choosing:
-                self._interaction.take_posture(way.request.goal)
-            self._interaction.show_way(way, None if way is None else way.refusal)
+            path = self._planner.path
+            if path is not None and path.plan is not None and not self._interaction.is_choosing:
+                self._interaction.take_posture(path.request.goal)
+            self._interaction.show_path(path, None if path is None else path.refusal)
 
     def _plan_request(self) -> PlanRequest | None:
         """Return what is to be planned now; None where there is no goal, or the arm is there."""

@@ -29,7 +29,7 @@ from ikservo.view.labels import (
     format_supply,
     health_rows,
     insight_rows,
-    way_rows,
+    path_rows,
 )
 from ikservo.view.limp_picture import show_calibration
 from ikservo.view.link_poses import link_poses
@@ -197,7 +197,7 @@ def status_frame(
         "banner": banner(snapshot, fallback),
         "refused": interaction.refusal is not None,
         "target": interaction.goal is not None,
-        "way": None if interaction.way is None else interaction.way.number,
+        "path": None if interaction.path is None else interaction.path.number,
         "undo": interaction.history.can_undo,
         "redo": interaction.history.can_redo,
         "joints": joint_readouts(arm_thread.arm.model, snapshot, interaction.goal),
@@ -231,7 +231,7 @@ def _tip_rows(arm_thread: ArmThread, interaction: Interaction) -> list[tuple[str
             rows.append(
                 ("nearest", f"{format_point(marker.nearest_m)}, {marker.gap_m * 1000:.0f} mm", "")
             )
-    rows += way_rows(interaction.way)
+    rows += path_rows(interaction.path)
     goal = interaction.shown_goal
     if arm_thread.command.live and goal is not None:
         off_m = float(np.linalg.norm(arm_thread.arm.chain.forward(goal)[:3, 3] - tip_m))
@@ -387,7 +387,7 @@ class FrameComposer:
             camera,
             self._chain_joints(snapshot.measured),
             goal=interaction.shown_goal,
-            way=interaction.way,
+            path=interaction.path,
             is_choosing=interaction.is_choosing,
             marker=interaction.marker,
             region=region,

@@ -1,4 +1,4 @@
-"""The way to the goal of the preview: planned in the background as every motion is, then shown."""
+"""The path to the goal of the preview: planned in the background as every motion is, then shown."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.view.snapshot import GoalRefusal
 from ikservo.view.target_marker import TargetMarker
 
-__all__ = ["GoalPlanner", "PlanRequest", "PlannedWay", "refusal_of"]
+__all__ = ["GoalPlanner", "PlanRequest", "PlannedPath", "refusal_of"]
 
 _PERIOD_S = 0.04  # between two plans during a drag, whose picture has to be drawn meanwhile
-_POSTURES = 25  # along a way as it is shown
+_POSTURES = 25  # along a path as it is shown
 _NEAR_TICKS = 3.0
 _STRAIGHT = 1.001  # longer, in proportion, is not straight
 _numbers = itertools.count(1)
@@ -55,7 +55,7 @@ class PlanRequest:
         goal: All joints (n,), the array of the preview.
         start: Where the motion would start (n,).
         speed: The speed class.
-        is_chosen: Whether the goal is chosen; during a drag only its straight way is looked at.
+        is_chosen: Whether the goal is chosen; during a drag only its straight path is looked at.
         marker: The target of the tip to which the goal was found, if there is one.
     """
 
@@ -99,7 +99,7 @@ class PlanRequest:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class PlannedWay:
+class PlannedPath:
     """What came of a request: a plan, or why there is none; neither while it is being planned.
 
     Attributes:
@@ -108,7 +108,7 @@ class PlannedWay:
         postures: The joints of the chain (dof,), and all by name, at even times along it.
         is_straight: Whether the joints go straight to the goal.
         refusal: Why the goal is refused.
-        number: No other way has it.
+        number: No other path has it.
     """
 
     request: PlanRequest
@@ -126,49 +126,50 @@ class PlannedWay:
         """
         change = now.change_since(self.request)
         if change:
-            raise RefusedError(f"The way is planned again: {change}.", "Nothing moves before that.")
+            message = f"The path is planned again: {change}."
+            raise RefusedError(message, "Nothing moves before that.")
         if self.refusal is not None:
             raise RefusedError(self.refusal.reason, "Nothing moves. Choose another target.")
         if self.plan is None:
-            raise RefusedError("The way there is not planned yet.", "Nothing moves before that.")
+            raise RefusedError("The path there is not planned yet.", "Nothing moves before that.")
         return self.plan
 
     def is_of(self, request: PlanRequest) -> bool:
-        """Return whether it is what comes of another request; a free straight way always is."""
+        """Return whether it is what comes of another request; a free straight path always is."""
         is_same = not request.change_since(self.request)
         return is_same and (self.plan is not None or self.request.is_chosen >= request.is_chosen)
 
 
 class GoalPlanner:
-    """Plans one way at a time in a thread of its own; a newer request ends the search for another.
+    """Plans one path at a time in a thread of its own; a newer request ends the search for another.
 
     Args:
         arm: The arm; nothing moves, and no servo is read.
 
     Attributes:
-        way: The way to the goal; None where there is none.
+        path: The path to the goal; None where there is none.
     """
 
     def __init__(self, arm: Arm) -> None:
         self._arm = arm
         self._worker = ThreadPoolExecutor(1, thread_name_prefix="ikservo plan")
-        self._busy: tuple[PlanRequest, Event, Future[PlannedWay]] | None = None
+        self._busy: tuple[PlanRequest, Event, Future[PlannedPath]] | None = None
         self._asked_s = -1e9
-        self.way: PlannedWay | None = None
+        self.path: PlannedPath | None = None
 
     def update(self, request: PlanRequest | None, now_s: float) -> None:
         """Plan what is requested now, unless that was done, and drop what is not any more.
 
-        During a drag the way to a goal just before is kept until the next one is planned.
+        During a drag the path to a goal just before is kept until the next one is planned.
         """
         if self._collect_result(request):
             return
         if request is None:
-            self.way = None
+            self.path = None
             return
-        if self.way is None or not self.way.is_of(request):
-            self.way = PlannedWay(request) if request.is_chosen else self.way
-        elif self.way.plan is not None or self.way.refusal is not None:
+        if self.path is None or not self.path.is_of(request):
+            self.path = PlannedPath(request) if request.is_chosen else self.path
+        elif self.path.plan is not None or self.path.refusal is not None:
             return
         if self._busy is None and now_s - self._asked_s >= _PERIOD_S:
             self._asked_s, withdrawn = now_s, Event()
@@ -192,21 +193,21 @@ class GoalPlanner:
             self._busy = None
             if is_wanted or not request.is_chosen:
                 error = future.exception()
-                self.way = future.result() if error is None else _failed_way(request, error)
+                self.path = future.result() if error is None else _failed_path(request, error)
         return self._busy is None and is_wanted
 
-    def _plan(self, request: PlanRequest, withdrawn: Event) -> PlannedWay:
+    def _plan(self, request: PlanRequest, withdrawn: Event) -> PlannedPath:
         arm, index = self._arm, self._arm.joint_index
         start = PlannedStart(request.start, request.allowed_speed)
         planner = PreflightPlanner(arm.context, start, arm.poses)
         stop_request = arm.context.servos.stop_request
         try:
-            with stop_request.requested(request.stops, is_withdrawn=withdrawn.is_set):
+            with stop_request.requested(request.stops, withdrawn=withdrawn):
                 plan = self._plan_to_goal(planner, request)
         except StoppedError:
-            return PlannedWay(request)
+            return PlannedPath(request)
         except IkservoError as error:
-            return PlannedWay(request, refusal=refusal_of(request.goal, error))
+            return PlannedPath(request, refusal=refusal_of(request.goal, error))
         joints = sample_states(plan.trajectory)[0]
         shown = joints[np.linspace(0, len(joints) - 1, _POSTURES).astype(int)]
         postures = [(index.chain_joints(each), index.by_name(each)) for each in shown]
@@ -215,7 +216,7 @@ class GoalPlanner:
             request.goal = plan.goal
         length = float(np.linalg.norm(np.diff(joints, axis=0), axis=1).sum())
         is_straight = length < _STRAIGHT * float(np.linalg.norm(plan.goal - plan.start))
-        return PlannedWay(request, plan, postures, is_straight)
+        return PlannedPath(request, plan, postures, is_straight)
 
     def _plan_to_goal(self, planner: PreflightPlanner, request: PlanRequest) -> MotionPlan:
         """Plan to the goal; where it is refused, to other joints with the tip at the target."""
@@ -232,8 +233,8 @@ class GoalPlanner:
             raise
 
 
-def _failed_way(request: PlanRequest, error: BaseException) -> PlannedWay:
+def _failed_path(request: PlanRequest, error: BaseException) -> PlannedPath:
     """Return the refusal of a goal whose planning failed by a bug: the page has to go on."""
-    return PlannedWay(
+    return PlannedPath(
         request, refusal=GoalRefusal(request.goal, f"The planner has failed: {error!r}.")
     )

@@ -22,7 +22,7 @@ from ikservo.view.drag import Drag, MovedThing
 from ikservo.view.drag_commands import DragCommand, DragTarget, JointTarget
 from ikservo.view.drag_solver import AUTO, DragSolver, PosturePreference
 from ikservo.view.goal_history import GoalHistory, PastGoal
-from ikservo.view.goal_planning import PlannedWay
+from ikservo.view.goal_planning import PlannedPath
 from ikservo.view.held_controls import GamepadControl, GripperControl, gripper_control
 from ikservo.view.labels import describe_target
 from ikservo.view.lens_camera import PictureSurface
@@ -52,7 +52,7 @@ class Interaction:
     Attributes:
         goal: Goal of all joints (n,), rad or m; None to hold position.
         marker: The target of the goal, if there is one.
-        way: The way to the goal in the preview; None where there is none.
+        path: The path to the goal in the preview; None where there is none.
         refusal: Why the guard refuses the goal; None if it does not.
         hover: The link that a press would grab.
         under: Everything under the pointer; None for the plane in which a click moves the tip.
@@ -81,7 +81,7 @@ class Interaction:
         self._trace_start_s = 0.0
         self.goal: Vector | None = None
         self.marker: TargetMarker | None = None
-        self.way: PlannedWay | None = None
+        self.path: PlannedPath | None = None
         self.refusal: GoalRefusal | None = None
         self.hover: str | None = None
         self.under: tuple[PickCandidate | None, ...] = ()
@@ -135,16 +135,16 @@ class Interaction:
     def reset(self) -> None:
         """Cancel the drag and drop the goal: the arm holds."""
         self._end_drag()
-        self._command = self.goal = self.marker = self.way = self.solver_trace = None
+        self._command = self.goal = self.marker = self.path = self.solver_trace = None
         self.revision += 1
 
-    def show_way(self, way: PlannedWay | None, refusal: GoalRefusal | None) -> None:
-        """Show the way to the goal, or why the guard refuses it; logged once it is chosen."""
-        if way is not self.way or refusal is not self.refusal:
-            self.way, self.refusal = way, refusal
+    def show_path(self, path: PlannedPath | None, refusal: GoalRefusal | None) -> None:
+        """Show the path to the goal, or why the guard refuses it; logged once it is chosen."""
+        if path is not self.path or refusal is not self.refusal:
+            self.path, self.refusal = path, refusal
             self.revision += 1
-            if way is not None and way.plan is not None and way.plan.around:
-                self.log(f"On the straight way {way.plan.around}; the arm goes around.")
+            if path is not None and path.plan is not None and path.plan.around:
+                self.log(f"On the straight path {path.plan.around}; the arm goes around.")
         if refusal is not None and refusal is not self._logged and not self.is_choosing:
             self._logged = refusal
             self.log(refusal.reason, "bad")

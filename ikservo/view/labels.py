@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 from ikservo.arm.reports import describe_torque
 from ikservo.errors import format_point
 from ikservo.kinematics.conditioning import Conditioning
-from ikservo.view.goal_planning import PlannedWay
+from ikservo.view.goal_planning import PlannedPath
 from ikservo.view.message_fields import StopInput
 from ikservo.view.picking import PickCandidate
 from ikservo.view.target_marker import TargetMarker
@@ -29,7 +29,7 @@ __all__ = [
     "format_supply",
     "health_rows",
     "insight_rows",
-    "way_rows",
+    "path_rows",
 ]
 
 
@@ -71,19 +71,19 @@ def describe_target(marker: TargetMarker, method: str | None = None) -> str:
     )
 
 
-def way_rows(way: PlannedWay | None) -> list[tuple[str, str, str]]:
-    """Return the row about the way to the goal: how it leads, its length, time and clearance."""
-    if way is None or way.refusal is not None:
+def path_rows(path: PlannedPath | None) -> list[tuple[str, str, str]]:
+    """Return the row about the path to the goal: how it leads, its length, time and clearance."""
+    if path is None or path.refusal is not None:
         return []
-    plan = way.plan
+    plan = path.plan
     if plan is None:
-        return [("way", "is being planned", "")]
-    direct = "straight" if way.is_straight else "out of contact"
+        return [("path", "is being planned", "")]
+    direct = "straight" if path.is_straight else "out of contact"
     how = "around" if plan.around else direct
     text = f"{how}, {plan.path_m * 1000:.0f} mm, {plan.duration_s:.1f} s"
     if 0.0 < plan.clearance_m < math.inf:
         text += f", {plan.clearance_m * 1000:.0f} mm clear"
-    return [("way", text, "")]
+    return [("path", text, "")]
 
 
 def describe_stop(text: str, states: Sequence[JointState]) -> str:

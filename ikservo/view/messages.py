@@ -194,12 +194,12 @@ class ArmAction(PageMessage):
     Attributes:
         action: Go to the target of the preview; lower the arm to its rest pose and switch torque
             off; or switch torque off at once.
-        way: The number of the way to the target that the page shows.
+        path: The number of the path to the target that the page shows.
     """
 
     kind: Literal["arm_action"]
     action: Literal["execute", "relax", "release"]
-    way: Annotated[int, Field(ge=0, le=2**53)] = 0
+    path: Annotated[int, Field(ge=0, le=2**53)] = 0
 
 
 class Gamepad(PageMessage):

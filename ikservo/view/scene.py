@@ -9,7 +9,7 @@ import numpy as np
 
 from ikservo.kinematics.arrays import Vector
 from ikservo.view.camera import Camera
-from ikservo.view.goal_planning import PlannedWay
+from ikservo.view.goal_planning import PlannedPath
 from ikservo.view.reachable_region import ReachableRegion
 from ikservo.view.target_marker import TargetMarker
 
@@ -26,8 +26,8 @@ class SceneState:
         camera: The camera.
         measured: Measured joints (dof,), rad or m.
         goal: Goal of the joints (dof,); None while there is no goal.
-        way: The way to the goal, if there is one.
-        is_choosing: Whether the goal is still being chosen: no posture on the way is shown then.
+        path: The path to the goal, if there is one.
+        is_choosing: Whether the goal is still being chosen: no posture on the path is shown then.
         marker: The target, if there is one.
         region: The reachable region of the shown plane, if it is available.
         hover: The link under the pointer.
@@ -43,7 +43,7 @@ class SceneState:
     camera: Camera
     measured: Vector
     goal: Vector | None = None
-    way: PlannedWay | None = None
+    path: PlannedPath | None = None
     is_choosing: bool = False
     marker: TargetMarker | None = None
     region: ReachableRegion | None = None

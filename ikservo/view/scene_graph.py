@@ -28,7 +28,7 @@ from ikservo.model.collision_model import capsules_of
 from ikservo.model.model import at_distance, near_distance
 from ikservo.model.tool import tool_frame
 from ikservo.view.camera import NEAR_PLANE_M, Camera
-from ikservo.view.goal_planning import PlannedWay
+from ikservo.view.goal_planning import PlannedPath
 from ikservo.view.joint_dials import JointDial, joint_dials
 from ikservo.view.lens_camera import LensCamera
 from ikservo.view.link_poses import other_joint_position
@@ -43,7 +43,7 @@ __all__ = ["SceneGraph"]
 
 _DIGITS = 7  # of positions: at a metre's distance 0.1 µm
 _AXIS_DIGITS = 4
-_SWEPT = slice(4, 24, 4)  # of the postures along a way, those at which the whole arm is drawn
+_SWEPT = slice(4, 24, 4)  # of the postures along a path, those at which the whole arm is drawn
 
 
 class SceneGraph:
@@ -111,7 +111,7 @@ class SceneGraph:
             "behind": state.behind,
             "picked": state.picked,
             "refused_pair": state.refused_pair,
-            **self._way_fields(state),
+            **self._path_fields(state),
             **_region_fields(state.region),
         }
 
@@ -121,16 +121,16 @@ class SceneGraph:
             self._camera = camera, _camera_fields(camera)
         return self._camera[1]
 
-    def _way_fields(self, state: SceneState) -> Fields:
-        way = state.way
-        if way is None or way.plan is None or not state.shows_goal:
-            return {"way": None, "swept": None}
-        along = self._positions_along(way)
+    def _path_fields(self, state: SceneState) -> Fields:
+        path = state.path
+        if path is None or path.plan is None or not state.shows_goal:
+            return {"path": None, "swept": None}
+        along = self._positions_along(path)
         swept = None if state.is_choosing else along[_SWEPT]
-        return {"way": {"number": way.number, "joints": along}, "swept": swept}
+        return {"path": {"number": path.number, "joints": along}, "swept": swept}
 
-    def _compute_along(self, way: PlannedWay) -> list[list[float]]:
-        return [self._positions.at(q, others) for q, others in way.postures]
+    def _compute_along(self, path: PlannedPath) -> list[list[float]]:
+        return [self._positions.at(q, others) for q, others in path.postures]
 
     def _handle_axes(self, state: SceneState) -> list[float]:
         axes = self._handles.axes(state.measured if state.goal is None else state.goal)

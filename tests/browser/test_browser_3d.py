@@ -118,7 +118,7 @@ def test_a_drag_takes_the_tip_to_the_pointer(onlooker):
         "items.some(({ style, at }) => style === 'target'"
         f" && Math.abs(at[0] - {x}) < 1 && Math.abs(at[1] - {y}) < 1)"
     ).release()
-    onlooker.until(f"{SCENE}.markings.dots.count > 0")  # the way of the tip
+    onlooker.until(f"{SCENE}.markings.dots.count > 0")  # the path of the tip
 
 
 def test_a_ghost_that_would_touch_something_turns_red_and_the_pair_is_named(onlooker):

@@ -17,7 +17,7 @@ from ikservo.kinematics.capsules import segment_distance
 from ikservo.model.collision_model import capsules_of
 from ikservo.model.model import KeepOutBox
 from ikservo.view.camera import Camera
-from ikservo.view.goal_planning import PlannedWay
+from ikservo.view.goal_planning import PlannedPath
 from ikservo.view.link_poses import link_poses
 from ikservo.view.reachable_region import ReachableRegion, slice_plane
 from ikservo.view.scene import SceneState
@@ -579,8 +579,8 @@ def test_the_planned_and_the_measured_way_of_the_tip_are_drawn(canvas):
     around = at_joints(shoulder_lift=-1.0, elbow_flex=0.3)
     graph, camera = graph_of(model_of("so101")), looked_at("so101", "side")
     there = [*np.linspace(start, around, 13), *np.linspace(around, goal, 13)[1:]]
-    way = PlannedWay(None, plan="found", postures=[(q, {}) for q in there])
-    state = SceneState(camera, start, goal=goal, way=way)
+    path = PlannedPath(None, plan="found", postures=[(q, {}) for q in there])
+    state = SceneState(camera, start, goal=goal, path=path)
     on_the_way = [
         graph.fields(replace(state, measured=start + part * (goal - start))) for part in (0.3, 0.6)
     ]

@@ -1,4 +1,4 @@
-"""The way to a target in a browser: seen before it is gone, around what is in the straight way."""
+"""The path to a target in a browser: seen before it is taken, around what is in the way."""
 
 import math
 
@@ -44,18 +44,18 @@ def person(browser, served):
 
 
 def aim(operator):
-    """Type a target beyond the post, and wait until the way there may be carried out."""
+    """Type a target beyond the post, and wait until the path there may be carried out."""
     operator.page.get_by_label("shoulder_pan, degrees", exact=True).fill(f"{GOAL_DEG:g}")
     operator.page.keyboard.press("Enter")
-    operator.wait_for("scene.way && scene.swept && status.way === scene.way.number")
+    operator.wait_for("scene.path && scene.swept && status.path === scene.path.number")
     operator.until("!document.getElementById('execute').disabled")
 
 
 def way_row(operator):
-    return dict(row[:2] for row in operator.status["tip"])["way"]
+    return dict(row[:2] for row in operator.status["tip"])["path"]
 
 
-def test_the_way_around_is_seen_and_gone_and_nothing_is_touched(person):
+def test_the_path_around_is_seen_and_taken_and_nothing_is_touched(person):
     page, arm = person.page, person.served.arm
     page.click("#speeds button[value=fast]")
     aim(person)
@@ -73,40 +73,41 @@ def test_the_way_around_is_seen_and_gone_and_nothing_is_touched(person):
 
     until(is_there, lambda: (person.served.joints(), person.status))
     assert min(nearest) > 0.0
-    person.wait_for("status.mode === 'preview' && !scene.way")
+    person.wait_for("status.mode === 'preview' && !scene.path")
     assert person.errors == []
 
 
-def test_a_thing_that_comes_into_the_way_changes_what_is_shown_and_a_stop_clears_it(person):
+def test_a_thing_that_comes_into_the_path_changes_what_is_shown_and_a_stop_clears_it(person):
     page = person.page
     aim(person)
-    number, before = person.page.evaluate("ikservo.scene.way.number"), person.served.goals()
+    number, before = person.page.evaluate("ikservo.scene.path.number"), person.served.goals()
     words = way_row(person)
     page.click("#things-card summary")
     field = page.get_by_label("the post: length z, mm", exact=True)
     field.fill("200")
     field.press("Enter")
-    person.wait_for(f"scene.way && scene.way.number > {number}")
-    person.wait_for("status.way === scene.way.number")
+    person.wait_for(f"scene.path && scene.path.number > {number}")
+    person.wait_for("status.path === scene.path.number")
     assert way_row(person) != words
     page.click("#stop")
-    person.wait_for("status.mode === 'stopped' && !scene.way && status.way === null")
+    person.wait_for("status.mode === 'stopped' && !scene.path && status.path === null")
     page.click("#acknowledge")
     person.wait_for("status.mode === 'preview' && !status.target")
     assert page.is_disabled("#execute")
     assert max(abs(person.served.goals()[i] - before[i]) for i in before) <= 2
 
 
-def test_in_3d_the_postures_on_the_way_are_where_forward_kinematics_puts_them(
+def test_in_3d_the_postures_on_the_path_are_where_forward_kinematics_puts_them(
     webgl_browser, served
 ):
     context = webgl_browser.new_context(viewport={"width": 700, "height": 600})
     operator = Operator(context.new_page(), served, options="&draw=3d")
     operator.until("Boolean(window.ikservo.rendering.scene3d) && window.ikservo.rendering.tried")
     aim(operator)
-    way, (T_link_part, copies) = served.view.controller._planner.way, operator.page.evaluate(COPIES)
+    path = served.view.controller._planner.path
+    T_link_part, copies = operator.page.evaluate(COPIES)
     assert len(copies) == 5
-    for copy, (q, others) in zip(copies, way.postures[4:24:4], strict=True):
+    for copy, (q, others) in zip(copies, path.postures[4:24:4], strict=True):
         T = link_poses(served.arm.chain, q, others)["gripper"] @ np.reshape(T_link_part, (4, 4))
         np.testing.assert_allclose(np.reshape(copy, (4, 4)), T, atol=1e-5)
     context.close()

@@ -1,4 +1,4 @@
-"""The way to a target of the page: planned in the background, shown, then carried out as it is."""
+"""The path to a target of the page: planned in the background, shown, then carried out as it is."""
 
 import math
 import sys
@@ -35,7 +35,7 @@ def rows(frames):
 
 
 def execute(session, number):
-    session.send_message(page_messages.ArmAction, action="execute", way=number)
+    session.send_message(page_messages.ArmAction, action="execute", path=number)
 
 
 def run_job(session):
@@ -56,7 +56,7 @@ def run_job(session):
 
 @contextmanager
 def slow_search(monkeypatch):
-    """Yield events: a search has begun, it may find a way; it is withdrawn at any time."""
+    """Yield events: a search has begun, it may find a path; it is withdrawn at any time."""
     begun, may_end, search = Event(), Event(), ways_around.find_way
 
     def find_way(*args, is_over, **options):
@@ -92,33 +92,33 @@ def until_idle(session):
 
 
 @needs_planner
-def test_a_way_around_is_shown_in_words_and_postures_and_carried_out_as_it_is(session):
+def test_a_path_around_is_shown_in_words_and_postures_and_carried_out_as_it_is(session):
     aim_right(session)
     frames = session.planned()
-    plan, way = session.interaction.way.plan, frames["scene"]["way"]
+    plan, path = session.interaction.path.plan, frames["scene"]["path"]
     length_mm, clear_mm = plan.path_m * 1e3, plan.clearance_m * 1e3
-    assert rows(frames)["way"] == (
+    assert rows(frames)["path"] == (
         f"around, {length_mm:.0f} mm, {plan.duration_s:.1f} s, {clear_mm:.0f} mm clear"
     )
     said = session.interaction.messages[-1].message
     assert said.endswith("would touch the post; the arm goes around.")
     assert frames["scene"]["refusal"] is None
     assert not frames["status"]["refused"]
-    assert way["joints"][0] == pytest.approx(frames["scene"]["measured"], abs=0.02)
-    assert way["joints"][-1] == pytest.approx(frames["scene"]["goal"], abs=1e-6)
-    execute(session, way["number"])
+    assert path["joints"][0] == pytest.approx(frames["scene"]["measured"], abs=0.02)
+    assert path["joints"][-1] == pytest.approx(frames["scene"]["goal"], abs=1e-6)
+    execute(session, path["number"])
     seen = run_job(session)
     expect_along(plan, seen)
     assert nearest_m(session.arm, seen) > 0.0
     assert math.degrees(true_joints(session.arm)["shoulder_pan"]) == pytest.approx(38.0, abs=1)
     session.arm_thread.step()
-    assert session.latest_frames()["scene"]["way"] is None  # the arm is there
+    assert session.latest_frames()["scene"]["path"] is None  # the arm is there
 
 
-def test_a_straight_way_is_said_to_be_straight(session):
+def test_a_straight_path_is_said_to_be_straight(session):
     session.send_message(page_messages.SetJoint, joint="wrist_roll", value=20.0)
     frames = session.planned()
-    assert rows(frames)["way"].startswith("straight, ")
+    assert rows(frames)["path"].startswith("straight, ")
     assert not session.interaction.messages
 
 
@@ -131,9 +131,9 @@ def test_without_a_planner_it_is_refused_with_what_to_install(session, monkeypat
         "would touch the post. To go around it, install a planner: pip install 'ikservo[plan]'."
     )
     assert "the post" in frames["scene"]["refused_pair"]
-    assert frames["scene"]["way"] is None
+    assert frames["scene"]["path"] is None
     with pytest.raises(BadMessageError, match=r"ikservo\[plan\]"):
-        execute(session, session.interaction.way.number)
+        execute(session, session.interaction.path.number)
 
 
 def test_a_bug_of_a_planner_is_a_refusal_and_no_lost_page(session, monkeypatch):
@@ -143,9 +143,9 @@ def test_a_bug_of_a_planner_is_a_refusal_and_no_lost_page(session, monkeypatch):
     monkeypatch.setattr(session.arm.context.planner.__class__, "motion_limits", fail)
     aim_right(session)
     assert "no such state" in session.planned()["scene"]["refusal"]
-    number = session.interaction.way.number
+    number = session.interaction.path.number
     session.latest_frames()
-    assert session.interaction.way.number == number  # the same is not tried again and again
+    assert session.interaction.path.number == number  # the same is not tried again and again
 
 
 @needs_planner
@@ -156,8 +156,8 @@ def test_a_stop_while_it_is_planned_ends_that_and_what_was_planned_is_gone(
     before = registers(session.arm, "goal_position")
     with slow_search(monkeypatch) as (begun, _):
         aim_right(session)
-        assert rows(until_begun(session, begun))["way"] == "is being planned"
-        number = session.interaction.way.number
+        assert rows(until_begun(session, begun))["path"] == "is being planned"
+        number = session.interaction.path.number
         with pytest.raises(BadMessageError, match="not planned yet"):
             execute(session, number)
         if by == "page":
@@ -174,7 +174,7 @@ def test_a_stop_while_it_is_planned_ends_that_and_what_was_planned_is_gone(
     session.send_message(page_messages.Acknowledge)
     session.arm_thread.step()
     frames = session.latest_frames()
-    assert frames["scene"]["way"] is frames["status"]["way"] is None
+    assert frames["scene"]["path"] is frames["status"]["path"] is None
     with pytest.raises(BadMessageError, match="No target"):
         execute(session, number)
     session.arm_thread.step()
@@ -189,9 +189,9 @@ def test_a_newer_target_ends_the_search_for_an_older_one(session, monkeypatch):
         older = session.interaction.goal
         session.send_message(page_messages.SetJoint, joint="shoulder_pan", value=-45.0)
         frames = session.planned()  # though nobody lets that search go on
-    assert session.interaction.way.request.goal is session.interaction.goal is not older
-    assert rows(frames)["way"].startswith("straight, ")
-    assert frames["scene"]["way"]["joints"][-1] == pytest.approx(frames["scene"]["goal"], abs=1e-6)
+    assert session.interaction.path.request.goal is session.interaction.goal is not older
+    assert rows(frames)["path"].startswith("straight, ")
+    assert frames["scene"]["path"]["joints"][-1] == pytest.approx(frames["scene"]["goal"], abs=1e-6)
 
 
 @needs_planner
@@ -210,7 +210,7 @@ def test_a_drag_is_looked_at_straight_and_searched_for_once_it_is_released(sessi
         until_begun(session, begun)
         assert session.interaction.refusal is None
         may_end.set()
-        assert rows(session.planned())["way"].startswith("around, ")
+        assert rows(session.planned())["path"].startswith("around, ")
     assert not any("Refused" in entry.message for entry in session.interaction.messages)
 
 
@@ -235,12 +235,12 @@ def test_what_has_changed_since_is_not_carried_out_but_planned_again(session, ch
         session.send_message(page_messages.SetSpeed, name="fast")
     aim_right(session)
     session.planned()
-    number, before = session.interaction.way.number, registers(session.arm, "goal_position")
+    number, before = session.interaction.path.number, registers(session.arm, "goal_position")
     execute(session, number)  # and then it changes, before the arm's thread begins
     change(session)
     assert len(run_job(session)) == 0
     said = session.arm_thread.snapshot.messages[-1].message
-    assert said.startswith(f"The way is planned again: {reason}.")
+    assert said.startswith(f"The path is planned again: {reason}.")
     assert session.arm_thread.snapshot.stop_notice is None
     if reason == "what is around the arm has changed":
         assert registers(session.arm, "goal_position") == before
@@ -248,16 +248,16 @@ def test_what_has_changed_since_is_not_carried_out_but_planned_again(session, ch
     with pytest.raises(BadMessageError, match=reason):
         execute(session, number)
     session.planned()
-    assert session.interaction.way.number > number
+    assert session.interaction.path.number > number
     with pytest.raises(BadMessageError, match="not shown yet"):
         execute(session, number)  # a page that still shows the older one
-    execute(session, session.interaction.way.number)
+    execute(session, session.interaction.path.number)
     seen = run_job(session)
     assert nearest_m(session.arm, seen) > 0.0
     assert math.degrees(true_joints(session.arm)["shoulder_pan"]) == pytest.approx(38.0, abs=1)
 
 
-def test_after_a_stop_the_way_that_is_shown_is_gone_at_once(session):
+def test_after_a_stop_the_path_that_is_shown_is_carried_out_at_once(session):
     """It is planned slow: whether torque is still on is not known before the arm goes."""
     session.arm.move_joints({"wrist_roll": 0.1})
     session.send_message(page_messages.SetSpeed, name="fast")
@@ -267,16 +267,16 @@ def test_after_a_stop_the_way_that_is_shown_is_gone_at_once(session):
     session.arm_thread.step()
     session.send_message(page_messages.SetJoint, joint="wrist_roll", value=20.0)
     session.go_there()
-    plan = session.interaction.way.plan
+    plan = session.interaction.path.plan
     assert plan.speed == "slow"
     expect_along(plan, run_job(session))
 
 
 @needs_planner
-def test_a_thing_put_into_the_way_that_is_shown_is_gone_around_too(session):
+def test_a_thing_put_into_the_path_that_is_shown_is_avoided_too(session):
     aim_right(session)
     session.planned()
-    first = session.interaction.way
+    first = session.interaction.path
     highest = max(
         first.plan.sample(0.01).positions, key=lambda q: session.arm.context.planner.tip(q)[2]
     )
@@ -284,7 +284,7 @@ def test_a_thing_put_into_the_way_that_is_shown_is_gone_around_too(session):
     session.send_message(things.AddThing, shape="sphere")
     session.send_message(things.ChangeThing, name="the ball 1", centre_m=tuple(tip_m.tolist()))
     frames = session.planned()
-    second = session.interaction.way
+    second = session.interaction.path
     assert second.number > first.number
     assert session.arm.context.collision.things[-1] == "the ball 1"
     if second.plan is None:
@@ -295,19 +295,19 @@ def test_a_thing_put_into_the_way_that_is_shown_is_gone_around_too(session):
         execute(session, first.number)
 
 
-def test_a_limp_arm_goes_the_way_that_is_shown_unless_a_hand_has_moved_it_since():
+def test_a_limp_arm_takes_the_path_that_is_shown_unless_a_hand_has_moved_it_since():
     with ViewSession() as session:
         session.arm.disable_torque()
         for _ in range(100):  # it sinks
             session.arm_thread.step()
         session.send_message(page_messages.GoToPose, name="home")
-        assert "clear" not in rows(session.planned())["way"]  # it begins in contact
+        assert "clear" not in rows(session.planned())["path"]  # it begins in contact
         session.go_there()
         line_of(session.arm).world.place("wrist_roll", 0.2)
         assert len(run_job(session)) == 0
         assert "the arm was moved" in session.arm_thread.snapshot.messages[-1].message
         session.go_there()
-        plan = session.interaction.way.plan
+        plan = session.interaction.path.plan
         assert plan.start[4] == pytest.approx(0.2, abs=0.01)
         expect_along(plan, run_job(session))
 
@@ -331,15 +331,15 @@ def test_a_point_that_another_posture_reaches_is_gone_to_in_that():
         typed, wanted_m = session.interaction.goal, session.interaction.marker.target_m
         assert nearest_m(session.arm, [typed]) < 0.0
         session.planned()
-        plan, goal = session.interaction.way.plan, session.interaction.goal
+        plan, goal = session.interaction.path.plan, session.interaction.goal
         assert np.degrees(np.abs(goal - typed).max()) > 20.0
         np.testing.assert_array_equal(plan.goal, goal)
         np.testing.assert_allclose(planner.tip(goal), wanted_m, atol=1e-4)
         said = [entry.message for entry in session.interaction.messages]
         assert "The arm reaches this target in another posture." in said
-        number = session.interaction.way.number
+        number = session.interaction.path.number
         session.latest_frames()
-        assert session.interaction.way.number == number  # it is not planned again
+        assert session.interaction.path.number == number  # it is not planned again
         session.go_there()
         assert nearest_m(session.arm, run_job(session)) > 0.0
         np.testing.assert_allclose(session.arm.where().tip_m, wanted_m, atol=0.002)

@@ -13,7 +13,7 @@ from ikservo.view.controller import SessionController
 from tests.arm.simulated import clock_of, line_of, registers, servo_group
 
 NUMBERS = itertools.count(1)
-LOOKS, LOOK_S = 3000, 0.005  # at a way that is planned in the background
+LOOKS, LOOK_S = 3000, 0.005  # at a path that is planned in the background
 
 
 class ViewSession:
@@ -64,20 +64,20 @@ class ViewSession:
         return self.controller._interaction
 
     def planned(self):
-        """Wait until the way to the goal is planned, or refused; return the frames that say so."""
+        """Wait until the path to the goal is planned, or refused; return the frames that say so."""
         for _ in range(LOOKS):
             self.arm_thread.step()
-            frames, way = self.latest_frames(), self.interaction.way
-            if way is not None and (way.plan is not None or way.refusal is not None):
+            frames, path = self.latest_frames(), self.interaction.path
+            if path is not None and (path.plan is not None or path.refusal is not None):
                 return frames
             time.sleep(LOOK_S)
-        raise AssertionError("the way is never planned")
+        raise AssertionError("the path is never planned")
 
     def go_there(self):
-        """Let the arm carry out the way that is shown, once one is."""
+        """Let the arm carry out the path that is shown, once one is."""
         self.planned()
-        number = self.interaction.way.number
-        self.send_message(page_messages.ArmAction, action="execute", way=number)
+        number = self.interaction.path.number
+        self.send_message(page_messages.ArmAction, action="execute", path=number)
 
     def camera(self, client=None):
         """Return the camera of a client, by which it is picked."""

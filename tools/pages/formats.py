@@ -82,7 +82,7 @@ No polygons travel: the page computes the drawing (`view/page/picture.js` in 2D,
   `distortion`, `widest`), else null.
 - `measured`, `goal` (null where it is where the arm is): positions of the joints that are not
   fixed, in the order of the links.
-- `way` to the goal, null without one: its `number`, `joints` (positions at even times along it);
+- `path` to the goal, null without one: its `number`, `joints` (positions at even times along it);
   `swept`: those of them at which the whole arm is drawn, null while the goal is dragged.
 - `marker` of the target: `target`, `nearest`, `reached`; `refused_pair`: what would touch, null if
   nothing is refused; `refusal`: why.

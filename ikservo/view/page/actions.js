@@ -9,8 +9,8 @@ export class Actions {
   constructor(send) {
     this.send = send;
     this.status = this.at = null;
-    this.way = null; // that is drawn
-    $("execute").onclick = () => send("arm_action", { action: "execute", way: this.way.number });
+    this.path = null; // that is drawn
+    $("execute").onclick = () => send("arm_action", { action: "execute", path: this.path.number });
     $("undo").onclick = () => send("undo", { redo: false });
     $("redo").onclick = () => send("undo", { redo: true });
     $("relax").onclick = () => send("arm_action", { action: "relax" });
@@ -28,14 +28,14 @@ export class Actions {
   placeExecute() {
     if (ONE_COLUMN.matches) $("live").before($("execute"));
     else $("redo").after($("execute"));
-    this.follow(this.way, null);
+    this.follow(this.path, null);
   }
 
-  // Beside the arm's target, a pixel of the drawing, while the way there is drawn, described and can be carried out.
-  follow(way, at) {
+  // Beside the arm's target, a pixel of the drawing, while the path there is drawn, described and can be carried out.
+  follow(path, at) {
     const button = $("execute");
-    Object.assign(this, { way, at });
-    button.disabled = !way || way.number !== this.status?.way || !isIdle(this.status);
+    Object.assign(this, { path, at });
+    button.disabled = !path || path.number !== this.status?.path || !isIdle(this.status);
     const shown = at !== null && !button.disabled && !ONE_COLUMN.matches;
     button.classList.toggle("at-target", shown);
     if (!shown) return button.style.removeProperty("transform");
@@ -74,7 +74,7 @@ export class Actions {
     $("undo").disabled = !free || !status.undo;
     $("redo").disabled = !free || !status.redo;
     for (const id of ["relax", "release"]) $(id).disabled = !isIdle(status);
-    this.follow(this.way, this.at);
+    this.follow(this.path, this.at);
   }
 }
 

@@ -223,7 +223,7 @@ function show(scene) {
   showMission(scene, goalAt);
   arms.camera.showPictureTrouble(scene.picture_trouble);
   enlargePose(scene, goalAt);
-  actions.follow(scene.way, scene.goal && !scene.grabbed ? goalAt : null);
+  actions.follow(scene.path, scene.goal && !scene.grabbed ? goalAt : null);
   Object.assign(window.ikservo, { scene, items });
   window.ikservo.drawn += 1;
 }

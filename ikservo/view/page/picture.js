@@ -53,7 +53,7 @@ export class Picture {
     return this.last;
   }
 
-  // The items that change with camera, region and planned way only; postures along that are behind the arm.
+  // The items that change with camera, region and planned path only; postures along that are behind the arm.
   composeBackdrop(scene, projection) {
     const same = ["camera", "region", "region_pose", "bare", "swept"].every((name) => scene[name] === this.shown[name]);
     if (same && this.last.backdrop) return this.last.backdrop;

@@ -10,7 +10,7 @@ const LONGEST_FRAME_MS = 3000; // that is waited for
 const SHADOW_PX = 1024;
 const MAX_PIXEL_RATIO = 2;
 const TRIAD_M = { base: 0.06, tool: 0.035 };
-const MAX_SWEPT = 5; // postures that are drawn along a way
+const MAX_SWEPT = 5; // postures that are drawn along a path
 const AXES = [[0xd6453d, [1, 0, 0]], [0x3d9a50, [0, 1, 0]], [0x3d6fd6, [0, 0, 1]]];
 const HIGHLIGHT = 0.75; // of the link under the pointer, towards the colour for that
 const BEHIND_OPACITY = 0.3; // of the links in front of a link that was selected behind them
@@ -36,7 +36,7 @@ export class Scene3D {
     this.ghostMaterials = createGhostMaterials();
     this.ghost = new LinkTree(graph, shapes, () => this.ghostMaterials.ghost);
     this.sweep = new Sweep(this.ghost, this.ghostMaterials.swept);
-    this.way = this.swept = null; // that are shown
+    this.path = this.swept = null; // that are shown
     this.arm.root.traverse((part) => { part.castShadow = part.receiveShadow = true; });
     this.arm.tip.add(createTriad(TRIAD_M.tool));
     this.markings = new Markings(graph);
@@ -71,7 +71,7 @@ export class Scene3D {
   update(scene) {
     this.setCamera(scene.camera);
     this.arm.setJoints(scene.measured);
-    this.showWay(scene);
+    this.showPlanned(scene);
     this.showGoal(scene);
     this.handles.show((scene.goal === null ? this.arm : this.ghost).tipPosition(), scene.handles);
     this.highlight(scene);
@@ -101,11 +101,11 @@ export class Scene3D {
     }
   }
 
-  // The planned way: of the tip as dots, and some postures of the arm on it.
-  showWay({ way, swept }) {
-    if (way !== this.way) this.markings.showPath(way?.joints.map((positions) => this.ghost.setJoints(positions).tipPosition()) ?? []);
+  // The planned path: of the tip as dots, and some postures of the arm on it.
+  showPlanned({ path, swept }) {
+    if (path !== this.path) this.markings.showPath(path?.joints.map((positions) => this.ghost.setJoints(positions).tipPosition()) ?? []);
     if (swept !== this.swept) this.sweep.show(swept ?? []);
-    Object.assign(this, { way, swept });
+    Object.assign(this, { path, swept });
   }
 
   highlight({ hover, grabbed, behind }) {

@@ -1,4 +1,4 @@
-// The way of the tip: planned to its goal, and measured since it began to move.
+// The path of the tip: planned to its goal, and measured since it began to move.
 
 import { length, subtract } from "./geometry.js";
 
@@ -11,11 +11,11 @@ export class TipPaths {
     this.findTip = findTip; // the tip at positions of the joints
     this.measured = [];
     this.planned = [];
-    this.goal = this.way = null;
+    this.goal = this.path = null;
     this.movedAt = -Infinity;
   }
 
-  update({ measured, goal, way }, now) {
+  update({ measured, goal, path }, now) {
     const tip = this.findTip(measured);
     const resting = now - this.movedAt > REST_MS;
     if (resting && goal !== this.goal) this.measured = [];
@@ -24,8 +24,8 @@ export class TipPaths {
       this.measured = resting ? [tip] : [...this.measured, tip].slice(-MAX_POINTS);
       this.movedAt = now;
     }
-    if (way !== this.way) this.planned = way === null ? [] : way.joints.map(this.findTip);
-    Object.assign(this, { goal, way });
+    if (path !== this.path) this.planned = path === null ? [] : path.joints.map(this.findTip);
+    Object.assign(this, { goal, path });
   }
 
   items(projection, inThreeD) {
