@@ -107,6 +107,8 @@ def test_a_page_for_which_there_is_no_room_says_so_and_appears_once_there_is(
 def test_a_long_message_is_shown_from_its_first_line_on(reader):
     reader.page.get_by_label("Tool x, mm", exact=True).fill("2000")
     reader.page.keyboard.press("Enter")
-    reader.until("document.querySelector('#log li:last-child')?.innerText.includes('cannot be reached')")
+    reader.until(
+        "document.querySelector('#log li:last-child')?.innerText.includes('cannot be reached')"
+    )
     log, message = boxes(reader, "#log", "#log li:last-child")
     assert message["y"] >= log["y"] - 1
