@@ -81,15 +81,15 @@ def test_the_tip_goes_where_the_picture_is_clicked(tmp_path, monkeypatch, capsys
             (clicked, everywhere), errors_of_an_arm(monkeypatch, name, seed, 30, 20), strict=True
         ):
             errors_m.append(of_arm)
-        log(capsys, f"{name} {seed}: clicks {told(clicked[-1])}; tip {told(everywhere[-1])}")
-    log(capsys, f"{name}: {len(clicked)} arms: clicks {told(clicked)}; tip {told(everywhere)}")
+        log(capsys, f"{name} {seed}: clicks {in_mm(clicked[-1])}; tip {in_mm(everywhere[-1])}")
+    log(capsys, f"{name}: {len(clicked)} arms: clicks {in_mm(clicked)}; tip {in_mm(everywhere)}")
     assert np.median(clicked) < 0.002
     assert np.percentile(clicked, 95) < 0.004
     assert np.median(everywhere) < 0.0015
     assert np.percentile(everywhere, 95) < 0.003
 
 
-def told(errors_m):
+def in_mm(errors_m):
     median, most = np.percentile(1000.0 * np.array(errors_m), [50, 95])
     return f"{median:.2f} mm, 95 % {most:.2f}"
 
