@@ -23,7 +23,7 @@ BLENDS_RAD = (0.3, 0.1, 0.03, 0.01, 0.003)
 HOW_TO_SEARCH = "To go around it, install a planner: pip install 'ikservo[plan]'."
 
 # Distances that are kept from everything, and how many motions are looked at for each.
-_MARGINS_M = ((0.01, 1000), (0.003, 3000), (0.0003, 1000), (0.003, 20000), (0.0003, 20000))
+_MARGINS_M = ((0.01, 300), (0.003, 1000), (0.0003, 300), (0.003, 20000), (0.0003, 20000))
 
 
 # Postures tried around one in contact, up to so far in any joint; the fraction of joints that move.

@@ -7,6 +7,7 @@ from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
+from operator import itemgetter
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -71,6 +72,7 @@ class TimeScaling:
         self._moves = [JointMove([curve.length], [curve.length], [KinematicLimits(1.0, 1.0, 1.0)])]
         if curve.length > _MIN_LENGTH:
             bounds, best_s = _PathAccelerationBounds(limits, top_speed), math.inf
+            candidates = list[tuple[float, tuple[_SpeedZone, ...], list[float]]]()
             for edges in _zone_edges(curve.length, marks):
                 stretches = [
                     bounds.make_zones(*ends, curve.max_derivatives(*ends))
@@ -78,12 +80,15 @@ class TimeScaling:
                 ]
                 for zones in zip(*stretches, strict=True):
                     speeds = _speeds_between(zones)
-                    if sum(map(_shortest_s, zones, speeds, speeds[1:])) >= best_s:
-                        continue
-                    moves = _zone_moves(zones, speeds)
-                    taken_s = sum(move.duration_s for move in moves)
-                    if taken_s < best_s:
-                        self._moves, best_s = moves, taken_s
+                    shortest_s = sum(map(_shortest_s, zones, speeds, speeds[1:]))
+                    candidates.append((shortest_s, zones, speeds))
+            for shortest_s, zones, speeds in sorted(candidates, key=itemgetter(0)):
+                if shortest_s >= best_s:
+                    break
+                moves = _zone_moves(zones, speeds)
+                taken_s = sum(move.duration_s for move in moves)
+                if taken_s < best_s:
+                    self._moves, best_s = moves, taken_s
         self._begins = [0.0, *accumulate(move.duration_s for move in self._moves)]
 
     @property
