@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.lab.drive_recording import DriveRecording, SteadyWindows
+from ikservo.lab.drive_recording import DriveRecording, SteadyWindows, smooth_samples
 from ikservo.model.servo_torque import ServoTorque
 
 __all__ = [
@@ -280,7 +280,7 @@ def sign_currents(recording: DriveRecording, priors: Sequence[JointPrior]) -> Dr
     """
     current, volts = recording.current_a.copy(), recording.duty * recording.voltage_v
     for j, prior in enumerate(priors):
-        speed = np.gradient(recording.position[:, j], recording.time_s) / prior.per_horn_rad
+        speed = smooth_samples(np.gradient(recording.position[:, j], recording.time_s)[:,None])[:,0] / prior.per_horn_rad
         for k in range(prior.servos):
             sizes = current[:, j, k]
             if (sizes >= 0.0).all():
