@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.lab.drive_recording import DriveRecording, SteadyWindows, smooth_samples
+from ikservo.lab.drive_recording import Cube, DriveRecording, SteadyWindows, smooth_samples
 from ikservo.model.servo_torque import ServoTorque
 
 __all__ = [
@@ -51,10 +51,12 @@ _MOVING_RAD_S, _MIN_SWINGS = 0.05, 4
 _STUCK_RAD_S = 0.01
 # A joint whose gravity torque is below this share of that of the whole duty has its gears free.
 _FREE_SHARE = 0.01
-_MIDDLE, _TINY = 0.2, 1e-9  # of a swing, to both sides of its middle
+# Places that are compared, from the middle of a swing, and how far around each, in shares of it.
+_PLACES, _PLACE_WIDTH, _TINY = np.linspace(-0.25, 0.25, 11), 0.05, 1e-9
 _MAX_BACKLASH_RAD = 0.2
-# By which a motor's speed is known to differ from the joint's at most, but for gears that cross.
-_CROSSING_RAD_S = 0.2
+# By which a motor's speed is known to differ from the joint's at most, but for gears that cross;
+# and how much more its changes count: its rotor has inertia, and the joint is read in ticks.
+_CROSSING_RAD_S, _INERTIA = 0.2, 4.0
 _MIN_BACKLASH_ERROR_RAD = 0.001  # a tick
 
 
@@ -279,14 +281,15 @@ def sign_currents(recording: DriveRecording, priors: Sequence[JointPrior]) -> Dr
         priors: What is known of each joint's servos.
     """
     current, volts = recording.current_a.copy(), recording.duty * recording.voltage_v
+    speeds = smooth_samples(np.gradient(recording.position, recording.time_s, axis=0))
     for j, prior in enumerate(priors):
-        speed = smooth_samples(np.gradient(recording.position[:, j], recording.time_s)[:,None])[:,0] / prior.per_horn_rad
         for k in range(prior.servos):
             sizes = current[:, j, k]
             if (sizes >= 0.0).all():
                 either = np.column_stack([sizes, -sizes])
                 motor = (volts[:, j, k, None] - prior.ohm * either) / prior.kt
-                current[:, j, k] = either[np.arange(len(sizes)), _likeliest(motor, speed)]
+                chosen = _likeliest(motor, speeds[:, j] / prior.per_horn_rad)
+                current[:, j, k] = either[np.arange(len(sizes)), chosen]
     return replace(recording, current_a=current)
 
 
@@ -301,15 +304,14 @@ def _likeliest(motor: Matrix, joint: Vector) -> NDArray[np.intp]:
         joint: The speed of the joint (m,).
     """
     costs = np.minimum(np.abs(motor - joint[:, None]), _CROSSING_RAD_S)
-    changes = np.abs(motor[1:, None, :] - motor[:-1, :, None])
-    least, before = costs[0], list[NDArray[np.intp]]()
-    for change, cost in zip(changes, costs[1:], strict=True):
-        sums = least[:, None] + change
-        before.append(sums.argmin(axis=0))
-        least = sums.min(axis=0) + cost
-    last = [int(least.argmin())]
+    changes = _INERTIA * np.abs(motor[1:, None, :] - motor[:-1, :, None])
+    (first, second), before = costs[0].tolist(), list[tuple[int, int]]()
+    for ((a, b), (c, d)), cost in zip(changes.tolist(), costs[1:].tolist(), strict=True):
+        before.append((int(second + c < first + a), int(second + d < first + b)))
+        first, second = min(first + a, second + c) + cost[0], min(first + b, second + d) + cost[1]
+    last = [int(second < first)]
     for choices in reversed(before):
-        last.append(int(choices[last[-1]]))
+        last.append(choices[last[-1]])
     return np.array(last[::-1])
 
 
@@ -320,8 +322,10 @@ def fit_backlash(
 
     Where it swings by itself, nearly without load, its gears cross their backlash: pushed one way
     the motor is ahead of the joint, pushed the other way behind it. Where the joint passes the same
-    place both ways, errors of kt cancel. Those of R and kt together are less than those of each:
-    the steady motion that they were fitted to needs currents like those of a swing.
+    place both ways, errors of kt cancel. A joint that falls through its balance is pushed one way
+    and then the other in each swing: it is the place with the largest difference that shows all.
+    Errors of R and kt together are less than those of each: the steady motion that they were fitted
+    to needs currents like those of a swing.
 
     Args:
         recording: Of the motion; its currents have a direction.
@@ -337,10 +341,12 @@ def fit_backlash(
     if loads.min() > free or loads.max() < -free:
         return None
     motor = motors.windings[0]
-    by_volts, by_amps, by_joint = _lost_motions(recording, joint, swings, motor).T
+    by_volts, by_amps, by_joint = np.moveaxis(_lost_motions(recording, joint, swings, motor), 2, 0)
     turned = motors.per_horn_rad / motor.kt * (by_volts - motor.ohm * by_amps)
-    lost = turned - by_joint
-    value = float(np.median(lost))
+    medians = np.median(turned - by_joint, axis=0)
+    place = int(medians.argmax())
+    value, by_amps, turned = float(medians[place]), by_amps[:, place], turned[:, place]
+    lost = turned - by_joint[:, place]
     spread = 1.48 * np.median(np.abs(lost - value)) / np.sqrt(len(lost))
     gradient = np.array([  # of the value, by R and by kt
         -motors.per_horn_rad / motor.kt * np.median(by_amps),
@@ -365,8 +371,8 @@ def _swings(recording: DriveRecording, joint: int) -> list[NDArray[np.intp]]:
 
 def _lost_motions(
     recording: DriveRecording, joint: int, swings: Sequence[NDArray[np.intp]], motor: Winding
-) -> Matrix:
-    """Compute how volts, amperes (each integrated) and joint differ between the two ways (k, 3).
+) -> Cube:
+    """Compute how volts, amperes (integrated) and joint differ between the two ways (k, places, 3).
 
     Each swing is compared with those before and after: what drifts evenly cancels. A motor whose
     speed is not told from rest has stuck: what a step of its sensors would add up to is no motion.
@@ -377,13 +383,16 @@ def _lost_motions(
     turns = np.abs(volts - motor.ohm * current) > _STUCK_RAD_S * motor.kt
     volts, current = turns * volts, turns * current
     series = np.column_stack([_integral(volts, time_s), _integral(current, time_s), position])
-    samples = np.concatenate(swings)
-    place = np.abs(position - np.median(position[samples])) / np.ptp(position[samples])
-    weights = np.where(place < _MIDDLE, 1.0, _TINY)
-    lead = np.array([np.average(series[swing], axis=0, weights=weights[swing]) for swing in swings])
+    samples = position[np.concatenate(swings)]
+    places = (position - np.median(samples)) / np.ptp(samples)
+    away = np.abs(places[:, None] - _PLACES)
+    weights = np.where(away < _PLACE_WIDTH, 1.0, _TINY)
+    lead = np.array([
+        weights[swing].T @ series[swing] / weights[swing].sum(axis=0)[:, None] for swing in swings
+    ])  # fmt: skip
     ends = recording.goal[:, joint]
     ways = np.sign([ends[swing[-1]] - ends[swing[0]] for swing in swings])
-    lost: Matrix = ways[1:-1, None] * (lead[1:-1] - 0.5 * (lead[:-2] + lead[2:]))
+    lost: Cube = ways[1:-1, None, None] * (lead[1:-1] - 0.5 * (lead[:-2] + lead[2:]))
     return lost
 
 
