@@ -52,7 +52,9 @@ _STUCK_RAD_S = 0.01
 # A joint whose gravity torque is below this share of that of the whole duty has its gears free.
 _FREE_SHARE = 0.01
 # Places that are compared, from the middle of a swing, and how far around each, in shares of it.
-_PLACES, _PLACE_WIDTH, _TINY = np.linspace(-0.25, 0.25, 11), 0.05, 1e-9
+_PLACES, _PLACE_WIDTH, _TINY = np.linspace(-0.4, 0.4, 17), 0.03, 1e-9
+# Where so many places show as much of the play, but for this much of it, they show all.
+_ALIKE_PLACES, _ALIKE_SHARE, _ALIKE_RAD = 3, 0.1, 0.002
 _MAX_BACKLASH_RAD = 0.2
 # By which a motor's speed is known to differ from the joint's at most, but for gears that cross;
 # and how much more its changes count: its rotor has inertia, and the joint is read in ticks.
@@ -323,7 +325,8 @@ def fit_backlash(
     Where it swings by itself, nearly without load, its gears cross their backlash: pushed one way
     the motor is ahead of the joint, pushed the other way behind it. Where the joint passes the same
     place both ways, errors of kt cancel. A joint that falls through its balance is pushed one way
-    and then the other in each swing: it is the place with the largest difference that shows all.
+    and then the other in each swing: all of it shows only around there, at the places with the
+    largest difference.
     Errors of R and kt together are less than those of each: the steady motion that they were fitted
     to needs currents like those of a swing.
 
@@ -345,6 +348,9 @@ def fit_backlash(
     turned = motors.per_horn_rad / motor.kt * (by_volts - motor.ohm * by_amps)
     medians = np.median(turned - by_joint, axis=0)
     place = int(medians.argmax())
+    least = medians[place] - max(_ALIKE_SHARE * medians[place], _ALIKE_RAD)
+    if np.count_nonzero(medians > least) < _ALIKE_PLACES:
+        return None
     value, by_amps, turned = float(medians[place]), by_amps[:, place], turned[:, place]
     lost = turned - by_joint[:, place]
     spread = 1.48 * np.median(np.abs(lost - value)) / np.sqrt(len(lost))
