@@ -346,13 +346,14 @@ def fit_backlash(
     motor = motors.windings[0]
     by_volts, by_amps, by_joint = np.moveaxis(_lost_motions(recording, joint, swings, motor), 2, 0)
     turned = motors.per_horn_rad / motor.kt * (by_volts - motor.ohm * by_amps)
-    medians = np.median(turned - by_joint, axis=0)
-    place = int(medians.argmax())
-    least = medians[place] - max(_ALIKE_SHARE * medians[place], _ALIKE_RAD)
-    if np.count_nonzero(medians > least) < _ALIKE_PLACES:
+    by_place = np.median(turned - by_joint, axis=0)
+    most = by_place.max()
+    alike = by_place >= most - max(_ALIKE_SHARE * most, _ALIKE_RAD)
+    if np.count_nonzero(alike) < _ALIKE_PLACES:
         return None
-    value, by_amps, turned = float(medians[place]), by_amps[:, place], turned[:, place]
-    lost = turned - by_joint[:, place]
+    by_amps, turned = by_amps[:, alike].mean(axis=1), turned[:, alike].mean(axis=1)
+    lost = turned - by_joint[:, alike].mean(axis=1)
+    value = float(np.median(lost))
     spread = 1.48 * np.median(np.abs(lost - value)) / np.sqrt(len(lost))
     gradient = np.array([  # of the value, by R and by kt
         -motors.per_horn_rad / motor.kt * np.median(by_amps),

@@ -94,13 +94,14 @@ def swing(drive, backlash_rad, joints=2, swings=8, half_rad=0.07, rad_s=0.3, cro
     and brakes again, against its inertia.
     """
     rest, way = np.zeros(round(crossing_s / DT_S)), np.full(round(2 * half_rad / rad_s / DT_S), 1.0)
+    way[[0, 1, 2, -3, -2, -1]] = 0.25, 0.5, 0.75, 0.75, 0.5, 0.25  # no rotor jumps to a speed
     side = np.tile(np.repeat([1.0, -1.0], len(rest) + len(way)), swings // 2)
-    speed = np.tile(np.append(rest, way), swings) * side * 2 * half_rad / (len(way) * DT_S)
+    speed = np.tile(np.append(rest, way), swings) * side * 2 * half_rad / (way.sum() * DT_S)
     shape = np.minimum(np.arange(len(rest)), np.arange(len(rest))[::-1]) + 0.5
     crossing = np.tile(np.append(shape / shape.mean(), 0.0 * way), swings) * side
     alone_rad_s = crossing * backlash_rad / crossing_s
     motor = speed + alone_rad_s
-    inertia_nm = drive.rotor_kg_m2 * np.gradient(alone_rad_s, DT_S)
+    inertia_nm = drive.rotor_kg_m2 * np.gradient(motor, DT_S)
     current = (drive.coulomb * np.sign(motor) + inertia_nm) / drive.kt
     alone = np.eye(1, joints)
     moved = np.append(0.0, np.cumsum(0.5 * (speed[1:] + speed[:-1]))) * DT_S
