@@ -19,6 +19,7 @@ the builtin that fits, so that ``except TimeoutError`` works for a silent servo:
     ├── ServoAlarmError                exit 5   a servo reports overload, temperature, voltage …
     ├── RegisterAccessError ValueError exit 1   a write that the register forbids
     ├── CalibrationError               exit 6   not calibrated, or contradicts the servos
+    │   └── PictureError               exit 1   a picture that does not show what it should
     ├── UnreachableError  ValueError   exit 7   no joint vector inside the limits for it
     │   ├── AimError                            the tip cannot point there
     │   ├── CartesianPathError                  not along the path; names the place
@@ -63,6 +64,7 @@ __all__ = [
     "NoPortError",
     "NotSettledError",
     "OrientationError",
+    "PictureError",
     "PortBusyError",
     "PortError",
     "PortLostError",
@@ -318,6 +320,12 @@ class CalibrationError(IkservoError):
     """The arm is not calibrated, or its calibration contradicts the servos."""
 
     exit_code = ExitCode.CALIBRATION
+
+
+class PictureError(CalibrationError):
+    """A camera gives no picture, or one that does not show the board: nothing is known by it."""
+
+    exit_code = ExitCode.FAILED
 
 
 class UnreachableError(IkservoError, ValueError):

@@ -12,7 +12,7 @@ import typer
 
 from ikservo.cli.completion import complete_from
 from ikservo.cli.options import JsonOption, OverwriteOption, ServoPortOption
-from ikservo.cli.quantities import parse_length_m
+from ikservo.cli.quantities import parse_length_m, parse_pixels
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.errors import BadValueError, ExitCode, InputError, UnknownNameError
 from ikservo.eyes.board import DEFAULT_BOARD, Board
@@ -94,9 +94,9 @@ def command(
     """Write the board for a calibration, check whether a camera has moved, or find a zero by it.
 
     A check looks at the board on the gripper, where it was calibrated, or at one on the table that
-    was remembered. Nothing moves. Exit code 6: the camera has moved; no target is taken from its
-    pictures until it is back. The zero of a last joint that no board shows is found by the pixel of
-    the tip, and saved.
+    was remembered. Nothing moves. Exit code 6: the camera has moved, and no target is taken from
+    its pictures until it is back; 1: the picture does not show the board. The zero of a last joint
+    that no board shows is found by the pixel of the tip, and saved.
 
     ikservo camera board board.svg --board 7x9-15mm-5x5
 
@@ -246,8 +246,8 @@ def _parse_pixel(text: str | None) -> tuple[float, float]:
     if text is None:
         raise InputError("Where is the tip in the picture?", "Add its pixel: --at 512,300")
     try:
-        u, v = map(float, text.split(","))
-    except ValueError:
+        u, v = map(parse_pixels, text.split(","))
+    except (ValueError, typer.BadParameter):
         raise BadValueError("--at", repr(text), "two numbers, such as 512,300") from None
     return u, v
 

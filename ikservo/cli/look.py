@@ -19,14 +19,16 @@ from ikservo.cli.options import (
     StraightOption,
     ToolOptions,
 )
-from ikservo.cli.quantities import parse_length_m
+from ikservo.cli.quantities import parse_length_m, parse_pixels
 from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import print_json, print_lines
 from ikservo.errors import BadValueError, format_point
 
 __all__ = ["command"]
 
-Pixel = Annotated[float, typer.Argument(help="Pixels, from the top left corner.")]
+Pixel = Annotated[
+    float, typer.Argument(parser=parse_pixels, help="Pixels, from the top left corner.")
+]
 Height = Annotated[
     float | None,
     typer.Option(

@@ -60,6 +60,14 @@ def parse_tool_speed_m_s(text: str) -> float:
     return speed_m_s
 
 
+def parse_pixels(text: str | float) -> float:
+    """Parse a pixel's place across or down a picture; it may be beside the picture."""
+    try:
+        return float(str(text).replace("\N{MINUS SIGN}", "-"))
+    except ValueError:
+        raise typer.BadParameter(f"{text!r} is not a number of pixels.") from None
+
+
 def parse_axis(text: str) -> tuple[float, float, float]:
     """Parse a direction from ``x``, ``y`` or ``z``, or from three numbers like ``0,0,-1``."""
     if text.lower() in _AXES:

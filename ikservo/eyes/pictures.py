@@ -9,7 +9,7 @@ from typing import Any, Protocol, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo.errors import CalibrationError, InputError
+from ikservo.errors import CalibrationError, InputError, PictureError
 from ikservo.eyes.board import Board, require_opencv
 from ikservo.eyes.capture import open_capture
 from ikservo.eyes.estimation import BoardSample, LensTerms
@@ -44,7 +44,7 @@ class PictureSource(Protocol):
         """Take a picture of what is before the camera now.
 
         Raises:
-            CalibrationError: There is none.
+            PictureError: There is none.
         """
         ...
 
@@ -67,13 +67,13 @@ class LiveCamera:
         """Take a picture; older ones that the driver holds are thrown away.
 
         Raises:
-            CalibrationError: The camera gives none any more.
+            PictureError: The camera gives none any more.
         """
         for _ in range(_STALE_PICTURES):
             self._capture.grab()
         taken, picture = self._capture.read()
         if not taken:
-            raise CalibrationError(
+            raise PictureError(
                 f"Camera {self._source} gives no picture any more.", "Is it still plugged in?"
             )
         return np.asarray(picture, dtype=np.uint8)
@@ -147,7 +147,7 @@ def find_board(board: Board, picture: Picture) -> BoardView:
     """Find a board in a picture.
 
     Raises:
-        CalibrationError: It is not there, or only a part of it, blurred, mirrored or another board;
+        PictureError: It is not there, or only a part of it, blurred, mirrored or another board;
             says which.
     """
     import cv2  # noqa: PLC0415  # of the extra `camera`
@@ -157,18 +157,18 @@ def find_board(board: Board, picture: Picture) -> BoardView:
     if len(ids) >= _MIN_CORNERS:
         return BoardView(ids, corners, (grey.shape[1], grey.shape[0]))
     if is_mirrored(board, grey):
-        raise CalibrationError("The picture is mirrored.", "Switch that off in the camera.")
+        raise PictureError("The picture is mirrored.", "Switch that off in the camera.")
     if markers and not len(ids):
-        raise CalibrationError(
+        raise PictureError(
             f"There is too little of the board in the picture, or another one than {board.name}.",
             "Name the board that you printed.",
         )
     contrast = float(grey.std())
     sharpness = float(cv2.Laplacian(grey, cv2.CV_64F).var()) / max(contrast**2, 1.0)
     if contrast > 5.0 and sharpness < _MIN_SHARPNESS:
-        raise CalibrationError("The picture is blurred.", "Focus the camera; more light helps.")
-    raise CalibrationError(f"The board {board.name} is not seen.",
-                           "Is it before the camera, flat and lit?")  # fmt: skip
+        raise PictureError("The picture is blurred.", "Focus the camera; more light helps.")
+    raise PictureError(f"The board {board.name} is not seen.",
+                       "Is it before the camera, flat and lit?")  # fmt: skip
 
 
 def guess_intrinsics(board: Board, views: Sequence[BoardView]) -> Intrinsics:
@@ -265,7 +265,7 @@ def board_pose(board: Board, view: BoardView, intrinsics: Intrinsics) -> Matrix:
     Of the two poses that a flat board may have, that with the smaller error.
 
     Raises:
-        CalibrationError: The corners fit none.
+        PictureError: The corners fit none.
     """
     import cv2  # noqa: PLC0415  # of the extra `camera`
 
@@ -274,7 +274,7 @@ def board_pose(board: Board, view: BoardView, intrinsics: Intrinsics) -> Matrix:
         points, view.pixels, intrinsics.matrix, intrinsics.distortion, flags=cv2.SOLVEPNP_IPPE
     )
     if not count or not float(np.ravel(errors)[0]) < _MAX_REPROJECTION_PX:
-        raise CalibrationError("The board is bent, or badly seen.", "Glue it on something flat.")
+        raise PictureError("The board is bent, or badly seen.", "Glue it on something flat.")
     turn, at = cv2.solvePnPRefineLM(
         points, view.pixels, intrinsics.matrix, intrinsics.distortion, turns[0], places[0]
     )

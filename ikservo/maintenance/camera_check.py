@@ -11,7 +11,7 @@ from ikservo.arm.arm import Arm
 from ikservo.arm.camera import camera_key, camera_model, known_camera, size_error
 from ikservo.calibration.camera_file import CameraCheck, CameraFile, save_camera
 from ikservo.calibration.records import CalibratedCamera, SeenBoard
-from ikservo.errors import CalibrationError
+from ikservo.errors import CalibrationError, PictureError
 from ikservo.eyes.board import Board
 from ikservo.eyes.camera_model import CameraModel
 from ikservo.eyes.pictures import BoardView, PictureSource, board_pose, find_board
@@ -22,6 +22,7 @@ from ikservo.maintenance.camera_calibration import seen_board
 __all__ = ["BoardPlace", "check_camera", "compare_place", "remember_board", "stored_pose"]
 
 _OFF_MM, _OFF_DEG = 3.0, 1.5  # what a picture's noise does not reach
+_ON_GRIPPER_MM, _ON_GRIPPER_DEG = 30.0, 10.0  # of a board that was pushed there, or a moved camera
 _GRIPPER_DEG = 1.0  # by which joints may tilt a board besides
 _LOOKS = 5
 
@@ -83,7 +84,8 @@ def check_camera(
 
     Raises:
         UnknownNameError: The arm has no camera of that name.
-        CalibrationError: The arm has no calibrated camera, or the board is not seen.
+        CalibrationError: The arm has no calibrated camera.
+        PictureError: The board is not seen.
         FileWriteError: The result cannot be saved.
     """
     camera, known, name = known_camera(arm.context, name)
@@ -99,12 +101,21 @@ def remember_board(arm: Arm, source: PictureSource, board: Board, name: str = ""
     """Save where a board lies on the table, for later checks of the camera of that name.
 
     Raises:
-        CalibrationError: The arm has no calibrated camera, it has moved, or the board is not seen.
+        CalibrationError: The arm has no calibrated camera, or it has moved.
+        PictureError: The board is not seen, or still on the gripper.
         FileWriteError: It cannot be saved.
     """
-    _, known, name = known_camera(arm.context, name)
-    model = arm.camera.named(name).model()
-    T = model.T_base_camera @ _seen(model, board, _look(source, board))
+    camera, known, name = known_camera(arm.context, name)
+    model, view = arm.camera.named(name).model(), _look(source, board)
+    if camera.board is not None and camera.board.name == board.name:
+        gripper = BoardPlace(camera, CameraFile(calibrated=known.calibrated))
+        check = compare_place(model, gripper, _tip_pose(arm), view, known.calibrated)
+        if check.off_mm < _ON_GRIPPER_MM and check.turned_deg < _ON_GRIPPER_DEG:
+            raise PictureError(
+                "The board is where it was on the gripper: it would move with the arm.",
+                "Take it off, and lay it on the table where the camera sees it.",
+            )
+    T = model.T_base_camera @ _seen(model, board, view)
     stored = seen_board(board.name, T, 1.0)
     known = known.model_copy(update={"board": stored})
     save_camera(arm.model.name, camera_key(arm.context), known, name)

@@ -68,6 +68,7 @@ def test_a_moved_camera_is_found_and_its_pictures_are_refused_until_it_is_back(
 
 @pytest.mark.full
 def test_a_board_on_the_table_is_remembered_and_compared(run_cli, move_camera):
+    move_camera([-0.05, 0.0, 0.0])  # which is, for a camera that stands, a board elsewhere
     found = run_cli(f"camera check {ARM} --camera sim --remember --json")
     assert found.code == 0
     assert found.json["board"] == "5x7-12mm-4x4"
@@ -75,6 +76,16 @@ def test_a_board_on_the_table_is_remembered_and_compared(run_cli, move_camera):
     assert (found.code, found.json["board"]) == (0, "table")
     move_camera([0.0, 0.006, 0.0])
     assert run_cli(f"camera check {ARM} --camera sim").code == 6
+
+
+def test_a_board_that_is_still_on_the_gripper_is_not_remembered(run_cli, move_camera):
+    for by_m in (0.0, 0.01):  # pushed on the gripper since
+        move_camera([by_m, 0.0, 0.0])
+        refused = run_cli(f"camera check {ARM} --camera sim --remember")
+        assert (refused.code, "is where it was on the gripper" in refused.err) == (1, True)
+    move_camera([-0.01, 0.0, 0.0])
+    found = run_cli(f"camera check {ARM} --camera sim --json")
+    assert (found.code, found.json["board"]) == (0, "gripper")
 
 
 def test_look_prints_the_point_that_a_pixel_sees_and_moves_there(run_cli, camera):
@@ -97,23 +108,28 @@ def test_look_prints_the_point_that_a_pixel_sees_and_moves_there(run_cli, camera
     ("words", "code", "text"),
     [
         (f"look 5 4000 {LOOK}", 2, "one of the picture's 960 x 720"),
+        (f"look 480 -360 {LOOK}", 2, "The pixel is 480, -360.\nExpected one of"),
+        (f"look -5 3 {LOOK}", 2, "The pixel is -5, 3.\nExpected one of"),
+        (f"look 480 x {LOOK}", 2, "'x' is not a number of pixels"),
         (f"look nan 4 {LOOK}", 2, "one of the picture's 960 x 720"),
         (f"look 480 100 {LOOK} --height 3m", 2, "does not meet the table"),
         (f"look 480 400 {LOOK} --dry-run", 2, "--move, which it would plan"),
         (f"look 480 400 {LOOK} --pitch -90", 2, "given without --move"),
         (f"look 480 400 {LOOK} --keep-above 0.02", 2, "given without --move"),
-        ("look 480 400 --arm koch --port sim", 6, "koch has no calibrated camera"),
+        ("look 480 400 --arm koch --port sim", 6, "calibrate the arm before the camera"),
         ("camera check koch --port sim --camera sim", 6, "koch has no calibrated camera"),
         (f"camera check {ARM}", 2, "Add: --camera 0"),
         (f"camera check {ARM} --camera 77", 2, "There is no camera 77"),
         (f"camera check {ARM} --camera sim --within 0", 2, "above 0"),
-        (f"camera check {ARM} --camera sim --remember --board 9x9-5mm-5x5", 6, ""),
+        (f"camera check {ARM} --camera sim --remember --board 9x9-5mm-5x5", 1, "not seen"),
         ("camera board --camera 0", 2, "an option of check only"),
         ("camera board --at 1,2", 2, "an option of tip only"),
         (f"camera check {ARM} --camera sim --at 1,2", 2, "an option of tip only"),
         (f"camera tip {ARM} --at 1,2 --camera sim", 2, "an option of check only"),
         (f"camera tip {ARM}", 2, "Add its pixel: --at 512,300"),
         (f"camera tip {ARM} --at 480", 2, "two numbers, such as 512,300"),
+        (f"camera tip {ARM} --at=-5,3", 2, "The pixel is -5, 3.\nExpected one of"),
+        (f"camera tip {ARM} --at -5,3", 2, "The pixel is -5, 3.\nExpected one of"),
         (f"camera tip {ARM} --at 480,nan", 2, "one of the picture's 960 x 720"),
         (f"camera tip {ARM} --at 480,360", 6, "A simulated arm's zeros are right"),
         (f"camera tip {ARM} --at 480,360 --camera-name left", 2, "no camera named 'left'"),
@@ -129,17 +145,17 @@ def test_bad_input_is_one_sentence(run_cli, words, code, text):
 
 @pytest.mark.full
 @pytest.mark.parametrize(
-    ("spoil", "text"),
+    ("spoil", "code", "text"),
     [
-        (lambda picture: np.full_like(picture, 100), "is not seen"),
-        (lambda picture: cv2.GaussianBlur(picture, (0, 0), 12), "blurred"),
-        (lambda picture: np.ascontiguousarray(picture[:, ::-1]), "mirrored"),
-        (lambda picture: cv2.resize(picture, (1200, 900)), "1200 x 900"),
+        (lambda picture: np.full_like(picture, 100), 1, "is not seen"),
+        (lambda picture: cv2.GaussianBlur(picture, (0, 0), 12), 1, "blurred"),
+        (lambda picture: np.ascontiguousarray(picture[:, ::-1]), 1, "mirrored"),
+        (lambda picture: cv2.resize(picture, (1200, 900)), 6, "1200 x 900"),
     ],
 )
-def test_a_bad_picture_changes_nothing_that_is_known(run_cli, monkeypatch, spoil, text):
+def test_a_bad_picture_changes_nothing_that_is_known(run_cli, monkeypatch, spoil, code, text):
     take = SimulatedCamera.take
     monkeypatch.setattr(SimulatedCamera, "take", lambda self: spoil(take(self)))
     done = run_cli(f"camera check {ARM} --camera sim")
-    assert (done.code, text in done.err) == (6, True), done.err
+    assert (done.code, text in done.err) == (code, True), done.err
     assert run_cli(f"look 480 500 {LOOK}").code == 0
