@@ -22,6 +22,7 @@ from ikservo.eyes.board import DEFAULT_BOARD, Board, require_opencv
 from ikservo.eyes.pictures import find_board
 from ikservo.maintenance.camera_by_hand import HandCalibration
 from ikservo.maintenance.camera_calibration import (
+    PRINTED_COMPLIANCE,
     ArmBefore,
     BoardPictures,
     CameraCalibration,
@@ -142,7 +143,7 @@ def calibrate_from_pictures(model: Model, folder: Path, operator: Operator, *, j
             missed += 1
     index = saved.index
     extents = before.extents(index.camera_name, by_hand=index.by_hand)
-    result = pictures.result(missed, 0.0, extents)
+    result = pictures.result(missed, 0.0, extents, by_hand=index.by_hand)
     question = Question("Save this?", Unasked.YES)
     if saved.calibration is not None:  # servos may have been mounted anew since
         print_status(f"Saving it replaces what was calibrated since {saved.calibration.written}.")
@@ -196,6 +197,18 @@ def _describe(result: CameraResult) -> Iterator[str]:
             else:
                 said = f"{value:.4g} ± {deviation:.2g} {parameter.unit}"
             yield f"{parameter.name}: {said}"
+    if result.carried is not None:
+        yield (
+            "By how its links give way, as it was calibrated before, the arm carried about "
+            f"{result.carried:.0%} of its weight in the pictures, and the hand the rest."
+        )
+    if result.sag_m is not None:
+        yield (
+            "How its links give way is not known, and a hand hides it. Where the arm carries "
+            "itself its tip is further off than these figures say: in these postures by about "
+            f"{_mm(result.sag_m)} if each joint gives way by {PRINTED_COMPLIANCE} rad for each "
+            "N m, as printed ones do. Without --by-hand the arm learns that."
+        )
     unknown = [each.name for each in fit.parameters if not each.is_determined]
     if unknown:
         yield f"Not shown by these pictures, and kept: {', '.join(unknown)}."
@@ -222,6 +235,8 @@ def _fields(result: CameraResult) -> dict[str, object]:
         "after_m": estimate.after_m,
         "board_scale": 1.0 + fit.scale,
         "tip_shows": result.tip_shows,
+        "carried": result.carried,
+        "sag_m": result.sag_m,
         "T_camera_base": fit.T_camera_base,
         "lens_px": result.intrinsics.matrix,
         "distortion": result.intrinsics.distortion,

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from ikservo.arm.arm import Arm
-from ikservo.errors import CalibrationError
+from ikservo.errors import CalibrationError, PictureError
 from ikservo.eyes.board import Board
 from ikservo.eyes.estimation import Extent
 from ikservo.eyes.pictures import BoardView, Picture, PictureSource, find_board
@@ -78,12 +78,13 @@ class HandCalibration:
                 used_s = clock.now_s()
             clock.sleep_until(clock.now_s() + _PERIOD_S)
         if len(self._pictures) < LEAST_SHARE * self._count:
-            raise CalibrationError(
+            raise PictureError(
                 f"No new picture for {_WAIT_S:.0f} s, and {len(self._pictures)} of {self._count} "
                 f"so far. {self._last_error}".rstrip(),
                 "Show the board in postures that differ, and keep the arm still for a second.",
             )
-        return self._pictures.result(self._missed, used_s - began_s, self._extents)
+        duration_s = used_s - began_s
+        return self._pictures.result(self._missed, duration_s, self._extents, by_hand=True)
 
     def _use_picture(self) -> bool:
         """Look once; return whether the picture was used."""
@@ -127,7 +128,7 @@ class HandCalibration:
         """
         picture = self._camera.take()
         if self._last is not None and np.array_equal(picture, self._last):
-            raise CalibrationError("The camera's picture stands still.", "Plug it in again.")
+            raise PictureError("The camera's picture stands still.", "Plug it in again.")
         self._last = picture
         try:
             return picture, find_board(self._pictures.board, picture)

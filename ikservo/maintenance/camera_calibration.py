@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
@@ -18,7 +18,7 @@ from ikservo.calibration import JointMap
 from ikservo.calibration.calibration_file import load_calibration, save_calibration
 from ikservo.calibration.camera_file import SIMULATED, CameraFile, camera_names, save_camera
 from ikservo.calibration.records import CalibratedCamera, Calibration, SeenBoard
-from ikservo.errors import CalibrationError, RefusedError
+from ikservo.errors import CalibrationError, PictureError, RefusedError
 from ikservo.eyes.board import Board
 from ikservo.eyes.estimation import (
     BoardSample,
@@ -47,12 +47,15 @@ from ikservo.maintenance.picture_folder import PictureFolder
 from ikservo.maintenance.touch_off import shift_zeros
 from ikservo.model import Model
 
-__all__ = ["HAND_EXTENTS", "LEAST_SHARE", "ArmBefore", "BoardPictures", "CameraCalibration",
-           "CameraResult", "chain_maps", "measured_joints", "save_camera_result",
-           "seen_board"]  # fmt: skip
+__all__ = ["HAND_EXTENTS", "LEAST_SHARE", "PRINTED_COMPLIANCE", "ArmBefore", "BoardPictures",
+           "CameraCalibration", "CameraResult", "chain_maps", "measured_joints",
+           "save_camera_result", "seen_board"]  # fmt: skip
 
 HAND_EXTENTS = (Extent.CAMERA, Extent.ZEROS)
 """What is estimated by hand."""
+
+PRINTED_COMPLIANCE = 0.05
+"""By which each joint of a printed arm gives way, rad for each N m: 0.05 to 0.1 were seen."""
 
 LEAST_SHARE = 0.5
 """Of the pictures that were asked for: with fewer nothing is estimated."""
@@ -64,6 +67,7 @@ _SETTLE_S = 0.3  # after a motion: what swings is blurred
 _TIP_M = 0.001  # by which a zero that nobody knows better may move the tip
 _EXPOSURE_TRIES, _STEADY_GREY = 5, 4.0  # pictures, and by how much their mean may differ, of 255
 _LENS_STEPS, _SAME_LENS = 6, 1e-3  # of its numbers
+_CARRIED = (0.0, 0.25, 0.5, 0.75, 1.0)  # shares of its weight that an arm in a hand may carry
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -77,6 +81,10 @@ class CameraResult:
         pictures: In how many the board was seen.
         missed: In how many it was not.
         duration_s: From the first picture to the last, by the arm's clock.
+        carried: Which share of its weight the arm carried itself while somebody held it; None if
+            nobody did, or it is not known how its links give way.
+        sag_m: Where that is not known: how far the tip would sag, root mean square, where the arm
+            carries itself in these postures and gives way by ``PRINTED_COMPLIANCE``. Else None.
     """
 
     estimate: CameraEstimate
@@ -85,6 +93,8 @@ class CameraResult:
     pictures: int
     missed: int
     duration_s: float
+    carried: float | None = None
+    sag_m: float | None = None
 
     @property
     def tip_shows(self) -> str | None:
@@ -194,7 +204,12 @@ class BoardPictures:
         return fit, intrinsics
 
     def result(
-        self, missed: int, duration_s: float, extents: Sequence[Extent] = tuple(Extent)
+        self,
+        missed: int,
+        duration_s: float,
+        extents: Sequence[Extent] = tuple(Extent),
+        *,
+        by_hand: bool = False,
     ) -> CameraResult:
         """Estimate camera and arm; see ``CameraResult``.
 
@@ -202,13 +217,38 @@ class BoardPictures:
             missed: In how many pictures the board was not seen.
             duration_s: From the first picture to the last.
             extents: What may be estimated.
+            by_hand: Whether somebody held the arm. How much of its weight bent it is that share,
+                of some, with which pictures that are left out are predicted best.
 
         Raises:
             CalibrationError: The pictures do not suffice, or contradict each other.
         """
-        intrinsics = self.fit()[1]
-        estimate = estimate_camera(self._known, self._samples(intrinsics), extents)
-        return CameraResult(estimate, intrinsics, self.board, len(self), missed, duration_s)
+        intrinsics, known = self.fit()[1], self._known
+        samples = self._samples(intrinsics)
+        is_tried = by_hand and bool(known.compliance.any() or known.half_play.any())
+        estimates = {
+            share: estimate_camera(
+                replace(
+                    known, compliance=share * known.compliance, half_play=share * known.half_play
+                ),
+                samples,
+                extents,
+            )
+            for share in (_CARRIED if is_tried else (1.0,))
+        }
+        share, best = min(estimates.items(), key=lambda each: each[1].after_m)
+        return CameraResult(
+            best, intrinsics, self.board, len(self), missed, duration_s,
+            carried=share if is_tried else None,
+            sag_m=self._printed_sag_m() if by_hand and not is_tried else None,
+        )  # fmt: skip
+
+    def _printed_sag_m(self) -> float:
+        chain, q = self._known.dynamics.chain, np.array(self.joints)
+        turns = np.array([float(kind is JointType.REVOLUTE) for kind in chain.kinds])
+        bent = replace(self._known, compliance=PRINTED_COMPLIANCE * turns)
+        sag_m: Matrix = chain.forward(bent.link_joints(q))[:, :3, 3] - chain.forward(q)[:, :3, 3]
+        return math.sqrt(float(np.sum(sag_m**2)) / len(q))
 
     def _samples(self, intrinsics: Intrinsics) -> list[BoardSample]:
         samples: list[BoardSample] = []
@@ -264,7 +304,7 @@ class CameraCalibration:
         while len(self._pictures) < self._count and self._visit_best(home):
             pass
         if len(self._pictures) < LEAST_SHARE * self._count:
-            raise CalibrationError(
+            raise PictureError(
                 f"The board is seen in no more postures than {len(self._pictures)}.",
                 "Put the camera further away, or the board more into its middle.",
             )
@@ -336,11 +376,11 @@ class CameraCalibration:
             if abs(float(picture.mean()) - float(before.mean())) < _STEADY_GREY:
                 break
         else:
-            raise CalibrationError(
+            raise PictureError(
                 "The camera's brightness keeps changing.", "Switch its automatic exposure off."
             )
         if self._last is not None and np.array_equal(picture, self._last):
-            raise CalibrationError("The camera's picture stands still.", "Plug it in again.")
+            raise PictureError("The camera's picture stands still.", "Plug it in again.")
         self._last = picture
         return picture
 
