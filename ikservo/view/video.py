@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.clock import Clock
-from ikservo.errors import InputError
+from ikservo.errors import IkservoError, InputError
 from ikservo.eyes.capture import Capture, open_capture
 from ikservo.eyes.pictures import PictureSource
 from ikservo.eyes.sources import SIMULATED_SOURCE
@@ -132,7 +132,12 @@ class VideoSource:
         """Read while somebody looks; open a camera that failed again and again."""
         while not self._ending.is_set():
             self._wanted.wait()
-            self._read_while_watched()
+            try:
+                self._read_while_watched()
+            except Exception as error:  # of a driver: the next picture may be there
+                ours = isinstance(error, IkservoError)
+                why = error.message if ours else f"it has failed: {error!r}."
+                self._error = f"No picture from {self.name}: {why}"
             if not self._watchers:
                 self._wanted.clear()
                 self._picture = None

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from ikservo.clock import RealClock
-from ikservo.errors import InputError
+from ikservo.errors import InputError, PictureError
 from ikservo.model import load_model
 from ikservo.view.app import ViewApp
 from ikservo.view.served_arms import ArmAtPort
@@ -86,6 +86,29 @@ def test_a_camera_is_read_only_while_somebody_looks_and_says_when_it_is_unplugge
         webcam.plugged = True
         until(lambda: not source.trouble)
         loop.run_until_complete(looking.aclose())  # as the server does once its page is gone
+        loop.close()
+        until(lambda: webcam.released == webcam.opened)
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (PictureError("Camera 0 gives no picture any more."), "gives no picture any more"),
+        (RuntimeError("a driver"), "it has failed: RuntimeError('a driver')"),
+    ],
+)
+def test_a_camera_that_raises_is_reported_and_its_picture_comes_back(error, said):
+    webcam, clock = Webcam(), SteppedClock()
+    with VideoSource("0", clock, webcam.open) as source:
+        loop, looking = asyncio.new_event_loop(), source.stream()
+        loop.run_until_complete(anext(looking))
+        webcam.error = error
+        clock.ahead_s = 3.0
+        until(lambda: said in source.trouble, lambda: source.trouble)
+        assert not source.is_fresh
+        webcam.error = None
+        until(lambda: source.is_fresh and not source.trouble)
+        loop.run_until_complete(looking.aclose())
         loop.close()
         until(lambda: webcam.released == webcam.opened)
 

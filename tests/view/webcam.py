@@ -10,7 +10,7 @@ class Webcam:
 
     def __init__(self):
         self.plugged, self.opened, self.released = True, 0, 0
-        self.pace = threading.Event()
+        self.pace, self.error = threading.Event(), None
 
     def open(self, _source):
         self.opened += 1
@@ -21,6 +21,8 @@ class Webcam:
 
     def read(self):
         self.pace.wait(0.01)
+        if self.error is not None:
+            raise self.error
         return self.plugged, np.full((24, 32, 3), (0, 0, 255), np.uint8)
 
     def release(self):
