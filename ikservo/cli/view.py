@@ -129,7 +129,7 @@ def command(
         for warning in urls.warnings:
             print_status(warning)
         if bench is None:
-            _print_arms(app)
+            _print_arms(app, has_camera=bool(camera or camera_name))
             warn_uncompiled()
         print_status("Ctrl-C ends; torque does not change.")
         sys.stdout.flush()
@@ -193,11 +193,12 @@ def _among_things(places: list[ArmAtPort], scene: Path) -> list[ArmAtPort]:
     return [replace(places[0], model=with_scene(places[0].model, scene))]
 
 
-def _print_arms(app: ViewApp) -> None:
+def _print_arms(app: ViewApp, *, has_camera: bool) -> None:
     """Say which of several arms could not be opened, or that there is none yet."""
     served = app.arms.all()
     if not served:
-        print_status("No arm is open. Choose one on the page: nothing moves by that.")
+        shown = " The camera's picture is shown with it." if has_camera else ""
+        print_status(f"No arm is open. Choose one on the page: nothing moves by that.{shown}")
     for each in served:
         if each.error is not None:
             print_status(f"{each.name}: {each.error.message}\n{each.error.hint}")

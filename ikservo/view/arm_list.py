@@ -200,6 +200,7 @@ class ArmList:
             "new_arm": self._new_arm.fields() if may_control else None,
             "permission": self._permissions[client_id].value,
             "arms": [arm.fields() for arm in self._arms.all()],
+            "cameras": self._arms.camera_names,
             **self._choices.found.fields(),
         }
         self._sent[client_id] = (now_s, frame)

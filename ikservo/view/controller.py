@@ -30,6 +30,7 @@ from ikservo.view.interaction import Interaction
 from ikservo.view.labels import STOP_TEXTS
 from ikservo.view.lens_camera import LensCamera
 from ikservo.view.messages import BadMessageError, Message
+from ikservo.view.page_cameras import ArmCameras
 from ikservo.view.plots import PlotFeed
 from ikservo.view.program_messages import ProgramMessage
 from ikservo.view.program_panel import ProgramPanel
@@ -38,7 +39,6 @@ from ikservo.view.servo_panel import ServoPanel
 from ikservo.view.snapshot import StopNotice
 from ikservo.view.thing_messages import SaveThings, ThingMessage
 from ikservo.view.things_panel import ThingsPanel
-from ikservo.view.video import VideoSource
 from ikservo.view.viewpoints import Viewpoint, available_views
 
 __all__ = ["SessionController"]
@@ -62,8 +62,7 @@ class SessionController:
         clock: The time of the page.
         downloads: Where files are offered; a place of its own if None.
         find_arm: Finds another arm of the page, to be followed.
-        video: The pictures of the arm's camera, if it has one.
-        camera_name: Of that camera; see ``CameraView``.
+        cameras: The cameras that the arm may show; None for none.
 
     Attributes:
         downloads: The files that pages have asked for.
@@ -75,11 +74,10 @@ class SessionController:
         clock: Clock,
         downloads: DownloadOffers | None = None,
         find_arm: FindArm = lambda _: None,
-        video: VideoSource | None = None,
-        camera_name: str = "",
+        cameras: ArmCameras | None = None,
     ) -> None:
         self._arm_thread, self._clock = arm_thread, clock
-        self._video, self._camera_name = video, camera_name
+        self._cameras = cameras
         self._arm = arm_thread.arm
         self._interaction = Interaction(arm_thread.arm, clock)
         self._planner = GoalPlanner(arm_thread.arm)
@@ -124,6 +122,7 @@ class SessionController:
             msg.ArmAction: self._start_action,
             msg.MarkTip: self._mark_tip,
             msg.FollowArm: self._follow_arm,
+            msg.ChooseCamera: self._choose_camera,
             msg.ReadServo: self._read_servo,
             msg.WriteRegister: self._write_register,
             **dict.fromkeys(get_args(ProgramMessage), self._handle_program),
@@ -407,6 +406,20 @@ class SessionController:
         found = picture.find_tip_zero(camera, px, snapshot)
         self._arm_thread.request_job(SetTipZero(found))
 
+    def _choose_camera(self, message: msg.ChooseCamera, _client: Client) -> None:
+        """Show another camera; who looks through one that is no view sees the first view."""
+        if self._cameras is None:
+            raise BadMessageError("This arm has no camera.")
+        self._cameras.choose(message.camera)
+        if self._camera_view is not None:
+            self._camera_view.close()
+        self._camera_view = self._find_camera_view()
+        self._composer.show_camera(self._camera_view)
+        for client in self._clients.values():
+            client.sent.pop("arm_info", None)
+            if client.view.name not in self._composer.views:
+                client.view = Viewpoint(self._composer.views[0])
+
     def _follow_arm(self, message: msg.FollowArm, _client: Client) -> None:
         if message.leader is None:
             self._following.finish()
@@ -497,10 +510,11 @@ class SessionController:
 
     def _find_camera_view(self) -> CameraView | None:
         """Find the view of the arm's camera, or None and say why its picture is one only."""
-        if self._video is None:
+        cameras = self._cameras
+        if cameras is None or cameras.video is None:
             return None
         try:
-            return CameraView(self._arm, self._video, self._clock, self._camera_name)
+            return CameraView(self._arm, cameras.video, self._clock, cameras.name)
         except IkservoError as error:
             self._interaction.log(f"Clicks in the picture are no targets: {error.message}")
             return None

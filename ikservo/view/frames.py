@@ -271,20 +271,24 @@ class FrameComposer:
         clock: Clock,
         camera_view: CameraView | None = None,
     ) -> None:
-        self._camera_view = camera_view
         self._lease = arm_thread.lease
         self._arm_thread, self._interaction, self._clock = arm_thread, interaction, clock
         arm = arm_thread.arm
         self.extent = arm_extent(arm.model)
-        self.views: tuple[ViewName, ...] = available_views(self.extent)
-        if camera_view is not None:
-            self.views += ("camera",)
+        self.show_camera(camera_view)
         self._make_camera = lru_cache(_KEPT_CAMERAS)(partial(make_camera, self.extent))
         self._graph = SceneGraph(arm.model, arm.chain, self.extent)
         self._regions = ReachableRegionCache(arm.chain)
         self._analyser = PostureAnalyser(arm.chain, VisibilityChecker(arm.model), clock)
         self._previous: Vector | None = None
         self._index = arm.joint_index
+
+    def show_camera(self, camera_view: CameraView | None) -> None:
+        """Offer the picture of a calibrated camera as a view; None for none."""
+        self._camera_view = camera_view
+        self.views: tuple[ViewName, ...] = available_views(self.extent)
+        if camera_view is not None:
+            self.views += ("camera",)
 
     def close(self) -> None:
         """Cancel the background computations."""

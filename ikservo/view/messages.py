@@ -19,6 +19,7 @@ __all__ = [
     "ArmAction",
     "BadMessageError",
     "CalibrationAnswer",
+    "ChooseCamera",
     "DragTool",
     "FitView",
     "FollowArm",
@@ -222,6 +223,13 @@ class MarkTip(PageMessage):
     y: Pixels
 
 
+class ChooseCamera(PageMessage):
+    """Show the pictures of another camera of the arm."""
+
+    kind: Literal["choose_camera"]
+    camera: Annotated[str, Field(max_length=512)]
+
+
 class Stop(PageMessage):
     """Stop and hold until acknowledged."""
 
@@ -423,6 +431,7 @@ Message = (
     | ShowPlots
     | SaveHistory
     | FollowArm
+    | ChooseCamera
     | ReadServo
     | WriteRegister
     | SaveThings

@@ -1,4 +1,4 @@
-"""The cameras of a page: each arm shows the one that it was calibrated with."""
+"""The cameras of a page: each arm shows the one that it was calibrated with, or a chosen one."""
 
 from __future__ import annotations
 
@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 
 from ikservo.arm import Arm
-from ikservo.arm.camera import known_camera
+from ikservo.arm.camera import camera_sources, known_camera
 from ikservo.clock import Clock
-from ikservo.errors import IkservoError
+from ikservo.errors import IkservoError, UnknownNameError
 from ikservo.eyes.board import DEFAULT_BOARD, Board
 from ikservo.eyes.sources import SIMULATED_SOURCE, open_source
-from ikservo.view.video import PictureCapture, VideoSource
+from ikservo.view.video import PictureCapture, VideoSource, source_name
 
-__all__ = ["PageCameras"]
+__all__ = ["ArmCameras", "PageCameras"]
 
 
 class PageCameras:
@@ -38,6 +38,11 @@ class PageCameras:
             if source != SIMULATED_SOURCE:
                 self._videos[source] = VideoSource(source, clock)
 
+    @property
+    def names(self) -> list[str]:
+        """What the sources are called."""
+        return [source_name(source) for source in self._sources]
+
     def __enter__(self) -> PageCameras:
         """Start to read; a camera is opened once somebody looks."""
         for video in self._videos.values():
@@ -48,19 +53,22 @@ class PageCameras:
         """Close the cameras."""
         self._exits.close()
 
-    def open_before(self, arm: Arm, exits: ExitStack) -> VideoSource | None:
+    def open_before(
+        self, arm: Arm, exits: ExitStack, source: str | None = None
+    ) -> VideoSource | None:
         """Return the pictures that an arm shows; None if it shows none.
 
         Args:
             arm: The arm.
             exits: Closes a simulated camera, which stands before this arm alone.
+            source: Of the pictures; the one that it shows at first if None.
 
         Raises:
             CalibrationError: The arm has no calibrated camera, and one is named.
             InputError: It has none of that name, or it is not there, or not that of this arm.
             FileFormatError: A file about it is damaged.
         """
-        source = self._source_before(arm)
+        source = source or self._source_before(arm)
         if source is None:
             return None
         if source == SIMULATED_SOURCE:
@@ -75,6 +83,21 @@ class PageCameras:
                 self._videos[source] = self._exits.enter_context(video)
             return self._videos[source]
 
+    def choices(self, arm: Arm) -> dict[str, tuple[str, str]]:
+        """Return the source and the name of each camera that an arm may show, by what it is called.
+
+        Raises:
+            FileFormatError: A file about one is damaged.
+        """
+        own = camera_sources(arm.context)
+        names, first = {source: name for name, source in own.items()}, self._source_before(arm)
+        found = [(source, names.get(source, "")) for source in self._sources]
+        if self.name and not self._sources:
+            found = [(source, name) for name, source in own.items()]
+        elif self.name and first not in names:  # it has another number today
+            found = [(source, self.name if source == first else name) for source, name in found]
+        return {name or source_name(source): (source, name) for source, name in found}
+
     def _source_before(self, arm: Arm) -> str | None:
         """Return the source that an arm was calibrated with, or the first one."""
         first = next(iter(self._sources), None)
@@ -86,3 +109,53 @@ class PageCameras:
                 if known_camera(arm.context, source=source)[0].source == source:
                     return source
         return first
+
+
+class ArmCameras:
+    """The cameras that one arm of a page may show, and the one that it does.
+
+    Args:
+        cameras: Of the page.
+        arm: The arm.
+        exits: Closes what it opens.
+
+    Attributes:
+        video: The pictures that are shown; None for none.
+        name: Of that camera; see ``CameraView``.
+        choices: See ``PageCameras.choices``.
+        chosen: Which of them it is; empty for none.
+
+    Raises:
+        IkservoError: See ``PageCameras.open_before``.
+    """
+
+    def __init__(self, cameras: PageCameras, arm: Arm, exits: ExitStack) -> None:
+        self._cameras, self._arm, self._exits = cameras, arm, exits
+        self.video, self.name = cameras.open_before(arm, exits), cameras.name
+        self.choices = cameras.choices(arm)
+        shown = self.video and self.video.source
+        self.chosen = next(
+            (
+                called
+                for called, (source, name) in self.choices.items()
+                if source == shown and self.name in ("", name)
+            ),
+            "",
+        )
+        self._opened = {} if self.video is None else {self.video.source: self.video}
+
+    def choose(self, called: str) -> None:
+        """Show another camera from now on.
+
+        Raises:
+            UnknownNameError: It is not among the choices.
+            InputError: It is not there.
+        """
+        if called not in self.choices:
+            raise UnknownNameError("camera", called, self.choices)
+        source, name = self.choices[called]
+        if source not in self._opened:
+            video = self._cameras.open_before(self._arm, self._exits, source)
+            if video is not None:
+                self._opened[source] = video
+        self.video, self.name, self.chosen = self._opened[source], name, called

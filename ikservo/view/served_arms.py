@@ -23,7 +23,7 @@ from ikservo.view.downloads import DownloadOffers
 from ikservo.view.follow_panel import FindArm
 from ikservo.view.frames import mode
 from ikservo.view.messages import BadMessageError, Message
-from ikservo.view.page_cameras import PageCameras
+from ikservo.view.page_cameras import ArmCameras, PageCameras
 from ikservo.view.server import Frame, SessionEndedError
 from ikservo.view.snapshot import StopNotice
 from ikservo.view.video import VideoSource
@@ -95,7 +95,7 @@ class ServedArm:
         error: Why it could not be opened.
         arm_thread: Owns the arm; exists while it is open.
         controller: Handles the clients; exists while the arm is open.
-        video: The pictures of its camera, if it has one.
+        cameras: The cameras that it may show; None for none.
         camera_error: Why it has none though there should be one.
     """
 
@@ -109,7 +109,7 @@ class ServedArm:
         self._find_arm = find_arm
         self.state = ServedArmState.OPENING
         self.error: StopNotice | None = None
-        self.video: VideoSource | None = None
+        self.cameras: ArmCameras | None = None
         self.camera_error: IkservoError | None = None
         self._exits = ExitStack()
 
@@ -141,28 +141,23 @@ class ServedArm:
                     CalibrationDriver(model, port),
                 )
             )
-            name = self._open_camera(stack)
+            self._open_cameras(stack)
             self.controller = SessionController(
                 self.arm_thread,
                 settings.clock,
                 settings.downloads,
                 self._find_arm,
-                self.video,
-                name,
+                self.cameras,
             )
             stack.callback(self.controller.close)
             return stack.pop_all()
 
-    def _open_camera(self, exits: ExitStack) -> str:
-        """Find the pictures of its camera, and return the name of that; empty for none."""
+    def _open_cameras(self, exits: ExitStack) -> None:
         cameras = self._settings.cameras
-        if cameras is None:
-            return ""
         try:
-            self.video = cameras.open_before(self.arm_thread.arm, exits)
+            self.cameras = cameras and ArmCameras(cameras, self.arm_thread.arm, exits)
         except IkservoError as error:
             self.camera_error = error
-        return cameras.name
 
     def close(self) -> None:
         """Let the arm hold and close its port; waits for both."""
@@ -191,11 +186,23 @@ class ServedArm:
             "camera": self._camera_fields(),
         }
 
-    def _camera_fields(self) -> dict[str, str] | None:
-        """Return the name of its camera and what is wrong with it; None if it has none."""
+    @property
+    def video(self) -> VideoSource | None:
+        """The pictures of its camera, if it has one."""
+        return self.cameras and self.cameras.video
+
+    def _camera_fields(self) -> dict[str, object] | None:
+        """Return its camera, what is wrong with it, and which there are; None if it has none."""
         if self.camera_error is not None:
             return {"name": "no camera", "trouble": self.camera_error.message}
-        return self.video and {"name": self.video.name, "trouble": self.video.trouble}
+        if self.cameras is None or self.video is None:
+            return None
+        return {
+            "name": self.video.name,
+            "trouble": self.video.trouble,
+            "choices": list(self.cameras.choices),
+            "chosen": self.cameras.chosen,
+        }
 
     @property
     def port_name(self) -> str:
@@ -250,6 +257,11 @@ class ServedArms:
     def __init__(self, settings: ViewSettings) -> None:
         self._settings = settings
         self._arms: dict[str, ServedArm] = {}
+
+    @property
+    def camera_names(self) -> list[str]:
+        """What the cameras are called that arms show once they are open."""
+        return self._settings.cameras.names if self._settings.cameras else []
 
     def all(self) -> list[ServedArm]:
         """Return every arm, those that could not be opened included, in the order of opening."""

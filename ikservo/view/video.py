@@ -19,7 +19,7 @@ from ikservo.eyes.capture import Capture, open_capture
 from ikservo.eyes.pictures import PictureSource
 from ikservo.eyes.sources import SIMULATED_SOURCE
 
-__all__ = ["VIDEO_TYPE", "Picture", "PictureCapture", "VideoSource"]
+__all__ = ["VIDEO_TYPE", "Picture", "PictureCapture", "VideoSource", "source_name"]
 
 VIDEO_TYPE = "multipart/x-mixed-replace; boundary=picture"
 _PERIOD_S = 1.0 / 15.0  # between two pictures
@@ -39,6 +39,14 @@ class Picture:
 
     number: int
     jpeg: bytes
+
+
+def source_name(source: str) -> str:
+    """Return a source without what may be secret in an address."""
+    if "://" in source:
+        return urlsplit(source).hostname or "address"
+    is_numbered = source.isdecimal() or source == SIMULATED_SOURCE
+    return f"camera {source}" if is_numbered else Path(source).name
 
 
 class VideoSource:
@@ -93,10 +101,7 @@ class VideoSource:
     @property
     def name(self) -> str:
         """The source without what may be secret in an address."""
-        if "://" in self.source:
-            return urlsplit(self.source).hostname or "address"
-        is_numbered = self.source.isdecimal() or self.source == SIMULATED_SOURCE
-        return f"camera {self.source}" if is_numbered else Path(self.source).name
+        return source_name(self.source)
 
     @property
     def trouble(self) -> str:

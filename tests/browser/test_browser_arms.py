@@ -50,6 +50,13 @@ def row(page, name):
     return page.locator(f"#arms-open [data-arm={name}]")
 
 
+def test_without_an_arm_the_page_says_when_a_picture_is_shown(page):
+    with opened_panel(cameras=["0"]) as served:
+        page.goto(served.urls.control)
+        page.wait_for_selector("text=The picture of camera 0 is shown with an arm: open one.")
+        assert page.is_hidden("#camera")
+
+
 def test_without_an_arm_the_page_lists_what_there_is_and_opens_and_changes_it(page):
     with opened_panel() as served:
         page.goto(served.urls.control)

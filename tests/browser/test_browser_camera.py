@@ -9,10 +9,10 @@ from ikservo.view import video
 from ikservo.view.camera import Viewport
 from tests.browser.page_operator import Operator, serve_view, until
 
-pytest.importorskip("cv2")
+cv2 = pytest.importorskip("cv2")
 
-from servosim.camera import SimulatedCamera
-from tests.eyes.saved_camera import save_simulated_camera
+from servosim.camera import SimulatedCamera  # noqa: E402
+from tests.eyes.saved_camera import save_simulated_camera  # noqa: E402
 
 pytestmark = pytest.mark.browser
 
@@ -20,7 +20,17 @@ PORT = "sim:?pose=home"
 
 
 @pytest.fixture
-def operator(browser, tmp_path, monkeypatch):
+def film(tmp_path):
+    """Return a file with pictures that no arm was calibrated with."""
+    path = tmp_path / "film.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 10, (64, 48))
+    writer.write(np.full((48, 64, 3), (255, 0, 0), np.uint8))
+    writer.release()
+    return path
+
+
+@pytest.fixture
+def operator(browser, tmp_path, monkeypatch, film):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     monkeypatch.setattr(video, "_OLD_S", 30.0)  # drawing one takes seconds on a busy machine
     with ikservo.open_arm("so101", PORT) as arm:
@@ -28,7 +38,7 @@ def operator(browser, tmp_path, monkeypatch):
     _, known = load_camera("so101", SIMULATED)
     camera = known.camera.model_copy(update={"tip_shows": "wrist_roll"})
     save_camera("so101", SIMULATED, known.model_copy(update={"camera": camera}))
-    with serve_view(port=PORT, cameras=["sim"]) as served:
+    with serve_view(port=PORT, cameras=["sim", str(film)]) as served:
         context = browser.new_context(viewport={"width": 1200, "height": 800})
         operator = Operator(context.new_page(), served)
         operator.page.click("#views [value=camera]")
@@ -51,6 +61,23 @@ def test_the_tip_arrives_at_the_point_of_the_table_that_was_clicked(operator):
     operator.page.click("#execute")
     until(lambda: np.linalg.norm(operator.served.tip_m() - point_m) < 0.002,
           operator.served.tip_m)  # fmt: skip
+    assert operator.errors == []
+
+
+def test_another_camera_of_the_arm_is_chosen_on_the_page(operator):
+    page = operator.page
+    page.click("#camera-names [value='film.avi']")
+    page.wait_for_selector("#camera-names [value='film.avi'][aria-checked=true]")
+    page.wait_for_selector("#views [value=camera]", state="detached")  # it was not calibrated
+    operator.wait_for("!scene.camera.lens")
+    page.wait_for_selector("text=Clicks in the picture are no targets")
+    picture = page.locator("#camera-picture")
+    until(lambda: picture.evaluate("picture => picture.naturalWidth") == 64)
+    assert page.inner_text("#camera-note") == "film.avi"
+    page.click("#camera-names [value='camera sim']")
+    page.click("#views [value=camera]")
+    operator.wait_for("scene.camera.lens && scene.picture_trouble === ''")
+    until(lambda: picture.evaluate("picture => picture.naturalWidth") == 960)
     assert operator.errors == []
 
 

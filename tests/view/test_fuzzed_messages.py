@@ -29,6 +29,7 @@ WORDS = [
     {"kind": "orbit_camera", "dx": 10, "dy": -4, "zoom": 1.5, "at": [40, 50]},
     {"kind": "fit_view"}, {"kind": "undo", "redo": False},
     {"kind": "arm_action", "action": "execute"}, {"kind": "mark_tip", "x": 480, "y": 300},
+    {"kind": "choose_camera", "camera": "left"},
     {"kind": "set_speed", "name": "fast"},
     {"kind": "behind", "step": -1},
     {"kind": "prefer", "pose": "rest", "weights": {"elbow_flex": 0.5}},

@@ -12,7 +12,7 @@ from ikservo.model import load_model
 from ikservo.view.app import ViewApp
 from ikservo.view.camera_view import CameraView
 from ikservo.view.messages import BadMessageError
-from ikservo.view.page_cameras import PageCameras
+from ikservo.view.page_cameras import ArmCameras, PageCameras
 from ikservo.view.served_arms import ArmAtPort
 
 pytest.importorskip("cv2")
@@ -58,6 +58,27 @@ def test_an_arm_shows_the_camera_that_it_was_calibrated_with(arm, sources, name,
         assert cameras.open_before(arm, exits) is video
 
 
+@pytest.mark.parametrize(
+    ("sources", "called", "choices", "chosen"),
+    [
+        (["0", "1", "2"], "", {"camera 0": ("0", ""), "camera 1": ("1", ""), "left": ("2", "left")},
+         "camera 1"),
+        ([], "left", {"camera 1": ("1", ""), "left": ("2", "left")}, "left"),
+        (["7", "0"], "left", {"left": ("7", "left"), "camera 0": ("0", "")}, "left"),
+        ([], "", {}, ""),
+    ],
+)  # fmt: skip
+def test_the_cameras_of_an_arm_are_chosen_by_their_names(arm, sources, called, choices, chosen):
+    with PageCameras(RealClock(), sources, called) as cameras, ExitStack() as exits:
+        own = ArmCameras(cameras, arm, exits)
+        assert (own.choices, own.chosen) == (choices, chosen)
+        for each, (source, name) in choices.items():
+            own.choose(each)
+            assert (own.video.source, own.name, own.chosen) == (source, name, each)
+        with pytest.raises(UnknownNameError, match="no camera named 'right'"):
+            own.choose("right")
+
+
 def test_the_view_is_that_of_the_camera_of_the_name(arm):
     with PageCameras(RealClock(), [], "left") as cameras, ExitStack() as exits:
         video = cameras.open_before(arm, exits)
@@ -98,5 +119,10 @@ def test_a_camera_that_no_arm_has_is_one_sentence_and_one_that_another_has_is_sh
     app = ViewApp([so101, koch], camera_name="left")
     with app:
         fields = {each.name: each.fields()["camera"] for each in app.arms.all()}
-    assert fields["so101"] == {"name": "camera 2", "trouble": ""}
+    assert fields["so101"] == {
+        "name": "camera 2",
+        "trouble": "",
+        "choices": ["camera 1", "left"],
+        "chosen": "left",
+    }
     assert "no calibrated camera" in fields["koch"]["trouble"]

@@ -1,5 +1,7 @@
 """A click on the tip in a camera's picture sets the zero that no board shows; or is refused."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
@@ -32,7 +34,8 @@ class TipSession(ViewSession):
         self.arm_thread = ArmThread(
             lambda: next(opened, None) or open_own_arm(load_model(ARM), PORT), self.clock
         )
-        self.controller = SessionController(self.arm_thread, self.clock, video=self.video)
+        cameras = SimpleNamespace(video=self.video, name="")
+        self.controller = SessionController(self.arm_thread, self.clock, cameras=cameras)
         self.client = self.controller.connect(Permission.CONTROL)
         self.show("camera")
         self.rest()

@@ -55,6 +55,8 @@ def test_a_page_sees_the_pictures_at_an_address_that_its_key_gives_once(film):
         assert client.receive_kind("arms")["arms"][0]["camera"] == {
             "name": "film.avi",
             "trouble": "",
+            "choices": ["film.avi"],
+            "chosen": "film.avi",
         }
         client.send_message("show_camera", arm="planar2")
         address = f"{url}/{client.receive_kind('camera_url')['url']}"

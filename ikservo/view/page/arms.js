@@ -14,7 +14,7 @@ const STATES = {
 const IS_OPEN = new Set(["stopped", "live", "busy", "calibration", "preview"]);
 
 export class Arms {
-  constructor(key, options, follow) {
+  constructor(key, options, follow, chooseCamera) {
     this.options = options;
     this.follow = follow; // called with the name of an arm that the one shown is to follow
     this.shown = null; // the name of the arm that this page shows
@@ -29,7 +29,7 @@ export class Arms {
         this.camera.drop();
       },
     }, "arms");
-    this.camera = new CameraPicture(() => this.send("show_camera", { arm: this.shown }));
+    this.camera = new CameraPicture(() => this.send("show_camera", { arm: this.shown }), chooseCamera);
     this.newArm = new NewArm((kind, fields) => this.send(kind, fields));
     $("arms-toggle").onclick = () => ($("arms").hidden ? this.show() : this.close());
     $("arms-close").onclick = () => { this.close(); $("arms-toggle").focus(); };
@@ -77,6 +77,8 @@ export class Arms {
     this.newArm.show(message.new_arm);
     this.mayControl = message.permission === "control";
     if (first && !$("arms").hidden) this.send("find_choices"); // the list was shown before it was connected
+    const { cameras } = message;
+    setText($("arms-none"), cameras.length ? `None yet. The picture of ${cameras.join(" and ")} is shown with an arm: open one.` : "None yet.");
     this.update();
     this.showChoices(message);
     this.showWanted();

@@ -6,9 +6,10 @@ const PLACES = { off: "No camera", beside: "Beside", behind: "Behind" };
 const RETRY_MS = 2000;
 
 export class CameraPicture {
-  // askAddress() has the address of the pictures sent.
-  constructor(askAddress) {
+  // askAddress() has the address of the pictures sent; choose(name) shows another camera of the arm.
+  constructor(askAddress, chooseCamera) {
     this.askAddress = askAddress;
+    this.chooseCamera = chooseCamera;
     this.place = "beside";
     this.isView = false; // whether the drawing is over the whole picture, as the camera sees it
     this.camera = null;
@@ -19,7 +20,11 @@ export class CameraPicture {
 
   // Called with every list of arms: the camera of the one that is shown, if it has one.
   show(camera) {
+    if (camera?.chosen !== this.camera?.chosen) this.drop(); // the picture is that of another camera
     this.camera = camera;
+    const { choices = [], chosen } = camera ?? {};
+    $("camera-names").hidden = choices.length < 2;
+    updateChoices($("camera-names"), choices, chosen, this.chooseCamera);
     const place = this.isView ? "view" : this.place;
     $("camera-places").hidden = !camera || this.isView;
     $("camera").hidden = !camera || place === "off";

@@ -93,7 +93,7 @@ const servos = new Servos(send);
 const things = new Things(send, (message) => panel.showRefusal({ message, hint: "" }));
 const actions = new Actions(send);
 const leader = new Leader(key, send, () => sendViewport());
-const arms = new Arms(key, options, (name) => leader.choose(name));
+const arms = new Arms(key, options, (name) => leader.choose(name), (camera) => send("choose_camera", { camera }));
 const rendering = new Rendering($("webgl"), options.get("draw"), () => {
   if (armInfo && !viewIsChosen && viewBefore === null && !rendering.wanted) view = rendering.firstView(armInfo.views);
   sendViewport();
