@@ -24,8 +24,8 @@ from ikservo.kinematics.se3 import exp_so3, make_pose
 from ikservo.model import Model
 from ikservo.model.model import Obstacle
 
-__all__ = ["ArmCamera", "SeenPoint", "camera_key", "camera_model", "camera_sources", "first_seen",
-           "known_camera", "moved_error", "size_error", "table_m"]  # fmt: skip
+__all__ = ["ArmCamera", "SeenPoint", "camera_key", "camera_model", "first_seen", "known_camera",
+           "moved_error", "size_error", "table_m"]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -177,7 +177,9 @@ def known_camera(
         InputError: It has several, and a name is needed.
         FileFormatError: A file about it is damaged.
     """
-    arm, cameras = context.model.name, _known_cameras(context)
+    arm, key = context.model.name, camera_key(context)
+    names = camera_names(arm, key)
+    cameras = {each: found for each in names if (found := load_camera(arm, key, each))}
     if not cameras:
         raise CalibrationError(
             f"{arm} has no calibrated camera.",
@@ -192,21 +194,6 @@ def known_camera(
             raise InputError(f"{arm} has several cameras.", f"Name one: {', '.join(cameras)}.")
         name = next(iter(cameras))
     return *cameras[name], name
-
-
-def camera_sources(context: ArmContext) -> dict[str, str]:
-    """Return the source of each camera that an arm was calibrated with, by its name.
-
-    Raises:
-        FileFormatError: A file about one is damaged.
-    """
-    return {name: camera.source for name, (camera, _) in _known_cameras(context).items()}
-
-
-def _known_cameras(context: ArmContext) -> dict[str, tuple[CalibratedCamera, CameraFile]]:
-    arm, key = context.model.name, camera_key(context)
-    names = camera_names(arm, key)
-    return {each: found for each in names if (found := load_camera(arm, key, each))}
 
 
 def camera_model(camera: CalibratedCamera) -> CameraModel:

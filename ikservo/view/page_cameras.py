@@ -7,7 +7,8 @@ from collections.abc import Sequence
 from contextlib import ExitStack, suppress
 
 from ikservo.arm import Arm
-from ikservo.arm.camera import camera_sources, known_camera
+from ikservo.arm.camera import camera_key, known_camera
+from ikservo.calibration.camera_file import camera_names
 from ikservo.clock import Clock
 from ikservo.errors import IkservoError, UnknownNameError
 from ikservo.eyes.board import DEFAULT_BOARD, Board
@@ -89,13 +90,12 @@ class PageCameras:
         Raises:
             FileFormatError: A file about one is damaged.
         """
-        own = camera_sources(arm.context)
-        names, first = {source: name for name, source in own.items()}, self._source_before(arm)
-        found = [(source, names.get(source, "")) for source in self._sources]
-        if self.name and not self._sources:
-            found = [(source, name) for name, source in own.items()]
-        elif self.name and first not in names:  # it has another number today
-            found = [(source, self.name if source == first else name) for source, name in found]
+        own = camera_names(arm.model.name, camera_key(arm.context))
+        names = {known_camera(arm.context, name)[0].source: name for name in own}
+        sources, first = self._sources or (names if self.name else ()), self._source_before(arm)
+        if self.name and first is not None:
+            names.setdefault(first, self.name)  # it has another number today
+        found = [(source, names.get(source, "")) for source in sources]
         return {name or source_name(source): (source, name) for source, name in found}
 
     def _source_before(self, arm: Arm) -> str | None:
@@ -134,14 +134,7 @@ class ArmCameras:
         self.video, self.name = cameras.open_before(arm, exits), cameras.name
         self.choices = cameras.choices(arm)
         shown = self.video and self.video.source
-        self.chosen = next(
-            (
-                called
-                for called, (source, name) in self.choices.items()
-                if source == shown and self.name in ("", name)
-            ),
-            "",
-        )
+        self.chosen = next((each for each, own in self.choices.items() if own[0] == shown), "")
         self._opened = {} if self.video is None else {self.video.source: self.video}
 
     def choose(self, called: str) -> None:
