@@ -178,7 +178,7 @@ class StreamedServos:
         rate = min(advance_s / elapsed_s, 1.0) if elapsed_s > 0.0 else 1.0
         since_s = 0.5 * (self._cycle_at_s + now_s) - self._reference_s
         fresh = ~np.isin(self.names, self.lost_joints)
-        ease = np.array([self._gate.ease(name) for name in self.names])
+        ease = np.array(self._gate.eases())
         grow = self._uncut * ease * ~np.isin(self.names, self.overload.relaxed_joints)
         self.compensator.observe(self._measured, since_s, elapsed_s, fresh=fresh, grow=grow)
         goals = self.compensator.goals(point, elapsed_s, rate, ease)

@@ -92,6 +92,11 @@ class StopLatch:
             raise LatchedStopError(self._reason.headline)
 
 
+class _KnownJoints(dict[str, JointGate]):
+    def __missing__(self, name: str) -> JointGate:
+        raise RefusedError(f"There is no joint {name!r} on this arm.", "Nothing was sent.")
+
+
 class Gate:
     """Sends commands to the servos that pass all checks, or refuses them as a whole.
 
@@ -114,7 +119,7 @@ class Gate:
         write_goals: Callable[[Mapping[int, int]], None],
         clock: Clock,
     ) -> None:
-        self._joints = {driven.joint: JointGate(driven) for driven in limits}
+        self._joints = _KnownJoints((driven.joint, JointGate(driven)) for driven in limits)
         self._write_goals, self._clock = write_goals, clock
         self._latch = StopLatch()
         self._passed_s = clock.now_s()
@@ -129,8 +134,7 @@ class Gate:
         """
         self._latch.raise_if_stopped()
         for name, tick in ticks.items():
-            self._joint(name)
-            require_int_tick(name, tick)
+            require_int_tick(self._joints[name].driven.joint, tick)
         self._commit_goals(ticks, self._clock.now_s())
 
     def update_measured(self, ticks: Mapping[str, int], time_s: float) -> None:
@@ -147,7 +151,7 @@ class Gate:
         """
         if not math.isfinite(time_s):
             raise RefusedError(f"The time of a measurement is {time_s} s.", "It was ignored.")
-        measured = [(self._joint(name), tick) for name, tick in ticks.items()]
+        measured = [(self._joints[name], tick) for name, tick in ticks.items()]
         for joint, tick in measured:
             require_int_tick(joint.driven.joint, tick)
         for joint, tick in measured:
@@ -162,10 +166,10 @@ class Gate:
             RefusedError: A joint is unknown, or a speed not above zero.
         """
         for name, speed in speeds.items():
-            self._joint(name)
+            driven = self._joints[name].driven
             if not speed > 0.0:
                 raise RefusedError(
-                    f"The speed of {name} must be above zero, not {speed} rad/s.",
+                    f"The speed of {driven.joint} must be above zero, not {speed} rad/s.",
                     "Nothing was sent.",
                 )
         for name, joint in self._joints.items():
@@ -181,9 +185,9 @@ class Gate:
         driven = [joint for joint in self._joints.values() if joint.goal is not None]
         return min([joint.allowed_advance_s(elapsed_s) for joint in driven], default=elapsed_s)
 
-    def ease(self, name: str) -> float:
-        """Return how fast a joint's goals may go on, 0 to 1: less where it lags behind."""
-        return self._joint(name).ease()
+    def eases(self) -> list[float]:
+        """Return how fast the goals of each joint may go on, 0 to 1: less where it lags behind."""
+        return [joint.ease() for joint in self._joints.values()]
 
     def stale_joints(self, now_s: float) -> tuple[str, ...]:
         """Return the joints whose last position reading is too old for a goal to pass."""
@@ -206,7 +210,7 @@ class Gate:
         """
         fraction, shortened, elapsed_s = 1.0, dict[str, int](), now_s - self._passed_s
         for name, tick in goals.items():
-            fraction = min(fraction, self._joint(name).step_fraction(tick, elapsed_s, now_s))
+            fraction = min(fraction, self._joints[name].step_fraction(tick, elapsed_s, now_s))
         for name, tick in goals.items():
             last = self._joints[name].last_goal()
             shortened[name] = last + int(fraction * (tick - last))
@@ -228,7 +232,7 @@ class Gate:
         now_s = self._command_time_s(now_s)
         elapsed_s = now_s - self._passed_s
         for name, tick in goals.items():
-            self._joint(name).check_goal(tick, elapsed_s, now_s)
+            self._joints[name].check_goal(tick, elapsed_s, now_s)
         for name, tick in goals.items():
             self._joints[name].consume_step(tick, elapsed_s)
         self._commit_goals(goals, now_s)
@@ -298,7 +302,7 @@ class Gate:
             RefusedError: A joint is unknown or would leave its limits.
         """
         for name, tick in goals.items():
-            self._joint(name).check_range(tick, start[name])
+            self._joints[name].check_range(tick, start[name])
 
     def clamp(self, name: str, tick: int) -> int:
         """Return the tick nearest to ``tick`` inside the joint's allowed range.
@@ -306,7 +310,7 @@ class Gate:
         Raises:
             RefusedError: The joint is unknown or was never enabled, or the tick is not an integer.
         """
-        return self._joint(name).clamp(tick)
+        return self._joints[name].clamp(tick)
 
     def _command_time_s(self, given_s: float | None) -> float:
         """Compute the time for which a command is checked."""
@@ -321,12 +325,6 @@ class Gate:
                 "Nothing was sent.",
             )
         return given_s
-
-    def _joint(self, name: str) -> JointGate:
-        joint = self._joints.get(name)
-        if joint is None:
-            raise RefusedError(f"There is no joint {name!r} on this arm.", "Nothing was sent.")
-        return joint
 
     def _commit_goals(self, goals: Mapping[str, int], now_s: float) -> None:
         self._write_goals(

@@ -151,10 +151,11 @@ class OverloadMonitor:
         """
         drawn = dict(goals)
         for name in self.rules:
-            joint, left_s = self._joints[name], self.seconds_left(name)
-            if name not in goals or name not in ticks or not self.relaxes:
+            joint = self._joints[name]
+            presses = joint.warned or joint.bound is not None
+            if not presses or name not in goals or name not in ticks or not self.relaxes:
                 continue
-            near = self._relaxed_goal(name, ticks[name])
+            near, left_s = self._relaxed_goal(name, ticks[name]), self.seconds_left(name)
             is_short = joint.side * (goals[name] - near) > 0
             if joint.bound is not None:
                 joint.bound = joint.side * max(joint.side * joint.bound, joint.side * near)

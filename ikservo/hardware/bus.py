@@ -140,7 +140,7 @@ class ServoBus(RegisterAccess):
         for servo_id in errors:
             del values[servo_id]
         hint = silence_hint(self.servos.values(), values, errors) if errors else ""
-        alarms = {i: found for i in values if (found := self.alarms.get(i))}
+        alarms = {i: found for i in values if (found := self._requester.alarms.get(i))}
         return Readings(values, errors, alarms, hint)
 
     def _decode_reply(
