@@ -9,8 +9,9 @@ from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.surroundings import Turn, other_moves
 from ikservo.errors import IkservoError, RefusedError
+from ikservo.hardware.remembered_port import is_simulated
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.model.scene import KeepOutShape, capsule_shape
+from ikservo.model.scene import KeepOutShape, PlacedArm, capsule_shape, turned_deg
 
 __all__ = ["OtherArm"]
 
@@ -43,7 +44,7 @@ class OtherArm:
     def close(self) -> None:
         """Remember where it is: from then on nothing can be measured."""
         with suppress(IkservoError), self.runner.lock:
-            self.left = self._place(self.context.servos.measure_positions())
+            self.left = self.links_at(self.context.servos.measure_positions())
 
     def things(self, arm: object) -> list[KeepOutShape]:
         """Measure where its links, and what it holds, are now: rounded rods in the base frame.
@@ -58,9 +59,27 @@ class OtherArm:
         """
         if self.turn.is_of_other(arm):
             raise other_moves(self.name)
-        return self._place(self._measure()) if self.left is None else self.left
+        return self.links_at(self._measure()) if self.left is None else self.left
 
-    def _place(self, joints: Vector) -> list[KeepOutShape]:
+    @property
+    def placed(self) -> PlacedArm:
+        """Where it stands, as a scene file says it."""
+        (x, y, z), R = self.T_base_other[:3, 3].tolist(), self.T_base_other[:3, :3]
+        model, port = self.context.model.name, self.context.port.name
+        return PlacedArm(
+            self.name,
+            (x, y, z),
+            turned_deg(R),
+            "" if model == self.name else model,
+            "" if is_simulated(port) else port,
+        )
+
+    def links_at(self, joints: Vector) -> list[KeepOutShape]:
+        """Return where its links are at joints (n,), as ``things`` does.
+
+        Raises:
+            RefusedError: It was opened without collision checks.
+        """
         checker = self.context.collision
         if checker is None:
             raise RefusedError(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -30,7 +31,8 @@ from ikservo.model.scene import KeepOutShape, describe_thing, make_shape, read_s
 __all__ = ["InScene", "Scene", "arm_sag"]
 
 _LARGEST_M = 0.5  # half of a side of what a gripper holds
-_FURTHEST_M = 10.0  # between the bases of two arms
+_NEAREST_M, _FURTHEST_M = 0.03, 10.0  # between the bases of two arms
+_WAIT_S = 0.1  # for a reading to end, not for a motion
 
 
 class InScene(Protocol):
@@ -70,6 +72,11 @@ class Scene:
         return tuple(self._held)
 
     @property
+    def arms(self) -> tuple[OtherArm, ...]:
+        """The other arms that it can reach."""
+        return tuple(self._others.values())
+
+    @property
     def things(self) -> tuple[Obstacle, ...]:
         """The things that stand around it, with names and extents."""
         return tuple(self._things.values())
@@ -103,12 +110,18 @@ class Scene:
 
         ``arm.scene.change("the shelf", centre_m=(0.3, 0.25, 0.1))``
 
+        Of another arm, its place: ``at_m`` and ``rpy_deg``, as for ``add_arm``.
+
         Raises:
             UnknownNameError: There is no such thing.
             BadValueError: Its new name is taken.
             FileFormatError: A value is unknown or of another type; names the key.
             RefusedError: A motion is running.
         """
+        other = self._find_arm(name)
+        if other is not None:
+            self._place_arm(other, sizes)
+            return
         with self._changing():
             if name not in self._things:
                 raise UnknownNameError("thing", name, self._things)
@@ -134,7 +147,7 @@ class Scene:
         Raises:
             FileFormatError: It is malformed.
             BadValueError: A name is taken.
-            RefusedError: A motion is running.
+            RefusedError: A motion is running, or the file has another arm; see ``add_arm``.
         """
         added = {each.name: each for each in read_scene(path)}
         with self._changing():
@@ -143,17 +156,36 @@ class Scene:
             self._change({**self._things, **added}, self._held)
 
     def take_over(self, before: Scene) -> None:
-        """Have the things of a scene of the same arm, which was open before.
+        """Have the things and other arms of a scene of the same arm, which was open before.
 
         Raises:
-            RefusedError: A motion is running.
+            RefusedError: A motion is running, or it was opened without collision checks.
         """
         with self._changing():
-            if before._things != self._things or before._held:
+            if before._things != self._things or before._held or before._others:
                 self._change(before._things, before._held)
+            for scene, there in before._others.items():
+                here = replace(
+                    scene._others[before], context=self._context, runner=self._runner, left=None
+                )
+                # Where this arm was seen last stays until it is looked at again: it may be moving.
+                scene._others = {
+                    **{k: v for k, v in scene._others.items() if k is not before},
+                    self: here,
+                }
+                scene._context.surroundings.others = tuple(scene._others.values())
+                self._others[scene] = there
+            before._others = {}
+            self._context.surroundings.set_others(tuple(self._others.values()))
 
     def add_arm(
-        self, other: InScene, name: str, at_m: ArrayLike, rpy_deg: ArrayLike = (0.0, 0.0, 0.0)
+        self,
+        other: InScene,
+        name: str,
+        at_m: ArrayLike,
+        rpy_deg: ArrayLike = (0.0, 0.0, 0.0),
+        *,
+        own_name: str | None = None,
     ) -> None:
         """Add another arm of this program, and this arm to its scene.
 
@@ -168,22 +200,21 @@ class Scene:
             name: For messages; no other thing or link has it.
             at_m: The origin of its base frame (3,) in that of this arm.
             rpy_deg: Roll, pitch and yaw of its base frame (3,) in that of this arm.
+            own_name: What this arm is called in the scene of the other one; as its model if None.
 
         Raises:
-            BadValueError: The name is taken, the place is none, or it is no other arm.
+            BadValueError: The name is taken, the place is none or that of this arm, or it is no
+                other arm.
             RefusedError: A motion of one of them is running, where one of them is is not known, or
                 its paths are not checked.
         """
         scene = getattr(other, "scene", None)
         if not isinstance(scene, Scene) or scene is self or scene in self._others:
             raise BadValueError("The arm to add", other, "another arm of this program, once")
-        T = make_pose(
-            bounded_vector(at_m, 3, _FURTHEST_M, "at_m", "metres of the same table"),
-            rotation_rpy(*np.radians(finite_vector(rpy_deg, 3, "rpy_deg")).tolist()),
-        )
+        T = _pose_of_base(at_m, rpy_deg)
         with self._changing_both(scene):
             self._check_new(name)
-            own_name = self._context.model.name
+            own_name = own_name or self._context.model.name
             while own_name in {*scene.names, *scene.held, *scene._context.chain.frames}:
                 own_name = f"another {own_name}"
             turn = Turn()
@@ -194,6 +225,19 @@ class Scene:
             self._change_others({**self._others, scene: there})
             scene._change_others({**scene._others, self: here})
 
+    def _place_arm(self, other: Scene, sizes: dict[str, Any]) -> None:
+        present = self._others[other].placed
+        if unknown := sizes.keys() - {"at_m", "rpy_deg"}:
+            raise UnknownNameError("key of another arm", min(unknown), ["at_m", "rpy_deg"])
+        T = _pose_of_base(sizes.get("at_m", present.at_m), sizes.get("rpy_deg", present.rpy_deg))
+        with self._changing_both(other):
+            for one, another, pose in ((self, other, T), (other, self, _inverse(T))):
+                moved = replace(one._others[another], T_base_other=pose)
+                if moved.left is not None:
+                    back = pose @ _inverse(one._others[another].T_base_other)
+                    moved.left = [each.moved(back) for each in moved.left]
+                one._change_others({**one._others, another: moved})
+
     def remove(self, name: str) -> None:
         """Remove a thing, which may be held, or another arm.
 
@@ -201,10 +245,10 @@ class Scene:
             UnknownNameError: There is no such thing.
             RefusedError: A motion is running.
         """
-        for scene, other in self._others.items():
-            if other.name == name:
-                self._remove_arm(scene)
-                return
+        other = self._find_arm(name)
+        if other is not None:
+            self._remove_arm(other)
+            return
         with self._changing():
             if name not in self._things and name not in self._held:
                 raise UnknownNameError("thing", name, [*self.names, *self._held])
@@ -256,6 +300,9 @@ class Scene:
         for scene in self._others:
             scene._others[self].close()
 
+    def _find_arm(self, name: str) -> Scene | None:
+        return next((scene for scene, each in self._others.items() if each.name == name), None)
+
     def _change_others(self, others: dict[Scene, OtherArm]) -> None:
         self._others = others
         self._change(self._things, self._held)
@@ -270,7 +317,7 @@ class Scene:
     def _changing_both(self, other: Scene) -> Generator[None]:
         """Let nothing move in the block, nor its scene change, of both arms; one order for both."""
         first, second = sorted((self, other), key=id)
-        with first._changing(), second._changing():
+        with first._changing(_WAIT_S), second._changing(_WAIT_S):
             yield
 
     def _check_new(self, name: str) -> None:
@@ -281,11 +328,19 @@ class Scene:
         return self._context.planner.tip_pose(self._context.servos.measure_positions())
 
     @contextmanager
-    def _changing(self) -> Generator[None]:
-        """Let nothing move, and nobody else change it, in the block."""
-        with self._runner.lock:
-            self._context.servos.torque.check_idle()
+    def _changing(self, wait_s: float = -1.0) -> Generator[None]:
+        """Let nothing move, and nobody else change it, in the block; below 0 it waits for that."""
+        lock, check_idle = self._runner.lock, self._context.servos.torque.check_idle
+        if not lock.acquire(timeout=wait_s):  # another thread moves it
+            raise RefusedError(
+                f"{self._context.model.name} is moving, or is being read.",
+                "Wait until it is at rest, or stop it.",
+            )
+        try:
+            check_idle()
             yield
+        finally:
+            lock.release()
 
     def _change(self, things: dict[str, Obstacle], held: dict[str, KeepOutShape]) -> None:
         model = self._context.model
@@ -300,6 +355,18 @@ class Scene:
             body, list(things.values()), arm_sag(model, body, list(held.values()))
         )
         self._things, self._held = things, held
+
+
+def _pose_of_base(at_m: ArrayLike, rpy_deg: ArrayLike) -> Matrix:
+    """Return the base frame (4, 4) of another arm.
+
+    Raises:
+        BadValueError: It is nowhere on the same table, or where this arm stands.
+    """
+    at = bounded_vector(at_m, 3, _FURTHEST_M, "at_m", "metres of the same table")
+    if np.linalg.norm(at) < _NEAREST_M:
+        raise BadValueError("The place of the other arm", at.tolist(), "not where this one stands")
+    return make_pose(at, rotation_rpy(*np.radians(finite_vector(rpy_deg, 3, "rpy_deg")).tolist()))
 
 
 def _inverse(T: Matrix) -> Matrix:

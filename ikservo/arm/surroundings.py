@@ -125,14 +125,24 @@ class Surroundings:
             self.checker = self.checker.in_scene(self._body, [*self._things, *seen], self._sag)
 
     @contextmanager
+    def in_turn(self) -> Generator[None]:
+        """Let no other arm move in the block.
+
+        Raises:
+            RefusedError: Another arm moves.
+        """
+        with ExitStack() as turns:
+            for other in self.others:
+                turns.enter_context(other.turn.taken(self, other.name))
+            yield
+
+    @contextmanager
     def undisturbed(self) -> Generator[None]:
         """Let no other arm move in the block, and keep out of where they are.
 
         Raises:
             RefusedError: Another arm moves, or where it is is not known.
         """
-        with ExitStack() as turns:
-            for other in self.others:
-                turns.enter_context(other.turn.taken(self, other.name))
+        with self.in_turn():
             self.look()
             yield

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -10,9 +11,9 @@ import typer
 
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ArmOption, JsonOption
-from ikservo.cli.terminal import print_json, print_lines, print_table
+from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
 from ikservo.errors import BadValueError, ExitCode
-from ikservo.model.scene import KeepOutShape, read_scene, with_scene
+from ikservo.model.scene import KeepOutShape, PlacedArm, read_scene_with_arms, with_scene_and_arms
 
 if TYPE_CHECKING:
     from ikservo.model import Model
@@ -42,9 +43,10 @@ def command(
     if action not in ACTIONS:
         raise BadValueError("The action", action, "check or show")
     if action == "show":
-        _show(read_scene(file), json=json)
+        _show(*read_scene_with_arms(file), json=json)
         return
-    touched = list(_touched(with_scene(model_from_option(arm), file)))
+    model, arms = with_scene_and_arms(model_from_option(arm), file)
+    touched = list(_touched(model))
     if json:
         print_json(
             "scene-check",
@@ -52,6 +54,7 @@ def command(
                 {"pose": pose, "link": link, "thing": thing, "depth_m": depth_m}
                 for pose, link, thing, depth_m in touched
             ],
+            unchecked=[each.name for each in arms],
         )
     elif touched:
         print_lines(
@@ -60,6 +63,9 @@ def command(
         )
     else:
         print_lines(["No pose of the arm touches a thing."])
+    if arms and not json:
+        names = ", ".join(each.name for each in arms)
+        print_status(f"Not checked: {names}. Where its links are is known while it is open.")
     if touched:
         raise typer.Exit(ExitCode.FAILED)
 
@@ -77,13 +83,22 @@ def _touched(model: Model) -> Iterator[tuple[str, str, str, float]]:
                 yield pose, link, thing, -float(gap_m)
 
 
-def _show(things: tuple[KeepOutShape, ...], *, json: bool) -> None:
+def _show(things: tuple[KeepOutShape, ...], arms: tuple[PlacedArm, ...], *, json: bool) -> None:
     if json:
         rows = [{"name": e.name, "low_m": e.low_m, "high_m": e.high_m} for e in things]
-        print_json("scene", things=rows)
+        print_json("scene", things=rows, arms=[asdict(each) for each in arms])
         return
-    corners = [(each.name, each.low_m, each.high_m) for each in things]
-    print_table(
-        ["thing", "from [m]", "to [m]"],
-        [[name, *(", ".join(f"{x:.3f}" for x in at) for at in ends)] for name, *ends in corners],
-    )
+    if arms:
+        print_table(
+            ["arm", "base [m]", "roll, pitch, yaw [°]", "port"],
+            [[e.name, _triple(e.at_m), _triple(e.rpy_deg), e.port or "–"] for e in arms],
+        )
+    if not arms or things:
+        print_table(
+            ["thing", "from [m]", "to [m]"],
+            [[each.name, _triple(each.low_m), _triple(each.high_m)] for each in things],
+        )
+
+
+def _triple(at: tuple[float, float, float]) -> str:
+    return ", ".join(f"{x:.3f}" for x in at)

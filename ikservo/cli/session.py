@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
+from collections.abc import Callable, Generator, Sequence
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from ikservo.arm import Arm, MotionPlan, MotionProgress, OpenArm, StopKind, ZeroSource, open_arm
+from ikservo.arm.opening import open_own_arm, require_own_port
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import ArmConnection, MotionOptions
 from ikservo.cli.terminal import confirm, format_port, print_status, progress_bar
@@ -17,7 +18,8 @@ from ikservo.control.real_time import allowed_priority
 from ikservo.control.stop_requests import RELAX_HINT
 from ikservo.errors import IkservoError, InputError, StoppedError, format_point
 from ikservo.ik.kernel.compiled import is_compiled
-from ikservo.model.scene import with_scene
+from ikservo.model import load_model
+from ikservo.model.scene import PlacedArm, with_scene_and_arms
 
 __all__ = [
     "announce",
@@ -95,15 +97,19 @@ def open_from_options(
 ) -> Generator[OpenArm]:
     """Open the arm of a command among the things of a scene; it keeps holding afterwards."""
     options = options or MotionOptions()
-    model = model_from_option(connection.arm, options.tip)
+    model, beside = model_from_option(connection.arm, options.tip), ()
     if scene is not None:
-        model = with_scene(model, scene)
-    with open_arm(
-        model,
-        connection.port,
-        collisions=options.collision,
-        uncalibrated=options.uncalibrated,
-    ) as machine:
+        model, beside = with_scene_and_arms(model, scene)
+        _require_ports(scene, beside)
+    with (
+        open_arm(
+            model,
+            connection.port,
+            collisions=options.collision,
+            uncalibrated=options.uncalibrated,
+        ) as machine,
+        _other_arms(machine, beside),
+    ):
         served_here = machine.zeros is ZeroSource.SIMULATED and not machine.is_remote
         if served_here and not machine.port_name.startswith("sim:"):
             print_status(f"{machine.port_name} is a pseudo-terminal: treated as a simulated arm.")
@@ -115,6 +121,37 @@ def open_from_options(
             machine.context.servos.warn = print_status
         with second_interrupt_lowers(machine):
             yield machine
+
+
+def _require_ports(scene: Path, arms: Sequence[PlacedArm]) -> None:
+    """Check that the other arms of a scene file can be opened.
+
+    Raises:
+        InputError: One has no port.
+    """
+    for each in arms:
+        if not each.port:
+            raise InputError(
+                f"{scene} does not say at which port {each.name} is.",
+                'Write it below its place, as in: port = "/dev/ttyUSB1". On a page that opens '
+                "both arms, as ikservo view does, none is needed.",
+            )
+
+
+@contextmanager
+def _other_arms(machine: OpenArm, placed: Sequence[PlacedArm]) -> Generator[None]:
+    """Open the other arms of a scene, which are measured only, and keep out of where they are.
+
+    Raises:
+        RefusedError: The arm of the command is on another machine, or one cannot be measured.
+    """
+    with ExitStack() as opened:
+        for each in placed:
+            scene = require_own_port(machine).scene
+            other = open_own_arm(load_model(each.arm or each.name), each.port)
+            opened.enter_context(other)
+            scene.add_arm(other, each.name, each.at_m, each.rpy_deg)
+        yield
 
 
 def announce(plan: MotionPlan, machine: OpenArm, options: MotionOptions) -> None:

@@ -28,7 +28,7 @@ from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import InputError
 from ikservo.hardware.discovery import simulated_port_url
 from ikservo.model import Model
-from ikservo.model.scene import with_scene
+from ikservo.model.scene import read_scene_with_arms, with_scene_and_arms
 
 if TYPE_CHECKING:
     from ikservo.view.app import ViewApp, ViewUrls
@@ -179,18 +179,40 @@ def _places_from_options(arms: Sequence[str], arm: str | None, port: str | None)
 
 
 def _among_things(places: list[ArmAtPort], scene: Path) -> list[ArmAtPort]:
-    """Put the things of a scene file around the only arm.
+    """Put the things of a scene file around the only arm that it does not name.
+
+    The others are opened at the ports that it says where none is given.
 
     Raises:
-        InputError: There is none, or there are several: the file is in one arm's base frame.
+        InputError: There is none, or there are several: the file is in one arm's base frame. Or it
+            has an arm that is not opened.
         FileFormatError: The file is malformed.
     """
-    if len(places) != 1:
+    from ikservo.view.served_arms import page_names  # noqa: PLC0415  # as above
+
+    names = page_names(place.model.name for place in places)
+    _, arms = read_scene_with_arms(scene)
+    for each in arms:
+        if each.name not in names:
+            raise InputError(
+                f"{scene} has another arm, {each.name}, which is not opened.",
+                f"Open it, too, as in: ikservo view {' '.join([*names, each.arm or each.name])}",
+            )
+    around = [name for name in names if name not in {each.name for each in arms}]
+    if len(around) != 1:
+        named = " that it does not name" if arms else ""
         raise InputError(
-            f"--scene {scene} is around one arm; there are {len(places)}.",
-            "The file is in its base frame: open one arm with it, and the others on the page.",
+            f"--scene {scene} is around one arm{named}; there are {len(around)}.",
+            "The file is in its base frame: open one arm with it, and the others on the page, or "
+            "write into the file where they stand, as [[arm]].",
         )
-    return [replace(places[0], model=with_scene(places[0].model, scene))]
+    first = names.index(around[0])
+    model, beside = with_scene_and_arms(places[first].model, scene)
+    ports = {each.name: each.port or None for each in beside}
+    pairs = zip(names, places, strict=True)
+    placed = [replace(each, port=each.port or ports.get(name)) for name, each in pairs]
+    placed[first] = replace(placed[first], model=model, beside=beside)
+    return placed
 
 
 def _print_arms(app: ViewApp, *, has_camera: bool) -> None:

@@ -1,18 +1,18 @@
-"""Scene files: what else stands around an arm, in its base frame."""
+"""Scene files: what else stands around an arm, other arms included, in its base frame."""
 
 from __future__ import annotations
 
 import json
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
 from pydantic import Field, ValidationError
 
-from ikservo.errors import BadValueError, FileFormatError, UnknownNameError
+from ikservo.errors import BadValueError, FileFormatError, RefusedError, UnknownNameError
 from ikservo.files.reading import read_toml
 from ikservo.files.validation import StrictModel, first_issue, validation_issues
 from ikservo.kinematics.arrays import Matrix, Vector
@@ -27,12 +27,16 @@ from ikservo.model.urdf_types import Box
 __all__ = [
     "KINDS",
     "KeepOutShape",
+    "PlacedArm",
     "capsule_shape",
     "describe_thing",
     "make_shape",
     "read_scene",
+    "read_scene_with_arms",
     "scene_text",
+    "turned_deg",
     "with_scene",
+    "with_scene_and_arms",
 ]
 
 _Z = np.array([0.0, 0.0, 1.0])
@@ -99,6 +103,25 @@ class KeepOutShape:
         return x, y, z
 
 
+@dataclass(frozen=True, slots=True)
+class PlacedArm:
+    """Where another arm stands on the same table.
+
+    Attributes:
+        name: For messages; in the page that of the open arm.
+        at_m: The origin of its base frame (3,) in that of the arm whose scene it is, metres.
+        rpy_deg: Roll, pitch and yaw (3,) of its base frame there, degrees.
+        arm: Which arm it is, by its name in the catalogue or its file; ``name`` if empty.
+        port: Where it is connected; empty if that is not said.
+    """
+
+    name: str
+    at_m: tuple[float, float, float]
+    rpy_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    arm: str = ""
+    port: str = ""
+
+
 def capsule_shape(name: str, capsule: Capsule, margin_m: float) -> KeepOutShape:
     """Return a capsule, grown by a margin, as a thing: a rounded line."""
     along = capsule.end_m - capsule.start_m
@@ -140,6 +163,13 @@ class _SceneHalfSpace(_Thing):
     normal: Triple = Field(description="the direction [x, y, z] in which it is free, at most ±1000")
 
 
+class _SceneArm(_Thing):
+    at_m: Triple = Field(description="where its base is: [x, y, z] in metres, at most ±1000")
+    rpy_deg: Triple = Field(default=(0.0, 0.0, 0.0), description="[roll, pitch, yaw] in degrees")
+    arm: Text | None = Field(default=None, description="which arm it is, if that is not its name")
+    port: Text | None = Field(default=None, description="where it is connected")
+
+
 class _SceneFile(StrictModel):
     margin_m: Annotated[float, Field(ge=0, le=1)] = Field(default=0.0, description="0 to 1 metres")
     box: tuple[_SceneBox, ...] = Field(default=(), strict=False, description="tables [[box]]")
@@ -152,10 +182,26 @@ class _SceneFile(StrictModel):
     half_space: tuple[_SceneHalfSpace, ...] = Field(
         default=(), strict=False, description="tables [[half_space]]"
     )
+    arm: tuple[_SceneArm, ...] = Field(default=(), strict=False, description="tables [[arm]]")
 
 
 def read_scene(path: Path | str) -> tuple[KeepOutShape, ...]:
-    """Read the things of a scene file.
+    """Read the things of a scene file that has no other arms.
+
+    Raises:
+        FileFormatError: It cannot be read or is malformed; names the key.
+        BadValueError: A direction has no length.
+        RefusedError: It has another arm.
+    """
+    things, arms = read_scene_with_arms(path)
+    _refuse_arms(path, arms)
+    return things
+
+
+def read_scene_with_arms(
+    path: Path | str,
+) -> tuple[tuple[KeepOutShape, ...], tuple[PlacedArm, ...]]:
+    """Read the things of a scene file, and where other arms stand.
 
     Raises:
         FileFormatError: It cannot be read or is malformed; names the key.
@@ -167,8 +213,20 @@ def read_scene(path: Path | str) -> tuple[KeepOutShape, ...]:
     except ValidationError as error:
         raise first_issue(validation_issues(error, _SceneFile), path) from error
     things = tuple(_things(scene))
-    _check_names(path, things, ())
-    return things
+    arms = tuple(
+        PlacedArm(each.name, each.at_m, each.rpy_deg, each.arm or "", each.port or "")
+        for each in scene.arm
+    )
+    _check_names(path, (*things, *arms), ())
+    return things, arms
+
+
+def _refuse_arms(path: Path | str, arms: Sequence[PlacedArm]) -> None:
+    if arms:
+        raise RefusedError(
+            f"{path} has another arm, {arms[0].name}, which is not open here.",
+            "Open both: on one page with ikservo view, or in a program with arm.scene.add_arm.",
+        )
 
 
 def make_shape(kind: str, name: str, sizes: dict[str, Any]) -> KeepOutShape:
@@ -214,26 +272,39 @@ def describe_thing(thing: Obstacle) -> tuple[str, dict[str, Any]]:
             "point_m": (centre + grown[2] * R[:, 2]).tolist(),
             "normal": R[:, 2].tolist(),
         }
+    return "box", {**at, "size_m": (2.0 * grown).tolist(), "rpy_deg": list(turned_deg(R))}
+
+
+def turned_deg(R: Matrix) -> tuple[float, float, float]:
+    """Return roll, pitch and yaw (3,) of a rotation (3, 3), degrees."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415  # takes longer than a command
 
-    turned_deg = Rotation.from_matrix(R).as_euler("xyz", degrees=True)
-    return "box", {**at, "size_m": (2.0 * grown).tolist(), "rpy_deg": turned_deg.tolist()}
+    roll, pitch, yaw = Rotation.from_matrix(R).as_euler("xyz", degrees=True).tolist()
+    return roll, pitch, yaw
 
 
-def scene_text(things: Sequence[Obstacle]) -> str:
-    """Return the text of a scene file of some things."""
+def scene_text(things: Sequence[Obstacle], arms: Sequence[PlacedArm] = ()) -> str:
+    """Return the text of a scene file of some things and other arms."""
     lines = list[str]()
-    for thing in things:
-        kind, sizes = describe_thing(thing)
-        lines += [f"[[{kind}]]", f"name = {json.dumps(thing.name, ensure_ascii=False)}"]
-        lines += [f"{key} = {json.dumps(_rounded(value))}" for key, value in sizes.items()]
+    tables = [(thing.name, *describe_thing(thing)) for thing in things]
+    for each in arms:
+        given = {key: value for key, value in asdict(each).items() if value and key != "name"}
+        tables.append((each.name, "arm", given))
+    for name, kind, sizes in tables:
+        lines += [f"[[{kind}]]", f"name = {json.dumps(name, ensure_ascii=False)}"]
+        lines += [
+            f"{key} = {json.dumps(_rounded(value), ensure_ascii=False)}"
+            for key, value in sizes.items()
+        ]
         lines.append("")
     return "\n".join(lines)
 
 
-def _rounded(value: float | list[float]) -> float | list[float]:
+def _rounded(value: object) -> object:
     """Return metres, degrees or a direction without the digits that no ruler shows."""
-    return [round(each, 6) for each in value] if isinstance(value, list) else round(value, 6)
+    if isinstance(value, str):
+        return value
+    return np.round(np.array(value), 6).tolist()
 
 
 def with_scene(model: Model, path: Path | str) -> Model:
@@ -242,15 +313,30 @@ def with_scene(model: Model, path: Path | str) -> Model:
     Raises:
         FileFormatError: The file cannot be read or is malformed.
         BadValueError: A direction in it has no length.
+        RefusedError: It has another arm.
     """
-    things = read_scene(path)
+    among, arms = with_scene_and_arms(model, path)
+    _refuse_arms(path, arms)
+    return among
+
+
+def with_scene_and_arms(model: Model, path: Path | str) -> tuple[Model, tuple[PlacedArm, ...]]:
+    """Return a model as ``with_scene`` does, and where the other arms of the file stand.
+
+    Raises:
+        FileFormatError: The file cannot be read or is malformed.
+        BadValueError: A direction in it has no length.
+    """
+    things, arms = read_scene_with_arms(path)
     taken = ("the table", *(each.name for each in model.keep_out), *model.chain.frames)
-    _check_names(Path(path), things, taken)
-    return replace(model, keep_out=(*model.keep_out, *things))
+    _check_names(Path(path), (*things, *arms), taken)
+    return replace(model, keep_out=(*model.keep_out, *things)), arms
 
 
-def _check_names(path: Path, things: Sequence[KeepOutShape], taken: Sequence[str]) -> None:
-    """Check that no two things have one name.
+def _check_names(
+    path: Path, things: Sequence[KeepOutShape | PlacedArm], taken: Sequence[str]
+) -> None:
+    """Check that no two things or arms have one name.
 
     Raises:
         FileFormatError: Two have, or one has the name of a part of the arm.
@@ -262,7 +348,7 @@ def _check_names(path: Path, things: Sequence[KeepOutShape], taken: Sequence[str
         known.add(each.name)
 
 
-KINDS = tuple(name for name in _SceneFile.model_fields if name != "margin_m")
+KINDS = tuple(name for name in _SceneFile.model_fields if name not in ("margin_m", "arm"))
 """The kinds of things."""
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import ExitStack
 from dataclasses import replace
 from typing import Protocol
 
@@ -82,7 +83,12 @@ class ExecutePath:
     def run(self, arm: Arm, observer: JobObserver) -> None:
         """Execute the plan; an obsolete one moves nothing and needs no stop."""
         before, servos = self._path.request, arm.context.servos
-        with arm.runner.undisturbed():
+        with ExitStack() as turns:
+            try:
+                turns.enter_context(arm.runner.undisturbed())
+            except RefusedError as error:  # by another arm
+                observer.log_message(f"{error.message} {error.command_hint}")
+                return
             if servos.torque.is_on:
                 servos.refresh_reference()
             else:

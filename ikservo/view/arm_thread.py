@@ -410,16 +410,22 @@ class ArmThread:
         """Hand the port to the calibration, then reopen the arm."""
         joint_maps = [limits.joint_map for limits in self.arm.context.servos.driven_joints]
         picture = LimpPicture(joint_maps, self.snapshot.measured)
-        self.arm.close("hold")
-        self._lost = True
-        try:
-            for calibration in driver.run():
-                self._show_calibration(calibration, picture)
-                if self._ending:
-                    return
-        finally:
-            self.snapshot = replace(self.snapshot, calibration=None)
-            self._reopen_arm()
+        with contextlib.ExitStack() as turns:
+            try:
+                turns.enter_context(self.arm.context.surroundings.in_turn())
+            except RefusedError:
+                driver.requested = False
+                raise
+            self.arm.close("hold")
+            self._lost = True
+            try:
+                for calibration in driver.run():
+                    self._show_calibration(calibration, picture)
+                    if self._ending:
+                        return
+            finally:
+                self.snapshot = replace(self.snapshot, calibration=None)
+                self._reopen_arm()
 
     def _show_calibration(self, calibration: CalibrationView, picture: LimpPicture) -> None:
         measured, states = picture.positions(calibration.request), self.snapshot.states

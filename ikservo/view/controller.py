@@ -38,7 +38,7 @@ from ikservo.view.server import Frame
 from ikservo.view.servo_panel import ServoPanel
 from ikservo.view.snapshot import StopNotice
 from ikservo.view.thing_messages import SaveThings, ThingMessage
-from ikservo.view.things_panel import ThingsPanel
+from ikservo.view.things_panel import PutBeside, ThingsPanel
 from ikservo.view.viewpoints import Viewpoint, available_views
 
 __all__ = ["SessionController"]
@@ -63,6 +63,7 @@ class SessionController:
         downloads: Where files are offered; a place of its own if None.
         find_arm: Finds another arm of the page, to be followed.
         cameras: The cameras that the arm may show; None for none.
+        put_beside: Makes another arm of the page an obstacle to this one.
 
     Attributes:
         downloads: The files that pages have asked for.
@@ -75,6 +76,7 @@ class SessionController:
         downloads: DownloadOffers | None = None,
         find_arm: FindArm = lambda _: None,
         cameras: ArmCameras | None = None,
+        put_beside: PutBeside = lambda _: None,
     ) -> None:
         self._arm_thread, self._clock = arm_thread, clock
         self._cameras = cameras
@@ -89,7 +91,8 @@ class SessionController:
         self._program = ProgramPanel(arm_thread)
         self._following = FollowPanel(arm_thread, clock, find_arm)
         self._servos = ServoPanel(arm_thread)
-        self._things = ThingsPanel(self._arm, self.downloads)
+        self._find_arm, self._put_beside = find_arm, put_beside
+        self._things = self._things_panel()
         self._clients: dict[int, Client] = {}
         self._numbers = itertools.count(1)
         self._handlers: dict[type, Handler] = {
@@ -502,11 +505,14 @@ class SessionController:
         self.close()
         self._interaction = Interaction(self._arm, self._clock)
         self._planner = GoalPlanner(self._arm)
-        self._things = ThingsPanel(self._arm, self.downloads)
+        self._things = self._things_panel()
         self._camera_view = self._find_camera_view()
         self._composer = FrameComposer(
             self._arm_thread, self._interaction, self._clock, self._camera_view
         )
+
+    def _things_panel(self) -> ThingsPanel:
+        return ThingsPanel(self._arm, self.downloads, self._find_arm, self._put_beside)
 
     def _find_camera_view(self) -> CameraView | None:
         """Find the view of the arm's camera, or None and say why its picture is one only."""

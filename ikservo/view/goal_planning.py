@@ -76,7 +76,9 @@ class PlanRequest:
         self.allowed_speed = "slow" if is_first else speed
         ticks = [driven.joint_map.unit_per_tick for driven in servos.driven_joints]
         self.near = _NEAR_TICKS * np.array(ticks)  # where else a plan may begin
-        self._around = (arm.scene.things, arm.scene.held)
+        scene, here = arm.scene, arm.context.surroundings
+        moving = [each.turn.is_of_other(here) for each in scene.arms]
+        self._around = (scene.things, scene.held, scene.arms, moving)
         self.stops = servos.stop_request.count
 
     @property

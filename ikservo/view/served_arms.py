@@ -4,17 +4,20 @@ from __future__ import annotations
 
 import itertools
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from enum import StrEnum
+from pathlib import Path
 
 from ikservo.arm import DEAD_MAN_TIMEOUT_S, Arm
 from ikservo.arm.reports import describe_torque
+from ikservo.arm.scene import Scene
 from ikservo.clock import Clock
-from ikservo.errors import IkservoError
+from ikservo.errors import IkservoError, InputError
 from ikservo.hardware.remembered_port import is_simulated, real_time_port
 from ikservo.model import Model
+from ikservo.model.scene import PlacedArm
 from ikservo.view.arm_thread import ArmThread
 from ikservo.view.auth import Permission
 from ikservo.view.calibration import CalibrationDriver
@@ -34,9 +37,12 @@ __all__ = [
     "ServedArmState",
     "ServedArms",
     "ViewSettings",
+    "page_names",
 ]
 
 _MAX_ARMS = 8
+# Where another arm is put from the page, before its place is typed.
+_OPPOSITE_M, _FACING_DEG = (0.5, 0.0, 0.0), (0.0, 0.0, 180.0)
 _FAILED_HINT = "See the terminal, then open the arm again."
 
 
@@ -56,10 +62,12 @@ class ArmAtPort:
     Attributes:
         model: The arm.
         port: Its port; None for the one that is remembered, or the only one.
+        beside: Where other arms stand that are opened with it, by their names on the page.
     """
 
     model: Model
     port: str | None = None
+    beside: tuple[PlacedArm, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,6 +89,21 @@ class ViewSettings:
     cameras: PageCameras | None = None
 
 
+def page_names(models: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
+    """Return what arms are called on a page: as their models, from the second one on with a number.
+
+    Args:
+        models: The names of their models, in the order of opening.
+        taken: The names of arms that are open already.
+    """
+    names, known = list[str](), set(taken)
+    for stem in models:
+        numbered = (f"{stem}-{i}" for i in itertools.count(2))
+        names.append(next(n for n in itertools.chain([stem], numbered) if n not in known))
+        known.add(names[-1])
+    return names
+
+
 class ServedArm:
     """One arm of the page, and the backend of the pages that show it (``SessionBackend``).
 
@@ -89,6 +112,7 @@ class ServedArm:
         place: The arm and its port.
         settings: What all arms have in common.
         find_arm: Finds another arm of the page, to be followed.
+        before: What was around it when it was closed, if it was open before.
 
     Attributes:
         state: Whether it is open; written by the thread that opens it, then by the server's.
@@ -103,10 +127,16 @@ class ServedArm:
     controller: SessionController
 
     def __init__(
-        self, name: str, place: ArmAtPort, settings: ViewSettings, find_arm: FindArm
+        self,
+        name: str,
+        place: ArmAtPort,
+        settings: ViewSettings,
+        find_arm: FindArm,
+        before: Scene | None = None,
     ) -> None:
         self.name, self.place, self._settings = name, place, settings
-        self._find_arm = find_arm
+        self._find_arm, self._before = find_arm, before
+        self.has_been_open = False
         self.state = ServedArmState.OPENING
         self.error: StopNotice | None = None
         self.cameras: ArmCameras | None = None
@@ -141,6 +171,9 @@ class ServedArm:
                     CalibrationDriver(model, port),
                 )
             )
+            if self._before is not None and self._before.arms:
+                self.arm_thread.arm.scene.take_over(self._before)
+            self.has_been_open = True
             self._open_cameras(stack)
             self.controller = SessionController(
                 self.arm_thread,
@@ -148,6 +181,7 @@ class ServedArm:
                 settings.downloads,
                 self._find_arm,
                 self.cameras,
+                self.put_beside,
             )
             stack.callback(self.controller.close)
             return stack.pop_all()
@@ -158,6 +192,30 @@ class ServedArm:
             self.cameras = cameras and ArmCameras(cameras, self.arm_thread.arm, exits)
         except IkservoError as error:
             self.camera_error = error
+
+    def put_beside(
+        self,
+        name: str,
+        at_m: tuple[float, float, float] = _OPPOSITE_M,
+        rpy_deg: tuple[float, float, float] = _FACING_DEG,
+    ) -> None:
+        """Make another arm of the page an obstacle to this one, and this one to it.
+
+        Args:
+            name: The other arm.
+            at_m: The origin of its base frame (3,) in that of this arm.
+            rpy_deg: Roll, pitch and yaw of its base frame there.
+
+        Raises:
+            InputError: No other arm of that name is open, or it moves.
+            RefusedError: Where it is cannot be measured.
+        """
+        other = self._find_arm(name)
+        if other is None or other is self.arm_thread:
+            raise InputError(f"No other arm {name!r} is open.", "Open it in the list.")
+        if other.job is not None or other.command.live or other.snapshot.calibration:
+            raise InputError(f"{name} is moving.", "Wait until it is at rest, Live off.")
+        self.arm_thread.arm.scene.add_arm(other.arm, name, at_m, rpy_deg, own_name=self.name)
 
     def close(self) -> None:
         """Let the arm hold and close its port; waits for both."""
@@ -257,6 +315,7 @@ class ServedArms:
     def __init__(self, settings: ViewSettings) -> None:
         self._settings = settings
         self._arms: dict[str, ServedArm] = {}
+        self._closed: dict[str, tuple[Path, Scene]] = {}
 
     @property
     def camera_names(self) -> list[str]:
@@ -280,16 +339,21 @@ class ServedArms:
         """Open arms and wait for them; those that cannot be opened stay in the list.
 
         Raises:
-            IkservoError: Of the first of them, if none could be opened.
+            IkservoError: Of the first of them, if none could be opened, or not all of those of
+                which it is said where they stand; or one of these cannot be an obstacle.
         """
         failed: list[IkservoError] = []
-        for place in places:
+        added = [self._add(place) for place in places]
+        for arm in added:
             try:
-                self._add(place).open()
+                arm.open()
             except IkservoError as error:
                 failed.append(error)
-        if failed and len(failed) == len(places):
+        if failed and (len(failed) == len(places) or any(place.beside for place in places)):
             raise failed[0]
+        for arm in added:
+            for each in arm.place.beside:
+                arm.put_beside(each.name, each.at_m, each.rpy_deg)
 
     def start_opening(self, place: ArmAtPort) -> None:
         """Open an arm in a thread of its own; ``all`` tells how that went.
@@ -318,10 +382,11 @@ class ServedArms:
             raise BadMessageError(f"{other.name} is open on {place.port}.", "Close it first.")
 
     def _add(self, place: ArmAtPort) -> ServedArm:
-        stem = place.model.name
-        names = itertools.chain([stem], (f"{stem}-{i}" for i in itertools.count(2)))
-        name = next(n for n in names if n not in self._arms)
-        arm = ServedArm(name, place, self._settings, self._find_thread)
+        name = page_names([place.model.name], self._arms)[-1]
+        path, before = self._closed.get(name, (None, None))
+        if path != place.model.path:
+            before = None
+        arm = ServedArm(name, place, self._settings, self._find_thread, before)
         self._arms[arm.name] = arm
         return arm
 
@@ -354,6 +419,8 @@ class ServedArms:
         try:
             arm.close()
         finally:
+            if arm.has_been_open:
+                self._closed[arm.name] = (arm.place.model.path, arm.arm_thread.arm.scene)
             self._arms.pop(arm.name, None)
 
     def close(self) -> None:

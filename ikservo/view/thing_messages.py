@@ -8,7 +8,7 @@ from pydantic import Field
 
 from ikservo.view.message_fields import PageMessage
 
-__all__ = ["AddThing", "ChangeThing", "RemoveThing", "SaveThings", "ThingMessage"]
+__all__ = ["AddArm", "AddThing", "ChangeThing", "RemoveThing", "SaveThings", "ThingMessage"]
 
 ThingName = Annotated[str, Field(min_length=1, max_length=40)]
 Number = Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)]
@@ -22,6 +22,13 @@ class AddThing(PageMessage):
     shape: Literal["box", "cylinder", "sphere"]
 
 
+class AddArm(PageMessage):
+    """Make another arm of the page an obstacle to this one, and this one to it."""
+
+    kind: Literal["add_other_arm"]
+    name: ThingName
+
+
 class ChangeThing(PageMessage):
     """Change a thing around the arm: what is given, with the keys of a scene file."""
 
@@ -33,6 +40,7 @@ class ChangeThing(PageMessage):
     radius_m: Number | None = None
     height_m: Number | None = None
     rpy_deg: Triple | None = None
+    at_m: Triple | None = None
 
 
 class RemoveThing(PageMessage):
@@ -48,4 +56,4 @@ class SaveThings(PageMessage):
     kind: Literal["save_things"]
 
 
-ThingMessage = AddThing | ChangeThing | RemoveThing
+ThingMessage = AddThing | AddArm | ChangeThing | RemoveThing

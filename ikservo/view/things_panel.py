@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import itertools
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import numpy as np
 
 from ikservo.arm import Arm
+from ikservo.arm.other_arm import OtherArm
 from ikservo.errors import BadValueError
 from ikservo.kinematics.arrays import Vector
 from ikservo.kinematics.packed import ROUNDING
@@ -18,15 +20,21 @@ from ikservo.view import thing_messages as msg
 from ikservo.view.connection import Client
 from ikservo.view.downloads import Download, DownloadOffers
 from ikservo.view.drag import MovedThing
+from ikservo.view.follow_panel import FindArm
 from ikservo.view.scene_shapes import Fields, row_major
 from ikservo.view.server import Frame
 
-__all__ = ["ThingsPanel"]
+__all__ = ["PutBeside", "ThingsPanel"]
 
 _DRAWN_M = 5.0  # what is larger, such as a half-space, is not drawn
 _NEW_SIZE_M, _NEW_AWAY_M = 0.06, 0.1  # of a new thing, and of its place from the base
 _MOST = 100  # that a page adds to: each is checked on every path, and sent
+_DECIMALS = 2  # of joints, rad or m: what moves less is not drawn anew
 _TITLES = {"box": "box", "cylinder": "can", "sphere": "ball"}
+
+
+PutBeside = Callable[[str], None]
+"""Makes another arm of the page, by its name, an obstacle to an arm."""
 
 
 class ThingsPanel:
@@ -35,20 +43,36 @@ class ThingsPanel:
     Args:
         arm: The arm.
         downloads: Where the scene file is offered.
+        find_arm: Finds another arm of the page.
+        put_beside: Makes another arm of the page an obstacle to this one.
     """
 
-    def __init__(self, arm: Arm, downloads: DownloadOffers) -> None:
+    def __init__(
+        self,
+        arm: Arm,
+        downloads: DownloadOffers,
+        find_arm: FindArm = lambda _: None,
+        put_beside: PutBeside = lambda _: None,
+    ) -> None:
         self._arm, self._downloads = arm, downloads
-        self._shown: tuple[Obstacle, ...] | None = None
+        self._find_arm, self._put_beside = find_arm, put_beside
+        self._shown: object = None
         self._moved: MovedThing | None = None
         self._frame: Frame = {}
 
     def frames(self, client: Client) -> list[Frame]:
         """Return the things, where they have changed since they were sent to a client."""
-        things = self._arm.scene.things
-        if things != self._shown:
-            self._shown = things
-            self._frame = {"kind": "things", "things": [self._fields(each) for each in things]}
+        things, arms = self._arm.scene.things, self._arm.scene.arms
+        joints = [self._joints(each) for each in arms]
+        around = things, arms, [None if q is None else q.round(_DECIMALS).tolist() for q in joints]
+        if around != self._shown:
+            self._shown = around
+            links = [_links(each, q) for each, q in zip(arms, joints, strict=True)]
+            self._frame = {
+                "kind": "things",
+                "things": [self._fields(each) for each in things] + [_arm_row(e) for e in arms],
+                "links": [{**thing_fields(e), "shape": "cylinder"} for of in links for e in of],
+            }
         if client.sent.get("things") is self._frame:
             return []
         client.sent["things"] = self._frame
@@ -59,7 +83,8 @@ class ThingsPanel:
 
         Raises:
             UnknownNameError: There is no such thing.
-            BadValueError: Its new name is taken, or there are too many.
+            BadValueError: Its new name is taken, its place is none, or there are too many.
+            InputError: No other arm of that name is open, or it moves.
             FileFormatError: A size cannot be used; names it.
             RefusedError: A motion is running, or the arm was opened without collision checks.
         """
@@ -69,6 +94,8 @@ class ThingsPanel:
                 raise BadValueError("The number of things", len(scene.names), f"below {_MOST}")
             case msg.AddThing():
                 scene.add(message.shape, self._new_name(message.shape), **self._new(message.shape))
+            case msg.AddArm():
+                self._put_beside(message.name)
             case msg.ChangeThing():
                 given = message.model_dump(
                     exclude_none=True, exclude={"kind", "seq", "seen", "name"}
@@ -98,13 +125,20 @@ class ThingsPanel:
 
     def offer(self) -> Frame:
         """Offer the things as a scene file; return where."""
-        text, name = scene_text(self._arm.scene.things), "scene.toml"
+        scene, name = self._arm.scene, "scene.toml"
+        text = scene_text(scene.things, [each.placed for each in scene.arms])
         url = self._downloads.offer(Download(name, lambda: [text], "application/toml"))
         return {"kind": "download", "url": url, "name": name}
 
     def _fields(self, thing: Obstacle) -> Fields:
         moved = self._moved
         return thing_fields(thing, moved.shift_m if moved and moved.name == thing.name else 0.0)
+
+    def _joints(self, other: OtherArm) -> Vector | None:
+        """Return where another arm was read last (n,); None once it is closed."""
+        thread = self._find_arm(other.name)
+        is_read = thread is not None and thread.arm.context is other.context
+        return thread.snapshot.measured if thread is not None and is_read else None
 
     def _new_name(self, shape: str) -> str:
         taken = {*self._arm.scene.names, *self._arm.scene.held}
@@ -121,6 +155,18 @@ class ThingsPanel:
         if shape == "cylinder":
             return {**place, "radius_m": half_m, "height_m": _NEW_SIZE_M}
         return {**place, "radius_m": half_m}
+
+
+def _links(other: OtherArm, joints: Vector | None) -> Sequence[Obstacle]:
+    """Return the links of another arm; where it was left once it is closed."""
+    return other.left or () if joints is None else other.links_at(joints)
+
+
+def _arm_row(other: OtherArm) -> Fields:
+    """Return what a person may change of another arm; its links are drawn."""
+    placed = other.placed
+    sizes = {"at_m": placed.at_m, "rpy_deg": placed.rpy_deg}
+    return {"name": other.name, "thing": "arm", "sizes": sizes, "drawn": False}
 
 
 def thing_fields(thing: Obstacle, shift_m: Vector | float = 0.0) -> Fields:

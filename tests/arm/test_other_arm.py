@@ -168,6 +168,57 @@ def test_an_arm_that_was_closed_is_where_it_was_left(arms):
     assert arm.move_to(RIGHT, straight=True).reached
 
 
+def test_an_arm_that_is_opened_again_stands_where_it_stood(arms):
+    arm, other = arms
+    before = other.scene
+    other.close()
+    with ikservo.open_arm("koch", port="sim:?pose=rest") as again:
+        again.scene.take_over(before)
+        assert (arm.scene.names, again.scene.names) == (("the koch",), ("so101",))
+        assert before.names == ()
+        assert arm.move_to(RIGHT, straight=True).reached  # it is at rest now
+        begun = threading.Event()
+
+        def hold_up(_):
+            begun.set()
+
+        arm.move_to(LEFT, straight=True, on_progress=hold_up, wait=False)
+        begun.wait(10.0)
+        with pytest.raises(RefusedError, match=r"so101, which this arm can reach, is moving\."):
+            again.move_to((0.15, 0.0, 0.12))
+        for change in (
+            lambda: again.scene.change("so101", at_m=(0.4, 0.0, 0.0)),
+            lambda: arm.scene.remove("the koch"),
+        ):
+            with pytest.raises(RefusedError, match="is moving"):
+                change()
+        arm.stop()
+
+
+def test_a_place_is_changed_for_both(arms):
+    arm, other = arms
+    with pytest.raises(CollisionError, match="would touch the koch's gripper"):
+        arm.move_to(RIGHT, straight=True)
+    other.scene.change("so101", at_m=(0.0, 0.9, 0.0), rpy_deg=(0.0, 0.0, 90.0))
+    (there,), (here,) = arm.scene.arms, other.scene.arms
+    np.testing.assert_allclose(there.T_base_other @ here.T_base_other, np.eye(4), atol=1e-12)
+    assert there.placed.at_m == pytest.approx((-0.9, 0.0, 0.0))
+    assert there.placed.rpy_deg == pytest.approx((0.0, 0.0, -90.0))
+    assert arm.move_to(RIGHT, straight=True).reached
+    for wrong in ({"at_m": (0.0, 0.0, 0.0)}, {"radius_m": 1.0}):
+        with pytest.raises((BadValueError, UnknownNameError)):
+            arm.scene.change("the koch", **wrong)
+    assert arm.scene.arms == (there,)
+
+
+def test_a_scene_file_with_another_arm_is_not_loaded_without_it(arms, tmp_path):
+    path = tmp_path / "scene.toml"
+    path.write_text('[[arm]]\nname = "third"\nat_m = [0, 0.5, 0]\n')
+    with pytest.raises(RefusedError, match="third, which is not open here"):
+        arms[0].scene.load(path)
+    assert arms[0].scene.names == ("the koch",)
+
+
 @pytest.mark.full
 def test_an_arm_that_cannot_be_measured_is_not_forgotten(arms):
     arm, other = arms
@@ -203,7 +254,8 @@ def test_what_is_no_other_arm_is_refused_and_changes_nothing(arms):
         with pytest.raises(BadValueError, match="another arm of this program"):
             arm.scene.add_arm(wrong, "x", at_m=BESIDE_M)
     with ikservo.open_arm("so100", port="sim:?pose=home") as third:
-        for place in ((math.nan, 0.0, 0.0), (1e9, 0.0, 0.0), (0.0, 0.4), "there"):
+        nowhere = ((math.nan, 0.0, 0.0), (1e9, 0.0, 0.0), (0.0, 0.4), "there", (0.0, 0.0, 0.01))
+        for place in nowhere:
             with pytest.raises(BadValueError):
                 arm.scene.add_arm(third, "third", at_m=place)
         with pytest.raises(BadValueError, match="not taken"):

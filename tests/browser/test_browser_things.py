@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from tests.browser.page_operator import until
+from tests.browser.page_operator import Operator, until
+from tests.browser.test_browser_arms import opened_panel
 from tests.browser.test_browser_page import CONTRAST, NAMES, SMALL
 
 pytestmark = pytest.mark.browser
@@ -79,3 +80,34 @@ def test_they_can_be_read_and_worked_with_a_finger(visit):
     assert operator.page.evaluate(CONTRAST) == []
     assert operator.page.evaluate(SMALL, 24) == []
     assert all(operator.page.evaluate(NAMES))
+
+
+def test_another_arm_of_the_page_is_added_placed_drawn_and_removed(browser):
+    with opened_panel(("so101", "sim:?pose=home"), ("koch", "sim:?pose=home")) as served:
+        context = browser.new_context(viewport={"width": 1100, "height": 720})
+        operator = Operator(context.new_page(), served)
+        scene = served.app.arms.find("so101").arm_thread.arm.scene
+        operator.page.click("#things-card summary")
+        operator.page.click("#add-arms :text('koch')")
+        operator.page.wait_for_selector("[data-thing='koch']")
+        assert operator.page.locator("#add-arms button").count() == 0
+        type_number(operator, "koch: x, mm", "450")
+        type_number(operator, "koch: y, mm", "100")
+        type_number(operator, "koch: yaw, degrees", "170")
+        until(lambda: scene.arms[0].placed.rpy_deg[2] == pytest.approx(170.0))
+        assert scene.arms[0].placed.at_m == pytest.approx((0.45, 0.1, 0.0))
+        drawn = "({ name, drawn }) => drawn && name === `koch's gripper`"
+        operator.until(f"window.ikservo.rendering.things.some({drawn})")
+        assert operator.page.evaluate(CONTRAST) == []
+        assert operator.page.evaluate(SMALL, 24) == []
+        assert all(operator.page.evaluate(NAMES))
+        type_number(operator, "koch: x, mm", "0")
+        type_number(operator, "koch: y, mm", "0")
+        operator.page.wait_for_selector("#log :text('not where this one stands')")
+        assert scene.arms[0].placed.at_m == pytest.approx((0.0, 0.1, 0.0))
+        type_number(operator, "koch: z, mm", "20")
+        until(lambda: scene.arms[0].placed.at_m == pytest.approx((0.0, 0.1, 0.02)))
+        operator.page.get_by_label("Remove koch").click()
+        operator.page.wait_for_selector("#add-arms :text('koch')")
+        assert scene.names == ()
+        context.close()

@@ -124,3 +124,32 @@ def test_a_scene_is_what_the_arm_keeps_out_of(run_cli, tmp_path):
     answer = run_cli(f"move 0.25 0 0.15 {SO101} --scene {scene}")
     assert answer.code == ExitCode.REFUSED
     assert "the ball" in answer.err
+
+
+KOCH = '[[arm]]\nname = "the koch"\narm = "koch"\nat_m = [0.45, 0, 0]\nrpy_deg = [0, 0, 180]\n'
+
+
+def test_another_arm_of_a_scene_is_measured_and_kept_out_of(run_cli, tmp_path):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(f'{KOCH}port = "sim:?pose=home"\n')
+    among = run_cli(f"move 0.3 0 0.15 --straight {SO101} --scene {scene}")
+    assert among.code == ExitCode.REFUSED
+    assert "the koch's" in among.err
+    assert run_cli(f"move 0.2 0.1 0.12 {SO101} --scene {scene}").code == 0
+
+
+@pytest.mark.parametrize(
+    ("port", "options", "code", "sentence"),
+    [
+        ("", "", 2, 'as in: port = "/dev/ttyUSB1"'),
+        ("/dev/ttyNOTHERE", "", 3, "/dev/ttyNOTHERE"),
+        ("sim:?pose=home", "--no-collision", ExitCode.REFUSED, "without collision checks"),
+    ],
+)
+def test_another_arm_that_cannot_be_measured_is_refused(
+    run_cli, tmp_path, port, options, code, sentence
+):
+    scene = tmp_path / "scene.toml"
+    scene.write_text(KOCH + (f'port = "{port}"\n' if port else ""))
+    answer = run_cli(f"move 0.2 0.1 0.12 {SO101} {options} --scene {scene}")
+    assert (answer.code, sentence in answer.err) == (code, True)

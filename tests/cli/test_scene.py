@@ -46,3 +46,14 @@ def test_poses_that_touch_a_thing_are_named(run_cli, scene):
 def test_what_cannot_be_read_or_done_is_said(run_cli, scene, tmp_path):
     assert run_cli(f"scene draw {scene(0.1)}").code == 2
     assert run_cli(f"scene show {tmp_path / 'none.toml'}").code == 2
+
+
+def test_another_arm_is_shown_and_said_to_be_unchecked(run_cli, scene):
+    path = scene(-0.6)
+    path.write_text(path.read_text() + '[[arm]]\nname = "koch"\nat_m = [0.45, 0, 0]\n')
+    (arm,) = run_cli(f"scene show {path} --json").json["arms"]
+    assert (arm["name"], arm["at_m"], arm["rpy_deg"]) == ("koch", [0.45, 0, 0], [0, 0, 0])
+    assert "koch" in run_cli(f"scene show {path}").out
+    checked = run_cli(f"scene check {path} --arm so101")
+    assert (checked.code, "Not checked: koch" in checked.err) == (0, True)
+    assert run_cli(f"scene check {path} --arm so101 --json").json["unchecked"] == ["koch"]

@@ -124,6 +124,14 @@ def test_arms_that_make_no_sense_are_refused_before_anything_is_served(
         ),
         ("so101", "[[sphere]]\nradius = 1", "is not a known key"),
         ("so101", None, "does not exist"),
+        ("so101", '[[arm]]\nname = "koch"\nat_m = [0.4, 0, 0]', "koch, which is not opened"),
+        ("koch", '[[arm]]\nname = "koch"\nat_m = [0.4, 0, 0]', "there are 0"),
+        (
+            "so101 koch px150",
+            '[[arm]]\nname = "koch"\nat_m = [0.4, 0, 0]',
+            "one arm that it does not name; there are 2",
+        ),
+        ("so101 koch", '[[arm]]\nname = "koch"\nat_m = [0, 0, 0]', "not where this one stands"),
     ],
 )
 def test_a_scene_that_makes_no_sense_is_refused(run_cli, tmp_path, arms, scene, sentence):

@@ -4,10 +4,18 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.errors import BadValueError, FileFormatError
+from ikservo.errors import BadValueError, FileFormatError, RefusedError
 from ikservo.guard.collision_kernel import point_shape_distance
 from ikservo.model import load_model
-from ikservo.model.scene import describe_thing, make_shape, read_scene, scene_text, with_scene
+from ikservo.model.scene import (
+    PlacedArm,
+    describe_thing,
+    make_shape,
+    read_scene,
+    read_scene_with_arms,
+    scene_text,
+    with_scene,
+)
 from ikservo.view.things_panel import thing_fields
 
 SCENE = """
@@ -31,6 +39,15 @@ radius_m = 0.05
 name = "the wall"
 point_m = [-0.5, 0.0, 0.0]
 normal = [2, 0, 0]
+"""
+
+ARM = """
+[[arm]]
+name = "the second"
+arm = "koch"
+port = "/dev/ttyUSB1"
+at_m = [0.45, 0, 0]
+rpy_deg = [0, 0, 180]
 """
 
 
@@ -83,6 +100,10 @@ def test_the_arm_keeps_out_of_a_scene_and_the_page_draws_it(scene):
         (SCENE.replace("[0.4, 0.2, 0.02]", "[0.4, 0.2]"), r"box\[0\].size_m"),
         (SCENE.replace("margin_m = 0.01", "margin_m = nan"), "margin_m"),
         ("box = 3", "box"),
+        (ARM.replace("at_m", "centre_m"), r"arm\[0\].centre_m"),
+        (ARM.replace("0.45", "inf"), r"arm\[0\].at_m"),
+        (ARM * 2, "a second time"),
+        (SCENE + ARM.replace("the second", "the ball"), "a second time"),
     ],
 )
 def test_a_malformed_scene_names_the_key(scene, text, where):
@@ -153,3 +174,16 @@ def test_a_thing_is_described_as_it_was_made(scene, kind):
     for point in points:
         far_m = point_shape_distance(*point, read_scene(scene(no_margin))[thing].row[None], 0)
         assert point_shape_distance(*point, row[None], 0) == pytest.approx(far_m, abs=1e-9)
+
+
+def test_where_another_arm_stands_is_read_written_and_never_ignored(scene, tmp_path):
+    path = scene(SCENE + ARM)
+    things, arms = read_scene_with_arms(path)
+    assert arms == (
+        PlacedArm("the second", (0.45, 0.0, 0.0), (0.0, 0.0, 180.0), "koch", "/dev/ttyUSB1"),
+    )
+    (tmp_path / "again.toml").write_text(scene_text(things, arms), encoding="utf-8")
+    assert read_scene_with_arms(tmp_path / "again.toml")[1] == arms
+    for read in (read_scene, lambda path: with_scene(load_model("so101"), path)):
+        with pytest.raises(RefusedError, match="the second, which is not open here"):
+            read(path)

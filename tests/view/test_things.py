@@ -5,11 +5,18 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from ikservo.errors import CollisionError
-from ikservo.model.scene import read_scene
+from ikservo.arm import open_arm
+from ikservo.clock import RealClock
+from ikservo.errors import BadValueError, CollisionError, NoPortError
+from ikservo.model import load_model
+from ikservo.model.scene import PlacedArm, read_scene, read_scene_with_arms
 from ikservo.view import thing_messages as things
 from ikservo.view.auth import Permission
-from ikservo.view.messages import BadMessageError
+from ikservo.view.downloads import DownloadOffers
+from ikservo.view.goal_planning import PlanRequest
+from ikservo.view.messages import BadMessageError, SetLive
+from ikservo.view.served_arms import ArmAtPort, ServedArms, ViewSettings
+from tests.browser.page_operator import until
 from tests.view.view_session import ViewSession
 
 DRAG_PX = 60.0
@@ -129,3 +136,108 @@ def test_they_are_saved_as_a_scene_file(session, tmp_path):
     assert [each.name for each in read_scene(tmp_path / "scene.toml")] == list(
         session.arm.scene.names
     )
+
+
+class Table:
+    """Two arms on one table, each with a client in control."""
+
+    def __init__(self, ports=("sim:?pose=home", "sim:?pose=home"), beside=()):
+        clock, self.seq = RealClock(), 0
+        self.arms = ServedArms(ViewSettings(open_arm, clock, DownloadOffers(clock), 60.0))
+        so101 = ArmAtPort(load_model("so101"), ports[0], tuple(beside))
+        self.arms.open_all([so101, ArmAtPort(load_model("koch"), ports[1])])
+        self.clients = {each.name: each.connect(Permission.CONTROL) for each in self.arms.all()}
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *_):
+        self.arms.close()
+
+    def scene(self, name):
+        return self.arms.find(name).arm_thread.arm.scene
+
+    def send(self, of, kind, /, **fields):
+        self.seq += 1
+        word = kind.model_fields["kind"].annotation.__args__[0]
+        message = kind(kind=word, seq=self.seq, seen=0, **fields)
+        self.arms.find(of).receive(self.clients[of], message)
+
+    def shown(self, name):
+        frames = self.arms.find(name).frames(self.clients[name])
+        return next(each for each in frames if each["kind"] == "things")
+
+
+def test_another_arm_of_the_page_is_put_beside_this_one_drawn_and_saved(tmp_path):
+    with Table() as table:
+        table.send("so101", things.AddArm, name="koch")
+        table.send("so101", things.ChangeThing, name="koch", at_m=(0.45, 0.0, 0.0))
+        frame = table.shown("so101")
+        (row,) = frame["things"]
+        assert (row["name"], row["thing"], row["drawn"]) == ("koch", "arm", False)
+        assert row["sizes"]["at_m"] == pytest.approx((0.45, 0.0, 0.0))
+        assert "koch's gripper" in {each["name"] for each in frame["links"]}
+        tips = [np.reshape(each["pose"], (4, 4))[0, 3] for each in frame["links"]]
+        assert min(tips) < 0.36  # it faces this arm
+        assert max(tips) < 0.48
+        assert [each["name"] for each in table.shown("koch")["things"]] == ["so101"]
+        table.send("so101", things.SaveThings)
+        offers = table.arms.find("so101").controller.downloads._offers
+        (text,) = ["".join(each.make()) for _, each in offers.values()]
+        (tmp_path / "scene.toml").write_text(text, encoding="utf-8")
+        (arm,) = read_scene_with_arms(tmp_path / "scene.toml")[1]
+        assert (arm.name, arm.at_m) == ("koch", pytest.approx((0.45, 0.0, 0.0)))
+        table.send("koch", things.RemoveThing, name="so101")
+        assert table.scene("so101").names == ()
+
+
+def test_what_is_no_other_arm_of_the_page_or_moves_is_refused():
+    with Table() as table:
+        for name in ("so101", "px150"):
+            with pytest.raises(BadMessageError, match="No other arm"):
+                table.send("so101", things.AddArm, name=name)
+        table.send("koch", SetLive, on=True)
+        with pytest.raises(BadMessageError, match="koch is moving"):
+            table.send("so101", things.AddArm, name="koch")
+        assert table.scene("so101").names == ()
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_arms_of_a_scene_are_obstacles_to_each_other_and_stay_so_when_opened_again():
+    beside = [PlacedArm("koch", (0.45, 0.0, 0.0), (0.0, 0.0, 180.0))]
+    with Table(beside=beside) as table:
+        arm = table.arms.find("so101").arm_thread.arm
+        assert (arm.scene.names, table.scene("koch").names) == (("koch",), ("so101",))
+        (before,) = arm.scene.arms
+        goal, start = np.ones(6), np.zeros(6)
+        planned = PlanRequest(arm, goal, start, "slow")
+        with table.arms.find("koch").arm_thread.arm.context.surroundings.in_turn():
+            now = PlanRequest(arm, goal, start, "slow")
+            assert now.change_since(planned) == "what is around the arm has changed"
+        assert PlanRequest(arm, goal, start, "slow").change_since(planned) == ""
+        table.arms.start_closing("koch")
+        until(lambda: len(table.arms.all()) == 1)
+        assert before.left
+        assert table.shown("so101")["links"]
+        table.arms.start_opening(ArmAtPort(load_model("koch"), "/dev/ttyNOTHERE"))
+        until(lambda: len(table.arms.all()) == 2 and table.arms.all()[1].error)
+        table.arms.start_closing("koch")
+        until(lambda: len(table.arms.all()) == 1)
+        table.arms.start_opening(ArmAtPort(load_model("koch"), "sim:?pose=rest"))
+        until(lambda: table.arms.find("koch"))
+        assert table.scene("koch").names == ("so101",)
+        (now,) = arm.scene.arms
+        assert now.left is None
+        np.testing.assert_array_equal(now.T_base_other, before.T_base_other)
+
+
+@pytest.mark.parametrize(
+    ("ports", "beside", "error"),
+    [
+        (("sim:?pose=home", "/dev/ttyNOTHERE"), PlacedArm("koch", (0.4, 0.0, 0.0)), NoPortError),
+        (("sim:?pose=home",) * 2, PlacedArm("koch", (0.0, 0.0, 0.0)), BadValueError),
+    ],
+)
+def test_no_page_is_opened_where_an_arm_of_the_scene_cannot_be_an_obstacle(ports, beside, error):
+    with pytest.raises(error):
+        Table(ports, [beside])

@@ -14,9 +14,10 @@ const STATES = {
 const IS_OPEN = new Set(["stopped", "live", "busy", "calibration", "preview"]);
 
 export class Arms {
-  constructor(key, options, follow, chooseCamera) {
+  constructor(key, options, follow, setOthers, chooseCamera) {
     this.options = options;
     this.follow = follow; // called with the name of an arm that the one shown is to follow
+    this.setOthers = setOthers; // called with the names of the open arms beside the one shown
     this.shown = null; // the name of the arm that this page shows
     this.wanted = null; // the one that was chosen to be opened, and is shown once it is open
     this.list = [];
@@ -86,6 +87,7 @@ export class Arms {
 
   update() {
     const open = this.list.filter(({ state }) => IS_OPEN.has(state));
+    this.setOthers(open.map(({ name }) => name).filter((name) => name !== this.shown));
     $("stop-all").hidden = (open.length < 2 && !this.newArm.hasServos) || !this.mayControl;
     $("arms-none").hidden = this.list.length > 0;
     setText($("arms-toggle"), open.length > 1 ? `Arms (${open.length})` : "Arms");

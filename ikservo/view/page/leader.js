@@ -35,7 +35,7 @@ export class Leader {
     this.connection = new Connection(this.key, {
       arm_info: (message) => { this.view = message.views[0]; this.sendViewport(); },
       graph: (message) => this.picture.setGraph(message),
-      things: (message) => this.picture.setThings(message.things),
+      things: (message) => this.picture.setThings([...message.things, ...message.links]),
       scene: (message) => this.draw(message),
       status: (message) => { this.status = message; this.update(); },
       refused: ({ message, hint }) => setText($("leader-state"), `${message} ${hint}`),

@@ -61,8 +61,9 @@ const connection = new Connection(key, {
   },
   shapes(message) { rendering.setShapes(message.links); },
   things(message) {
-    picture.setThings(message.things);
-    rendering.setThings(message.things);
+    const drawn = [...message.things, ...message.links];
+    picture.setThings(drawn);
+    rendering.setThings(drawn);
     things.setThings(message.things);
   },
   scene(message) {
@@ -74,7 +75,10 @@ const connection = new Connection(key, {
   },
   plots(message) { plots.receive(message); },
   download,
-  refused(message) { panel.showRefusal(message); },
+  refused(message) {
+    panel.showRefusal(message);
+    things.forgetTyped();
+  },
   heard() { freshness.heard(); },
   closed(why, reason) {
     scenes = [];
@@ -93,7 +97,13 @@ const servos = new Servos(send);
 const things = new Things(send, (message) => panel.showRefusal({ message, hint: "" }));
 const actions = new Actions(send);
 const leader = new Leader(key, send, () => sendViewport());
-const arms = new Arms(key, options, (name) => leader.choose(name), (camera) => send("choose_camera", { camera }));
+const arms = new Arms(
+  key,
+  options,
+  (name) => leader.choose(name),
+  (names) => things.setOthers(names),
+  (camera) => send("choose_camera", { camera }),
+);
 const rendering = new Rendering($("webgl"), options.get("draw"), () => {
   if (armInfo && !viewIsChosen && viewBefore === null && !rendering.wanted) view = rendering.firstView(armInfo.views);
   sendViewport();

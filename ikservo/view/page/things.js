@@ -5,19 +5,20 @@ import { NumberField } from "./number_field.js";
 
 const MM = 0.001;
 const AXES = ["x", "y", "z"];
-const TITLES = { box: "box", cylinder: "can", sphere: "ball", half_space: "half space" };
+const TITLES = { box: "box", cylinder: "can", sphere: "ball", half_space: "half space", arm: "arm" };
 // By the keys of a scene file: what is typed for each number, in which unit.
 const SIZES = {
   box: [["size_m", AXES.map((axis) => `length ${axis}`), "mm"], ["rpy_deg", ["roll", "pitch", "yaw"], "°"]],
   cylinder: [["radius_m", "radius", "mm"], ["height_m", "height", "mm"]],
   sphere: [["radius_m", "radius", "mm"]],
   half_space: [],
+  arm: [["rpy_deg", ["roll", "pitch", "yaw"], "°"]],
 };
 
 export class Things {
   // refuse(sentence) is called with what is typed wrong.
   constructor(send, refuse) {
-    Object.assign(this, { send, refuse, rows: [], movable: false });
+    Object.assign(this, { send, refuse, rows: [], others: [], movable: false });
     for (const shape of ["box", "cylinder", "sphere"]) $(`add-${shape}`).onclick = () => send("add_thing", { shape });
     $("things-save").onclick = () => send("save_things");
   }
@@ -32,6 +33,22 @@ export class Things {
       $("things").replaceChildren(...this.rows.map(({ element }) => element));
     }
     things.forEach((thing, i) => this.showSizes(this.rows[i], thing.sizes));
+    this.showOthers();
+  }
+
+  // The other arms of the page, each of which can be put beside this one.
+  setOthers(names) {
+    this.others = names;
+    this.showOthers();
+  }
+
+  showOthers() {
+    const names = this.others.filter((name) => !this.rows.some((row) => row.name === name));
+    if (names.join() === $("add-arms").dataset.names) return;
+    $("add-arms").dataset.names = names.join();
+    $("add-arms").replaceChildren(...names.map((name) => createElement("button", {
+      type: "button", class: "ghost small", disabled: !this.movable, onclick: () => this.send("add_other_arm", { name }),
+    }, `+ ${name}`)));
   }
 
   showStatus({ controller, mode, live }) {
@@ -39,25 +56,29 @@ export class Things {
     for (const control of $("things-card").querySelectorAll("button:not(#things-save), input")) control.disabled = !this.movable;
   }
 
-  createRow({ name, thing: kind, sizes }) {
+  createRow({ name, thing: kind }) {
     const change = (fields) => this.send("change_thing", { name, ...fields });
     const title = createElement("input", { type: "text", autocomplete: "off", maxlength: 40, "aria-label": `Name of ${name}`, value: name });
+    title.readOnly = kind === "arm";
     title.onchange = () => (title.value.trim() ? change({ new_name: title.value.trim() }) : (title.value = name));
     const remove = createElement("button", { type: "button", class: "ghost small", "aria-label": `Remove ${name}`, onclick: () => this.send("remove_thing", { name }) }, "×");
     const row = { name, kind, fields: [], element: createElement("li", { "data-thing": name }, title, createElement("span", { class: "quiet" }, TITLES[kind]), remove) };
-    const keys = kind === "half_space" ? [] : [["centre_m", AXES, "mm"], ...SIZES[kind]];
-    for (const [key, labels, unit] of keys) row.element.append(this.createNumbers(row, { key, labels, unit }, change, sizes));
+    const keys = kind === "half_space" ? [] : [[kind === "arm" ? "at_m" : "centre_m", AXES, "mm"], ...SIZES[kind]];
+    for (const [key, labels, unit] of keys) row.element.append(this.createNumbers(row, { key, labels, unit }, change));
     return row;
   }
 
-  createNumbers(row, { key, labels, unit }, change, sizes) {
+  createNumbers(row, { key, labels, unit }, change) {
     const group = createElement("div", { class: "thing-numbers" });
     [labels].flat().forEach((label, i) => {
       const factor = unit === "mm" ? MM : 1;
-      const entry = { key, index: Array.isArray(labels) ? i : null, factor, sizes };
+      const entry = { key, index: Array.isArray(labels) ? i : null, factor };
       entry.field = new NumberField({
         label: `${row.name}: ${label}`, unit, refuse: this.refuse,
-        submit: (value) => change({ [key]: changed(entry, value * factor) }),
+        submit: (value) => {
+          row.sizes[key] = changed(row.sizes[key], entry.index, value * factor);
+          change({ [key]: row.sizes[key] });
+        },
       });
       row.fields.push(entry);
       group.append(createElement("label", {}, `${label} `, entry.field.element));
@@ -66,9 +87,15 @@ export class Things {
     return group;
   }
 
-  showSizes({ fields }, sizes) {
-    for (const entry of fields) {
-      entry.sizes = sizes;
+  // What was typed is not there: it was refused.
+  forgetTyped() {
+    for (const row of this.rows) row.sizes = { ...row.told };
+  }
+
+  // Of two numbers typed one after the other, the second is sent with the first, before that is shown here.
+  showSizes(row, sizes) {
+    Object.assign(row, { told: sizes, sizes: { ...sizes } });
+    for (const entry of row.fields) {
       const value = entry.index === null ? sizes[entry.key] : sizes[entry.key][entry.index];
       entry.field.show(value / entry.factor, !this.movable);
     }
@@ -76,6 +103,6 @@ export class Things {
 }
 
 // The new value of a key of which one number was typed.
-function changed({ key, index, sizes }, value) {
-  return index === null ? value : sizes[key].map((each, i) => (i === index ? value : each));
+function changed(before, index, value) {
+  return index === null ? value : before.map((each, i) => (i === index ? value : each));
 }
