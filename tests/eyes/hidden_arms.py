@@ -100,9 +100,11 @@ def click_errors_m(arm, camera, opened, count, seed=0):
         point = np.append(chance.uniform([0.08, -0.2], [0.38, 0.2]), table_m(opened.model) + 0.03)
         u, v = camera.pixel(point)
         try:
-            opened.move_to(opened.camera.point_on_table(u, v, height_m=0.03))
+            result = opened.move_to(opened.camera.point_on_table(u, v, height_m=0.03))
         except IkservoError:
             continue  # beside the picture, or out of reach
+        if not result.reached:
+            continue  # at an end stop that its calibration has not met: the arm says so
         positions = [joint.position for joint in arm.world.joints]
         errors.append(np.linalg.norm(arm.world.tip.position_m(positions) - point))
     return np.array(errors)
