@@ -133,8 +133,8 @@ def _require_ports(scene: Path, arms: Sequence[PlacedArm]) -> None:
         if not each.port:
             raise InputError(
                 f"{scene} does not say at which port {each.name} is.",
-                'Write it below its place, as in: port = "/dev/ttyUSB1". On a page that opens '
-                "both arms, as ikservo view does, none is needed.",
+                'Write it below its place, as in: port = "/dev/ttyUSB1". Arms that are open on '
+                "one page need none.",
             )
 
 
