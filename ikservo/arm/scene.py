@@ -155,6 +155,14 @@ class Scene:
                 self._check_new(name)
             self._change({**self._things, **added}, self._held)
 
+    def is_of_same_arm(self, other: Scene) -> bool:
+        """Tell whether a scene is of this arm: of one file and one adapter, or simulated port."""
+        one, another = (
+            (each.model.path, each.serial_number or each.port.name)
+            for each in (self._context, other._context)
+        )
+        return one == another
+
     def take_over(self, before: Scene) -> None:
         """Have the things and other arms of a scene of the same arm, which was open before.
 

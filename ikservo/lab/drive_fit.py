@@ -52,7 +52,7 @@ _STUCK_RAD_S = 0.01
 # A joint whose gravity torque is below this share of that of the whole duty has its gears free.
 _FREE_SHARE = 0.01
 # Places that are compared, from the middle of a swing, and how far around each, in shares of it.
-_PLACES, _PLACE_WIDTH, _TINY = np.linspace(-0.4, 0.4, 17), 0.03, 1e-9
+_PLACES, _PLACE_WIDTH = np.linspace(-0.4, 0.4, 17), 0.03
 # Where so many places show as much of the play, but for this much of it, they show all.
 _ALIKE_PLACES, _ALIKE_SHARE, _ALIKE_RAD = 3, 0.1, 0.002
 _MAX_BACKLASH_RAD = 0.2
@@ -346,6 +346,8 @@ def fit_backlash(
     motor = motors.windings[0]
     by_volts, by_amps, by_joint = np.moveaxis(_lost_motions(recording, joint, swings, motor), 2, 0)
     turned = motors.per_horn_rad / motor.kt * (by_volts - motor.ohm * by_amps)
+    if turned.shape[1] < _ALIKE_PLACES:
+        return None
     by_place = np.median(turned - by_joint, axis=0)
     most = by_place.max()
     alike = by_place >= most - max(_ALIKE_SHARE * most, _ALIKE_RAD)
@@ -392,8 +394,9 @@ def _lost_motions(
     series = np.column_stack([_integral(volts, time_s), _integral(current, time_s), position])
     samples = position[np.concatenate(swings)]
     places = (position - np.median(samples)) / np.ptp(samples)
-    away = np.abs(places[:, None] - _PLACES)
-    weights = np.where(away < _PLACE_WIDTH, 1.0, _TINY)
+    near = np.abs(places[:, None] - _PLACES) < _PLACE_WIDTH
+    reached = np.all([near[swing].any(axis=0) for swing in swings], axis=0)
+    weights = near[:, reached].astype(np.float64)
     lead = np.array([
         weights[swing].T @ series[swing] / weights[swing].sum(axis=0)[:, None] for swing in swings
     ])  # fmt: skip

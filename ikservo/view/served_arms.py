@@ -8,7 +8,6 @@ from collections.abc import Callable, Iterable, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from enum import StrEnum
-from pathlib import Path
 
 from ikservo.arm import DEAD_MAN_TIMEOUT_S, Arm
 from ikservo.arm.reports import describe_torque
@@ -171,8 +170,9 @@ class ServedArm:
                     CalibrationDriver(model, port),
                 )
             )
-            if self._before is not None and self._before.arms:
-                self.arm_thread.arm.scene.take_over(self._before)
+            scene, before = self.arm_thread.arm.scene, self._before
+            if before is not None and before.arms and before.is_of_same_arm(scene):
+                scene.take_over(before)
             self.has_been_open = True
             self._open_cameras(stack)
             self.controller = SessionController(
@@ -315,7 +315,7 @@ class ServedArms:
     def __init__(self, settings: ViewSettings) -> None:
         self._settings = settings
         self._arms: dict[str, ServedArm] = {}
-        self._closed: dict[str, tuple[Path, Scene]] = {}
+        self._closed: dict[str, Scene] = {}
 
     @property
     def camera_names(self) -> list[str]:
@@ -383,9 +383,7 @@ class ServedArms:
 
     def _add(self, place: ArmAtPort) -> ServedArm:
         name = page_names([place.model.name], self._arms)[-1]
-        path, before = self._closed.get(name, (None, None))
-        if path != place.model.path:
-            before = None
+        before = self._closed.get(name)
         arm = ServedArm(name, place, self._settings, self._find_thread, before)
         self._arms[arm.name] = arm
         return arm
@@ -420,7 +418,7 @@ class ServedArms:
             arm.close()
         finally:
             if arm.has_been_open:
-                self._closed[arm.name] = (arm.place.model.path, arm.arm_thread.arm.scene)
+                self._closed[arm.name] = arm.arm_thread.arm.scene
             self._arms.pop(arm.name, None)
 
     def close(self) -> None:

@@ -3,6 +3,7 @@
 import math
 import threading
 from contextlib import suppress
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -320,3 +321,10 @@ def test_two_arms_in_turn_touch_nowhere(capsys, names, seeds):
     )
     assert moved
     assert min(nearest_m) > 0.0
+
+
+def test_a_scene_is_of_the_same_arm_on_the_same_adapter_only():
+    with ikservo.open_arm("koch", port="sim") as one, ikservo.open_arm("koch", port="sim") as other:
+        assert one.scene.is_of_same_arm(other.scene)
+        other.scene._context = replace(other.context, serial_number="58FA083")
+        assert not one.scene.is_of_same_arm(other.scene)
