@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum, auto
 from types import MappingProxyType
@@ -92,11 +92,6 @@ class StopLatch:
             raise LatchedStopError(self._reason.headline)
 
 
-class _KnownJoints(dict[str, JointGate]):
-    def __missing__(self, name: str) -> JointGate:
-        raise RefusedError(f"There is no joint {name!r} on this arm.", "Nothing was sent.")
-
-
 class Gate:
     """Sends commands to the servos that pass all checks, or refuses them as a whole.
 
@@ -119,7 +114,7 @@ class Gate:
         write_goals: Callable[[Mapping[int, int]], None],
         clock: Clock,
     ) -> None:
-        self._joints = _KnownJoints((driven.joint, JointGate(driven)) for driven in limits)
+        self._joints = {driven.joint: JointGate(driven) for driven in limits}
         self._write_goals, self._clock = write_goals, clock
         self._latch = StopLatch()
         self._passed_s = clock.now_s()
@@ -133,8 +128,9 @@ class Gate:
             RefusedError: A joint is unknown, a tick is not an integer, or the arm was stopped.
         """
         self._latch.raise_if_stopped()
+        self._require_known(ticks)
         for name, tick in ticks.items():
-            require_int_tick(self._joints[name].driven.joint, tick)
+            require_int_tick(name, tick)
         self._commit_goals(ticks, self._clock.now_s())
 
     def update_measured(self, ticks: Mapping[str, int], time_s: float) -> None:
@@ -151,11 +147,11 @@ class Gate:
         """
         if not math.isfinite(time_s):
             raise RefusedError(f"The time of a measurement is {time_s} s.", "It was ignored.")
-        measured = [(self._joints[name], tick) for name, tick in ticks.items()]
-        for joint, tick in measured:
-            require_int_tick(joint.driven.joint, tick)
-        for joint, tick in measured:
-            joint.update_measured(tick, time_s)
+        self._require_known(ticks)
+        for name, tick in ticks.items():
+            require_int_tick(name, tick)
+        for name, tick in ticks.items():
+            self._joints[name].update_measured(tick, time_s)
 
     def set_speeds(self, speeds: Mapping[str, float]) -> None:
         """Set the maximum speeds of the next motion, rad/s or m/s: slow ones have less lead.
@@ -165,11 +161,11 @@ class Gate:
         Raises:
             RefusedError: A joint is unknown, or a speed not above zero.
         """
+        self._require_known(speeds)
         for name, speed in speeds.items():
-            driven = self._joints[name].driven
             if not speed > 0.0:
                 raise RefusedError(
-                    f"The speed of {driven.joint} must be above zero, not {speed} rad/s.",
+                    f"The speed of {name} must be above zero, not {speed} rad/s.",
                     "Nothing was sent.",
                 )
         for name, joint in self._joints.items():
@@ -208,6 +204,7 @@ class Gate:
             RefusedError: A joint is unknown or would leave its limits, a tick is not an integer,
                 or the joint was not measured recently.
         """
+        self._require_known(goals)
         fraction, shortened, elapsed_s = 1.0, dict[str, int](), now_s - self._passed_s
         for name, tick in goals.items():
             fraction = min(fraction, self._joints[name].step_fraction(tick, elapsed_s, now_s))
@@ -231,6 +228,7 @@ class Gate:
         self._latch.raise_if_stopped()
         now_s = self._command_time_s(now_s)
         elapsed_s = now_s - self._passed_s
+        self._require_known(goals)
         for name, tick in goals.items():
             self._joints[name].check_goal(tick, elapsed_s, now_s)
         for name, tick in goals.items():
@@ -301,6 +299,7 @@ class Gate:
         Raises:
             RefusedError: A joint is unknown or would leave its limits.
         """
+        self._require_known(goals)
         for name, tick in goals.items():
             self._joints[name].check_range(tick, start[name])
 
@@ -310,7 +309,13 @@ class Gate:
         Raises:
             RefusedError: The joint is unknown or was never enabled, or the tick is not an integer.
         """
+        self._require_known([name])
         return self._joints[name].clamp(tick)
+
+    def _require_known(self, names: Iterable[str]) -> None:
+        for name in names:
+            if name not in self._joints:
+                raise RefusedError(f"There is no joint {name!r} on this arm.", "Nothing was sent.")
 
     def _command_time_s(self, given_s: float | None) -> float:
         """Compute the time for which a command is checked."""

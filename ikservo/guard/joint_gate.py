@@ -108,9 +108,9 @@ class JointGate:
 
     def ease(self) -> float:
         """Compute how fast goals may go on, 0 to 1: less from three quarters of the lead on."""
-        if self.goal is None or self.measured is None:
+        lead = self._lead()
+        if lead is None:
             return 0.0
-        lead = abs(self.goal - self.measured)
         return min(max((1.0 - lead / self._max_lead) / (1.0 - _EASE_FROM), 0.0), 1.0)
 
     def allowed_advance_s(self, elapsed_s: float) -> float:
@@ -118,11 +118,10 @@ class JointGate:
 
         Goals within the speed of `set_speed` stay within the maximum lead.
         """
-        if self.goal is None or self.measured is None:
+        lead = self._lead()
+        if lead is None:
             return 0.0
-        remaining = (
-            self._max_lead - 1 - abs(self.goal - self.measured)
-        )  # one tick is left for rounding
+        remaining = self._max_lead - 1 - lead  # one tick is left for rounding
         return max(min(self.ease() * elapsed_s, remaining / self._ticks_s), 0.0)
 
     def step_fraction(self, tick: int, elapsed_s: float, now_s: float) -> float:
@@ -214,6 +213,10 @@ class JointGate:
         require_int_tick(self._name, tick)
         last, (low, high) = self.last_goal(), self._range
         return min(max(tick, min(low, last)), max(high, last))
+
+    def _lead(self) -> int | None:
+        goal, measured = self.goal, self.measured
+        return None if goal is None or measured is None else abs(goal - measured)
 
     def _recent_tick(self, now_s: float) -> int:
         if self.measured is None or self.is_stale(now_s):
