@@ -183,7 +183,7 @@ def known_camera(
     if not cameras:
         raise CalibrationError(
             f"{arm} has no calibrated camera.",
-            "Fix a printed board to its gripper, and calibrate the arm before the camera.",
+            "Fix a printed board to its gripper, and calibrate it in front of the camera.",
         )
     if name and name not in cameras:
         raise UnknownNameError("camera", name, filter(None, cameras))

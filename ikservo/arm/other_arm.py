@@ -11,6 +11,7 @@ from ikservo.arm.surroundings import Turn, other_moves
 from ikservo.errors import IkservoError, RefusedError
 from ikservo.hardware.remembered_port import is_simulated
 from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.model.catalogue import catalogue_name
 from ikservo.model.scene import KeepOutShape, PlacedArm, capsule_shape, turned_deg
 
 __all__ = ["OtherArm"]
@@ -65,12 +66,13 @@ class OtherArm:
     def placed(self) -> PlacedArm:
         """Where it stands, as a scene file says it."""
         (x, y, z), R = self.T_base_other[:3, 3].tolist(), self.T_base_other[:3, :3]
-        model, port = self.context.model.name, self.context.port.name
+        path, port = self.context.model.path, self.context.port.name
+        arm = catalogue_name(path) or str(path.absolute())
         return PlacedArm(
             self.name,
             (x, y, z),
             turned_deg(R),
-            "" if model == self.name else model,
+            "" if arm == self.name else arm,
             "" if is_simulated(port) else port,
         )
 

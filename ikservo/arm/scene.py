@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -26,13 +27,20 @@ from ikservo.model import Model
 from ikservo.model.collision_model import collision_body_with_gripper
 from ikservo.model.model import Obstacle
 from ikservo.model.sag import joint_compliances, link_masses
-from ikservo.model.scene import KeepOutShape, describe_thing, make_shape, read_scene
+from ikservo.model.scene import (
+    FURTHEST_BASE_M,
+    NEAREST_BASE_M,
+    KeepOutShape,
+    describe_thing,
+    make_shape,
+    read_scene,
+)
 
 __all__ = ["InScene", "Scene", "arm_sag"]
 
 _LARGEST_M = 0.5  # half of a side of what a gripper holds
-_NEAREST_M, _FURTHEST_M = 0.03, 10.0  # between the bases of two arms
 _WAIT_S = 0.1  # for a reading to end, not for a motion
+_others_lock = threading.RLock()  # which arms can reach each other is said in both their scenes
 
 
 class InScene(Protocol):
@@ -169,7 +177,7 @@ class Scene:
         Raises:
             RefusedError: A motion is running, or it was opened without collision checks.
         """
-        with self._changing():
+        with self._changing(), _others_lock:
             if before._things != self._things or before._held or before._others:
                 self._change(before._things, before._held)
             for scene, there in before._others.items():
@@ -325,7 +333,7 @@ class Scene:
     def _changing_both(self, other: Scene) -> Generator[None]:
         """Let nothing move in the block, nor its scene change, of both arms; one order for both."""
         first, second = sorted((self, other), key=id)
-        with first._changing(_WAIT_S), second._changing(_WAIT_S):
+        with _others_lock, first._changing(_WAIT_S), second._changing(_WAIT_S):
             yield
 
     def _check_new(self, name: str) -> None:
@@ -371,8 +379,8 @@ def _pose_of_base(at_m: ArrayLike, rpy_deg: ArrayLike) -> Matrix:
     Raises:
         BadValueError: It is nowhere on the same table, or where this arm stands.
     """
-    at = bounded_vector(at_m, 3, _FURTHEST_M, "at_m", "metres of the same table")
-    if np.linalg.norm(at) < _NEAREST_M:
+    at = bounded_vector(at_m, 3, FURTHEST_BASE_M, "at_m", "metres of the same table")
+    if np.linalg.norm(at) < NEAREST_BASE_M:
         raise BadValueError("The place of the other arm", at.tolist(), "not where this one stands")
     return make_pose(at, rotation_rpy(*np.radians(finite_vector(rpy_deg, 3, "rpy_deg")).tolist()))
 

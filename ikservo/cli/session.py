@@ -97,10 +97,10 @@ def open_from_options(
 ) -> Generator[OpenArm]:
     """Open the arm of a command among the things of a scene; it keeps holding afterwards."""
     options = options or MotionOptions()
-    model, beside = model_from_option(connection.arm, options.tip), ()
+    model, other_arms = model_from_option(connection.arm, options.tip), ()
     if scene is not None:
-        model, beside = with_scene_and_arms(model, scene)
-        _require_ports(scene, beside)
+        model, other_arms = with_scene_and_arms(model, scene)
+        _require_ports(scene, other_arms)
     with (
         open_arm(
             model,
@@ -108,7 +108,7 @@ def open_from_options(
             collisions=options.collision,
             uncalibrated=options.uncalibrated,
         ) as machine,
-        _other_arms(machine, beside),
+        _opened_beside(machine, other_arms),
     ):
         served_here = machine.zeros is ZeroSource.SIMULATED and not machine.is_remote
         if served_here and not machine.port_name.startswith("sim:"):
@@ -139,7 +139,7 @@ def _require_ports(scene: Path, arms: Sequence[PlacedArm]) -> None:
 
 
 @contextmanager
-def _other_arms(machine: OpenArm, placed: Sequence[PlacedArm]) -> Generator[None]:
+def _opened_beside(machine: OpenArm, placed: Sequence[PlacedArm]) -> Generator[None]:
     """Open the other arms of a scene, which are measured only, and keep out of where they are.
 
     Raises:

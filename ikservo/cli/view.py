@@ -207,11 +207,11 @@ def _among_things(places: list[ArmAtPort], scene: Path) -> list[ArmAtPort]:
             "write into the file where they stand, as [[arm]].",
         )
     first = names.index(around[0])
-    model, beside = with_scene_and_arms(places[first].model, scene)
-    ports = {each.name: each.port or None for each in beside}
+    model, other_arms = with_scene_and_arms(places[first].model, scene)
+    ports = {each.name: each.port or None for each in other_arms}
     pairs = zip(names, places, strict=True)
     placed = [replace(each, port=each.port or ports.get(name)) for name, each in pairs]
-    placed[first] = replace(placed[first], model=model, beside=beside)
+    placed[first] = replace(placed[first], model=model, other_arms=other_arms)
     return placed
 
 

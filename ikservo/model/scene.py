@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -25,7 +26,9 @@ from ikservo.model.model import Model, Obstacle
 from ikservo.model.urdf_types import Box
 
 __all__ = [
+    "FURTHEST_BASE_M",
     "KINDS",
+    "NEAREST_BASE_M",
     "KeepOutShape",
     "PlacedArm",
     "capsule_shape",
@@ -103,6 +106,10 @@ class KeepOutShape:
         return x, y, z
 
 
+NEAREST_BASE_M, FURTHEST_BASE_M = 0.03, 10.0
+"""How far the base of another arm on the same table may be."""
+
+
 @dataclass(frozen=True, slots=True)
 class PlacedArm:
     """Where another arm stands on the same table.
@@ -164,7 +171,7 @@ class _SceneHalfSpace(_Thing):
 
 
 class _SceneArm(_Thing):
-    at_m: Triple = Field(description="where its base is: [x, y, z] in metres, at most ±1000")
+    at_m: Triple = Field(description="where its base is: [x, y, z] in metres, at most ±10")
     rpy_deg: Triple = Field(default=(0.0, 0.0, 0.0), description="[roll, pitch, yaw] in degrees")
     arm: Text | None = Field(default=None, description="which arm it is, if that is not its name")
     port: Text | None = Field(default=None, description="where it is connected")
@@ -218,6 +225,10 @@ def read_scene_with_arms(
         for each in scene.arm
     )
     _check_names(path, (*things, *arms), ())
+    for each in arms:
+        if math.hypot(*each.at_m) < NEAREST_BASE_M or max(map(abs, each.at_m)) > FURTHEST_BASE_M:
+            expected = f"{NEAREST_BASE_M} to {FURTHEST_BASE_M:.0f} m from the base of this arm"
+            raise FileFormatError(path, f"at_m of {each.name}", f"is {list(each.at_m)}", expected)
     return things, arms
 
 
@@ -279,7 +290,9 @@ def turned_deg(R: Matrix) -> tuple[float, float, float]:
     """Return roll, pitch and yaw (3,) of a rotation (3, 3), degrees."""
     from scipy.spatial.transform import Rotation  # noqa: PLC0415  # takes longer than a command
 
-    roll, pitch, yaw = Rotation.from_matrix(R).as_euler("xyz", degrees=True).tolist()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # at a pitch of 90° only one angle of two is determined
+        roll, pitch, yaw = Rotation.from_matrix(R).as_euler("xyz", degrees=True).tolist()
     return roll, pitch, yaw
 
 

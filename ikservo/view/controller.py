@@ -38,7 +38,7 @@ from ikservo.view.server import Frame
 from ikservo.view.servo_panel import ServoPanel
 from ikservo.view.snapshot import StopNotice
 from ikservo.view.thing_messages import SaveThings, ThingMessage
-from ikservo.view.things_panel import PutBeside, ThingsPanel
+from ikservo.view.things_panel import AddOtherArm, ThingsPanel
 from ikservo.view.viewpoints import Viewpoint, available_views
 
 __all__ = ["SessionController"]
@@ -63,7 +63,7 @@ class SessionController:
         downloads: Where files are offered; a place of its own if None.
         find_arm: Finds another arm of the page, to be followed.
         cameras: The cameras that the arm may show; None for none.
-        put_beside: Makes another arm of the page an obstacle to this one.
+        add_other_arm: Makes another arm of the page an obstacle to this one.
 
     Attributes:
         downloads: The files that pages have asked for.
@@ -76,7 +76,7 @@ class SessionController:
         downloads: DownloadOffers | None = None,
         find_arm: FindArm = lambda _: None,
         cameras: ArmCameras | None = None,
-        put_beside: PutBeside = lambda _: None,
+        add_other_arm: AddOtherArm = lambda _: None,
     ) -> None:
         self._arm_thread, self._clock = arm_thread, clock
         self._cameras = cameras
@@ -91,7 +91,7 @@ class SessionController:
         self._program = ProgramPanel(arm_thread)
         self._following = FollowPanel(arm_thread, clock, find_arm)
         self._servos = ServoPanel(arm_thread)
-        self._find_arm, self._put_beside = find_arm, put_beside
+        self._find_arm, self._add_other_arm = find_arm, add_other_arm
         self._things = self._things_panel()
         self._clients: dict[int, Client] = {}
         self._numbers = itertools.count(1)
@@ -512,7 +512,7 @@ class SessionController:
         )
 
     def _things_panel(self) -> ThingsPanel:
-        return ThingsPanel(self._arm, self.downloads, self._find_arm, self._put_beside)
+        return ThingsPanel(self._arm, self.downloads, self._find_arm, self._add_other_arm)
 
     def _find_camera_view(self) -> CameraView | None:
         """Find the view of the arm's camera, or None and say why its picture is one only."""

@@ -137,18 +137,18 @@ class ArmCameras:
         self.chosen = next((each for each, own in self.choices.items() if own[0] == shown), "")
         self._opened = {} if self.video is None else {self.video.source: self.video}
 
-    def choose(self, called: str) -> None:
+    def choose(self, choice: str) -> None:
         """Show another camera from now on.
 
         Raises:
             UnknownNameError: It is not among the choices.
             InputError: It is not there.
         """
-        if called not in self.choices:
-            raise UnknownNameError("camera", called, self.choices)
-        source, name = self.choices[called]
+        if choice not in self.choices:
+            raise UnknownNameError("camera", choice, self.choices)
+        source, name = self.choices[choice]
         if source not in self._opened:
             video = self._cameras.open_before(self._arm, self._exits, source)
             if video is not None:
                 self._opened[source] = video
-        self.video, self.name, self.chosen = self._opened[source], name, called
+        self.video, self.name, self.chosen = self._opened[source], name, choice

@@ -61,12 +61,12 @@ class ArmAtPort:
     Attributes:
         model: The arm.
         port: Its port; None for the one that is remembered, or the only one.
-        beside: Where other arms stand that are opened with it, by their names on the page.
+        other_arms: Where other arms stand that are opened with it, by their names on the page.
     """
 
     model: Model
     port: str | None = None
-    beside: tuple[PlacedArm, ...] = ()
+    other_arms: tuple[PlacedArm, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,7 +181,7 @@ class ServedArm:
                 settings.downloads,
                 self._find_arm,
                 self.cameras,
-                self.put_beside,
+                self.add_other_arm,
             )
             stack.callback(self.controller.close)
             return stack.pop_all()
@@ -193,7 +193,7 @@ class ServedArm:
         except IkservoError as error:
             self.camera_error = error
 
-    def put_beside(
+    def add_other_arm(
         self,
         name: str,
         at_m: tuple[float, float, float] = _OPPOSITE_M,
@@ -349,11 +349,11 @@ class ServedArms:
                 arm.open()
             except IkservoError as error:
                 failed.append(error)
-        if failed and (len(failed) == len(places) or any(place.beside for place in places)):
+        if failed and (len(failed) == len(places) or any(place.other_arms for place in places)):
             raise failed[0]
         for arm in added:
-            for each in arm.place.beside:
-                arm.put_beside(each.name, each.at_m, each.rpy_deg)
+            for each in arm.place.other_arms:
+                arm.add_other_arm(each.name, each.at_m, each.rpy_deg)
 
     def start_opening(self, place: ArmAtPort) -> None:
         """Open an arm in a thread of its own; ``all`` tells how that went.

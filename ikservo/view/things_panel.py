@@ -24,7 +24,7 @@ from ikservo.view.follow_panel import FindArm
 from ikservo.view.scene_shapes import Fields, row_major
 from ikservo.view.server import Frame
 
-__all__ = ["PutBeside", "ThingsPanel"]
+__all__ = ["AddOtherArm", "ThingsPanel"]
 
 _DRAWN_M = 5.0  # what is larger, such as a half-space, is not drawn
 _NEW_SIZE_M, _NEW_AWAY_M = 0.06, 0.1  # of a new thing, and of its place from the base
@@ -33,7 +33,7 @@ _DECIMALS = 2  # of joints, rad or m: what moves less is not drawn anew
 _TITLES = {"box": "box", "cylinder": "can", "sphere": "ball"}
 
 
-PutBeside = Callable[[str], None]
+AddOtherArm = Callable[[str], None]
 """Makes another arm of the page, by its name, an obstacle to an arm."""
 
 
@@ -44,7 +44,7 @@ class ThingsPanel:
         arm: The arm.
         downloads: Where the scene file is offered.
         find_arm: Finds another arm of the page.
-        put_beside: Makes another arm of the page an obstacle to this one.
+        add_other_arm: Makes another arm of the page an obstacle to this one.
     """
 
     def __init__(
@@ -52,10 +52,10 @@ class ThingsPanel:
         arm: Arm,
         downloads: DownloadOffers,
         find_arm: FindArm = lambda _: None,
-        put_beside: PutBeside = lambda _: None,
+        add_other_arm: AddOtherArm = lambda _: None,
     ) -> None:
         self._arm, self._downloads = arm, downloads
-        self._find_arm, self._put_beside = find_arm, put_beside
+        self._find_arm, self._add_other_arm = find_arm, add_other_arm
         self._shown: object = None
         self._moved: MovedThing | None = None
         self._frame: Frame = {}
@@ -95,7 +95,7 @@ class ThingsPanel:
             case msg.AddThing():
                 scene.add(message.shape, self._new_name(message.shape), **self._new(message.shape))
             case msg.AddArm():
-                self._put_beside(message.name)
+                self._add_other_arm(message.name)
             case msg.ChangeThing():
                 given = message.model_dump(
                     exclude_none=True, exclude={"kind", "seq", "seen", "name"}

@@ -1,9 +1,11 @@
 """Two arms on one table: each keeps out of where the other one is, and one moves at a time."""
 
 import math
+import shutil
 import threading
 from contextlib import suppress
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -328,3 +330,14 @@ def test_a_scene_is_of_the_same_arm_on_the_same_adapter_only():
         assert one.scene.is_of_same_arm(other.scene)
         other.scene._context = replace(other.context, serial_number="58FA083")
         assert not one.scene.is_of_same_arm(other.scene)
+
+
+def test_an_own_arm_is_placed_by_its_file_and_one_of_the_catalogue_by_its_name(arms, tmp_path):
+    arm, other = arms
+    assert arm.scene.arms[0].placed.arm == "koch"
+    shutil.copytree(other.model.path.parent, tmp_path / "mine")
+    with ikservo.open_arm(tmp_path / "mine", port="sim:?pose=home") as own:
+        arm.scene.add_arm(own, "mine", at_m=(-0.45, 0.0, 0.0))
+        placed = {each.name: each.placed for each in arm.scene.arms}
+        assert Path(placed["mine"].arm) == own.model.path
+        arm.scene.remove("mine")

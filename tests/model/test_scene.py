@@ -6,6 +6,7 @@ import pytest
 import ikservo
 from ikservo.errors import BadValueError, FileFormatError, RefusedError
 from ikservo.guard.collision_kernel import point_shape_distance
+from ikservo.kinematics.se3 import rotation_rpy
 from ikservo.model import load_model
 from ikservo.model.scene import (
     PlacedArm,
@@ -14,6 +15,7 @@ from ikservo.model.scene import (
     read_scene,
     read_scene_with_arms,
     scene_text,
+    turned_deg,
     with_scene,
 )
 from ikservo.view.things_panel import thing_fields
@@ -187,3 +189,15 @@ def test_where_another_arm_stands_is_read_written_and_never_ignored(scene, tmp_p
     for read in (read_scene, lambda path: with_scene(load_model("so101"), path)):
         with pytest.raises(RefusedError, match="the second, which is not open here"):
             read(path)
+
+
+@pytest.mark.parametrize("at_m", [(0.0, 0.0, 0.01), (0.0, 500.0, 0.0)])
+def test_an_arm_that_stands_where_this_one_does_or_on_no_table_is_refused(scene, at_m):
+    with pytest.raises(FileFormatError, match="at_m of the second"):
+        read_scene_with_arms(scene(f'[[arm]]\nname = "the second"\nat_m = {list(at_m)}\n'))
+
+
+def test_angles_of_a_thing_that_points_straight_down_are_those_of_its_rotation():
+    R = rotation_rpy(*np.radians([10.0, 90.0, 20.0]))
+    again = rotation_rpy(*np.radians(turned_deg(R)))
+    np.testing.assert_allclose(again, R, atol=1e-9)
