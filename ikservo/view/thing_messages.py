@@ -12,7 +12,8 @@ __all__ = ["AddArm", "AddThing", "ChangeThing", "RemoveThing", "SaveThings", "Th
 
 ThingName = Annotated[str, Field(min_length=1, max_length=40)]
 Number = Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)]
-Triple = Annotated[tuple[Number, Number, Number], Field(strict=False)]
+Triple = Annotated[tuple[Number | None, Number | None, Number | None], Field(strict=False)]
+"""Three numbers, of which None stays as it is."""
 
 
 class AddThing(PageMessage):

@@ -100,6 +100,11 @@ class ThingsPanel:
                 given = message.model_dump(
                     exclude_none=True, exclude={"kind", "seq", "seen", "name"}
                 )
+                sizes = self._sizes(message.name)
+                for key in given.keys() & sizes.keys():
+                    if isinstance(given[key], tuple):
+                        pairs = zip(given[key], sizes[key], strict=True)
+                        given[key] = [now if new is None else new for new, now in pairs]
                 if "new_name" in given:
                     given["name"] = given.pop("new_name")
                 scene.change(message.name, **given)
@@ -134,6 +139,12 @@ class ThingsPanel:
         moved = self._moved
         return thing_fields(thing, moved.shift_m if moved and moved.name == thing.name else 0.0)
 
+    def _sizes(self, name: str) -> dict[str, Any]:
+        """Return what may be changed of a thing or another arm; empty where there is none."""
+        arms = {each.name: _arm_sizes(each) for each in self._arm.scene.arms}
+        things = {each.name: describe_thing(each)[1] for each in self._arm.scene.things}
+        return {**arms, **things}.get(name, {})
+
     def _joints(self, other: OtherArm) -> Vector | None:
         """Return where another arm was read last (n,); None once it is closed."""
         thread = self._find_arm(other.name)
@@ -164,9 +175,12 @@ def _links(other: OtherArm, joints: Vector | None) -> Sequence[Obstacle]:
 
 def _arm_row(other: OtherArm) -> Fields:
     """Return what a person may change of another arm; its links are drawn."""
+    return {"name": other.name, "thing": "arm", "sizes": _arm_sizes(other), "drawn": False}
+
+
+def _arm_sizes(other: OtherArm) -> dict[str, Any]:
     placed = other.placed
-    sizes = {"at_m": placed.at_m, "rpy_deg": placed.rpy_deg}
-    return {"name": other.name, "thing": "arm", "sizes": sizes, "drawn": False}
+    return {"at_m": placed.at_m, "rpy_deg": placed.rpy_deg}
 
 
 def thing_fields(thing: Obstacle, shift_m: Vector | float = 0.0) -> Fields:

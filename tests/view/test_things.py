@@ -171,7 +171,7 @@ class Table:
 def test_another_arm_of_the_page_is_put_beside_this_one_drawn_and_saved(tmp_path):
     with Table() as table:
         table.send("so101", things.AddArm, name="koch")
-        table.send("so101", things.ChangeThing, name="koch", at_m=(0.45, 0.0, 0.0))
+        table.send("so101", things.ChangeThing, name="koch", at_m=(0.45, None, None))
         frame = table.shown("so101")
         (row,) = frame["things"]
         assert (row["name"], row["thing"], row["drawn"]) == ("koch", "arm", False)

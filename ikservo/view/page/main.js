@@ -75,10 +75,7 @@ const connection = new Connection(key, {
   },
   plots(message) { plots.receive(message); },
   download,
-  refused(message) {
-    panel.showRefusal(message);
-    things.forgetTyped();
-  },
+  refused(message) { panel.showRefusal(message); },
   heard() { freshness.heard(); },
   closed(why, reason) {
     scenes = [];

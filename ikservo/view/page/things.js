@@ -75,10 +75,7 @@ export class Things {
       const entry = { key, index: Array.isArray(labels) ? i : null, factor };
       entry.field = new NumberField({
         label: `${row.name}: ${label}`, unit, refuse: this.refuse,
-        submit: (value) => {
-          row.sizes[key] = changed(row.sizes[key], entry.index, value * factor);
-          change({ [key]: row.sizes[key] });
-        },
+        submit: (value) => change({ [key]: entry.index === null ? value * factor : only(entry.index, value * factor) }),
       });
       row.fields.push(entry);
       group.append(createElement("label", {}, `${label} `, entry.field.element));
@@ -87,14 +84,7 @@ export class Things {
     return group;
   }
 
-  // What was typed is not there: it was refused.
-  forgetTyped() {
-    for (const row of this.rows) row.sizes = { ...row.told };
-  }
-
-  // Of two numbers typed one after the other, the second is sent with the first, before that is shown here.
   showSizes(row, sizes) {
-    Object.assign(row, { told: sizes, sizes: { ...sizes } });
     for (const entry of row.fields) {
       const value = entry.index === null ? sizes[entry.key] : sizes[entry.key][entry.index];
       entry.field.show(value / entry.factor, !this.movable);
@@ -102,7 +92,7 @@ export class Things {
   }
 }
 
-// The new value of a key of which one number was typed.
-function changed(before, index, value) {
-  return index === null ? value : before.map((each, i) => (i === index ? value : each));
+// Three numbers of which one was typed: the others stay as they are.
+function only(index, value) {
+  return AXES.map((_, i) => (i === index ? value : null));
 }
