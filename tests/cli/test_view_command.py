@@ -131,7 +131,11 @@ def test_arms_that_make_no_sense_are_refused_before_anything_is_served(
             '[[arm]]\nname = "koch"\nat_m = [0.4, 0, 0]',
             "one arm that it does not name; there are 2",
         ),
-        ("so101 koch", '[[arm]]\nname = "koch"\nat_m = [0, 0, 0]', "0.03 to 10 m from the base of this arm"),
+        (
+            "so101 koch",
+            '[[arm]]\nname = "koch"\nat_m = [0, 0, 0]',
+            "0.03 to 10 m from the base of this arm",
+        ),
     ],
 )
 def test_a_scene_that_makes_no_sense_is_refused(run_cli, tmp_path, arms, scene, sentence):
