@@ -115,7 +115,8 @@ def _print_report(found: Identification, carried: dict[str, str], path: Path | N
         [
             "Stiffness in N m/rad, friction in N m; ± one standard error. In parentheses: not",
             "determined by the motion, nearly as in the tables of servos and the arm file.",
-            "Backlash is found with servos that measure their current, and room to swing upright.",
+            "Backlash is found with servos that measure their current, and room to swing upright;",
+            "with --quick there are no swings.",
             *_payload_lines(found),
             *_validation_lines(found),
             "Nothing was saved." if path is None else f"Saved to {path}",

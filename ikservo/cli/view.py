@@ -65,8 +65,8 @@ Cameras = Annotated[
     typer.Option(
         "--camera",
         metavar="SOURCE",
-        help="Camera picture beside the arm: a number, /dev/video0, http://… or a file; once for "
-        "each camera. An arm shows the one that it was calibrated with.",
+        help="Camera picture beside the arm: a number, /dev/video0, http://…, a file or sim; once "
+        "for each camera. An arm shows the one that it was calibrated with.",
     ),
 ]
 Listen = Annotated[str, typer.Option("--listen", metavar="ADDRESS", help=_LISTEN_HELP)]
