@@ -326,9 +326,8 @@ def fit_backlash(
     the motor is ahead of the joint, pushed the other way behind it. Where the joint passes the same
     place both ways, errors of kt cancel. A joint that falls through its balance is pushed one way
     and then the other in each swing: all of it shows only around there, at the places with the
-    largest difference.
-    Errors of R and kt together are less than those of each: the steady motion that they were fitted
-    to needs currents like those of a swing.
+    largest difference. Errors of R and kt together are less than those of each: the steady motion
+    that they were fitted to needs currents like those of a swing.
 
     Args:
         recording: Of the motion; its currents have a direction.
