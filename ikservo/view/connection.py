@@ -13,10 +13,13 @@ from ikservo.view.message_fields import PageMessage
 from ikservo.view.messages import (
     BadMessageError,
     DragTool,
+    Gamepad,
     Heartbeat,
+    OrbitCamera,
     Pointer,
     SetViewport,
     Stop,
+    Wheel,
 )
 from ikservo.view.viewpoints import Viewpoint
 
@@ -39,6 +42,7 @@ _RATE_HZ = 400.0
 _BURST = 200.0
 _MAX_BAD_MESSAGES = 20
 _MAX_REMEMBERED = 256
+_STREAMED = Heartbeat | Wheel | OrbitCamera | Gamepad  # the next one says the same, or more
 
 
 class StaleMessageError(BadMessageError):
@@ -46,7 +50,7 @@ class StaleMessageError(BadMessageError):
 
 
 class StalePressError(StaleMessageError):
-    """A press that is too old to act on: a person waits for what it does, and is told."""
+    """What a person pressed or typed, too old to act on: they wait for it, and are told."""
 
 
 class RateLimitError(BadMessageError):
@@ -89,7 +93,7 @@ class MessageFilter(Generic[_MessageT]):
 
         Raises:
             BadMessageError: It is malformed or a replay; nothing changes.
-            StalePressError: It is too old, and somebody pressed something; nothing changes.
+            StalePressError: It is too old, and somebody pressed or typed; nothing changes.
             StaleMessageError: It is too old; nothing changes.
             RateLimitError: The connection is to be closed.
         """
@@ -128,13 +132,14 @@ class MessageFilter(Generic[_MessageT]):
 
 
 def _stale_error(message: PageMessage) -> StaleMessageError:
-    """Return the error for a message that is too old; only presses are worth telling."""
-    if isinstance(message, Pointer | DragTool) and message.phase == "down":
-        return StalePressError(
-            f"What you saw was more than {MAX_MESSAGE_AGE_S:.0f} s old: nothing was done.",
-            "Press again. If it goes on, this computer draws too slowly: switch 3D off.",
-        )
-    return StaleMessageError("The message is too old to act on.", "Nothing has changed.")
+    """Return the error for a message that is too old; what only passes by is not worth telling."""
+    passes = isinstance(message, Pointer | DragTool) and message.phase != "down"
+    if passes or isinstance(message, _STREAMED):
+        return StaleMessageError("The message is too old to act on.", "Nothing has changed.")
+    return StalePressError(
+        f"What you saw was more than {MAX_MESSAGE_AGE_S:.0f} s old: nothing was done.",
+        "Do it again. If it goes on, this computer draws too slowly: switch 3D off.",
+    )
 
 
 def _is_always_accepted(message: PageMessage) -> bool:

@@ -37,6 +37,19 @@ def type_number(operator, label, value):
     field.press("Enter")
 
 
+def type_until(operator, label, value, is_there):
+    """Type a number; again where a busy machine drew too slowly, which the page says."""
+    for _ in range(5):
+        type_number(operator, label, value)
+        for _ in range(50):
+            operator.page.wait_for_timeout(20)
+            if is_there():
+                return
+        log = operator.page.inner_text("#log")
+        assert "more than 1 s old" in log, log
+    raise AssertionError(log)
+
+
 def test_a_box_is_added_placed_named_and_removed(operator):
     add(operator, "box", "the box 1")
     type_number(operator, "the box 1: x, mm", "150")
@@ -87,26 +100,32 @@ def test_another_arm_of_the_page_is_added_placed_drawn_and_removed(browser):
         context = browser.new_context(viewport={"width": 1100, "height": 720})
         operator = Operator(context.new_page(), served)
         scene = served.app.arms.find("so101").arm_thread.arm.scene
+
+        def is_at(*at_m):
+            return scene.arms[0].placed.at_m == pytest.approx(at_m)
+
         operator.page.click("#things-card summary")
         operator.page.click("#add-arms :text('koch')")
         operator.page.wait_for_selector("[data-thing='koch']")
         assert operator.page.locator("#add-arms button").count() == 0
-        type_number(operator, "koch: x, mm", "450")
-        type_number(operator, "koch: y, mm", "100")
-        type_number(operator, "koch: yaw, degrees", "170")
-        until(lambda: scene.arms[0].placed.rpy_deg[2] == pytest.approx(170.0))
-        assert scene.arms[0].placed.at_m == pytest.approx((0.45, 0.1, 0.0))
+        type_until(operator, "koch: x, mm", "450", lambda: is_at(0.45, 0.0, 0.0))
+        type_until(operator, "koch: y, mm", "100", lambda: is_at(0.45, 0.1, 0.0))
+        type_until(
+            operator,
+            "koch: yaw, degrees",
+            "170",
+            lambda: scene.arms[0].placed.rpy_deg[2] == pytest.approx(170.0),
+        )
         drawn = "({ name, drawn }) => drawn && name === `koch's gripper`"
         operator.until(f"window.ikservo.rendering.things.some({drawn})")
         assert operator.page.evaluate(CONTRAST) == []
         assert operator.page.evaluate(SMALL, 24) == []
         assert all(operator.page.evaluate(NAMES))
-        type_number(operator, "koch: x, mm", "0")
-        type_number(operator, "koch: y, mm", "0")
-        operator.page.wait_for_selector("#log :text('not where this one stands')")
-        assert scene.arms[0].placed.at_m == pytest.approx((0.0, 0.1, 0.0))
-        type_number(operator, "koch: z, mm", "20")
-        until(lambda: scene.arms[0].placed.at_m == pytest.approx((0.0, 0.1, 0.02)))
+        type_until(operator, "koch: x, mm", "0", lambda: is_at(0.0, 0.1, 0.0))
+        refused = "#log :text('not where this one stands')"
+        type_until(operator, "koch: y, mm", "0", lambda: operator.page.locator(refused).count() > 0)
+        assert is_at(0.0, 0.1, 0.0)
+        type_until(operator, "koch: z, mm", "20", lambda: is_at(0.0, 0.1, 0.02))
         operator.page.get_by_label("Remove koch").click()
         operator.page.wait_for_selector("#add-arms :text('koch')")
         assert scene.names == ()

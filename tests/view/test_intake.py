@@ -54,7 +54,13 @@ def test_a_page_that_lags_is_not_taken_for_an_attack(intake):
 
 
 @pytest.mark.parametrize(
-    "press", [POINTER | {"phase": "down"}, {"kind": "drag_tool", "phase": "down"}]
+    "press",
+    [
+        POINTER | {"phase": "down"},
+        {"kind": "drag_tool", "phase": "down"},
+        {"kind": "change_thing", "name": "the box 1", "radius_m": 0.1},
+        {"kind": "go_to_pose", "name": "home"},
+    ],
 )
 def test_of_a_press_on_an_old_picture_its_person_is_informed(intake, press):
     intake.record_sent(0.0)
