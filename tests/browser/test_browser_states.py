@@ -53,7 +53,7 @@ def test_a_press_on_a_picture_too_old_to_act_on_is_answered_with_why_nothing_hap
         operator.click(operator.tip_px() + FAR / 2)
         if reported.is_visible():
             break
-    assert "Press again" in page.inner_text("#banner-hint")
+    assert "Do it again" in page.inner_text("#banner-hint")
     assert operator.served.goals() == before
     assert page.locator("#log", has_text="nothing was done").count() == 1
 
