@@ -31,6 +31,8 @@ _SECTION, _INTERFACE, _PACKET = 0x0A0D0D0A, 1, 6
 _BYTE_ORDER_MAGIC, _LINK_USER0 = 0x1A2B3C4D, 147
 _OPTION_NAME, _OPTION_RESOLUTION, _OPTION_FLAGS = 2, 9, 2
 _INBOUND, _OUTBOUND = 1, 2
+_FLAGS = {each: struct.pack("<HHII", _OPTION_FLAGS, 4, each, 0) for each in (_INBOUND, _OUTBOUND)}
+_PACKET_HEAD = struct.Struct("<IIIII")
 _MAX_BLOCK_BYTES = 1 << 20
 _APPENDING = os.O_WRONLY | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0)  # of Windows
 
@@ -80,7 +82,7 @@ class _RecordedTransport:
         own = vars(self)
         own["_transport"], own["_path"] = transport, path
         own["_clock"] = cast("Clock | None", getattr(transport, "clock", None))
-        own["_start_s"] = 0.0 if own["_clock"] else time.time() - time.monotonic()
+        own["_start_ns"] = time.time_ns() - time.monotonic_ns()
         try:
             if path.exists():
                 require_file(path)
@@ -109,13 +111,13 @@ class _RecordedTransport:
         self._transport.close()
 
     def _record(self, direction: int, data: bytes) -> None:
-        clock = self._clock
-        now_s = (clock.now_s() if clock else time.monotonic()) + self._start_s
-        high, low = divmod(round(now_s * 1e9), 1 << 32)
-        size = len(data)
-        body = struct.pack("<IIIII", 0, high, low, size, size) + _padded(bytes(data))
-        flags = _option(_OPTION_FLAGS, struct.pack("<I", direction)) + bytes(4)
-        self._append(_block(_PACKET, body + flags))
+        if self._clock:
+            now_ns = round(self._clock.now_s() * 1e9)
+        else:
+            now_ns = time.monotonic_ns() + self._start_ns
+        size, flags = len(data), _FLAGS[direction]
+        head = _PACKET_HEAD.pack(0, now_ns >> 32, now_ns & 0xFFFFFFFF, size, size)
+        self._append(_block(_PACKET, b"".join((head, data, bytes(-size % 4), flags))))
 
     def _append(self, block: bytes) -> None:
         if self._file < 0:

@@ -75,11 +75,11 @@ class Result:
 
 STS_BYTES = (8 + COUNT + COUNT * 8) + (8 + COUNT * 3)
 FAST_BYTES = (14 + COUNT + 8 + COUNT * 8) + (14 + COUNT * 5)
-DYNAMIXEL = ("ikservo", "dynamixel_sdk", "dynamixel_sdk_fast", "rustypot")
+DYNAMIXEL = ("ikservo", "ikservo_recorded", "dynamixel_sdk", "dynamixel_sdk_fast", "rustypot")
 # fmt: off
 BENCHES = (
     Bench("six STS3215, 1 Mbaud", "STS3215",    "feetech_sts", 1_000_000, STS_BYTES,
-          ("ikservo", "scservo_sdk", "rustypot")),
+          ("ikservo", "ikservo_recorded", "scservo_sdk", "rustypot")),
     Bench("six XL330, 1 Mbaud",   "XL330-M288", "dynamixel_2", 1_000_000, FAST_BYTES, DYNAMIXEL),
     Bench("six XL330, 4 Mbaud",   "XL330-M288", "dynamixel_2", 4_000_000, FAST_BYTES, DYNAMIXEL),
 )
@@ -141,11 +141,13 @@ def _served(bench: Bench) -> Generator[str]:
 
 
 def _arm_file(bench: Bench, text: str) -> str:
-    delay = "return_delay" if bench.family == "feetech_sts" else "return_delay_time"
+    is_feetech = bench.family == "feetech_sts"
+    delay, supply_v = ("return_delay", 7.4) if is_feetech else ("return_delay_time", 5.0)
     return (
         text.replace("STS3215", bench.model)
         .replace('"feetech_sts"', f'"{bench.family}"')
         .replace("baud   = 1_000_000", f"baud   = {bench.baud}")
+        .replace("supply_v = 7.4", f"supply_v = {supply_v}")
         .replace("zero_tick = 2048 }", f"zero_tick = 2048, eeprom = {{ {delay} = 0 }} }}")
     )
 

@@ -10,10 +10,15 @@ cycle and the processor time of all of them. Only the standard library and the p
 
 from __future__ import annotations
 
+import atexit
 import json
+import os
+import shutil
 import sys
+import tempfile
 import time
 from collections.abc import Callable
+from pathlib import Path
 
 IDS = [1, 2, 3, 4, 5, 6]
 WARM_UP = 40
@@ -36,6 +41,14 @@ def ikservo(port: str, baud: int, family: str) -> Cycle:
         return not readings.errors
 
     return cycle
+
+
+def ikservo_recorded(port: str, baud: int, family: str) -> Cycle:
+    """Our own bus, while every packet is recorded in a file."""
+    folder = Path(tempfile.mkdtemp())
+    atexit.register(shutil.rmtree, folder)
+    os.environ["IKSERVO_PACKETS"] = str(folder / "packets.pcapng")
+    return ikservo(port, baud, family)
 
 
 def rustypot(port: str, baud: int, family: str) -> Cycle:
@@ -106,7 +119,7 @@ def _stock_cycle(read, write, address: int, size: int, ask: Callable[[], int]) -
     return cycle
 
 
-PEERS = (ikservo, rustypot, scservo_sdk, dynamixel_sdk, dynamixel_sdk_fast)
+PEERS = (ikservo, ikservo_recorded, rustypot, scservo_sdk, dynamixel_sdk, dynamixel_sdk_fast)
 
 
 def main() -> None:
