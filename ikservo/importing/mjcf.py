@@ -165,7 +165,8 @@ _NO_INERTIA = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 def read_mjcf(path: Path, folder: Path | None = None) -> Urdf:
     """Read bodies, hinges, slides, geoms and sites of an MJCF.
 
-    Bodies and sites are links; a body with several joints has one more link for each. The files
+    Bodies and sites are links; a body with several joints has one more link for each. A robot that
+    stands freely is fixed where it stands; things that nothing holds are left out. The files
     that it names are checked first: none outside the model's folder is opened.
 
     Args:
@@ -209,14 +210,25 @@ class _BodyTreeReader:
         self._names: list[str] = []
 
     def build_urdf(self) -> Urdf:
-        model = self._model
+        model, loose = self._model, self._loose_bodies()
         for body in range(model.nbody):
             self._names.append(model.body(body).name or f"body_{body}")
-            self._shift_m.append(self._add_joints(body) if body else np.zeros(3))
-            self._add_link(body)
+            held = body and body not in loose
+            self._shift_m.append(self._add_joints(body) if held else np.zeros(3))
+            if body not in loose:
+                self._add_link(body)
         for site in range(model.nsite):
-            self._add_site(site)
+            if int(model.site_bodyid[site]) not in loose:
+                self._add_site(site)
         return Urdf("", tuple(self._links), tuple(self._joints), self._names[0])
+
+    def _loose_bodies(self) -> set[int]:
+        """Find the bodies of things that nothing holds or drives: they move freely, or by mocap."""
+        model, root_of = self._model, self._model.body_rootid
+        moves_freely = np.equal(model.jnt_type, self._mujoco.mjtJoint.mjJNT_FREE)
+        loose = {*model.jnt_bodyid[moves_freely], *np.flatnonzero(model.body_mocapid >= 0)}
+        loose.difference_update(root_of[model.jnt_bodyid[~moves_freely]])
+        return {body for body in range(model.nbody) if root_of[body] in loose}
 
     def _add_joints(self, body: int) -> Vector:
         """Add the joints of a body and return where its link's frame is in the body's."""
@@ -225,6 +237,8 @@ class _BodyTreeReader:
             model.body_pos[body], quaternion_to_matrix(model.body_quat[body])
         )
         first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        if count and int(model.jnt_type[first]) == self._mujoco.mjtJoint.mjJNT_FREE:
+            count = 0  # a robot that nothing holds stands where it stands
         above, shift_m = self._names[parent], np.zeros(3)
         for joint in range(first, first + count):
             anchor_m = np.array(model.jnt_pos[joint])
@@ -246,9 +260,7 @@ class _BodyTreeReader:
         name = model.joint(joint).name or f"joint_{joint}"
         kind, axis = kinds(int(model.jnt_type[joint])), np.array(model.jnt_axis[joint])
         if kind not in (kinds.mjJNT_HINGE, kinds.mjJNT_SLIDE):
-            raise FileFormatError(
-                self._path, f"joint {name}", "is free or a ball", "hinge or slide"
-            )
+            raise FileFormatError(self._path, f"joint {name}", "is a ball", "hinge or slide")
         slides, limited = kind == kinds.mjJNT_SLIDE, bool(model.jnt_limited[joint])
         if slides and not limited:
             raise FileFormatError(self._path, f"joint {name}", "slides without a range", "a range")

@@ -136,6 +136,22 @@ def test_what_no_arm_has_is_named(path, old, new, found):
         load(path)
 
 
+def test_things_beside_an_arm_are_left_out_and_an_arm_that_stands_freely_is_fixed(path):
+    def parts():
+        urdf = read_mjcf(path)
+        return urdf.joints, [(link.name, link.mass_kg, link.com_m) for link in urdf.links]
+
+    alone = parts()
+    cube = """<body name="cube" pos="0.3 0 0.1"><freejoint/><geom type="box" size=".01 .01 .01"/>
+      <site name="top"/><body name="sticker"><geom size="0.01"/></body></body>
+      <body name="target" mocap="true"><geom type="sphere" size="0.01"/></body>"""
+    text = MJCF.replace("<worldbody>", f"<worldbody>{cube}")
+    path.write_text(text)
+    assert parts() == alone
+    path.write_text(text.replace('pos="0 0 0.02">', 'pos="0 0 0.02"><freejoint/>'))
+    assert parts() == alone
+
+
 def test_without_mujoco_the_error_says_what_to_install(path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "mujoco", None)
     with pytest.raises(InputError, match="needs mujoco") as caught:
