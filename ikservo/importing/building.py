@@ -234,8 +234,11 @@ def _limited(joint: UrdfJoint, options: ImportOptions, say: Callable[[str], None
         low, high = max(joint.lower, -math.pi), min(joint.upper, math.pi)
         say(f"{joint.name} could do more than a turn ({format_range(joint)}): ±180°.")
     elif slides and joint.upper - joint.lower > _MAX_SLIDE_M:
-        low, high = max(joint.lower, 0.0), max(joint.lower, 0.0) + _MAX_SLIDE_M
-        say(f"{joint.name} slides {format_range(joint)}: {1000 * _MAX_SLIDE_M:.0f} mm are used.")
+        low = min(max(joint.lower, 0.0), joint.upper - _MAX_SLIDE_M)
+        high, bounded = low + _MAX_SLIDE_M, math.isfinite(joint.upper - joint.lower)
+        how_far = format_range(joint) if bounded else "without limits"
+        say(f"{joint.name} slides {how_far}: {1000 * low:.0f} to {1000 * high:.0f} mm are used "
+            f"(--limits {joint.name}=LOW:HIGH).")  # fmt: skip
     else:
         return joint
     kind = joint.kind if slides else UrdfJointType.REVOLUTE

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import itertools
 import math
 import posixpath
 from pathlib import Path
@@ -47,34 +48,27 @@ def check_files(path: Path, folder: Path) -> None:
     Raises:
         FileFormatError: One is outside the folder, or the XML cannot be used; names the place.
     """
-    waiting, seen = [path], set[Path]()
+    waiting, roots = [path], dict[Path, XmlElement]()
     while waiting:
         each = waiting.pop()
-        if each in seen:
+        if each in roots:
             continue
-        seen.add(each)
-        if len(seen) > _MAX_INCLUDES:
+        if len(roots) == _MAX_INCLUDES:
             raise FileFormatError(path, "", "it includes too many files", f"{_MAX_INCLUDES}")
-        root = parse_xml(each, read_text(each, _MAX_BYTES))
-        waiting.extend(_included_files(root, path, folder))
-
-
-def _included_files(root: XmlElement, path: Path, folder: Path) -> list[Path]:
-    """Return the files that an XML includes, after all names in it were checked."""
-    elements, bases = _all_elements(root), [""]
-    for element in elements:
-        bases += [element.attributes[key] for key in _FOLDERS if key in element.attributes]
-    included: list[Path] = []
+        roots[each] = parse_xml(each, read_text(each, _MAX_BYTES))
+        waiting += [  # whose names no folder of the compiler changes
+            _resolve_inside(element, path.parent, folder, element.attributes["file"])
+            for element in _all_elements(roots[each])
+            if element.tag == "include" and "file" in element.attributes
+        ]
+    elements = [element for root in roots.values() for element in _all_elements(root)]
+    folders = (each.attributes.get(key, "") for each in elements for key in _FOLDERS)
+    bases = {"", *folders}
     for element in elements:
         _check_multiplied(element)
-        for key, name in element.attributes.items():
-            if not key.startswith("file"):
-                continue
-            for base in bases:
-                _resolve_inside(element, path.parent, folder, posixpath.join(base, name))
-            if element.tag == "include":
-                included.append(_resolve_inside(element, path.parent, folder, name))
-    return included
+        names = [name for key, name in element.attributes.items() if key.startswith("file")]
+        for name, base in itertools.product(names if element.tag != "include" else (), bases):
+            _resolve_inside(element, path.parent, folder, posixpath.join(base, name))
 
 
 _MULTIPLIES = ("replicate", "composite", "flexcomp", "attach", "plugin", "skin")
@@ -101,7 +95,8 @@ def _resolve_inside(element: XmlElement, place: Path, folder: Path, name: str) -
         if found is not None:
             return found
     raise element.error(
-        f"<{element.tag}> names {quote(name)}, outside the model's folder", "a file under it"
+        f"<{element.tag}> names {quote(name)}, outside the model's folder",
+        "a file under it; else name a folder of all: --from FOLDER --file NAME",
     )
 
 
@@ -262,8 +257,6 @@ class _BodyTreeReader:
         if kind not in (kinds.mjJNT_HINGE, kinds.mjJNT_SLIDE):
             raise FileFormatError(self._path, f"joint {name}", "is a ball", "hinge or slide")
         slides, limited = kind == kinds.mjJNT_SLIDE, bool(model.jnt_limited[joint])
-        if slides and not limited:
-            raise FileFormatError(self._path, f"joint {name}", "slides without a range", "a range")
         zero = float(model.qpos0[model.jnt_qposadr[joint]])
         T = T @ (
             make_pose(-zero * axis) if slides else make_pose(np.zeros(3), exp_so3(-zero * axis))

@@ -28,12 +28,14 @@ class PackageFolders:
     Attributes:
         path: The description.
         given: Folders by package, of the user.
+        folder: What the user named is in it; its files may be read.
         used: Folders by package, as found so far.
         outside: Names of meshes that were refused: they are outside of every folder.
     """
 
     path: Path
     given: Mapping[str, Path] = field(default_factory=dict[str, Path])
+    folder: Path | None = None
     used: dict[str, Path] = field(default_factory=dict[str, Path])
     outside: list[str] = field(default_factory=list[str])
 
@@ -96,7 +98,7 @@ class PackageFolders:
 
     def _inside(self, text: str) -> Path | None:
         """Return the file of an absolute name in the description's folder or a package's."""
-        for folder in (self.own_folder(), *self.used.values()):
+        for folder in (self.folder or self.own_folder(), self.own_folder(), *self.used.values()):
             for home in dict.fromkeys((folder.absolute(), folder.resolve())):
                 if text.startswith(f"{home.as_posix()}/"):
                     return path_inside(home, posixpath.relpath(text, home.as_posix()))

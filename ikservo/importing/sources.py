@@ -54,6 +54,8 @@ def choose_description(source: Path, name: str | None = None) -> Path:
         if name is not None:
             raise InputError(f"{source} is a file.", "--file chooses a file of a folder.")
         return source
+    if name is not None and (source / name).is_file():
+        return source / name
     found = sorted(_descriptions_in(source))
     if name is not None:
         found = [path for path in found if path.as_posix().endswith(f"/{name}")]
@@ -118,6 +120,7 @@ def read_foreign(
     arguments: Mapping[str, str],
     *,
     allow_xacro: bool,
+    folder: Path | None = None,
 ) -> Description:
     """Read a foreign description; its meshes are only named.
 
@@ -126,14 +129,15 @@ def read_foreign(
         packages: Folders of packages, by name.
         arguments: Arguments of a xacro, by name.
         allow_xacro: Whether the expressions of a xacro may be run.
+        folder: All of it may be read; if None, that of its package, or its own.
 
     Raises:
         FileFormatError: It cannot be used; names the place and the cause.
         InputError: It would run code, or the reader of its format is not installed.
     """
-    found = PackageFolders(path, packages)
+    found = PackageFolders(path, packages, folder)
     if _is_mjcf(path):
-        description = Description(path, read_mjcf(path, found.own_folder()), found)
+        description = Description(path, read_mjcf(path, folder or found.own_folder()), found)
     else:
         description = _read_urdf(path, found, arguments, allow_xacro=allow_xacro)
     check_size(path, description.urdf)

@@ -117,7 +117,8 @@ def _read(new: NewArm) -> EntryDialogue[Description]:
                     "in the files that it includes. Run them?")  # fmt: skip
         allowed = (yield Question(question, Unasked.NO)) == ACCEPT
     yield Progress(f"reading {path.name}")
-    return read_foreign(path, new.packages, new.arguments, allow_xacro=allowed)
+    folder = new.source if new.source.is_dir() else None
+    return read_foreign(path, new.packages, new.arguments, allow_xacro=allowed, folder=folder)
 
 
 def _ask_joints() -> EntryDialogue[tuple[RulerJoint, ...]]:

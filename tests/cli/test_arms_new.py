@@ -236,6 +236,30 @@ def test_a_folder_of_descriptions_is_searched(make, source, tmp_path):
     assert make("--file other.urdf --dry-run", of=folder).code == 0
 
 
+def test_a_file_and_what_it_needs_are_found_from_inside_the_folder(make, source, monkeypatch):
+    folder = source.parents[2]
+    (folder / "bar.stl").write_bytes((folder / "desk_arm/meshes/bar.stl").read_bytes())
+    source.write_text(published().replace("package://desk_arm/meshes/bar.stl", "../../bar.stl"))
+    refused = make("--dry-run")
+    assert "is left out: it is outside" in refused.out
+    monkeypatch.chdir(folder)
+    found = make("--file desk_arm/urdf/desk.urdf --dry-run", of=".")
+    assert found.code == 0
+    assert "is left out" not in found.out
+
+
+def test_a_slide_without_limits_gets_some_and_is_named(make, source, tmp_path):
+    old = joint("lift", "revolute", "turret", "upper arm", limit=LIMIT)
+    endless = '<limit lower="-50" upper="-3" effort="1" velocity="1"/>'
+    source.write_text(published().replace(old, joint(
+        "lift", "prismatic", "turret", "upper arm", axis="0 0 1", limit=endless)))  # fmt: skip
+    assert make().code == 0
+    assert "lift slides" in (tmp_path / "mine" / "import.md").read_text()
+    limits = ikservo.load_model(tmp_path / "mine").urdf.joints
+    lift = next(each for each in limits if each.name == "lift")
+    assert (lift.lower, lift.upper) == (-4.0, -3.0)
+
+
 def test_links_whose_mass_is_missing_are_named(make, source, tmp_path):
     forearm = LINK.format(name="forearm", shapes=both())
     bare = f'<link name="forearm">{both()}</link>'

@@ -121,11 +121,23 @@ def test_a_file_outside_the_folder_is_refused_before_mujoco_reads_it(path, old, 
         load(path)
 
 
+ASSET = '<asset><mesh name="bar" file="bar.stl"/></asset>'
+
+
+def test_a_mesh_of_an_included_file_is_in_the_folder_that_the_first_file_names(path):
+    (path.parent / "assets.xml").write_text(f"<mujoco>{ASSET}</mujoco>")
+    text = MJCF.replace(ASSET, '<include file="assets.xml"/>')
+    path.write_text(text)
+    assert {link.name for link in read_mjcf(path).links} >= {"base", "upper", "fore"}
+    path.write_text(text.replace('meshdir="meshes"', 'meshdir=".."'))
+    with pytest.raises(FileFormatError, match="outside the model's folder"):
+        read_mjcf(path)
+
+
 @pytest.mark.parametrize(
     ("old", "new", "found"),
     [
         ('<joint name="elbow" axis="0 1 0"/>', '<joint name="elbow" type="ball"/>', "ball"),
-        ('range="0 0.03"/>\n            <geom type="box"', '/><geom type="box"', "without a range"),
         ("<worldbody>", "<worldbody><nonsense/>", "MuJoCo refuses it"),
     ],
 )
