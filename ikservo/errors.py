@@ -364,7 +364,7 @@ class CartesianPathError(UnreachableError):
 
     Attributes:
         along_m: The distance along the path at which it fails.
-        shape: What the path is: line or arc.
+        shape: What the path is, such as line or arc.
     """
 
     def __init__(
@@ -381,7 +381,7 @@ class CartesianPathError(UnreachableError):
             f"The {shape} can be followed for {along_m:.3f} m only, to "
             f"{format_point(target_m)} ({', '.join(binding)})."
         )
-        other = "move there without --line" if shape == "line" else "a smaller arc"
+        other = "move there without --line" if shape == "line" else f"a smaller {shape}"
         self.command_hint = f"Nothing moved. Choose a nearer end, or {other}."
 
 

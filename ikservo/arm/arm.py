@@ -49,8 +49,7 @@ class Arm(MotionMethods):
     The first motion switches torque on, and is slow. Torque stays on when the arm is closed unless
     ``on_exit`` is ``relax``: an arm never drops because a program ended.
 
-    Motions (``move_to``, ``move_line``, ``move_arc``, ``move_through``, ``draw``, ``move_joints``,
-    ``pose``, ``gripper``, ``replay``) block until the arm is at rest. With ``wait=False`` they
+    Motions (``move_to``, ``gripper``, …) block until the arm is at rest. With ``wait=False`` they
     run in the background, after the ones before, and return a ``RunningMotion`` with ``done``,
     ``wait`` and ``cancel``; its ``wait`` returns the result and raises the errors. Closing the arm
     cancels it. Each makes a motion of its arguments (``ikservo.arm.motions``, where the options

@@ -15,11 +15,12 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, MISSING, dataclass, fields, is_dataclass, replace
+from functools import cache
 from os import fspath
 from pathlib import Path
-from typing import Any, ClassVar, Generic, TypeVar, cast
+from typing import Annotated, Any, ClassVar, Generic, TypeVar, cast, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,7 +38,8 @@ from ikservo.arm.tool_orientation import KEEP_BEST_EFFORT, ToolOrientation, chec
 from ikservo.errors import BadValueError, InputError, format_point
 from ikservo.ik import Posture
 from ikservo.ik.problem import check_position
-from ikservo.kinematics.arrays import finite_vector, finite_vectors
+from ikservo.kinematics.arrays import Vector, finite_vector, finite_vectors
+from ikservo.motion import ToolPath, arc_about_axis, arc_through_points, straight_lines
 
 __all__ = [
     "KINDS",
@@ -73,6 +75,76 @@ _PLAIN = (str, bool, float, tuple)
 _SHOWN = 100  # characters of a value in an error
 
 
+def _vector(what: str) -> Callable[[object], Point]:
+    return lambda value: tuple(finite_vector(cast("ArrayLike", value), 3, what).tolist())
+
+
+def _target(what: str) -> Callable[[object], Point]:
+    return lambda value: tuple(check_position(cast("ArrayLike", value), what).tolist())
+
+
+def _number(what: str) -> Callable[[object], float]:
+    return lambda value: parse_number(what, value)
+
+
+def _flag(what: str) -> Callable[[object], bool]:
+    def parse(value: object) -> bool:
+        if not isinstance(value, bool | np.bool_):
+            raise BadValueError(what, repr(value), "True or False")
+        return bool(cast("object", value))
+
+    return parse
+
+
+def _choice(what: str, choices: Sequence[str]) -> Callable[[object], str]:
+    return lambda value: check_choice(
+        what, value if isinstance(value, str) else repr(value), choices
+    )
+
+
+def _parse_tool_speed(value: object) -> float:
+    speed_m_s = parse_number("The speed of the tool", value)
+    if not 0.0 < speed_m_s < math.inf:
+        raise BadValueError("The speed of the tool", f"{speed_m_s:g} m/s", "more than 0 m/s")
+    return speed_m_s
+
+
+def _parse_targets(values: object) -> tuple[Point, ...]:
+    return tuple(map(_target("The target position"), parse_points(values)))
+
+
+def _parse_strokes(values: object) -> tuple[tuple[Point, ...], ...]:
+    strokes = [finite_vectors(each, 3, "A stroke of the drawing") for each in parse_points(values)]
+    return tuple(tuple((x, y, z) for x, y, z in each.reshape(-1, 3).tolist()) for each in strokes)
+
+
+def _parse_constraint(value: object) -> PathConstraint:
+    if not isinstance(value, PathConstraint):
+        raise BadValueError(
+            "within", repr(value), "a PathConstraint, such as PathConstraint(upright_rad=0.2)"
+        )
+    return value
+
+
+def _parse_name(value: object) -> str:
+    if not isinstance(value, str):
+        raise BadValueError("The name of the pose", repr(value), "text")
+    return value
+
+
+def _parse_file(value: object) -> str:
+    return fspath(parse_path(value))
+
+
+# Fields that several motions have. What checks a field is written with its type, here or there.
+TargetPoint = Annotated[ArrayLike, _target("The target position")]
+ToolSpeed = Annotated[float | None, _parse_tool_speed]
+Speed = Annotated[str, _choice("speed", SPEEDS)]
+Stance = Annotated[ToolOrientation, check_orientation]
+Straight = Annotated[bool, _flag("straight")]
+Within = Annotated[PathConstraint, _parse_constraint]
+
+
 @dataclass(frozen=True)
 class MotionValue(Generic[R]):
     """A motion whose result is an ``R``: the common part of all kinds.
@@ -90,10 +162,11 @@ class MotionValue(Generic[R]):
         cls.kind = re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
 
     def __post_init__(self) -> None:
+        parsers = _parsers_of(type(self))
         for each in fields(cast("type[Any]", type(self))):
-            parse, value = _PARSERS.get(each.name), getattr(self, each.name)
-            if parse is not None and not (value is None and each.default is None):
-                object.__setattr__(self, each.name, parse(value))
+            value = getattr(self, each.name)
+            if not (value is None and each.default is None):
+                object.__setattr__(self, each.name, parsers[each.name](value))
         self._check()
 
     @property
@@ -116,6 +189,13 @@ class MotionValue(Generic[R]):
         return self.kind.replace("_", " ")
 
 
+@cache
+def _parsers_of(kind: type[MotionValue[Any]]) -> Mapping[str, Callable[[object], object]]:
+    """Return what checks each field of a kind of motion: it is written with the field's type."""
+    hints = get_type_hints(kind, include_extras=True)
+    return {each.name: hints[each.name].__metadata__[0] for each in fields(cast("Any", kind))}
+
+
 @dataclass(frozen=True)
 class MoveTo(MotionValue[MoveResult]):
     """The tip moves to a point, as the joints come there soonest.
@@ -131,12 +211,12 @@ class MoveTo(MotionValue[MoveResult]):
         within: What the tool keeps to all the way.
     """
 
-    position_m: ArrayLike
+    position_m: TargetPoint
     _: KW_ONLY
-    speed: str = "normal"
-    stance: ToolOrientation = KEEP_BEST_EFFORT
-    straight: bool = False
-    within: PathConstraint = UNCONSTRAINED
+    speed: Speed = "normal"
+    stance: Stance = KEEP_BEST_EFFORT
+    straight: Straight = False
+    within: Within = UNCONSTRAINED
 
     def _words(self) -> str:
         return f"joints to {_format_point(self.position_m)}"
@@ -156,12 +236,16 @@ class MoveLine(MotionValue[MoveResult]):
         within: As of ``MoveTo``.
     """
 
-    position_m: ArrayLike
+    position_m: TargetPoint
     _: KW_ONLY
-    tool_speed_m_s: float | None = None
-    speed: str = "normal"
-    stance: ToolOrientation = KEEP_BEST_EFFORT
-    within: PathConstraint = UNCONSTRAINED
+    tool_speed_m_s: ToolSpeed = None
+    speed: Speed = "normal"
+    stance: Stance = KEEP_BEST_EFFORT
+    within: Within = UNCONSTRAINED
+
+    def path_from(self, tip_m: Vector) -> ToolPath:
+        """Return the path from where the tip (3,) [m] is."""
+        return straight_lines(tip_m, [self.position_m])
 
     def _words(self) -> str:
         return f"line to {_format_point(self.position_m)}"
@@ -190,17 +274,17 @@ class MoveArc(MotionValue[MoveResult]):
 
     starts_at_tip = True
 
-    via_m: ArrayLike | None = None
-    end_m: ArrayLike | None = None
+    via_m: Annotated[ArrayLike | None, _vector("The via point of the arc")] = None
+    end_m: Annotated[ArrayLike | None, _vector("The end of the arc")] = None
     _: KW_ONLY
-    full_circle: bool = False
-    center_m: ArrayLike | None = None
-    normal: ArrayLike = (0.0, 0.0, 1.0)
-    angle_rad: float = math.tau
-    tool_speed_m_s: float | None = None
-    speed: str = "normal"
-    stance: ToolOrientation = KEEP_BEST_EFFORT
-    within: PathConstraint = UNCONSTRAINED
+    full_circle: Annotated[bool, _flag("full_circle")] = False
+    center_m: Annotated[ArrayLike | None, _vector("The centre of the circle")] = None
+    normal: Annotated[ArrayLike, _vector("The normal of the circle")] = (0.0, 0.0, 1.0)
+    angle_rad: Annotated[float, _number("The angle of the arc")] = math.tau
+    tool_speed_m_s: ToolSpeed = None
+    speed: Speed = "normal"
+    stance: Stance = KEEP_BEST_EFFORT
+    within: Within = UNCONSTRAINED
 
     def _check(self) -> None:
         given = {"a via point": self.via_m, "an end": self.end_m, "a centre": self.center_m}
@@ -213,6 +297,13 @@ class MoveArc(MotionValue[MoveResult]):
                 f"given by {' and '.join(names) or 'nothing'}",
                 "a via point and an end, or a centre alone",
             )
+
+    def path_from(self, tip_m: Vector) -> ToolPath:
+        """Return the path from where the tip (3,) [m] is."""
+        if self.center_m is not None:
+            return arc_about_axis(tip_m, self.center_m, self.normal, self.angle_rad)
+        via_m, end_m = cast("Any", self.via_m), cast("Any", self.end_m)
+        return arc_through_points(tip_m, via_m, end_m, full_circle=self.full_circle)
 
     def _words(self) -> str:
         if self.center_m is not None:
@@ -236,14 +327,14 @@ class MoveThrough(MotionValue[MoveResult]):
         within: As of ``MoveTo``.
     """
 
-    points_m: Iterable[ArrayLike]
+    points_m: Annotated[Iterable[ArrayLike], _parse_targets]
     _: KW_ONLY
-    blend_m: float = 0.02
-    line: bool = False
-    tool_speed_m_s: float | None = None
-    speed: str = "normal"
-    stance: ToolOrientation = KEEP_BEST_EFFORT
-    within: PathConstraint = UNCONSTRAINED
+    blend_m: Annotated[float, _number("The blend")] = 0.02
+    line: Annotated[bool, _flag("line")] = False
+    tool_speed_m_s: ToolSpeed = None
+    speed: Speed = "normal"
+    stance: Stance = KEEP_BEST_EFFORT
+    within: Within = UNCONSTRAINED
 
     def _check(self) -> None:
         if not self.points_m:
@@ -256,6 +347,10 @@ class MoveThrough(MotionValue[MoveResult]):
                 "given for a motion of the joints",
                 "a straight line, or the speed of the joints: slow, normal, fast",
             )
+
+    def path_from(self, tip_m: Vector) -> ToolPath:
+        """Return the lines from where the tip (3,) [m] is, their corners rounded."""
+        return straight_lines(tip_m, list(self.points_m), self.blend_m)
 
     def _words(self) -> str:
         points = cast("tuple[Point, ...]", self.points_m)
@@ -277,13 +372,13 @@ class Draw(MotionValue[MoveResult]):
         within: As of ``MoveTo``.
     """
 
-    strokes_m: Iterable[ArrayLike]
+    strokes_m: Annotated[Iterable[ArrayLike], _parse_strokes]
     _: KW_ONLY
-    lift_m: float = 0.01
-    tool_speed_m_s: float | None = None
-    speed: str = "normal"
-    stance: ToolOrientation = KEEP_BEST_EFFORT
-    within: PathConstraint = UNCONSTRAINED
+    lift_m: Annotated[float, _number("The lift of the tool")] = 0.01
+    tool_speed_m_s: ToolSpeed = None
+    speed: Speed = "normal"
+    stance: Stance = KEEP_BEST_EFFORT
+    within: Within = UNCONSTRAINED
 
     def _check(self) -> None:
         if not self.strokes_m or not all(cast("tuple[tuple[Point, ...], ...]", self.strokes_m)):
@@ -297,7 +392,7 @@ class Draw(MotionValue[MoveResult]):
 
 
 TipMotion = MoveTo | MoveLine | MoveArc | MoveThrough | Draw
-"""Motions of the tip."""
+"""Motions of the tip. One with ``path_from`` needs nothing else to be planned."""
 
 
 @dataclass(frozen=True)
@@ -311,11 +406,11 @@ class MoveJoints(MotionValue[JointMoveResult]):
         within: As of ``MoveTo``.
     """
 
-    positions: Mapping[str, float]
+    positions: Annotated[Mapping[str, float], parse_joint_positions]
     _: KW_ONLY
-    speed: str = "normal"
-    straight: bool = False
-    within: PathConstraint = UNCONSTRAINED
+    speed: Speed = "normal"
+    straight: Straight = False
+    within: Within = UNCONSTRAINED
 
     def __hash__(self) -> int:
         """Return a hash; a mapping has none of its own."""
@@ -336,11 +431,11 @@ class MovePose(MotionValue[JointMoveResult]):
         within: As of ``MoveTo``.
     """
 
-    name: str
+    name: Annotated[str, _parse_name]
     _: KW_ONLY
-    speed: str = "normal"
-    straight: bool = False
-    within: PathConstraint = UNCONSTRAINED
+    speed: Speed = "normal"
+    straight: Straight = False
+    within: Within = UNCONSTRAINED
 
     def _words(self) -> str:
         return f"pose {self.name}"
@@ -360,9 +455,9 @@ class LookAt(MotionValue[JointMoveResult]):
         speed: As of ``MoveTo``.
     """
 
-    point_m: ArrayLike
+    point_m: Annotated[ArrayLike, _target("The point to look at")]
     _: KW_ONLY
-    speed: str = "normal"
+    speed: Speed = "normal"
 
     def _words(self) -> str:
         return f"look at {_format_point(self.point_m)}"
@@ -384,10 +479,10 @@ class MoveGripper(MotionValue[GraspResult]):
             what overcomes the friction of its gears: 0.05, of an STS3215 for 7.4 V 0.1.
     """
 
-    to: str | None = None
+    to: Annotated[str | None, _choice("motion of the gripper", ("open", "close"))] = None
     _: KW_ONLY
-    width_m: float | None = None
-    force: float | None = None
+    width_m: Annotated[float | None, _number("The width")] = None
+    force: Annotated[float | None, _number("The force")] = None
 
     def _check(self) -> None:
         if (self.to is None) == (self.width_m is None):
@@ -406,9 +501,9 @@ class Replay(MotionValue[ReplayResult]):
         speed: The speed class within which it is as fast as it was recorded.
     """
 
-    path: Path | str
+    path: Annotated[Path | str, _parse_file]
     _: KW_ONLY
-    speed: str = "normal"
+    speed: Speed = "normal"
 
     def _words(self) -> str:
         return f"recording {self.path}"
@@ -422,7 +517,7 @@ class Wait(MotionValue[None]):
         duration_s: For how long, above 0 and at most an hour.
     """
 
-    duration_s: float
+    duration_s: Annotated[float, _number("The wait")]
 
     def _check(self) -> None:
         if not 0.0 < self.duration_s <= _MAX_WAIT_S:
@@ -432,92 +527,13 @@ class Wait(MotionValue[None]):
         return f"wait {self.duration_s:g} s"
 
 
-def _parse_speed(value: object) -> str:
-    return check_choice("speed", value if isinstance(value, str) else repr(value), SPEEDS)
-
-
-def _parse_tool_speed(value: object) -> float:
-    speed_m_s = parse_number("The speed of the tool", value)
-    if not 0.0 < speed_m_s < math.inf:
-        raise BadValueError("The speed of the tool", f"{speed_m_s:g} m/s", "more than 0 m/s")
-    return speed_m_s
-
-
-def _parse_point(value: object, what: str = "The target position") -> Point:
-    return tuple(check_position(cast("ArrayLike", value), what).tolist())
-
-
-def _parse_strokes(values: object) -> tuple[tuple[Point, ...], ...]:
-    strokes = [finite_vectors(each, 3, "A stroke of the drawing") for each in parse_points(values)]
-    return tuple(tuple((x, y, z) for x, y, z in each.reshape(-1, 3).tolist()) for each in strokes)
-
-
-def _vector(what: str) -> Callable[[object], Point]:
-    return lambda value: tuple(finite_vector(cast("ArrayLike", value), 3, what).tolist())
-
-
-def _number(what: str) -> Callable[[object], float]:
-    return lambda value: parse_number(what, value)
-
-
-def _flag(what: str) -> Callable[[object], bool]:
-    def parse(value: object) -> bool:
-        if not isinstance(value, bool | np.bool_):
-            raise BadValueError(what, repr(value), "True or False")
-        return bool(cast("object", value))
-
-    return parse
-
-
-def _parse_constraint(value: object) -> PathConstraint:
-    if not isinstance(value, PathConstraint):
-        raise BadValueError(
-            "within", repr(value), "a PathConstraint, such as PathConstraint(upright_rad=0.2)"
-        )
-    return value
-
-
-def _parse_name(value: object) -> str:
-    if not isinstance(value, str):
-        raise BadValueError("The name of the pose", repr(value), "text")
-    return value
-
-
-_PARSERS: Mapping[str, Callable[[object], object]] = {
-    "speed": _parse_speed,
-    "stance": check_orientation,
-    "tool_speed_m_s": _parse_tool_speed,
-    "position_m": _parse_point,
-    "point_m": lambda value: _parse_point(value, "The point to look at"),
-    "points_m": lambda values: tuple(map(_parse_point, parse_points(values))),
-    "strokes_m": _parse_strokes,
-    "via_m": _vector("The via point of the arc"),
-    "end_m": _vector("The end of the arc"),
-    "center_m": _vector("The centre of the circle"),
-    "normal": _vector("The normal of the circle"),
-    "angle_rad": _number("The angle of the arc"),
-    "straight": _flag("straight"),
-    "within": _parse_constraint,
-    "full_circle": _flag("full_circle"),
-    "line": _flag("line"),
-    "blend_m": _number("The blend"),
-    "lift_m": _number("The lift of the tool"),
-    "positions": parse_joint_positions,
-    "name": _parse_name,
-    "to": lambda value: check_choice("motion of the gripper", value, ("open", "close")),
-    "width_m": _number("The width"),
-    "force": _number("The force"),
-    "path": lambda value: fspath(parse_path(value)),
-    "duration_s": _number("The wait"),
-}
-"""What checks a field of a motion, by its name, which means the same in every motion."""
-
-
 KINDS: Mapping[str, type[MotionValue[Any]]] = {
     each.kind: each
-    for each in (MoveTo, MoveLine, MoveArc, MoveThrough, Draw, MoveJoints, MovePose, LookAt,
-                 MoveToRest, Lower, MoveGripper, Replay, Wait)
-}  # fmt: skip
+    for each in get_args(
+        TipMotion
+        | (MoveJoints | MovePose | LookAt | MoveToRest | Lower | MoveGripper | Replay | Wait)
+    )
+}
 """All kinds of motions by their names in JSON and TOML."""
 
 

@@ -31,25 +31,34 @@ from ikservo.arm.motions import (
     motion_fields,
     parse_motion,
 )
+from ikservo.arm.program import Program, ProgramStep, read_program, write_program
+from ikservo.arm.program_run import ProgramRun
 from ikservo.errors import BadValueError, InputError
 from ikservo.ik import Posture
 from tests.arm.simulated import context_of, registers, true_joints, true_tip_m
 
 NEAR, FAR = (0.23, 0.02, 0.10), (0.22, -0.04, 0.12)
-EXAMPLES = (
+PLANNED = (
     MoveTo(NEAR, speed="fast", stance=ToolOrientation(pitch_rad=-0.9, roll_rad=0.1)),
     MoveTo(NEAR, stance=ToolOrientation(posture=Posture(np.zeros(5), np.ones(5)))),
-    MoveLine(np.array(NEAR), tool_speed_m_s=0.05, stance=ToolOrientation(keep=True)),
-    MoveLine(NEAR, stance=ToolOrientation(direction=np.array([1.0, 0.0, -1.0]))),
+    MoveLine(NEAR, tool_speed_m_s=0.05),
     MoveArc((0.22, 0.03, 0.1), NEAR, full_circle=True),
     MoveArc(center_m=NEAR, normal=(1, 0, 0), angle_rad=-1.5, tool_speed_m_s=0.05),
     MoveThrough([NEAR, FAR], blend_m=0.01, line=True),
+    MoveThrough([FAR, NEAR]),
     Draw([[NEAR], [FAR, NEAR]], lift_m=0.02),
     MoveJoints({"wrist_roll": 0.1}, speed="slow"),
     MovePose("home"),
     LookAt([1.0, 0.5, 0.3], speed="slow"),
     MoveToRest(),
     Lower(),
+)
+"""What the simulated arm can do from its pose home: a new kind of motion is tried from here."""
+
+EXAMPLES = (
+    *PLANNED,
+    MoveLine(np.array(NEAR), tool_speed_m_s=0.05, stance=ToolOrientation(keep=True)),
+    MoveLine(NEAR, stance=ToolOrientation(direction=np.array([1.0, 0.0, -1.0]))),
     MoveGripper("close", force=0.2),
     MoveGripper(width_m=0.03),
     Replay("wave.jsonl"),
@@ -176,20 +185,6 @@ def arm():
         yield machine
 
 
-PLANNED = (
-    MoveTo(NEAR),
-    MoveLine(NEAR, tool_speed_m_s=0.05),
-    MoveArc((0.22, 0.03, 0.1), NEAR),
-    MoveThrough([FAR, NEAR]),
-    Draw([[NEAR]]),
-    MoveJoints({"wrist_roll": 0.1}),
-    MovePose("home"),
-    LookAt((1.0, 0.5, 0.3)),
-    MoveToRest(),
-    Lower(),
-)
-
-
 @pytest.mark.parametrize("motion", PLANNED, ids=str)
 def test_plans_keep_their_motion_and_move_nothing(arm, motion):
     arm.enable()
@@ -198,6 +193,44 @@ def test_plans_keep_their_motion_and_move_nothing(arm, motion):
     assert plan.motion is motion
     assert arm.plan(plan.motion).duration_s == plan.duration_s
     assert registers(arm, "goal_position") == before
+
+
+@pytest.mark.full
+@pytest.mark.parametrize("motion", PLANNED, ids=str)
+def test_each_motion_is_made_as_a_step_of_a_program(arm, tmp_path, motion):
+    arm.pose("home")
+    step = ProgramStep(motion=motion_fields(motion.with_speed("normal")), speed="fast")
+    write_program(tmp_path / "one.toml", Program(format=1, arm="so101", steps=(step,)))
+    run = ProgramRun(arm, read_program(tmp_path / "one.toml"), tmp_path, arm.poses)
+    assert [each.error for each in run.check()] == [None]
+    plan = arm.plan(motion)
+    (made,) = run.run()
+    assert made.report.reached
+    np.testing.assert_allclose(true_tip_m(arm), plan.tip_m, atol=4e-3)
+    if plan.is_cartesian:
+        assert 0.0 < made.report.path_error_rms_m <= made.report.path_error_max_m < 5e-3
+
+
+PATHS = [each for each in PLANNED if hasattr(each, "path_from")]
+
+
+@pytest.mark.parametrize("motion", PATHS, ids=str)
+def test_paths_begin_at_the_tip_and_turn_by_their_slope_and_bend(motion):
+    tip_m = np.array([0.21, 0.0, 0.08])
+    path = motion.path_from(tip_m)
+    along = np.linspace(0.0, path.length, 4001)
+    points, slopes, bends = (np.array(each) for each in zip(*map(path.at, along), strict=True))
+    np.testing.assert_allclose(points[0], tip_m, atol=1e-9)
+    np.testing.assert_allclose(np.diff(points, axis=0) / along[1], _middles(slopes), atol=1e-3)
+    np.testing.assert_allclose(np.diff(slopes, axis=0) / along[1], _middles(bends), atol=1.0)
+    assert path.breakpoints[0] == 0.0
+    assert path.breakpoints[-1] == pytest.approx(path.length)
+    lengths_m = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    assert path.path_length() == pytest.approx(lengths_m.sum(), rel=1e-4)
+
+
+def _middles(values):
+    return (values[1:] + values[:-1]) / 2
 
 
 def test_execute_makes_a_motion_and_start_returns_at_once(arm):
