@@ -13,26 +13,9 @@ from ikservo.arm.motion_methods import MotionMethods
 from ikservo.model.tool import tool_frame
 from ikservo.network.remote_arm import RemoteArm
 from tests.arm.simulated import registers, true_joints, true_tip_m
+from tests.journeys.method_arguments import arguments, methods
 
 NEAR = (0.23, 0.02, 0.10)
-OF_MOTION = {
-    "plan_to": ("move_to", (NEAR,)),
-    "plan_line": ("move_line", (NEAR,)),
-    "plan_drawing": ("draw", ([[NEAR]],)),
-    "plan_arc": ("move_arc", ((0.22, 0.03, 0.1), NEAR)),
-    "plan_through": ("move_through", ([NEAR],)),
-    "move_to": ("move_to", (NEAR,)),
-    "move_line": ("move_line", (NEAR,)),
-    "draw": ("draw", ([[NEAR]],)),
-    "move_arc": ("move_arc", ((0.22, 0.03, 0.1), NEAR)),
-    "move_through": ("move_through", ([NEAR],)),
-    "move_joints": ("move_joints", ({"wrist_roll": 0.1},)),
-    "pose": ("move_pose", ("home",)),
-    "look_at": ("look_at", ((1.0, 0.5, 0.3),)),
-    "gripper": ("move_gripper", ("open",)),
-    "replay": ("replay", ("wave.jsonl",)),
-}
-"""The methods that make a motion: its kind, and arguments that can be used."""
 
 
 @pytest.fixture(scope="module")
@@ -51,15 +34,17 @@ def listed_options(method):
     return None
 
 
-def test_methods_with_options_are_all_tried_here():
-    public = [name for name, _ in inspect.getmembers(Arm, inspect.isfunction) if name[0] != "_"]
-    assert {name for name in public if listed_options(name)} == set(OF_MOTION)
+OF_MOTION = [name for name in methods() if listed_options(name)]
+"""The methods that make a motion of their arguments."""
 
 
 @pytest.mark.parametrize("method", OF_MOTION)
-def test_options_of_a_method_are_fields_of_its_motion(method):
-    kind = motions.KINDS[OF_MOTION[method][0]]
-    names = {each.name for each in dataclasses.fields(kind)}
+def test_options_of_a_method_are_fields_of_its_motion(limp, monkeypatch, tmp_path, method):
+    made = []
+    for name in ("plan", "execute"):
+        monkeypatch.setattr(Arm, name, lambda _, motion, *_more: made.append(motion))
+    getattr(limp, method)(**arguments(method, limp, tmp_path))
+    names = {each.name for each in dataclasses.fields(made[0])}
     assert listed_options(method) - {"on_progress", "orientation"} <= names
 
 
@@ -78,10 +63,10 @@ WAITING = [name for name in OF_MOTION if "wait" in inspect.signature(getattr(Arm
     ("method", "wait"),
     [*((name, {}) for name in BLOCKING), *((name, {"wait": False}) for name in WAITING)],
 )
-def test_options_that_are_unknown_are_named_by_the_call(limp, method, wait):
-    arguments = OF_MOTION[method][1] if method in OF_MOTION else ({"wrist_roll": 0.1},)
+def test_options_that_are_unknown_are_named_by_the_call(limp, tmp_path, method, wait):
+    given = arguments(method, limp, tmp_path) if method in OF_MOTION else {}
     with pytest.raises(TypeError, match="unexpected keyword argument 'qqq'"):
-        getattr(limp, method)(*arguments, **wait, qqq=1)
+        getattr(limp, method)(**given, **wait, qqq=1)
 
 
 @pytest.mark.parametrize(
@@ -97,18 +82,18 @@ def test_options_that_are_unknown_are_named_by_the_call(limp, method, wait):
         ("plan_through", {"lines": True}, "line"),
     ],
 )
-def test_a_mistyped_option_is_answered_with_the_closest(limp, method, slip, meant):
+def test_a_mistyped_option_is_answered_with_the_closest(limp, tmp_path, method, slip, meant):
     with pytest.raises(TypeError, match=f"Did you mean '{meant}'"):
-        getattr(limp, method)(*OF_MOTION[method][1], **slip)
+        getattr(limp, method)(**arguments(method, limp, tmp_path), **slip)
 
 
 @pytest.mark.parametrize(
     ("method", "option"),
     [("move_joints", "stance"), ("move_to", "line"), ("plan_to", "on_progress"), ("pose", "force")],
 )
-def test_options_of_another_motion_are_unknown(limp, method, option):
+def test_options_of_another_motion_are_unknown(limp, tmp_path, method, option):
     with pytest.raises(TypeError, match=option):
-        getattr(limp, method)(*OF_MOTION[method][1], **{option: None})
+        getattr(limp, method)(**arguments(method, limp, tmp_path), **{option: None})
 
 
 def test_remote_arms_have_the_same_methods_with_the_same_parameters():

@@ -5,6 +5,7 @@ import re
 import numpy as np
 
 from tests.journeys.command_arguments import BY_HAND, FILED, usual_target_m
+from tests.journeys.method_arguments import methods, parameters
 from tests.oracle import ARMS, tip_from_joints
 
 MOVING = ("move", "arc", "draw", "test", "joints", "jog", "gripper", "pose", "replay", "follow",
@@ -17,9 +18,9 @@ PASSIVE = (  # methods that neither move the arm nor plan a motion, or disable i
 )  # fmt: skip
 # Those that say that torque comes on, or move the arm. All others leave a limp arm limp.
 ENABLING = (
-    *MOVING, "enable", "execute", "follow_arm", "follow_goals", "hold", "look_at",
-    "move_arc", "move_joints", "move_line", "move_through", "move_to", "return_within_limits",
-    "stream", "teach",
+    *MOVING, *(name for name in methods() if "wait" in {each.name for each in parameters(name)}),
+    "enable", "execute", "follow_arm", "follow_goals", "hold", "return_within_limits", "stream",
+    "teach",
 )  # fmt: skip
 LIMP_AFTERWARDS = ("relax", "disable_torque")
 STABLE = ("rest, sunk", "pose rest")  # a limp arm stays there; from others it falls
