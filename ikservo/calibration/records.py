@@ -27,6 +27,7 @@ __all__ = [
     "RangeSource",
     "SeenBoard",
     "StoredJointMeasurement",
+    "TipClick",
     "dump_partial",
     "read_partial",
 ]
@@ -149,6 +150,16 @@ class SeenBoard(StrictModel):
     )
 
 
+class TipClick(StrictModel):
+    """What one click on the tip says of the zero of the last joint, and how sure that is."""
+
+    off_deg: float = Field(
+        ge=-90.0, le=90.0, description="degrees by which the joint is further than it measures"
+    )
+    click_deg: float = Field(gt=0.0, description="degrees, the standard error by the click")
+    camera_deg: float = Field(ge=0.0, description="degrees, the standard error by the camera")
+
+
 _Pixels = Annotated[int, Field(ge=1, le=100_000)]
 _FocalLength = Annotated[float, Field(gt=0)]  # a negative one would mirror each click
 
@@ -178,6 +189,9 @@ class CalibratedCamera(StrictModel):
     board: SeenBoard | None = Field(default=None, description="a table [camera.board]")
     tip_shows: Name | None = Field(
         default=None, description="a joint whose zero only the tip shows, not the board"
+    )
+    tip_clicks: tuple[TipClick, ...] = Field(
+        default=(), strict=False, description="tables [[camera.tip_clicks]]"
     )
 
 

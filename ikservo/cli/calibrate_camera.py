@@ -213,7 +213,7 @@ def _describe(result: CameraResult) -> Iterator[str]:
     if unknown:
         yield f"Not shown by these pictures, and kept: {', '.join(unknown)}."
     if result.tip_shows:
-        yield f"A click on the tip shows the zero of {result.tip_shows}: ikservo camera tip"
+        yield f"Clicks on the tip show the zero of {result.tip_shows}: ikservo camera tip"
     if abs(fit.scale) > 0.01:
         yield f"The board seems to be {1.0 + fit.scale:.1%} of the size that its name says."
 

@@ -72,8 +72,12 @@ Within = Annotated[
     ),
 ]
 At = Annotated[
-    str | None,
-    typer.Option("--at", metavar="U,V", help="The pixel of the tip, from the top left corner."),
+    list[str] | None,
+    typer.Option(
+        "--at",
+        metavar="U,V",
+        help="The pixel of the tip, from the top left corner; may be repeated.",
+    ),
 ]
 
 
@@ -96,7 +100,8 @@ def command(
     A check looks at the board on the gripper, where it was calibrated, or at one on the table that
     was remembered. Nothing moves. Exit code 6: the camera has moved, and no target is taken from
     its pictures until it is back; 1: the picture does not show the board. The zero of a last joint
-    that no board shows is found by the pixel of the tip, and saved.
+    that no board shows is found by the pixel of the tip, and saved. Each further click counts with
+    those before, best in another posture, which the command proposes.
 
     ikservo camera board board.svg --board 7x9-15mm-5x5
 
@@ -115,7 +120,7 @@ def command(
         "--camera-name": bool(camera_name),
         "--remember": remember,
         "--within": within is not None,
-        "--at": at is not None,
+        "--at": bool(at),
         "--overwrite": overwrite,
     }
     for name, is_given in given.items():
@@ -130,7 +135,9 @@ def command(
         return
     arm = (file and str(file)) or os.environ.get("IKSERVO_ARM")
     if action == "tip":
-        _set_tip_zero(arm, port, _parse_pixel(at), camera_name, json=json)
+        if not at:
+            raise InputError("Where is the tip in the picture?", "Add its pixel: --at 512,300")
+        _set_tip_zero(arm, port, [_parse_pixel(each) for each in at], camera_name, json=json)
         return
     if camera is None:
         raise InputError("Which camera?", "Add: --camera 0")
@@ -242,9 +249,7 @@ def _compare(
         raise typer.Exit(ExitCode.CALIBRATION)
 
 
-def _parse_pixel(text: str | None) -> tuple[float, float]:
-    if text is None:
-        raise InputError("Where is the tip in the picture?", "Add its pixel: --at 512,300")
+def _parse_pixel(text: str) -> tuple[float, float]:
     try:
         u, v = map(parse_pixels, text.split(","))
     except (ValueError, typer.BadParameter):
@@ -253,7 +258,12 @@ def _parse_pixel(text: str | None) -> tuple[float, float]:
 
 
 def _set_tip_zero(
-    name: str | None, port: str | None, pixel: tuple[float, float], camera: str, *, json: bool
+    name: str | None,
+    port: str | None,
+    pixels: list[tuple[float, float]],
+    camera: str,
+    *,
+    json: bool,
 ) -> None:
     from ikservo.arm.opening import require_own_port  # noqa: PLC0415  # loads the kernels
     from ikservo.cli.options import ArmConnection  # noqa: PLC0415
@@ -262,13 +272,17 @@ def _set_tip_zero(
 
     with open_from_options(ArmConnection(arm=name, port=port)) as machine:
         arm, now = require_own_port(machine), datetime.now(UTC).replace(microsecond=0)
-        found = find_tip_zero(arm, pixel, now, camera)
+        found = find_tip_zero(arm, pixels, now, camera)
         path = save_tip_zero(arm, found)
     if json:
         print_json(
             "camera-tip", path=path, joint=found.joint, shift_rad=found.shift_rad,
-            off_m=found.off_m, px_per_deg=found.px_per_deg,
+            off_m=found.off_m, px_per_deg=found.px_per_deg, clicks=len(found.counts),
+            counted=sum(found.counts), error_deg=found.error_deg,
+            error_m=found.error_m,
         )  # fmt: skip
         return
     print_lines([str(found)])
-    print_status(f"Saved to {path}. To undo it: ikservo calibration undo {arm.model.name}")
+    print_status(f"Saved to {path}. To undo the click: ikservo calibration undo {arm.model.name}")
+    if found.advice:
+        print_status(found.advice)

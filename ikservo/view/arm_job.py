@@ -144,5 +144,6 @@ class SetTipZero:
         save_tip_zero(arm, self._found)
         observer.reopen()
         observer.log_message(
-            f"{self._found} Saved. To undo it: ikservo calibration undo {arm.model.name}"
+            f"{self._found} Saved. To undo the click: ikservo calibration undo {arm.model.name}. "
+            f"{self._found.advice}".rstrip()
         )

@@ -40,6 +40,7 @@ class CameraView:
 
     Attributes:
         tip_shows: The joint whose zero a click on the tip would show; None if there is none.
+        tip_clicks: How many have been made.
 
     Raises:
         CalibrationError: The arm has no calibrated camera, or was calibrated with another one.
@@ -54,6 +55,7 @@ class CameraView:
             )
         self._arm, self._video, self._clock = arm, video, clock
         self._model, self.tip_shows = camera_model(camera), camera.tip_shows
+        self.tip_clicks = len(camera.tip_clicks)
         check = self._known.check
         self._moved = check if check is not None and check.has_moved else None
         self._mirrored = ""
@@ -124,9 +126,8 @@ class CameraView:
         is_old = self._clock.now_s() - snapshot.read_s > _REST_S
         if is_old or not self._rests(snapshot.measured):
             raise BadMessageError("The arm has moved.", "Click again once it has rested.")
-        q = self._arm.joint_index.chain_joints(snapshot.measured)
-        written = datetime.now(UTC).replace(microsecond=0)
-        return find_tip_zero(self._arm, camera.picture_px(px), written, self._name, q)
+        written, pixel = datetime.now(UTC).replace(microsecond=0), camera.picture_px(px)
+        return find_tip_zero(self._arm, [pixel], written, self._name, snapshot.measured)
 
     def watch(self, measured: Vector) -> None:
         """Look now and then whether the camera has moved; called while somebody looks.

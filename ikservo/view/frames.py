@@ -413,6 +413,7 @@ class FrameComposer:
             "webgl": client.webgl,
             "picture_trouble": None if picture is None else picture.trouble,
             "tip_shows": None if picture is None else picture.tip_shows,
+            "tip_clicks": 0 if picture is None else picture.tip_clicks,
             "refusal": self._refusal_text(),
             **self._trace_fields(),
             **self._graph.fields(state, handles=self._has_handles(client)),

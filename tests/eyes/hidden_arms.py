@@ -5,14 +5,15 @@ import re
 import numpy as np
 
 from ikservo.arm.camera import table_m
+from ikservo.arm.opening import open_own_arm
 from ikservo.errors import CalibrationError, IkservoError
 from ikservo.eyes.board import DEFAULT_BOARD, Board
-from ikservo.maintenance.tip_click import find_tip_zero
+from ikservo.maintenance.tip_click import find_tip_zero, save_tip_zero
 from servosim.camera import SimulatedCamera, SimulatedView
 from servosim.joint import Hand, hold
 from servosim.specimen import Specimen
 from tests.calibration.mounted_arms import STRENGTH, load_model
-from tests.cli.fixtures_mounted_arm import WHEN, connect_arm, write_calibration
+from tests.cli.fixtures_mounted_arm import PORT, WHEN, connect_arm, write_calibration
 
 BOARD = Board.named(DEFAULT_BOARD)
 
@@ -80,13 +81,30 @@ def click_on_tip(arm, camera, opened, chance, noise_px=1.5):
         positions = [joint.position for joint in arm.world.joints]
         at = camera.pixel(arm.world.tip.position_m(positions)) + chance.normal(0.0, noise_px, 2)
         try:
-            return find_tip_zero(opened, tuple(at), WHEN)
+            return find_tip_zero(opened, [tuple(at)], WHEN)
         except CalibrationError as error:
-            asked = re.match(r"Move (\w+) to (-?\d+)°", error.hint)
-            if asked is None:
+            if not follow_advice(opened, error.hint):
                 raise
-            opened.move_joints({asked[1]: np.radians(float(asked[2]))})
     raise AssertionError("the postures that were asked for do not show enough")
+
+
+def follow_advice(opened, text):
+    """Move the joint that a text asks for; return whether it asks for one."""
+    asked = re.search(r"Move (\w+) to (-?\d+)°", text)
+    if asked is not None:
+        opened.move_joints({asked[1]: np.radians(float(asked[2]))})
+    return asked is not None
+
+
+def save_clicks(arm, camera, chance, count=3):
+    """Click on the tip, each time in the posture that is proposed then, and save what that says."""
+    for _ in range(count):
+        with open_own_arm(load_model(arm.name), PORT) as opened:
+            opened.enable()
+            found = click_on_tip(arm, camera, opened, chance)
+            save_tip_zero(opened, found)
+            follow_advice(opened, found.advice)
+    return found
 
 
 def click_errors_m(arm, camera, opened, count, seed=0):

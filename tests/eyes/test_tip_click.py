@@ -7,8 +7,13 @@ import pytest
 
 import ikservo
 from ikservo.arm.opening import open_own_arm
-from ikservo.calibration.calibration_file import load_calibration, save_calibration
+from ikservo.calibration.calibration_file import (
+    load_calibration,
+    save_calibration,
+    undo_calibration,
+)
 from ikservo.calibration.camera_file import CameraCheck, load_camera, save_camera
+from ikservo.calibration.paths import calibration_path
 from ikservo.errors import BadValueError, CalibrationError
 from tests.calibration.mounted_arms import load_model
 from tests.cli.fixtures_mounted_arm import PORT, SERIAL, WHEN
@@ -17,7 +22,7 @@ pytest.importorskip("cv2")
 
 from ikservo.maintenance.camera_check import check_camera
 from ikservo.maintenance.tip_click import find_tip_zero, save_tip_zero
-from tests.eyes.hidden_arms import click_on_tip
+from tests.eyes.hidden_arms import click_on_tip, follow_advice, save_clicks
 from tests.eyes.mistaken_tip import ARM, JOINT, OFF_DEG, mistaken_tip, tip_pixel
 from tests.eyes.saved_camera import SEEN
 
@@ -36,7 +41,7 @@ def opened(mistaken):
 
 
 def click(opened, pixel):
-    return find_tip_zero(opened, pixel, WHEN)
+    return find_tip_zero(opened, [pixel], WHEN)
 
 
 def blind_posture(arm, camera, opened):
@@ -107,6 +112,78 @@ def test_where_the_picture_shows_too_little_it_says_which_posture_shows_it(mista
     assert refused.value.hint.startswith("Move joint")
     found = click_on_tip(arm, camera, opened, np.random.default_rng(0), noise_px=0.0)
     assert np.degrees(found.shift_rad) == pytest.approx(OFF_DEG, abs=0.4)  # ticks
+
+
+def clicked(arm, camera, wrong_deg=0.0):
+    """Click where the tip would be with its joint further; save it, and go where that says."""
+    with open_own_arm(load_model(ARM), PORT) as opened:
+        opened.enable()
+        positions = {joint.name: joint.position for joint in arm.world.joints}
+        positions[JOINT] += np.radians(wrong_deg)
+        pixel = camera.pixel(arm.world.tip.position_m(list(positions.values())))
+        found = click(opened, pixel)
+        save_tip_zero(opened, found)
+        follow_advice(opened, found.advice)
+        return found
+
+
+def zero_error_deg(arm):
+    """How far the last joint is from where it measures: less than a tick if all is right."""
+    with open_own_arm(load_model(ARM), PORT) as opened:
+        measured = opened.where()[JOINT].position_rad
+        return np.degrees(arm.true_position(JOINT) - measured)
+
+
+def test_clicks_in_other_postures_show_the_zero_better(mistaken):
+    arm, camera = mistaken
+    assert "tip_clicks" not in calibration_path(ARM, SERIAL).read_text()
+    found = [clicked(arm, camera) for _ in range(3)]
+    assert [len(each.counts) for each in found] == [1, 2, 3]
+    errors_deg = [each.error_deg for each in found]
+    assert (np.diff(errors_deg) < 0.0).all()
+    assert errors_deg[0] == pytest.approx(
+        1.5 / found[0].px_per_deg, rel=0.1
+    )  # the camera's is less
+    assert found[0].error_m == pytest.approx(0.0022 * found[0].error_deg, abs=5e-5)  # of the tip
+    assert found[1].px_per_deg > 1.1 * found[0].px_per_deg  # it asks for such a posture
+    assert zero_error_deg(arm) == pytest.approx(0.0, abs=0.4)  # ticks
+    kept = load_calibration(ARM, SERIAL).camera.tip_clicks
+    assert np.mean([each.off_deg for each in kept]) == pytest.approx(0.0, abs=0.1)
+    undo_calibration(calibration_path(ARM, SERIAL))
+    assert load_calibration(ARM, SERIAL).camera.tip_clicks == found[1].calibration.camera.tip_clicks
+
+
+def test_the_mean_of_clicks_is_nearer_than_one_of_them(mistaken):
+    arm, camera = mistaken
+    chance = np.random.default_rng(3)
+    found = save_clicks(arm, camera, chance, count=6)
+    assert abs(zero_error_deg(arm)) < 3.0 * found.error_deg
+    off_deg = np.abs(found.others_deg)
+    assert found.error_deg < 0.5 * off_deg.max()
+
+
+def test_a_click_that_disagrees_with_the_others_is_named_and_does_not_count(mistaken):
+    arm, camera = mistaken
+    clicked(arm, camera)
+    two = clicked(arm, camera, wrong_deg=4.0)
+    assert (two.counts, two.are_apart) == ((True, True), True)
+    assert "further apart than clicks err" in str(two)
+    assert two.error_deg > 1.0
+    three = clicked(arm, camera)
+    assert (three.counts, three.are_apart) == ((True, False, True), False)
+    assert f"Click 2 says {three.others_deg[1]:+.1f}° besides" in str(three)
+    assert zero_error_deg(arm) == pytest.approx(0.0, abs=0.5)
+    assert len(load_calibration(ARM, SERIAL).camera.tip_clicks) == 3
+
+
+def test_several_clicks_of_one_picture_count_as_such(mistaken, opened):
+    pixel = np.array(tip_pixel(*mistaken))
+    around = [tuple(pixel + each) for each in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))]
+    once, found = click(opened, pixel), find_tip_zero(opened, around, WHEN)
+    assert found.shift_rad == pytest.approx(once.shift_rad, abs=1e-3)
+    one = once.calibration.camera.tip_clicks[0]
+    error_deg = np.hypot(one.click_deg / 2.0, one.camera_deg)  # the camera's stays
+    assert found.error_deg == pytest.approx(error_deg, rel=0.02)
 
 
 def test_what_the_calibration_has_determined_is_left(mistaken, opened):

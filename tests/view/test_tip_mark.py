@@ -66,7 +66,8 @@ def session(tmp_path, monkeypatch):
 
 
 def test_the_arm_is_opened_with_the_zero_that_the_tip_shows(session):
-    assert session.latest_frames()["scene"]["tip_shows"] == JOINT
+    scene = session.latest_frames()["scene"]
+    assert (scene["tip_shows"], scene["tip_clicks"]) == (JOINT, 0)
     before = load_calibration(ARM, SERIAL)
     session.send_message(things.AddThing, shape="box")
     session.mark()
@@ -78,8 +79,11 @@ def test_the_arm_is_opened_with_the_zero_that_the_tip_shows(session):
     assert found == pytest.approx(session.mounted.true_position(JOINT), abs=7e-3)
     assert load_calibration(ARM, SERIAL) != before
     messages = [entry.message for entry in session.arm_thread.snapshot.messages]
-    assert any(f"calibration undo {ARM}" in message for message in messages), messages
+    said = next(message for message in messages if f"calibration undo {ARM}" in message)
+    assert "by 1 click; standard error" in said
+    assert "click again" in said
     session.rest()
+    assert session.latest_frames()["scene"]["tip_clicks"] == 1
     session.mark()  # nothing is left to be found
     session.arm_thread.step()
     assert not session.arm_thread.snapshot.stop_notice
