@@ -91,21 +91,21 @@ def calibrate_by_camera(
     board, source = Board.named(options.board), options.camera or ""
     if options.save_pictures is not None:
         PictureFolder.require_new(options.save_pictures)
-    print_status(
-        f"Fix the board {board.name} to the gripper, before the camera and about in the middle of "
-        "its picture. "
-        + (
-            "Torque will be switched off: hold the arm. Then move it, and keep it still for a "
-            "second in about as many postures as pictures are asked for."
-            if options.by_hand
-            else "The arm will move with it in its whole reach there."
-        )
-    )
-    if not operator.agrees(Question("May it begin?", Unasked.ERROR)):
-        raise IkservoError("Nothing moved.")
     with open_from_options(connection, MotionOptions()) as machine:
         arm = require_own_port(machine)
         camera = open_camera(source, arm, board)
+        print_status(
+            f"Fix the board {board.name} to the gripper, before the camera and about in the middle "
+            "of its picture. "
+            + (
+                "Torque will be switched off: hold the arm. Then move it, and keep it still for a "
+                "second in about as many postures as pictures are asked for."
+                if options.by_hand
+                else "The arm will move with it in its whole reach there."
+            )
+        )
+        if not operator.agrees(Question("May it begin?", Unasked.ERROR)):
+            raise IkservoError("Nothing moved.")
         with second_interrupt_lowers(arm):
             before, folder = ArmBefore.of(arm), None
             if options.save_pictures is not None:

@@ -14,6 +14,8 @@ pytest.importorskip("cv2")
 
 from tests.eyes.hidden_arms import hidden_arm, tip_errors_m
 
+NO_CAMERA_77 = "There is no camera 77.\nIs it plugged in, and not in use?\n"
+
 
 @pytest.fixture(autouse=True)
 def home(tmp_path, monkeypatch):
@@ -50,8 +52,12 @@ def pose_of(camera):
 
 
 def test_the_command_says_what_is_missing(monkeypatch, run_cli):
-    hidden_arm(monkeypatch, "so101", 3)
+    _, camera = hidden_arm(monkeypatch, "so101", 3)
     words = f"calibrate so101 --port {PORT}"
+    for asked in ("", " --yes", " --by-hand"):
+        refused = run_cli(f"{words} --camera 77{asked}")
+        assert (refused.code, refused.err) == (2, NO_CAMERA_77)
+    monkeypatch.setattr("ikservo.eyes.sources.LiveCamera", lambda _: camera)
     assert "--yes" in run_cli(f"{words} --camera 0").err
     assert "One of --auto" in run_cli(f"{words} --camera 0 --touch").err
     for without in ("--pictures 12", "--by-hand"):
@@ -63,7 +69,6 @@ def test_the_command_says_what_is_missing(monkeypatch, run_cli):
     assert "goes with --wiggle" in run_cli(f"{words} --camera 0 --yes --uncalibrated").err
     assert "in a touch-off only" in run_cli(f"{words} --camera 0 --yes --same-point").err
     assert "The board is '1x1'" in run_cli(f"{words} --camera 0 --board 1x1 --yes").err
-    assert "There is no camera 77" in run_cli(f"{words} --camera 77 --yes").err
 
 
 def test_the_board_is_written(tmp_path, run_cli):

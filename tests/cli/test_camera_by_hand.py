@@ -206,7 +206,8 @@ def test_an_arm_that_holds_is_refused(monkeypatch):
 
 
 def test_the_command_asks_somebody_and_needs_a_camera(monkeypatch, run_cli):
-    hidden_arm(monkeypatch, "so101", 3)
+    _, camera = hidden_arm(monkeypatch, "so101", 3)
+    monkeypatch.setattr("ikservo.eyes.sources.LiveCamera", lambda _: camera)
     words = f"calibrate so101 --port {PORT} --by-hand"
     refused = run_cli(f"{words} --camera 0")
     assert (refused.code, "--yes" in refused.err) == (2, True)
