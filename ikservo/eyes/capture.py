@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 __all__ = ["Capture", "open_capture"]
 
 _URL_TIMEOUT_MS = 3000
+_LARGEST = 2**31 - 1  # number that OpenCV takes; no camera has it
 
 
 class Capture(Protocol):
@@ -40,7 +41,7 @@ def open_capture(source: str) -> Capture:
     logging = cast("Any", cv2).utils.logging  # missing in its stubs
     logging.setLogLevel(logging.LOG_LEVEL_SILENT)
     if source.isdecimal():
-        return cv2.VideoCapture(int(source))
+        return cv2.VideoCapture(min(int(source), _LARGEST))
     if "://" in source:
         timeouts = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _URL_TIMEOUT_MS,
                     cv2.CAP_PROP_READ_TIMEOUT_MSEC, _URL_TIMEOUT_MS]  # fmt: skip

@@ -151,7 +151,7 @@ class ViewApp:
             f"{url}/#token={self.keys.control}",
             f"{url}/#token={self.keys.watch}",
             "" if certificate is None else certificate.fingerprint,
-            tuple(self._collect_warnings()),
+            tuple(self._collect_warnings(cameras)),
         )
 
     def __exit__(self, *_: object) -> None:
@@ -204,12 +204,14 @@ class ViewApp:
                 if arm.camera_error is not None:
                     raise arm.camera_error
 
-    def _collect_warnings(self) -> list[str]:
+    def _collect_warnings(self, cameras: PageCameras) -> list[str]:
+        missing = [_NO_CAMERA_TEXT.format(name) for name in cameras.find_missing()]
         hints = {arm.video.hint for arm in self.arms.all() if arm.is_open and arm.video}
         network = _TLS_TEXT if self._uses_tls else _INSECURE_TEXT
-        return [text for text in (*hints, "" if self._is_local else network) if text]
+        return [text for text in (*missing, *hints, "" if self._is_local else network) if text]
 
 
+_NO_CAMERA_TEXT = "There is no picture from {} now: the page shows it once the camera is there."
 _TLS_TEXT = (
     "The network can reach this page. A browser does not know its certificate and warns once: "
     "continue only if the fingerprint that it shows is the one above."

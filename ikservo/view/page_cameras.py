@@ -44,6 +44,10 @@ class PageCameras:
         """What the sources are called."""
         return [source_name(source) for source in self._sources]
 
+    def find_missing(self) -> list[str]:
+        """Try each camera but simulated ones; return what those are called that are not there."""
+        return [video.name for video in self._videos.values() if not video.can_be_opened()]
+
     def __enter__(self) -> PageCameras:
         """Start to read; a camera is opened once somebody looks."""
         for video in self._videos.values():

@@ -103,6 +103,14 @@ class VideoSource:
         """The source without what may be secret in an address."""
         return source_name(self.source)
 
+    def can_be_opened(self) -> bool:
+        """Open and close the source, before anybody looks; return whether that succeeds."""
+        capture = self._open(self.source)
+        try:
+            return capture.isOpened()
+        finally:
+            capture.release()
+
     @property
     def trouble(self) -> str:
         """What is wrong while somebody looks; empty if pictures arrive."""

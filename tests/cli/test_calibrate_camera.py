@@ -57,6 +57,7 @@ def test_the_command_says_what_is_missing(monkeypatch, run_cli):
     for asked in ("", " --yes", " --by-hand"):
         refused = run_cli(f"{words} --camera 77{asked}")
         assert (refused.code, refused.err) == (2, NO_CAMERA_77)
+    assert "There is no camera 99999999999" in run_cli(f"{words} --camera 99999999999").err
     monkeypatch.setattr("ikservo.eyes.sources.LiveCamera", lambda _: camera)
     assert "--yes" in run_cli(f"{words} --camera 0").err
     assert "One of --auto" in run_cli(f"{words} --camera 0 --touch").err

@@ -79,7 +79,8 @@ def test_without_an_arm_a_real_port_asks_which(run_cli):
     ("options", "expected"),
     [
         ((), "No arm is open. Choose one on the page: nothing moves by that."),
-        (("--camera", "0"), "nothing moves by that. The camera's picture is shown with it."),
+        (("--camera", "77"), "nothing moves by that. The camera's picture is shown with it."),
+        (("--camera", "77"), "There is no picture from camera 77 now: the page shows it once"),
         (("so101=sim", "koch=/dev/ttyNOTHERE"), "koch: Cannot open port /dev/ttyNOTHERE"),
     ],
 )
