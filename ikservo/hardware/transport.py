@@ -23,7 +23,7 @@ from types import TracebackType
 from typing import Any, Protocol, cast
 from weakref import WeakSet
 
-from ikservo.errors import NoPortError, PortBusyError, PortError
+from ikservo.errors import InputError, NoPortError, PortBusyError, PortError
 from ikservo.hardware.serial_ports import list_devices, open_error
 from ikservo.hardware.vendor_modules import importing_from
 
@@ -247,6 +247,7 @@ def open_transport(name: str, baud_rate: int) -> Transport:
         baud_rate: Bits a second.
 
     Raises:
+        InputError: A plug-in cannot use what follows its name: its opener raises a ValueError.
         NoPortError: There is no such port.
         PortBusyError: Another program has it open.
         PortError: It may not be opened.
@@ -286,6 +287,8 @@ def _find_plug_ins(name: str, group: str = ENTRY_POINT_GROUP) -> tuple[EntryPoin
 def _open_plug_in(opener: Callable[[str], Transport], name: str, baud_rate: int) -> Transport:
     try:
         transport = opener(name)
+    except ValueError as error:
+        raise InputError(f"{name} cannot be opened: {str(error).rstrip('.')}.") from error
     except Exception as error:  # a plug-in has errors of its own; all mean that there is no port
         raise NoPortError(name, list_devices(), why=str(error)) from error
     transport.baudrate = baud_rate

@@ -14,11 +14,11 @@ __all__ = [
 ]
 
 
-class SimulatorError(Exception):
-    """Base of errors in the set-up of a simulated bus."""
+class SimulatorError(ValueError):
+    """Base of errors in the set-up of a simulated bus: what it was given cannot be used."""
 
 
-class ArmFileError(SimulatorError, ValueError):
+class ArmFileError(SimulatorError):
     """An arm file that cannot be used: where in it, what was found, what was expected."""
 
     def __init__(self, path: Path, where: str, found: str) -> None:
@@ -26,7 +26,7 @@ class ArmFileError(SimulatorError, ValueError):
         super().__init__(f"{path}, {where}: {found}" if where else f"{path}: {found}")
 
 
-class FaultError(SimulatorError, ValueError):
+class FaultError(SimulatorError):
     """An invalid fault: unknown kind, key or value."""
 
 

@@ -11,7 +11,7 @@ import pytest
 import serial
 
 from ikservo.clock import RealClock
-from ikservo.errors import NoPortError, PortBusyError, PortError, PortLostError
+from ikservo.errors import InputError, NoPortError, PortBusyError, PortError, PortLostError
 from ikservo.hardware import Port, open_port, serial_ports, transport
 
 
@@ -92,6 +92,19 @@ class TestOpening:
         with open_port("echo:loud", 57_600) as port:
             assert port.clock is line.clock
         assert line.baudrate == 57_600
+
+    @pytest.mark.parametrize(
+        ("error", "expected"), [(ValueError("of 5"), InputError), (OSError("busy"), NoPortError)]
+    )
+    def test_an_address_that_a_plug_in_cannot_use_is_bad_input(self, monkeypatch, error, expected):
+        def opener(_):
+            raise error
+
+        plug_in = SimpleNamespace(load=lambda: opener)
+        monkeypatch.setattr(transport, "entry_points", lambda **_: [plug_in])
+        transport._find_plug_ins.cache_clear()
+        with pytest.raises(expected, match="fails:5"):
+            open_port("fails:5", 57_600)
 
     @staticmethod
     def _fail_with(monkeypatch, error):
