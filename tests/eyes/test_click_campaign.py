@@ -105,5 +105,7 @@ def test_a_last_joint_that_no_board_shows_is_known_after_clicks_on_the_tip(tmp_p
     assert np.median(clicked) < 0.002  # 6 mm without
     assert clicked.max() < 0.004
     assert len(load_calibration(name, SERIAL).camera.tip_clicks) == 3
+    with open_own_arm(load_model(name), PORT) as opened:
+        opened.pose("home")
     calibrate(name, camera, 8)
     assert load_calibration(name, SERIAL).camera.tip_clicks == ()
