@@ -5,6 +5,7 @@ import pytest
 
 import ikservo
 from ikservo.calibration.camera_file import SIMULATED, load_camera, save_camera
+from ikservo.calibration.records import TipClick
 from ikservo.view import video
 from ikservo.view.camera import Viewport
 from tests.browser.page_operator import Operator, serve_view, until
@@ -36,7 +37,8 @@ def operator(browser, tmp_path, monkeypatch, film):
     with ikservo.open_arm("so101", PORT) as arm:
         save_simulated_camera(arm)
     _, known = load_camera("so101", SIMULATED)
-    camera = known.camera.model_copy(update={"tip_shows": "wrist_roll"})
+    click = TipClick(off_deg=0.0, click_deg=0.4, camera_deg=0.1)
+    camera = known.camera.model_copy(update={"tip_shows": "wrist_roll", "tip_clicks": (click,)})
     save_camera("so101", SIMULATED, known.model_copy(update={"camera": camera}))
     with serve_view(port=PORT, cameras=["sim", str(film)]) as served:
         context = browser.new_context(viewport={"width": 1200, "height": 800})
@@ -93,6 +95,7 @@ def test_a_picture_that_is_not_fresh_takes_no_click(operator, monkeypatch):
 
 def test_the_click_after_its_button_is_one_on_the_tip_and_no_target(operator):
     button = operator.page.locator("#mark-tip")
+    assert button.inner_text() == "Click the tip (1 so far)"
     button.click()
     assert button.get_attribute("aria-checked") == "true"
     operator.click(lens_of(operator).project(operator.served.tip_m())[0])

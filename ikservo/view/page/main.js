@@ -225,7 +225,7 @@ function show(scene) {
   canvas.toggleAttribute("data-grabbed", Boolean(scene.grabbed));
   if (!scene.tip_shows) takeClick(null);
   $("mark-tip").hidden = !scene.tip_shows;
-  setText($("mark-tip"), scene.tip_clicks ? `Click the tip again (${scene.tip_clicks} so far)` : "Click the tip");
+  setText($("mark-tip"), scene.tip_clicks ? `Click the tip (${scene.tip_clicks} so far)` : "Click the tip");
   canvas.toggleAttribute("data-picked", Boolean(scene.picked || pointerInput.take));
   showRefusal(scene.refusal, goalAt);
   showMission(scene, goalAt);
