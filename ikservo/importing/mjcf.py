@@ -215,7 +215,9 @@ class _BodyTreeReader:
         for site in range(model.nsite):
             if int(model.site_bodyid[site]) not in loose:
                 self._add_site(site)
-        return Urdf("", tuple(self._links), tuple(self._joints), self._names[0])
+        things = [body for body in sorted(loose) if model.body_rootid[body] == body]
+        notes = tuple(f"{self._names[each]} is held by nothing: it is left out." for each in things)
+        return Urdf("", tuple(self._links), tuple(self._joints), self._names[0], notes)
 
     def _loose_bodies(self) -> set[int]:
         """Find the bodies of things that nothing holds or drives: they move freely, or by mocap."""

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from ikservo.errors import InputError
+from ikservo.errors import FileFormatError, InputError
 from ikservo.files.reading import quote, read_text
 from ikservo.importing.mjcf import read_mjcf
 from ikservo.importing.packages import PackageFolders
@@ -137,7 +137,8 @@ def read_foreign(
     """
     found = PackageFolders(path, packages, folder)
     if _is_mjcf(path):
-        description = Description(path, read_mjcf(path, folder or found.own_folder()), found)
+        urdf = read_mjcf(path, folder or found.own_folder())
+        description = Description(path, urdf, found, list(urdf.warnings))
     else:
         description = _read_urdf(path, found, arguments, allow_xacro=allow_xacro)
     check_size(path, description.urdf)
@@ -159,6 +160,8 @@ def _read_urdf(
     else:
         text = read_text(path, MAX_URDF_BYTES)
     root = parse_xml(path, text)
+    if path.suffix == ".xacro" and not root.child_elements("link"):
+        raise FileFormatError(path, "", "it has macros only", "a file that calls them")
     notes += _make_readable(root)
     urdf = urdf_from_xml(root, packages.find_mesh)
     return Description(path, urdf, packages, [*notes, *urdf.warnings])

@@ -123,6 +123,12 @@ def test_code_in_a_urdf_is_not_run_without_consent(read, tmp_path):
     assert not trap.exists()
 
 
+def test_of_macros_alone_nothing_is_made(read):
+    with pytest.raises(FileFormatError, match="macros only"):
+        read(robot("<xacro:macro xmlns:xacro='http://ros.org/wiki/xacro' name='m'/>"),
+             "arm.xacro", allow_xacro=True)  # fmt: skip
+
+
 def test_a_pipe_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "arm.urdf")
     with pytest.raises(FileFormatError, match="not a regular file"):

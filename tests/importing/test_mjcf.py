@@ -160,6 +160,7 @@ def test_things_beside_an_arm_are_left_out_and_an_arm_that_stands_freely_is_fixe
     text = MJCF.replace("<worldbody>", f"<worldbody>{cube}")
     path.write_text(text)
     assert parts() == alone
+    assert [each.split()[0] for each in read_mjcf(path).warnings] == ["cube", "target"]
     path.write_text(text.replace('pos="0 0 0.02">', 'pos="0 0 0.02"><freejoint/>'))
     assert parts() == alone
 
