@@ -253,10 +253,7 @@ class Planner:
             speed: slow, normal or fast.
             blend: How far before a point the straight path is left, rad or m.
         """
-        limits = self.motion_limits(speed)
-        if len(points) == 1:
-            return self._make_plan(start, JointMove(start, points[0], limits), speed)
-        trajectory = JointWaypointTrajectory(start, points, limits, blend)
+        trajectory = JointWaypointTrajectory(start, points, self.motion_limits(speed), blend)
         return self._make_plan(start, trajectory, speed)
 
     def constrained_tool(self, within: PathConstraint, start: Vector) -> ConstrainedTool | None:

@@ -2,13 +2,16 @@
 
 import math
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm.motions import MoveLine, MoveTo, motion_fields, parse_motion
+from ikservo.arm.checked_planning import PlannedStart, PreflightPlanner
+from ikservo.arm.motions import MoveJoints, MoveLine, MoveTo, motion_fields, parse_motion
 from ikservo.arm.path_constraint import ConstrainedTool, PathConstraint
+from ikservo.arm.poses import PoseLibrary
 from ikservo.errors import BadValueError, ConstraintError
 from ikservo.guard import KeepOutBox
 from ikservo.ik.kernel import compiled, tool_limits
@@ -62,6 +65,25 @@ def test_a_straight_way_out_of_the_box_is_replaced_by_one_inside(ready):
     assert tips_m[:, 0].max() <= 0.2151
     assert "inside the box it stays in" in plan.kept[0]
     assert ready.move_to(RIGHT, within=NEAR).reached
+
+
+@needs_planner
+def test_joints_of_unequal_limits_go_a_straight_way_straight_where_only_that_keeps_to_it():
+    start = np.array([-0.2515, -1.4615, 0.1516, 0.4753, 0.0])
+    goal = MoveJoints(
+        {"joint1": 1.2202, "joint2": -0.6933, "joint3": 0.7451, "joint4": -1.0425},
+        within=UPRIGHT,
+    )
+    with ikservo.open_arm("open_manipulator_x", port="sim") as arm:
+        planner = PreflightPlanner(context_of(arm), PlannedStart(start), PoseLibrary(arm.model, ""))
+        with pytest.raises(ConstraintError, match=r"11\.\d° where"):
+            planner.plan(replace(goal, straight=True))
+        plan = planner.plan(goal)
+        assert "tilt of the tool" in plan.around
+        assert tilts_deg(poses_along(arm, plan)).max() <= 10.1
+        joints = plan.sample(0.005).positions
+        along_rad = np.linalg.norm(np.diff(joints, axis=0), axis=1).sum()
+        assert along_rad == pytest.approx(np.linalg.norm(joints[-1] - joints[0]), rel=1e-6)
 
 
 def test_a_broken_constraint_is_refused_with_how_far_and_where(ready):
