@@ -25,6 +25,9 @@ HOW_TO_SEARCH = "To go around it, install a planner: pip install 'ikservo[plan]'
 # Distances that are kept from everything, and how many motions are looked at for each.
 _MARGINS_M = ((0.01, 300), (0.003, 1000), (0.0003, 300), (0.003, 20000), (0.0003, 20000))
 
+# A motion further than this breaks a constraint more often than it touches something, which is
+# then looked at second.
+_LONG_RAD = 0.3
 
 # Postures tried around one in contact, up to so far in any joint; the fraction of joints that move.
 _TRIED, _AROUND_RAD, _MOVING = 20000, 2.5, 0.6
@@ -48,20 +51,31 @@ class _MovingSpace:
         self._of_body = [i for i, column in enumerate(context.index.body) if column in columns]
         moved = [columns.index(context.index.body[i]) for i in self._of_body]
         self._moved, self._moved_units = moved, units[moved]
+        self._of_chain = [columns.index(column) for column in context.index.chain]
+        self._chain_units = units[self._of_chain]
 
     def is_free(self, path: Matrix) -> bool:
-        if not self._space.is_free(self._bodies(path)):
-            return False
-        if self._tool is None:
-            return True
-        dense = np.vstack([sample_line(a, b) for a, b in itertools.pairwise(path)])
-        return bool(self._tool.keeps(self._index.chain_joints(self.joints(dense))).all())
+        if np.abs(path[-1] - path[0]).max() > _LONG_RAD:
+            return self._keeps_along(path) and self._space.is_free(self._bodies(path))
+        return self._space.is_free(self._bodies(path)) and self._keeps_along(path)
 
     def contains(self, postures: Matrix) -> NDArray[np.bool_]:
         free = self._space.contains(self._bodies(postures))
         if self._tool is not None:
-            free &= self._tool.keeps(self._index.chain_joints(self.joints(postures)))
+            free &= self._tool.keeps(self._chains(postures))
         return free
+
+    def _keeps_along(self, path: Matrix) -> bool:
+        """Return whether the constraint is kept on the straight motions through postures."""
+        if self._tool is None:
+            return True
+        chains = self._chains(path)
+        dense = np.vstack([sample_line(a, b) for a, b in itertools.pairwise(chains)])
+        return bool(self._tool.keeps(dense).all())
+
+    def _chains(self, path: Matrix) -> Matrix:
+        """Return the joints of the chain (k, dof), as ``_bodies``."""
+        return path[:, self._of_chain] * self._chain_units
 
     def _bodies(self, path: Matrix) -> Matrix:
         """Return the joints of the body (k, m): the same as of ``joints``, in less time."""

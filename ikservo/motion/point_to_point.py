@@ -20,7 +20,7 @@ from ruckig import (
 
 from ikservo.errors import RefusedError
 from ikservo.kinematics import finite_vector
-from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.arrays import Vector, read_only
 from ikservo.motion.trajectory import KinematicLimits, TrajectoryPoint
 
 __all__ = ["JointMove", "RuckigMotion", "position_bounds", "stop_trajectory"]
@@ -121,7 +121,7 @@ class RuckigMotion:
             return self.start
         if time_s >= self.duration_s:
             return self._end
-        return TrajectoryPoint(*(np.array(part) for part in self._trajectory.at_time(time_s)))
+        return TrajectoryPoint(*map(read_only, self._trajectory.at_time(time_s)))
 
 
 class JointMove(RuckigMotion):
