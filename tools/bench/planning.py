@@ -20,7 +20,7 @@ import random
 import re
 import tempfile
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -284,7 +284,8 @@ def arms(names: list[str], scenes: int, upright_deg: float | None, seeds: int, b
         names: The arms.
         scenes: How many of each.
         upright_deg: How far the tool may tilt on the way. Goals are then where steps that keep it
-            lead, boxes aside: an arm of five joints cannot turn over to others.
+            lead, boxes aside: an arm of five joints cannot turn over to others. Of those of a scene
+            the first one is taken to which the straight way is blocked.
         seeds: How many ways the length is compared with, at the distances that are kept.
         by: Whose planner is asked for ways that were not found, without a distance to things.
     """
@@ -303,16 +304,15 @@ def arms(names: list[str], scenes: int, upright_deg: float | None, seeds: int, b
                 if ends is None:
                     continue
                 preflight = PreflightPlanner(context, StandsAt(ends[0]), PoseLibrary(model, ""))
-                goals = dict(zip(arm.joint_names, ends[1].tolist(), strict=True))
-                motion = MoveJoints(goals, within=within)
+                motion = next(blocked_motions(preflight, arm.joint_names, ends[1:], within), None)
+                if motion is None:
+                    straight += 1
+                    continue
                 began = time.process_time()
                 plan: MotionPlan | None = None
                 with suppress(RefusedError):
                     plan = preflight.plan(motion)
                 seconds = time.process_time() - began
-                if plan is not None and not plan.around:
-                    straight += 1
-                    continue
                 way = None if plan is None else plan.sample(0.02).positions
                 found.append(Judged(seconds, way, {}))
                 if plan is None:
@@ -369,7 +369,7 @@ def best_length(preflight: PreflightPlanner, motion: MoveJoints, seeds: int) -> 
 def free_ends(
     context: ArmContext, checker: CollisionChecker, chance: random.Random, within: PathConstraint
 ) -> Array | None:
-    """Return a start and a goal (2, n) that touch nothing, sagging or not; None where rare."""
+    """Return a start and goals (1 + k, n) that touch nothing, sagging or not; None where rare."""
     lower, upper = context.limits()
     postures = np.array([
         [chance.uniform(a, b) for a, b in zip(lower, upper, strict=True)] for _ in range(300)
@@ -382,10 +382,24 @@ def free_ends(
 
     free = postures[are_free(postures)]
     tool = context.planner.constrained_tool(within, free[0]) if len(free) else None
-    if tool is not None:
+    if tool is None:
+        free = free[:2]
+    else:
         goals = np.array(list(islice(walk(tool, context.index, free, chance), 40)))
         free = np.vstack([free[:1], goals[are_free(goals)]])
-    return free[:2] if len(free) > 1 else None
+    return free if len(free) > 1 else None
+
+
+def blocked_motions(
+    preflight: PreflightPlanner, names: Sequence[str], goals: Array, within: PathConstraint
+) -> Iterator[MoveJoints]:
+    """Yield motions to those of some goals (k, n) to which the straight way is refused."""
+    for goal in goals.tolist():
+        motion = MoveJoints(dict(zip(names, goal, strict=True)), within=within)
+        try:
+            preflight.plan(replace(motion, straight=True))
+        except RefusedError:
+            yield motion
 
 
 def walk(
