@@ -249,15 +249,10 @@ def open_error(name: str, baud_rate: int, error: Exception) -> PortError:
         return NoPortError(
             name, list_devices(), _system_error_text(error) if _is_address(name) else _URL_FORMATS
         )
-    if not Path(name).exists():
-        return NoPortError(
-            name, list_devices(), "" if code == errno.ENOENT else _system_error_text(error)
-        )
-    why = (
-        "not a serial port"
-        if _system_error_number(error) in _NO_TERMINAL
-        else _system_error_text(error)
-    )
+    if code == errno.ENOENT:
+        return NoPortError(name, list_devices())
+    is_other = _system_error_number(error) in _NO_TERMINAL
+    why = "not a serial port" if is_other else _system_error_text(error)
     return NoPortError(name, list_devices(), why)
 
 
@@ -280,6 +275,8 @@ def _system_error_number(error: BaseException) -> object:
 def _system_error_text(error: BaseException) -> str:
     """Return the system's error text, without what pyserial adds."""
     inner = error.__context__ or error
+    if isinstance(inner, KeyError | TypeError):  # pyserial does not check the options of a URL
+        return "an option of this address, or its value, is unknown"
     text = inner.strerror if isinstance(inner, OSError) else next(reversed(inner.args), None)
     return text.lower() if isinstance(text, str) else str(error)
 

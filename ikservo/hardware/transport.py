@@ -257,10 +257,13 @@ def open_transport(name: str, baud_rate: int) -> Transport:
     for plug_in in _find_plug_ins(name.partition(":")[0]):
         return _open_plug_in(plug_in.load(), name, baud_rate)
     refuse_other_machines(name)
-    lock = PortLock() if "://" in name else acquire_lock(name)
+    lock = PortLock()
     try:
+        lock = lock if "://" in name else acquire_lock(name)
         return cast("Transport", _LockedTransport(_open_serial(name, baud_rate), lock))
-    except (OSError, ValueError, OverflowError) as error:
+    except PortBusyError:
+        raise
+    except Exception as error:  # pyserial's URLs raise whatever their options lead to
         lock.release()
         raise open_error(name, baud_rate, error) from error
 

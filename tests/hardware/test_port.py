@@ -46,6 +46,33 @@ class TestOpening:
         with pytest.raises(NoPortError, match=r"written like socket://192\.168\.1\.5:4000"):
             open_port(name, 1_000_000)
 
+    @pytest.mark.parametrize(
+        ("name", "why"),
+        [
+            ("loop://?x=1", "unknown option: 'x'"),
+            ("loop://?logging=loud", "an option of this address"),
+            ("socket://127.0.0.1:1?logging=loud", "an option of this address"),
+            ("alt:///dev/null?class=os", "an option of this address"),
+            ("hwgrep://(", "unterminated"),
+        ],
+    )
+    def test_whatever_pyserial_makes_of_a_name_is_one_error(self, name, why):
+        with pytest.raises(NoPortError, match=why):
+            open_port(name, 1_000_000)
+
+    @pytest.mark.skipif(sys.platform == "win32", reason="these are errors of Unix")
+    def test_a_name_that_the_system_refuses_is_no_port(self, tmp_path):
+        link = tmp_path / "arm"
+        link.symlink_to(link)
+        refused = {
+            str(link): "too many levels of symbolic links",
+            "/dev/\0": "null byte",
+            "/dev/" + 5000 * "a": "file name too long",
+        }
+        for name, why in refused.items():
+            with pytest.raises(NoPortError, match=why):
+                open_port(name, 1_000_000)
+
     @pytest.mark.parametrize("rate", [2**31, 2**64])
     def test_a_rate_beyond_all_numbers_is_refused(self, pty_name, rate):
         with pytest.raises(PortError, match=f"does not support {rate} baud"):
