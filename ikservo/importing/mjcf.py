@@ -6,6 +6,7 @@ import importlib
 import itertools
 import math
 import posixpath
+import re
 from pathlib import Path
 from typing import Any
 
@@ -40,6 +41,7 @@ __all__ = [
 _MAX_BYTES = 4 * 1024 * 1024
 _MAX_INCLUDES = 32
 _FOLDERS = ("meshdir", "assetdir", "texturedir")
+_BROKEN_NAME = re.compile(r"""\b(file\w*|\w+dir)\s*=\s*("[^"]*[\t\r\n]|'[^']*[\t\r\n])""")
 
 
 def check_files(path: Path, folder: Path) -> None:
@@ -55,7 +57,10 @@ def check_files(path: Path, folder: Path) -> None:
             continue
         if len(roots) == _MAX_INCLUDES:
             raise FileFormatError(path, "", "it includes too many files", f"{_MAX_INCLUDES}")
-        roots[each] = parse_xml(each, read_text(each, _MAX_BYTES))
+        text = read_text(each, _MAX_BYTES)
+        if _BROKEN_NAME.search(text):  # MuJoCo keeps what other readers of XML take as a blank
+            raise FileFormatError(each, "", "has a tab or a line break in a file's name", "a name")
+        roots[each] = parse_xml(each, text)
         waiting += [  # whose names no folder of the compiler changes
             _resolve_inside(element, path.parent, folder, element.attributes["file"])
             for element in _all_elements(roots[each])
@@ -67,16 +72,17 @@ def check_files(path: Path, folder: Path) -> None:
     for element in elements:
         _check_multiplied(element)
         names = [name for key, name in element.attributes.items() if key.startswith("file")]
+        names += [posixpath.basename(name) for name in names]  # with strippath
         for name, base in itertools.product(names if element.tag != "include" else (), bases):
             _resolve_inside(element, path.parent, folder, posixpath.join(base, name))
 
 
-_MULTIPLIES = ("replicate", "composite", "flexcomp", "attach", "plugin", "skin")
+_MULTIPLIES = ("replicate", "composite", "flexcomp", "attach", "model", "plugin", "skin")
 _MOST = {"width": 2048, "height": 2048, "nrow": 2048, "ncol": 2048}
 
 
 def _check_multiplied(element: XmlElement) -> None:
-    """Refuse what makes a few bytes a large model; an arm needs none of it."""
+    """Refuse what makes a few bytes a large model, or names one; an arm needs none of it."""
     attributes = element.attributes
     if element.tag in _MULTIPLIES or (element.tag == "mesh" and "builtin" in attributes):
         raise element.error(f"<{element.tag}> is not for arms", "bodies one by one")

@@ -137,7 +137,8 @@ def read_foreign(
     """
     found = PackageFolders(path, packages, folder)
     if _is_mjcf(path):
-        urdf = read_mjcf(path, folder or found.own_folder())
+        homes = [found.own_folder(), *([folder.absolute()] if folder else [])]
+        urdf = read_mjcf(path, min(homes, key=lambda each: len(each.parts)))
         description = Description(path, urdf, found, list(urdf.warnings))
     else:
         description = _read_urdf(path, found, arguments, allow_xacro=allow_xacro)

@@ -1,5 +1,7 @@
 """MJCF is read as MuJoCo understands it: frames, limits, masses, shapes, followers."""
 
+import sys
+
 import mujoco
 import numpy as np
 import pytest
@@ -8,6 +10,7 @@ import trimesh
 from ikservo.errors import FileFormatError, InputError
 from ikservo.importing.mjcf import read_mjcf
 from ikservo.importing.shapes import convert_shapes
+from ikservo.importing.sources import read_foreign
 from ikservo.model import Model
 from ikservo.model.collision_model import collision_body
 from ikservo.model.loading import build_chain
@@ -121,7 +124,29 @@ def test_a_file_outside_the_folder_is_refused_before_mujoco_reads_it(path, old, 
         load(path)
 
 
-ASSET = '<asset><mesh name="bar" file="bar.stl"/></asset>'
+@pytest.mark.skipif(sys.platform == "win32", reason="links need a privilege there")
+@pytest.mark.parametrize(
+    ("new", "found"),
+    [
+        ('<compiler strippath="true"/><asset><mesh name="bar" file="deep/link.stl"/>', "link.stl"),
+        ('<asset><mesh name="bar" file="li\nnk.stl"/>', "line break"),
+        ('<asset><model name="other" file="other.xml"/>', "<model> is not for arms"),
+    ],
+)
+def test_no_rule_of_mujoco_leads_outside_the_folder(path, new, found, tmp_path):
+    secret = tmp_path / "secret.stl"
+    secret.write_bytes((path.parent / "meshes" / "bar.stl").read_bytes())
+    folder = tmp_path / "arm"
+    (folder / "meshes" / "deep").mkdir(parents=True)
+    for name in ("link.stl", "li\nnk.stl"):
+        (folder / "meshes" / name).symlink_to(secret)
+    (folder / "arm.xml").write_text(MJCF.replace("<asset>", new).replace(BAR, ""))
+    with pytest.raises(FileFormatError, match=found):
+        read_mjcf(folder / "arm.xml")
+
+
+BAR = '<mesh name="bar" file="bar.stl"/>'
+ASSET = f"<asset>{BAR}</asset>"
 
 
 def test_a_mesh_of_an_included_file_is_in_the_folder_that_the_first_file_names(path):
@@ -170,3 +195,12 @@ def test_without_mujoco_the_error_says_what_to_install(path, monkeypatch):
     with pytest.raises(InputError, match="needs mujoco") as caught:
         load(path)
     assert "ikservo[physics]" in caught.value.hint
+
+
+def test_a_folder_in_a_package_may_name_what_is_beside_it(path):
+    (path.parent / "package.xml").write_text("<package><name>made</name></package>")
+    folder = path.parent / "model"
+    folder.mkdir()
+    inner = folder / "arm.xml"
+    inner.write_text(MJCF.replace('"meshes"', '"../meshes"'))
+    assert read_foreign(inner, {}, {}, allow_xacro=False, folder=folder).urdf.links
