@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -54,8 +55,9 @@ def choose_description(source: Path, name: str | None = None) -> Path:
         if name is not None:
             raise InputError(f"{source} is a file.", "--file chooses a file of a folder.")
         return source
-    if name is not None and (source / name).is_file():
-        return source / name
+    with contextlib.suppress(OSError):  # of a name that is too long
+        if name is not None and (source / name).is_file():
+            return source / name
     found = sorted(_descriptions_in(source))
     if name is not None:
         found = [path for path in found if path.as_posix().endswith(f"/{name}")]
@@ -81,7 +83,7 @@ def _descriptions_in(folder: Path) -> Iterator[Path]:
                 raise InputError(f"{folder} has too many files.", "Name one: --from FILE.")
             path = Path(place) / file
             if path.suffix == ".urdf" or (
-                path.suffix in (".xacro", ".xml") and _has_robot(path) and path.is_file()
+                path.suffix in (".xacro", ".xml") and path.is_file() and _has_robot(path)
             ):
                 yield path
 

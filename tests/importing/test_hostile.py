@@ -135,6 +135,13 @@ def test_a_pipe_is_not_waited_for(tmp_path):
         read_foreign(tmp_path / "arm.urdf", {}, {}, allow_xacro=False)
 
 
+def test_a_pipe_in_a_folder_is_no_description(tmp_path):
+    os.mkfifo(tmp_path / "arm.xml")
+    for name in (None, "arm.xml", 5000 * "a"):
+        with pytest.raises(InputError, match="has no "):
+            choose_description(tmp_path, name)
+
+
 def test_folders_that_contain_themselves_are_searched_once(tmp_path):
     (tmp_path / "inner").mkdir()
     (tmp_path / "inner" / "arm.urdf").write_text("<robot name='x'/>")
