@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from typing import TYPE_CHECKING, Any, Protocol, cast
 
 if TYPE_CHECKING:
@@ -36,12 +37,13 @@ class Capture(Protocol):
 
 def open_capture(source: str) -> Capture:
     """Open a camera; OpenCV prints nothing of its own about one that is not there."""
+    os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # nor does FFmpeg
     import cv2  # noqa: PLC0415  # of the extra `camera`
 
     logging = cast("Any", cv2).utils.logging  # missing in its stubs
     logging.setLogLevel(logging.LOG_LEVEL_SILENT)
     if source.isdecimal():
-        return cv2.VideoCapture(min(int(source), _LARGEST))
+        return cv2.VideoCapture(min(int(source[:10]), _LARGEST))
     if "://" in source:
         timeouts = [cv2.CAP_PROP_OPEN_TIMEOUT_MSEC, _URL_TIMEOUT_MS,
                     cv2.CAP_PROP_READ_TIMEOUT_MSEC, _URL_TIMEOUT_MS]  # fmt: skip

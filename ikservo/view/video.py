@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import contextlib
 import math
 import threading
 from collections.abc import AsyncGenerator, Callable
@@ -44,7 +45,9 @@ class Picture:
 def source_name(source: str) -> str:
     """Return a source without what may be secret in an address."""
     if "://" in source:
-        return urlsplit(source).hostname or "address"
+        with contextlib.suppress(ValueError):  # of an address that is none
+            return urlsplit(source).hostname or "address"
+        return "address"
     is_numbered = source.isdecimal() or source == SIMULATED_SOURCE
     return f"camera {source}" if is_numbered else Path(source).name
 
@@ -72,7 +75,10 @@ class VideoSource:
         self, source: str, clock: Clock, open_source: Callable[[str], Capture] = open_capture
     ) -> None:
         is_path = not source.isdecimal() and "://" not in source and source != SIMULATED_SOURCE
-        if is_path and not Path(source).exists():
+        is_there = not is_path
+        with contextlib.suppress(OSError):  # of a name that is too long
+            is_there = is_there or bool(source and Path(source).exists())
+        if not is_there:
             raise InputError(f"There is no camera or file {source}.", "Is it plugged in?")
         self.source, self._clock, self._open = source, clock, open_source
         self._is_file = is_path and Path(source).is_file()

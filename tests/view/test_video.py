@@ -2,6 +2,8 @@
 
 import asyncio
 import json
+import subprocess
+import sys
 
 import httpx
 import numpy as np
@@ -115,15 +117,29 @@ def test_a_camera_that_raises_is_reported_and_its_picture_comes_back(error, said
         until(lambda: webcam.released == webcam.opened)
 
 
-@pytest.mark.parametrize("source", ["/dev/videoNOTHERE", "film.mp4"])
+@pytest.mark.parametrize("source", ["/dev/videoNOTHERE", "film.mp4", "", 5000 * "a"])
 def test_a_camera_that_is_not_there_is_refused(source):
-    with pytest.raises(InputError, match=source):
+    with pytest.raises(InputError, match=f"no camera or file {source}"):
         VideoSource(source, RealClock())
 
 
 def test_the_address_of_a_camera_hides_what_may_be_secret_in_it():
     source = VideoSource("http://user:secret@cam.lan:8080/video?key=secret", RealClock())
     assert source.name == "cam.lan"
+    assert VideoSource("http://[cam", RealClock()).name == "address"
+
+
+def test_whether_a_camera_is_there_is_found_without_a_word_of_its_driver():
+    pytest.importorskip("cv2")
+    program = """if True:
+        from ikservo.clock import RealClock
+        from ikservo.view.video import VideoSource
+        for source in ("http://[cam", "http://127.0.0.1:1/video", 5000 * "9"):
+            assert not VideoSource(source, RealClock()).can_be_opened()"""
+    run = subprocess.run(  # FFmpeg is told once for each process
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
 
 
 @pytest.mark.full
