@@ -43,9 +43,9 @@ def socket_path(device: str, arm: str = "") -> Path:
         device: The port.
         arm: The arm's name, where another arm at this device listens at the path without one.
     """
-    real = device if "://" in device else str(Path(device).resolve())
+    real = device if "://" in device else os.path.realpath(device)
     real += f"#{arm}" if arm else ""
-    name = hashlib.sha256(real.encode()).hexdigest()[:16]
+    name = hashlib.sha256(os.fsencode(real)).hexdigest()[:16]
     path = _socket_folder() / f"{name}.sock"
     return path if len(os.fsencode(path)) <= _MAX_PATH_CHARS else _shorten_path(path)
 

@@ -9,7 +9,6 @@ import threading
 from collections.abc import Collection, Generator, Iterable
 from dataclasses import dataclass
 from math import ceil
-from pathlib import Path
 from types import TracebackType
 from typing import NoReturn
 from weakref import WeakKeyDictionary
@@ -407,7 +406,7 @@ def open_port(name: str, baud_rate: int, arm: str = "", servo_ids: Collection[in
     """
     if not name or ":" in name or not servo_ids:  # nothing, a simulated bus or a network; any id
         return Port(_open_line(name, baud_rate), name, baud_rate)
-    own = _Opening(str(Path(name).resolve()), arm, frozenset(servo_ids))
+    own = _Opening(os.path.realpath(name), arm, frozenset(servo_ids))
     with _opening:
         others = {
             port: other for port, other in _openings.items() if _is_same_line(port, other, own)

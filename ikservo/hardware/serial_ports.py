@@ -151,7 +151,7 @@ def find_adapter(name: str, among: Sequence[SerialAdapter] | None = None) -> Ser
     """Find the adapter behind a port's name, which may be a link to it; None if there is none."""
     if ":" in name and not name.upper().startswith("COM"):
         return None  # a URL or the simulator
-    device = str(Path(name).resolve()) if name.startswith("/") else name
+    device = os.path.realpath(name) if name.startswith("/") else name
     found = list_adapters() if among is None else among
     return next((a for a in found if device in (a.device, str(Path(a.device).resolve()))), None)
 

@@ -166,7 +166,7 @@ def acquire_lock(device: str) -> PortLock:
         return PortLock()
 
     # The lock file of a device: the same for every link to it
-    name = str(Path(device).resolve()).replace(os.sep, "-").strip("-")
+    name = os.path.realpath(device).replace(os.sep, "-").strip("-")
     descriptor = _open_lock_file(Path(tempfile.gettempdir()) / f"ikservo-{name}.lock")
     if descriptor is None:
         return PortLock()  # another user's unreadable file: opening the device decides
@@ -194,7 +194,7 @@ def _write_lock_holder(descriptor: int) -> None:
     command = " ".join(" ".join([Path(program).name, *arguments]).split())[:_MAX_COMMAND_CHARS]
     with contextlib.suppress(OSError):  # opened for reading only
         os.ftruncate(descriptor, 0)
-        os.pwrite(descriptor, f"{command} (process {os.getpid()})\n".encode(), 0)
+        os.pwrite(descriptor, f"{command} (process {os.getpid()})\n".encode(errors="replace"), 0)
 
 
 ENTRY_POINT_GROUP = "ikservo.ports"

@@ -253,3 +253,9 @@ def test_a_home_with_a_long_path_is_no_trouble(device, monkeypatch, tmp_path):
     owner = Owner(device)
     assert send_command(device, Command.STOP) == {"done": "stop"}
     owner.listener.close()
+
+
+def test_whatever_a_device_is_called_has_a_path(tmp_path):
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    names = (str(tmp_path / "loop"), "/dev/m\udcfcller")
+    assert len({socket_path(name) for name in names}) == 2

@@ -72,6 +72,9 @@ class TestOpening:
         for name, why in refused.items():
             with pytest.raises(NoPortError, match=why):
                 open_port(name, 1_000_000)
+        assert serial_ports.find_adapter(str(link)) is None
+        with pytest.raises(NoPortError, match=refused[str(link)]):
+            open_port(str(link), 1_000_000, arm="pan", servo_ids=[1])
 
     @pytest.mark.parametrize("rate", [2**31, 2**64])
     def test_a_rate_beyond_all_numbers_is_refused(self, pty_name, rate):

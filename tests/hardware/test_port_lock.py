@@ -112,3 +112,9 @@ def test_a_lock_file_that_is_a_link_is_not_followed(pty_name, tmp_path):
     (tmp_path / f"ikservo-{name}.lock").symlink_to(target)
     with acquire_lock(pty_name):
         assert target.read_text() == "keep me"
+
+
+def test_a_program_whose_name_is_no_text_may_have_the_port(pty_name, monkeypatch):
+    monkeypatch.setattr(sys, "orig_argv", ["python", "m\udcfcller.py"])
+    with acquire_lock(pty_name), pytest.raises(PortBusyError, match=r"m\?ller\.py"):
+        acquire_lock(pty_name)
