@@ -106,10 +106,12 @@ def parse_points(values: object) -> list[ArrayLike]:
     Raises:
         BadValueError: It is none.
     """
-    if not isinstance(values, Iterable) or isinstance(values, str | Mapping):
-        found = repr(cast("object", values))
-        raise BadValueError("The list of points", found, "points (k, 3)")
-    return list(cast("Iterable[ArrayLike]", values))
+    try:
+        if not isinstance(values, str | Mapping):
+            return list(cast("Iterable[ArrayLike]", values))
+    except TypeError:  # a single value, also as an array
+        pass
+    raise BadValueError("The list of points", repr(cast("object", values)), "points (k, 3)")
 
 
 def parse_joint_positions(positions: object) -> dict[str, float]:

@@ -97,6 +97,12 @@ def test_motions_of_equal_numbers_are_equal_and_do_not_change_with_the_array():
     assert len({motion, MoveTo(NEAR), MoveTo(FAR)}) == 2
 
 
+def test_an_array_of_one_number_is_no_list_of_points():
+    for kind in (MoveThrough, Draw):
+        with pytest.raises(BadValueError, match=r"list of points is array\(0\.5\)"):
+            kind(np.array(0.5))
+
+
 MISTAKES = [
     (MoveTo, {"position_m": [0.1, 0.2]}),
     (MoveTo, {"position_m": None}),
@@ -112,6 +118,7 @@ MISTAKES = [
     (MoveArc, {"center_m": NEAR, "full_circle": True}),
     (MoveArc, {"via_m": NEAR, "end_m": FAR, "full_circle": "yes"}),
     (MoveThrough, {"points_m": []}),
+    (MoveThrough, {"points_m": 0.5}),
     (MoveThrough, {"points_m": [NEAR], "blend_m": 0.0}),
     (MoveThrough, {"points_m": [NEAR], "tool_speed_m_s": 0.1}),
     (Draw, {"strokes_m": [[]]}),
