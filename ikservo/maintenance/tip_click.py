@@ -96,6 +96,10 @@ class TipZero:
         ]
         if self.are_apart:
             said.append("The two that count are further apart than clicks err: click again.")
+        elif 2 * count <= clicks:
+            said.append(
+                "No more clicks count than do not; those may be the good ones: click again."
+            )
         return " ".join(said)
 
 

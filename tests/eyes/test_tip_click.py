@@ -176,6 +176,16 @@ def test_a_click_that_disagrees_with_the_others_is_named_and_does_not_count(mist
     assert len(load_calibration(ARM, SERIAL).camera.tip_clicks) == 3
 
 
+def test_clicks_of_which_half_do_not_count_are_doubted(mistaken):
+    arm, camera = mistaken
+    clicked(arm, camera)
+    clicked(arm, camera)
+    assert "No more clicks count" not in str(clicked(arm, camera, wrong_deg=4.0))
+    four = clicked(arm, camera, wrong_deg=4.0)
+    assert sum(four.counts) == 2
+    assert "No more clicks count than do not" in str(four)
+
+
 def test_several_clicks_of_one_picture_count_as_such(mistaken, opened):
     pixel = np.array(tip_pixel(*mistaken))
     around = [tuple(pixel + each) for each in ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))]
