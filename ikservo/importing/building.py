@@ -168,6 +168,7 @@ def _shape_draft(
             _limited(joint, options, note) if joint.name in own else joint for joint in urdf.joints
         ),
     )
+    urdf = replace(urdf, joints=tuple(_limited_as_leader(each, urdf) for each in urdf.joints))
     low_m = _lowest_m(urdf, shapes)
     if low_m < _MIN_FLOOR_M:
         draft.floor_m = low_m
@@ -243,6 +244,16 @@ def _limited(joint: UrdfJoint, options: ImportOptions, say: Callable[[str], None
         return joint
     kind = joint.kind if slides else UrdfJointType.REVOLUTE
     return replace(joint, kind=kind, lower=low, upper=high)
+
+
+def _limited_as_leader(joint: UrdfJoint, urdf: Urdf) -> UrdfJoint:
+    """Give a slide that follows a joint, and has no limits, those that it then keeps to."""
+    mimic, is_slide = joint.mimic, joint.kind is UrdfJointType.PRISMATIC
+    if mimic is None or not is_slide or math.isfinite(joint.upper - joint.lower):
+        return joint
+    leader = next(each for each in urdf.joints if each.name == mimic.joint)
+    low, high = sorted(mimic.multiplier * x + mimic.offset for x in (leader.lower, leader.upper))
+    return replace(joint, lower=low, upper=high)
 
 
 def _lowest_m(urdf: Urdf, shapes: ShapeConversion) -> float:

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 import trimesh
 
+import ikservo
+import ikservo.cli
 from ikservo.errors import FileFormatError, InputError
 from ikservo.importing.mjcf import read_mjcf
 from ikservo.importing.shapes import convert_shapes
@@ -101,6 +103,16 @@ def test_masses_and_tensors_are_where_mujoco_has_them(path):
 def test_a_joint_that_follows_another_is_a_mimic(path):
     joints = {j.name: j for j in load(path).urdf.joints}
     assert (joints["follow"].mimic.joint, joints["follow"].mimic.multiplier) == ("grip", 1.0)
+
+
+def test_a_follower_without_limits_has_those_of_its_leader(path, tmp_path):
+    text = MJCF.replace('axis="0 -1 0" range="0 0.03"', 'axis="0 -1 0"')
+    path.write_text(text.replace('"0 1 0 0 0"', '"0.01 -2 0 0 0"'))
+    folder = tmp_path / "new"
+    assert ikservo.cli.main(["arms", "new", "made", "--from", str(path), "--tip", "tool",
+                             "--gripper", "grip", "--folder", str(folder)]) == 0  # fmt: skip
+    joints = {joint.name: joint for joint in ikservo.load_model(folder / "made").urdf.joints}
+    assert (joints["follow"].lower, joints["follow"].upper) == pytest.approx((-0.05, 0.01))
 
 
 def test_every_body_has_capsules_its_meshes_too(path):
