@@ -82,8 +82,9 @@ class _PosixSerial(Protocol):
 
 
 def has_descriptor(port: object) -> bool:
-    """Check whether a pyserial port is a file of the system, not of Windows or a network."""
-    return os.name == "posix" and isinstance(getattr(port, "fd", None), int)
+    """Check whether a pyserial port reads a file of the system: not of Windows, no ``spy://``."""
+    reads_file = getattr(type(port), "read", None) is serial.Serial.read
+    return os.name == "posix" and reads_file and isinstance(getattr(port, "fd", None), int)
 
 
 class FileDescriptorPort:

@@ -76,6 +76,12 @@ class TestOpening:
         with pytest.raises(NoPortError, match=refused[str(link)]):
             open_port(str(link), 1_000_000, arm="pan", servo_ids=[1])
 
+    @pytest.mark.skipif(sys.platform == "win32", reason="there are no pseudo-terminals")
+    def test_a_spied_port_shows_what_it_carries(self, pty_name, capsys):
+        with open_port(f"spy://{pty_name}", 1_000_000) as port:
+            port.writePort(b"\xff\xff\x01")
+        assert "TX   0000  FF FF 01" in capsys.readouterr().err
+
     @pytest.mark.parametrize("rate", [2**31, 2**64])
     def test_a_rate_beyond_all_numbers_is_refused(self, pty_name, rate):
         with pytest.raises(PortError, match=f"does not support {rate} baud"):
