@@ -236,7 +236,8 @@ class PreflightPlanner:
                 driven_joints[name].limits.upper.value,
             )
             turned = driven_joints[name].limits.unit == "rad" and not lower <= goal <= upper
-            if turned and lower <= radians(goal) <= upper:
+            was_typed = goal == round(goal, 3)  # 900° of a program file are 15.70796… rad
+            if turned and was_typed and lower <= radians(goal) <= upper:
                 meant = f"math.radians({goal:g}), which is {radians(goal):.4g}"
                 return f"Positions are radians. Did you mean {goal:g} degrees? Give {meant}."
         return ""

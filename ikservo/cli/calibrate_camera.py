@@ -174,6 +174,9 @@ def _tell_and_save(
         else:
             undo = f"ikservo calibration undo {before.model.name}"
             print_status(f"Saved to {path}. To undo it: {undo}")
+            if result.tip_shows:
+                command = f"ikservo camera tip {before.model.name} --at U,V"
+                print_status(f"Clicks on the tip show the zero of {result.tip_shows}: {command}")
     if json:
         print_json("calibrate-camera", path=path, **_fields(result))
 
@@ -212,8 +215,6 @@ def _describe(result: CameraResult) -> Iterator[str]:
     unknown = [each.name for each in fit.parameters if not each.is_determined]
     if unknown:
         yield f"Not shown by these pictures, and kept: {', '.join(unknown)}."
-    if result.tip_shows:
-        yield f"Clicks on the tip show the zero of {result.tip_shows}: ikservo camera tip"
     if abs(fit.scale) > 0.01:
         yield f"The board seems to be {1.0 + fit.scale:.1%} of the size that its name says."
 

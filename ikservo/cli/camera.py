@@ -278,8 +278,8 @@ def _set_tip_zero(
         print_json(
             "camera-tip", path=path, joint=found.joint, shift_rad=found.shift_rad,
             off_m=found.off_m, px_per_deg=found.px_per_deg, clicks=len(found.counts),
-            counted=sum(found.counts), error_deg=found.error_deg,
-            error_m=found.error_m,
+            counted=sum(found.counts), counts=found.counts, error_deg=found.error_deg,
+            error_m=found.error_m, advice=found.advice,
         )  # fmt: skip
         return
     print_lines([str(found)])

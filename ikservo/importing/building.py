@@ -223,10 +223,11 @@ def _limited(joint: UrdfJoint, options: ImportOptions, say: Callable[[str], None
     """Give a joint the limits of the user, or limits that a servo has where it has none."""
     slides = joint.kind is UrdfJointType.PRISMATIC
     if joint.name in options.limits:
-        low, high = (value * (0.001 if slides else math.pi / 180.0)
-                     for value in options.limits[joint.name])  # fmt: skip
+        given, unit = options.limits[joint.name], "mm" if slides else "°"
+        low, high = (value * (0.001 if slides else math.pi / 180.0) for value in given)
         if not low < high:
-            raise BadValueError(f"The range of {joint.name}", [low, high], "low < high")
+            found = f"{given[0]:g} to {given[1]:g} {unit}"
+            raise BadValueError(f"The range of {joint.name}", found, "low < high")
     elif joint.kind is UrdfJointType.CONTINUOUS:
         low, high = -math.pi, math.pi
         say(f"{joint.name} has no limits in the description: ±180°, half a turn of a servo each "

@@ -102,7 +102,7 @@ def _resolve_inside(element: XmlElement, place: Path, folder: Path, name: str) -
             return found
     raise element.error(
         f"<{element.tag}> names {quote(name)}, outside the model's folder",
-        "a file under it; else name a folder of all: --from FOLDER --file NAME",
+        "a file under it; or name a folder that has all of them: --from FOLDER --file NAME",
     )
 
 

@@ -40,7 +40,8 @@ def test_joints_in_degrees_are_asked_about_with_their_radians(goal):
     assert f"math.radians({degrees}), which is {math.radians(degrees):.4g}" in caught.value.hint
 
 
-def test_joints_outside_as_radians_and_as_degrees_are_not_asked_about():
+@pytest.mark.parametrize("goal_rad", [300, math.radians(900)])
+def test_joints_outside_as_radians_and_as_degrees_are_not_asked_about(goal_rad):
     with ikservo.open_arm("so101", port="sim") as arm, pytest.raises(RefusedError) as caught:
-        arm.move_joints({"elbow_flex": 300})
+        arm.move_joints({"elbow_flex": goal_rad})
     assert "degrees" not in caught.value.hint

@@ -309,7 +309,7 @@ def test_an_arm_is_measured_with_a_ruler(run_cli, tmp_path):
         ("--base turet", "turret"),
         ("--gripper jaws", "jaw"),
         ("--limits elbow=1", "--limits"),
-        ("--limits lift=3:1", "low < high"),
+        ("--limits lift=3:1", "is 3 to 1 °"),
         ("--servo lift=300", "elbow=3:STS3215"),
         ("--servo lift=3:STS9", "STS3215"),
         ("--servo lif=3", "lift"),
