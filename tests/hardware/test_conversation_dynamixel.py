@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from ikservo.errors import NoPortError, RegisterAccessError, ServoRejectedError, ServoSilentError
+from ikservo.errors import InputError, RegisterAccessError, ServoRejectedError, ServoSilentError
 from ikservo.hardware import (
     ServoBus,
     open_port,
@@ -138,6 +138,6 @@ def test_a_shadow_obeys_the_goal_of_its_leader_and_answers_at_its_own_id(simulat
     assert bus.read(3, RegisterName.GOAL_POSITION, raw=True) == goal_tick
 
 
-def test_an_arm_file_that_is_not_there_is_no_port():
-    with pytest.raises(NoPortError, match=r"nowhere/arm\.toml"):
+def test_an_arm_file_that_is_not_there_is_bad_input():
+    with pytest.raises(InputError, match=r"nowhere/arm\.toml"):
         open_port("sim:/nowhere/arm.toml", 1_000_000)

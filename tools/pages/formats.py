@@ -92,6 +92,7 @@ No polygons travel: the page computes the drawing (`view/page/picture.js` in 2D,
 - `handles`: the axes of the tool in 3D; `webgl`: whether it is to be drawn in 3D; `seq`.
 - `picture_trouble`: why the picture of a calibrated camera takes no targets; null in other views.
 - `tip_shows`: the joint whose zero a click on the tip shows in that picture; null where none.
+- `tip_clicks`: how many clicks on the tip its calibration keeps; 0 in other views.
 
 ## Messages of the page
 """
