@@ -39,7 +39,7 @@ from ikservo.model.scene import (
 __all__ = ["InScene", "Scene", "arm_sag"]
 
 _LARGEST_M = 0.5  # half of a side of what a gripper holds
-_WAIT_S = 0.1  # for a reading to end, not for a motion
+_WAIT_S = 0.5  # for a reading to end, not for a motion
 _others_lock = threading.RLock()  # which arms can reach each other is said in both their scenes
 
 

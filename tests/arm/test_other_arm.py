@@ -180,10 +180,11 @@ def test_an_arm_that_is_opened_again_stands_where_it_stood(arms):
         assert (arm.scene.names, again.scene.names) == (("the koch",), ("so101",))
         assert before.names == ()
         assert arm.move_to(RIGHT, straight=True).reached  # it is at rest now
-        begun = threading.Event()
+        begun, seen = threading.Event(), threading.Event()
 
         def hold_up(_):
             begun.set()
+            seen.wait(20.0)
 
         arm.move_to(LEFT, straight=True, on_progress=hold_up, wait=False)
         begun.wait(10.0)
@@ -195,6 +196,7 @@ def test_an_arm_that_is_opened_again_stands_where_it_stood(arms):
         ):
             with pytest.raises(RefusedError, match="is moving"):
                 change()
+        seen.set()
         arm.stop()
 
 
