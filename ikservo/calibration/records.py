@@ -156,7 +156,7 @@ class TipClick(StrictModel):
     off_deg: float = Field(
         ge=-90.0, le=90.0, description="degrees by which the joint is further than it measures"
     )
-    click_deg: float = Field(gt=0.0, description="degrees, the standard error by the click")
+    click_deg: float = Field(ge=1e-4, description="degrees, the standard error by the click")
     camera_deg: float = Field(ge=0.0, description="degrees, the standard error by the camera")
 
 

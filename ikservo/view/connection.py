@@ -132,9 +132,9 @@ class MessageFilter(Generic[_MessageT]):
 
 
 def _stale_error(message: PageMessage) -> StaleMessageError:
-    """Return the error for a message that is too old; what only passes by is not worth telling."""
-    passes = isinstance(message, Pointer | DragTool) and message.phase != "down"
-    if passes or isinstance(message, _STREAMED):
+    """Return the error for a message that is too old; one that others follow is not reported."""
+    is_movement = isinstance(message, Pointer | DragTool) and message.phase != "down"
+    if is_movement or isinstance(message, _STREAMED):
         return StaleMessageError("The message is too old to act on.", "Nothing has changed.")
     return StalePressError(
         f"What you saw was more than {MAX_MESSAGE_AGE_S:.0f} s old: nothing was done.",
