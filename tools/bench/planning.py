@@ -20,7 +20,7 @@ import random
 import re
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
@@ -285,7 +285,7 @@ def arms(names: list[str], scenes: int, upright_deg: float | None, seeds: int, b
         scenes: How many of each.
         upright_deg: How far the tool may tilt on the way. Goals are then where steps that keep it
             lead, boxes aside: an arm of five joints cannot turn over to others. Of those of a scene
-            the first one is taken to which the straight way is blocked.
+            the first one is taken to which there is no straight way.
         seeds: How many ways the length is compared with, at the distances that are kept.
         by: Whose planner is asked for ways that were not found, without a distance to things.
     """
@@ -304,15 +304,18 @@ def arms(names: list[str], scenes: int, upright_deg: float | None, seeds: int, b
                 if ends is None:
                     continue
                 preflight = PreflightPlanner(context, StandsAt(ends[0]), PoseLibrary(model, ""))
-                motion = next(blocked_motions(preflight, arm.joint_names, ends[1:], within), None)
-                if motion is None:
+                for goal in ends[1:].tolist():
+                    goals = dict(zip(arm.joint_names, goal, strict=True))
+                    motion = MoveJoints(goals, within=within)
+                    began, plan = time.process_time(), None
+                    with suppress(RefusedError):
+                        plan = preflight.plan(motion)
+                    seconds = time.process_time() - began
+                    if plan is None or plan.around:
+                        break
+                else:
                     straight += 1
                     continue
-                began = time.process_time()
-                plan: MotionPlan | None = None
-                with suppress(RefusedError):
-                    plan = preflight.plan(motion)
-                seconds = time.process_time() - began
                 way = None if plan is None else plan.sample(0.02).positions
                 found.append(Judged(seconds, way, {}))
                 if plan is None:
@@ -388,18 +391,6 @@ def free_ends(
         goals = np.array(list(islice(walk(tool, context.index, free, chance), 40)))
         free = np.vstack([free[:1], goals[are_free(goals)]])
     return free if len(free) > 1 else None
-
-
-def blocked_motions(
-    preflight: PreflightPlanner, names: Sequence[str], goals: Array, within: PathConstraint
-) -> Iterator[MoveJoints]:
-    """Yield motions to those of some goals (k, n) to which the straight way is refused."""
-    for goal in goals.tolist():
-        motion = MoveJoints(dict(zip(names, goal, strict=True)), within=within)
-        try:
-            preflight.plan(replace(motion, straight=True))
-        except RefusedError:
-            yield motion
 
 
 def walk(
