@@ -15,6 +15,7 @@ __all__ = [
     "identified_of",
     "identified_path",
     "journal_path",
+    "journals_of",
     "partial_path",
 ]
 
@@ -55,6 +56,12 @@ def confirmation_path(arm: str, usb_serial_number: str) -> Path:
 def partial_path(arm: str, usb_serial_number: str) -> Path:
     """Return the file of the joints measured by an interrupted self-calibration."""
     return config_dir() / "partial" / f"{_file_stem(arm, usb_serial_number)}.toml"
+
+
+def journals_of(arm: str) -> list[Path]:
+    """Return the journals of interrupted writes into an arm on any adapter, or into any arm."""
+    folder = config_dir() / "journal"
+    return _files_of(folder, arm) if arm else sorted(folder.glob("*.toml"))
 
 
 def calibrations_of(arm: str) -> list[Path]:

@@ -28,6 +28,7 @@ from ikservo.files.writing import (
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.eeprom import register_differences, update_eeprom
 from ikservo.hardware.read_plan import RegisterRef
+from ikservo.registers import RegisterName
 
 __all__ = [
     "EepromChange",
@@ -64,6 +65,7 @@ class Journal(StrictModel):
         old_text: Its old content; empty if there was none.
         new_text: Its new content.
         changes: By servo, in the order of writing.
+        temporary: Whether the new numbers serve a search of end stops only, and are never kept.
     """
 
     format: Literal[1] = Field(description="1")
@@ -71,13 +73,14 @@ class Journal(StrictModel):
     old_text: str = Field(description="the old file")
     new_text: str = Field(description="the new file")
     changes: tuple[EepromChange, ...] = Field(strict=False, description="tables [[changes]]")
+    temporary: bool = Field(default=False, description="true or false")
 
 
 def dump_journal(journal: Journal) -> str:
     """Format the content of the file."""
     import tomli_w  # noqa: PLC0415  # noqa: PLC0415  # needed for writing only
 
-    tables = journal.model_dump(mode="python")
+    tables = journal.model_dump(mode="python", exclude_defaults=True)
     return with_checksum(_HEADER + tomli_w.dumps(tables))
 
 
@@ -124,16 +127,26 @@ def plan_changes(bus: ServoBus, expected: Mapping[int, Mapping[str, int]]) -> li
 
 
 def commit(
-    bus: ServoBus, journal_path: Path, path: Path, text: str, changes: Sequence[EepromChange]
+    bus: ServoBus,
+    journal_path: Path,
+    path: Path,
+    text: str,
+    changes: Sequence[EepromChange],
+    *,
+    temporary: bool = False,
 ) -> None:
     """Write servos and file as one; after a failure both are restored.
+
+    What a temporary transaction has changed is restored, too, if a later one fails.
 
     Args:
         bus: The servos, torque off.
         journal_path: The journal during the transaction.
         path: The calibration file.
-        text: Its new content; empty for no file.
+        text: Its new content; empty for no file, and of no effect if temporary.
         changes: The new registers of the servos.
+        temporary: Whether they are for a search of end stops only. The journal then stays until
+            ``roll_back`` or the next ``commit``.
 
     Raises:
         CalibrationError: It failed and could not be undone; tells how to continue.
@@ -141,7 +154,12 @@ def commit(
     """
     old_text = path.read_text("utf-8") if path.exists() else ""
     journal = Journal(
-        format=1, path=str(path), old_text=old_text, new_text=text, changes=tuple(changes)
+        format=1,
+        path=str(path),
+        old_text=old_text,
+        new_text=text,
+        changes=_join_changes(_find_interrupted(bus, journal_path), changes),
+        temporary=temporary,
     )
     try:
         write_atomic(journal_path, dump_journal(journal))
@@ -149,7 +167,21 @@ def commit(
     except (IkservoError, KeyboardInterrupt) as error:
         _roll_back_after(bus, journal, journal_path, error)
         raise
-    remove_durably(journal_path)
+    if not temporary:
+        remove_durably(journal_path)
+
+
+def _join_changes(
+    earlier: Journal | None, changes: Sequence[EepromChange]
+) -> tuple[EepromChange, ...]:
+    """Join changes to those of a temporary transaction, whose old numbers are the true ones."""
+    joined = {each.id: each for each in changes}
+    for each in earlier.changes if earlier is not None and earlier.temporary else ():
+        later = joined.get(each.id, EepromChange(id=each.id, old={}, new={}))
+        joined[each.id] = EepromChange(
+            id=each.id, old={**later.old, **each.old}, new={**each.new, **later.new}
+        )
+    return tuple(joined.values())
 
 
 def progress(bus: ServoBus, journal: Journal) -> TransactionProgress:
@@ -165,18 +197,28 @@ def progress(bus: ServoBus, journal: Journal) -> TransactionProgress:
     return TransactionProgress.NOTHING if all(olds) else TransactionProgress.SOME
 
 
-def recover(bus: ServoBus, journal_path: Path) -> str:
+def recover(bus: ServoBus, journal_path: Path, *, calibrating: bool = False) -> str:
     """Recover an interrupted transaction if that needs no servo to be written.
+
+    A temporary one is undone where the servos are limp.
+
+    Args:
+        bus: The servos.
+        journal_path: The journal.
+        calibrating: Whether the caller calibrates the arm, which undoes a temporary one at its end.
 
     Returns:
         What was done, for the user; empty if there was nothing to do.
 
     Raises:
-        CalibrationError: Some servos are changed and some are not; tells how to continue.
+        CalibrationError: Some servos are changed and some are not, or servos with torque are
+            changed for a search; tells how to continue.
     """
     journal = _find_interrupted(bus, journal_path)
     if journal is None:
         return ""
+    if journal.temporary:
+        return _undo_search(bus, journal, journal_path, calibrating=calibrating)
     reached = progress(bus, journal)
     if reached is TransactionProgress.SOME:
         raise _unfinished_error()
@@ -190,10 +232,27 @@ def recover(bus: ServoBus, journal_path: Path) -> str:
     return "An interrupted calibration had changed nothing yet; the previous one is valid."
 
 
+def _undo_search(bus: ServoBus, journal: Journal, journal_path: Path, *, calibrating: bool) -> str:
+    ids = [change.id for change in journal.changes]
+    torque = bus.sync_read(ids, RegisterName.TORQUE_ENABLE, raw=True).require_all()
+    if any(torque.values()):
+        if calibrating:
+            return ""
+        raise CalibrationError(
+            "A calibration was interrupted: the servos hold the settings of its search.",
+            "Support the arm and undo it: ikservo calibration revert. Or calibrate again: "
+            "ikservo calibrate",
+        )
+    _restore_servos(bus, journal)
+    remove_durably(journal_path)
+    return "The servos had the settings of an interrupted search; the previous ones are restored."
+
+
 def resume(bus: ServoBus, journal_path: Path) -> bool:
     """Finish an interrupted writing; return whether there was one.
 
     Raises:
+        CalibrationError: It was temporary, so that it can only be undone.
         IkservoError: A servo still cannot be written; the journal stays.
     """
     return _end_interrupted(bus, journal_path, _write_servos)
@@ -214,6 +273,11 @@ def _end_interrupted(
     """Write what an interrupted transaction left, if there was one; return whether there was."""
     journal = _find_interrupted(bus, journal_path)
     if journal:
+        if journal.temporary and write is _write_servos:
+            raise CalibrationError(
+                "An interrupted search of end stops cannot be completed.",
+                "Undo it: ikservo calibration revert. Or calibrate again: ikservo calibrate",
+            )
         write(bus, journal)
         remove_durably(journal_path)
     return journal is not None
@@ -247,6 +311,8 @@ def _write_servos(bus: ServoBus, journal: Journal) -> None:
 
 def _save_file(journal: Journal) -> None:
     path = Path(journal.path)
+    if journal.temporary:
+        return
     if not journal.new_text:
         remove_durably(path)
     elif not path.exists() or path.read_text("utf-8") != journal.new_text:
@@ -261,6 +327,8 @@ def _restore_servos(bus: ServoBus, journal: Journal) -> None:
 
 def _restore_file(journal: Journal) -> None:
     path = Path(journal.path)
+    if journal.temporary:
+        return
     if not journal.old_text:
         remove_durably(path)
     elif not path.exists() or path.read_text("utf-8") != journal.old_text:

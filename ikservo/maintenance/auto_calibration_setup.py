@@ -31,9 +31,9 @@ from ikservo.calibration.records import (
     dump_partial,
     read_partial,
 )
-from ikservo.calibration.result import CalibrationResult, RegisterValues, measure_joint
+from ikservo.calibration.result import CalibrationResult, measure_joint
 from ikservo.calibration.servo_config import ServoConfig
-from ikservo.calibration.transaction import commit, plan_changes
+from ikservo.calibration.transaction import commit, plan_changes, read_journal, roll_back
 from ikservo.control.servo_group import ServoGroup
 from ikservo.errors import BusError, CalibrationError, FileFormatError, RefusedError
 from ikservo.files.writing import remove_durably, write_atomic
@@ -79,7 +79,8 @@ def configure_encoders(
 ) -> CalibrationResult:
     """Configure every servo so that its count does not wrap inside the search; torque is off.
 
-    The calibration file is not changed; see ``restore_encoders``.
+    The calibration file is not changed; see ``restore_encoders``. If the program is killed, the
+    next one that opens the arm undoes it by the journal.
 
     Returns:
         The calibration of the arm from its pose alone.
@@ -95,7 +96,10 @@ def configure_encoders(
     memory = {
         i: _registers_without_limits(loose.facts[i], dict(held)) for i, held in found.memory.items()
     }
-    _write_registers(loose, memory)
+    changes = plan_changes(loose.bus, memory)
+    if changes:
+        commit(loose.bus, loose.journal_path, loose.path, "", changes, temporary=True)
+        loose.read_facts()
     return found
 
 
@@ -109,36 +113,28 @@ def restore_encoders(loose: TorqueOffArm, on_status: Callable[[str], None]) -> G
         loose: The servos, with the configuration read before.
         on_status: Called with what was done, or is to do.
     """
-    memory = {i: facts.registers for i, facts in loose.facts.items()}
     try:
         yield
     except BaseException:
         with contextlib.suppress(BusError):  # silent servos are in the error already
-            _restore_registers(loose, memory, on_status)
+            _restore_registers(loose, on_status)
         raise
 
 
-def _restore_registers(
-    loose: TorqueOffArm, memory: RegisterValues, on_status: Callable[[str], None]
-) -> None:
-    if loose.journal_path.exists() or not plan_changes(loose.bus, memory):
+def _restore_registers(loose: TorqueOffArm, on_status: Callable[[str], None]) -> None:
+    journal = read_journal(loose.journal_path)
+    if journal is None or not journal.temporary:
         return
-    if not loose.torque_on_servos():
-        _write_registers(loose, memory)
-        on_status("The settings of the servos were restored.")
+    name = loose.model.name
+    if loose.torque_on_servos():
+        on_status(
+            f"The servos keep the settings of the search. Calibrate again: ikservo calibrate {name}"
+            f"; or undo it: ikservo calibration revert {name}."
+        )
         return
-    again = f"ikservo calibrate {loose.model.name}"
-    old = f"; or restore the previous calibration: ikservo calibration push {loose.model.name}"
-    filed = old if loose.path.exists() else ""
-    on_status(f"The servos keep the settings of the search. Calibrate again: {again}{filed}.")
-
-
-def _write_registers(loose: TorqueOffArm, memory: RegisterValues) -> None:
-    changes = plan_changes(loose.bus, memory)
-    if changes:
-        text = loose.path.read_text("utf-8") if loose.path.exists() else ""
-        commit(loose.bus, loose.journal_path, loose.path, text, changes)
-        loose.read_facts()
+    roll_back(loose.bus, loose.journal_path)
+    loose.read_facts()
+    on_status("The settings of the servos were restored.")
 
 
 def limited_context(

@@ -85,7 +85,7 @@ class TorqueOffArm:
     def __init__(self, model: Model, bus: ServoBus, *, settled: bool = True) -> None:
         self.model, self.bus = model, bus
         self.serial_number = serial_number_of(bus.port.name)
-        self.settled = recover(bus, self.journal_path) if settled else ""
+        self.settled = recover(bus, self.journal_path, calibrating=True) if settled else ""
         self.read_facts()
         self._failures = 0
         self._next_s = bus.clock.now_s()

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 
 from ikservo.arm.opening import resolve_port, servo_specs
 from ikservo.calibration.calibration_file import read_calibration, ways_out
-from ikservo.calibration.paths import calibrations_of
+from ikservo.calibration.paths import calibrations_of, journals_of
 from ikservo.errors import BusError, FileFormatError, PortError
 from ikservo.files.folders import config_dir
 from ikservo.hardware.bus import ServoBus
@@ -75,6 +75,12 @@ def _check_calibrations(name: str, model: Model | None) -> Iterator[Finding]:
     if is_simulated(name):
         return
     arm = model.name if model else ""
+    for path in journals_of(arm):
+        yield failure(
+            "zeros",
+            f"a calibration was interrupted while it changed servos; its journal is {path}",
+            f"Undo it: ikservo calibration revert {arm or path.stem.partition('-')[0]}",
+        )
     paths = calibrations_of(arm) if arm else sorted((config_dir() / "arms").glob("*.toml"))
     for path in paths:
         try:
