@@ -15,7 +15,7 @@ from ikservo.arm.calibrated_arm import ZeroSource
 from ikservo.arm.camera import ArmCamera
 from ikservo.arm.checked_planning import PreflightPlanner
 from ikservo.arm.context import ArmContext
-from ikservo.arm.control_server import ControlServer, command_handler, serve
+from ikservo.arm.control_server import command_handler
 from ikservo.arm.motion_methods import MotionMethods, Positions
 from ikservo.arm.motion_plan import MotionPlan, PoseWithinLimits
 from ikservo.arm.motion_runner import MotionRunner
@@ -28,9 +28,9 @@ from ikservo.arm.run_by_kind import run_motion
 from ikservo.arm.scene import Scene
 from ikservo.arm.service import ArmService
 from ikservo.arm.setpoint_stream import open_stream
+from ikservo.arm.stoppable_bus import StoppableBus
 from ikservo.clock import Clock
-from ikservo.guard import StopReason
-from ikservo.hardware.remembered_port import is_simulated
+from ikservo.guard import StopKind, StopReason
 from ikservo.kinematics import Chain, JointIndex
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
@@ -97,7 +97,6 @@ class Arm(MotionMethods):
         self.camera = ArmCamera(context, self.scene)
         self.preflight = PreflightPlanner(context, runner, self.poses)
         self.background = Background(runner, context.servos.stop_request)
-        self._server: ControlServer | None = None
         runner.on_overheat = self._lower
 
     def __repr__(self) -> str:
@@ -183,12 +182,17 @@ class Arm(MotionMethods):
             self._runner.close(self.relax if chosen == "relax" else None, self._leave)
 
     def listen(self) -> None:
-        """Accept stop, state and relax commands of this user's other processes."""
-        if self._server is None and not is_simulated(self.port_name):
-            self._server = serve(
-                self.port_name, command_handler(ArmService(self)), self._context.model.name
-            )
-            self._runner.caches_states = self._server is not None
+        """Accept stop, state and relax commands of this user's other processes.
+
+        Where one of them has stopped this program already, the arm is stopped.
+        """
+        bus = self._context.servos.bus
+        if not isinstance(bus, StoppableBus) or not bus.is_served:
+            return
+        self._runner.caches_states = True
+        stopped = bus.hand_over(command_handler(ArmService(self)))
+        if stopped:
+            self.request_stop(StopReason(StopKind.CLIENT, stopped))
 
     def enable(self) -> None:
         """Switch torque on; each servo's goal is set to its position first, so nothing moves.
@@ -358,5 +362,6 @@ class Arm(MotionMethods):
 
     def _leave(self) -> None:
         self.scene.close()
-        if self._server is not None:
-            self._server.close()
+        bus = self._context.servos.bus
+        if isinstance(bus, StoppableBus):
+            bus.stop_serving()

@@ -22,6 +22,7 @@ from typing import Any, cast
 
 from ikservo.arm.control_socket import connect, socket_path, socket_paths
 from ikservo.arm.replies import other_version_error, result_in
+from ikservo.arm.stop_marks import leave_mark
 from ikservo.errors import IkservoError, InputError
 from ikservo.files.reading import parse_json
 
@@ -278,12 +279,14 @@ def request_stop(device: str, arm: str) -> StopResult | None:
     Raises:
         IkservoError: That program cannot.
     """
+    leave_mark(device, arm)
     reply = send_command(device, Command.STOP, BRAKE_TIMEOUT_S + 2.0, arm)
     return None if reply is None else StopResult.of(reply)
 
 
 def request_stop_of(arm: str) -> StopAllResult:
-    """Stop an arm by name in every program of this user that has it open."""
+    """Stop an arm by name in every program of this user that has it open, or is about to."""
+    leave_mark(arm=arm)
     replies = broadcast_command(Command.WHO, _WHO_TIMEOUT_S)
     ports = {reply["port"] for reply in replies if _is_of(reply, arm)}
     stopped = (request_stop(port, arm) for port in sorted(ports))
@@ -300,7 +303,8 @@ def _is_of(reply: object, arm: str) -> bool:
 
 
 def stop_own_programs() -> StopAllResult:
-    """Stop every arm whose port a program of this user has open."""
+    """Stop every arm whose port a program of this user has open, or is about to open."""
+    leave_mark()
     replies = broadcast_command(Command.STOP, BRAKE_TIMEOUT_S + 2.0)
     return StopAllResult.joined(_read_stop(reply) for reply in replies)
 

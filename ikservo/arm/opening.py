@@ -23,6 +23,7 @@ from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.networks import ArmNetwork, find_network
 from ikservo.arm.scene import arm_sag
+from ikservo.arm.stoppable_bus import StoppableBus
 from ikservo.calibration.identified_file import load_identified
 from ikservo.control.feed_forward import FeedForward
 from ikservo.control.goal_compensation import GoalCompensator
@@ -67,8 +68,10 @@ __all__ = [
 ]
 
 
-def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> ServoBus:
+def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> StoppableBus:
     """Open the port of an arm's servos; nothing is sent yet.
+
+    From now on the user's other programs can stop this one.
 
     Args:
         model: The arm.
@@ -81,7 +84,8 @@ def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> Serv
     """
     specs = servo_specs(model)
     url, ids = resolve_port(model, port), [spec.id for spec in specs]
-    return ServoBus(open_port(url, model.baud_rate, model.name, ids), specs, retries=retries)
+    opened_port = open_port(url, model.baud_rate, model.name, ids)
+    return StoppableBus(opened_port, specs, retries=retries, arm=model.name)
 
 
 def disable_torque_unchecked(model: Model, port: str | None) -> None:
@@ -213,7 +217,7 @@ def open_own_arm(
         opened.listen()
         return opened
     except BaseException:
-        opened_port.close()
+        bus.close()
         raise
 
 

@@ -111,7 +111,8 @@ def stop_every_arm() -> StopAllResult:
     if not (joined.stopped or joined.errors):
         raise InputError(
             "No program of yours has an arm open, and none is served on this machine.",
-            "To stop the servos of one directly: ikservo stop --arm NAME",
+            "A program that is still starting will move nothing. To stop the servos of an arm "
+            "directly: ikservo stop --arm NAME",
         )
     return joined
 

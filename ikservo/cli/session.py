@@ -15,7 +15,7 @@ from ikservo.cli.options import ArmConnection, MotionOptions
 from ikservo.cli.terminal import confirm, format_port, print_status, progress_bar
 from ikservo.clock import Clock, RealClock
 from ikservo.control.real_time import allowed_priority
-from ikservo.control.stop_requests import RELAX_HINT
+from ikservo.control.stop_requests import RELAX_HINT, REQUEST_HINT
 from ikservo.errors import IkservoError, InputError, StoppedError, format_point
 from ikservo.ik.kernel.compiled import is_compiled
 from ikservo.model import load_model
@@ -119,6 +119,7 @@ def open_from_options(
             )
         if isinstance(machine, Arm):
             machine.context.servos.warn = print_status
+            machine.context.servos.stop_request.raise_if_set(REQUEST_HINT)
         with second_interrupt_lowers(machine):
             yield machine
 

@@ -177,14 +177,17 @@ class StopRequest:
         if self._without_braking:
             self.raise_if_set()
 
-    def raise_if_set(self) -> None:
+    def raise_if_set(self, hint: str = "") -> None:
         """Raise where a stop was requested.
+
+        Args:
+            hint: What to do next; the usual hint if empty.
 
         Raises:
             StoppedError: It was; carries the reason.
         """
         if self:
-            raise StoppedError((self._reason or STOPPED_BY_PROGRAM).text, self._hint)
+            raise StoppedError((self._reason or STOPPED_BY_PROGRAM).text, hint or self._hint)
 
     def clear(self) -> None:
         """Clear the request: the arm holds, or may be moved again."""

@@ -232,6 +232,9 @@ class RegisterAccess:
         """Check whether a servo's torque was on when it was last read or written."""
         return servo_id in self._torque_on
 
+    def check_may_move(self) -> None:
+        """Raise where no servo may get torque or another goal; a bus that can be stopped does."""
+
     @contextlib.contextmanager
     def enabling(self, measured: Mapping[int, int]) -> Generator[None]:
         """Let goals pass to servos without torque, within the block that switches it on.
@@ -243,7 +246,11 @@ class RegisterAccess:
         Args:
             measured: The present position of each servo, raw ticks by id, read just before, as
                 its torque was.
+
+        Raises:
+            StoppedError: Another program has stopped this one; see ``check_may_move``.
         """
+        self.check_may_move()
         limp = [servo_id for servo_id in measured if not self.is_torque_on(servo_id)]
         self._enabling, failed = measured, True
         try:

@@ -16,6 +16,7 @@ from ikservo.calibration.range_tracker import ContactState, EndStopDetector, Joi
 from ikservo.calibration.result import measure_joint
 from ikservo.control.feedback import load_percent
 from ikservo.control.loop import ControlCycle
+from ikservo.control.stop_requests import REQUEST_HINT
 from ikservo.errors import CalibrationError, RefusedError
 from ikservo.hardware.bus import ServoBus
 from ikservo.kinematics.arrays import Vector
@@ -321,6 +322,8 @@ class AutoCalibration:
         self._context = limited_context(loose, state, known, self._postures.space)
         self._runner = MotionRunner(self._context)
         self.arm = Arm(self._context, self._runner)
+        self.arm.listen()
+        self._context.servos.stop_request.raise_if_set(REQUEST_HINT)
         self.arm.enable()
         names = frozenset(subject.name for subject in state.subjects)
         self.state = replace(state, known_signs=names, motor_driven=True)

@@ -58,6 +58,7 @@ def recover(bus: ServoBus, *, reboot: bool = False) -> list[RecoveryResult]:
 
     Raises:
         PortLostError: The port is gone.
+        StoppedError: Another program has stopped this one; the servos after that are as before.
     """
     done = [_recover_servo(bus, servo, reboot=reboot) for servo in bus.servos.values()]
     # Set goals to the positions of joints with torque, so that they do not press on
@@ -102,6 +103,7 @@ def _read_alarms(bus: ServoBus, servo: ServoSpec) -> tuple[str, ...]:
 def _clear_alarm(bus: ServoBus, servo: ServoSpec, *, reboot: bool) -> str:
     if servo.table.family not in _REBOOTING:
         was_on = bus.read(servo.id, RegisterName.TORQUE_ENABLE, raw=True) == 1
+        bus.check_may_move()  # or the servo would stay limp
         bus.write(servo.id, RegisterName.TORQUE_ENABLE, 0, raw=True)
         if not was_on:
             return "torque switched off again"

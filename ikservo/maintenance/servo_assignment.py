@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
+from ikservo.arm.stoppable_bus import StoppableBus
 from ikservo.errors import InputError, ServoSilentError
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.discovery import choose_port, simulated_port_url
@@ -54,7 +55,6 @@ def assign_servos(
     rates = candidate_baud_rates()
     with open_port(name, rates[0]) as line:
         found = yield from _scan(line, rates)
-        bus = ServoBus(line, [ServoSpec(each.id, each.table) for each in found if each.table])
         assigned = {joint: list(servos) for joint, servos in given.items()}
         joints = {joint.name: draft for draft in drafts for joint in draft.joints}
         _check_servos(found, joints, assigned)
@@ -64,8 +64,10 @@ def assign_servos(
             yield Notice("Hold the arm about as in this pose, where it may move a little:")
             for draft in drafts:
                 yield Notice(f"  {_format_pose(draft)}")
-            for servo in left:
-                yield from _ask_about(bus, servo, joints, assigned)
+            specs = [ServoSpec(each.id, each.table) for each in found if each.table]
+            with StoppableBus(line, specs) as bus:
+                for servo in left:
+                    yield from _ask_about(bus, servo, joints, assigned)
     missing = [joint for joint in joints if joint not in assigned]
     if missing:
         raise InputError(f"No servo moves {', '.join(missing)}.", f"Check its cable, or: {_OPTION}")
@@ -161,6 +163,7 @@ def _move_and_return(bus: ServoBus, servo_id: int) -> EntryDialogue[None]:
         for step in (*range(1, _STEPS + 1), *([_STEPS] * round(_PAUSE_S / _STEP_S)),
                      *reversed(range(_STEPS))):  # fmt: skip
             goal = nearest_goal(str(spec), start + round(travel * step / _STEPS), accepted)
+            bus.check_may_move()
             write_goals(bus, {servo_id: goal}, {servo_id: accepted})
             bus.clock.sleep_until(bus.clock.now_s() + _STEP_S)
             yield Progress(f"moving servo {servo_id}")

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 from ikservo.arm.arguments import parse_port
 from ikservo.arm.opening import open_bus
+from ikservo.arm.stoppable_bus import StoppableBus
 from ikservo.errors import (
     BusError,
     FileFormatError,
@@ -155,7 +156,8 @@ def open_servos(
             raise ServoSilentError(
                 f"{what} that replies at {tried}", "Check plug and power supply.", port=line.name
             )
-        yield ServoLine(ServoBus(line, specs), serial_number_of(line.name) or "servos")
+        with StoppableBus(line, specs) as bus:
+            yield ServoLine(bus, serial_number_of(line.name) or "servos")
 
 
 def _spec_of(found: FoundServo, table: type[ControlTable] | None) -> ServoSpec:
@@ -392,6 +394,7 @@ def write_registers(
         ServoRejectedError: A number was not stored.
         InputError: The new id belongs to another servo.
         BusError: The servo does not reply.
+        StoppedError: Another program has stopped this one.
         FileWriteError: The copy cannot be written; nothing was changed.
     """
     bus, table = line.bus, servo.table
@@ -413,6 +416,7 @@ def write_registers(
     for register, raw in new.items():
         if register in stored:
             continue
+        bus.check_may_move()
         if register is table.torque_enable and raw:
             torque_on(bus, servo.id)
         else:

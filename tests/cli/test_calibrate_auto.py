@@ -1,11 +1,14 @@
 """``ikservo calibrate --auto``: the arm finds its stops itself, gently, and says what it met."""
 
+import contextlib
 import math
 import re
 import signal
+from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
+from ikservo.arm.control_client import request_stop
 from ikservo.calibration.calibration_file import read_calibration
 from ikservo.calibration.paths import calibration_path, partial_path
 from ikservo.errors import StoppedError
@@ -163,6 +166,85 @@ def test_ctrl_c_stops_the_arm_which_then_holds(arm, narrow, run_cli):
     assert all(servo.drive.torque_on for servo in arm.line.servos.values())
 
 
+@pytest.mark.full
+@pytest.mark.parametrize("after_s", [0.5, 7.0])
+def test_stop_reaches_calibration_against_stops(arm, narrow, run_cli, after_s):
+    with ThreadPoolExecutor(1) as other:
+        asked = []
+
+        def ask():
+            asked.append(other.submit(request_stop, PORT, "narrow"))
+
+        arm.world.schedule(arm.world.time_s + after_s, ask)
+        done = auto(run_cli, narrow)
+    assert (done.code, saved()) == (130, None), done.err
+    assert asked[0].result().arm == "narrow"
+    assert "Stopped from another terminal" in done.err
+    torques = {servo.drive.torque_on for servo in arm.line.servos.values()}
+    assert torques == {after_s > 1.0}  # a limp arm gets no torque
+
+
+def eeproms(arm):
+    return [
+        {
+            name: servo.read(name)
+            for name in ("homing_offset", "operating_mode", "max_position_limit")
+        }
+        for servo in arm.line.servos.values()
+    ]
+
+
+@pytest.fixture
+def killed(arm, narrow, run_cli, monkeypatch):
+    """Return the registers from before a search that ended without another word."""
+    for servo in arm.line.servos.values():
+        servo.memory.put("max_position_limit", 4000)  # which the search takes away
+    before = eeproms(arm)
+    with monkeypatch.context() as patch:
+        patch.setattr(
+            "ikservo.cli.calibrate_auto.restore_encoders", lambda *_: contextlib.nullcontext()
+        )
+        arm.world.schedule(arm.world.time_s + 3.0, lambda: signal.raise_signal(signal.SIGINT))
+        assert auto(run_cli, narrow).code == 130
+    assert eeproms(arm) != before
+    return before
+
+
+@pytest.mark.full
+def test_killed_search_is_told_while_torque_is_on(arm, narrow, run_cli, killed):
+    where = run_cli(f"where --arm {narrow} --port {PORT} --uncalibrated")
+    assert (where.code, "ikservo calibration revert" in where.err) == (6, True), where.err
+    doctor = run_cli(f"doctor --arm {narrow} --port {PORT}")
+    assert doctor.code == 1
+    assert "a calibration was interrupted while it changed servos" in doctor.out
+    assert run_cli(f"calibration resume {narrow} --port {PORT} --yes").code == 6
+    assert run_cli(f"calibration revert {narrow} --port {PORT} --yes").code == 0
+    assert eeproms(arm) == killed
+
+
+@pytest.mark.full
+def test_killed_search_is_undone_once_arm_is_limp(arm, narrow, run_cli, killed):
+    relaxed = run_cli(f"relax --arm {narrow} --port {PORT} --yes")
+    assert not any(servo.drive.torque_on for servo in arm.line.servos.values()), relaxed.err
+    done = run_cli(f"where --arm {narrow} --port {PORT} --uncalibrated")
+    assert (done.code, eeproms(arm)) == (0, killed), done.err
+    assert "interrupted" not in run_cli(f"doctor --arm {narrow} --port {PORT}").out
+
+
+@pytest.mark.full
+def test_killed_search_is_over_once_arm_is_calibrated(arm, narrow, run_cli, killed, monkeypatch):
+    back_to_the_pose(arm)
+    for servo in arm.line.servos.values():
+        servo.write("torque_enable", 1)
+    agrees = lambda _, question: not question.text.startswith("Save")  # noqa: E731
+    with monkeypatch.context() as patch:
+        patch.setattr("ikservo.cli.dialogue.Operator.agrees", agrees)
+        assert auto(run_cli, narrow, "--skip joint1 --skip joint2").code == 1
+    assert eeproms(arm) == killed
+    assert auto(run_cli, narrow, "--skip joint1 --skip joint2").code == 0
+    assert run_cli(f"where --arm {narrow} --port {PORT}").code == 0
+
+
 def counts(arm):
     return [servo.read("homing_offset") for servo in arm.line.servos.values()]
 
@@ -181,7 +263,7 @@ def test_servos_get_back_what_they_held_where_nothing_is_saved(arm, narrow, run_
 def test_an_arm_that_stopped_on_the_way_says_how_its_calibration_comes_back(arm, narrow, run_cli):
     write_calibration(arm)
     arm.world.schedule(arm.world.time_s + 3.0, lambda: signal.raise_signal(signal.SIGINT))
-    assert "ikservo calibration push narrow" in auto(run_cli, narrow).err
+    assert "ikservo calibration revert narrow" in auto(run_cli, narrow).err
     assert run_cli(f"calibration push {narrow} --port {PORT} --yes").code == 0
     assert run_cli(f"where --arm {narrow} --port {PORT}").code == 0
 

@@ -1,0 +1,108 @@
+"""A bus whose program can be stopped by the user's other programs as long as it is open."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+
+from ikservo.arm.control_client import Command, Request, StopResult
+from ikservo.arm.control_server import ControlServer, RequestHandler, serve
+from ikservo.arm.result_json import encode_value
+from ikservo.arm.stop_marks import forget_marks, has_mark
+from ikservo.control.stop_requests import REQUEST_HINT
+from ikservo.errors import PortBusyError, StoppedError
+from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.port import Port
+from ikservo.hardware.remembered_port import is_simulated
+from ikservo.hardware.servo import ServoSpec
+
+__all__ = ["StoppableBus"]
+
+
+_EARLY = "Stopped from another terminal before the port was opened."
+_STOPPED = "Stopped from another terminal."
+
+
+class StoppableBus(ServoBus):
+    """The servos on a port, for a program that may switch their torque on.
+
+    Other programs of this user stop it through the control socket of the port: from then on no
+    servo gets torque. Once an ``Arm`` has the bus, the requests go to that arm. The simulated bus
+    of this process has no socket, because no other program can know it.
+
+    Args:
+        port: The port.
+        servos: See ``ServoBus``.
+        retries: See ``ServoBus``.
+        arm: The name of the arm; empty if the servos are of none.
+    """
+
+    def __init__(
+        self, port: Port, servos: Sequence[ServoSpec], *, retries: int = 2, arm: str = ""
+    ) -> None:
+        super().__init__(port, servos, retries=retries)
+        self._arm, self._stop_text = arm, ""
+        self._arm_handler: RequestHandler | None = None
+        self._turn = threading.Lock()
+        self._server: ControlServer | None = None
+        if not is_simulated(port.name):
+            self._server = serve(port.name, self._handle, arm)
+            if has_mark(port.name, arm):
+                self._stop_text = _EARLY
+
+    @property
+    def is_served(self) -> bool:
+        """Whether other programs of this user can reach this one."""
+        return self._server is not None
+
+    def hand_over(self, handler: RequestHandler) -> str:
+        """Let an arm handle all further requests.
+
+        Returns:
+            Why the program was stopped before; empty if it was not.
+        """
+        with self._turn:
+            self._arm_handler = handler
+            text, self._stop_text = self._stop_text, ""
+        return text
+
+    def check_may_move(self) -> None:
+        """Raise once another program has stopped this one.
+
+        Raises:
+            StoppedError: One has.
+        """
+        if self._stop_text:
+            raise StoppedError(self._stop_text, REQUEST_HINT)
+
+    def close(self) -> None:
+        """Stop listening and close the port."""
+        self.stop_serving()
+        super().close()
+
+    def stop_serving(self) -> None:
+        """Stop listening; the port stays open."""
+        if self._server is not None:
+            self._server.close()
+            self._server = None
+            if not self._stop_text:  # else what is opened next has to know
+                forget_marks()
+
+    def _handle(self, request: Request) -> object:
+        with self._turn:
+            if self._arm_handler is None:
+                return self._handle_alone(request)
+        return self._arm_handler(request)
+
+    def _handle_alone(self, request: Request) -> object:
+        match request.do:
+            case Command.WHO:
+                return {"arm": self._arm, "port": self.port.name}
+            case Command.STOP:
+                self._stop_text = _STOPPED
+                on = (servo for servo in self.servos.values() if self.is_torque_on(servo.id))
+                held = tuple(dict.fromkeys(servo.name or str(servo.id) for servo in on))
+                arm = self._arm or "an arm that is being set up"
+                return encode_value(StopResult(arm, self.port.name, bool(held), held, (), ()))
+            case Command.WHERE | Command.RELAX:
+                raise PortBusyError(self.port.name, "a program that sets up or calibrates servos")
