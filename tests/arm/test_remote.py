@@ -38,9 +38,10 @@ def device(tmp_path, monkeypatch):
 def arm(device):
     """An arm whose own program listens; the simulated bus itself could be asked by nobody."""
     with ikservo.open_arm("so101", port="sim:?pose=home") as machine:
-        machine._server = serve(device, command_handler(ArmService(machine)))
+        server = serve(device, command_handler(ArmService(machine)))
         motion_runner(machine).caches_states = True
         yield machine
+        server.close()
 
 
 @pytest.fixture
