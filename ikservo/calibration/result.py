@@ -1,7 +1,8 @@
 """The result of a calibration: measured joints, the calibration to save, expected registers.
 
 A joint's stops are near the limits of the arm file. If one end of the recorded range is far
-beyond its limit and the other end is not, the zero is shifted: the arm was not in the pose.
+beyond its limit and the other end is not, the zero is shifted: the arm was not in the pose. A range
+as wide as that of the arm file shows a much smaller shift.
 """
 
 from __future__ import annotations
@@ -32,8 +33,11 @@ __all__ = [
     "measure_joint",
 ]
 
-_MAX_SHIFT_RAD = math.radians(10.0)
-_MAX_SHIFT_M = 0.004
+# The largest shift of the zero that is not doubted, by unit: where the range differs from the arm
+# file's, and where it is as wide, so that its stops are known to be those of the arm file.
+_MAX_SHIFT = {"rad": math.radians(10.0), "m": 0.004}
+_MAX_SHIFT_OF_SAME_WIDTH = {"rad": math.radians(2.5), "m": 0.001}
+_SAME_WIDTH = {"rad": math.radians(1.0), "m": 0.0005}
 
 
 @dataclass(frozen=True, slots=True)
@@ -332,10 +336,9 @@ def find_shifted_zeros(state: CalibrationState) -> Iterator[ShiftedZero]:
             continue
         above = ends[1] - subject.expected.upper.value
         below = subject.expected.lower.value - ends[0]
-        shift = (above - below) / 2
-        if min(max(above, below), abs(shift)) > _max_shift(subject):
+        shift, unit = (above - below) / 2, subject.joint_map.unit
+        is_same_width = abs(above + below) <= _SAME_WIDTH[unit]
+        if min(max(above, below), abs(shift)) > _MAX_SHIFT[unit] or (
+            is_same_width and abs(shift) > _MAX_SHIFT_OF_SAME_WIDTH[unit]
+        ):
             yield ShiftedZero(subject, ends, -shift)
-
-
-def _max_shift(subject: JointUnderCalibration) -> float:
-    return _MAX_SHIFT_RAD if subject.joint_map.unit == "rad" else _MAX_SHIFT_M

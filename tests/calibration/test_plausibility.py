@@ -27,15 +27,30 @@ def shifts_of(one, *ticks):
 @pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize(("shift_m", "reported"), [(0.0039, False), (0.0041, True)])
 def test_a_slide_may_be_off_by_four_millimetres(way, shift_m, reported):
-    ends = [round((way * shift_m + end) * TICKS_PER_M) for end in (-0.02, 0.02)]
+    ends = [round((way * shift_m + end) * TICKS_PER_M) for end in (-0.0205, 0.0205)]
     found = shifts_of(SLIDE, *ends)
     assert found == ([pytest.approx(-way * shift_m, abs=1e-4)] if reported else [])
 
 
 @pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize(("shift_m", "reported"), [(0.0009, False), (0.0011, True)])
+def test_slide_of_same_width_may_be_off_by_a_millimetre(way, shift_m, reported):
+    ends = [round((way * shift_m + end) * TICKS_PER_M) for end in (-0.02, 0.02)]
+    assert len(shifts_of(SLIDE, *ends)) == reported
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize(("shift_deg", "reported"), [(2.3, False), (2.7, True), (7.1, True)])
+def test_turn_of_same_width_may_be_off_by_two_and_a_half_degrees(way, shift_deg, reported):
+    ends = [round(way * shift_deg / 360 * TURN + end / math.tau * TURN) for end in (-1.5, 1.5)]
+    found = [math.degrees(shift) for shift in shifts_of(subject(), *ends)]
+    assert found == ([pytest.approx(-way * shift_deg, abs=0.1)] if reported else [])
+
+
+@pytest.mark.parametrize("way", [1, -1])
 @pytest.mark.parametrize(("shift_deg", "reported"), [(9.9, False), (10.1, True)])
 def test_a_turn_may_be_off_by_ten_degrees(way, shift_deg, reported):
-    ends = [round(way * shift_deg / 360 * TURN + end / math.tau * TURN) for end in (-1.5, 1.5)]
+    ends = [round(way * shift_deg / 360 * TURN + end / math.tau * TURN) for end in (-1.53, 1.53)]
     found = [math.degrees(shift) for shift in shifts_of(subject(), *ends)]
     assert found == ([pytest.approx(-way * shift_deg, abs=0.1)] if reported else [])
 

@@ -245,6 +245,17 @@ def test_killed_search_is_over_once_arm_is_calibrated(arm, narrow, run_cli, kill
     assert run_cli(f"where --arm {narrow} --port {PORT}").code == 0
 
 
+@pytest.mark.full
+@pytest.mark.timeout(400)
+def test_sagged_pose_is_not_saved_without_a_question(arm, narrow, run_cli):
+    set_stops(arm, "joint2", -0.436, 0.436)  # where the arm file has them
+    arm.world.place("joint2", math.radians(5.0 + 7.1))
+    done = auto(run_cli, narrow, "--skip joint1")
+    assert (done.code, saved()) == (6, None), done.err
+    assert "joint2: swept" in done.err
+    assert "the zero seems to be off by 7." in done.err
+
+
 def counts(arm):
     return [servo.read("homing_offset") for servo in arm.line.servos.values()]
 
