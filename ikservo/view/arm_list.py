@@ -156,6 +156,9 @@ class ArmList:
             url = self._downloads.offer(Download("", arm.video.stream, VIDEO_TYPE))
             self._addresses.setdefault(client_id, []).append({"kind": "camera_url", "url": url})
             return
+        if isinstance(message, StopArms):  # whoever sees the arms
+            self._stop_arms(message)
+            return
         if self._permissions[client_id] is not Permission.CONTROL:
             raise BadMessageError("This page is for watching only.", "Open the other address.")
         match message:
@@ -165,8 +168,6 @@ class ArmList:
                 self._arms.start_opening(self._choices.found.choose(message.arm, message.port))
             case CloseArm():
                 self._arms.start_closing(message.name)
-            case StopArms():
-                self._stop_arms(message)
             case StartNewArm():
                 self._start_new_arm(message)
             case AnswerNewArm():

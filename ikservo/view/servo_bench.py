@@ -180,11 +180,11 @@ class ServoBench:
         Raises:
             BadMessageError: Not permitted, or too much is waiting.
         """
-        if self._pages[client_id].permission is not Permission.CONTROL:
-            raise BadMessageError("This page is for watching only.", "Open the other address.")
         if isinstance(message, WorkOnServo) and message.action == "stop":
             self._stop_trial()
             return
+        if self._pages[client_id].permission is not Permission.CONTROL:
+            raise BadMessageError("This page is for watching only.", "Open the other address.")
         try:
             self._commands.put_nowait((client_id, message))
         except queue.Full:

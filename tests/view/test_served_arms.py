@@ -166,16 +166,18 @@ def test_a_port_that_is_not_offered_or_in_use_is_refused(two_arms, monkeypatch):
     assert [arm.name for arm in arms.all()] == ["so101", "koch"]
 
 
-def test_who_may_only_watch_sees_the_arms_and_opens_stops_and_closes_none(two_arms):
+def test_watcher_sees_and_stops_arms_and_opens_and_closes_none(two_arms):
     arms, listed = two_arms
     client = listed.connect(Permission.WATCH)
     assert set(said(listed, client)) == {"so101", "koch"}
     for kind, fields in [("find_choices", {}), ("open_arm", {"arm": "koch", "port": "sim"}),
-                         ("close_arm", {"name": "koch"}), ("stop_arms", {})]:  # fmt: skip
+                         ("close_arm", {"name": "koch"})]:  # fmt: skip
         with pytest.raises(BadMessageError, match="watching only"):
             tell(listed, client, kind, **fields)
     assert [arm.is_open for arm in arms.all()] == [True, True]
-    assert not any(arm.arm_thread.snapshot.stop_notice for arm in arms.all())
+    assert not any(arm.arm_thread.arm.stop_reason for arm in arms.all())
+    tell(listed, client, "stop_arms")
+    assert all(arm.arm_thread.arm.stop_reason for arm in arms.all())
 
 
 def test_own_arms_are_listed_with_the_port_at_which_they_are_now(tmp_path, monkeypatch):

@@ -451,7 +451,17 @@ def refused_request(session, client, asking, why):
 
 
 def test_who_only_watches_changes_nothing(session):
-    refused_request(session, session.connect(Permission.WATCH), ASKING, "for watching only")
+    asking = [(kind, fields) for kind, fields in ASKING if kind is not page_messages.Stop]
+    refused_request(session, session.connect(Permission.WATCH), asking, "for watching only")
+
+
+def test_watcher_stops_arm_and_cannot_acknowledge(session):
+    watcher = session.connect(Permission.WATCH)
+    session.send_message(page_messages.Stop, watcher)
+    assert session.arm.stop_reason.kind is StopKind.CLIENT
+    with pytest.raises(BadMessageError, match="for watching only"):
+        session.send_message(page_messages.Acknowledge, watcher)
+    assert session.arm.stop_reason
 
 
 def test_who_is_not_in_control_changes_nothing(session):

@@ -142,7 +142,7 @@ function showStatus(status) {
   program.show(status);
   actions.show(status);
   leader.show(status);
-  stopButton.show(status, armInfo.permission);
+  stopButton.show(status);
   calibration.show(status.calibration);
   showAllAround(Boolean(status.calibration));
   plots.showStatus(status);

@@ -28,11 +28,11 @@ export class StopButton {
   }
 
   // Called with every status: the server has answered.
-  show({ mode }, permission) {
-    $("stop").disabled = permission !== "control";
+  show({ mode }) {
+    $("stop").disabled = false; // whoever sees the arm may stop it
     if (this.sentAt !== null && mode !== "stopped") return;
     this.sentAt = null;
-    setText($("stop-word"), permission === "control" ? "Stop" : "Watching");
+    setText($("stop-word"), "Stop");
   }
 
   // There is no connection: a stop cannot be sent.
