@@ -19,7 +19,7 @@ from rich.text import Text
 from ikservo.calibration.joint_map import JointUnit
 from ikservo.calibration.procedure import JointProgress, JointReadout
 from ikservo.cli.options import YesOption
-from ikservo.cli.terminal import Keys, confirm, print_status, read_answer, read_keys
+from ikservo.cli.terminal import Keys, confirm, print_status, printable, read_answer, read_keys
 from ikservo.errors import IkservoError, InputError
 from ikservo.maintenance.dialogue import (
     ACCEPT,
@@ -177,7 +177,7 @@ class _RequestScreen:
         """Show what is being done in a line of its own; nothing where stderr is no terminal."""
         if sys.stderr.isatty():
             self._overwrites = True
-            print(f"\r\x1b[2K{text} …", end="", file=sys.stderr, flush=True)  # noqa: T201
+            print(f"\r\x1b[2K{printable(text)} …", end="", file=sys.stderr, flush=True)  # noqa: T201
 
     def show_and_answer(self, request: HandRequest) -> str | None:
         """Show a request, and return the answer to it if there is one."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import io
-import json
 import os
 import re
 import shlex
@@ -15,7 +14,7 @@ from dataclasses import dataclass
 from itertools import zip_longest
 from typing import NoReturn
 
-from ikservo.cli.terminal import print_status
+from ikservo.cli.terminal import print_json, print_status
 from ikservo.errors import ExitCode, IkservoError
 
 __all__ = ["COMMAND", "console", "main", "with_connection_options"]
@@ -288,9 +287,8 @@ def _error_chain(error: BaseException | None) -> Iterator[BaseException]:
 
 def _report_error(message: str, hint: str, code: ExitCode, *, as_json: bool = False) -> int:
     if as_json:
-        report = {"schema": "ikservo/error/1", "error": message, "hint": hint, "exit_code": code}
         with contextlib.suppress(OSError):  # the reader of stdout has exited
-            print(json.dumps(report, ensure_ascii=False))  # noqa: T201
+            print_json("error", error=message, hint=hint, exit_code=code)
     with contextlib.suppress(OSError):  # the terminal was closed: only the exit code remains
         print_status(message)
         if hint:

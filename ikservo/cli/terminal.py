@@ -29,6 +29,7 @@ __all__ = [
     "print_lines",
     "print_status",
     "print_table",
+    "printable",
     "progress_bar",
     "read_answer",
     "read_keys",
@@ -61,9 +62,27 @@ def terminal_width(stream: TextIO) -> int | None:
         return shutil.get_terminal_size().columns
 
 
+# Control characters besides tab and new line, and those that reverse the direction of what follows.
+_CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u202a-\u202e\u2066-\u2069]")
+
+
+def printable(text: str) -> str:
+    """Spell out control characters, which could come from a file or the network.
+
+    On a terminal they could move the cursor, hide what was printed, or type an answer.
+    """
+    return _CONTROL.sub(lambda found: ascii(found[0])[1:-1], text)
+
+
+def _printable_json(value: object) -> str:
+    """Encode a value as JSON that is safe on a terminal and readable."""
+    text = json.dumps(value, default=_to_json_value, ensure_ascii=False)
+    return _CONTROL.sub(lambda found: f"\\u{ord(found[0]):04x}", text)
+
+
 def fold_for_stream(text: str, stream: TextIO = sys.stderr, indent: int = 0) -> str:
-    """Return text folded for a stream, see `fold`; unchanged if that is no terminal."""
-    width = terminal_width(stream)
+    """Return printable text, folded for a stream if that is a terminal; see `fold`."""
+    text, width = printable(text), terminal_width(stream)
     if width is None:
         return text
     return "\n".join("\n".join(fold(line, width, indent)) for line in text.split("\n"))
@@ -120,9 +139,7 @@ def print_json(schema: str, **fields: object) -> None:
 
     It is flushed: a program at the other end of a pipe may wait for it while the command runs.
     """
-    report = {"schema": f"ikservo/{schema}/1", **fields}
-    text = json.dumps(report, default=_to_json_value, ensure_ascii=False)
-    print(text, flush=True)  # noqa: T201
+    print(_printable_json({"schema": f"ikservo/{schema}/1", **fields}), flush=True)  # noqa: T201
 
 
 def print_lines(lines: Iterable[str], indent: int = 0) -> None:
@@ -139,7 +156,7 @@ def print_table(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     from rich.console import Console  # noqa: PLC0415
     from rich.table import Table  # noqa: PLC0415
 
-    rows = [list(row) for row in rows]
+    rows = [[printable(text) for text in row] for row in rows]
     terminal = terminal_width(sys.stdout)
     fitting = len(columns) if terminal is None else _count_fitting_columns(columns, rows, terminal)
     table = Table(box=None, pad_edge=False, header_style="bold")
@@ -215,7 +232,7 @@ def progress_bar() -> Generator[Show | None]:
 
         def show(what: str, done: float, total: float) -> None:
             known = total if math.isfinite(total) else None
-            bar.update(task, description=what, completed=done, total=known)
+            bar.update(task, description=printable(what), completed=done, total=known)
 
         yield show
 
