@@ -28,7 +28,7 @@ from ikservo.arm.run_by_kind import run_motion
 from ikservo.arm.scene import Scene
 from ikservo.arm.service import ArmService
 from ikservo.arm.setpoint_stream import open_stream
-from ikservo.arm.stoppable_bus import StoppableBus
+from ikservo.arm.stoppable_bus import StopListener
 from ikservo.clock import Clock
 from ikservo.guard import StopKind, StopReason
 from ikservo.kinematics import Chain, JointIndex
@@ -186,11 +186,11 @@ class Arm(MotionMethods):
 
         Where one of them has stopped this program already, the arm is stopped.
         """
-        bus = self._context.servos.bus
-        if not isinstance(bus, StoppableBus) or not bus.is_served:
+        listener = self._context.servos.bus.stop_listener
+        if not isinstance(listener, StopListener) or not listener.is_served:
             return
         self._runner.caches_states = True
-        stopped = bus.hand_over(command_handler(ArmService(self)))
+        stopped = listener.hand_over(command_handler(ArmService(self)))
         if stopped:
             self.request_stop(StopReason(StopKind.CLIENT, stopped))
 
@@ -362,6 +362,6 @@ class Arm(MotionMethods):
 
     def _leave(self) -> None:
         self.scene.close()
-        bus = self._context.servos.bus
-        if isinstance(bus, StoppableBus):
-            bus.stop_serving()
+        listener = self._context.servos.bus.stop_listener
+        if listener is not None:
+            listener.close()

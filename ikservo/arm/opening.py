@@ -23,7 +23,7 @@ from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.networks import ArmNetwork, find_network
 from ikservo.arm.scene import arm_sag
-from ikservo.arm.stoppable_bus import StoppableBus
+from ikservo.arm.stoppable_bus import stoppable
 from ikservo.calibration.identified_file import load_identified
 from ikservo.control.feed_forward import FeedForward
 from ikservo.control.goal_compensation import GoalCompensator
@@ -68,7 +68,7 @@ __all__ = [
 ]
 
 
-def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> StoppableBus:
+def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> ServoBus:
     """Open the port of an arm's servos; nothing is sent yet.
 
     From now on the user's other programs can stop this one.
@@ -85,7 +85,7 @@ def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> Stop
     specs = servo_specs(model)
     url, ids = resolve_port(model, port), [spec.id for spec in specs]
     opened_port = open_port(url, model.baud_rate, model.name, ids)
-    return StoppableBus(opened_port, specs, retries=retries, arm=model.name)
+    return stoppable(ServoBus(opened_port, specs, retries=retries), model.name)
 
 
 def disable_torque_unchecked(model: Model, port: str | None) -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Sequence
 
 from ikservo.arm.control_client import Command, Request, StopResult
 from ikservo.arm.control_server import ControlServer, RequestHandler, serve
@@ -12,42 +11,45 @@ from ikservo.arm.stop_marks import forget_marks, has_mark
 from ikservo.control.stop_requests import REQUEST_HINT
 from ikservo.errors import PortBusyError, StoppedError
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.port import Port
 from ikservo.hardware.remembered_port import is_simulated
-from ikservo.hardware.servo import ServoSpec
 
-__all__ = ["StoppableBus"]
+__all__ = ["StopListener", "stoppable"]
 
 
 _EARLY = "Stopped from another terminal before the port was opened."
 _STOPPED = "Stopped from another terminal."
 
 
-class StoppableBus(ServoBus):
-    """The servos on a port, for a program that may switch their torque on.
-
-    Other programs of this user stop it through the control socket of the port: from then on no
-    servo gets torque. Once an ``Arm`` has the bus, the requests go to that arm. The simulated bus
-    of this process has no socket, because no other program can know it.
+def stoppable(bus: ServoBus, arm: str = "") -> ServoBus:
+    """Let the user's other programs stop what this one does with a bus; return the bus.
 
     Args:
-        port: The port.
-        servos: See ``ServoBus``.
-        retries: See ``ServoBus``.
+        bus: The bus, which may switch torque on.
+        arm: The name of the arm; empty if the servos are of none.
+    """
+    bus.stop_listener = StopListener(bus, arm)
+    return bus
+
+
+class StopListener:
+    """Hears the stops of other programs for a bus; see ``stoppable``.
+
+    From a stop on no servo gets torque. Once an ``Arm`` has the bus, the requests go to that arm.
+    The simulated bus of this process has no socket, because no other program can know it.
+
+    Args:
+        bus: The bus.
         arm: The name of the arm; empty if the servos are of none.
     """
 
-    def __init__(
-        self, port: Port, servos: Sequence[ServoSpec], *, retries: int = 2, arm: str = ""
-    ) -> None:
-        super().__init__(port, servos, retries=retries)
-        self._arm, self._stop_text = arm, ""
+    def __init__(self, bus: ServoBus, arm: str) -> None:
+        self._bus, self._arm, self._stop_text = bus, arm, ""
         self._arm_handler: RequestHandler | None = None
         self._turn = threading.Lock()
         self._server: ControlServer | None = None
-        if not is_simulated(port.name):
-            self._server = serve(port.name, self._handle, arm)
-            if has_mark(port.name, arm):
+        if not is_simulated(bus.port.name):
+            self._server = serve(bus.port.name, self._handle, arm)
+            if has_mark(bus.port.name, arm):
                 self._stop_text = _EARLY
 
     @property
@@ -76,11 +78,6 @@ class StoppableBus(ServoBus):
             raise StoppedError(self._stop_text, REQUEST_HINT)
 
     def close(self) -> None:
-        """Stop listening and close the port."""
-        self.stop_serving()
-        super().close()
-
-    def stop_serving(self) -> None:
         """Stop listening; the port stays open."""
         if self._server is not None:
             self._server.close()
@@ -97,12 +94,16 @@ class StoppableBus(ServoBus):
     def _handle_alone(self, request: Request) -> object:
         match request.do:
             case Command.WHO:
-                return {"arm": self._arm, "port": self.port.name}
+                return {"arm": self._arm, "port": self._bus.port.name}
             case Command.STOP:
                 self._stop_text = _STOPPED
-                on = (servo for servo in self.servos.values() if self.is_torque_on(servo.id))
+                on = (
+                    servo for servo in self._bus.servos.values() if self._bus.is_torque_on(servo.id)
+                )
                 held = tuple(dict.fromkeys(servo.name or str(servo.id) for servo in on))
                 arm = self._arm or "an arm that is being set up"
-                return encode_value(StopResult(arm, self.port.name, bool(held), held, (), ()))
+                return encode_value(StopResult(arm, self._bus.port.name, bool(held), held, (), ()))
             case Command.WHERE | Command.RELAX:
-                raise PortBusyError(self.port.name, "a program that sets up or calibrates servos")
+                raise PortBusyError(
+                    self._bus.port.name, "a program that sets up or calibrates servos"
+                )

@@ -269,7 +269,9 @@ class ServoBus(RegisterAccess):
         )  # the servos may have been without power
 
     def close(self) -> None:
-        """Close the port."""
+        """Stop listening for stops, and close the port."""
+        if self.stop_listener is not None:
+            self.stop_listener.close()
         self.port.close()
 
     def __enter__(self) -> Self:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import contextlib
 from collections.abc import Generator, Mapping, Sequence
-from typing import Literal, NoReturn, overload
+from typing import Literal, NoReturn, Protocol, overload
 
 from ikservo.clock import Clock
 from ikservo.errors import BadValueError, BusError, PortError, RegisterAccessError
@@ -30,6 +30,18 @@ is on another revolution and would turn all the way back.
 """
 
 
+class StopListening(Protocol):
+    """Hears the stops of other programs for a bus."""
+
+    def check_may_move(self) -> None:
+        """Raise ``StoppedError`` once another program has stopped this one."""
+        ...
+
+    def close(self) -> None:
+        """Stop listening."""
+        ...
+
+
 class RegisterAccess:
     """Read and write registers of single servos; ``ServoBus`` adds group operations.
 
@@ -47,6 +59,7 @@ class RegisterAccess:
         self.servos: Mapping[int, ServoSpec] = {servo.id: servo for servo in servos}
         self._requester = Requester(port, servos, retries, fast=fast)
         self._torque_on: set[int] = set()
+        self.stop_listener: StopListening | None = None
         self._enabling: Mapping[int, int] = {}
         self._prepared_goals = set[int]()
 
@@ -233,7 +246,13 @@ class RegisterAccess:
         return servo_id in self._torque_on
 
     def check_may_move(self) -> None:
-        """Raise where no servo may get torque or another goal; a bus that can be stopped does."""
+        """Raise once another program has stopped this one: no servo may get torque then.
+
+        Raises:
+            StoppedError: One has.
+        """
+        if self.stop_listener is not None:
+            self.stop_listener.check_may_move()
 
     @contextlib.contextmanager
     def enabling(self, measured: Mapping[int, int]) -> Generator[None]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from ikservo.arm.stoppable_bus import StoppableBus
+from ikservo.arm.stoppable_bus import stoppable
 from ikservo.errors import InputError, ServoSilentError
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.discovery import choose_port, simulated_port_url
@@ -65,7 +65,7 @@ def assign_servos(
             for draft in drafts:
                 yield Notice(f"  {_format_pose(draft)}")
             specs = [ServoSpec(each.id, each.table) for each in found if each.table]
-            with StoppableBus(line, specs) as bus:
+            with stoppable(ServoBus(line, specs)) as bus:
                 for servo in left:
                     yield from _ask_about(bus, servo, joints, assigned)
     missing = [joint for joint in joints if joint not in assigned]

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 from ikservo.arm.arguments import parse_port
 from ikservo.arm.opening import open_bus
-from ikservo.arm.stoppable_bus import StoppableBus
+from ikservo.arm.stoppable_bus import stoppable
 from ikservo.errors import (
     BusError,
     FileFormatError,
@@ -156,7 +156,7 @@ def open_servos(
             raise ServoSilentError(
                 f"{what} that replies at {tried}", "Check plug and power supply.", port=line.name
             )
-        with StoppableBus(line, specs) as bus:
+        with stoppable(ServoBus(line, specs)) as bus:
             yield ServoLine(bus, serial_number_of(line.name) or "servos")
 
 

@@ -211,7 +211,7 @@ def killed(arm, narrow, run_cli, monkeypatch):
 
 
 @pytest.mark.full
-def test_killed_search_is_told_while_torque_is_on(arm, narrow, run_cli, killed):
+def test_killed_search_is_reported_while_torque_is_on(arm, narrow, run_cli, killed):
     where = run_cli(f"where --arm {narrow} --port {PORT} --uncalibrated")
     assert (where.code, "ikservo calibration revert" in where.err) == (6, True), where.err
     doctor = run_cli(f"doctor --arm {narrow} --port {PORT}")
