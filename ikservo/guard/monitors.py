@@ -334,5 +334,6 @@ _RESET_HINT = (
 
 def torque_lost_error(joints: Sequence[str]) -> ServoAlarmError:
     """Return the error of joints whose servos have lost their torque in a motion."""
-    were = "was" if len(joints) == 1 else "were"
-    return ServoAlarmError(f"{', '.join(joints)} {were} reset: torque is off.", _RESET_HINT)
+    were, what = ("was", "joint") if len(joints) == 1 else ("were", "arm")
+    text = f"{', '.join(joints)} {were} reset: torque is off. The {what} is limp and has fallen."
+    return ServoAlarmError(text, _RESET_HINT)

@@ -7,6 +7,7 @@ import pytest
 
 from ikservo.errors import ExitCode, RefusedError, ServoAlarmError
 from ikservo.guard import HealthLimits, HealthMonitor, ServoTelemetry
+from ikservo.guard.monitors import torque_lost_error
 from ikservo.registers import Alarm
 
 WELL = ServoTelemetry("elbow", 10.0, 35.0, 7.4, 20.0, True, True, frozenset())
@@ -202,3 +203,8 @@ def test_limits_of_the_arm_file_take_the_place_of_the_usual_ones():
     assert health.release
     with pytest.raises(ServoAlarmError, match="at 20 % load"):
         see(health, time_s=11.0)
+
+
+@pytest.mark.parametrize(("joints", "what"), [(["elbow"], "joint"), (["waist", "elbow"], "arm")])
+def test_lost_torque_error_says_that_arm_fell(joints, what):
+    assert torque_lost_error(joints).message.endswith(f"The {what} is limp and has fallen.")
