@@ -131,7 +131,8 @@ class ArmCamera:
             InputError: The line of sight does not meet the table.
             CalibrationError: The arm has no calibrated camera, or it has moved since.
         """
-        z_m = table_m(self._context.model) + parse_number("The height", height_m)
+        (height_m,) = finite_vector([parse_number("The height", height_m)], 1, "The height")
+        z_m = table_m(self._context.model) + float(height_m)
         return first_seen(self._ray(u, v), (), z_m).point_m
 
     def point_seen(self, u: float, v: float) -> SeenPoint:
