@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol, cast
 
 import numpy as np
@@ -60,6 +61,8 @@ class LiveCamera:
         require_opencv()
         self.hint = ""
         self._name, self._capture = public_source(source), open_capture(source)
+        is_file = "://" not in source and Path(source).is_file()
+        self._file = source if is_file else ""
         if not self._capture.isOpened():
             raise InputError(
                 f"There is no camera {self._name}.", "Is it plugged in, and not in use?"
@@ -71,9 +74,12 @@ class LiveCamera:
         Raises:
             PictureError: The camera gives none any more.
         """
-        for _ in range(_STALE_PICTURES):
+        for _ in range(0 if self._file else _STALE_PICTURES):
             self._capture.grab()
         taken, picture = self._capture.read()
+        if self._file and not taken:  # a picture, or the end of a film: it is repeated
+            self._capture = open_capture(self._file)
+            taken, picture = self._capture.read()
         if not taken:
             raise PictureError(
                 f"Camera {self._name} gives no picture any more.", "Is it still plugged in?"

@@ -1,5 +1,6 @@
 """The name of a source of pictures, and what may not be in it."""
 
+import numpy as np
 import pytest
 
 from ikservo.errors import InputError, PictureError
@@ -73,3 +74,14 @@ def test_errors_of_a_camera_hide_its_password(monkeypatch):
     monkeypatch.setattr(pictures, "open_capture", lambda _: SilentCamera())
     with pytest.raises(PictureError, match=r"rtsp://…@127.0.0.1:1/live gives no picture"):
         pictures.LiveCamera(address).take()
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_picture_file_is_read_as_often_as_asked(tmp_path, suffix):
+    cv2 = pytest.importorskip("cv2")
+    from ikservo.eyes.pictures import LiveCamera
+
+    path = tmp_path / f"board{suffix}"
+    cv2.imwrite(str(path), np.full((48, 64, 3), 128, np.uint8))
+    camera = LiveCamera(str(path))
+    assert [camera.take().shape for _ in range(3)] == 3 * [(48, 64, 3)]
