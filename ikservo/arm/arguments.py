@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
-from pathlib import Path
 from typing import Literal, TypeVar, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.errors import BadValueError, UnknownNameError
+from ikservo.files.reading import parse_path
 from ikservo.kinematics import finite_vector
+from ikservo.kinematics.arrays import LARGEST
 
 __all__ = [
     "OnExit",
@@ -21,6 +23,7 @@ __all__ = [
     "check_iterable",
     "parse_all_positions",
     "parse_joint_positions",
+    "parse_name",
     "parse_number",
     "parse_path",
     "parse_period_s",
@@ -89,17 +92,6 @@ def check_iterable(what: str, value: object, expected: str) -> None:
         raise BadValueError(what, repr(value), expected)
 
 
-def parse_path(value: object) -> Path:
-    """Parse the path of a file.
-
-    Raises:
-        BadValueError: It is neither text nor a path.
-    """
-    if not isinstance(value, str | os.PathLike):
-        raise BadValueError("The file", repr(value), "a path")
-    return Path(cast("str", value))
-
-
 def parse_points(values: object) -> list[ArrayLike]:
     """Parse points one after another, from any iterable.
 
@@ -124,7 +116,7 @@ def parse_joint_positions(positions: object) -> dict[str, float]:
         raise BadValueError("The goal", repr(positions), 'positions by joint: {"elbow": 0.5}')
     given = cast("Mapping[object, object]", positions)
     return {
-        _check_name(name): parse_number(f"The goal of {name}", value)
+        parse_name("The name of a joint", name): parse_number(f"The goal of {name}", value)
         for name, value in given.items()
     }
 
@@ -138,9 +130,12 @@ def parse_number(what: str, value: object) -> float:
     try:
         if isinstance(value, str | bytes | bytearray | bool | np.bool_):
             raise TypeError
-        return float(value)  # pyright: ignore[reportArgumentType]
+        number = float(value)  # pyright: ignore[reportArgumentType]
     except (TypeError, ValueError, OverflowError):
         raise BadValueError(what, repr(cast("object", value)), "a number") from None
+    if math.isfinite(number) and abs(number) > LARGEST:
+        raise BadValueError(what, number, f"a number between ±{LARGEST:g}")
+    return number
 
 
 def parse_period_s(rate_hz: object) -> float | None:
@@ -164,14 +159,19 @@ def parse_port(port: object) -> str | None:
     Raises:
         BadValueError: It is neither a name nor a path.
     """
-    if port is None or isinstance(port, str):
-        return port
     if isinstance(port, os.PathLike):
-        return str(cast("os.PathLike[str]", port))
+        port = str(cast("os.PathLike[str]", port))
+    if port is None or (isinstance(port, str) and "\0" not in port):
+        return port
     raise BadValueError("The port", repr(port), "a name such as /dev/ttyACM0 or COM3, or sim")
 
 
-def _check_name(name: object) -> str:
+def parse_name(what: str, name: object) -> str:
+    """Parse a name.
+
+    Raises:
+        BadValueError: It is not text.
+    """
     if not isinstance(name, str):
-        raise BadValueError("The name of a joint", repr(name), "text")
+        raise BadValueError(what, repr(name), "text")
     return name

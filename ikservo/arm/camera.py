@@ -16,6 +16,7 @@ from ikservo.calibration.records import CalibratedCamera
 from ikservo.errors import CalibrationError, InputError, UnknownNameError
 from ikservo.eyes.board import DEFAULT_BOARD, Board
 from ikservo.eyes.camera_model import CameraModel
+from ikservo.eyes.capture import public_source
 from ikservo.eyes.pictures import Intrinsics, Picture, PictureSource
 from ikservo.eyes.sources import open_source
 from ikservo.kinematics.arrays import Vector, finite_vector, freeze_arrays
@@ -88,8 +89,12 @@ class ArmCamera:
             raise moved_error(known.check.moved_mm, known.check.turned_deg)
         return camera_model(camera)
 
-    def picture(self) -> Picture:
+    def picture(self, source: str | None = None) -> Picture:
         """Take a picture; the camera is opened with the first one, and stays open.
+
+        Args:
+            source: The whole address of a camera that asks for a password, which the calibration
+                does not store; as calibrated if None.
 
         Returns:
             Grey (h, w) or colour (h, w, 3), blue first, as OpenCV's.
@@ -102,7 +107,8 @@ class ArmCamera:
         size, camera = self.model().lens.size, known_camera(self._context, self._name)[0]
         if self._source is None:
             board = Board.named(camera.board.name if camera.board else DEFAULT_BOARD)
-            self._source = open_source(camera.source, self._context.port.transport, board)
+            source = source or camera.source
+            self._source = open_source(source, self._context.port.transport, board)
         picture = self._source.take()
         if picture.shape[1::-1] != size:
             raise size_error(picture.shape[1::-1], size)
@@ -125,7 +131,8 @@ class ArmCamera:
             InputError: The line of sight does not meet the table.
             CalibrationError: The arm has no calibrated camera, or it has moved since.
         """
-        z_m = table_m(self._context.model) + parse_number("The height", height_m)
+        (height_m,) = finite_vector([parse_number("The height", height_m)], 1, "The height")
+        z_m = table_m(self._context.model) + float(height_m)
         return first_seen(self._ray(u, v), (), z_m).point_m
 
     def point_seen(self, u: float, v: float) -> SeenPoint:
@@ -188,7 +195,9 @@ def known_camera(
     if name and name not in cameras:
         raise UnknownNameError("camera", name, filter(None, cameras))
     if not name and source is not None:
-        name = next((each for each, found in cameras.items() if found[0].source == source), "")
+        asked = public_source(source)
+        same = [each for each, found in cameras.items() if public_source(found[0].source) == asked]
+        name = same[0] if len(same) == 1 else ""
     if name not in cameras:
         if len(cameras) > 1:
             raise InputError(f"{arm} has several cameras.", f"Name one: {', '.join(cameras)}.")

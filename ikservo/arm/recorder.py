@@ -9,13 +9,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+
 from ikservo.arm.arguments import check_callable, parse_number, parse_path
 from ikservo.arm.calibrated_arm import ZeroSource
 from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.calibration.calibration_file import dump_calibration, load_calibration
 from ikservo.clock import Clock, Rate
-from ikservo.errors import BadValueError
+from ikservo.errors import BadValueError, FileFormatError
 from ikservo.files.reading import require_file
 from ikservo.kinematics import Chain
 from ikservo.model import Model
@@ -234,7 +236,15 @@ def read_recording(path: Path | str) -> Recording:
     """
     path = parse_path(path)
     require_file(path)
-    return read_mcap(path) if _is_mcap_file(path) else read_json_lines(path)
+    recording = read_mcap(path) if _is_mcap_file(path) else read_json_lines(path)
+    for what, values in (("a position", recording.joints), ("a time", recording.times_s)):
+        if values.size and not float(np.abs(values).max()) <= _LARGEST:
+            found, expected = f"has {what} of {np.abs(values).max():g}", f"at most {_LARGEST:g}"
+            raise FileFormatError(path, "", found, expected)
+    return recording
+
+
+_LARGEST = 1e6  # rad, m or s: differences of larger numbers overflow
 
 
 def _is_mcap_file(path: Path) -> bool:

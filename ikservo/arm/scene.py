@@ -12,6 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ikservo.arm.arguments import parse_name
 from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.other_arm import OtherArm
@@ -39,6 +40,7 @@ from ikservo.model.scene import (
 __all__ = ["InScene", "Scene", "arm_sag"]
 
 _LARGEST_M = 0.5  # half of a side of what a gripper holds
+_NAME = "The name of the thing"
 _WAIT_S = 0.5  # for a reading to end, not for a motion
 _others_lock = threading.RLock()  # which arms can reach each other is said in both their scenes
 
@@ -126,7 +128,7 @@ class Scene:
             FileFormatError: A value is unknown or of another type; names the key.
             RefusedError: A motion is running.
         """
-        other = self._find_arm(name)
+        other = self._find_arm(parse_name(_NAME, name))
         if other is not None:
             self._place_arm(other, sizes)
             return
@@ -230,7 +232,7 @@ class Scene:
         T = _pose_of_base(at_m, rpy_deg)
         with self._changing_both(scene):
             self._check_new(name)
-            own_name = own_name or self._context.model.name
+            own_name = parse_name(_NAME, own_name or self._context.model.name)
             while own_name in {*scene.names, *scene.held, *scene._context.chain.frames}:
                 own_name = f"another {own_name}"
             turn = Turn()
@@ -261,7 +263,7 @@ class Scene:
             UnknownNameError: There is no such thing.
             RefusedError: A motion is running.
         """
-        other = self._find_arm(name)
+        other = self._find_arm(parse_name(_NAME, name))
         if other is not None:
             self._remove_arm(other)
             return
@@ -284,6 +286,7 @@ class Scene:
             BadValueError: It is not of the scene, but a box of the arm file or a half-space.
             RefusedError: A motion is running.
         """
+        parse_name(_NAME, name)
         with self._changing():
             if name not in self._things:
                 raise UnknownNameError("thing", name, self._things)
@@ -303,6 +306,8 @@ class Scene:
         """
         if not self._held and name is None:
             return
+        if name is not None:
+            parse_name(_NAME, name)
         with self._changing():
             if name is not None and name not in self._held:
                 raise UnknownNameError("held thing", name, self._held)
@@ -337,8 +342,9 @@ class Scene:
             yield
 
     def _check_new(self, name: str) -> None:
-        if name in {*self.names, *self._held, "the table", *self._context.chain.frames}:
-            raise BadValueError("The name of the thing", repr(name), "one that is not taken")
+        taken = {*self.names, *self._held, "the table", *self._context.chain.frames}
+        if parse_name(_NAME, name) in taken:
+            raise BadValueError(_NAME, repr(name), "one that is not taken")
 
     def _tip_pose(self) -> Matrix:
         return self._context.planner.tip_pose(self._context.servos.measure_positions())

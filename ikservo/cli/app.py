@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import typer
 from typer.core import TyperCommand, TyperGroup
@@ -12,7 +12,7 @@ from typer.core import TyperCommand, TyperGroup
 from ikservo.errors import ExitCode
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
 __all__ = ["COMMANDS", "FORMER_OPTIONS", "PANELS", "app"]
 
@@ -130,12 +130,29 @@ class LazyCommandGroup(TyperGroup):
             self._listing = False
 
 
-class _RenamedOptionsCommand(TyperCommand):
-    """Accepts former option names."""
+class _CheckedCommand(TyperCommand):
+    """Accepts former option names, and no number that is not finite or absurdly large."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401
         """Parse arguments in which former option names are replaced by the current ones."""
-        return super().parse_args(ctx, list(_replace_former_options(self.name or "", args)))
+        rest = super().parse_args(ctx, list(_replace_former_options(self.name or "", args)))
+        for parameter in self.params:
+            _check_numbers(ctx, parameter, ctx.params.get(parameter.name))
+        return rest
+
+
+def _check_numbers(ctx: Any, parameter: Any, value: object) -> None:  # noqa: ANN401
+    """Refuse numbers whose products overflow, and those that are not finite."""
+    if isinstance(value, list | tuple):
+        for each in cast("Iterable[object]", value):
+            _check_numbers(ctx, parameter, each)
+    elif isinstance(value, float | int) and not abs(value) <= _LARGEST_NUMBER:
+        raise typer.BadParameter(
+            f"{value:g} is not a number between ±{_LARGEST_NUMBER:g}.", ctx=ctx, param=parameter
+        )
+
+
+_LARGEST_NUMBER = 1e9
 
 
 def _replace_former_options(command: str, args: list[str]) -> Iterator[str]:
@@ -152,7 +169,7 @@ def _load_command(name: str) -> Any:  # noqa: ANN401
     command = with_options_of_groups(module.command)
     single = typer.Typer(add_completion=False)
     settings: dict[str, Any] = getattr(module, "CONTEXT_SETTINGS", {})
-    single.command(name, cls=_RenamedOptionsCommand, context_settings=settings)(command)
+    single.command(name, cls=_CheckedCommand, context_settings=settings)(command)
     loaded = typer.main.get_command(single)
     loaded.name = name
     return loaded

@@ -19,6 +19,7 @@ from ikservo.cli.session import open_from_options, second_interrupt_lowers
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.errors import CalibrationError, IkservoError
 from ikservo.eyes.board import DEFAULT_BOARD, Board, require_opencv
+from ikservo.eyes.capture import public_source
 from ikservo.eyes.pictures import find_board
 from ikservo.maintenance.camera_by_hand import HandCalibration
 from ikservo.maintenance.camera_calibration import (
@@ -110,7 +111,8 @@ def calibrate_by_camera(
             before, folder = ArmBefore.of(arm), None
             if options.save_pictures is not None:
                 index = PictureIndex(
-                    arm=arm.model.name, source=source, camera_name=name, board=board.name,
+                    arm=arm.model.name, source=public_source(source), camera_name=name,
+                    board=board.name,
                     by_hand=options.by_hand, joints=arm.chain.names,
                 )  # fmt: skip
                 folder = PictureFolder(options.save_pictures, index, before.calibration)

@@ -9,6 +9,7 @@ import re
 import shlex
 import signal
 import sys
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
@@ -171,6 +172,17 @@ def _run_and_report(args: Sequence[str]) -> _Outcome:
     """Run one command; report errors on stderr."""
     args = list(args)
     _prepare_streams()
+    with warnings.catch_warnings():
+        warnings.showwarning = _print_warning
+        return _run_reporting_failures(args)
+
+
+def _print_warning(message: Warning | str, *_: object, **__: object) -> None:
+    """Print a warning as a sentence, without the place in the code that gave it."""
+    print_status(str(message))
+
+
+def _run_reporting_failures(args: list[str]) -> _Outcome:
     try:
         code = _run_command([_NEGATIVE.sub("\N{MINUS SIGN}", arg) for arg in args])
         sys.stdout.flush()  # here, where a full disk can still be reported

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Protocol, cast
 
 import numpy as np
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from ikservo.errors import CalibrationError, InputError, PictureError
 from ikservo.eyes.board import Board, require_opencv
-from ikservo.eyes.capture import open_capture
+from ikservo.eyes.capture import open_capture, public_source
 from ikservo.eyes.estimation import BoardSample, LensTerms
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.se3 import exp_so3, make_pose, skew
@@ -59,9 +60,13 @@ class LiveCamera:
     def __init__(self, source: str) -> None:
         require_opencv()
         self.hint = ""
-        self._source, self._capture = source, open_capture(source)
+        self._name, self._capture = public_source(source), open_capture(source)
+        is_file = "://" not in source and Path(source).is_file()
+        self._file = source if is_file else ""
         if not self._capture.isOpened():
-            raise InputError(f"There is no camera {source}.", "Is it plugged in, and not in use?")
+            raise InputError(
+                f"There is no camera {self._name}.", "Is it plugged in, and not in use?"
+            )
 
     def take(self) -> Picture:
         """Take a picture; older ones that the driver holds are thrown away.
@@ -69,12 +74,15 @@ class LiveCamera:
         Raises:
             PictureError: The camera gives none any more.
         """
-        for _ in range(_STALE_PICTURES):
+        for _ in range(0 if self._file else _STALE_PICTURES):
             self._capture.grab()
         taken, picture = self._capture.read()
+        if self._file and not taken:  # a picture, or the end of a film: it is repeated
+            self._capture = open_capture(self._file)
+            taken, picture = self._capture.read()
         if not taken:
             raise PictureError(
-                f"Camera {self._source} gives no picture any more.", "Is it still plugged in?"
+                f"Camera {self._name} gives no picture any more.", "Is it still plugged in?"
             )
         return np.asarray(picture, dtype=np.uint8)
 

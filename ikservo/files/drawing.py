@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.errors import BadValueError, FileFormatError, InputError
-from ikservo.files.reading import quote, read_text
+from ikservo.files.reading import parse_path, quote, read_text
 
 if TYPE_CHECKING:
     from svgelements import PathSegment
@@ -114,7 +114,7 @@ def read_drawing(path: Path | str, unit: str | None = None) -> Drawing:
         InputError: svgelements is not installed.
         BadValueError: The unit is neither, or contradicts the file.
     """
-    file = Path(path)
+    file = parse_path(path)
     if unit is not None and unit not in _UNITS_M:
         raise BadValueError("The unit", quote(str(unit)), "m or mm")
     text = read_text(file, _MAX_BYTES)

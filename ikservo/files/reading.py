@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 import json
+import os
 import os.path
 import re
 import stat
 import tomllib
 from collections.abc import Callable
 from pathlib import Path, PurePosixPath
-from typing import Any, NoReturn
+from typing import Any, NoReturn, cast
 
-from ikservo.errors import FileFormatError
+from ikservo.errors import BadValueError, FileFormatError
 
 __all__ = [
     "parse_json",
+    "parse_path",
     "parse_toml",
     "path_inside",
     "quote",
@@ -26,6 +28,17 @@ __all__ = [
 
 _OUTWARD = ("\\", ":", "\0")  # other separators, drives and schemes such as package:// or http://
 _MAX_NAME_CHARS = 1024
+
+
+def parse_path(value: object) -> Path:
+    """Parse the path of a file.
+
+    Raises:
+        BadValueError: It is neither text nor a path.
+    """
+    if not isinstance(value, str | os.PathLike):
+        raise BadValueError("The file", repr(value), "a path")
+    return Path(cast("str", value))
 
 
 def read_text(path: Path, limit_bytes: int) -> str:

@@ -17,9 +17,11 @@ __all__ = [
     "MeshFit",
     "Triangles",
     "allowed_excess_m",
+    "extent_m",
     "fit_capsules",
     "merge_vertices",
     "outermost",
+    "simplify",
 ]
 
 Triangles = NDArray[np.float64]
@@ -30,9 +32,12 @@ _EXCESS_M, _EXCESS_FRACTION = 0.010, 0.10
 _CELL_FRACTION = 1 / 200  # of the size of a mesh: vertices nearer to each other become one
 _PIECE_FRACTION = 1 / 10  # of the size: pieces that are contained by other meshes or not
 _SAMPLES = 40  # of the size: points of the surface are at most so far apart
+_MAX_FITTED = 30_000  # triangles: of a mesh with more, vertices farther apart become one
+_MAX_PIECES = 100_000  # into which triangles are cut: larger surfaces are sampled more coarsely
 _CUTS = (0.5, 0.35, 0.65)  # where a part is cut, of its extent
 _CIRCLE_STEPS = 60
 _DIRECTIONS = 192
+_MAX_SEARCHED = 6_000  # points: of more, some are searched in all directions, and all in few
 _BLOCK = 2048
 
 
@@ -82,7 +87,12 @@ class MeshFit:
 
 def allowed_excess_m(triangles: Triangles) -> float:
     """Return how far capsules may be from a mesh: 10 mm, or a tenth of its largest extent."""
-    return max(_EXCESS_M, _EXCESS_FRACTION * float(np.ptp(triangles.reshape(-1, 3), axis=0).max()))
+    return max(_EXCESS_M, _EXCESS_FRACTION * extent_m(triangles))
+
+
+def extent_m(triangles: Triangles) -> float:
+    """Return the largest extent of triangles along an axis."""
+    return float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
 
 
 def fit_capsules(
@@ -105,8 +115,8 @@ def fit_capsules(
         given: The capsules of those of them that were fitted before.
     """
     allowed_m = allowed_excess_m(triangles)
-    size_m = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
-    merged, moved_m = merge_vertices(triangles, size_m * _CELL_FRACTION)
+    size_m = extent_m(triangles)
+    merged, moved_m = simplify(triangles, size_m * _CELL_FRACTION)
     outside = _outside(merged, given, moved_m, size_m * _PIECE_FRACTION)
     if not len(outside):
         return MeshFit((), 0.0, allowed_m)
@@ -154,14 +164,30 @@ def _outside(
 ) -> Triangles:
     """Return what of some triangles no capsule contains, in pieces about as long as an edge."""
     kept: list[Triangles] = []
+    edge_m = _affordable_m(triangles, edge_m, _MAX_FITTED)
     while len(triangles) and capsules:
-        depths_m = [capsule.depth_m(triangles.reshape(-1, 3)) for capsule in capsules]
-        inside = (np.array(depths_m).reshape(len(capsules), -1, 3).min(axis=2) >= moved_m).any(0)
+        inside = np.zeros(len(triangles), dtype=np.bool_)
+        for capsule in capsules:
+            depths_m = capsule.depth_m(triangles.reshape(-1, 3)).reshape(-1, 3)
+            inside |= depths_m.min(axis=1) >= moved_m
         triangles = triangles[~inside]
-        edges = np.sqrt(_squares(triangles - triangles[:, (2, 0, 1)]).max(axis=1))
-        kept.append(triangles[edges <= edge_m])
-        triangles = _quarters(triangles[edges > edge_m])
+        is_short = _longest_edges(triangles) <= edge_m
+        kept.append(triangles[is_short])
+        triangles = _halves(triangles[~is_short])
     return np.concatenate([*kept, triangles])
+
+
+def simplify(triangles: Triangles, cell_m: float) -> tuple[Triangles, float]:
+    """Merge vertices in cells of a grid, larger ones until few enough triangles are left.
+
+    Returns:
+        The triangles left, and how far the farthest vertex was moved.
+    """
+    merged, moved_m = merge_vertices(triangles, cell_m)
+    while len(merged) > _MAX_FITTED and cell_m > 0.0:
+        cell_m *= 2.0 if len(merged) > 4 * _MAX_FITTED else 1.4
+        merged, moved_m = merge_vertices(triangles, cell_m)
+    return merged, moved_m
 
 
 def merge_vertices(triangles: Triangles, cell_m: float) -> tuple[Triangles, float]:
@@ -244,28 +270,50 @@ class _SampledSurface:
 
 
 def _sample_surface(triangles: Triangles, spacing_m: float) -> Matrix:
-    """Sample points of a surface (n, 3), nowhere much farther apart than the spacing."""
+    """Sample points of a surface (n, 3), nowhere much farther apart than the spacing.
+
+    If the surface is too large for that, they are farther apart: distances come out larger.
+    """
     done: list[Matrix] = []
-    for _ in range(12):
-        edges = np.sqrt(_squares(triangles - triangles[:, (2, 0, 1)]).max(axis=1))
-        done.append(triangles[edges <= spacing_m].reshape(-1, 3))
-        triangles = triangles[edges > spacing_m]
-        if not len(triangles):
-            break
-        triangles, _ = merge_vertices(_quarters(triangles), 0.2 * spacing_m)
-    return _thin_out(np.concatenate([*done, triangles.reshape(-1, 3)]), 0.3 * spacing_m)
+    spacing_m = _affordable_m(triangles, spacing_m, _MAX_PIECES)
+    while len(triangles):
+        is_short = _longest_edges(triangles) <= spacing_m
+        done.append(_thin_out(triangles[is_short].reshape(-1, 3), 0.3 * spacing_m))
+        triangles = _halves(triangles[~is_short])
+    return _thin_out(np.concatenate(done), 0.3 * spacing_m)
 
 
-def _quarters(triangles: Triangles) -> Triangles:
-    """Cut each triangle in four."""
+def _affordable_m(triangles: Triangles, edge_m: float, most: int) -> float:
+    """Return the edge, or a longer one, for which triangles need not be cut in too many pieces."""
+    longest_m = _longest_edges(triangles)
     a, b, c = triangles.transpose(1, 0, 2)
-    ab, bc, ca = 0.5 * (a + b), 0.5 * (b + c), 0.5 * (c + a)
-    corners = [(a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca)]
-    return np.concatenate([np.stack(each, axis=1) for each in corners])
+    height_m = np.linalg.norm(np.cross(b - a, c - a), axis=1) / np.maximum(longest_m, 1e-12)
+    while True:
+        cut = longest_m > edge_m
+        pieces = np.ceil(longest_m[cut] / edge_m) * np.ceil(height_m[cut] / edge_m + 1e-9)
+        if float(pieces.sum()) <= most:
+            return edge_m
+        edge_m *= 1.3
+
+
+def _longest_edges(triangles: Triangles) -> Vector:
+    """Compute the length (n,) of the longest edge of each triangle."""
+    return np.sqrt(_squares(triangles - triangles[:, (2, 0, 1)]).max(axis=1, initial=0.0))
+
+
+def _halves(triangles: Triangles) -> Triangles:
+    """Cut each triangle in two through the middle of its longest edge."""
+    longest = _squares(triangles - triangles[:, (1, 2, 0)]).argmax(axis=1)
+    ordered = (longest[:, None] + np.arange(3)) % 3
+    a, b, c = np.take_along_axis(triangles, ordered[:, :, None], axis=1).transpose(1, 0, 2)
+    middle = 0.5 * (a + b)
+    return np.concatenate([np.stack([a, middle, c], axis=1), np.stack([middle, b, c], axis=1)])
 
 
 def _thin_out(points: Matrix, cell_m: float) -> Matrix:
     """Keep one of the points (n, 3) in each cell of a grid."""
+    if not len(points):
+        return points
     return points[np.unique(_cell_keys(points, cell_m), return_index=True)[1]]
 
 
@@ -354,11 +402,19 @@ def _best_thickness(
 
 def outermost(points: Matrix) -> Matrix:
     """Return the points (k, 3) of some that are the farthest along evenly spread directions."""
-    most, which = np.full(_DIRECTIONS, -np.inf), np.zeros(_DIRECTIONS, dtype=np.intp)
-    directions = np.ascontiguousarray(_SPHERE.T.astype(np.float32))
+    if len(points) > _MAX_SEARCHED:
+        some = points[:: math.ceil(len(points) / _MAX_SEARCHED)]
+        points = np.concatenate([_farthest_along(_SPHERE[::8], points), some])
+    return _farthest_along(_SPHERE, points)
+
+
+def _farthest_along(directions: Matrix, points: Matrix) -> Matrix:
+    """Return the point (k, 3) that is the farthest along each direction (k, 3)."""
+    most, which = np.full(len(directions), -np.inf), np.zeros(len(directions), dtype=np.intp)
+    across = np.ascontiguousarray(directions.T.astype(np.float32))
     middle = points.mean(axis=0)
     for first in range(0, len(points), _BLOCK):  # what fits into a processor's cache
-        along = (points[first : first + _BLOCK] - middle).astype(np.float32) @ directions
+        along = (points[first : first + _BLOCK] - middle).astype(np.float32) @ across
         block_most = along.max(axis=0)
         farther = block_most > most
         which[farther] = first + along[:, farther].argmax(axis=0)

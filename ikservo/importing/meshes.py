@@ -5,7 +5,9 @@ from __future__ import annotations
 import contextlib
 import importlib
 import json
+import logging
 import re
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -108,15 +110,18 @@ def _gltf_triangles(tree: Any) -> float:  # noqa: ANN401  # JSON of any shape
 def _load_mesh(path: Path, data: bytes, place: str) -> Triangles:
     trimesh = _import_trimesh(path, place)
     file = trimesh.util.wrap_as_stream(data)
+    logging.getLogger("trimesh").addHandler(logging.NullHandler())  # or it writes to the terminal
     try:
-        mesh = trimesh.load(
-            file,
-            file_type=path.suffix.lower()[1:],
-            force="mesh",
-            process=False,
-            skip_materials=True,
-            resolver=_FolderResolver(path.parent),
-        )
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            mesh = trimesh.load(
+                file,
+                file_type=path.suffix.lower()[1:],
+                force="mesh",
+                process=False,
+                skip_materials=True,
+                resolver=_FolderResolver(path.parent),
+            )
         return np.array(mesh.triangles, dtype=np.float64).reshape(-1, 3, 3)
     except Exception as error:  # trimesh raises whatever the damage leads to
         why = " ".join(str(error).split())[:120] or type(error).__name__

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import importlib
-import itertools
 import math
 import posixpath
 import re
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
+from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
 from ikservo.errors import FileFormatError, InputError
-from ikservo.files.reading import path_inside, quote, read_text
+from ikservo.files.reading import path_inside, quote, read_text, require_file
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import exp_so3, make_pose, quaternion_to_matrix
 from ikservo.model.base_placement import pose_origin, pose_rpy
@@ -32,65 +35,144 @@ from ikservo.model.urdf_types import (
 from ikservo.model.urdf_xml import XmlElement, parse_xml
 
 __all__ = [
+    "arm_xml",
     "body_shapes",
-    "check_files",
     "read_mjcf",
 ]
 
 
 _MAX_BYTES = 4 * 1024 * 1024
 _MAX_INCLUDES = 32
-_FOLDERS = ("meshdir", "assetdir", "texturedir")
+_MAX_MESH_BYTES = 32 * 1024 * 1024
+_MAX_MESHES_BYTES = 256 * 1024 * 1024  # in all, each as often as the model names it
 _BROKEN_NAME = re.compile(r"""\b(file\w*|\w+dir)\s*=\s*("[^"]*[\t\r\n]|'[^']*[\t\r\n])""")
+_DROPPED_SECTIONS = (
+    "size", "option", "statistic", "visual", "custom", "extension", "contact", "sensor", "actuator",
+    "tendon", "deformable", "keyframe",
+)  # fmt: skip
+_DROPPED_ELEMENTS = {
+    "mujoco": _DROPPED_SECTIONS,
+    "asset": ("texture", "hfield"),
+    "material": ("layer",),
+    "equality": ("connect", "weld", "tendon", "flex", "distance"),
+    **dict.fromkeys(("worldbody", "body", "frame"), ("camera", "light")),
+}
+_DROPPED_ATTRIBUTES = {"material": ("texture",), "compiler": ("texturedir",)}
+"""What an arm's folder does not need: MuJoCo gets none of it."""
 
 
-def check_files(path: Path, folder: Path) -> None:
-    """Check every file name of an MJCF and of what it includes; opens only the XML files.
+def arm_xml(path: Path, folder: Path) -> str:
+    """Return an MJCF with what it includes, but only what says how an arm is built.
+
+    Pictures, height fields, key frames, cameras, sensors and actuators are left out before
+    anything is compiled. Meshes are named by their whole path.
 
     Raises:
-        FileFormatError: One is outside the folder, or the XML cannot be used; names the place.
+        FileFormatError: A file is outside the folder, too large or not a regular file, or the XML
+            cannot be used; names the place.
     """
-    waiting, roots = [path], dict[Path, XmlElement]()
-    while waiting:
-        each = waiting.pop()
-        if each in roots:
-            continue
-        if len(roots) == _MAX_INCLUDES:
-            raise FileFormatError(path, "", "it includes too many files", f"{_MAX_INCLUDES}")
-        text = read_text(each, _MAX_BYTES)
-        if _BROKEN_NAME.search(text):  # MuJoCo keeps what other readers of XML take as a blank
-            raise FileFormatError(each, "", "has a tab or a line break in a file's name", "a name")
-        roots[each] = parse_xml(each, text)
-        waiting += [  # whose names no folder of the compiler changes
-            _resolve_inside(element, path.parent, folder, element.attributes["file"])
-            for element in _all_elements(roots[each])
-            if element.tag == "include" and "file" in element.attributes
-        ]
-    elements = [element for root in roots.values() for element in _all_elements(root)]
-    folders = (each.attributes.get(key, "") for each in elements for key in _FOLDERS)
-    bases = {"", *folders}
+    root, files = _read_whole(path, path.parent, folder, set())
+    elements = _all_elements(root)
+    settings: dict[str, str] = {}
     for element in elements:
-        _check_multiplied(element)
-        names = [name for key, name in element.attributes.items() if key.startswith("file")]
-        names += [posixpath.basename(name) for name in names]  # with strippath
-        for name, base in itertools.product(names if element.tag != "include" else (), bases):
-            _resolve_inside(element, path.parent, folder, posixpath.join(base, name))
+        _check_element(element)
+        if element.tag == "compiler":
+            own = element.attributes
+            both = {"meshdir": own["assetdir"]} if "assetdir" in own else {}
+            settings |= both | dict(own)
+    mesh_bytes = 0
+    for element in elements:
+        if element.tag == "mesh" and "file" in element.attributes:
+            name = element.attributes["file"]
+            if settings.get("strippath") == "true":
+                name = posixpath.basename(name)
+            name = posixpath.join(settings.get("meshdir", ""), name)
+            mesh = _resolve_inside(element, path.parent, folder, name)
+            require_file(mesh)
+            size = mesh.stat().st_size
+            mesh_bytes += size
+            if size > _MAX_MESH_BYTES or mesh_bytes > _MAX_MESHES_BYTES:
+                raise element.error(
+                    f"mesh {quote(name)} is too large",
+                    f"at most {_MAX_MESH_BYTES >> 20} MiB, {_MAX_MESHES_BYTES >> 20} MiB in all",
+                )
+            element.attributes = {**element.attributes, "file": mesh.as_posix()}
+    for element in elements:
+        dropped = _DROPPED_ELEMENTS.get(element.tag, ())
+        element.children = [
+            each
+            for each in element.children
+            if each.tag not in dropped and each.attributes.get("type") != "hfield"
+        ]
+        dropped = ("user", *_DROPPED_ATTRIBUTES.get(element.tag, ()))
+        element.attributes = {k: v for k, v in element.attributes.items() if k not in dropped}
+    return "".join(_written(root, _LineCount(show_lines=files == 1)))
+
+
+def _read_whole(path: Path, place: Path, folder: Path, seen: set[Path]) -> tuple[XmlElement, int]:
+    """Read an MJCF with what it includes in place; return it and how many files were read.
+
+    Raises:
+        FileFormatError: One is outside the folder, included twice, or cannot be used.
+    """
+    seen.add(path.resolve())
+    text = read_text(path, _MAX_BYTES)
+    if _BROKEN_NAME.search(text):  # MuJoCo keeps what other readers of XML take as a blank
+        raise FileFormatError(path, "", "has a tab or a line break in a file's name", "a name")
+    root = parse_xml(path, text)
+    for element in _all_elements(root):
+        children: list[XmlElement] = []
+        for child in element.children:
+            if child.tag != "include" or "file" not in child.attributes:
+                children.append(child)
+                continue
+            # No folder of the compiler changes the name.
+            inner = _resolve_inside(child, place, folder, child.attributes["file"])
+            if inner.resolve() in seen:
+                raise child.error(f"includes {quote(inner.name)} again", "each file once")
+            if len(seen) == _MAX_INCLUDES:
+                raise FileFormatError(path, "", "it includes too many files", f"{_MAX_INCLUDES}")
+            children += _read_whole(inner, place, folder, seen)[0].children
+        element.children = children
+    return root, len(seen)
 
 
 _MULTIPLIES = ("replicate", "composite", "flexcomp", "attach", "model", "plugin", "skin")
-_MOST = {"width": 2048, "height": 2048, "nrow": 2048, "ncol": 2048}
 
 
-def _check_multiplied(element: XmlElement) -> None:
-    """Refuse what makes a few bytes a large model, or names one; an arm needs none of it."""
+def _check_element(element: XmlElement) -> None:
+    """Refuse what makes a few bytes a large model, names one, or is a reversed range."""
     attributes = element.attributes
     if element.tag in _MULTIPLIES or (element.tag == "mesh" and "builtin" in attributes):
         raise element.error(f"<{element.tag}> is not for arms", "bodies one by one")
-    if element.tag in ("texture", "hfield", "size"):
-        for key in attributes:
-            most = 1000 if key.startswith("nuser") else _MOST.get(key, math.inf)
-            if most < math.inf:
-                element.number(key, most=most)
+    for key in ("range", "actuatorfrcrange") if element.tag == "joint" else ():
+        if key in attributes and attributes.get(_SWITCHES[key]) != "false":
+            lower, upper = element.pair(key, most=math.inf)
+            if lower > upper:  # MuJoCo takes it as no limit
+                found = f"joint {quote(attributes.get('name', ''))} has {key} {lower:g} {upper:g}"
+                raise element.error(found, "the lower number first")
+
+
+_SWITCHES = {"range": "limited", "actuatorfrcrange": "actuatorfrclimited"}
+
+
+@dataclass(slots=True)
+class _LineCount:
+    """Where the text stands, so that MuJoCo names the lines of the file."""
+
+    show_lines: bool
+    line: int = 1
+
+
+def _written(element: XmlElement, at: _LineCount) -> Iterator[str]:
+    if at.show_lines and element.line > at.line:
+        yield "\n" * (element.line - at.line)
+        at.line = element.line
+    attributes = "".join(f" {key}={quoteattr(text)}" for key, text in element.attributes.items())
+    yield f"<{element.tag}{attributes}>"
+    for child in element.children:
+        yield from _written(child, at)
+    yield f"</{element.tag}>"
 
 
 def _resolve_inside(element: XmlElement, place: Path, folder: Path, name: str) -> Path:
@@ -179,14 +261,32 @@ def read_mjcf(path: Path, folder: Path | None = None) -> Urdf:
             joint that no servo can drive.
         InputError: The extra ``physics`` is not installed.
     """
-    check_files(path, path.parent if folder is None else folder)
+    text = arm_xml(path, path.parent if folder is None else folder)
     mujoco = _import_mujoco(path)
     try:
-        model = mujoco.MjModel.from_xml_path(str(path))
+        with _warnings_withheld(mujoco):
+            model = mujoco.MjModel.from_xml_string(text)
     except (ValueError, OSError) as error:
         why = " ".join(str(error).split())[:200]
+        if len(text.split("\n")) == 1:  # of several files: the lines are not theirs
+            why = re.sub(r",? line -?\d+", "", why)
         raise FileFormatError(path, "", f"MuJoCo refuses it: {why}", "an MJCF") from error
     return _BodyTreeReader(path, mujoco, model).build_urdf()
+
+
+@contextmanager
+def _warnings_withheld(mujoco: Any) -> Generator[None]:  # noqa: ANN401  # no types
+    """Keep MuJoCo from printing warnings, and from writing MUJOCO_LOG.TXT where the user is."""
+    before = mujoco.get_mju_user_warning()
+    mujoco.set_mju_user_warning(_ignore)
+    try:
+        yield
+    finally:
+        mujoco.set_mju_user_warning(before)
+
+
+def _ignore(_: str) -> None:
+    pass
 
 
 def _import_mujoco(path: Path) -> Any:  # noqa: ANN401  # no types

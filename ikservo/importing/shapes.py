@@ -16,9 +16,11 @@ from ikservo.importing.fitting import (
     FittedCapsule,
     MeshFit,
     Triangles,
+    extent_m,
     fit_capsules,
     merge_vertices,
     outermost,
+    simplify,
 )
 from ikservo.importing.meshes import mesh_triangles
 from ikservo.importing.stl import stl_bytes
@@ -127,8 +129,7 @@ class _LoadedMesh:
     @property
     def size_m(self) -> float:
         """Its largest extent."""
-        corners = np.zeros((1, 3)) if self.triangles is None else self.triangles.reshape(-1, 3)
-        return float(np.ptp(corners, axis=0).max())
+        return 0.0 if self.triangles is None else extent_m(self.triangles)
 
 
 class _ShapeConverter:
@@ -220,7 +221,7 @@ class _ShapeConverter:
         loaded = self._load(link, shape)
         if loaded.triangles is None:
             return np.zeros((0, 3, 3))
-        merged, _ = merge_vertices(loaded.triangles, loaded.size_m * _BESIDE_FRACTION)
+        merged, _ = simplify(loaded.triangles, loaded.size_m * _BESIDE_FRACTION)
         return merged @ rotation_rpy(*shape.rpy_rad).T + np.array(shape.xyz_m)
 
     def _note_corners(self, link: str, points_m: Matrix) -> None:
@@ -235,7 +236,7 @@ class _ShapeConverter:
                 triangles = (
                     shape.triangles_m if isinstance(shape, Surface) else mesh_triangles(link, shape)
                 )
-                size_m = float(np.ptp(triangles.reshape(-1, 3), axis=0).max())
+                size_m = extent_m(triangles)
                 if size_m > _MAX_SIZE_M:
                     self._result.notes.append(
                         f"mesh {_name_of(shape)} is left out: it is {size_m:.0f} m large."
@@ -314,7 +315,7 @@ def _triple(values: Vector) -> Triple:
 
 def _coarser(triangles: Triangles) -> Triangles:
     """Merge vertices until few enough triangles are left to be drawn quickly."""
-    cell_m = float(np.ptp(triangles.reshape(-1, 3), axis=0).max()) / 400
+    cell_m = extent_m(triangles) / 400
     while len(triangles) > MAX_PICTURE_TRIANGLES:
         triangles, _ = merge_vertices(triangles, cell_m)
         corners = triangles.transpose(1, 0, 2)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -46,14 +46,27 @@ class Structure:
     other_tips: tuple[str, ...] = ()
 
 
-def moving_joints_to(urdf: Urdf, link: str) -> tuple[str, ...]:
-    """Return the joints that move a link and follow no other, base to tip."""
-    leaders = (
-        joint.mimic.joint if joint.mimic else joint.name
-        for joint in urdf.joints_to(link)
-        if joint.kind.is_movable
-    )
-    return tuple(dict.fromkeys(leaders))
+def moving_joints(urdf: Urdf) -> dict[str, tuple[str, ...]]:
+    """Return for each link the joints that move it and follow no other, base to tip."""
+    found = {urdf.root: tuple[str, ...]()}
+    for joint in _joints_below(urdf, urdf.root):
+        leader = joint.mimic.joint if joint.mimic else joint.name
+        above = found[joint.parent]
+        is_new = joint.kind.is_movable and leader not in above
+        found[joint.child] = (*above, leader) if is_new else above
+    return found
+
+
+def _joints_below(urdf: Urdf, base: str) -> Iterator[UrdfJoint]:
+    """Yield the joints that a link carries, each before those beyond it."""
+    carried: dict[str, list[UrdfJoint]] = {}
+    for joint in urdf.joints:
+        carried.setdefault(joint.parent, []).append(joint)
+    waiting = [base]
+    while waiting:
+        joints = carried.get(waiting.pop(), ())
+        yield from joints
+        waiting += [joint.child for joint in joints]
 
 
 def find_structures(
@@ -92,7 +105,7 @@ def find_structures(
 def _possible_arms(urdf: Urdf, gripper: str | None) -> list[Structure]:
     """Return an arm for each branch that has joints enough of its own, the longest first."""
     jaws = _jaws(urdf) if gripper is None else [gripper] if gripper else []
-    joints_to = {link.name: moving_joints_to(urdf, link.name) for link in urdf.links}
+    joints_to = moving_joints(urdf)
     inner = {joint.parent for joint in urdf.joints}
     free = [name for name, moving in joints_to.items() if moving and not set(moving) & set(jaws)]
     # Where all leaves are behind the jaws, the palm is the tip.
@@ -116,7 +129,8 @@ def _possible_arms(urdf: Urdf, gripper: str | None) -> list[Structure]:
 def _structure(
     urdf: Urdf, tip: str, gripper: str | None, candidates: Sequence[str] = ()
 ) -> Structure:
-    joints = moving_joints_to(urdf, tip)
+    joints_to = moving_joints(urdf)
+    joints = joints_to[tip]
     if not joints:
         raise InputError(f"No joint moves the link {tip}.", "Give another --tip.")
     if gripper is None:
@@ -126,8 +140,7 @@ def _structure(
             f"The joint {gripper} of the jaws moves the tip {tip}.",
             "Give the palm as --tip, or --gripper none.",
         )
-    others = [name for name in candidates
-              if name != tip and moving_joints_to(urdf, name) == joints]  # fmt: skip
+    others = [name for name in candidates if name != tip and joints_to[name] == joints]
     return Structure(tip, joints, gripper, tuple(others))
 
 
@@ -141,7 +154,7 @@ def _jaws(urdf: Urdf) -> list[str]:
     """Return joints that look like those of jaws: the last of their branch, and named so."""
     movable = {joint.name: joint for joint in urdf.joints if joint.kind.is_movable}
     leaders = {joint.mimic.joint for joint in movable.values() if joint.mimic}
-    above = {link.name: moving_joints_to(urdf, link.name) for link in urdf.links}
+    above = moving_joints(urdf)
     last = {moving[-1] for moving in above.values() if moving} - {
         name for moving in above.values() for name in moving[:-1]
     }
@@ -161,7 +174,7 @@ def _is_wrist(urdf: Urdf, joint: UrdfJoint) -> bool:
 
     Of links that are named like jaws the range says nothing: some programs export all as ±180°.
     """
-    behind = [link.name for link in urdf.links if joint in urdf.joints_to(link.name)]
+    behind = [joint.child, *(each.child for each in _joints_below(urdf, joint.child))]
     tools = [name for name in behind if not _GRIPPER_WORDS.search(name)]
     words = {word.lower() for word in _GRIPPER_WORDS.findall(f"{joint.name} {joint.child}")}
     turns_hand = words == {"hand"} and joint.kind is UrdfJointType.REVOLUTE
@@ -173,10 +186,11 @@ def _own_jaws(urdf: Urdf, joints: Sequence[str]) -> str:
     """Return the best of the joints of jaws that the last joints of an arm carry; may be empty."""
     movable = {joint.name: joint for joint in urdf.joints}
     leaders = [joint.mimic.joint for joint in movable.values() if joint.mimic]
+    above = moving_joints(urdf)
     found = [
         name
         for name in _jaws(urdf)
-        if name not in joints and moving_joints_to(urdf, movable[name].parent)[-1:] == joints[-1:]
+        if name not in joints and above[movable[name].parent][-1:] == joints[-1:]
     ]
 
     def merit(name: str) -> tuple[bool, int]:
@@ -191,11 +205,8 @@ def below(urdf: Urdf, base: str) -> tuple[Urdf, list[str]]:
     Raises:
         UnknownNameError: There is no such link.
     """
-    kept, grew = {urdf.link(base).name}, True
-    while grew:
-        more = {joint.child for joint in urdf.joints if joint.parent in kept} - kept
-        kept |= more
-        grew = bool(more)
+    root = urdf.link(base).name
+    kept = {root, *(joint.child for joint in _joints_below(urdf, root))}
     joints = tuple(joint for joint in urdf.joints if joint.parent in kept)
     names = {joint.name for joint in joints}
     joints = tuple(

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from ikservo.errors import BadValueError
 
 __all__ = [
+    "LARGEST",
     "IntMatrix",
     "IntVector",
     "Matrix",
@@ -35,6 +36,8 @@ IntMatrix = NDArray[np.int64]
 
 _FLOAT64 = np.dtype(np.float64)
 # Numbers of arrays up to this size are looked at sooner as a list of Python's than by NumPy.
+LARGEST = 1e12
+"""Of a number that a program or a file may give: products of larger ones overflow."""
 _FEW = 16
 
 
@@ -131,8 +134,10 @@ def _field_names(kind: type) -> tuple[str, ...]:
 
 def _require_finite(array: Vector, what: str) -> Vector:
     is_short = array.ndim == 1 and len(array) <= _FEW
-    if is_short and math.isfinite(sum(array.tolist())):  # not where one of them is not
+    if is_short and math.hypot(*array.tolist()) <= LARGEST:  # false for NaN, too
         return array
     if not np.isfinite(array).all():
         raise BadValueError(what, str(array.tolist()), "finite numbers")
+    if array.size and float(np.abs(array).max()) > LARGEST:
+        raise BadValueError(what, str(array.tolist()), f"numbers between ±{LARGEST:g}")
     return array

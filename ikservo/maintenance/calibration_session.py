@@ -42,6 +42,7 @@ from ikservo.calibration.servo_config import (
 )
 from ikservo.calibration.transaction import commit, plan_changes, recover
 from ikservo.errors import CalibrationError, FileFormatError
+from ikservo.eyes.capture import public_source
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.remembered_port import serial_number_of
 from ikservo.hardware.torque import torque_off
@@ -289,7 +290,7 @@ def find_lost_camera(before: Calibration) -> Iterator[str]:
         yield (
             f"The camera of {camera.seen:%Y-%m-%d} was calibrated with the old zeros and is "
             f"lost with them. Repeat that: ikservo calibrate {before.arm} "
-            f"--camera {camera.source}{named}"
+            f"--camera {public_source(camera.source)}{named}"
         )
 
 

@@ -20,6 +20,7 @@ from ikservo.calibration.camera_file import SIMULATED, CameraFile, camera_names,
 from ikservo.calibration.records import CalibratedCamera, Calibration, SeenBoard
 from ikservo.errors import CalibrationError, PictureError, RefusedError
 from ikservo.eyes.board import Board
+from ikservo.eyes.capture import public_source
 from ikservo.eyes.estimation import (
     BoardSample,
     CameraEstimate,
@@ -461,7 +462,7 @@ def _calibrated_camera(source: str, result: CameraResult, written: datetime) -> 
     fx, cx, fy, cy = lens.matrix[0, 0], lens.matrix[0, 2], lens.matrix[1, 1], lens.matrix[1, 2]
     T, board = np.linalg.inv(fit.T_camera_base), result.board.name
     return CalibratedCamera(
-        source=source,
+        source=public_source(source),
         seen=written,
         pictures=len(fit.kept),
         left_out=int(np.count_nonzero(~fit.kept)),

@@ -8,12 +8,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from ikservo.clock import RealClock
 from ikservo.errors import FileFormatError, IkservoError, InputError
 from ikservo.importing.building import ImportOptions, build_drafts
 from ikservo.importing.draft import ArmDraft
 from ikservo.importing.folder import check_name, check_new, load_draft
 from ikservo.importing.poses import propose_home, table_height_m
 from ikservo.importing.ruler import AXES, RulerJoint, describe_measured, parse_measured
+from ikservo.importing.shapes import MeshStep
 from ikservo.importing.sources import (
     Description,
     choose_description,
@@ -83,6 +85,8 @@ def draft_new_arm(new: NewArm) -> EntryDialogue[list[ArmDraft]]:
     description = yield from _read(new)
     options = yield from _choose_tips(description, new.options)
     building = build_drafts(description, new.name, options)
+    clock = RealClock()
+    started_s = clock.now_s()
     while True:
         try:
             step = next(building)
@@ -90,8 +94,8 @@ def draft_new_arm(new: NewArm) -> EntryDialogue[list[ArmDraft]]:
             drafts: list[ArmDraft] = end.value
             break
         if not step.done:
-            yield Notice(f"Fitting capsules to {step.count} meshes: a second or two for each.")
-        yield Progress(f"mesh {step.done + 1} of {step.count}: {step.name}")
+            yield Notice(f"Fitting capsules to {step.count} meshes: a few seconds for each.")
+        yield Progress(_mesh_progress(step, clock.now_s() - started_s))
     check_new([draft.name for draft in drafts], new.folder, overwrite=new.overwrite)
     for draft in drafts:
         yield from _propose_home(draft)
@@ -100,6 +104,14 @@ def draft_new_arm(new: NewArm) -> EntryDialogue[list[ArmDraft]]:
     for draft in drafts:
         yield from _find_rest(draft)
     return drafts
+
+
+def _mesh_progress(step: MeshStep, elapsed_s: float) -> str:
+    """Return which mesh is fitted, and about how long the others take, by those before."""
+    left = ""
+    if step.done:
+        left = f", about {elapsed_s / step.done * (step.count - step.done):.0f} s left"
+    return f"mesh {step.done + 1} of {step.count}{left}: {step.name}"
 
 
 def _read(new: NewArm) -> EntryDialogue[Description]:

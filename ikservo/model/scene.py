@@ -14,7 +14,7 @@ import numpy as np
 from pydantic import Field, ValidationError
 
 from ikservo.errors import BadValueError, FileFormatError, RefusedError, UnknownNameError
-from ikservo.files.reading import read_toml
+from ikservo.files.reading import parse_path, read_toml
 from ikservo.files.validation import StrictModel, first_issue, validation_issues
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.capsules import Capsule
@@ -214,7 +214,7 @@ def read_scene_with_arms(
         FileFormatError: It cannot be read or is malformed; names the key.
         BadValueError: A direction has no length.
     """
-    path = Path(path)
+    path = parse_path(path)
     try:
         scene = _SceneFile.model_validate(read_toml(path))
     except ValidationError as error:

@@ -128,7 +128,9 @@ def _parse_strength(limit: XmlElement, attribute: str) -> float:
     if attribute not in limit.attributes:
         return math.inf
     value = limit.number(attribute, most=math.inf)  # some files write 1e10 where there is no limit
-    return value if value >= 0 else math.inf  # and -1 is none in SDF
+    if value < 0.0:
+        raise limit.error(f"has {attribute} {value:g}", "a number above 0, or no such attribute")
+    return value
 
 
 def _read_mimic(element: XmlElement) -> UrdfMimic | None:

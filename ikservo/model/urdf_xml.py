@@ -81,6 +81,11 @@ class XmlElement:
             return default
         return self._parse_numbers(attribute, 1, "one finite number", most)[0]
 
+    def pair(self, attribute: str, most: float = LARGEST_NUMBER) -> tuple[float, float]:
+        """Return two finite numbers."""
+        first, second = self._parse_numbers(attribute, 2, "two finite numbers", most)
+        return first, second
+
     def vector(
         self, attribute: str, default: float | None = None, most: float = LARGEST_NUMBER
     ) -> tuple[float, float, float]:

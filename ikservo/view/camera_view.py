@@ -13,6 +13,7 @@ from ikservo.arm.camera import camera_key, camera_model, known_camera, moved_err
 from ikservo.calibration.camera_file import CameraCheck, save_camera
 from ikservo.clock import Clock
 from ikservo.errors import CalibrationError, IkservoError
+from ikservo.eyes.capture import public_source
 from ikservo.eyes.pictures import Picture, find_board, is_mirrored
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.maintenance.camera_check import BoardPlace, compare_place
@@ -49,9 +50,10 @@ class CameraView:
 
     def __init__(self, arm: Arm, video: VideoSource, clock: Clock, name: str = "") -> None:
         camera, self._known, self._name = known_camera(arm.context, name, video.source)
-        if not name and camera.source != video.source:
+        calibrated = public_source(camera.source)
+        if not name and calibrated != public_source(video.source):
             raise CalibrationError(
-                f"{arm.model.name} was calibrated with camera {camera.source}, not this one."
+                f"{arm.model.name} was calibrated with camera {calibrated}, not this one."
             )
         self._arm, self._video, self._clock = arm, video, clock
         self._model, self.tip_shows = camera_model(camera), camera.tip_shows

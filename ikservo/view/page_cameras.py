@@ -12,6 +12,7 @@ from ikservo.calibration.camera_file import camera_names
 from ikservo.clock import Clock
 from ikservo.errors import IkservoError, UnknownNameError
 from ikservo.eyes.board import DEFAULT_BOARD, Board
+from ikservo.eyes.capture import public_source
 from ikservo.eyes.sources import SIMULATED_SOURCE, open_source
 from ikservo.view.video import PictureCapture, VideoSource, source_name
 
@@ -95,7 +96,8 @@ class PageCameras:
             FileFormatError: A file about one is damaged.
         """
         own = camera_names(arm.model.name, camera_key(arm.context))
-        names = {known_camera(arm.context, name)[0].source: name for name in own}
+        known = {name: known_camera(arm.context, name)[0].source for name in own}
+        names = {self._given(source) or source: name for name, source in known.items()}
         sources, first = self._sources or (names if self.name else ()), self._source_before(arm)
         if self.name and first is not None:
             names.setdefault(first, self.name)  # it has another number today
@@ -107,12 +109,17 @@ class PageCameras:
         first = next(iter(self._sources), None)
         if self.name:
             own = known_camera(arm.context, self.name)[0].source
-            return own if first is None or own in self._sources else first
+            return self._given(own) or first or own
         for source in self._sources:
             with suppress(IkservoError):
-                if known_camera(arm.context, source=source)[0].source == source:
+                if self._given(known_camera(arm.context, source=source)[0].source) == source:
                     return source
         return first
+
+    def _given(self, stored: str) -> str | None:
+        """Return the source that was given for a stored one, which has no password."""
+        name = public_source(stored)
+        return next((each for each in self._sources if public_source(each) == name), None)
 
 
 class ArmCameras:

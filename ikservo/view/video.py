@@ -9,14 +9,13 @@ import threading
 from collections.abc import AsyncGenerator, Callable
 from dataclasses import dataclass
 from pathlib import Path
-from urllib.parse import urlsplit
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.clock import Clock
 from ikservo.errors import IkservoError, InputError
-from ikservo.eyes.capture import Capture, open_capture
+from ikservo.eyes.capture import Capture, open_capture, public_source
 from ikservo.eyes.pictures import PictureSource
 from ikservo.eyes.sources import SIMULATED_SOURCE
 
@@ -43,13 +42,11 @@ class Picture:
 
 
 def source_name(source: str) -> str:
-    """Return a source without what may be secret in an address."""
+    """Return what the page calls a source: without passwords, and without folders."""
     if "://" in source:
-        with contextlib.suppress(ValueError):  # of an address that is none
-            return urlsplit(source).hostname or "address"
-        return "address"
+        return public_source(source).partition("://")[2]
     is_numbered = source.isdecimal() or source == SIMULATED_SOURCE
-    return f"camera {source}" if is_numbered else Path(source).name
+    return f"camera {source}" if is_numbered else Path(public_source(source)).name
 
 
 class VideoSource:
@@ -79,7 +76,8 @@ class VideoSource:
         with contextlib.suppress(OSError):  # of a name that is too long
             is_there = is_there or bool(source and Path(source).exists())
         if not is_there:
-            raise InputError(f"There is no camera or file {source}.", "Is it plugged in?")
+            name = public_source(source)
+            raise InputError(f"There is no camera or file {name}.", "Is it plugged in?")
         self.source, self._clock, self._open = source, clock, open_source
         self._is_file = is_path and Path(source).is_file()
         self._is_paced = self._is_file or source == SIMULATED_SOURCE
@@ -106,7 +104,7 @@ class VideoSource:
 
     @property
     def name(self) -> str:
-        """The source without what may be secret in an address."""
+        """What the page calls the source."""
         return source_name(self.source)
 
     def can_be_opened(self) -> bool:
@@ -155,7 +153,8 @@ class VideoSource:
                 self._read_while_watched()
             except Exception as error:  # of a driver: the next picture may be there
                 ours = isinstance(error, IkservoError)
-                why = error.message if ours else f"it has failed: {error!r}."
+                failure = f"{error!r}".replace(self.source, self.name)
+                why = error.message if ours else f"it has failed: {failure}."
                 self._error = f"No picture from {self.name}: {why}"
             if not self._watchers:
                 self._wanted.clear()

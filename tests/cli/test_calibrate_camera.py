@@ -14,6 +14,7 @@ pytest.importorskip("cv2")
 
 from tests.eyes.hidden_arms import hidden_arm, tip_errors_m
 
+CAMERA = "rtsp://admin:swordfish@cam/1"
 NO_CAMERA_77 = "There is no camera 77.\nIs it plugged in, and not in use?\n"
 
 
@@ -29,11 +30,11 @@ def test_a_hidden_arm_is_found_saved_used_and_undone(monkeypatch, run_cli):
     monkeypatch.setattr("ikservo.eyes.sources.LiveCamera", lambda _: camera)
     path = calibration_path("so101", SERIAL)
     before = path.read_text()
-    done = run_cli(f"calibrate so101 --port {PORT} --camera 0 --pictures 14 --yes --json")
+    done = run_cli(f"calibrate so101 --port {PORT} --camera {CAMERA} --pictures 14 --yes --json")
     assert done.code == 0, done.err
     found = read_calibration(path)
     assert done.json["after_m"] == pytest.approx(found.camera.after_mm / 1000)
-    assert found.camera.source == "0"
+    assert found.camera.source == "rtsp://…@cam/1"
     assert found.camera.after_mm < 0.5 * found.camera.before_mm
     with open_own_arm(load_model("so101"), PORT) as opened:
         here = opened.where()

@@ -1,9 +1,12 @@
 """Capsules contain their mesh, and their surface is near it; judged by trimesh."""
 
+import tracemalloc
+
 import numpy as np
 import pytest
 import trimesh
 
+from ikservo.importing import fitting
 from ikservo.importing.fitting import MAX_CAPSULES, fit_capsules
 
 
@@ -111,3 +114,54 @@ def test_a_mesh_within_the_capsules_beside_it_needs_none():
     inner = fit_capsules(np.array(core.triangles), [np.array(block.triangles)], outer.capsules)
     assert inner.capsules == ()
     assert inner.excess_m == 0.0
+
+
+def hostile_triangles(name):
+    """Return triangles that a limit of their number alone does not bound."""
+    rng = np.random.default_rng(4)
+    if name == "large triangles":
+        return rng.uniform(0.0, 0.3, (20_000, 3, 3))
+    if name == "slivers":
+        start, end = rng.uniform(0.0, 0.3, (2, 20_000, 3))
+        return np.stack([start, end, end + 1e-7], axis=1)
+    if name == "parallel plates":
+        plates = np.tile([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0, 0.3, 0.0]], (20_000, 1, 1))
+        plates[:, :, 2] = np.linspace(0.0, 0.3, len(plates))[:, None]
+        return plates
+    tiny = rng.uniform(0.0, 0.3, (20_000, 1, 3)) + rng.uniform(0.0, 1e-3, (20_000, 3, 3))
+    tiny[0] = [[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 4.0, 0.0]]
+    return tiny
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(
+    "name", ["large triangles", "slivers", "parallel plates", "one large and many tiny"]
+)
+def test_fit_of_hostile_triangles_is_bounded(name, monkeypatch):
+    triangles, cut = hostile_triangles(name), []
+    halves, by_plane = fitting._halves, fitting._cut_by_plane
+    monkeypatch.setattr(fitting, "_halves", lambda some: cut.append(len(some)) or halves(some))
+    monkeypatch.setattr(
+        fitting, "_cut_by_plane", lambda some, *at: cut.append(len(some)) or by_plane(some, *at)
+    )
+    tracemalloc.start()
+    fit = fit_capsules(triangles)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    inside = np.max([c.depth_m(triangles.reshape(-1, 3)) for c in fit.capsules], axis=0)
+    assert inside.min() >= -1e-9
+    assert peak < 300e6
+    assert max(cut) < 500_000
+    assert sum(cut) < 15_000_000
+
+
+@pytest.mark.full
+def test_fit_beside_large_triangles_is_bounded():
+    core = np.array(trimesh.creation.box((0.1, 0.1, 0.1)).triangles)
+    others = hostile_triangles("large triangles")
+    given = fit_capsules(core, [others]).capsules
+    tracemalloc.start()
+    assert len(fit_capsules(others, [core], given).capsules) <= MAX_CAPSULES
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert peak < 300e6

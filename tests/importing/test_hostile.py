@@ -1,6 +1,8 @@
 """Descriptions that were made to do harm are refused, bounded, or read as what they are."""
 
+import cProfile
 import os
+from pathlib import Path
 
 import pytest
 
@@ -9,6 +11,9 @@ from ikservo.errors import FileFormatError, IkservoError, InputError
 from ikservo.importing.building import ImportOptions, build_drafts
 from ikservo.importing.folder import load_draft
 from ikservo.importing.sources import choose_description, read_foreign
+from ikservo.importing.tree import find_structures
+from ikservo.model.urdf import urdf_from_xml
+from ikservo.model.urdf_xml import parse_xml
 
 JOINT = """<joint name="{name}" type="{kind}"><parent link="{parent}"/><child link="{child}"/>
 <origin xyz="0 0 0.1"/><axis xyz="0 1 0"/><limit lower="-1" upper="1" effort="1" velocity="1"/>
@@ -156,3 +161,19 @@ def test_nothing_is_left_of_an_arm_that_is_refused(tmp_path):
     )
     assert code == 2
     assert sorted(path.name for path in tmp_path.iterdir()) == ["arm.urdf"]
+
+
+@pytest.mark.parametrize("word", ["joint", "gripper"])
+def test_links_in_a_row_take_linear_time(word):
+    def calls(count):
+        links = "".join(f"<link name='l{i}'/>" for i in range(count + 1))
+        joints = "".join(
+            joint(f"{word}{i}", f"l{i}", f"l{i + 1}", "fixed" if i % 20 else "revolute")
+            for i in range(count)
+        )
+        root = parse_xml(Path("arm.urdf"), robot(links, joints))
+        profile = cProfile.Profile()
+        profile.runcall(lambda: find_structures(urdf_from_xml(root, lambda _: None)))
+        return sum(entry.callcount for entry in profile.getstats())
+
+    assert calls(800) < 2.5 * calls(400)

@@ -1,5 +1,6 @@
 """MJCF is read as MuJoCo understands it: frames, limits, masses, shapes, followers."""
 
+import os
 import sys
 
 import mujoco
@@ -216,3 +217,99 @@ def test_a_folder_in_a_package_may_name_what_is_beside_it(path):
     inner = folder / "arm.xml"
     inner.write_text(MJCF.replace('"meshes"', '"../meshes"'))
     assert read_foreign(inner, {}, {}, allow_xacro=False, folder=folder).urdf.links
+
+
+def frames(urdf):
+    return [(each.name, each.xyz_m, each.rpy_rad, each.lower, each.upper) for each in urdf.joints]
+
+
+MULTIPLIED = {
+    "textures": '<texture name="t{i}" type="2d" builtin="checker" width="2048" height="2048"/>',
+    "a texture of a picture": '<texture name="t{i}" type="2d" file="huge.png"/>',
+    "height fields": '<hfield name="h{i}" nrow="2048" ncol="2048" size="1 1 1 1"/>',
+}
+
+
+@pytest.mark.parametrize("element", MULTIPLIED.values(), ids=MULTIPLIED)
+def test_mjcf_assets_that_multiply_memory_are_not_compiled(path, element, monkeypatch):
+    before, seen = read_mjcf(path), []
+    many = "".join(element.format(i=i) for i in range(500))
+    of_texture = '<material name="m" texture="t0" rgba="1 0 0 1"/>' if "texture" in element else ""
+    path.write_text(MJCF.replace("<asset>", f"<asset>{many}{of_texture}"))
+    compile_ = mujoco.MjModel.from_xml_string
+    monkeypatch.setattr(
+        mujoco.MjModel, "from_xml_string", lambda text: seen.append(text) or compile_(text)
+    )
+    assert frames(read_mjcf(path)) == frames(before)
+    assert len(seen[0]) < len(MJCF) + 500
+
+
+def test_mjcf_sizes_and_key_frames_are_not_compiled(path):
+    before = read_mjcf(path)
+    more = '<size nkey="60000000" nuser_body="900"/><keyframe><key qpos="1"/></keyframe>'
+    path.write_text(MJCF.replace("<worldbody>", f"{more}<worldbody>"))
+    assert frames(read_mjcf(path)) == frames(before)
+
+
+def test_mjcf_mesh_that_is_a_pipe_is_refused(path):
+    mesh = path.parent / "meshes" / "bar.stl"
+    mesh.unlink()
+    os.mkfifo(mesh)
+    with pytest.raises(FileFormatError, match="not a regular file"):
+        read_mjcf(path)
+
+
+def test_mjcf_that_names_a_large_mesh_often_is_refused(path, monkeypatch):
+    monkeypatch.setattr("ikservo.importing.mjcf._MAX_MESHES_BYTES", 3_000)
+    read_mjcf(path)
+    again = "".join(f'<mesh name="bar{i}" file="bar.stl"/>' for i in range(9))
+    path.write_text(MJCF.replace("<asset>", f"<asset>{again}"))
+    with pytest.raises(FileFormatError, match=r"(?s)too large.*MiB in all"):
+        read_mjcf(path)
+
+
+def test_mjcf_that_includes_a_file_twice_is_refused(path):
+    (path.parent / "more.xml").write_text("<mujoco/>")
+    path.write_text(MJCF.replace("<asset>", 2 * '<include file="more.xml"/>' + "<asset>"))
+    with pytest.raises(FileFormatError, match="again"):
+        read_mjcf(path)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('range="-90 90"', 'range="90 -90"'),
+        ('range="-90 90"', 'range="90 -90" limited="true"'),
+        ('range="-90 90"', 'range="nan 90"'),
+        ('range="-90 90"', 'range="-90 90" actuatorfrcrange="5 -5"'),
+        ("<worldbody>", '<default><joint range="1 -1"/></default><worldbody>'),
+    ],
+)
+def test_mjcf_with_reversed_limits_is_refused(path, old, new):
+    path.write_text(MJCF.replace(old, new))
+    with pytest.raises(FileFormatError, match=r"line \d+.*range"):
+        read_mjcf(path)
+
+
+def test_mujoco_writes_and_prints_nothing(path, tmp_path, monkeypatch, capfd):
+    work = tmp_path / "work"
+    work.mkdir()
+    monkeypatch.chdir(work)
+    box = '<geom type="box" size="0.04 0.04 0.02"/>'
+    path.write_text(MJCF.replace(box, f"<nonsense/>{box}"))
+    with pytest.raises(FileFormatError, match=f"{path.name}.*nonsense.*line 6"):
+        read_mjcf(path)
+    path.write_text(MJCF)
+    compile_ = mujoco.MjModel.from_xml_string
+
+    def warning(text):
+        model = compile_(text)
+        mujoco.mj_setConst(model, data := mujoco.MjData(model))
+        data.qpos[:] = 1e30
+        mujoco.mj_step(model, data)  # warns
+        return model
+
+    monkeypatch.setattr(mujoco.MjModel, "from_xml_string", warning)
+    read_mjcf(path)
+    assert list(work.iterdir()) == []
+    assert capfd.readouterr() == ("", "")

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from ikservo.errors import UnknownNameError
+from ikservo.errors import FileFormatError, UnknownNameError
 from ikservo.model.urdf import read_urdf
 from ikservo.model.urdf_types import (
     Box,
@@ -107,11 +107,13 @@ def test_limits_are_what_the_file_says(urdf: Urdf) -> None:
     assert (elbow.lower, elbow.upper, elbow.effort, elbow.velocity) == (-1.5, 2.5, 1.9, 4.0)
 
 
-def test_a_negative_effort_or_velocity_is_none(urdf_path: Path, urdf_text: str) -> None:
-    text = urdf_text.replace('effort="1.9" velocity="4"', 'effort="-1" velocity="-1"')
-    urdf_path.write_text(text)
-    elbow = joint(read_urdf(urdf_path), "elbow")
-    assert (elbow.effort, elbow.velocity) == (math.inf, math.inf)
+@pytest.mark.parametrize("limits", ['effort="-1" velocity="4"', 'effort="1" velocity="-4"'])
+def test_negative_effort_or_velocity_is_refused(
+    urdf_path: Path, urdf_text: str, limits: str
+) -> None:
+    urdf_path.write_text(urdf_text.replace('effort="1.9" velocity="4"', limits))
+    with pytest.raises(FileFormatError, match=r"line \d+: has (effort|velocity) -"):
+        read_urdf(urdf_path)
 
 
 def test_a_continuous_joint_has_no_limits(urdf: Urdf) -> None:

@@ -126,3 +126,20 @@ def test_a_camera_that_no_arm_has_is_one_sentence_and_one_that_another_has_is_sh
         "chosen": "left",
     }
     assert "no calibrated camera" in fields["koch"]["trouble"]
+
+
+@pytest.mark.parametrize("stored", ["rtsp://…@cam/1", "rtsp://admin:older@cam/1"])
+def test_camera_with_password_is_known_by_its_public_name(arm, stored):
+    save_simulated_camera(arm, source=stored)
+    given = "rtsp://admin:swordfish@cam/1"
+    with PageCameras(RealClock(), ["0", given]) as cameras, ExitStack() as exits:
+        video = cameras.open_before(arm, exits)
+        assert (video.source, video.name) == (given, "…@cam/1")
+        assert cameras.choices(arm)["…@cam/1"] == (given, "")
+        CameraView(arm, video, RealClock())
+    with (
+        PageCameras(RealClock(), ["0"]) as cameras,
+        ExitStack() as exits,
+        pytest.raises(CalibrationError, match=r"calibrated with camera rtsp://…@cam/1, not this"),
+    ):
+        CameraView(arm, cameras.open_before(arm, exits), RealClock())
