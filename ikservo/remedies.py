@@ -6,10 +6,19 @@ are derived from that. Commands that nothing replaces there (``ikservo setup``) 
 
 from __future__ import annotations
 
+import json
 import re
+import shutil
+import sys
+import tomllib
 from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
 
-__all__ = ["in_page", "in_python"]
+__all__ = ["in_page", "in_python", "install_command", "install_hint", "pip_command"]
+
+_PACKAGE = "ikservo"
+_NEEDED_EXTRA = re.compile(r"needs the extra (\w+)")
 
 _NUMBER = r"(-?[\d.]+\d)"
 
@@ -54,6 +63,78 @@ def in_page(hint: str) -> str:
 def in_python(hint: str) -> str:
     """Word a hint with methods and arguments in place of commands and their options."""
     return _replace(hint, _REMEDIES)
+
+
+def install_command(extra: str = "") -> str:
+    """Return the command that installs this copy of ikservo again, with one more extra.
+
+    It names what the copy was installed from, because ``pip install ikservo`` finds nothing that
+    is not published, and the installer that made the environment.
+
+    Args:
+        extra: An optional dependency, such as ``view``; empty for none.
+    """
+    receipt = Path(sys.prefix) / "uv-receipt.toml"
+    extras = {extra} - {""}
+    if receipt.is_file():  # a tool loses the extras that are not named again
+        needs: list[dict[str, Any]] = tomllib.loads(receipt.read_text("utf-8"))["tool"][
+            "requirements"
+        ]
+        extras |= {name for own in needs if own["name"] == _PACKAGE
+                   for name in own.get("extras", ())}  # fmt: skip
+    source, is_editable = _source(f"[{','.join(sorted(extras))}]" if extras else "")
+    editable = "--editable " if is_editable else ""
+    if receipt.is_file():
+        return f'uv tool install {"" if extra else "--reinstall "}{editable}"{source}"'
+    if (Path(sys.prefix) / "pipx_metadata.json").is_file():
+        return f'pipx install --force {editable}"{source}"'
+    return f'{pip_command("install")} {editable}"{source}"'
+
+
+def install_hint(message: str) -> str:
+    """Return how to install the extra that a message of the simulator asks for, or nothing."""
+    needed = _NEEDED_EXTRA.search(message)
+    return f"Install it: {install_command(needed[1])}" if needed else ""
+
+
+def pip_command(verb: str) -> str:
+    """Return the words with which pip does something in the environment of this copy.
+
+    Args:
+        verb: ``install`` or ``uninstall``.
+    """
+    from importlib.util import find_spec  # noqa: PLC0415  # only a message needs it
+
+    own = Path(sys.executable).parent
+    found = shutil.which("pip")
+    if found is not None and Path(found).parent == own:
+        return f"pip {verb}"
+    if find_spec("pip") is None:
+        return f'uv pip {verb} --python "{sys.executable}"'
+    return f'"{sys.executable}" -m pip {verb}'
+
+
+def _source(extras: str) -> tuple[str, bool]:
+    """Return what an installer takes for this copy, and whether it is editable."""
+    from importlib.metadata import PackageNotFoundError, distribution  # noqa: PLC0415  # as above
+    from urllib.parse import urlsplit  # noqa: PLC0415
+    from urllib.request import url2pathname  # noqa: PLC0415
+
+    try:
+        text = distribution(_PACKAGE).read_text("direct_url.json")
+    except PackageNotFoundError:
+        text = None
+    if not text:
+        return f"{_PACKAGE}{extras}", False
+    origin: dict[str, Any] = json.loads(text)
+    url = urlsplit(str(origin["url"]))
+    if url.scheme == "file" and "vcs_info" not in origin:
+        is_editable = origin.get("dir_info", {}).get("editable", False)
+        return f"{url2pathname(url.path)}{extras}", is_editable
+    control: dict[str, str] = origin.get("vcs_info", {})
+    scheme = f"{control['vcs']}+" if control else ""
+    revision = f"@{control['requested_revision']}" if "requested_revision" in control else ""
+    return f"{_PACKAGE}{extras} @ {scheme}{origin['url']}{revision}", False
 
 
 def _replace(hint: str, remedies: Sequence[tuple[re.Pattern[str], str]]) -> str:

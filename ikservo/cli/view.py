@@ -29,6 +29,7 @@ from ikservo.errors import InputError
 from ikservo.hardware.discovery import simulated_port_url
 from ikservo.model import Model
 from ikservo.model.scene import read_scene_with_arms, with_scene_and_arms
+from ikservo.remedies import install_command
 
 if TYPE_CHECKING:
     from ikservo.view.app import ViewApp, ViewUrls
@@ -238,7 +239,7 @@ def _check_installed(needs: Sequence[str], extra: str = "view") -> None:
     if missing:
         raise InputError(
             f"The view needs {', '.join(missing)}; not installed.",
-            f"Try: pip install 'ikservo[{extra}]'",
+            f"Install it: {install_command(extra)}",
         )
 
 

@@ -122,7 +122,7 @@ class SimulatedCamera:
         try:
             from servosim.stage import MountedBoard, Stage, StageCamera  # noqa: PLC0415 - an extra
         except ImportError:
-            self.hint = "The picture shows the board only. For all: pip install 'ikservo[physics]'"
+            self.hint = "The picture shows the board only. All else needs the extra physics."
             return
         flat = self._rays[..., :2] / self._rays[..., 2:]
         focal_px = self._view.focal_px

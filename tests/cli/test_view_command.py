@@ -11,6 +11,7 @@ import sys
 import httpx
 import pytest
 
+from ikservo.remedies import install_command
 from ikservo.view.servo_bench import ServoBench
 
 
@@ -46,7 +47,7 @@ def test_without_the_extra_the_command_says_what_to_install(run_cli, monkeypatch
     monkeypatch.setattr("ikservo.cli.view.find_spec", lambda name: None)
     result = run_cli("view --port sim")
     assert result.code == 2
-    assert "pip install 'ikservo[view]'" in result.err
+    assert install_command("view") in result.err
 
 
 @pytest.mark.parametrize("address", ["localhost", "example.com", "1.2.3", "127.0.0.1:80"])
