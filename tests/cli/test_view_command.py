@@ -162,7 +162,7 @@ QR_CODES = ("to watch only", "to control the arm")
 
 
 @pytest.mark.full
-def test_each_address_has_its_label_and_the_one_to_watch_comes_first():
+def test_address_to_control_is_printed_first():
     serving = served()
     try:
         url = serving.stdout.readline().strip()
@@ -171,8 +171,8 @@ def test_each_address_has_its_label_and_the_one_to_watch_comes_first():
     finally:
         serving.kill()
         serving.communicate()
-    first, watch, last = reported.splitlines()[:3]
-    assert (first, last) == ("To watch only:", "To control the arm:")
+    first, second, watch = reported.splitlines()[:3]
+    assert (first, second) == ("To control the arm:", "To watch only:")
     assert watch.partition("#token=")[0] == url.partition("#token=")[0]
     assert watch != url
 
