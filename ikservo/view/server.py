@@ -360,7 +360,7 @@ class BoundAddress:
 
     Args:
         host: An IP address of this machine.
-        port: A port, 0 for any that is free, or None for the usual one, or the next if it is in use.
+        port: A port, 0 for any free one; None: the usual one, or the next free one.
         certificate: Serve by TLS with it; None for plain HTTP.
 
     Raises:
