@@ -11,7 +11,7 @@ import re
 import shutil
 import sys
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,10 +20,19 @@ __all__ = ["in_page", "in_python", "install_command", "install_hint", "pip_comma
 _PACKAGE = "ikservo"
 _NEEDED_EXTRA = re.compile(r"needs the extra (\w+)")
 
-_NUMBER = r"(-?[\d.]+\d)"
+_METRES = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
+_NUMBER = r"-?(?:\d*\.)?\d+(?:m|cm|mm)?\b"
+
+
+def _move_in_python(command: re.Match[str]) -> str:
+    """Return the method of a command whose coordinates may have units."""
+    found = re.findall(r"(-?[\d.]*\d)([a-z]*)", command[1])
+    coordinates = (f"{float(number) * _METRES[unit]:.6g}" for number, unit in found)
+    return f"arm.move_to(({', '.join(coordinates)}))"
+
 
 _REPLACEMENTS = [
-    (rf"ikservo move {_NUMBER} {_NUMBER} {_NUMBER}", r"arm.move_to((\1, \2, \3))"),
+    (rf"ikservo move ({_NUMBER} {_NUMBER} {_NUMBER})", _move_in_python),
     (r"ikservo (relax|where|stop)\b(?! [A-Z<])", r"arm.\1()"),
     (r"then: ikservo net acknowledge --port \S+", "then call arm.acknowledge()"),
     (r"acknowledge the stop\b", "call arm.acknowledge()"),
@@ -137,7 +146,10 @@ def _source(extras: str) -> tuple[str, bool]:
     return f"{_PACKAGE}{extras} @ {scheme}{origin['url']}{revision}", False
 
 
-def _replace(hint: str, remedies: Sequence[tuple[re.Pattern[str], str]]) -> str:
+_Replacement = str | Callable[[re.Match[str]], str]
+
+
+def _replace(hint: str, remedies: Sequence[tuple[re.Pattern[str], _Replacement]]) -> str:
     for pattern, replacement in remedies:
         hint = pattern.sub(replacement, hint)
     return hint

@@ -96,7 +96,7 @@ class Scene:
     def add(self, kind: str, name: str, **sizes: Any) -> None:  # noqa: ANN401  # keys of a file
         """Add a thing, with the keys that it has in a scene file.
 
-        ``arm.scene.add("box", "the shelf", centre_m=(0.3, 0.2, 0.1), size_m=(0.2, 0.1, 0.02))``
+        ``arm.scene.add("box", "the shelf", center_m=(0.3, 0.2, 0.1), size_m=(0.2, 0.1, 0.02))``
 
         Args:
             kind: box, cylinder, sphere or half_space.
@@ -116,7 +116,7 @@ class Scene:
     def change(self, name: str, /, **sizes: Any) -> None:  # noqa: ANN401  # keys of a file
         """Change keys of a thing that stands around the arm: its place, its size or its name.
 
-        ``arm.scene.change("the shelf", centre_m=(0.3, 0.25, 0.1))``
+        ``arm.scene.change("the shelf", center_m=(0.3, 0.25, 0.1))``
 
         Of another arm, its place: ``at_m`` and ``rpy_deg``, as for ``add_arm``.
 

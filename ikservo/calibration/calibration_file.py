@@ -179,7 +179,7 @@ def parse_calibration(path: Path, text: str) -> Calibration:
     try:
         calibration = Calibration.model_validate(tables)
     except ValidationError as error:
-        raise first_issue(validation_issues(error, Calibration), path) from error
+        raise first_issue(validation_issues(error, Calibration), path) from None
     issues = list(inconsistencies(calibration))
     if issues:
         raise first_issue(issues, path)

@@ -80,6 +80,7 @@ _PANEL_OF = {name: panel for panel, commands in PANELS.items() for name in comma
 _MODULES = {"import": "import_"}  # no module can have the name of a Python keyword
 
 FORMER_OPTIONS = {
+    "arc": {"--centre": "--center"},
     "bench": {"--cycles": "--count"},
     "calibrate": {
         "--free": "--continuous",
