@@ -7,7 +7,7 @@ from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -29,6 +29,7 @@ from ikservo.model.model import Obstacle
 from ikservo.model.sag import joint_compliances, link_masses
 from ikservo.model.scene import (
     FURTHEST_BASE_M,
+    KINDS,
     NEAREST_BASE_M,
     KeepOutShape,
     describe_thing,
@@ -88,6 +89,14 @@ class Scene:
     def things(self) -> tuple[Obstacle, ...]:
         """The things that stand around it, with names and extents."""
         return tuple(self._things.values())
+
+    if not TYPE_CHECKING:  # a type checker reports an unknown name itself
+
+        def __getattr__(self, name: str) -> None:
+            kind = name.removeprefix("add_")
+            thing = f'"{kind if kind in KINDS else "box"}", "its name"'
+            hint = f"To add a thing: arm.scene.add({thing}, center_m=(x, y, z), ...)"
+            raise AttributeError(f"A scene has no {name!r}. {hint}")
 
     def __repr__(self) -> str:
         """Show the names."""

@@ -78,3 +78,27 @@ def test_clear_error_has_no_traceback_of_pydantic(arm):
     with pytest.raises(FileFormatError) as caught:
         arm.scene.add("box", "shelf", center_m=(0.3, 0.2, 0.1))
     assert "pydantic_core" not in "".join(traceback.format_exception(caught.value))
+
+
+def test_text_of_results_is_one_short_line_and_repr_has_all(arm):
+    values = [
+        arm.where(),
+        arm.move_to((0.22, 0.02, 0.12)),
+        arm.move_joints({"wrist_roll": 0.2}),
+        arm.gripper("close"),
+        ikservo.solve(arm.model.chain, (0.25, 0.0, 0.1)),
+    ]
+    for value in values:
+        assert "\n" not in str(value)
+        assert len(str(value)) <= 200, str(value)
+        assert "array(" not in str(value)
+    assert "temperature_c" in repr(values[0])
+    assert "limp" not in str(arm.where())
+    assert str(values[1]).startswith("reached: ")
+    assert str(values[3]).startswith("nothing grasped")
+
+
+def test_unknown_name_of_scene_suggests_add(arm):
+    with pytest.raises(AttributeError, match=r'arm.scene.add\("sphere", '):
+        arm.scene.add_sphere  # noqa: B018
+    assert not hasattr(arm.scene, "remove_box")
