@@ -111,9 +111,15 @@ class ArmState:
         return np.array([joint.torque for joint in self.joints])
 
     def __str__(self) -> str:
-        """Show the tip, the positions and the torque; ``repr`` shows all."""
+        """Show the tip, the positions and the torque."""
         positions = ", ".join(f"{name} {at:z.3f}" for name, at in self.positions.items())
         return f"tip {format_point(self.tip_m)}; {positions}; {describe_torque(self.joints)}"
+
+    def __repr__(self) -> str:
+        """Show the tip and the positions; the rest is in ``joints``."""
+        positions = ", ".join(f"{name}: {at:.4f}" for name, at in self.positions.items())
+        tip = ", ".join(f"{x:z.4f}" for x in self.tip_m)
+        return f"ArmState(tip_m=({tip}), positions={{{positions}}})"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

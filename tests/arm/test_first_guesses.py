@@ -92,7 +92,7 @@ def test_text_of_results_is_one_short_line_and_repr_has_all(arm):
         assert "\n" not in str(value)
         assert len(str(value)) <= 200, str(value)
         assert "array(" not in str(value)
-    assert "temperature_c" in repr(values[0])
+    assert "motion_s" in repr(values[1])
     assert "limp" not in str(arm.where())
     assert str(values[1]).startswith("reached: ")
     assert str(values[3]).startswith("nothing grasped")
