@@ -71,7 +71,9 @@ class CameraOptions:
     ] = None
     by_hand: Annotated[
         bool,
-        typer.Option("--by-hand", help="With --camera: you move the limp arm before the camera."),
+        typer.Option(
+            "--by-hand", help="With --camera: you move the limp arm in front of the camera."
+        ),
     ] = False
 
 
@@ -95,7 +97,7 @@ def calibrate_by_camera(
         arm = require_own_port(machine)
         camera = open_camera(source, arm, board)
         print_status(
-            f"Fix the board {board.name} to the gripper, before the camera and about in the middle "
+            f"Fix the board {board.name} to the gripper, in front of the camera and about in the middle "
             "of its picture. "
             + (
                 "Torque will be switched off: hold the arm. Then move it, and keep it still for a "
@@ -185,8 +187,8 @@ def _describe(result: CameraResult) -> Iterator[str]:
     """Yield what the pictures say, line by line."""
     estimate, fit = result.estimate, result.estimate.fit
     yield (
-        f"{result.pictures} pictures in {result.duration_s:.0f} s. Across the ray, in pictures "
-        f"left out: {_mm(estimate.before_m)} with the arm as it was, {_mm(estimate.after_m)} now "
+        f"{result.pictures} pictures in {result.duration_s:.0f} s. Error in test pictures: "
+        f"{_mm(estimate.before_m)} before, {_mm(estimate.after_m)} now "
         f"(estimated: {fit.extent.value})."
     )
     left_out = [f"picture {i + 1}" for i, kept in enumerate(fit.kept.tolist()) if not kept]
