@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from datetime import datetime
 from pathlib import Path
 
 from ikservo.files.folders import config_dir
@@ -16,6 +17,7 @@ __all__ = [
     "identified_path",
     "journal_path",
     "partial_path",
+    "pictures_path",
 ]
 
 
@@ -55,6 +57,11 @@ def confirmation_path(arm: str, usb_serial_number: str) -> Path:
 def partial_path(arm: str, usb_serial_number: str) -> Path:
     """Return the file of the joints measured by an interrupted self-calibration."""
     return config_dir() / "partial" / f"{_file_stem(arm, usb_serial_number)}.toml"
+
+
+def pictures_path(arm: str, began: datetime) -> Path:
+    """Return the folder of the pictures of a calibration that is not complete."""
+    return config_dir() / "pictures" / f"{_file_stem(arm, '')}-{began:%Y%m%d-%H%M%S}"
 
 
 def calibrations_of(arm: str) -> list[Path]:
