@@ -140,7 +140,7 @@ def names_arm(word: str) -> bool:
     return is_file or word in arm_names()
 
 
-class _Command(TyperCommand):
+class _ArmCommand(TyperCommand):
     """Accepts former option names, and the arm by ``--arm`` and by its bare name alike."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401
@@ -209,7 +209,7 @@ def _load_command(name: str) -> Any:  # noqa: ANN401
     command = with_options_of_groups(module.command)
     single = typer.Typer(add_completion=False)
     settings: dict[str, Any] = getattr(module, "CONTEXT_SETTINGS", {})
-    single.command(name, cls=_Command, context_settings=settings)(command)
+    single.command(name, cls=_ArmCommand, context_settings=settings)(command)
     loaded = typer.main.get_command(single)
     loaded.name = name
     return loaded
