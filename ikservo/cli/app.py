@@ -134,13 +134,16 @@ class LazyCommandGroup(TyperGroup):
 
 def names_arm(word: str) -> bool:
     """Check whether a word on the command line can only be an arm: its name, or its file."""
+    if word.endswith("arm.toml") or (Path(word) / "arm.toml").is_file():
+        return True
+    if not word.isidentifier():  # such as a port, a file, a coordinate
+        return False
     from ikservo.model import arm_names  # noqa: PLC0415  # loads NumPy
 
-    is_file = word.endswith("arm.toml") or (Path(word) / "arm.toml").is_file()
-    return is_file or word in arm_names()
+    return word in arm_names()
 
 
-class _ArmCommand(TyperCommand):
+class _CommandWithArm(TyperCommand):
     """Accepts former option names, and the arm by ``--arm`` and by its bare name alike."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401
@@ -209,7 +212,7 @@ def _load_command(name: str) -> Any:  # noqa: ANN401
     command = with_options_of_groups(module.command)
     single = typer.Typer(add_completion=False)
     settings: dict[str, Any] = getattr(module, "CONTEXT_SETTINGS", {})
-    single.command(name, cls=_ArmCommand, context_settings=settings)(command)
+    single.command(name, cls=_CommandWithArm, context_settings=settings)(command)
     loaded = typer.main.get_command(single)
     loaded.name = name
     return loaded
