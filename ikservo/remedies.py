@@ -6,15 +6,33 @@ are derived from that. Commands that nothing replaces there (``ikservo setup``) 
 
 from __future__ import annotations
 
+import json
 import re
-from collections.abc import Sequence
+import shutil
+import sys
+import tomllib
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
 
-__all__ = ["in_page", "in_python"]
+__all__ = ["in_page", "in_python", "install_command", "install_hint", "pip_command"]
 
-_NUMBER = r"(-?[\d.]+\d)"
+_PACKAGE = "ikservo"
+_NEEDED_EXTRA = re.compile(r"needs the extra (\w+)")
+
+_METRES = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
+_NUMBER = r"-?(?:\d*\.)?\d+(?:m|cm|mm)?\b"
+
+
+def _move_in_python(command: re.Match[str]) -> str:
+    """Return the method of a command whose coordinates may have units."""
+    found = re.findall(r"(-?[\d.]*\d)([a-z]*)", command[1])
+    coordinates = (f"{float(number) * _METRES[unit]:.6g}" for number, unit in found)
+    return f"arm.move_to(({', '.join(coordinates)}))"
+
 
 _REPLACEMENTS = [
-    (rf"ikservo move {_NUMBER} {_NUMBER} {_NUMBER}", r"arm.move_to((\1, \2, \3))"),
+    (rf"ikservo move ({_NUMBER} {_NUMBER} {_NUMBER})", _move_in_python),
     (r"ikservo (relax|where|stop)\b(?! [A-Z<])", r"arm.\1()"),
     (r"then: ikservo net acknowledge --port \S+", "then call arm.acknowledge()"),
     (r"acknowledge the stop\b", "call arm.acknowledge()"),
@@ -56,7 +74,82 @@ def in_python(hint: str) -> str:
     return _replace(hint, _REMEDIES)
 
 
-def _replace(hint: str, remedies: Sequence[tuple[re.Pattern[str], str]]) -> str:
+def install_command(extra: str = "") -> str:
+    """Return the command that installs this copy of ikservo again, with one more extra.
+
+    It names what the copy was installed from, because ``pip install ikservo`` finds nothing that
+    is not published, and the installer that made the environment.
+
+    Args:
+        extra: An optional dependency, such as ``view``; empty for none.
+    """
+    receipt = Path(sys.prefix) / "uv-receipt.toml"
+    extras = {extra} - {""}
+    if receipt.is_file():  # a tool loses the extras that are not named again
+        needs: list[dict[str, Any]] = tomllib.loads(receipt.read_text("utf-8"))["tool"][
+            "requirements"
+        ]
+        extras |= {name for own in needs if own["name"] == _PACKAGE
+                   for name in own.get("extras", ())}  # fmt: skip
+    source, is_editable = _source(f"[{','.join(sorted(extras))}]" if extras else "")
+    editable = "--editable " if is_editable else ""
+    if receipt.is_file():
+        return f'uv tool install {"" if extra else "--reinstall "}{editable}"{source}"'
+    if (Path(sys.prefix) / "pipx_metadata.json").is_file():
+        return f'pipx install --force {editable}"{source}"'
+    return f'{pip_command("install")} {editable}"{source}"'
+
+
+def install_hint(message: str) -> str:
+    """Return how to install the extra that a message of the simulator asks for, or nothing."""
+    needed = _NEEDED_EXTRA.search(message)
+    return f"Install it: {install_command(needed[1])}" if needed else ""
+
+
+def pip_command(verb: str) -> str:
+    """Return the words with which pip does something in the environment of this copy.
+
+    Args:
+        verb: ``install`` or ``uninstall``.
+    """
+    from importlib.util import find_spec  # noqa: PLC0415  # only a message needs it
+
+    own = Path(sys.executable).parent
+    found = shutil.which("pip")
+    if found is not None and Path(found).parent == own:
+        return f"pip {verb}"
+    if find_spec("pip") is None:
+        return f'uv pip {verb} --python "{sys.executable}"'
+    return f'"{sys.executable}" -m pip {verb}'
+
+
+def _source(extras: str) -> tuple[str, bool]:
+    """Return what an installer takes for this copy, and whether it is editable."""
+    from importlib.metadata import PackageNotFoundError, distribution  # noqa: PLC0415  # as above
+    from urllib.parse import urlsplit  # noqa: PLC0415
+    from urllib.request import url2pathname  # noqa: PLC0415
+
+    try:
+        text = distribution(_PACKAGE).read_text("direct_url.json")
+    except PackageNotFoundError:
+        text = None
+    if not text:
+        return f"{_PACKAGE}{extras}", False
+    origin: dict[str, Any] = json.loads(text)
+    url = urlsplit(str(origin["url"]))
+    if url.scheme == "file" and "vcs_info" not in origin:
+        is_editable = origin.get("dir_info", {}).get("editable", False)
+        return f"{url2pathname(url.path)}{extras}", is_editable
+    control: dict[str, str] = origin.get("vcs_info", {})
+    scheme = f"{control['vcs']}+" if control else ""
+    revision = f"@{control['requested_revision']}" if "requested_revision" in control else ""
+    return f"{_PACKAGE}{extras} @ {scheme}{origin['url']}{revision}", False
+
+
+_Replacement = str | Callable[[re.Match[str]], str]
+
+
+def _replace(hint: str, remedies: Sequence[tuple[re.Pattern[str], _Replacement]]) -> str:
     for pattern, replacement in remedies:
         hint = pattern.sub(replacement, hint)
     return hint

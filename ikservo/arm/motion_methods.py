@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 
 from ikservo.arm.arguments import OnExit, check_callable, parse_all_positions
 from ikservo.arm.background_motion import Background, RunningMotion
+from ikservo.arm.method_options import with_options
 from ikservo.arm.motion_plan import MotionPlan
 from ikservo.arm.motions import (
     Draw,
@@ -33,6 +34,7 @@ from ikservo.arm.motions import (
     MoveToRest,
     Replay,
     check_motion,
+    in_american,
 )
 from ikservo.arm.path_constraint import UNCONSTRAINED, PathConstraint
 from ikservo.arm.reports import (
@@ -61,6 +63,31 @@ GripperCommand = Literal["open", "close"]
 
 JawGoal = GripperCommand | float | None
 """open, close, or the distance between the jaws [m]."""
+
+
+_PARTS = frozenset(
+    [
+        "background",
+        "chain",
+        "clock",
+        "context",
+        "follow_goals",
+        "is_remote",
+        "joint_index",
+        "last_state",
+        "leader_positions",
+        "load_replay",
+        "plan_lowering",
+        "pose_within_limits",
+        "preflight",
+        "request_stop",
+        "return_within_limits",
+        "runner",
+        "stop_requests",
+        "target_period_s",
+    ]
+)
+"""Attributes that the package itself uses; ``dir`` of an arm lists what a program needs."""
 
 
 class JointOptions(TypedDict, total=False):
@@ -141,6 +168,9 @@ class MotionMethods(Protocol):
 
     background: Background
     _on_exit: OnExit
+
+    def __dir__(self) -> list[str]:
+        return [name for name in super().__dir__() if name not in _PARTS]
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
         self.close(self._on_exit if error is None else "hold")
@@ -261,6 +291,7 @@ class MotionMethods(Protocol):
         self, position_m: ArrayLike, *, wait: Literal[False], **options: Unpack[PointOptions]
     ) -> RunningMotion[MoveResult]: ...
 
+    @with_options(MoveTo, PointOptions, takes_point=True)
     def move_to(
         self, position_m: ArrayLike, *, wait: bool = True, **options: Unpack[PointOptions]
     ) -> MoveResult | RunningMotion[MoveResult]:
@@ -285,6 +316,7 @@ class MotionMethods(Protocol):
         self, position_m: ArrayLike, *, wait: Literal[False], **options: Unpack[LineOptions]
     ) -> RunningMotion[MoveResult]: ...
 
+    @with_options(MoveLine, LineOptions, takes_point=True)
     def move_line(
         self, position_m: ArrayLike, *, wait: bool = True, **options: Unpack[LineOptions]
     ) -> MoveResult | RunningMotion[MoveResult]:
@@ -318,6 +350,7 @@ class MotionMethods(Protocol):
         **options: Unpack[ArcOptions],
     ) -> RunningMotion[MoveResult]: ...
 
+    @with_options(MoveArc, ArcOptions)
     def move_arc(
         self,
         via_m: ArrayLike | None = None,
@@ -349,6 +382,7 @@ class MotionMethods(Protocol):
         self, points_m: Points, *, wait: Literal[False], **options: Unpack[ThroughOptions]
     ) -> RunningMotion[MoveResult]: ...
 
+    @with_options(MoveThrough, ThroughOptions)
     def move_through(
         self, points_m: Points, *, wait: bool = True, **options: Unpack[ThroughOptions]
     ) -> MoveResult | RunningMotion[MoveResult]:
@@ -380,6 +414,7 @@ class MotionMethods(Protocol):
         **options: Unpack[DrawOptions],
     ) -> RunningMotion[MoveResult]: ...
 
+    @with_options(Draw, DrawOptions)
     def draw(
         self, strokes_m: Iterable[ArrayLike], *, wait: bool = True, **options: Unpack[DrawOptions]
     ) -> MoveResult | RunningMotion[MoveResult]:
@@ -409,6 +444,7 @@ class MotionMethods(Protocol):
         self, positions: Positions, *, wait: Literal[False], **options: Unpack[GoalOptions]
     ) -> RunningMotion[JointMoveResult]: ...
 
+    @with_options(MoveJoints, GoalOptions)
     def move_joints(
         self, positions: Positions, *, wait: bool = True, **options: Unpack[GoalOptions]
     ) -> JointMoveResult | RunningMotion[JointMoveResult]:
@@ -435,6 +471,7 @@ class MotionMethods(Protocol):
         self, name: str, *, wait: Literal[False], **options: Unpack[GoalOptions]
     ) -> RunningMotion[JointMoveResult]: ...
 
+    @with_options(MovePose, GoalOptions)
     def pose(
         self, name: str, *, wait: bool = True, **options: Unpack[GoalOptions]
     ) -> JointMoveResult | RunningMotion[JointMoveResult]:
@@ -461,6 +498,7 @@ class MotionMethods(Protocol):
         self, point_m: ArrayLike, *, wait: Literal[False], **options: Unpack[JointOptions]
     ) -> RunningMotion[JointMoveResult]: ...
 
+    @with_options(LookAt, JointOptions, takes_point=True)
     def look_at(
         self, point_m: ArrayLike, *, wait: bool = True, **options: Unpack[JointOptions]
     ) -> JointMoveResult | RunningMotion[JointMoveResult]:
@@ -483,6 +521,7 @@ class MotionMethods(Protocol):
         self, to: JawGoal = None, *, wait: Literal[False], **options: Unpack[GripperOptions]
     ) -> RunningMotion[GraspResult]: ...
 
+    @with_options(MoveGripper, GripperOptions)
     def gripper(
         self, to: JawGoal = None, *, wait: bool = True, **options: Unpack[GripperOptions]
     ) -> GraspResult | RunningMotion[GraspResult]:
@@ -510,6 +549,7 @@ class MotionMethods(Protocol):
         self, path: Path | str, *, wait: Literal[False], **options: Unpack[JointOptions]
     ) -> RunningMotion[ReplayResult]: ...
 
+    @with_options(Replay, JointOptions)
     def replay(
         self, path: Path | str, *, wait: bool = True, **options: Unpack[JointOptions]
     ) -> ReplayResult | RunningMotion[ReplayResult]:
@@ -525,6 +565,7 @@ class MotionMethods(Protocol):
         motion = Replay(path, **_fields(Replay, options))
         return self._run(motion, on_progress, wait=wait)
 
+    @with_options(MoveTo, PointOptions, takes_point=True)
     def plan_to(self, position_m: ArrayLike, **options: Unpack[PointOptions]) -> MotionPlan:
         """Plan a motion of the tip to a point (3,) [m]; see ``move_to``.
 
@@ -533,10 +574,12 @@ class MotionMethods(Protocol):
         """
         return self.plan(MoveTo(position_m, **_fields(MoveTo, options)))
 
+    @with_options(MoveLine, LineOptions, takes_point=True)
     def plan_line(self, position_m: ArrayLike, **options: Unpack[LineOptions]) -> MotionPlan:
         """Plan a straight line of the tip to a point (3,) [m]; see ``move_line``."""
         return self.plan(MoveLine(position_m, **_fields(MoveLine, options)))
 
+    @with_options(MoveArc, ArcOptions)
     def plan_arc(
         self,
         via_m: ArrayLike | None = None,
@@ -546,10 +589,12 @@ class MotionMethods(Protocol):
         """Plan an arc or a circle of the tip; see ``move_arc``."""
         return self.plan(MoveArc(via_m, end_m, **_fields(MoveArc, options)))
 
+    @with_options(MoveThrough, ThroughOptions)
     def plan_through(self, points_m: Points, **options: Unpack[ThroughOptions]) -> MotionPlan:
         """Plan a motion through points (k, 3) [m] without a stop; see ``move_through``."""
         return self.plan(MoveThrough(points_m, **_fields(MoveThrough, options)))
 
+    @with_options(Draw, DrawOptions)
     def plan_drawing(
         self, strokes_m: Iterable[ArrayLike], **options: Unpack[DrawOptions]
     ) -> MotionPlan:
@@ -601,6 +646,7 @@ def _fields(kind: type[MotionValue[Any]], options: Mapping[str, Any]) -> dict[st
     """
     names = [each.name for each in fields(kind) if each.kw_only]
     names += ["orientation"] if "stance" in names else []
+    options = in_american(options)
     for name in options.keys() - names:
         close = difflib.get_close_matches(name, [*names, "wait", "on_progress"], n=1)
         hint = f"Did you mean {close[0]!r}?" if close else f"Options: {', '.join(names)}."

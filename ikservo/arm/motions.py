@@ -598,7 +598,8 @@ def _from_fields(what: str, kind: Callable[..., object], given: object) -> objec
     """Return a dataclass from its fields as JSON values."""
     if not isinstance(given, Mapping):
         raise BadValueError(what, _shorten(given), "a table of its fields")
-    values, known = dict(cast("Mapping[str, object]", given)), fields(cast("type[Any]", kind))
+    values = in_american(cast("Mapping[str, object]", given))
+    known = fields(cast("type[Any]", kind))
     names = [each.name for each in known]
     for name in values:
         if name not in names:
@@ -613,6 +614,11 @@ def _from_fields(what: str, kind: Callable[..., object], given: object) -> objec
         if values.get(name) is not None and name in names:
             values[name] = _from_fields(name, nested, values[name])
     return kind(**values)
+
+
+def in_american(given: Mapping[str, R]) -> dict[str, R]:
+    """Return fields or options by their names, which may be given in British spelling, too."""
+    return {"center_m" if name == "centre_m" else name: value for name, value in given.items()}
 
 
 _NESTED: Mapping[str, Callable[..., object]] = {

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.control.feedback import JointState
-from ikservo.errors import UnknownNameError
+from ikservo.errors import UnknownNameError, format_point
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 
 __all__ = [
@@ -110,6 +110,11 @@ class ArmState:
         """Whether each servo holds (n,)."""
         return np.array([joint.torque for joint in self.joints])
 
+    def __str__(self) -> str:
+        """Show the tip, the positions and the torque."""
+        positions = ", ".join(f"{name} {at:z.3f}" for name, at in self.positions.items())
+        return f"tip {format_point(self.tip_m)}; {positions}; {describe_torque(self.joints)}"
+
     def __repr__(self) -> str:
         """Show the tip and the positions; the rest is in ``joints``."""
         positions = ", ".join(f"{name}: {at:.4f}" for name, at in self.positions.items())
@@ -192,6 +197,11 @@ class MoveResult:
     def __post_init__(self) -> None:
         freeze_arrays(self)
 
+    def __str__(self) -> str:
+        """Show the error and the duration; ``repr`` shows all."""
+        off = f"{1e3 * self.error_m:.1f} mm off {format_point(self.target_m)}"
+        return _ended(self.reached, off, self.duration_s, self.binding)
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class JointMoveResult:
@@ -218,6 +228,11 @@ class JointMoveResult:
     def __post_init__(self) -> None:
         freeze_arrays(self)
 
+    def __str__(self) -> str:
+        """Show the error and the duration; ``repr`` shows all."""
+        off = f"{', '.join(self.goal_rad)} at most {self.error_rad:.4f} off"
+        return _ended(self.reached, off, self.duration_s, self.binding)
+
 
 @dataclass(frozen=True, slots=True)
 class GraspResult:
@@ -243,6 +258,13 @@ class GraspResult:
     force: float
     duration_s: float
 
+    def __str__(self) -> str:
+        """Show whether something is grasped, and where; ``repr`` shows all."""
+        at = f"{self.position_rad:.3f}" if self.width_m is None else f"{1e3 * self.width_m:.1f} mm"
+        return (
+            f"{'grasped' if self.grasped else 'nothing grasped'} at {at}; {self.duration_s:.1f} s"
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReplayResult:
@@ -266,6 +288,18 @@ class ReplayResult:
 
     def __post_init__(self) -> None:
         freeze_arrays(self)
+
+    def __str__(self) -> str:
+        """Show the length and the error; ``repr`` shows all."""
+        slower = f", {self.slowdown:.1f} times slower than recorded" if self.slowdown > 1 else ""
+        return (
+            f"{self.samples} samples in {self.duration_s:.1f} s{slower}; error {self.error_rad:.4f}"
+        )
+
+
+def _ended(reached: bool, off: str, duration_s: float, binding: Sequence[str]) -> str:
+    held = f" ({', '.join(binding)})" if binding else ""
+    return f"{'reached' if reached else 'not reached'}: {off}{held}; {duration_s:.1f} s"
 
 
 def describe_torque(states: Sequence[JointState]) -> str:

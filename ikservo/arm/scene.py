@@ -7,7 +7,7 @@ from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -30,6 +30,7 @@ from ikservo.model.model import Obstacle
 from ikservo.model.sag import joint_compliances, link_masses
 from ikservo.model.scene import (
     FURTHEST_BASE_M,
+    KINDS,
     NEAREST_BASE_M,
     KeepOutShape,
     describe_thing,
@@ -91,6 +92,14 @@ class Scene:
         """The things that stand around it, with names and extents."""
         return tuple(self._things.values())
 
+    if not TYPE_CHECKING:  # a type checker reports an unknown name itself
+
+        def __getattr__(self, name: str) -> None:
+            kind = name.removeprefix("add_")
+            thing = f'"{kind if kind in KINDS else "box"}", "its name"'
+            hint = f"To add a thing: arm.scene.add({thing}, center_m=(x, y, z), ...)"
+            raise AttributeError(f"A scene has no {name!r}. {hint}")
+
     def __repr__(self) -> str:
         """Show the names."""
         return f"Scene({', '.join(self.names)}; held: {', '.join(self.held) or 'nothing'})"
@@ -98,7 +107,7 @@ class Scene:
     def add(self, kind: str, name: str, **sizes: Any) -> None:  # noqa: ANN401  # keys of a file
         """Add a thing, with the keys that it has in a scene file.
 
-        ``arm.scene.add("box", "the shelf", centre_m=(0.3, 0.2, 0.1), size_m=(0.2, 0.1, 0.02))``
+        ``arm.scene.add("box", "the shelf", center_m=(0.3, 0.2, 0.1), size_m=(0.2, 0.1, 0.02))``
 
         Args:
             kind: box, cylinder, sphere or half_space.
@@ -118,7 +127,7 @@ class Scene:
     def change(self, name: str, /, **sizes: Any) -> None:  # noqa: ANN401  # keys of a file
         """Change keys of a thing that stands around the arm: its place, its size or its name.
 
-        ``arm.scene.change("the shelf", centre_m=(0.3, 0.25, 0.1))``
+        ``arm.scene.change("the shelf", center_m=(0.3, 0.25, 0.1))``
 
         Of another arm, its place: ``at_m`` and ``rpy_deg``, as for ``add_arm``.
 

@@ -181,7 +181,13 @@ def _describe_residual(joint: GoalIntegrator, time_s: float) -> str:
     reason, joint_map = joint.saturation_reason, joint.driven.joint_map
     missing = joint_map.format(abs(joint.error_ticks) * joint_map.unit_per_tick)
     if not (joint.swings or _still_swings(joint, time_s)):
-        why = reason.text if reason else "it jumps across its goal" if joint.arrived else "timeout"
+        why = (
+            reason.text
+            if reason
+            else "its friction would make it overshoot"
+            if joint.arrived
+            else "timeout"
+        )
         return f"{joint_map.joint} is {missing} short: {why}"
     swing = joint_map.format(joint.swing_ticks * joint_map.unit_per_tick)
     verb = "swings" if joint.moves_at(time_s) else "swung"

@@ -179,7 +179,7 @@ def parse_calibration(path: Path, text: str) -> Calibration:
     try:
         calibration = Calibration.model_validate(tables)
     except ValidationError as error:
-        raise first_issue(validation_issues(error, Calibration), path) from error
+        raise first_issue(validation_issues(error, Calibration), path) from None
     issues = list(inconsistencies(calibration))
     if issues:
         raise first_issue(issues, path)
@@ -199,7 +199,7 @@ def _plain_tables(value: Any) -> Any:  # noqa: ANN401  # tables of tables
 def _check_format(path: Path, tables: Mapping[str, Any]) -> None:
     found = tables.get("format")
     if isinstance(found, int) and not isinstance(found, bool) and found > FORMAT:
-        expected = f"format {FORMAT}; a newer ikservo wrote this: pip install --upgrade ikservo"
+        expected = f"format {FORMAT}; a newer ikservo wrote this, so update ikservo"
         raise FileFormatError(path, "format", f"is {found}", expected)
 
 

@@ -104,4 +104,4 @@ def _read(path: Path) -> CameraFile:
     try:
         return CameraFile.model_validate(tables)
     except ValidationError as error:
-        raise first_issue(validation_issues(error, CameraFile), path) from error
+        raise first_issue(validation_issues(error, CameraFile), path) from None

@@ -92,7 +92,7 @@ def read_identified(path: Path) -> IdentifiedArm:
     try:
         identified = IdentifiedArm.model_validate(tables)
     except ValidationError as error:
-        raise first_issue(validation_issues(error, IdentifiedArm), path) from error
+        raise first_issue(validation_issues(error, IdentifiedArm), path) from None
     names = [joint.name for joint in identified.joints]
     for i, name in enumerate(names):
         if name in names[:i]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from datetime import datetime
 from pathlib import Path
 
 from ikservo.files.folders import config_dir
@@ -17,6 +18,7 @@ __all__ = [
     "journal_path",
     "journals_of",
     "partial_path",
+    "pictures_path",
 ]
 
 
@@ -62,6 +64,11 @@ def journals_of(arm: str) -> list[Path]:
     """Return the journals of interrupted writes into an arm on any adapter, or into any arm."""
     folder = config_dir() / "journal"
     return _files_of(folder, arm) if arm else sorted(folder.glob("*.toml"))
+
+
+def pictures_path(arm: str, began: datetime) -> Path:
+    """Return the folder of the pictures of a calibration that is not complete."""
+    return config_dir() / "pictures" / f"{_file_stem(arm, '')}-{began:%Y%m%d-%H%M%S}"
 
 
 def calibrations_of(arm: str) -> list[Path]:

@@ -303,4 +303,4 @@ def read_partial(path: Path) -> PartialCalibration | None:
     try:
         return PartialCalibration.model_validate(table)
     except ValidationError as error:
-        raise first_issue(validation_issues(error, PartialCalibration), path) from error
+        raise first_issue(validation_issues(error, PartialCalibration), path) from None

@@ -96,7 +96,7 @@ def read_journal(path: Path) -> Journal | None:
         tables = parse_toml(path, strip_checksum(path, read_text(path, 4 * MAX_BYTES)))
         return Journal.model_validate(tables)
     except ValidationError as error:
-        raise first_issue(validation_issues(error, Journal), path) from error
+        raise first_issue(validation_issues(error, Journal), path) from None
     except FileFormatError as error:
         expected = "a whole one. Remove it, then compare the servos: ikservo calibration diff"
         raise FileFormatError(path, error.where, error.found, expected) from error

@@ -17,13 +17,19 @@ from ikservo.cli.options import (
     ToolOptions,
     ToolSpeedOption,
 )
-from ikservo.cli.quantities import parse_angle_rad, parse_axis, parse_length_m, parse_point_m
+from ikservo.cli.quantities import (
+    parse_angle_rad,
+    parse_axis,
+    parse_coordinate_m,
+    parse_point_m,
+)
 from ikservo.cli.session import open_from_options
 
 __all__ = ["command"]
 
 OptionalLength = Annotated[
-    float | None, typer.Argument(parser=parse_length_m, help="End point: metres, or like 120mm.")
+    float | None,
+    typer.Argument(parser=parse_coordinate_m, help="End point: metres, or like 120mm."),
 ]
 Via = Annotated[str | None, typer.Option("--via", metavar="X,Y,Z", help="Point on the arc.")]
 FullCircle = Annotated[

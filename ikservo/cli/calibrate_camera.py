@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+import shlex
+import shutil
+from collections.abc import Generator, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -12,6 +15,7 @@ from typing import Annotated
 import typer
 
 from ikservo.arm.opening import require_own_port
+from ikservo.calibration.paths import pictures_path
 from ikservo.cli.camera import BoardOption, CameraNameOption, check_camera_name, open_camera
 from ikservo.cli.dialogue import Operator
 from ikservo.cli.options import MotionOptions, NamedServoConnection
@@ -72,7 +76,9 @@ class CameraOptions:
     ] = None
     by_hand: Annotated[
         bool,
-        typer.Option("--by-hand", help="With --camera: you move the limp arm before the camera."),
+        typer.Option(
+            "--by-hand", help="With --camera: you move the limp arm in front of the camera."
+        ),
     ] = False
 
 
@@ -96,8 +102,8 @@ def calibrate_by_camera(
         arm = require_own_port(machine)
         camera = open_camera(source, arm, board)
         print_status(
-            f"Fix the board {board.name} to the gripper, before the camera and about in the middle "
-            "of its picture. "
+            f"Fix the board {board.name} to the gripper, in front of the camera and about in the "
+            "middle of its picture. "
             + (
                 "Torque will be switched off: hold the arm. Then move it, and keep it still for a "
                 "second in about as many postures as pictures are asked for."
@@ -108,23 +114,42 @@ def calibrate_by_camera(
         if not operator.agrees(Question("May it begin?", Unasked.ERROR)):
             raise IkservoError("Nothing moved.")
         with second_interrupt_lowers(arm):
-            before, folder = ArmBefore.of(arm), None
-            if options.save_pictures is not None:
-                index = PictureIndex(
-                    arm=arm.model.name, source=public_source(source), camera_name=name,
-                    board=board.name,
-                    by_hand=options.by_hand, joints=arm.chain.names,
-                )  # fmt: skip
-                folder = PictureFolder(options.save_pictures, index, before.calibration)
+            before = ArmBefore.of(arm)
+            index = PictureIndex(
+                arm=arm.model.name, source=public_source(source), camera_name=name, board=board.name,
+                by_hand=options.by_hand, joints=arm.chain.names,
+            )  # fmt: skip
+            path = options.save_pictures or pictures_path(arm.model.name, datetime.now(UTC))
+            folder = PictureFolder(path, index, before.calibration)
             if options.by_hand:
                 arm.disable_torque()
             extents = before.extents(name, by_hand=options.by_hand)
             session = (HandCalibration if options.by_hand else CameraCalibration)(
                 arm, camera, board, options.pictures, print_status, extents, folder
             )
-            result = session.run()
+            with _kept_at_failure(path, arm.model.name):
+                result = session.run()
+        if options.save_pictures is None:
+            shutil.rmtree(path)
         question = Question("Save this?", Unasked.YES)
         _tell_and_save(before, source, name, result, operator, question, json=json)
+
+
+@contextmanager
+def _kept_at_failure(folder: Path, arm: str) -> Generator[None]:
+    """Say where the pictures are if the calibration ends before its time."""
+    try:
+        yield
+    except BaseException:
+        taken = len(list(folder.glob("*.png")))
+        if taken:
+            again = (
+                f"ikservo calibrate {shlex.quote(arm)} --from-pictures {shlex.quote(str(folder))}"
+            )
+            print_status(f"The {taken} pictures so far are kept. To calibrate by them: {again}")
+        else:
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
 
 
 def calibrate_from_pictures(model: Model, folder: Path, operator: Operator, *, json: bool) -> None:
@@ -173,6 +198,7 @@ def _tell_and_save(
         path = save_camera_result(before, source, result, now, name)
         if before.calibration is None:
             print_status(f"A simulated arm has no calibration: its camera is in {path}.")
+            print_status("It stands before the pose at the start: use it with the same --port.")
         else:
             undo = f"ikservo calibration undo {before.model.name}"
             print_status(f"Saved to {path}. To undo it: {undo}")
@@ -187,8 +213,8 @@ def _describe(result: CameraResult) -> Iterator[str]:
     """Yield what the pictures say, line by line."""
     estimate, fit = result.estimate, result.estimate.fit
     yield (
-        f"{result.pictures} pictures in {result.duration_s:.0f} s. Across the ray, in pictures "
-        f"left out: {_mm(estimate.before_m)} with the arm as it was, {_mm(estimate.after_m)} now "
+        f"{result.pictures} pictures in {result.duration_s:.0f} s. Error in test pictures: "
+        f"{_mm(estimate.before_m)} before, {_mm(estimate.after_m)} now "
         f"(estimated: {fit.extent.value})."
     )
     left_out = [f"picture {i + 1}" for i, kept in enumerate(fit.kept.tolist()) if not kept]

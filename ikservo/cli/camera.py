@@ -43,7 +43,7 @@ File = Annotated[
     Path | None,
     typer.Argument(
         metavar="[FILE|ARM]",
-        help="For board: a file of type .pdf or .svg. Otherwise: the arm before the camera.",
+        help="For board: a file of type .pdf or .svg. Otherwise: the arm in front of the camera.",
     ),
 ]
 BoardOption = Annotated[

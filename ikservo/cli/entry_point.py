@@ -95,8 +95,13 @@ def _with_arm_argument(arguments: str, place: int, arm: str) -> str:
 def _arm_from_arguments(args: Sequence[str]) -> str:
     """Return the arm of a command, given as option or positional argument; empty without one."""
     from_option = _option_value("--arm", args)
-    if from_option or not args or args[0] not in _ARM_AS_ARGUMENT:
+    if from_option or not args:
         return from_option
+    if args[0] not in _ARM_AS_ARGUMENT:
+        from ikservo.cli.app import names_arm  # noqa: PLC0415
+
+        first = next((word for word in args[1:2] if not word.startswith("-")), "")
+        return first if args[0] in _ARM_AS_OPTION and first and names_arm(first) else ""
     place = _ARM_AS_ARGUMENT[args[0]] + 1
     positional = [arg for arg in args[: place + 1] if not arg.startswith("-")]
     return positional[place] if len(positional) > place else ""

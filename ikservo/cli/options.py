@@ -12,6 +12,7 @@ from ikservo.cli.completion import complete_arms, complete_from
 from ikservo.cli.quantities import (
     parse_angle_rad,
     parse_axis,
+    parse_coordinate_m,
     parse_length_m,
     parse_point_m,
     parse_time_s,
@@ -61,7 +62,7 @@ ToolSpeedOption = Annotated[
         help="Constant speed of the tip on its path; default: as fast as --speed allows.",
     ),
 ]
-Length = Annotated[float, typer.Argument(parser=parse_length_m, help="Metres, or like 120mm.")]
+Length = Annotated[float, typer.Argument(parser=parse_coordinate_m, help="Metres, or like 120mm.")]
 TipOption = Annotated[
     str | None,
     typer.Option("--tip", help="Link of the URDF that is the tool; needed for a .urdf file."),

@@ -20,6 +20,7 @@ from ikservo.ik.workspace import Workspace
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model import Model
+from ikservo.remedies import install_command
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -64,7 +65,8 @@ def check_plot_file(file: Path) -> None:
         raise InputError(f"There is no folder {file.parent}.", "Make it, or give another --plot.")
     if find_spec("matplotlib") is None:
         raise IkservoError(
-            "Pictures need matplotlib, which is not installed.", "Try: pip install 'ikservo[plot]'"
+            "Pictures need matplotlib, which is not installed.",
+            f"Install it: {install_command('plot')}",
         )
 
 

@@ -10,6 +10,7 @@ import typer
 __all__ = [
     "parse_angle_rad",
     "parse_axis",
+    "parse_coordinate_m",
     "parse_force_n",
     "parse_length_m",
     "parse_point_m",
@@ -28,7 +29,20 @@ _RADIANS = {"": math.pi / 180, "deg": math.pi / 180, "°": math.pi / 180, "rad":
 
 
 def parse_length_m(text: str | float) -> float:
-    """Parse metres from ``0.25``, ``0.25m``, ``25cm`` or ``250mm``."""
+    """Parse metres from ``0.25``, ``0.25m``, ``25cm`` or ``250mm``.
+
+    A number of at least 1 needs its unit: around an arm on a table it is seldom metres.
+    """
+    length_m = parse_coordinate_m(text)
+    bare = str(text).strip()
+    if abs(length_m) >= 1.0 and not bare[-1].isalpha():
+        bare = bare.replace("\N{MINUS SIGN}", "-")
+        raise typer.BadParameter(f"{bare} would be metres. Did you mean {bare}mm? Else: {bare}m")
+    return length_m
+
+
+def parse_coordinate_m(text: str | float) -> float:
+    """Parse metres as ``parse_length_m``; the reach of the arm then tells millimetres."""
     return _parse_quantity(str(text), _METRES, "a length like 0.25, 250mm or 25cm")
 
 

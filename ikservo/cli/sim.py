@@ -13,6 +13,7 @@ from ikservo.calibration.paths import identified_of
 from ikservo.cli.terminal import print_status
 from ikservo.errors import IkservoError, InputError
 from ikservo.model import load_model
+from ikservo.remedies import install_command
 
 __all__ = ["CONTEXT_SETTINGS", "command"]
 
@@ -77,4 +78,4 @@ def _load_server() -> Callable[[list[str]], int]:
         )
     for entry_point in entry_points(group=_GROUP, name="sim"):
         return cast("Callable[[list[str]], int]", entry_point.load())
-    raise IkservoError("The simulator is not installed.", "Install it: pip install ikservo")
+    raise IkservoError("The simulator is not installed.", f"Install it: {install_command()}")

@@ -29,6 +29,7 @@ from ikservo.errors import InputError
 from ikservo.hardware.discovery import simulated_port_url
 from ikservo.model import Model
 from ikservo.model.scene import read_scene_with_arms, with_scene_and_arms
+from ikservo.remedies import install_command
 
 if TYPE_CHECKING:
     from ikservo.view.app import ViewApp, ViewUrls
@@ -51,7 +52,13 @@ Arms = Annotated[
     ),
 ]
 HttpPort = Annotated[
-    int, typer.Option("--http-port", min=0, max=65535, help="TCP port of the panel; 0: any.")
+    int | None,
+    typer.Option(
+        "--http-port",
+        min=0,
+        max=65535,
+        help="TCP port of the panel; 0: any; default: 8420, or the next that is free.",
+    ),
 ]
 Insecure = Annotated[
     bool,
@@ -85,7 +92,7 @@ def command(
     arms: Arms = None,
     *,
     connection: ServoConnection,
-    http_port: HttpPort = 8420,
+    http_port: HttpPort = None,
     listen: Listen = "127.0.0.1",
     insecure: Insecure = False,
     no_open: NoOpen = False,
@@ -121,9 +128,11 @@ def command(
                   uncalibrated=options.uncalibrated, cameras=camera or (), camera_name=camera_name,
                   servos=bench)  # fmt: skip
     with exiting_on_signals(), app as urls:  # what moves brakes, what is written is finished
-        print_status(f"To watch only:\n{urls.watch}\nTo control the arm:")
+        print_status("To control the arm:")
         sys.stderr.flush()  # the label of what follows
         print_lines([urls.control])
+        sys.stdout.flush()
+        print_status(f"To watch only:\n{urls.watch}")
         if urls.fingerprint:
             _print_certificate(urls)
         for warning in urls.warnings:
@@ -238,7 +247,7 @@ def _check_installed(needs: Sequence[str], extra: str = "view") -> None:
     if missing:
         raise InputError(
             f"The view needs {', '.join(missing)}; not installed.",
-            f"Try: pip install 'ikservo[{extra}]'",
+            f"Install it: {install_command(extra)}",
         )
 
 

@@ -14,7 +14,7 @@ import typer
 from ikservo.cli.model_options import calibrated_model_from_option, describe_limit
 from ikservo.cli.options import ArmOption, JsonOption, TipOption
 from ikservo.cli.plots import axis_names, check_plot_file, plot_workspace
-from ikservo.cli.quantities import parse_angle_rad, parse_length_m
+from ikservo.cli.quantities import parse_angle_rad, parse_coordinate_m, parse_length_m
 from ikservo.cli.solve_reports import ask_about_millimetres, explain_unreachable
 from ikservo.cli.terminal import print_json, print_lines
 from ikservo.errors import ExitCode, InputError, format_point
@@ -225,7 +225,7 @@ def command(
     cut = slicing.cut
     model = calibrated_model_from_option(arm, tip)
     home = model.initial_joints()
-    point_m = None if point is None else [parse_length_m(text) for text in point]
+    point_m = None if point is None else [parse_coordinate_m(text) for text in point]
     clear = _make_clearance(model) if collision else None
     found = None if point_m is None else _solve_point(model, point_m, home, clear)
     region = None

@@ -12,6 +12,7 @@ import numpy as np
 
 from ikservo.errors import BadValueError, InputError
 from ikservo.kinematics.arrays import Matrix
+from ikservo.remedies import install_command
 
 if TYPE_CHECKING:
     from cv2.aruco import CharucoBoard
@@ -36,7 +37,8 @@ def require_opencv() -> None:
     """
     if importlib.util.find_spec("cv2") is None:
         raise InputError(
-            "Cameras need OpenCV, which is not installed.", "Try: pip install 'ikservo[camera]'"
+            "Cameras need OpenCV, which is not installed.",
+            f"Install it: {install_command('camera')}",
         )
 
 

@@ -176,7 +176,7 @@ def find_board(board: Board, picture: Picture) -> BoardView:
     if contrast > 5.0 and sharpness < _MIN_SHARPNESS:
         raise PictureError("The picture is blurred.", "Focus the camera; more light helps.")
     raise PictureError(f"The board {board.name} is not seen.",
-                       "Is it before the camera, flat and lit?")  # fmt: skip
+                       "Is it in front of the camera, flat and lit?")  # fmt: skip
 
 
 def guess_intrinsics(board: Board, views: Sequence[BoardView]) -> Intrinsics:

@@ -9,6 +9,7 @@ from typing import cast
 from ikservo.errors import InputError
 from ikservo.eyes.board import Board
 from ikservo.eyes.pictures import LiveCamera, PictureSource
+from ikservo.remedies import install_hint
 
 __all__ = ["SIMULATED_SOURCE", "open_source"]
 
@@ -33,5 +34,6 @@ def open_source(source: str, transport: object, board: Board) -> PictureSource:
         opener = cast("Callable[[object, object], PictureSource | None]", point.load())
         camera = opener(transport, board.opencv())
         if camera is not None:
+            camera.hint = "\n".join(filter(None, (camera.hint, install_hint(camera.hint))))
             return camera
     raise InputError("The simulated camera sees a simulated arm only.", "Add: --port sim")

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from ikservo.errors import BadValueError, FileFormatError, InputError
 from ikservo.files.reading import parse_path, quote, read_text
+from ikservo.remedies import install_command
 
 if TYPE_CHECKING:
     from svgelements import PathSegment
@@ -103,7 +104,7 @@ def read_drawing(path: Path | str, unit: str | None = None) -> Drawing:
 
     An SVG is drawn in its own size (its ``width`` and ``height``; a pixel is 1/96 inch), seen by
     somebody behind the arm: its right is the arm's right, its top is away from the arm. Its lower
-    left corner becomes the origin. Needs svgelements (``pip install 'ikservo[draw]'``).
+    left corner becomes the origin. Needs the extra ``draw``.
 
     Args:
         path: The file.
@@ -200,7 +201,7 @@ def _read_svg(path: Path, text: str) -> Drawing:
     except ImportError:
         raise InputError(
             "Reading SVG files needs svgelements, which is not installed.",
-            "Install it: pip install 'ikservo[draw]'. A CSV file needs nothing.",
+            f"A CSV file needs nothing. Install it: {install_command('draw')}",
         ) from None
     _check_svg(path, text)
     try:

@@ -26,6 +26,7 @@ from weakref import WeakSet
 from ikservo.errors import InputError, NoPortError, PortBusyError, PortError
 from ikservo.hardware.serial_ports import list_devices, open_error
 from ikservo.hardware.vendor_modules import importing_from
+from ikservo.remedies import install_hint
 
 with importing_from("pyserial", "serial"):
     import serial
@@ -292,7 +293,9 @@ def _open_plug_in(opener: Callable[[str], Transport], name: str, baud_rate: int)
     try:
         transport = opener(name)
     except ValueError as error:
-        raise InputError(f"{name} cannot be opened: {str(error).rstrip('.')}.") from error
+        why = str(error)
+        message = f"{name} cannot be opened: {why.rstrip('.')}."
+        raise InputError(message, install_hint(why)) from error
     except Exception as error:  # a plug-in has errors of its own; all mean that there is no port
         raise NoPortError(name, list_devices(), why=str(error)) from error
     transport.baudrate = baud_rate

@@ -11,6 +11,7 @@ from contextlib import contextmanager
 from importlib.metadata import packages_distributions
 
 from ikservo.errors import IkservoError
+from ikservo.remedies import pip_command
 
 __all__ = ["importing_from"]
 
@@ -31,9 +32,9 @@ def importing_from(distribution: str, module: str) -> Generator[None]:
     except (ImportError, AttributeError) as error:  # AttributeError: a module of the same name
         found = {name.lower() for name in packages_distributions().get(module, [])}
         others = sorted(found - {distribution})
-        remove = f"pip uninstall --yes {' '.join(others)} && " if others else ""
+        remove = f"{pip_command('uninstall --yes')} {' '.join(others)} && " if others else ""
         raise IkservoError(
             f"The Python module {module} of {distribution} is damaged or replaced"
             + (f" by {' and '.join(others)}." if others else f": {error}."),
-            f"Repair it: {remove}pip install --force-reinstall {distribution}",
+            f"Repair it: {remove}{pip_command('install --force-reinstall')} {distribution}",
         ) from error

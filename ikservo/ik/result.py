@@ -144,6 +144,13 @@ class Result:
         fields["trace"] = tuple(read_only(q) for q in trace)
         fields["question"] = question
 
+    def __str__(self) -> str:
+        """Show the solution and its error; ``repr`` shows all."""
+        q = ", ".join(f"{each:z.4f}" for each in self.q)
+        held = f" ({', '.join(map(str, self.binding))})" if self.binding else ""
+        off = f"{1e3 * self.position_error_m:.3f} mm, {self.orientation_error_rad:.4f} rad off"
+        return f"{'reached' if self.reached else 'not reached'}: q = ({q}), {off}{held}"
+
     def attach_question(self, question: SolvedProblem) -> Result:
         """Set the problem that it solves, before it is handed out; return it."""
         self.__dict__["question"] = question

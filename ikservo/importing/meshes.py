@@ -18,6 +18,7 @@ from ikservo.files.reading import path_inside
 from ikservo.importing.collada import check_collada
 from ikservo.importing.fitting import Triangles
 from ikservo.model.urdf_types import Mesh
+from ikservo.remedies import install_command
 
 __all__ = ["MAX_TRIANGLES", "mesh_triangles", "read_triangles"]
 
@@ -134,7 +135,7 @@ def _import_trimesh(path: Path, place: str) -> Any:  # noqa: ANN401  # it has no
     except ImportError:
         raise InputError(
             f"{path}, {place}: reading meshes needs trimesh, which is not installed.",
-            "Install it: pip install 'ikservo[import]'",
+            f"Install it: {install_command('import')}",
         ) from None
 
 

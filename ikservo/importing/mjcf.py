@@ -33,6 +33,7 @@ from ikservo.model.urdf_types import (
     UrdfMimic,
 )
 from ikservo.model.urdf_xml import XmlElement, parse_xml
+from ikservo.remedies import install_command
 
 __all__ = [
     "arm_xml",
@@ -295,7 +296,7 @@ def _import_mujoco(path: Path) -> Any:  # noqa: ANN401  # no types
     except ImportError:
         raise InputError(
             f"{path} is an MJCF; reading it needs mujoco, which is not installed.",
-            "Install it: pip install 'ikservo[physics]'",
+            f"Install it: {install_command('physics')}",
         ) from None
 
 

@@ -14,6 +14,7 @@ from typing import BinaryIO
 from ikservo.errors import FileFormatError
 from ikservo.importing.packages import PackageFolders
 from ikservo.model.urdf_xml import MAX_URDF_BYTES, XmlElement
+from ikservo.remedies import install_command
 
 __all__ = ["expand_xacro", "needs_xacro"]
 
@@ -106,7 +107,7 @@ def expand_xacro(
     if code == _MISSING:
         raise FileFormatError(
             path, "", "its macros need xacro, which is not installed",
-            "xacro (pip install 'ikservo[import]'), or plain URDF",
+            f"xacro ({install_command('import')}), or plain URDF",
         )  # fmt: skip
     missing = _MISSING_ARGUMENT.search(error_output) if code else None
     if missing:

@@ -98,7 +98,7 @@ def _parse_lines(path: Path, text: str) -> Iterator[HealthRecord]:
                 raise FileFormatError(path, f"line {number}", "is no record", "an object")
             yield HealthRecord.model_validate(fields)
         except ValidationError as error:
-            raise first_issue(validation_issues(error, HealthRecord), path) from error
+            raise first_issue(validation_issues(error, HealthRecord), path) from None
         except FileFormatError:
             raise
         except (ValueError, RecursionError) as error:

@@ -286,6 +286,7 @@ class CameraCalibration:
         self._arm, self._camera, self._report = arm, camera, report
         self._pictures = BoardPictures(ArmBefore.of(arm), board, folder)
         self._count, self._missed = count, 0
+        self._began_s = arm.clock.now_s()
         self._last: Picture | None = None
 
     def run(self) -> CameraResult:
@@ -295,7 +296,7 @@ class CameraCalibration:
             CalibrationError: The board is not seen, or the pictures do not suffice; the arm holds.
             RefusedError: The arm may not move.
         """
-        began_s = self._arm.clock.now_s()
+        self._began_s = self._arm.clock.now_s()
         self._arm.enable()  # held by a hand or a table it bends otherwise
         self._keep(self._take())  # nothing moves before the board was seen
         home = self._pictures.joints[0]
@@ -311,7 +312,7 @@ class CameraCalibration:
             )
         with suppress(RefusedError):
             self._move(home)
-        duration_s = self._arm.clock.now_s() - began_s
+        duration_s = self._arm.clock.now_s() - self._began_s
         return self._pictures.result(self._missed, duration_s, self._extents)
 
     def _first_steps(self, home: Vector) -> Matrix:
@@ -356,7 +357,9 @@ class CameraCalibration:
                 raise
             self._report(f"not used: {error.message}")
             return False
-        self._report(f"picture {len(self._pictures)} of {self._count}")
+        taken, now_s = len(self._pictures), self._arm.clock.now_s()
+        left_s = (now_s - self._began_s) / taken * (self._count - taken)
+        self._report(f"picture {taken} of {self._count}, about {left_s:.0f} s left")
         return True
 
     def _move(self, q: Vector) -> None:

@@ -149,7 +149,7 @@ def read_pictures(folder: Path, arm: str, joints: Sequence[str]) -> SavedPicture
     try:
         index = PictureIndex.model_validate(tables)
     except ValidationError as error:
-        raise first_issue(validation_issues(error, PictureIndex), path) from error
+        raise first_issue(validation_issues(error, PictureIndex), path) from None
     if index.arm != arm or index.joints != tuple(joints):
         raise FileFormatError(path, "arm", f"is of {index.arm} with other joints", arm)
     if any(len(saved.joints_rad) != len(joints) for saved in index.pictures):

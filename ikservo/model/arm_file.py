@@ -233,7 +233,7 @@ def _validate_arm_file(path: Path, tables: Mapping[str, object]) -> ArmFile:
     try:
         return ArmFile.model_validate(tables, context={"folder": path.parent})
     except ValidationError as error:
-        raise first_issue(validation_issues(error, ArmFile), path) from error
+        raise first_issue(validation_issues(error, ArmFile), path) from None
 
 
 def _check_paths(path: Path, arm: ArmFile) -> Iterator[ValidationIssue]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import numpy as np
-from pydantic import Field, ValidationError
+from pydantic import Field, ValidationError, model_validator
 
 from ikservo.errors import BadValueError, FileFormatError, RefusedError, UnknownNameError
 from ikservo.files.reading import parse_path, read_toml
@@ -143,14 +143,24 @@ class _Thing(StrictModel):
     name: Text = Field(description="one line of text")
 
 
-class _SceneBox(_Thing):
-    centre_m: Triple = Field(description="[x, y, z] in metres, at most ±1000")
+class _CenteredThing(_Thing):
+    @model_validator(mode="before")
+    @classmethod
+    def _in_american(cls, given: dict[str, Any]) -> dict[str, Any]:
+        """Take the centre in British spelling, too."""
+        if "centre_m" in given and "center_m" not in given:
+            return {"center_m" if key == "centre_m" else key: given[key] for key in given}
+        return given
+
+
+class _SceneBox(_CenteredThing):
+    center_m: Triple = Field(description="[x, y, z] in metres, at most ±1000")
     size_m: Sides = Field(description="[x, y, z] in metres, above 0, at most 1000")
     rpy_deg: Triple = Field(default=(0.0, 0.0, 0.0), description="[roll, pitch, yaw] in degrees")
 
 
-class _SceneCylinder(_Thing):
-    centre_m: Triple = Field(description="[x, y, z] in metres, at most ±1000")
+class _SceneCylinder(_CenteredThing):
+    center_m: Triple = Field(description="[x, y, z] in metres, at most ±1000")
     radius_m: Length = Field(description="metres above 0, at most 1000")
     height_m: Length = Field(description="metres above 0, at most 1000")
     axis: Triple = Field(
@@ -158,8 +168,8 @@ class _SceneCylinder(_Thing):
     )
 
 
-class _SceneSphere(_Thing):
-    centre_m: Triple = Field(description="[x, y, z] in metres, at most ±1000")
+class _SceneSphere(_CenteredThing):
+    center_m: Triple = Field(description="[x, y, z] in metres, at most ±1000")
     radius_m: Length = Field(description="metres above 0, at most 1000")
 
 
@@ -218,7 +228,7 @@ def read_scene_with_arms(
     try:
         scene = _SceneFile.model_validate(read_toml(path))
     except ValidationError as error:
-        raise first_issue(validation_issues(error, _SceneFile), path) from error
+        raise first_issue(validation_issues(error, _SceneFile), path) from None
     things = tuple(_things(scene))
     arms = tuple(
         PlacedArm(each.name, each.at_m, each.rpy_deg, each.arm or "", each.port or "")
@@ -246,7 +256,7 @@ def make_shape(kind: str, name: str, sizes: dict[str, Any]) -> KeepOutShape:
     Args:
         kind: box, cylinder, sphere or half_space.
         name: For messages.
-        sizes: Its other keys, such as ``centre_m``.
+        sizes: Its other keys, such as ``center_m``.
 
     Raises:
         UnknownNameError: There is no such kind.
@@ -261,7 +271,7 @@ def make_shape(kind: str, name: str, sizes: dict[str, Any]) -> KeepOutShape:
     try:
         scene = _SceneFile.model_validate({kind: [{"name": name, **values}]})
     except ValidationError as error:
-        raise first_issue(validation_issues(error, _SceneFile), Path(f"<{name}>")) from error
+        raise first_issue(validation_issues(error, _SceneFile), Path(f"<{name}>")) from None
     return next(_things(scene))
 
 
@@ -272,7 +282,7 @@ def describe_thing(thing: Obstacle) -> tuple[str, dict[str, Any]]:
     """
     R, centre, half = thing.row[:9].reshape(3, 3), thing.row[9:12], thing.row[12:15]
     grown = half + thing.row[ROUNDING]
-    at = {"centre_m": centre.tolist()}
+    at = {"center_m": centre.tolist()}
     if thing.row[IS_CYLINDER]:
         sizes = {"radius_m": float(grown[0]), "height_m": float(2.0 * grown[2])}
         return "cylinder", {**at, **sizes, "axis": R[:, 2].tolist()}
@@ -374,14 +384,14 @@ def _things(scene: _SceneFile) -> Iterator[KeepOutShape]:
 
     for each in scene.box:
         R = rotation_rpy(*(math.radians(angle) for angle in each.rpy_deg))
-        yield shape(each.name, R, np.array(each.centre_m), 0.5 * np.array(each.size_m))
+        yield shape(each.name, R, np.array(each.center_m), 0.5 * np.array(each.size_m))
     for each in scene.cylinder:
         half = np.array([each.radius_m, each.radius_m, 0.5 * each.height_m])
         yield shape(
-            each.name, _turned_to(each.name, each.axis), np.array(each.centre_m), half, 0.0, 1.0
+            each.name, _turned_to(each.name, each.axis), np.array(each.center_m), half, 0.0, 1.0
         )
     for each in scene.sphere:
-        yield shape(each.name, np.eye(3), np.array(each.centre_m), np.zeros(3), each.radius_m)
+        yield shape(each.name, np.eye(3), np.array(each.center_m), np.zeros(3), each.radius_m)
     for each in scene.half_space:
         R = _turned_to(each.name, each.normal)
         normal = R[:, 2]

@@ -17,6 +17,7 @@ from ikservo.files.writing import write_all_atomic
 from ikservo.network import key_expressions as keys
 from ikservo.network.address import Endpoint, check_host
 from ikservo.network.session import Certificate
+from ikservo.remedies import install_command
 
 if TYPE_CHECKING:
     from cryptography import x509
@@ -121,7 +122,7 @@ def make_keys(folder: Path, hosts: Sequence[str], *, overwrite: bool = False) ->
         check_host(host)
     if find_spec("cryptography") is None:
         raise IkservoError(
-            "Certificates need the library cryptography.", 'Install it: pip install "ikservo[net]"'
+            "Certificates need the library cryptography.", f"Install it: {install_command('net')}"
         )
     authority = _make_authority()
     signed = {_AUTHORITY: authority}

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, TypeVar
 from ikservo.errors import IkservoError, PortError
 from ikservo.network import key_expressions as keys
 from ikservo.network.address import Endpoint
+from ikservo.remedies import install_command
 
 if TYPE_CHECKING:
     import zenoh
@@ -210,7 +211,7 @@ def _opened(settings: Mapping[str, object], what: str, hint: str) -> Generator[z
         import zenoh  # noqa: PLC0415  # an extra
     except ImportError:
         raise IkservoError(
-            "Arms on other machines need Zenoh.", 'Install it: pip install "ikservo[net]"'
+            "Arms on other machines need Zenoh.", f"Install it: {install_command('net')}"
         ) from None
     config = zenoh.Config()
     try:

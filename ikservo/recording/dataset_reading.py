@@ -14,6 +14,7 @@ import numpy as np
 from ikservo.errors import FileFormatError, IkservoError, InputError, UnknownNameError
 from ikservo.files.reading import parse_json, read_text
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.remedies import install_command
 
 __all__ = ["COLUMNS", "Dataset", "Episode", "read_dataset", "require_pyarrow"]
 
@@ -71,7 +72,7 @@ def require_pyarrow() -> None:
     """
     if find_spec("pyarrow") is None:
         raise IkservoError("Data sets need pyarrow; it is not installed.",
-                           "Try: pip install 'ikservo[dataset]'")  # fmt: skip
+                           f"Install it: {install_command('dataset')}")  # fmt: skip
 
 
 def read_dataset(folder: Path, what: str = "state") -> Dataset:

@@ -7,6 +7,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 from ikservo.errors import BadValueError, IkservoError, PortError
+from ikservo.remedies import install_command
 from ikservo.ros.arm_messages import RosMessage, Topic
 from ikservo.ros.messages import definition
 
@@ -26,7 +27,7 @@ def _import_foxglove() -> Any:  # noqa: ANN401  # a module
     except ImportError:
         raise IkservoError(
             "Foxglove is served with the library foxglove-sdk.",
-            'Install it: pip install "ikservo[foxglove]"',
+            f"Install it: {install_command('foxglove')}",
         ) from None
     return foxglove
 

@@ -13,6 +13,7 @@ from typing import IO, Any, BinaryIO, cast
 
 from ikservo.errors import FileFormatError, IkservoError
 from ikservo.files.reading import require_file
+from ikservo.remedies import install_command
 
 __all__ = ["MAGIC", "MAX_CHUNK_BYTES", "import_mcap", "read_records"]
 
@@ -36,7 +37,7 @@ def import_mcap() -> Any:  # noqa: ANN401  # a module
         import mcap.writer  # noqa: PLC0415  # an extra
     except ImportError:
         raise IkservoError(
-            "MCAP files need the library mcap.", 'Install it: pip install "ikservo[record]"'
+            "MCAP files need the library mcap.", f"Install it: {install_command('record')}"
         ) from None
     return mcap.writer
 

@@ -6,6 +6,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from ikservo.errors import IkservoError, InputError
+from ikservo.remedies import install_command
 from ikservo.ros.service_types import EVENT_INFO, TRIGGER, service_types
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ def _store() -> Typestore:
         from rosbags.typesys import Stores, get_typestore  # noqa: PLC0415
     except ImportError:
         raise IkservoError(
-            "Messages of ROS 2 need rosbags.", 'Install it: pip install "ikservo[record]"'
+            "Messages of ROS 2 need rosbags.", f"Install it: {install_command('record')}"
         ) from None
     store = get_typestore(Stores.ROS2_JAZZY)
     # rosbags hashes its array of char as such; ROS 2 reads a char of a definition as uint8.

@@ -27,7 +27,14 @@ from ikservo.view.messages import read_message
 from ikservo.view.new_arm import NewArmPanel
 from ikservo.view.page_cameras import PageCameras
 from ikservo.view.served_arms import ArmAtPort, ServedArms, ViewSettings
-from ikservo.view.server import BoundAddress, PageChannel, make_app, serve, serve_in_thread
+from ikservo.view.server import (
+    USUAL_PORT,
+    BoundAddress,
+    PageChannel,
+    make_app,
+    serve,
+    serve_in_thread,
+)
 from ikservo.view.servo_bench import ServoBench, read_bench_message
 
 __all__ = ["ViewApp", "ViewUrls", "low_jitter"]
@@ -79,7 +86,7 @@ class ViewApp:
         places: The arms and their ports; simulated ones run in real time. Others can be opened on
             the page, so there may be none.
         listen: The IP address at which the page is served.
-        http: The port of the page, 0 for any that is free.
+        http: See ``BoundAddress``.
         insecure: Serve other machines by plain HTTP instead of TLS.
         collisions: See ``open_arm``.
         uncalibrated: See ``open_arm``.
@@ -93,7 +100,7 @@ class ViewApp:
         self,
         places: Sequence[ArmAtPort],
         listen: str = "127.0.0.1",
-        http: int = 0,
+        http: int | None = 0,
         *,
         insecure: bool = False,
         collisions: bool = True,
@@ -208,9 +215,13 @@ class ViewApp:
         missing = [_NO_CAMERA_TEXT.format(name) for name in cameras.find_missing()]
         hints = {arm.video.hint for arm in self.arms.all() if arm.is_open and arm.video}
         network = _TLS_TEXT if self._uses_tls else _INSECURE_TEXT
-        return [text for text in (*missing, *hints, "" if self._is_local else network) if text]
+        moved = _MOVED_TEXT if self._address.is_unusual else ""
+        return [
+            text for text in (moved, *missing, *hints, "" if self._is_local else network) if text
+        ]
 
 
+_MOVED_TEXT = f"Port {USUAL_PORT} is in use, so the page is served at the next free port."
 _NO_CAMERA_TEXT = "There is no picture from {} now: the page shows it once the camera is there."
 _TLS_TEXT = (
     "The network can reach this page. A browser does not know its certificate and warns once: "

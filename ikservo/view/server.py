@@ -7,6 +7,7 @@ import contextlib
 import errno
 import json
 import socket
+import sys
 import threading
 from collections import deque
 from collections.abc import Callable, Generator, Mapping, Sequence
@@ -350,6 +351,8 @@ class _ClientState(Generic[_MessageT]):
 
 
 _BYTES_A_CHARACTER = 4
+USUAL_PORT = 8420
+_USUAL_PORTS = range(USUAL_PORT, USUAL_PORT + 20)
 
 
 class BoundAddress:
@@ -357,24 +360,19 @@ class BoundAddress:
 
     Args:
         host: An IP address of this machine.
-        port: A port, or 0 for any that is free.
+        port: A port, 0 for any free one; None: the usual one, or the next free one.
         certificate: Serve by TLS with it; None for plain HTTP.
 
     Raises:
         PortError: It is no address of this machine, or in use.
     """
 
-    def __init__(self, host: str, port: int, certificate: PageCertificate | None = None) -> None:
+    def __init__(
+        self, host: str, port: int | None, certificate: PageCertificate | None = None
+    ) -> None:
         self.certificate = certificate
-        family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        self.socket = socket.socket(family, socket.SOCK_STREAM)
-        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        try:
-            self.socket.bind((host, port))
-            self.socket.listen()  # early clients wait until the server runs
-        except (OSError, OverflowError) as error:
-            self.socket.close()
-            raise _cannot_serve(host, port, error) from error
+        self.socket = _listening_socket(host, _USUAL_PORTS if port is None else (port,))
+        self.is_unusual = port is None and self.socket.getsockname()[1] != USUAL_PORT
 
     @property
     def url(self) -> str:
@@ -382,6 +380,25 @@ class BoundAddress:
         host, port = self.socket.getsockname()[:2]
         scheme = "http" if self.certificate is None else "https"
         return f"{scheme}://[{host}]:{port}" if ":" in host else f"{scheme}://{host}:{port}"
+
+
+def _listening_socket(host: str, ports: Sequence[int]) -> socket.socket:
+    """Return a socket at the first of the ports that no other program has."""
+    for port in ports:
+        found = socket.socket(socket.AF_INET6 if ":" in host else socket.AF_INET)
+        if sys.platform != "win32":  # there it would share the port of another program
+            found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            found.bind((host, port))
+            found.listen()  # early clients wait until the server runs
+        except (OSError, OverflowError) as error:
+            found.close()
+            is_in_use = getattr(error, "errno", None) == errno.EADDRINUSE
+            if not is_in_use or port == ports[-1]:
+                raise _cannot_serve(host, port, error) from error
+        else:
+            return found
+    raise ValueError("no port was given")
 
 
 def _cannot_serve(host: str, port: int, error: OSError | OverflowError) -> PortError:

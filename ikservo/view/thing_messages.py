@@ -36,7 +36,7 @@ class ChangeThing(PageMessage):
     kind: Literal["change_thing"]
     name: ThingName
     new_name: ThingName | None = None
-    centre_m: Triple | None = None
+    center_m: Triple | None = None
     size_m: Triple | None = None
     radius_m: Number | None = None
     height_m: Number | None = None

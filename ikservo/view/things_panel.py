@@ -126,7 +126,7 @@ class ThingsPanel:
         self.show_moved(None)
         thing = next((each for each in self._arm.scene.things if each.name == moved.name), None)
         if thing is not None and moved.shift_m.any():
-            self._arm.scene.change(moved.name, centre_m=thing.row[9:12] + moved.shift_m)
+            self._arm.scene.change(moved.name, center_m=thing.row[9:12] + moved.shift_m)
 
     def offer(self) -> Frame:
         """Offer the things as a scene file; return where."""
@@ -160,7 +160,7 @@ class ThingsPanel:
         """Return place and size of a new thing: on the table, behind the base."""
         half_m = 0.5 * _NEW_SIZE_M
         low_m = self._arm.model.floor_m or 0.0
-        place: dict[str, Any] = {"centre_m": (-_NEW_AWAY_M - half_m, 0.0, low_m + half_m)}
+        place: dict[str, Any] = {"center_m": (-_NEW_AWAY_M - half_m, 0.0, low_m + half_m)}
         if shape == "box":
             return {**place, "size_m": (_NEW_SIZE_M,) * 3}
         if shape == "cylinder":

@@ -117,8 +117,7 @@ def _make_mujoco_body(
     try:
         from servosim.mujoco_body import MujocoBody  # noqa: PLC0415 - an extra, and slow to import
     except ImportError as error:
-        hint = "MuJoCo is not installed; try: pip install 'ikservo[physics]'"
-        raise SimulatorError(hint) from error
+        raise SimulatorError("MuJoCo is not installed; it needs the extra physics") from error
     motors = [[servo.motor.parameters for servo in joint.servos] for joint in joints]
     margins = [_stop_margin(joint.is_prismatic) for joint in joints]
     names = [joint.name for joint in joints]

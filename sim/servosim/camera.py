@@ -42,7 +42,8 @@ class SimulatedView:
     """A camera, and how a board is fixed to the tip.
 
     Attributes:
-        from_tip_m: Where the camera stands, from where the tip is at first (3,), base frame.
+        from_tip_m: Where the camera stands, from where the tip is at first (3,), base frame. A
+            calibration holds for an arm that starts in the same pose.
         aside_m: How far the board is from the tip, towards the camera.
         tilt_rad: By how much it is tilted away from the camera at first.
         focal_px: Of the lens.
@@ -122,7 +123,7 @@ class SimulatedCamera:
         try:
             from servosim.stage import MountedBoard, Stage, StageCamera  # noqa: PLC0415 - an extra
         except ImportError:
-            self.hint = "The picture shows the board only. For all: pip install 'ikservo[physics]'"
+            self.hint = "The picture shows the board only. All else needs the extra physics."
             return
         flat = self._rays[..., :2] / self._rays[..., 2:]
         focal_px = self._view.focal_px

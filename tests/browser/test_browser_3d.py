@@ -208,7 +208,8 @@ def test_frames_too_slow_fall_back_to_the_canvas_and_the_switch_returns_to_3d(on
         }}"""
     )
     onlooker.wait_for("!scene.webgl && items.some((item) => item.style === 'measured')")
-    assert onlooker.page.inner_text("#render-note") == "3D takes 120 ms a frame here: drawn in 2D."
+    note = onlooker.page.inner_text("#render-note")
+    assert note == "A 3D frame takes 120 ms here, so the view is 2D."
     assert onlooker.page.get_attribute("#render-3d", "aria-checked") == "false"
     assert onlooker.page.is_hidden("#webgl")
     onlooker.page.click("#render-3d")
@@ -219,7 +220,7 @@ def test_frames_too_slow_fall_back_to_the_canvas_and_the_switch_returns_to_3d(on
 def test_a_lost_graphics_context_falls_back_and_3d_returns_with_it(onlooker):
     onlooker.page.evaluate("window.ikservo.rendering.renderer.forceContextLoss()")
     onlooker.wait_for("!scene.webgl && items.some((item) => item.style === 'measured')")
-    gave_up = "The graphics driver gave up: drawn in 2D."
+    gave_up = "The graphics driver gave up, so the view is 2D."
     assert onlooker.page.inner_text("#render-note") == gave_up
     onlooker.page.click("#render-3d")
     assert onlooker.page.inner_text("#render-note") == gave_up
@@ -236,7 +237,8 @@ def test_without_webgl_the_canvas_draws_the_orbit_view(browser, shared):
     assert operator.page.get_attribute("#views button[value=side]", "aria-checked") == "true"
     operator.page.click("#views button[value=orbit]")
     operator.until("document.getElementById('render-note').textContent")
-    assert operator.page.inner_text("#render-note") == "This browser has no WebGL: drawn in 2D."
+    note = operator.page.inner_text("#render-note")
+    assert note == "This browser has no 3D graphics, so the view is 2D."
     operator.wait_for("!scene.webgl && items.some((item) => item.style === 'measured')")
     assert not operator.page.is_hidden("#backdrop")
     operator.page.click("#render-3d")
@@ -279,7 +281,7 @@ def test_where_webgl_is_drawn_in_software_the_page_begins_flat_and_loads_no_3d(
     operator.page.click("#views button[value=orbit]")
     operator.until("document.getElementById('render-note').textContent")
     note = operator.page.inner_text("#render-note")
-    assert note == "No graphics card draws WebGL here: drawn in 2D."
+    assert note == "No graphics card draws WebGL here, so the view is 2D."
     assert operator.page.evaluate("window.ikservo.rendering.module") is None
     context.close()
 
@@ -291,7 +293,8 @@ def test_in_live_3d_is_not_tried_until_live_is_off(webgl_browser, view):
     operator.enable_live().page.click("#views button[value=orbit]")
     operator.page.click("#render-3d")
     operator.until("document.getElementById('render-note').textContent")
-    assert operator.page.inner_text("#render-note") == "3D begins once Live is off: drawn in 2D."
+    note = operator.page.inner_text("#render-note")
+    assert note == "3D begins once Live is off, so the view is 2D."
     assert operator.page.evaluate("window.ikservo.rendering.module") is None
     operator.page.click("#live")
     operator.wait_for(DRAWN_IN_3D)

@@ -145,7 +145,7 @@ def test_an_arm_that_holds_is_calibrated_by_a_second_press_only(newcomer):
     page = newcomer.page
     newcomer.wait_for("status.health.joints.every(({torque}) => torque === 'on')")
     page.click("#calibrate")
-    assert page.inner_text("#calibrate") == "It goes limp: sure?"
+    assert page.inner_text("#calibrate") == "The arm will go limp. Sure?"
     newcomer.until("document.getElementById('calibrate').textContent === 'Calibrate …'")
     assert newcomer.status["calibration"] is None
     assert {joint["torque"] for joint in newcomer.status["health"]["joints"]} == {"on"}

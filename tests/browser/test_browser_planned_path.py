@@ -14,7 +14,7 @@ pytestmark = [pytest.mark.browser, needs_planner]
 SCENE = """
 [[box]]
 name = "the post"
-centre_m = [0.17, -0.1, 0.15]
+center_m = [0.17, -0.1, 0.15]
 size_m = [0.04, 0.04, 0.3]
 """
 GOAL_DEG = 60.0

@@ -14,6 +14,7 @@ from ikservo.arm.recorder import recording_header
 from ikservo.calibration.calibration_file import read_calibration
 from ikservo.calibration.lerobot import parse_lerobot
 from ikservo.recording.recording import RecordingWriter
+from ikservo.remedies import install_command
 from tests.arm.simulated import true_joints
 from tests.calibration.lerobot_files import lerobot_text
 from tests.calibration.mounted_arms import make_mounted_arm
@@ -172,7 +173,7 @@ def test_without_pyarrow_the_error_says_what_to_install(exported, run_cli, monke
     )
     done = run_cli(f"import dataset {exported} --arm so101 --to {tmp_path / 'back'}")
     assert done.code == 1  # as for every extra
-    assert "pip install 'ikservo[dataset]'" in done.err
+    assert install_command("dataset") in done.err
     done = run_cli(f"import dataset {tmp_path} --arm so101 --to {tmp_path / 'back'}")
     assert (done.code, "in which meta and data are" in done.err) == (2, True), done.err
 

@@ -1,9 +1,13 @@
 """`--save-pictures` and `--from-pictures`: a calibration is repeated without the arm."""
 
+import re
+
 import pytest
 
 from ikservo.calibration.calibration_file import read_calibration
 from ikservo.calibration.paths import calibration_path
+from ikservo.files.folders import config_dir
+from ikservo.maintenance.camera_calibration import CameraCalibration
 from ikservo.maintenance.picture_folder import PictureFolder, PictureIndex
 from tests.calibration.mounted_arms import load_model
 from tests.cli.fixtures_mounted_arm import PORT, SERIAL
@@ -72,3 +76,25 @@ def test_a_folder_without_pictures_or_with_other_options_is_refused(tmp_path, ru
     assert (missing.code, "pictures.toml" in missing.err) == (2, True)
     assert "Leave the others out" in run_cli(f"{REPEAT} {tmp_path} --camera 0").err
     assert "moves nothing" in run_cli(f"{REPEAT} {tmp_path} --touch").err
+
+
+@pytest.mark.full
+@pytest.mark.timeout(600)
+def test_stopped_calibration_keeps_its_pictures(monkeypatch, run_cli):
+    keep, taken = CameraCalibration._keep, []
+
+    def interrupted(self, picture):
+        taken.append(picture)
+        if len(taken) == 12:
+            raise KeyboardInterrupt
+        keep(self, picture)
+
+    monkeypatch.setattr(CameraCalibration, "_keep", interrupted)
+    words = "calibrate so101 --port sim:?pose=home --camera sim --pictures 13 --yes"
+    stopped = run_cli(words)
+    assert stopped.code == 130
+    assert re.search(r"picture 9 of 13, about \d+ s left", stopped.err)
+    (again,) = re.findall(r"To calibrate by them: ikservo (.*)", stopped.err)
+    (folder,) = (config_dir() / "pictures").iterdir()
+    assert again == f"calibrate so101 --from-pictures {folder}"
+    assert run_cli(f"{again} --yes").code == 0

@@ -10,6 +10,7 @@ import pytest
 import ikservo
 from ikservo.cli.plots import arm_polyline
 from ikservo.model import load_model
+from ikservo.remedies import install_command
 from tests.oracle import ARMS, tip_from_joints
 
 POINT = "solve 0.25 0.05 0.15 --arm so101"
@@ -233,7 +234,7 @@ def test_without_matplotlib_the_extra_is_named(run_cli, monkeypatch, tmp_path):
     monkeypatch.setattr("ikservo.cli.plots.find_spec", lambda _: None)
     result = run_cli(f"{FLAT} --plot {tmp_path}/arm.svg")
     assert result.code == 1
-    assert "pip install 'ikservo[plot]'" in result.err
+    assert install_command("plot") in result.err
     assert result.out == ""
 
 

@@ -11,6 +11,7 @@ import sys
 import httpx
 import pytest
 
+from ikservo.remedies import install_command
 from ikservo.view.servo_bench import ServoBench
 
 
@@ -46,7 +47,7 @@ def test_without_the_extra_the_command_says_what_to_install(run_cli, monkeypatch
     monkeypatch.setattr("ikservo.cli.view.find_spec", lambda name: None)
     result = run_cli("view --port sim")
     assert result.code == 2
-    assert "pip install 'ikservo[view]'" in result.err
+    assert install_command("view") in result.err
 
 
 @pytest.mark.parametrize("address", ["localhost", "example.com", "1.2.3", "127.0.0.1:80"])
@@ -161,7 +162,7 @@ QR_CODES = ("to watch only", "to control the arm")
 
 
 @pytest.mark.full
-def test_each_address_has_its_label_and_the_one_to_watch_comes_first():
+def test_address_to_control_is_printed_first():
     serving = served()
     try:
         url = serving.stdout.readline().strip()
@@ -170,8 +171,8 @@ def test_each_address_has_its_label_and_the_one_to_watch_comes_first():
     finally:
         serving.kill()
         serving.communicate()
-    first, watch, last = reported.splitlines()[:3]
-    assert (first, last) == ("To watch only:", "To control the arm:")
+    first, second, watch = reported.splitlines()[:3]
+    assert (first, second) == ("To control the arm:", "To watch only:")
     assert watch.partition("#token=")[0] == url.partition("#token=")[0]
     assert watch != url
 

@@ -135,12 +135,12 @@ def test_every_command_that_cannot_run_exists_with_its_options():
                 require_command(block, args)
 
 
-def test_pages_link_to_files_that_exist():
+def test_pages_link_to_files_of_a_clone():
     missing = [
         f"{page.relative_to(ROOT)}: {link}"
         for page in PAGES
         for link in re.findall(r"\]\(([^)#\s]+)[^)]*\)", page.read_text("utf-8"))
-        if "://" not in link and not (page.parent / link).exists() and not _is_generated(page, link)
+        if "://" not in link and not (page.parent / link).exists()
     ]
     assert missing == []
 
@@ -153,12 +153,3 @@ def test_modules_and_tests_that_a_page_names_exist(page):
     made_here = re.findall(r"Save this as `(\w+\.py)`", page.read_text("utf-8"))
     gone = {name for name in named if not any(file.endswith(f"/{name}") for file in files)}
     assert gone == set(made_here)
-
-
-def _is_generated(page: Path, link: str):
-    from tests.docs.pages_tool import GENERATED
-
-    target = (page.parent / link).resolve()
-    return target.is_relative_to(ROOT / "docs") and (
-        str(target.relative_to(ROOT / "docs")) in GENERATED
-    )

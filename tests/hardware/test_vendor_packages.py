@@ -84,10 +84,10 @@ def test_a_dynamixel_arm_moves_with_an_older_release_over_the_newest(installed, 
 @pytest.mark.full
 def test_the_package_serial_over_pyserial_is_named_with_the_line_that_repairs_it(installed):
     result = run(installed("pyserial==3.5", "serial==0.0.97"), "ports")
-    assert result.stderr.splitlines() == [
-        "The Python module serial of pyserial is damaged or replaced by serial.",
-        "Repair it: pip uninstall --yes serial && pip install --force-reinstall pyserial",
-    ]
+    first, second = result.stderr.splitlines()
+    assert first == "The Python module serial of pyserial is damaged or replaced by serial."
+    assert "pip uninstall --yes serial && " in second
+    assert second.endswith("pip install --force-reinstall pyserial")
 
 
 @pytest.mark.full

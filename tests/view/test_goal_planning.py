@@ -282,7 +282,7 @@ def test_a_thing_put_into_the_path_that_is_shown_is_avoided_too(session):
     )
     tip_m = session.arm.context.planner.tip(highest)
     session.send_message(things.AddThing, shape="sphere")
-    session.send_message(things.ChangeThing, name="the ball 1", centre_m=tuple(tip_m.tolist()))
+    session.send_message(things.ChangeThing, name="the ball 1", center_m=tuple(tip_m.tolist()))
     frames = session.planned()
     second = session.interaction.path
     assert second.number > first.number
@@ -326,7 +326,7 @@ LAMP_M = (0.27, 0.0, 0.15)
 def test_a_point_that_another_posture_reaches_is_gone_to_in_that():
     with ViewSession() as session:
         planner = session.arm.context.planner
-        session.arm.scene.add("sphere", "the lamp", centre_m=LAMP_M, radius_m=0.015)
+        session.arm.scene.add("sphere", "the lamp", center_m=LAMP_M, radius_m=0.015)
         session.send_message(page_messages.SetTool, what="x", value=260.0)
         typed, wanted_m = session.interaction.goal, session.interaction.marker.target_m
         assert nearest_m(session.arm, [typed]) < 0.0
@@ -349,7 +349,7 @@ def test_a_point_that_another_posture_reaches_is_gone_to_in_that():
 
 def test_a_posture_that_was_typed_is_gone_to_or_refused():
     with ViewSession() as session:
-        session.arm.scene.add("sphere", "the lamp", centre_m=LAMP_M, radius_m=0.015)
+        session.arm.scene.add("sphere", "the lamp", center_m=LAMP_M, radius_m=0.015)
         session.send_message(page_messages.SetTool, what="x", value=260.0)
         goal = session.interaction.goal
         for joint, at in zip(session.arm.joint_names, np.degrees(goal).tolist(), strict=True):

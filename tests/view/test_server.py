@@ -298,3 +298,14 @@ def test_an_address_in_use_is_reported(url):
     port = int(url.rpartition(":")[2])
     with pytest.raises(PortError, match="cannot be served"):
         BoundAddress("127.0.0.1", port)
+
+
+def test_page_takes_next_port_if_usual_one_is_in_use(monkeypatch):
+    with socket.create_server(("127.0.0.1", 0)) as other:
+        taken = other.getsockname()[1]
+        monkeypatch.setattr("ikservo.view.server.USUAL_PORT", taken)
+        monkeypatch.setattr("ikservo.view.server._USUAL_PORTS", range(taken, taken + 20))
+        page = BoundAddress("127.0.0.1", None)
+        with page.socket:
+            assert taken < int(page.url.rpartition(":")[2]) < taken + 20
+            assert page.is_unusual

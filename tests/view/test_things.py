@@ -38,14 +38,14 @@ def test_a_thing_is_added_changed_renamed_and_removed(session):
     session.latest_frames()
     session.send_message(things.AddThing, shape="box")
     assert set(shown(session)) == {"the box 1"}
-    session.send_message(things.ChangeThing, name="the box 1", centre_m=(0.2, 0.15, 0.12))
+    session.send_message(things.ChangeThing, name="the box 1", center_m=(0.2, 0.15, 0.12))
     session.send_message(
         things.ChangeThing, name="the box 1", new_name="the shelf", size_m=(0.1, 0.1, 0.02)
     )
     (shelf,) = shown(session).values()
     assert shelf["name"] == "the shelf"
     assert shelf["half"] == pytest.approx((0.05, 0.05, 0.01))
-    assert shelf["sizes"]["centre_m"] == pytest.approx((0.2, 0.15, 0.12))
+    assert shelf["sizes"]["center_m"] == pytest.approx((0.2, 0.15, 0.12))
     with pytest.raises(CollisionError, match="the shelf"):
         session.arm.plan_to((0.2, 0.15, 0.12), straight=True)
     session.send_message(things.RemoveThing, name="the shelf")
@@ -110,7 +110,7 @@ def test_nothing_changes_while_the_arm_follows_or_for_who_only_watches(session):
 
 def test_a_thing_is_dragged_and_stands_where_it_was_dropped(session):
     session.send_message(things.AddThing, shape="box")
-    session.send_message(things.ChangeThing, name="the box 1", centre_m=(0.1, 0.25, 0.03))
+    session.send_message(things.ChangeThing, name="the box 1", center_m=(0.1, 0.25, 0.03))
     at = session.camera().project(np.array([0.1, 0.25, 0.03]))[0].tolist()
     session.point("down", *at)
     for part in (0.5, 1.0):

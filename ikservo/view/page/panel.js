@@ -20,7 +20,7 @@ const MODES = {
 };
 // Where the zeros of the joints come from, and with them what their positions mean.
 const ZEROS = {
-  calibrated: "calibrated range", vendor: "the maker's zeros", simulated: "range of the arm file",
+  calibrated: "calibrated range", vendor: "the maker's zeros", simulated: "limits from the arm file",
   accepted: "zeros of the arm file", unknown: "not calibrated",
 };
 const SOLVERS = {
@@ -58,7 +58,7 @@ export class Panel {
   // The arm goes limp for it: one that holds takes a second press.
   calibrate() {
     const start = () => this.send("calibration", { action: "start" });
-    if (this.holds) ask($("calibrate"), "It goes limp: sure?", start);
+    if (this.holds) ask($("calibrate"), "The arm will go limp. Sure?", start);
     else start();
   }
 

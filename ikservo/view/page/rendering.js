@@ -7,7 +7,7 @@ import { isSame } from "./picture.js";
 const WARM_UP_FRAMES = 2; // shaders are compiled meanwhile
 const TIMED_FRAMES = 5;
 const CONTEXT_LOST = "The graphics driver gave up";
-const NO_WEBGL = "This browser has no WebGL";
+const NO_WEBGL = "This browser has no 3D graphics";
 const NO_CARD = "No graphics card draws WebGL here";
 const SOFTWARE = /swiftshader|llvmpipe|softpipe|software|basic render/i; // renderers
 const AFTER_LIVE = "3D begins once Live is off";
@@ -96,7 +96,7 @@ export class Rendering {
       this.onChange();
     } catch {
       this.module = null;
-      this.fallBack("3D cannot be loaded");
+      this.fallBack("The 3D view cannot be loaded");
     }
   }
 
@@ -153,7 +153,7 @@ export class Rendering {
     this.tried = true;
     const timed = times.slice(WARM_UP_FRAMES).sort((a, b) => a - b);
     this.frameMs = timed[Math.floor(timed.length / 2)];
-    if (this.frameMs > BUDGET_MS && this.wanted !== "3d") this.fallBack(`3D takes ${Math.round(this.frameMs)} ms a frame here`);
+    if (this.frameMs > BUDGET_MS && this.wanted !== "3d") this.fallBack(`A 3D frame takes ${Math.round(this.frameMs)} ms here`);
   }
 
   showControls() {
@@ -162,7 +162,7 @@ export class Rendering {
     setAttribute($("handles"), "aria-checked", this.handles);
     setAttribute($("render-3d"), "aria-checked", this.isOn());
     const reason = this.wants3D() && this.live && !this.tried ? AFTER_LIVE : this.reason;
-    setText($("render-note"), reason ? `${reason}: drawn in 2D.` : "");
+    setText($("render-note"), reason ? `${reason}, so the view is 2D.` : "");
   }
 }
 

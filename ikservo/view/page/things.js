@@ -63,7 +63,7 @@ export class Things {
     title.onchange = () => (title.value.trim() ? change({ new_name: title.value.trim() }) : (title.value = name));
     const remove = createElement("button", { type: "button", class: "ghost small", "aria-label": `Remove ${name}`, onclick: () => this.send("remove_thing", { name }) }, "×");
     const row = { name, kind, fields: [], element: createElement("li", { "data-thing": name }, title, createElement("span", { class: "quiet" }, TITLES[kind]), remove) };
-    const keys = kind === "half_space" ? [] : [[kind === "arm" ? "at_m" : "centre_m", AXES, "mm"], ...SIZES[kind]];
+    const keys = kind === "half_space" ? [] : [[kind === "arm" ? "at_m" : "center_m", AXES, "mm"], ...SIZES[kind]];
     for (const [key, labels, unit] of keys) row.element.append(this.createNumbers(row, { key, labels, unit }, change));
     return row;
   }

@@ -1,0 +1,76 @@
+"""Signatures of methods that take their options as a ``TypedDict``, and points as numbers."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Callable
+from dataclasses import fields
+from functools import wraps
+from numbers import Real
+from typing import Any, TypeVar, cast
+
+from ikservo.arm.motions import MotionValue
+from ikservo.errors import BadValueError
+
+__all__ = ["with_options"]
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+
+def with_options(
+    kind: type[MotionValue[Any]], options: object, *, takes_point: bool = False
+) -> Callable[[F], F]:
+    """Return a decorator that lets ``help`` list the options of a method with their defaults.
+
+    Args:
+        kind: The motion that the method makes; its fields have the defaults.
+        options: The ``TypedDict`` of the options.
+        takes_point: The method takes a point (3,), also as three numbers.
+    """
+    names = inspect.get_annotations(cast("Any", options))
+    defaults = {each.name: each.default for each in fields(cast("Any", kind))}
+
+    def decorate(method: F) -> F:
+        signature = inspect.signature(method)
+        parameters = list(signature.parameters.values())[:-1]
+        parameters += [
+            inspect.Parameter(
+                name, inspect.Parameter.KEYWORD_ONLY, default=_shown(defaults.get(name))
+            )
+            for name in names
+            if name != "on_progress" or "wait" in signature.parameters
+        ]
+
+        @wraps(method)
+        def run(self: Any, *args: Any, **given: Any) -> Any:  # noqa: ANN401  # of any method
+            if takes_point and len(args) > 1:
+                args = (_point(args),)
+            return method(self, *args, **given)
+
+        cast("Any", run).__signature__ = signature.replace(parameters=parameters)
+        return cast("F", run)
+
+    return decorate
+
+
+def _point(numbers: tuple[object, ...]) -> tuple[object, ...]:
+    """Return the point of three numbers.
+
+    Raises:
+        BadValueError: They are not three numbers.
+    """
+    if len(numbers) != 3 or not all(isinstance(each, Real) for each in numbers):
+        raise BadValueError("The point", f"{numbers}", "(x, y, z) in metres, options by name")
+    return numbers
+
+
+class _Default:
+    """The default of an option whose value has many fields."""
+
+    def __repr__(self) -> str:
+        return "<default>"
+
+
+def _shown(default: object) -> object:
+    """Return a default as ``help`` shows it."""
+    return default if isinstance(default, str | float | bool | None) else _Default()

@@ -1,0 +1,60 @@
+"""Every command takes its arm by --arm and by its bare name."""
+
+import pytest
+import typer
+
+from ikservo.cli.app import COMMANDS, app
+
+NEEDED = {
+    "solve": "0.2 0 0.1", "move": "0.2 0 0.1", "arc": "0.2 0 0.1", "look": "3 4",
+    "scene": "check f.toml", "program": "check f.toml", "servo": "list", "bench": "bus",
+    "import": "dataset d", "export": "csv", "draw": "f.svg", "joints": "elbow_flex=3",
+    "jog": "elbow_flex", "teach": "rest", "record": "f.jsonl", "replay": "f.jsonl",
+    "follow": "leader.toml", "calibration": "show", "camera": "check",
+}  # fmt: skip
+WITHOUT_ARM = {"arms", "ports", "fleet", "net"}
+AS_ARGUMENT = {"setup": "arm", "test": "arm", "calibrate": "arm", "calibration": "arm",
+               "camera": "file", "serve": "arm", "ros": "arm", "sim": "arguments"}  # fmt: skip
+
+
+def parsed(name, words):
+    group = typer.main.get_command(app)
+    command = group.get_command(None, name)
+    values = command.make_context(name, words.split()).params
+    arm = values[AS_ARGUMENT.get(name, "arm")]
+    return arm if isinstance(arm, str | None) else arm[0]
+
+
+@pytest.mark.parametrize("name", sorted(set(COMMANDS) - WITHOUT_ARM))
+def test_command_takes_arm_by_option(name, monkeypatch):
+    monkeypatch.setenv("IKSERVO_ARM", "px100")
+    words = NEEDED.get(name, "")
+    assert parsed(name, f"{words} --arm so101") == "so101"
+    assert parsed(name, f"--arm=so101 {words}") == "so101"
+
+
+@pytest.mark.parametrize("name", sorted(set(COMMANDS) - WITHOUT_ARM - {"view", *AS_ARGUMENT}))
+def test_command_takes_arm_by_bare_name(name):
+    words = NEEDED.get(name, "")
+    assert parsed(name, f"so101 {words}") == "so101"
+    assert parsed(name, f"{words} --json" if name == "where" else words) is None
+
+
+def test_arm_after_an_option_is_found():
+    assert parsed("doctor", "--port sim so101") == "so101"
+
+
+@pytest.mark.parametrize("words", ["record so101", "teach so101", "replay so101", "draw so101"])
+def test_file_or_pose_may_have_name_of_an_arm(words):
+    name, word = words.split()
+    assert parsed(name, word) is None
+
+
+def test_arm_given_twice_is_refused(run_cli):
+    done = run_cli("calibrate koch --arm so101 --port sim")
+    assert (done.code, "given twice" in done.err) == (2, True), done.err
+
+
+def test_doctor_of_bare_name_checks_that_arm(run_cli):
+    done = run_cli("doctor so101 --port sim")
+    assert done.code == 0, done.err
