@@ -144,7 +144,7 @@ def names_arm(word: str) -> bool:
 
 
 class _CommandWithArm(TyperCommand):
-    """Accepts the arm by ``--arm`` or by its bare name, and no number that is not finite or huge."""
+    """Accepts the arm by ``--arm`` or by its bare name, and only finite numbers of usual size."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:  # noqa: ANN401
         """Parse arguments after these forms were replaced by those of the command."""

@@ -116,8 +116,8 @@ def calibrate_by_camera(
         with second_interrupt_lowers(arm):
             before = ArmBefore.of(arm)
             index = PictureIndex(
-                arm=arm.model.name, source=public_source(source), camera_name=name, board=board.name,
-                by_hand=options.by_hand, joints=arm.chain.names,
+                arm=arm.model.name, source=public_source(source), camera_name=name,
+                board=board.name, by_hand=options.by_hand, joints=arm.chain.names,
             )  # fmt: skip
             path = options.save_pictures or pictures_path(arm.model.name, datetime.now(UTC))
             folder = PictureFolder(path, index, before.calibration)
