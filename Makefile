@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV   := .venv
 BIN    := $(VENV)/bin
-PAGE   := ikservo/view/page
+PAGE   := ikservo/apps/page/static
 export PIP_DISABLE_PIP_VERSION_CHECK := 1
 # Tests start hundreds of commands; without bytecode each would compile the program anew.
 unexport PYTHONDONTWRITEBYTECODE

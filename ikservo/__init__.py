@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     __version__: str
+    from ikservo.apps.page.picking.visibility import visible_from
     from ikservo.arm import (
         Arm,
         MotionPlan,
@@ -65,7 +66,6 @@ if TYPE_CHECKING:
     from ikservo.ik import Posture, Result, Solver, Target, solve, solve_batch
     from ikservo.kinematics import Chain
     from ikservo.model import Model, arm_names, load_model
-    from ikservo.view.visibility import visible_from
 
 __all__ = [
     "AimError",

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from ikservo.ik.kernel import compiled
+from ikservo.kernels import compiled
 
 needs_extension = pytest.mark.skipif(not compiled.is_compiled(), reason="no C compiler")
 

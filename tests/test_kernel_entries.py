@@ -8,27 +8,24 @@ import array
 import numpy as np
 import pytest
 
-from ikservo.arm.path_constraint import ConstrainedTool, PathConstraint
-from ikservo.guard import (
-    CollisionChecker,
-    clear_space,
-    collision_kernel,
-    free_path_kernel,
-)
+from ikservo.apps.page.picking import pick_region, raycast
+from ikservo.apps.page.picking.link_poses import link_poses
+from ikservo.apps.page.picking.picking import Picker
+from ikservo.guard import CollisionChecker, clear_space
 from ikservo.guard.sag import Weight, sag_of
 from ikservo.ik import Solver, solver
-from ikservo.ik.kernel import compiled, search, single, tool_limits
 from ikservo.ik.prepare import TargetKind
+from ikservo.kernels import capsule_distances as collision_kernel
+from ikservo.kernels import compiled, search, single, tool_limits
+from ikservo.kernels import free_path as free_path_kernel
 from ikservo.kinematics.inertia import LinkMass
 from ikservo.model import load_model
-from ikservo.view import pick_region, raycast
-from ikservo.view.link_poses import link_poses
-from ikservo.view.picking import Picker
+from ikservo.planning.path_constraint import ConstrainedTool, PathConstraint
+from tests.apps.page.test_view_pick import cloud, places, rays_at
+from tests.apps.page.view_fixtures import looked_at, model_of, picker
 from tests.both_ways import needs_extension
 from tests.guard.test_collision_kernel import BOXES, every_kind_of_joint
 from tests.ik.test_compiled import Search
-from tests.view.test_view_pick import cloud, places, rays_at
-from tests.view.view_fixtures import looked_at, model_of, picker
 
 TRIALS = 300
 REFUSALS = (TypeError, ValueError, BufferError, OverflowError)

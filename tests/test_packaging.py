@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from ikservo.ik.kernel.compiled import is_compiled
+from ikservo.kernels.compiled import is_compiled
 from tests.oracle import ARMS
 
 ROOT = Path(__file__).parents[1]
@@ -45,29 +45,34 @@ def test_the_wheel_carries_the_udev_rule(wheel):
 
 @pytest.mark.full
 def test_the_wheel_carries_the_page_of_the_view(wheel):
-    page = {f"ikservo/view/page/{path.name}" for path in (ROOT / "ikservo/view/page").iterdir()}
-    assert "ikservo/view/page/index.html" in page
+    page = {
+        f"ikservo/apps/page/static/{path.name}"
+        for path in (ROOT / "ikservo/apps/page/static").iterdir()
+    }
+    assert "ikservo/apps/page/static/index.html" in page
     assert page <= set(wheel.namelist())
 
 
 def test_the_page_has_three_js_as_it_was_built_with_its_licence(wheel):
-    recorded, name = wheel.read("ikservo/view/page/three.min.js.sha256").decode().split()
-    module = wheel.read(f"ikservo/view/page/{name}")
+    recorded, name = wheel.read("ikservo/apps/page/static/three.min.js.sha256").decode().split()
+    module = wheel.read(f"ikservo/apps/page/static/{name}")
     assert hashlib.sha256(module).hexdigest() == recorded
     versions = json.loads((ROOT / "tools/vendor/package.json").read_text())["devDependencies"]
     release = versions["three"].split(".")[1]
     assert f'"{release}"'.encode() in module  # its REVISION
-    assert b"MIT" in wheel.read(metadata(wheel, "licenses/ikservo/view/page/three.LICENSE.txt"))
+    assert b"MIT" in wheel.read(
+        metadata(wheel, "licenses/ikservo/apps/page/static/three.LICENSE.txt")
+    )
 
 
 def test_the_page_has_uplot_as_it_was_built_with_its_licence(wheel):
-    recorded = wheel.read("ikservo/view/page/uplot.min.js.sha256").decode().splitlines()
+    recorded = wheel.read("ikservo/apps/page/static/uplot.min.js.sha256").decode().splitlines()
     names = [line.split()[1] for line in recorded]
     assert names == ["uplot.min.js", "uplot.min.css"]
     for line in recorded:
-        module = wheel.read(f"ikservo/view/page/{line.split()[1]}")
+        module = wheel.read(f"ikservo/apps/page/static/{line.split()[1]}")
         assert hashlib.sha256(module).hexdigest() == line.split()[0]
-    licence = wheel.read(metadata(wheel, "licenses/ikservo/view/page/uplot.LICENSE.txt"))
+    licence = wheel.read(metadata(wheel, "licenses/ikservo/apps/page/static/uplot.LICENSE.txt"))
     assert b"MIT" in licence
 
 

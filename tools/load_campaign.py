@@ -23,12 +23,12 @@ import numpy as np
 from served_arm import Served, forked, served
 
 import ikservo
+from ikservo.apps.calibrating.auto_calibration import probe_end_stop
+from ikservo.apps.calibrating.range_tracker import ContactState
 from ikservo.arm import Arm
 from ikservo.arm.opening import open_own_arm
-from ikservo.calibration.range_tracker import ContactState
 from ikservo.hardware.bus import ServoBus
 from ikservo.kinematics.arrays import Vector
-from ikservo.maintenance.auto_calibration import probe_end_stop
 
 FOLLOW_S, RATE_HZ = 4.0, 60.0
 AWAY_M = 0.04

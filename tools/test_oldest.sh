@@ -6,7 +6,7 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 ENVIRONMENT=.venv-oldest
 PARTS=(tests/portability tests/kinematics tests/ik tests/hardware tests/guard tests/cli tests/sim
-    tests/view tests/network)
+    tests/apps/page tests/apps/remote)
 
 uv venv --quiet --clear --python "${PYTHON:-3.11}" "$ENVIRONMENT"
 uv pip compile --quiet --resolution lowest-direct --python "$ENVIRONMENT" --all-extras pyproject.toml \

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from ikservo.model.touch_procedure import HIGH_M, WIDE_M, grid_points
+from ikservo.apps.calibrating.touch_procedure import HIGH_M, WIDE_M, grid_points
 
 WIDE, HIGH = round(1000 * WIDE_M), round(1000 * HIGH_M)
 ARM = 5  # from the middle of a cross to its ends

@@ -8,23 +8,23 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ikservo.arm.arguments import OnExit
+    from ikservo.apps.teaching.recorder import read_recording
+    from ikservo.apps.teaching.recording import Recording
+    from ikservo.arguments import OnExit
     from ikservo.arm.arm import Arm
     from ikservo.arm.arm_protocol import OpenArm
     from ikservo.arm.background_motion import Motion, RunningMotion
-    from ikservo.arm.calibrated_arm import ZeroSource
     from ikservo.arm.following import check_followed_goal
-    from ikservo.arm.motion_plan import MotionPlan
     from ikservo.arm.opening import open_arm
-    from ikservo.arm.path_constraint import PathConstraint
-    from ikservo.arm.recorder import read_recording
-    from ikservo.arm.reports import ArmState, JointMoveResult, MotionProgress, MoveResult
     from ikservo.arm.setpoint_stream import SetpointStream
-    from ikservo.arm.tool_orientation import ToolOrientation
     from ikservo.control.feedback import JointState
     from ikservo.guard import DEAD_MAN_TIMEOUT_S, StopKind, StopReason
-    from ikservo.recording.recording import Recording
-    from ikservo.recording.sampled_trajectory import SampledTrajectory
+    from ikservo.motion.sampled_trajectory import SampledTrajectory
+    from ikservo.planning.calibrated_arm import ZeroSource
+    from ikservo.planning.motion_plan import MotionPlan
+    from ikservo.planning.path_constraint import PathConstraint
+    from ikservo.planning.reports import ArmState, JointMoveResult, MotionProgress, MoveResult
+    from ikservo.planning.tool_orientation import ToolOrientation
 
 __all__ = [
     "DEAD_MAN_TIMEOUT_S",

@@ -7,23 +7,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Self, TypeVar
 
+from ikservo.apps.cameras.arm_camera import ArmCamera
+from ikservo.apps.teaching import replaying
+from ikservo.apps.teaching.recorder import RecordResult, RecordSettings, record_arm
+from ikservo.arguments import OnExit, check_exit
 from ikservo.arm import following, jogging, leader_following
-from ikservo.arm import replay as replaying
-from ikservo.arm.arguments import OnExit, check_exit
 from ikservo.arm.background_motion import Background
-from ikservo.arm.calibrated_arm import ZeroSource
-from ikservo.arm.camera import ArmCamera
-from ikservo.arm.checked_planning import PreflightPlanner
-from ikservo.arm.context import ArmContext
 from ikservo.arm.control_server import command_handler
 from ikservo.arm.motion_methods import MotionMethods, Positions
-from ikservo.arm.motion_plan import MotionPlan, PoseWithinLimits
 from ikservo.arm.motion_runner import MotionRunner
-from ikservo.arm.motions import MotionValue, check_motion
 from ikservo.arm.plan_execution import execute, lower, relax
-from ikservo.arm.poses import PoseLibrary, teach
-from ikservo.arm.recorder import RecordResult, RecordSettings, record_arm
-from ikservo.arm.reports import ArmState, JointMoveResult, MoveResult, OnProgress
 from ikservo.arm.run_by_kind import run_motion
 from ikservo.arm.scene import Scene
 from ikservo.arm.service import ArmService
@@ -34,6 +27,13 @@ from ikservo.guard import StopKind, StopReason
 from ikservo.kinematics import Chain, JointIndex
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
+from ikservo.planning.calibrated_arm import ZeroSource
+from ikservo.planning.checked_planning import PreflightPlanner
+from ikservo.planning.context import ArmContext
+from ikservo.planning.motion_plan import MotionPlan, PoseWithinLimits
+from ikservo.planning.motions import MotionValue, check_motion
+from ikservo.planning.poses import PoseLibrary, teach
+from ikservo.planning.reports import ArmState, JointMoveResult, MoveResult, OnProgress
 
 __all__ = ["Arm"]
 
@@ -52,7 +52,7 @@ class Arm(MotionMethods):
     Motions (``move_to``, ``gripper``, …) block until the arm is at rest. With ``wait=False`` they
     run in the background, after the ones before, and return a ``RunningMotion`` with ``done``,
     ``wait`` and ``cancel``; its ``wait`` returns the result and raises the errors. Closing the arm
-    cancels it. Each makes a motion of its arguments (``ikservo.arm.motions``, where the options
+    cancels it. Each makes a motion of its arguments (``ikservo.planning.motions``, where the options
     are explained), which ``plan``, ``execute`` and ``start`` take as well.
 
     Args:

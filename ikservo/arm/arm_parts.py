@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import Protocol, runtime_checkable
 
 from ikservo.arm.background_motion import Background
-from ikservo.arm.checked_planning import PreflightPlanner
-from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.scene import Scene
+from ikservo.planning.checked_planning import PreflightPlanner
+from ikservo.planning.context import ArmContext
 
 __all__ = ["ArmParts"]
 

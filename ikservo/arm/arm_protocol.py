@@ -1,6 +1,6 @@
 """What every open arm can do, with its servos on a port of this machine or on another machine.
 
-``Arm`` and ``RemoteArm`` (``ikservo.network``) implement it. Code that takes either names it as the
+``Arm`` and ``RemoteArm`` (``ikservo.apps.remote``) implement it. Code that takes either names it as the
 type; code that needs the servos takes an ``Arm``, see ``ikservo.arm.opening.require_own_port``.
 """
 
@@ -14,22 +14,22 @@ from typing import Protocol, Self
 
 from numpy.typing import ArrayLike
 
-from ikservo.arm.calibrated_arm import ZeroSource
+from ikservo.apps.teaching.recorder import RecordResult
+from ikservo.apps.teaching.recording import Recording
+from ikservo.apps.teaching.replaying import RecordedTrajectory
 from ikservo.arm.following import FollowResult
 from ikservo.arm.jogging import JogResult, KeepGoing
 from ikservo.arm.motion_methods import MotionMethods, Positions
-from ikservo.arm.motion_plan import PoseWithinLimits
-from ikservo.arm.poses import PoseLibrary
-from ikservo.arm.recorder import RecordResult
-from ikservo.arm.replay import RecordedTrajectory
-from ikservo.arm.reports import ArmState, JointMoveResult, MotionProgress, OnProgress
 from ikservo.arm.target_tracking import CartesianOrJointTarget
 from ikservo.clock import Clock
 from ikservo.ik import Target
 from ikservo.kinematics import Chain, JointIndex
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
-from ikservo.recording.recording import Recording
+from ikservo.planning.calibrated_arm import ZeroSource
+from ikservo.planning.motion_plan import PoseWithinLimits
+from ikservo.planning.poses import PoseLibrary
+from ikservo.planning.reports import ArmState, JointMoveResult, MotionProgress, OnProgress
 
 __all__ = ["GoalStream", "OpenArm"]
 

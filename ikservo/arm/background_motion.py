@@ -15,7 +15,7 @@ from contextlib import AbstractContextManager, contextmanager
 from functools import partial
 from typing import Generic, ParamSpec, Protocol, TypeVar, cast
 
-from ikservo.arm.arguments import parse_number
+from ikservo.arguments import parse_number
 from ikservo.control.stop_requests import StopRequest, stop_on_signals
 from ikservo.errors import IkservoError, NotSettledError, RefusedError, StoppedError
 from ikservo.guard import StopKind, StopReason

@@ -11,20 +11,20 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 
-from ikservo.arm.control_client import (
+from ikservo.arm.result_json import encode_value
+from ikservo.arm.service import ArmService
+from ikservo.errors import IkservoError, RefusedError
+from ikservo.guard import StopKind, StopReason
+from ikservo.hardware.transport import abandon_in_forked_children
+from ikservo.serving.control_client import (
     MAX_REQUEST_BYTES,
     Command,
     Request,
     decode_request,
     encode_reply,
 )
-from ikservo.arm.control_socket import ListeningSocket, connect, open_socket, socket_path
-from ikservo.arm.replies import error_fields
-from ikservo.arm.result_json import encode_value
-from ikservo.arm.service import ArmService
-from ikservo.errors import IkservoError, RefusedError
-from ikservo.guard import StopKind, StopReason
-from ikservo.hardware.transport import abandon_in_forked_children
+from ikservo.serving.control_socket import ListeningSocket, connect, open_socket, socket_path
+from ikservo.serving.replies import error_fields
 
 __all__ = [
     "ControlServer",

@@ -10,11 +10,8 @@ from typing import Protocol
 
 import numpy as np
 
-from ikservo.arm.arguments import check_callable, check_iterable
+from ikservo.arguments import check_callable, check_iterable
 from ikservo.arm.arm_parts import ArmParts
-from ikservo.arm.context import ArmContext
-from ikservo.arm.reports import OnProgress
-from ikservo.arm.settling import settle_at
 from ikservo.arm.target_tracking import CartesianOrJointTarget, TargetTracker
 from ikservo.control.loop import ControlCycle
 from ikservo.control.streamed_servos import STALL_S
@@ -22,6 +19,9 @@ from ikservo.errors import RefusedError
 from ikservo.guard import DEAD_MAN_TIMEOUT_S, DeadManSwitch
 from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.motion import KinematicLimits, OnlineTrajectory
+from ikservo.planning.context import ArmContext
+from ikservo.planning.reports import OnProgress
+from ikservo.settling.settling import settle_at
 
 __all__ = [
     "FollowResult",

@@ -5,17 +5,17 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
+from ikservo.apps.calibrating.range_tracker import StillnessDetector
 from ikservo.arm.arm_parts import ArmParts
-from ikservo.arm.context import ArmContext
-from ikservo.arm.motions import MoveGripper
-from ikservo.arm.reports import GraspResult, OnProgress
-from ikservo.calibration.range_tracker import StillnessDetector
 from ikservo.control.loop import ControlCycle
 from ikservo.errors import BadValueError, IkservoError
 from ikservo.kinematics.arrays import Vector
 from ikservo.model.model import Gripper, Model
 from ikservo.model.servo_torque import find_servo_torque
 from ikservo.motion import KinematicLimits, OnlineTrajectory
+from ikservo.planning.context import ArmContext
+from ikservo.planning.motions import MoveGripper
+from ikservo.planning.reports import GraspResult, OnProgress
 
 __all__ = ["GripperMotion", "plan_gripper", "run_gripper"]
 

@@ -9,15 +9,15 @@ from typing import Protocol, cast
 
 import numpy as np
 
-from ikservo.arm.arguments import parse_number
+from ikservo.arguments import parse_number
 from ikservo.arm.arm_parts import ArmParts
-from ikservo.arm.context import ArmContext
 from ikservo.arm.target_tracking import TargetTracker
 from ikservo.control.loop import ControlCycle
 from ikservo.errors import BadValueError, CollisionError, RefusedError, UnknownNameError
 from ikservo.guard import DeadManSwitch
 from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.motion import KinematicLimits, OnlineTrajectory
+from ikservo.planning.context import ArmContext
 
 __all__ = ["JOG_DIRECTIONS", "NO_LONGER_REQUESTED", "JogResult", "KeepGoing", "jog"]
 

@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
-from ikservo.arm.arguments import check_callable
+from ikservo.arguments import check_callable
 from ikservo.arm.arm_protocol import OpenArm
-from ikservo.arm.context import ArmContext
 from ikservo.arm.following import FollowResult
-from ikservo.arm.reports import OnProgress
 from ikservo.clock import Rate, RealClock
 from ikservo.errors import BadValueError, BusError, InputError
 from ikservo.model import Model
+from ikservo.planning.context import ArmContext
+from ikservo.planning.reports import OnProgress
 
 __all__ = ["follow_arm", "leader_positions", "published_positions", "shared_joints"]
 

@@ -9,8 +9,8 @@ from functools import wraps
 from numbers import Real
 from typing import Any, TypeVar, cast
 
-from ikservo.arm.motions import MotionValue
 from ikservo.errors import BadValueError
+from ikservo.planning.motions import MotionValue
 
 __all__ = ["with_options"]
 

@@ -15,11 +15,14 @@ from typing import Any, Literal, Protocol, TypedDict, TypeVar, Unpack, cast, ove
 
 from numpy.typing import ArrayLike
 
-from ikservo.arm.arguments import OnExit, check_callable, parse_all_positions
+from ikservo.arguments import OnExit, check_callable, parse_all_positions
 from ikservo.arm.background_motion import Background, RunningMotion
 from ikservo.arm.method_options import with_options
-from ikservo.arm.motion_plan import MotionPlan
-from ikservo.arm.motions import (
+from ikservo.control.stop_requests import STOPPED_BY_PROGRAM
+from ikservo.errors import BadValueError
+from ikservo.guard import StopKind, StopReason
+from ikservo.planning.motion_plan import MotionPlan
+from ikservo.planning.motions import (
     Draw,
     LookAt,
     Lower,
@@ -36,18 +39,15 @@ from ikservo.arm.motions import (
     check_motion,
     in_american,
 )
-from ikservo.arm.path_constraint import UNCONSTRAINED, PathConstraint
-from ikservo.arm.reports import (
+from ikservo.planning.path_constraint import UNCONSTRAINED, PathConstraint
+from ikservo.planning.reports import (
     GraspResult,
     JointMoveResult,
     MoveResult,
     OnProgress,
     ReplayResult,
 )
-from ikservo.arm.tool_orientation import KEEP_BEST_EFFORT, ToolOrientation, check_orientation
-from ikservo.control.stop_requests import STOPPED_BY_PROGRAM
-from ikservo.errors import BadValueError
-from ikservo.guard import StopKind, StopReason
+from ikservo.planning.tool_orientation import KEEP_BEST_EFFORT, ToolOrientation, check_orientation
 
 __all__ = ["GripperCommand", "JawGoal", "MotionMethods", "Points", "Positions"]
 

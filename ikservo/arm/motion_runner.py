@@ -11,10 +11,8 @@ from threading import RLock, current_thread, main_thread
 
 import numpy as np
 
-from ikservo.arm.arguments import parse_number
+from ikservo.arguments import parse_number
 from ikservo.arm.background_motion import check_not_forked
-from ikservo.arm.context import ArmContext
-from ikservo.arm.reports import ArmState
 from ikservo.control.feedback import JointState
 from ikservo.control.loop import ControlLoop, OnCycle
 from ikservo.control.stop_requests import (
@@ -33,9 +31,11 @@ from ikservo.errors import (
     StoppedError,
 )
 from ikservo.guard import StopKind, StopReason
-from ikservo.hardware.remembered_port import is_simulated
+from ikservo.hardware.port_names import is_simulated
 from ikservo.kinematics.arrays import Vector
 from ikservo.motion import JointMove, Trajectory
+from ikservo.planning.context import ArmContext
+from ikservo.planning.reports import ArmState
 
 __all__ = ["MotionRunner", "TrajectoryFactory"]
 

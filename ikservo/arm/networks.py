@@ -7,14 +7,14 @@ from functools import cache
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Protocol, cast
 
-from ikservo.arm.arguments import parse_port
+from ikservo.arguments import parse_port
 from ikservo.hardware.transport import NETWORK_GROUP
 from ikservo.model import Model
 
 if TYPE_CHECKING:
-    from ikservo.arm.arguments import OnExit
+    from ikservo.arguments import OnExit
     from ikservo.arm.arm_protocol import OpenArm
-    from ikservo.arm.control_client import StopAllResult, StopResult
+    from ikservo.serving.control_client import StopAllResult, StopResult
 
 __all__ = ["ArmNetwork", "find_network", "installed_networks"]
 

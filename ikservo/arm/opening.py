@@ -10,16 +10,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo.arm.arguments import OnExit, parse_port
+from ikservo.arguments import OnExit, parse_port
 from ikservo.arm.arm import Arm
 from ikservo.arm.arm_protocol import OpenArm
-from ikservo.arm.calibrated_arm import (
-    CalibratedArm,
-    ZeroSource,
-    check_servo_models,
-    load_calibration_for,
-)
-from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.networks import ArmNetwork, find_network
 from ikservo.arm.scene import arm_sag
@@ -41,7 +34,7 @@ from ikservo.hardware.discovery import (
 )
 from ikservo.hardware.eeprom import back_up_once
 from ikservo.hardware.port import open_port
-from ikservo.hardware.remembered_port import serial_number_of
+from ikservo.hardware.port_names import serial_number_of
 from ikservo.hardware.servo import ServoSpec
 from ikservo.hardware.torque import torque_off
 from ikservo.kinematics import Chain
@@ -50,9 +43,16 @@ from ikservo.model import Model, ModelJoint, ModelServo, load_model
 from ikservo.model.collision_model import collision_body, collision_body_with_gripper
 from ikservo.model.identified_drives import identified_parameters
 from ikservo.model.joint_drive import ArmParameters, nominal_parameters
-from ikservo.model.lifting import LoadLag, load_lags
-from ikservo.model.sag import stall_error
-from ikservo.model.scene import KeepOutShape
+from ikservo.model.link_masses import stall_error
+from ikservo.model.load_lag import LoadLag, load_lags
+from ikservo.model.scene_file import KeepOutShape
+from ikservo.planning.calibrated_arm import (
+    CalibratedArm,
+    ZeroSource,
+    check_servo_models,
+    load_calibration_for,
+)
+from ikservo.planning.context import ArmContext
 from ikservo.registers import control_table
 
 __all__ = [

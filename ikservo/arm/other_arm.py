@@ -5,14 +5,14 @@ from __future__ import annotations
 from contextlib import suppress
 from dataclasses import dataclass
 
-from ikservo.arm.context import ArmContext
 from ikservo.arm.motion_runner import MotionRunner
-from ikservo.arm.surroundings import Turn, other_moves
 from ikservo.errors import IkservoError, RefusedError
-from ikservo.hardware.remembered_port import is_simulated
+from ikservo.hardware.port_names import is_simulated
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model.catalogue import catalogue_name
-from ikservo.model.scene import KeepOutShape, PlacedArm, capsule_shape, turned_deg
+from ikservo.model.scene_file import KeepOutShape, PlacedArm, capsule_shape, turned_deg
+from ikservo.planning.context import ArmContext
+from ikservo.planning.surroundings import Turn, other_moves
 
 __all__ = ["OtherArm"]
 

@@ -9,18 +9,9 @@ from typing import Any, cast
 
 import numpy as np
 
-from ikservo.arm.arguments import check_callable
+from ikservo.arguments import check_callable
 from ikservo.arm.arm_parts import ArmParts
-from ikservo.arm.context import ArmContext
-from ikservo.arm.motion_plan import MotionPlan, has_moved, rebase_trajectory
 from ikservo.arm.motion_runner import MotionRunner
-from ikservo.arm.motions import Lower, MotionValue
-from ikservo.arm.path_constraint import UNCONSTRAINED
-from ikservo.arm.path_error import PathDeviation, PathRecorder
-from ikservo.arm.reports import JointMoveResult, MoveResult, OnProgress
-from ikservo.arm.settling import SettlingResult, settle
-from ikservo.arm.swings import MotionSwings
-from ikservo.arm.tick_rounding import SettlingTarget, backlash_approach
 from ikservo.control.loop import ControlCycle, OnCycle
 from ikservo.errors import (
     BadValueError,
@@ -32,6 +23,15 @@ from ikservo.errors import (
 )
 from ikservo.kinematics.arrays import Vector
 from ikservo.motion import Trajectory
+from ikservo.planning.context import ArmContext
+from ikservo.planning.motion_plan import MotionPlan, has_moved, rebase_trajectory
+from ikservo.planning.motions import Lower, MotionValue
+from ikservo.planning.path_constraint import UNCONSTRAINED
+from ikservo.planning.path_error import PathDeviation, PathRecorder
+from ikservo.planning.reports import JointMoveResult, MoveResult, OnProgress
+from ikservo.settling.settling import SettlingResult, settle
+from ikservo.settling.swings import MotionSwings
+from ikservo.settling.tick_rounding import SettlingTarget, backlash_approach
 
 __all__ = [
     "ExecutedMotion",

@@ -19,11 +19,10 @@ from pydantic import (
     create_model,
 )
 
-from ikservo.arm.control_client import StopResult
 from ikservo.arm.following import FollowResult
 from ikservo.arm.jogging import JogResult
-from ikservo.arm.replies import other_version_error
-from ikservo.arm.reports import (
+from ikservo.errors import IkservoError
+from ikservo.planning.reports import (
     ArmState,
     GraspResult,
     JointMoveResult,
@@ -31,7 +30,8 @@ from ikservo.arm.reports import (
     MoveResult,
     ReplayResult,
 )
-from ikservo.errors import IkservoError
+from ikservo.serving.control_client import StopResult
+from ikservo.serving.replies import other_version_error
 
 __all__ = ["RESULT_TYPES", "FloatArray", "decode_as", "decode_fields", "decode_value",
            "encode_fields", "encode_value"]  # fmt: skip

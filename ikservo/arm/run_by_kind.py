@@ -5,15 +5,15 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
+from ikservo.apps.teaching.replaying import plan_replay, run_replay
 from ikservo.arm.arm_parts import ArmParts
-from ikservo.arm.checked_planning import PreflightPlanner
-from ikservo.arm.context import ArmContext
 from ikservo.arm.gripper import plan_gripper, run_gripper
-from ikservo.arm.motions import MotionValue, MoveGripper, MoveJoints, MovePose, Replay, Wait
 from ikservo.arm.plan_execution import plan_and_execute
-from ikservo.arm.replay import plan_replay, run_replay
-from ikservo.arm.reports import OnProgress
 from ikservo.kinematics.arrays import Vector
+from ikservo.planning.checked_planning import PreflightPlanner
+from ikservo.planning.context import ArmContext
+from ikservo.planning.motions import MotionValue, MoveGripper, MoveJoints, MovePose, Replay, Wait
+from ikservo.planning.reports import OnProgress
 
 __all__ = ["end_of_motion", "run_motion", "wait"]
 

@@ -12,23 +12,21 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.arm.arguments import parse_name
-from ikservo.arm.context import ArmContext
+from ikservo.arguments import parse_name
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.other_arm import OtherArm
-from ikservo.arm.surroundings import Turn
 from ikservo.errors import BadValueError, RefusedError, UnknownNameError
 from ikservo.guard import Weight, sag_of
 from ikservo.guard.sag import GravitySag
 from ikservo.kinematics.arrays import Matrix, bounded_vector, finite_vector
-from ikservo.kinematics.collision import CollisionBody
+from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.inertia import LinkMass
 from ikservo.kinematics.se3 import make_pose, rotation_rpy
 from ikservo.model import Model
 from ikservo.model.collision_model import collision_body_with_gripper
+from ikservo.model.link_masses import joint_compliances, link_masses
 from ikservo.model.model import Obstacle
-from ikservo.model.sag import joint_compliances, link_masses
-from ikservo.model.scene import (
+from ikservo.model.scene_file import (
     FURTHEST_BASE_M,
     KINDS,
     NEAREST_BASE_M,
@@ -37,6 +35,8 @@ from ikservo.model.scene import (
     make_shape,
     read_scene,
 )
+from ikservo.planning.context import ArmContext
+from ikservo.planning.surroundings import Turn
 
 __all__ = ["InScene", "Scene", "arm_sag"]
 

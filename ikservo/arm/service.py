@@ -3,7 +3,7 @@
 Anybody may stop the arm and read its state. One operator at a time moves it, under the lease; an
 operator who is not heard any more loses it, and the arm holds until somebody acknowledges that.
 
-A transport (``control_server`` for this machine, ``network/arm_server.py`` for others) knows who
+A transport (``control_server`` for this machine, ``apps/remote/arm_server.py`` for others) knows who
 comes, parses what they send, calls this, and encodes what it returns.
 """
 
@@ -17,15 +17,15 @@ from importlib.metadata import version
 from typing import Protocol
 
 from ikservo.arm.arm_protocol import OpenArm
-from ikservo.arm.control_client import BRAKE_TIMEOUT_S, StopResult
-from ikservo.arm.lease import IDLE_TIMEOUT_S, ArmLease, Holder
 from ikservo.arm.motion_runner import MotionRunner
-from ikservo.arm.reports import JointMoveResult
 from ikservo.clock import Clock, RealClock
 from ikservo.control.stop_requests import StopOutcome
 from ikservo.errors import IkservoError
 from ikservo.guard import StopKind, StopReason
 from ikservo.kinematics.arrays import Vector, freeze_arrays
+from ikservo.planning.reports import JointMoveResult
+from ikservo.serving.control_client import BRAKE_TIMEOUT_S, StopResult
+from ikservo.serving.lease import IDLE_TIMEOUT_S, ArmLease, Holder
 
 __all__ = ["ArmDescription", "ArmService", "ServableArm"]
 

@@ -10,17 +10,17 @@ from typing import TypeVar
 
 from numpy.typing import ArrayLike
 
-from ikservo.arm.arguments import parse_period_s
+from ikservo.arguments import parse_period_s
 from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.background_motion import Motion
 from ikservo.arm.following import follow_targets
-from ikservo.arm.reports import MotionProgress
 from ikservo.arm.target_tracking import CartesianOrJointTarget, parse_setpoint
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import RefusedError
 from ikservo.guard import DEAD_MAN_TIMEOUT_S
 from ikservo.ik import Target
 from ikservo.kinematics.arrays import Vector
+from ikservo.planning.reports import MotionProgress
 
 __all__ = ["SetpointMailbox", "SetpointStream", "open_stream"]
 

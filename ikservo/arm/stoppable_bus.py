@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import threading
 
-from ikservo.arm.control_client import Command, Request, StopResult
 from ikservo.arm.control_server import ControlServer, RequestHandler, serve
 from ikservo.arm.result_json import encode_value
-from ikservo.arm.stop_marks import forget_marks, has_mark
 from ikservo.control.stop_requests import REQUEST_HINT
 from ikservo.errors import PortBusyError, StoppedError
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.remembered_port import is_simulated
+from ikservo.hardware.port_names import is_simulated
+from ikservo.serving.control_client import Command, Request, StopResult
+from ikservo.serving.stop_marks import forget_marks, has_mark
 
 __all__ = ["StopListener", "stoppable"]
 

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ikservo.arm.arguments import parse_joint_positions
+from ikservo.arguments import parse_joint_positions
 from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.ik import Solver, Target
 from ikservo.kinematics import Chain, JointIndex, finite_array

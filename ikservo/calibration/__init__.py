@@ -5,7 +5,7 @@ Contains the conversion of servo positions (`JointMap`, `Crank`, encoder wrap-ar
 storage in a file and in the servos as one transaction.
 """
 
+from ikservo.calibration.joint_limits import Limit, Limits
 from ikservo.calibration.joint_map import Crank, JointMap, JointUnit, format_position, format_source
-from ikservo.calibration.limits import Limit, Limits
 
 __all__ = ["Crank", "JointMap", "JointUnit", "Limit", "Limits", "format_position", "format_source"]

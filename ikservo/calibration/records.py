@@ -10,8 +10,8 @@ from typing import Annotated, Literal
 
 from pydantic import BeforeValidator, Field, ValidationError
 
+from ikservo.calibration.joint_limits import Limit, Limits
 from ikservo.calibration.joint_map import JointMap
-from ikservo.calibration.limits import Limit, Limits
 from ikservo.files.reading import MAX_BYTES, parse_toml, read_text
 from ikservo.files.validation import StrictModel, first_issue, validation_issues
 from ikservo.files.writing import strip_checksum, with_checksum

@@ -27,7 +27,7 @@ from ikservo.files.writing import (
 )
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.eeprom import register_differences, update_eeprom
-from ikservo.hardware.read_plan import RegisterRef
+from ikservo.hardware.register_batches import RegisterRef
 from ikservo.registers import RegisterName
 
 __all__ = [

@@ -40,7 +40,7 @@ def complete_arms(incomplete: str) -> list[str]:
 
 def complete_poses(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401  # typer hides click's types
     """Complete a prefix to poses of the chosen arm, taught ones included."""
-    from ikservo.arm.poses import known_pose_names  # noqa: PLC0415
+    from ikservo.planning.poses import known_pose_names  # noqa: PLC0415
 
     model = _model_from_context(ctx)
     return [] if model is None else _filter_by_prefix(known_pose_names(model), incomplete)

@@ -118,7 +118,7 @@ def calibrated_model_from_option(arm: str | None, tip: str | None = None) -> Mod
     model = model_from_option(arm, tip)
     if not (model.joints and calibrations_of(model.name)):
         return model
-    from ikservo.arm.calibrated_arm import calibrated_model  # noqa: PLC0415  # loads the servo modules
+    from ikservo.planning.calibrated_arm import calibrated_model  # noqa: PLC0415  # loads the servo modules
 
     own = calibrated_model(model)
     older = f" (the newest; {len(own.others)} older beside it)" if own.others else ""

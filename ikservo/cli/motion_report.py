@@ -9,9 +9,8 @@ from typing import cast
 import typer
 
 from ikservo.arm import MotionPlan, MoveResult, OpenArm
-from ikservo.arm.motion_plan import NearLimit
 from ikservo.calibration import JointUnit
-from ikservo.cli.direction_check import check_directions_once
+from ikservo.cli.direction_prompt import check_directions_once
 from ikservo.cli.options import MotionOptions
 from ikservo.cli.posture_reports import joint_lines
 from ikservo.cli.results import Field, Fields, print_fields
@@ -19,6 +18,7 @@ from ikservo.cli.session import announce, motion_progress_bar
 from ikservo.cli.terminal import print_lines
 from ikservo.errors import ExitCode, format_point
 from ikservo.model import Model
+from ikservo.planning.motion_plan import NearLimit
 
 __all__ = ["make_tip_motion", "print_move_report", "print_plan"]
 

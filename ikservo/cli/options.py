@@ -20,8 +20,8 @@ from ikservo.cli.quantities import (
 )
 
 if TYPE_CHECKING:
-    from ikservo.arm.path_constraint import PathConstraint
-    from ikservo.arm.tool_orientation import ToolOrientation
+    from ikservo.planning.path_constraint import PathConstraint
+    from ikservo.planning.tool_orientation import ToolOrientation
 
 __all__ = [
     "ArmConnection",
@@ -234,7 +234,7 @@ class ToolOptions:
         Raises:
             BadValueError: The options contradict each other, or an angle is too large.
         """
-        from ikservo.arm.tool_orientation import ToolOrientation  # noqa: PLC0415  # loads the servo modules
+        from ikservo.planning.tool_orientation import ToolOrientation  # noqa: PLC0415  # loads the servo modules
 
         axis = None if self.direction is None else parse_axis(self.direction)
         turned = (self.pitch_rad, self.roll_rad, axis, self.keep)
@@ -289,7 +289,7 @@ class PathOptions:
         Raises:
             BadValueError: A corner is not below the other, or a number out of its range.
         """
-        from ikservo.arm.path_constraint import PathConstraint  # noqa: PLC0415  # as above
+        from ikservo.planning.path_constraint import PathConstraint  # noqa: PLC0415  # as above
 
         given: dict[str, object] = {"upright_rad": self.upright_rad}
         if self.keep_axis is not None:

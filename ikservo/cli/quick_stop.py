@@ -14,16 +14,16 @@ from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from ikservo.arm.control_client import (
+from ikservo.apps.remote.address import SCHEME, listens, parse_host
+from ikservo.cli.terminal import format_port, print_json, print_lines, print_status
+from ikservo.errors import ExitCode, IkservoError, InputError
+from ikservo.serving.control_client import (
     StopAllResult,
     StopResult,
     request_stop,
     request_stop_of,
     stop_own_programs,
 )
-from ikservo.cli.terminal import format_port, print_json, print_lines, print_status
-from ikservo.errors import ExitCode, IkservoError, InputError
-from ikservo.network.address import SCHEME, listens, parse_host
 
 __all__ = ["quick_stop", "report_stop", "stop_every_arm"]
 
@@ -66,7 +66,7 @@ def _stop_one(arm: str, port: str) -> StopAllResult:
         port: As given; empty where it was not.
     """
     if port.startswith(f"{SCHEME}:"):
-        from ikservo.network.remote_stop import stop_address  # noqa: PLC0415  # Zenoh
+        from ikservo.apps.remote.remote_stop import stop_address  # noqa: PLC0415  # Zenoh
 
         return StopAllResult((stop_address(port),))
     if not arm or ":" in port or port == "sim":
@@ -154,10 +154,10 @@ def _others_may_be_open() -> bool:
 def _stop_others() -> StopAllResult:
     own = os.environ.get("IKSERVO_PORT", "")
     if _has_other_networks() or (":" in own and not own.startswith(f"{SCHEME}:")):
-        from ikservo.arm.remote import stop_remote_arms  # noqa: PLC0415  # NumPy, pydantic
+        from ikservo.arm.other_process import stop_remote_arms  # noqa: PLC0415  # NumPy, pydantic
 
         return stop_remote_arms()
-    from ikservo.network.remote_stop import stop_address, stop_listed_machines  # noqa: PLC0415
+    from ikservo.apps.remote.remote_stop import stop_address, stop_listed_machines  # noqa: PLC0415
 
     def stop_own() -> StopAllResult:
         try:

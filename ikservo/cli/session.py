@@ -17,9 +17,9 @@ from ikservo.clock import Clock, RealClock
 from ikservo.control.real_time import allowed_priority
 from ikservo.control.stop_requests import RELAX_HINT, REQUEST_HINT
 from ikservo.errors import IkservoError, InputError, StoppedError, format_point
-from ikservo.ik.kernel.compiled import is_compiled
+from ikservo.kernels.compiled import is_compiled
 from ikservo.model import load_model
-from ikservo.model.scene import PlacedArm, with_scene_and_arms
+from ikservo.model.scene_file import PlacedArm, with_scene_and_arms
 
 __all__ = [
     "announce",

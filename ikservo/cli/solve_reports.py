@@ -20,9 +20,9 @@ from ikservo.errors import InputError, format_point
 from ikservo.ik import METHODS, Result, Target, Tolerance, in_millimetres, solve
 from ikservo.ik.closed_form import direction_intervals, solutions
 from ikservo.ik.closed_form_structure import recognise_structure
-from ikservo.ik.kernel.compiled import is_compiled
 from ikservo.ik.planar import DirectionInterval
 from ikservo.ik.result import evaluate
+from ikservo.kernels.compiled import is_compiled
 from ikservo.kinematics import Chain, JointType, joint_torques
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model

@@ -16,7 +16,7 @@ from ikservo.control.feedback import (
 from ikservo.control.servo_limits import ServoRamLimits
 from ikservo.guard import HealthMonitor, OverloadMonitor, ServoTelemetry
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.read_plan import contiguous_runs
+from ikservo.hardware.register_batches import contiguous_runs
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Register, RegisterName
 

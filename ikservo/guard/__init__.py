@@ -10,8 +10,8 @@ from ikservo.guard.collision import (
     thin_path,
 )
 from ikservo.guard.contact_release import nearest_free_posture
+from ikservo.guard.driven_joint import MAX_TRAVEL_RAD, DrivenJoint
 from ikservo.guard.gate import Gate, StopKind, StopLatch, StopReason
-from ikservo.guard.limits import MAX_TRAVEL_RAD, DrivenJoint
 from ikservo.guard.monitors import (
     DEAD_MAN_TIMEOUT_S,
     CommunicationMonitor,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.guard.sag import GravitySag
-from ikservo.ik.kernel.compiled import bind
+from ikservo.kernels.compiled import bind
 from ikservo.kinematics.arrays import Matrix, Vector, finite_vectors
 from ikservo.kinematics.packed import CAPSULE_WIDTH, END, LINK, RADIUS, START, PackedBody
 
@@ -50,7 +50,7 @@ class ClearSpace:
         load: float,
         bends: Callable[[Matrix], Matrix] | None = None,
     ) -> None:
-        from ikservo.guard import free_path_kernel  # noqa: PLC0415  # as the checker's
+        from ikservo.kernels import free_path as free_path_kernel  # noqa: PLC0415  # as the checker's
 
         self._bends = bends
         self._no_contact, self._dof, links = free_path_kernel.FREE, body.dof, len(body.names)

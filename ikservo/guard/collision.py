@@ -14,7 +14,7 @@ from ikservo.guard.clear_space import ClearSpace
 from ikservo.guard.sag import GravitySag, Sag
 from ikservo.kinematics.arrays import Matrix, Vector, finite_vectors
 from ikservo.kinematics.capsules import Capsule
-from ikservo.kinematics.collision import CollisionBody
+from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.packed import LINK, RADIUS, SHAPE_WIDTH
 from ikservo.model.model import Obstacle
 
@@ -260,7 +260,7 @@ class CollisionChecker:
 
     def distances(self, path: Sequence[Vector] | Matrix) -> Matrix:
         """Compute the distance of each pair (n, pairs) [m] in postures (n, dof)."""
-        from ikservo.guard.collision_kernel import min_distances  # noqa: PLC0415
+        from ikservo.kernels.capsule_distances import min_distances  # noqa: PLC0415
 
         body, q = self.body, finite_vectors(np.array(path), self.body.dof, "q")
         if self.bends is not None:
@@ -284,7 +284,7 @@ class CollisionChecker:
 
     def capsules_at(self, q: Vector) -> list[Capsule]:
         """Compute the capsules of the body in a posture (dof,), base frame."""
-        from ikservo.guard.collision_kernel import place_capsules, place_links  # noqa: PLC0415
+        from ikservo.kernels.capsule_distances import place_capsules, place_links  # noqa: PLC0415
 
         body = self.body
         posture = q if self.bends is None else self.bends(q[None])[0]

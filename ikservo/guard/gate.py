@@ -10,8 +10,8 @@ from types import MappingProxyType
 
 from ikservo.clock import Clock
 from ikservo.errors import LatchedStopError, RefusedError
+from ikservo.guard.driven_joint import DrivenJoint, require_int_tick
 from ikservo.guard.joint_gate import MAX_ELAPSED_S, JointGate
-from ikservo.guard.limits import DrivenJoint, require_int_tick
 
 __all__ = ["Gate", "StopKind", "StopLatch", "StopReason"]
 

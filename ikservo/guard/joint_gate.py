@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 from ikservo.errors import RefusedError
-from ikservo.guard.limits import DrivenJoint, require_int_tick
+from ikservo.guard.driven_joint import DrivenJoint, require_int_tick
 
 __all__ = ["MAX_ELAPSED_S", "JointGate", "RateLimiter"]
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ikservo.errors import RefusedError, ServoAlarmError, ServoSilentError
-from ikservo.guard.limits import DrivenJoint
+from ikservo.guard.driven_joint import DrivenJoint
 from ikservo.kinematics.arrays import Vector
 from ikservo.model.model import HealthLimits
 from ikservo.registers import Alarm

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from ikservo.guard.limits import DrivenJoint
+from ikservo.guard.driven_joint import DrivenJoint
 
 __all__ = ["OverloadMonitor", "OverloadRule"]
 

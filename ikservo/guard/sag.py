@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
-from ikservo.kinematics.collision import CollisionBody
+from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.inertia import GRAVITY_M_S2, LinkMass
 
 __all__ = ["GravitySag", "Sag", "Weight", "sag_of"]
@@ -64,7 +64,7 @@ class GravitySag:
 
     def __call__(self, q: Matrix) -> Matrix:
         """Return how far gravity moves the joints (n, dof) from goals (n, dof), rad or m."""
-        from ikservo.guard.collision_kernel import gravity_torques_kernel  # noqa: PLC0415
+        from ikservo.kernels.capsule_distances import gravity_torques_kernel  # noqa: PLC0415
 
         q = np.ascontiguousarray(q, dtype=np.float64)
         torque, places = np.zeros(q.shape), np.empty((len(self._body.names), 12))

@@ -14,7 +14,7 @@ from ikservo.hardware.eeprom import (
     update_eeprom,
 )
 from ikservo.hardware.port import Port, open_port
-from ikservo.hardware.remembered_port import reconnect, serial_number_of
+from ikservo.hardware.port_names import reconnect, serial_number_of
 from ikservo.hardware.servo import PingResult, Readings, ServoSpec
 from ikservo.hardware.torque import check_supply_voltage, torque_off, torque_on
 

@@ -8,9 +8,11 @@ from types import TracebackType
 from typing import Any, Literal, Self, TypeVar, overload
 
 from ikservo.errors import BusError
-from ikservo.hardware.driver import BroadcastPingResult
 from ikservo.hardware.port import Port
-from ikservo.hardware.read_plan import (
+from ikservo.hardware.port_names import reconnect
+from ikservo.hardware.protocols.driver import BroadcastPingResult
+from ikservo.hardware.register_access import RegisterAccess
+from ikservo.hardware.register_batches import (
     ReadPlan,
     RegisterRef,
     ReplyLayout,
@@ -22,8 +24,6 @@ from ikservo.hardware.read_plan import (
     plan_writes,
     resolve_register,
 )
-from ikservo.hardware.register_access import RegisterAccess
-from ikservo.hardware.remembered_port import reconnect
 from ikservo.hardware.requester import silence_hint
 from ikservo.hardware.servo import Readings, ServoSpec
 from ikservo.registers import Family, Register, RegisterName

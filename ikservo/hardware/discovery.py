@@ -8,7 +8,7 @@ from pathlib import Path
 
 from ikservo.errors import InputError, NoPortError
 from ikservo.hardware.port import open_port
-from ikservo.hardware.remembered_port import remember_serial_number, remembered_serial_number
+from ikservo.hardware.port_names import remember_serial_number, remembered_serial_number
 from ikservo.hardware.scan import FoundServo, OnScanStep, ScanProgress, candidate_baud_rates, scan
 from ikservo.hardware.serial_ports import (
     AdapterEvent,

@@ -26,7 +26,7 @@ from ikservo.files.folders import config_dir
 from ikservo.files.reading import MAX_BYTES, parse_toml, read_text
 from ikservo.files.writing import write_atomic
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.read_plan import RegisterRef, resolve_register
+from ikservo.hardware.register_batches import RegisterRef, resolve_register
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import MODELS, Area, ControlTable, Register, RegisterName
 

@@ -14,9 +14,9 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import Protocol
 
-from ikservo.hardware import protocol1 as protocol_1
 from ikservo.hardware.packets import MAX_RETURN_DELAY_S, ScanResult, StatusPacket
 from ikservo.hardware.port import Port
+from ikservo.hardware.protocols import protocol1 as protocol_1
 from ikservo.registers import MODELS, Family
 
 __all__ = ["FRAMINGS", "Framing", "PingResults", "framing_of", "ping_ids"]
@@ -93,7 +93,7 @@ class _Protocol1Framing:
 
 class _Protocol2Framing:
     def __init__(self) -> None:
-        from ikservo.hardware import protocol2  # noqa: PLC0415
+        from ikservo.hardware.protocols import protocol2  # noqa: PLC0415
 
         self._protocol = protocol2
         self._codec = protocol2.Protocol2Codec(too_long=0)  # it sends nothing

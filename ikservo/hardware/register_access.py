@@ -10,12 +10,7 @@ from ikservo.clock import Clock
 from ikservo.errors import BadValueError, BusError, PortError, RegisterAccessError
 from ikservo.hardware.packets import Reply, Status
 from ikservo.hardware.port import Port
-from ikservo.hardware.read_plan import (
-    RegisterRef,
-    encode_value,
-    is_goal,
-    resolve_register,
-)
+from ikservo.hardware.register_batches import RegisterRef, encode_value, is_goal, resolve_register
 from ikservo.hardware.requester import Requester
 from ikservo.hardware.servo import PingResult, ServoSpec, ServoStatistics
 from ikservo.registers import Alarm, Area, Register, RegisterName

@@ -6,10 +6,10 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 
 from ikservo.clock import Clock
 from ikservo.errors import BadReplyError, BusError, ServoRejectedError, ServoSilentError
-from ikservo.hardware.driver import ProtocolDriver
 from ikservo.hardware.packets import FaultKind, Reply, ReplyFault, Status
 from ikservo.hardware.port import Port
-from ikservo.hardware.read_plan import ReadBatch, batch_read
+from ikservo.hardware.protocols.driver import ProtocolDriver
+from ikservo.hardware.register_batches import ReadBatch, batch_read
 from ikservo.hardware.servo import ServoSpec, ServoStatistics
 from ikservo.registers import Alarm, Family
 
@@ -69,14 +69,14 @@ def make_driver(
         bulk_ids: Servos of protocol 1.0 that support bulk read.
     """
     if family is Family.DYNAMIXEL_2:
-        from ikservo.hardware.dynamixel import DynamixelDriver  # noqa: PLC0415
+        from ikservo.hardware.protocols.dynamixel import DynamixelDriver  # noqa: PLC0415
 
         return DynamixelDriver(port, fast=fast)
     if family is Family.DYNAMIXEL_1:
-        from ikservo.hardware.dynamixel import Dynamixel1Driver  # noqa: PLC0415
+        from ikservo.hardware.protocols.dynamixel import Dynamixel1Driver  # noqa: PLC0415
 
         return Dynamixel1Driver(port, bulk_ids)
-    from ikservo.hardware.feetech import FeetechDriver  # noqa: PLC0415
+    from ikservo.hardware.protocols.feetech import FeetechDriver  # noqa: PLC0415
 
     return FeetechDriver(port, can_sync_read=family is Family.FEETECH_STS)
 

@@ -11,14 +11,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ikservo.errors import BadValueError
 from ikservo.ik.arm_chain import ArmLike, chain_and_start
-from ikservo.ik.kernel.layout import (
-    ITERATIONS,
-    MAX_ANGLE_RAD,
-    MAX_POSITION_M,
-    POSITION_ERROR,
-    REACHED,
-    ROTATION_ERROR,
-)
 from ikservo.ik.prepare import (
     SolverBuffers,
     TargetKind,
@@ -31,6 +23,14 @@ from ikservo.ik.prepare import (
     target_kind,
 )
 from ikservo.ik.problem import Options, check_position, normalise
+from ikservo.kernels.layout import (
+    ITERATIONS,
+    MAX_ANGLE_RAD,
+    MAX_POSITION_M,
+    POSITION_ERROR,
+    REACHED,
+    ROTATION_ERROR,
+)
 from ikservo.kinematics import Chain, finite_array
 from ikservo.kinematics.arrays import Matrix, Vector, as_floats, freeze_arrays
 

@@ -14,15 +14,6 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from ikservo.errors import BadValueError
-from ikservo.ik.kernel.compiled import bind
-from ikservo.ik.kernel.layout import (
-    ITERATIONS,
-    POSITION_ERROR,
-    REACHED,
-    REACHED_POINT,
-    ROTATION_ERROR,
-    TRACE_LENGTH_OUT,
-)
 from ikservo.ik.prepare import (
     PackedProblem,
     SolverBuffers,
@@ -33,6 +24,15 @@ from ikservo.ik.prepare import (
 )
 from ikservo.ik.problem import Options, Target, check_position
 from ikservo.ik.result import ActiveLimit, Result
+from ikservo.kernels.compiled import bind
+from ikservo.kernels.layout import (
+    ITERATIONS,
+    POSITION_ERROR,
+    REACHED,
+    REACHED_POINT,
+    ROTATION_ERROR,
+    TRACE_LENGTH_OUT,
+)
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector
 

@@ -15,10 +15,10 @@ from ikservo.ik.bounded import problem_for_target, target_kind_of
 from ikservo.ik.closed_form import direction_intervals, solutions
 from ikservo.ik.closed_form_structure import recognise_structure
 from ikservo.ik.jacobian_methods import ResidualFunction, pinv
-from ikservo.ik.kernel.layout import REACHED
 from ikservo.ik.prepare import SolverBuffers, load_kernel, pack_settings
 from ikservo.ik.problem import Options, Target, Tolerance
 from ikservo.ik.result import Result, SolutionSet, evaluate
+from ikservo.kernels.layout import REACHED
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.conditioning import ordinary_postures

@@ -19,7 +19,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.errors import BadValueError, UnknownNameError
-from ikservo.ik.kernel.layout import (
+from ikservo.ik.problem import Options
+from ikservo.kernels.layout import (
     PROBLEM_SIZE,
     RESULT_TAIL,
     SCORE_ROWS,
@@ -32,7 +33,6 @@ from ikservo.ik.kernel.layout import (
     SEED_SIZE,
     work_shape,
 )
-from ikservo.ik.problem import Options
 from ikservo.kinematics import Chain, JointType, pack_chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.conditioning import ordinary_postures
@@ -187,7 +187,7 @@ def target_kind(name: str) -> TargetKind:
 @cache
 def load_kernel() -> Callable[..., int]:
     """Load the search, compiled where that is possible."""
-    from ikservo.ik.kernel.search import solve_all  # noqa: PLC0415  # loads with the first solve
+    from ikservo.kernels.search import solve_all  # noqa: PLC0415  # loads with the first solve
 
     return solve_all
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from ikservo.errors import BadValueError
-from ikservo.ik.kernel.layout import MAX_POSITION_M
+from ikservo.kernels.layout import MAX_POSITION_M
 from ikservo.kinematics import finite_array, finite_vector
 from ikservo.kinematics.arrays import (
     Matrix,
@@ -183,7 +183,7 @@ def _pack_target(
 @cache
 def _load_check() -> Callable[[Matrix, bool], bool]:
     """Load the check of a packed target, compiled where that is possible."""
-    from ikservo.ik.kernel.single import is_target  # noqa: PLC0415  # loads with the first target
+    from ikservo.kernels.single import is_target  # noqa: PLC0415  # loads with the first target
 
     return is_target
 

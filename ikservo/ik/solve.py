@@ -18,10 +18,10 @@ from ikservo.ik.closed_form import closed_form
 from ikservo.ik.closed_form_structure import recognise_structure
 from ikservo.ik.droop import MAX_DROOP_STEPS, Droop
 from ikservo.ik.jacobian_methods import pseudo_inverse, transpose
-from ikservo.ik.kernel.layout import MAX_ANGLE_RAD
 from ikservo.ik.other_solutions import nearest_solution, solution_set
 from ikservo.ik.problem import DEFAULT_RESTARTS, Options, Posture, Target, Tolerance
 from ikservo.ik.result import Result, SolvedProblem, is_closer
+from ikservo.kernels.layout import MAX_ANGLE_RAD
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector, bounded_vector
 

@@ -13,15 +13,6 @@ from ikservo.errors import BadValueError
 from ikservo.ik.arm_chain import ArmLike, chain_and_start
 from ikservo.ik.bounded import unpack_result
 from ikservo.ik.droop import MAX_DROOP_STEPS, Droop
-from ikservo.ik.kernel.compiled import bind
-from ikservo.ik.kernel.layout import (
-    IDLE_OUTSIDE,
-    IDLE_WIDTH,
-    IS_REACHED,
-    ITERATIONS,
-    MAX_ANGLE_RAD,
-    NOT_HOMOGENEOUS,
-)
 from ikservo.ik.prepare import (
     HOMOGENEOUS_ROW,
     PackedProblem,
@@ -36,6 +27,15 @@ from ikservo.ik.prepare import (
 )
 from ikservo.ik.problem import Options, Tolerance, check_position, normalise
 from ikservo.ik.result import Result
+from ikservo.kernels.compiled import bind
+from ikservo.kernels.layout import (
+    IDLE_OUTSIDE,
+    IDLE_WIDTH,
+    IS_REACHED,
+    ITERATIONS,
+    MAX_ANGLE_RAD,
+    NOT_HOMOGENEOUS,
+)
 from ikservo.kinematics import finite_array, finite_vector
 from ikservo.kinematics.arrays import Vector
 
@@ -147,7 +147,7 @@ class Solver:
 
     def _bound_kernel(self, ready: PackedProblem, options: Options) -> PoseKernel:
         """Return the kernel with all arguments but pose and start."""
-        from ikservo.ik.kernel import single  # noqa: PLC0415  # loads with the first solver
+        from ikservo.kernels import single  # noqa: PLC0415  # loads with the first solver
 
         worker, idle = self._worker, np.zeros((len(self._idle), IDLE_WIDTH))
         for row, joint in zip(idle, self._idle, strict=True):

@@ -2,8 +2,8 @@
 
 A dialogue is a generator. It yields a `Notice`, a `Progress`, a `Question`, a `HandRequest`
 or an `Entry`, and receives a word such as ``accept``, or None as long as there is no answer. It
-has every text, and it knows of no terminal, page or file: a terminal (`ikservo.cli.dialogue`), the
-page (`ikservo.view.calibration`) and a script (`ScriptedAnswers`) answer the same values.
+has every text, and it knows of no terminal, page or file: a terminal (`ikservo.cli.terminal_dialogue`), the
+page (`ikservo.apps.page.running.calibration_panel`) and a script (`ScriptedAnswers`) answer the same values.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TypeAlias, TypeVar
 
-from ikservo.calibration.procedure import JointReadout
+from ikservo.apps.calibrating.calibration_procedure import JointReadout
 from ikservo.errors import CalibrationError, FileFormatError, IkservoError
 from ikservo.files.reading import read_text
 

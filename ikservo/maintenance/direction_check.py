@@ -17,7 +17,7 @@ from ikservo.arm.arm import Arm
 from ikservo.calibration.paths import calibration_path, confirmation_path
 from ikservo.errors import CalibrationError, RefusedError
 from ikservo.files.writing import FileWriteError, write_atomic
-from ikservo.hardware.remembered_port import serial_number_of
+from ikservo.hardware.port_names import serial_number_of
 from ikservo.maintenance.dialogue import ACCEPT, Dialogue, Notice, Question, Unasked
 from ikservo.model import Model, ModelJoint
 from ikservo.model.tool import describe_direction

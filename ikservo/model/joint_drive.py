@@ -8,8 +8,8 @@ from math import exp, inf, tau
 
 from ikservo.kinematics import Chain
 from ikservo.kinematics.dynamics import Dynamics
+from ikservo.model.link_masses import link_masses
 from ikservo.model.model import Model, ModelJoint
-from ikservo.model.sag import link_masses
 from ikservo.model.servo_torque import GearFriction, ServoTorque, find_servo_torque
 
 __all__ = ["ArmParameters", "JointDrive", "joint_drive", "nominal_parameters"]

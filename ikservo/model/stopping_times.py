@@ -19,7 +19,7 @@ import numpy as np
 
 from ikservo.kinematics import Chain
 from ikservo.model.joint_drive import JointDrive, joint_drive, nominal_parameters
-from ikservo.model.lifting import spread_postures
+from ikservo.model.load_lag import spread_postures
 from ikservo.model.model import Model, ModelJoint
 from ikservo.model.servo_torque import GRIPPER_P_GAINS, find_servo_torque
 

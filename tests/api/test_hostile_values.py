@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm.recorder import read_recording
+from ikservo.apps.teaching.recorder import read_recording
+from ikservo.apps.teaching.recording import RecordingHeader, RecordingWriter
 from ikservo.errors import FileFormatError, IkservoError
-from ikservo.recording.recording import RecordingHeader, RecordingWriter
 
 HOSTILE = [[], {}, None, b"x", math.nan, -math.inf, 1e308, 10**400, "", "\0", object(), np.zeros(3)]
 

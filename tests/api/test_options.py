@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm import Arm, MotionProgress, ToolOrientation, motions
+from ikservo.apps.remote.remote_arm import RemoteArm
+from ikservo.arm import Arm, MotionProgress, ToolOrientation
 from ikservo.arm.motion_methods import MotionMethods
 from ikservo.model.tool import tool_frame
-from ikservo.network.remote_arm import RemoteArm
+from ikservo.planning import motions
 from tests.arm.simulated import registers, true_joints, true_tip_m
 from tests.journeys.method_arguments import arguments, methods
 

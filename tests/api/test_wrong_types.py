@@ -49,7 +49,7 @@ def limp():
         lambda arm: arm.move_arc(center_m=NEAR, angle_rad=math.inf),
         lambda arm: arm.move_arc(center_m=NEAR, angle_rad="all"),
         lambda arm: arm.gripper("open", on_progress=3),
-        lambda arm: arm.execute(ikservo.arm.motions.MoveGripper(np.array([1.0, 2.0]))),
+        lambda arm: arm.execute(ikservo.planning.motions.MoveGripper(np.array([1.0, 2.0]))),
         lambda arm: arm.follow([NEAR], on_progress=3),
         lambda arm: arm.execute(arm.plan_to(NEAR), on_progress=3),
         lambda arm: arm.teach("cup", until=3),

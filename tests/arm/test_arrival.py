@@ -9,10 +9,10 @@ import pytest
 
 import ikservo
 from ikservo.arm import plan_execution
-from ikservo.arm.motion_plan import rebase_trajectory
-from ikservo.arm.tick_rounding import SettlingTarget
 from ikservo.errors import IkservoError, NotSettledError, RefusedError
 from ikservo.motion import JointMove
+from ikservo.planning.motion_plan import rebase_trajectory
+from ikservo.settling.tick_rounding import SettlingTarget
 from tests.arm.simulated import (
     clock_of,
     line_of,

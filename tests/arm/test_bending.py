@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from ikservo.arm.opening import open_own_arm
-from ikservo.arm.path_constraint import PathConstraint
 from ikservo.calibration.calibration_file import (
     dump_calibration,
     read_calibration,
@@ -12,6 +11,7 @@ from ikservo.calibration.calibration_file import (
 )
 from ikservo.calibration.paths import calibration_path
 from ikservo.errors import ConstraintError, RefusedError
+from ikservo.planning.path_constraint import PathConstraint
 from servosim.joint import Hand, hold
 from servosim.specimen import Specimen
 from tests.calibration.mounted_arms import STRENGTH, load_model

@@ -5,7 +5,8 @@ import random
 
 import pytest
 
-from ikservo.arm.control_client import (
+from ikservo.errors import InputError
+from ikservo.serving.control_client import (
     MAX_REQUEST_BYTES,
     Command,
     Request,
@@ -14,7 +15,6 @@ from ikservo.arm.control_client import (
     encode_reply,
     encode_request,
 )
-from ikservo.errors import InputError
 
 GOOD = {"schema": "ikservo/owner/1", "do": "stop", "secret": ""}
 

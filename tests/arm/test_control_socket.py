@@ -11,11 +11,11 @@ from pathlib import Path
 
 import pytest
 
-from ikservo.arm import control_socket
-from ikservo.arm.control_client import Command, send_command
 from ikservo.arm.control_server import serve
-from ikservo.arm.control_socket import socket_path
 from ikservo.errors import ExitCode, IkservoError, RefusedError, UnknownNameError
+from ikservo.serving import control_socket
+from ikservo.serving.control_client import Command, send_command
+from ikservo.serving.control_socket import socket_path
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no Unix sockets")
 

@@ -127,7 +127,7 @@ def test_a_pulled_cable_is_said_at_once(arm):
 @pytest.mark.sample(1)
 def test_after_the_cable_is_back_the_arm_goes_on_once_a_person_has_looked(either, monkeypatch):
     transport = transport_of(either)
-    again = "ikservo.hardware.remembered_port.open_transport"
+    again = "ikservo.hardware.port_names.open_transport"
     monkeypatch.setattr(again, lambda *_: setattr(transport, "is_open", True) or transport)
     inject(either, "unplug", for_s=0.5)
     with pytest.raises(PortLostError):

@@ -8,7 +8,7 @@ import pytest
 
 import ikservo
 from ikservo.errors import FileFormatError
-from ikservo.model.scene import make_shape, read_scene, scene_text
+from ikservo.model.scene_file import make_shape, read_scene, scene_text
 from ikservo.remedies import in_python
 
 

@@ -7,11 +7,16 @@ searched for again, for so long that nobody would wait for it.
 import numpy as np
 import pytest
 
-from ikservo.arm import checked_planning, ways_around
-from ikservo.arm.motions import MovePose
 from ikservo.errors import CollisionError
+from ikservo.planning import checked_planning, ways_around
+from ikservo.planning.motions import MovePose
+from tests.apps.teaching.test_contact_at_start import (
+    distances_m,
+    measured_joints,
+    open_limp,
+    set_down,
+)
 from tests.arm.seeds import few_or_many, log
-from tests.arm.test_contact_at_start import distances_m, measured_joints, open_limp, set_down
 from tests.arm.test_ways_around import needs_planner
 
 # Motions of which one search looks at most, more than a minute's, and from how many exits.

@@ -6,11 +6,11 @@ import math
 import numpy as np
 import pytest
 
-from ikservo.arm.goal_integrator import GoalIntegrator, Saturation, SaturationReason
-from ikservo.arm.settling import SettlingTrajectory
 from ikservo.calibration import JointMap, Limits
 from ikservo.guard import DrivenJoint
 from ikservo.motion import KinematicLimits
+from ikservo.settling.goal_integrator import GoalIntegrator, Saturation, SaturationReason
+from ikservo.settling.settling import SettlingTrajectory
 
 CYCLE_S = 0.01
 

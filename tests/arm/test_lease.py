@@ -2,8 +2,8 @@
 
 import pytest
 
-from ikservo.arm.lease import ArmLease
 from ikservo.errors import LeaseLostError, RefusedError
+from ikservo.serving.lease import ArmLease
 from servosim.clock import VirtualClock
 
 

@@ -5,11 +5,11 @@ import pytest
 
 import ikservo
 from ikservo.arm import ToolOrientation
-from ikservo.arm.loaded_limits import goal_leads, limits_under_load
-from ikservo.arm.planner import Planner
 from ikservo.errors import CartesianPathError
 from ikservo.kinematics import JointIndex
 from ikservo.model.joint_drive import nominal_parameters
+from ikservo.planning.loaded_limits import goal_leads, limits_under_load
+from ikservo.planning.planner import Planner
 
 WEIGHT = "a joint that holds the arm's weight stays short of its limit"
 

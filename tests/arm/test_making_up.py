@@ -3,7 +3,7 @@
 import numpy as np
 
 import ikservo
-from ikservo.arm.tick_rounding import compensate
+from ikservo.settling.tick_rounding import compensate
 
 CHAIN = ikservo.load_model("so101").chain
 HOME = ikservo.load_model("so101").chain_pose("home")

@@ -11,8 +11,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 import ikservo
+from ikservo.apps.teaching.program import Program, ProgramStep, read_program, write_program
+from ikservo.apps.teaching.program_run import ProgramRun
 from ikservo.arm import ToolOrientation
-from ikservo.arm.motions import (
+from ikservo.errors import BadValueError, InputError
+from ikservo.ik import Posture
+from ikservo.planning.motions import (
     KINDS,
     Draw,
     LookAt,
@@ -31,10 +35,6 @@ from ikservo.arm.motions import (
     motion_fields,
     parse_motion,
 )
-from ikservo.arm.program import Program, ProgramStep, read_program, write_program
-from ikservo.arm.program_run import ProgramRun
-from ikservo.errors import BadValueError, InputError
-from ikservo.ik import Posture
 from tests.arm.simulated import context_of, registers, true_joints, true_tip_m
 
 NEAR, FAR = (0.23, 0.02, 0.10), (0.22, -0.04, 0.12)

@@ -8,14 +8,14 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm.checked_planning import PlannedStart, PreflightPlanner
-from ikservo.arm.motions import MoveJoints, MoveLine, MoveTo, motion_fields, parse_motion
-from ikservo.arm.path_constraint import ConstrainedTool, PathConstraint
-from ikservo.arm.poses import PoseLibrary
 from ikservo.errors import BadValueError, ConstraintError
 from ikservo.guard import KeepOutBox
-from ikservo.ik.kernel import compiled, tool_limits
+from ikservo.kernels import compiled, tool_limits
 from ikservo.model.tool import tool_frame
+from ikservo.planning.checked_planning import PlannedStart, PreflightPlanner
+from ikservo.planning.motions import MoveJoints, MoveLine, MoveTo, motion_fields, parse_motion
+from ikservo.planning.path_constraint import ConstrainedTool, PathConstraint
+from ikservo.planning.poses import PoseLibrary
 from tests.arm.simulated import context_of, registers
 from tests.arm.test_ways_around import LEFT, RIGHT, left_of, needs_planner
 from tests.both_ways import needs_extension

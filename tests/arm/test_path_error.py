@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm.path_error import PathRecorder, path_deviations_m
 from ikservo.control.loop import ControlCycle
 from ikservo.motion import ConcatenatedTrajectory, JointMove, KinematicLimits
+from ikservo.planning.path_error import PathRecorder, path_deviations_m
 from tests.arm.simulated import true_tip_m
 
 LIMITS = KinematicLimits(1.0, 3.0, 30.0)

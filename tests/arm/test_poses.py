@@ -5,9 +5,9 @@ import math
 import pytest
 
 import ikservo
-from ikservo.arm.poses import PoseLibrary, known_pose_names, pose_path
 from ikservo.errors import BadValueError, FileFormatError, UnknownNameError
 from ikservo.files.writing import FileWriteError
+from ikservo.planning.poses import PoseLibrary, known_pose_names, pose_path
 from tests.arm.simulated import line_of
 
 

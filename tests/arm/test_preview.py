@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from ikservo.arm.motion_plan import near_limits
+from ikservo.planning.motion_plan import near_limits
 
 LOWER, UPPER = np.radians([-100.0, -100.0, -np.inf]), np.radians([100.0, 100.0, np.inf])
 

@@ -16,11 +16,11 @@ PRODUCT = Path(ikservo.__file__).parent
 FAMILIES = ("so101", "koch")
 DATED = {  # recorded packets and messages of ROS 2 bear the date
     "hardware/packet_log.py",
-    "recording/mcap_recording.py",  # the first of a file; the others count from there
-    "ros_bridge/action_server.py",
-    "ros_bridge/bridge.py",
-    "ros_bridge/node.py",
-    "ros_bridge/trajectory_action.py",  # goals bear it, too: an old one is refused
+    "apps/teaching/mcap_recording.py",  # the first of a file; the others count from there
+    "apps/remote/ros/action_server.py",
+    "apps/remote/ros/bridge.py",
+    "apps/remote/ros/node.py",
+    "apps/remote/ros/trajectory_action.py",  # goals bear it, too: an old one is refused
 }
 
 

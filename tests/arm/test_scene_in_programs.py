@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm import checked_planning
 from ikservo.errors import BadValueError, CollisionError, FileFormatError, UnknownNameError
+from ikservo.planning import checked_planning
 from tests.arm.simulated import call_before, context_of, motion_runner, registers
 from tests.arm.test_ways_around import LEFT, RIGHT, needs_planner
 

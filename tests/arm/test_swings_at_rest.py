@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm.swings import MotionSwings
 from ikservo.control.loop import ControlCycle
+from ikservo.settling.swings import MotionSwings
 from tests.arm.simulated import clock_of, line_of
 
 TICK_RAD = 2.0 * np.pi / 4096

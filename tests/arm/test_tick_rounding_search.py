@@ -8,9 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import ikservo
-from ikservo.arm.tick_rounding import round_to_ticks
 from ikservo.calibration import JointMap, Limits
 from ikservo.guard import DrivenJoint
+from ikservo.settling.tick_rounding import round_to_ticks
 from tests.oracle import ARMS
 
 CHAINS = {name: ikservo.load_model(name).chain for name in ARMS}

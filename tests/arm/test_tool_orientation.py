@@ -7,13 +7,13 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm.planner import Planner
-from ikservo.arm.tool_orientation import ToolOrientation
 from ikservo.errors import BadValueError, OrientationError, UnknownNameError, UnreachableError
 from ikservo.kinematics import JointIndex
 from ikservo.kinematics.se3 import log_so3
 from ikservo.model import load_model
 from ikservo.model.tool import tool_frame
+from ikservo.planning.planner import Planner
+from ikservo.planning.tool_orientation import ToolOrientation
 
 DEG = math.radians
 

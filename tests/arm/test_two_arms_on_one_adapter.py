@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import ikservo
-from ikservo.arm.remote import query_state, stop_arm
+from ikservo.arm.other_process import query_state, stop_arm
 from ikservo.hardware import port as ports
 from servosim.assembly import BenchServo, make_bench_world
 from servosim.line import Line

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm import ways_around
-from ikservo.arm.motions import MoveTo, motion_fields, parse_motion
 from ikservo.errors import BadValueError, CollisionError, StoppedError
 from ikservo.guard import KeepOutBox
 from ikservo.kinematics.se3 import exp_so3
 from ikservo.model.tool import tool_frame
 from ikservo.motion.avoidance import can_search, find_way
+from ikservo.planning import ways_around
+from ikservo.planning.motions import MoveTo, motion_fields, parse_motion
+from tests.apps.teaching.test_contact_at_start import goes_home
 from tests.arm.simulated import call_before, context_of, line_of, registers
-from tests.arm.test_contact_at_start import goes_home
 
 POST = KeepOutBox("the post", (0.15, -0.02, 0.0), (0.30, 0.02, 0.25))
 LEFT, RIGHT = (0.2, 0.12, 0.1), (0.2, -0.12, 0.1)

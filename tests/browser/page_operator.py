@@ -9,12 +9,12 @@ from contextlib import contextmanager
 import numpy as np
 import pinocchio
 
+from ikservo.apps.page.messages.page_messages import read_message
+from ikservo.apps.page.page_app import ViewApp
+from ikservo.apps.page.served_arms import ArmAtPort
+from ikservo.apps.page.server.auth import Permission
 from ikservo.model import load_model
-from ikservo.model.scene import with_scene
-from ikservo.view.app import ViewApp
-from ikservo.view.auth import Permission
-from ikservo.view.messages import read_message
-from ikservo.view.served_arms import ArmAtPort
+from ikservo.model.scene_file import with_scene
 from tests.arm.simulated import line_of, registers, true_joints, true_tip_m, without_zeros
 from tests.oracle import pinocchio_model
 

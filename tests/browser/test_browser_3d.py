@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from ikservo.view.link_poses import link_poses
+from ikservo.apps.page.picking.link_poses import link_poses
 from tests.browser.page_operator import Operator, until
 
 pytestmark = pytest.mark.browser
@@ -168,7 +168,7 @@ def press_until_received(onlooker, x, y):
     raise AssertionError("no press was heard")
 
 
-@pytest.mark.campaign  # wants quick frames; tests/view/test_tool_handles.py without a browser
+@pytest.mark.campaign  # wants quick frames; tests/apps/page/test_tool_handles.py without a browser
 @pytest.mark.parametrize(("kind", "axis", "moved"), [("arrows", "Z", "z"), ("rings", "Y", "pitch")])
 def test_an_arrow_shifts_the_target_and_a_ring_turns_it_and_nothing_else(
     onlooker, kind, axis, moved

@@ -4,13 +4,13 @@ from contextlib import contextmanager
 
 import pytest
 
+from ikservo.apps.page.panels.video import VideoSource
+from ikservo.apps.page.served_arms import ArmAtPort
 from ikservo.model import load_model
-from ikservo.view.served_arms import ArmAtPort
-from ikservo.view.video import VideoSource
+from tests.apps.page.webcam import Webcam
 from tests.arm.simulated import line_of, registers
 from tests.browser.page_operator import HoldingView, Operator, ServedView, until
 from tests.browser.test_browser_page import CONTRAST, NAMES, SMALL
-from tests.view.webcam import Webcam
 
 pytestmark = pytest.mark.browser
 
@@ -142,7 +142,7 @@ def test_a_camera_is_shown_beside_the_arm_or_behind_it_and_says_when_it_is_unplu
     pytest.importorskip("cv2")
     webcam = Webcam()
     monkeypatch.setattr(
-        "ikservo.view.page_cameras.VideoSource",
+        "ikservo.apps.page.panels.page_cameras.VideoSource",
         lambda source, clock: VideoSource(source, clock, webcam.open),
     )
     with opened_panel(("planar2", "sim"), cameras=["0"]) as served:

@@ -4,16 +4,16 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.calibration.camera_file import SIMULATED, load_camera, save_camera
+from ikservo.apps.cameras.camera_file import SIMULATED, load_camera, save_camera
+from ikservo.apps.page.panels import video
+from ikservo.apps.page.picking.projection import Viewport
 from ikservo.calibration.records import TipClick
-from ikservo.view import video
-from ikservo.view.camera import Viewport
 from tests.browser.page_operator import Operator, serve_view, until
 
 cv2 = pytest.importorskip("cv2")
 
 from servosim.camera import SimulatedCamera  # noqa: E402
-from tests.eyes.saved_camera import save_simulated_camera  # noqa: E402
+from tests.apps.cameras.saved_camera import save_simulated_camera  # noqa: E402
 
 pytestmark = pytest.mark.browser
 

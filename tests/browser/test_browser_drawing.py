@@ -13,27 +13,27 @@ import pytest
 from pydantic_core import to_json
 from scipy.spatial import ConvexHull
 
+from ikservo.apps.page.dragging.goal_planning import PlannedPath
+from ikservo.apps.page.dragging.solver_demo import trace_method
+from ikservo.apps.page.dragging.target_marker import TargetMarker
+from ikservo.apps.page.drawing.reachable_region import ReachableRegion, slice_plane
+from ikservo.apps.page.drawing.view_picture import SceneState
+from ikservo.apps.page.panels.things_panel import thing_fields
+from ikservo.apps.page.picking.link_poses import link_poses
+from ikservo.apps.page.picking.projection import Camera
+from ikservo.apps.page.picking.viewpoints import available_views
 from ikservo.kinematics.capsules import segment_distance
 from ikservo.model.collision_model import capsules_of
 from ikservo.model.model import KeepOutBox
-from ikservo.view.camera import Camera
-from ikservo.view.goal_planning import PlannedPath
-from ikservo.view.link_poses import link_poses
-from ikservo.view.reachable_region import ReachableRegion, slice_plane
-from ikservo.view.scene import SceneState
-from ikservo.view.solver_demo import trace_method
-from ikservo.view.target_marker import TargetMarker
-from ikservo.view.things_panel import thing_fields
-from ikservo.view.viewpoints import available_views
+from tests.apps.page.planar_arm import planar_model
+from tests.apps.page.view_fixtures import VIEWPORT, graph_of, looked_at, model_of, picker, stage
 from tests.kinematics.chains import crane, planar
 from tests.oracle import ARMS, tip_from_joints
-from tests.view.planar_arm import planar_model
-from tests.view.view_fixtures import VIEWPORT, graph_of, looked_at, model_of, picker, stage
 
 pytestmark = pytest.mark.browser
 
 VIEWS = ["side", "top", "front", "orbit"]
-PAGE = files("ikservo.view") / "page"
+PAGE = files("ikservo.apps.page") / "static"
 HOST = "http://page.test/"
 COMPOSE = """async ([graph, scene, things]) => {
   const { Picture } = await import("/page/picture.js");

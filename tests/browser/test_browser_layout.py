@@ -96,7 +96,7 @@ def test_the_first_readout_is_the_tip_alone_and_the_posture_is_with_the_solver(r
 def test_a_page_for_which_there_is_no_room_says_so_and_appears_once_there_is(
     browser, shared, monkeypatch
 ):
-    monkeypatch.setattr("ikservo.view.server._MAX_CLIENTS", 0)
+    monkeypatch.setattr("ikservo.apps.page.server.server._MAX_CLIENTS", 0)
     context = browser.new_context()
     page = context.new_page()
     page.goto(shared.urls.watch)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from ikservo.view.link_poses import link_poses
+from ikservo.apps.page.picking.link_poses import link_poses
 from tests.arm.test_ways_around import needs_planner
 from tests.browser.page_operator import Operator, serve_view, until
 

@@ -4,9 +4,9 @@ import re
 
 import pytest
 
+from ikservo.apps.page.page_app import ViewApp
 from ikservo.hardware.eeprom import read_backup
 from ikservo.model import load_model
-from ikservo.view.app import ViewApp
 from tests.browser.page_operator import until
 from tests.browser.test_browser_page import CONTRAST, NAMES, SMALL
 

@@ -1,6 +1,6 @@
 """Calibrations without an operator: every joint swept around its present position."""
 
-from ikservo.calibration.procedure import CalibrationState
+from ikservo.apps.calibrating.calibration_procedure import CalibrationState
 
 STEP = 60
 

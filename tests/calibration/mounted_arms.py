@@ -6,11 +6,11 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field, replace
 from functools import cache
 
+from ikservo.apps.calibrating.calibration_procedure import CalibrationState
+from ikservo.apps.calibrating.calibration_session import TorqueOffArm
 from ikservo.arm.opening import servo_specs
-from ikservo.calibration.procedure import CalibrationState
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.port import Port
-from ikservo.maintenance.calibration_session import TorqueOffArm
 from ikservo.model import load_model as load_uncached_model
 from servosim import SimulatedPort, read_arm_file
 from servosim.assembly import make_arm_world

@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 
 import pytest
 
-from ikservo.arm.calibrated_arm import load_calibration_for
+from ikservo.planning.calibrated_arm import load_calibration_for
 from tests.calibration.mounted_arms import load_model, make_mounted_arm, run_to_review
 from tests.oracle import ARMS
 

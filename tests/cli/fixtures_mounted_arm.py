@@ -2,7 +2,7 @@
 
 from datetime import UTC, datetime
 
-from ikservo.calibration.result import CalibrationResult
+from ikservo.apps.calibrating.calibration_result import CalibrationResult
 from tests.calibration.factories import make_calibration
 from tests.calibration.mounted_arms import make_mounted_arm
 from tests.cli.fixtures_ports import PortInfo, set_ports

@@ -81,7 +81,7 @@ def test_a_stiff_arm_is_relaxed_first_where_the_person_says_so(run_cli, arm, mon
         servo.write("torque_enable", 1)
     relaxed = []
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
-    monkeypatch.setattr("ikservo.cli.record.confirm", lambda question: True)
+    monkeypatch.setattr("ikservo.apps.teaching.record_command.confirm", lambda question: True)
     monkeypatch.setattr("ikservo.arm.Arm.relax", lambda machine: relaxed.append(machine.model))
     assert run_cli(f"record wave.jsonl --duration 100ms {REAL}").code == 0
     assert len(relaxed) == 1

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 
 import ikservo
-from ikservo.arm.recorder import read_recording
+from ikservo.apps.teaching.recorder import read_recording
 from ikservo.cli.app import COMMANDS
 
 SIM = "--arm so101 --port sim"
@@ -106,7 +106,7 @@ def test_every_option_with_a_file_is_tried_on_broken_disks_or_only_read():
 # What writes without files/writing.py: folders of sockets, a page in a folder of this process,
 # the null device, and pictures that are drawn into memory.
 WRITERS = {
-    "files/writing.py", "arm/control_socket.py", "cli/view.py", "cli/entry_point.py",
+    "files/writing.py", "serving/control_socket.py", "apps/page/view_command.py", "cli/entry_point.py",
     "cli/plots.py",
 }  # fmt: skip
 WRITING_CALLS = {"write_text", "write_bytes", "mkdir", "touch", "savefig", "NamedTemporaryFile"}

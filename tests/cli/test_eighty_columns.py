@@ -43,7 +43,7 @@ class Terminal(io.StringIO):
 def shown(monkeypatch, tmp_path):
     """Return what a person reads of a command, off a terminal or on one of so many columns."""
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
-    monkeypatch.setattr("ikservo.maintenance.doctor.READS", 60)
+    monkeypatch.setattr("ikservo.apps.workbench.doctor.READS", 60)
     port = PortInfo("/dev/ttyACM0", serial_number="58FA083")
     set_ports(monkeypatch, [port])
 

@@ -9,11 +9,11 @@ from pathlib import Path
 import pytest
 
 import ikservo
+from ikservo.apps.remote.fleet import FleetArm
+from ikservo.apps.workbench.findings import Finding
 from ikservo.arm import JointState
-from ikservo.arm.control_client import StopResult
 from ikservo.calibration.servo_config import RegisterMismatch
-from ikservo.maintenance.findings import Finding
-from ikservo.network.fleet import FleetArm
+from ikservo.serving.control_client import StopResult
 
 ROOT = Path(ikservo.__file__).parent
 ROW = re.compile(r"^\| `(?P<schema>[a-z-]+)` \| .* \| (?P<keys>[^|]*) \|$")

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from ikservo.arm.control_client import Command, StopResult
 from ikservo.arm.control_server import serve
 from ikservo.arm.result_json import encode_value
 from ikservo.model import load_model
+from ikservo.serving.control_client import Command, StopResult
 
 ARM_FILE = str(load_model("so101").path)
 HEAVY = {"numpy", "typer", "click", "pydantic", "rich", "serial", "zenoh", "importlib.metadata"}
@@ -97,7 +97,7 @@ def test_the_arms_of_another_packages_network_are_stopped_too(device, tmp_path, 
     (package / "entry_points.txt").write_text("[ikservo.networks]\nother = other_network:NETWORK\n")
     (package / "METADATA").write_text("Metadata-Version: 2.1\nName: other\nVersion: 1.0\n")
     (package.parent / "other_network.py").write_text(
-        "from ikservo.arm.control_client import StopAllResult, StopResult\n"
+        "from ikservo.serving.control_client import StopAllResult, StopResult\n"
         "class NETWORK:\n"
         "    def stop_all_arms():\n"
         "        return StopAllResult((StopResult('far', 'other:1', True, ('a',), (), ()),))\n"

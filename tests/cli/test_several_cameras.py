@@ -3,19 +3,19 @@
 import pytest
 
 import ikservo
+from ikservo.apps.calibrating.calibration_session import find_lost_camera
+from ikservo.apps.cameras.camera_file import SIMULATED, camera_names, load_camera, save_camera
 from ikservo.calibration.calibration_file import dump_calibration, parse_calibration
-from ikservo.calibration.camera_file import SIMULATED, camera_names, load_camera, save_camera
 from ikservo.errors import InputError, UnknownNameError
-from ikservo.maintenance.calibration_session import find_lost_camera
 
 pytest.importorskip("cv2")
 
-from ikservo.eyes.estimation import Extent
-from ikservo.maintenance.camera_calibration import ArmBefore
+from ikservo.apps.cameras.camera_calibration import ArmBefore
+from ikservo.apps.cameras.estimation import Extent
 from servosim.camera import SimulatedCamera
+from tests.apps.cameras.saved_camera import save_simulated_camera
 from tests.calibration.mounted_arms import load_model
 from tests.cli.fixtures_mounted_arm import connect_arm, write_calibration
-from tests.eyes.saved_camera import save_simulated_camera
 
 ARM = "so101 --port sim:?pose=home"
 

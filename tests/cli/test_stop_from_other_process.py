@@ -8,7 +8,7 @@ from contextlib import contextmanager
 import pytest
 
 from ikservo.arm.opening import open_bus
-from ikservo.arm.remote import query_state
+from ikservo.arm.other_process import query_state
 from ikservo.clock import RealClock
 from ikservo.errors import PortError
 from ikservo.model import load_model

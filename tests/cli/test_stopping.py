@@ -44,7 +44,7 @@ def press(monkeypatch, numbers):
 
         yield draw
 
-    monkeypatch.setattr("ikservo.cli.joints.motion_progress_bar", watched)
+    monkeypatch.setattr("ikservo.cli.commands.joints.motion_progress_bar", watched)
 
 
 def move():

@@ -7,10 +7,10 @@ from datetime import UTC, datetime
 import numpy as np
 import pytest
 
-from ikservo.arm.calibrated_arm import load_calibration_for
 from ikservo.calibration.calibration_file import read_calibration, save_calibration
 from ikservo.calibration.paths import calibration_path
 from ikservo.calibration.records import CalibratedCamera
+from ikservo.planning.calibrated_arm import load_calibration_for
 from tests.calibration.mounted_arms import load_model
 from tests.cli.fixtures_mounted_arm import PORT, SERIAL, connect_arm, write_calibration
 from tests.model.touch.perturbed_geometry import PerturbedGeometry
@@ -211,7 +211,7 @@ def test_a_person_touches_skips_and_takes_back_by_single_keys(
         return ""
 
     key.ready_s = arm.world.time_s + 1.5
-    monkeypatch.setattr("ikservo.cli.dialogue.read_keys", lambda: nullcontext(key))
+    monkeypatch.setattr("ikservo.cli.terminal_dialogue.read_keys", lambda: nullcontext(key))
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
     monkeypatch.setattr("ikservo.cli.terminal.read_answer", lambda _: "y")
     done = run_cli(f"{WORDS} --points {points} --json")

@@ -8,8 +8,8 @@ import pytest
 import ikservo
 from ikservo.arm import JointState
 from ikservo.cli import main
+from ikservo.cli.commands.where import heat_colour, limit_colour, position_bar, watch_arm
 from ikservo.cli.entry_point import with_connection_options
-from ikservo.cli.where import heat_colour, limit_colour, position_bar, watch_arm
 from ikservo.errors import UnreachableError, format_point
 from ikservo.model.model import HealthLimits
 from servosim.clock import VirtualClock
@@ -253,7 +253,7 @@ def test_a_held_key_jogs_and_letting_go_stops(run_cli, monkeypatch):
     def keyboard():
         yield lambda: next(pressed, "")
 
-    monkeypatch.setattr("ikservo.cli.jog.read_keys", keyboard)
+    monkeypatch.setattr("ikservo.cli.commands.jog.read_keys", keyboard)
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
     result = run_cli(f"jog shoulder_pan --speed 20 {SIM} --json")
     assert result.code == 0, result.err
@@ -271,7 +271,7 @@ def test_a_floating_arm_is_taught_and_holds_when_enter_is_pressed(run_cli, monke
     def keyboard():
         yield lambda: next(pressed)
 
-    monkeypatch.setattr("ikservo.cli.teach.read_keys", keyboard)
+    monkeypatch.setattr("ikservo.apps.teaching.teach_command.read_keys", keyboard)
     monkeypatch.setattr("sys.stdin.isatty", lambda: True, raising=False)
     result = run_cli(f"teach cup --float {SIM} --json")
     assert result.code == 0, result.err
@@ -298,7 +298,7 @@ def test_recording_is_announced_once_the_arm_is_being_read(run_cli, tmp_path, mo
         messages.append((text, path.exists()))
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("ikservo.cli.record.print_status", noted)
+    monkeypatch.setattr("ikservo.apps.teaching.record_command.print_status", noted)
     assert run_cli(f"record {path} --arm so101 --port sim").code == 0
     assert messages == [("Recording; Ctrl-C ends it.", True)]
 
@@ -318,7 +318,7 @@ def test_a_joint_is_yellow_near_its_limit_and_red_beyond_it(position_rad, colour
 def test_teach_says_what_it_will_do_before_it_waits(run_cli, monkeypatch, tmp_path):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
     monkeypatch.setattr("sys.stdin.isatty", lambda: True)
-    monkeypatch.setattr("ikservo.cli.teach.wait_for_enter", lambda _: None)
+    monkeypatch.setattr("ikservo.apps.teaching.teach_command.wait_for_enter", lambda _: None)
     first = run_cli("teach cup --arm so101 --port sim").err.splitlines()[0]
     reported = 'move it by hand. Enter saves its pose as "cup", and torque stays off.'
     assert first == f"Torque stays off; {reported}"

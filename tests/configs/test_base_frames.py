@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ikservo.model import Model, arm_names, load_model
-from ikservo.model.loading import build_chain
+from ikservo.model.model_loading import build_chain
 
 ARMS = arm_names()
 

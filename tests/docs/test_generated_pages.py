@@ -73,7 +73,7 @@ def test_every_register_of_a_servo_is_listed_with_its_address(pages, model):
 
 def test_every_message_that_the_page_sends_is_described(pages):
     sent = set()
-    for path in (ROOT / "ikservo/view/page").glob("*.js"):
+    for path in (ROOT / "ikservo/apps/page/static").glob("*.js"):
         if ".min." not in path.name:
             sent |= set(re.findall(r'\bsend\("(\w+)"', path.read_text("utf-8")))
     described = set(re.findall(r"^### (\w+)$", pages["reference/page-protocol.md"], re.M))

@@ -11,9 +11,9 @@ import pinocchio
 import pytest
 
 import ikservo
-from ikservo.arm.motions import LookAt
 from ikservo.errors import AimError
 from ikservo.model.tool import tool_frame
+from ikservo.planning.motions import LookAt
 from tests.arm.simulated import clock_of
 
 FOLDER = Path(__file__).parents[2] / "examples" / "arms"

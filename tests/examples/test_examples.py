@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 import servosim
+from tests.apps.remote.conftest import TIMEOUT_S, find_free_port, serve
 from tests.cli.fixtures_ports import run_command
-from tests.network.conftest import TIMEOUT_S, find_free_port, serve
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"
@@ -82,7 +82,7 @@ def test_from_the_printed_board_to_a_cube_that_is_lifted_by_the_camera_alone(
 
 
 def test_an_arm_on_another_machine_is_driven(run, monkeypatch):
-    monkeypatch.setattr("ikservo.network.connection._MAX_ROUND_TRIP_S", TIMEOUT_S)
+    monkeypatch.setattr("ikservo.apps.remote.connection._MAX_ROUND_TRIP_S", TIMEOUT_S)
     with serve(find_free_port()) as served:
         served.server.lease.timeout_s = TIMEOUT_S
         assert re.search(PRINTED["network"], run("network", served.address))

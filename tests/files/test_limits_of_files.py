@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 import ikservo
-from ikservo.arm.recorder import read_recording
+from ikservo.apps.importing import meshes
+from ikservo.apps.importing.fitting import fit_capsules
+from ikservo.apps.importing.meshes import MAX_TRIANGLES, read_triangles
+from ikservo.apps.importing.mjcf import read_mjcf
+from ikservo.apps.teaching.dataset_reading import MAX_FRAMES, read_dataset
+from ikservo.apps.teaching.mcap_records import MAGIC, MAX_CHUNK_BYTES
+from ikservo.apps.teaching.recorder import read_recording
 from ikservo.errors import FileFormatError
 from ikservo.files.drawing import read_drawing
-from ikservo.importing import meshes
-from ikservo.importing.fitting import fit_capsules
-from ikservo.importing.meshes import MAX_TRIANGLES, read_triangles
-from ikservo.importing.mjcf import read_mjcf
-from ikservo.recording.dataset_reading import MAX_FRAMES, read_dataset
-from ikservo.recording.mcap_records import MAGIC, MAX_CHUNK_BYTES
 from servosim.arm_file import read_arm_file
 from servosim.errors import SimulatorError
 from servosim.faults import read_faults

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from ikservo.arm.opening import make_collision_checker
-from ikservo.guard import CollisionChecker, KeepOutBox, clear_space, free_path_kernel
-from ikservo.ik.kernel import compiled
+from ikservo.guard import CollisionChecker, KeepOutBox, clear_space
+from ikservo.kernels import compiled
+from ikservo.kernels import free_path as free_path_kernel
 from ikservo.kinematics.se3 import rotation_rpy
 from tests.guard.arms import body, model_of
 from tests.guard.test_collision_kernel import BOXES, every_kind_of_joint

@@ -10,7 +10,7 @@ from ikservo.errors import BadValueError, RefusedError
 from ikservo.guard import CollisionChecker, KeepOutBox
 from ikservo.kinematics import Chain
 from ikservo.kinematics.capsules import Capsule
-from ikservo.kinematics.collision import CollisionBody
+from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.joints import Joint, JointType
 from ikservo.kinematics.se3 import make_pose
 from tests.guard.arms import body, model_of

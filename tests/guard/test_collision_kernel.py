@@ -5,10 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from ikservo.guard import CollisionChecker, KeepOutBox, collision_kernel
+from ikservo.guard import CollisionChecker, KeepOutBox
+from ikservo.kernels import capsule_distances as collision_kernel
 from ikservo.kinematics import Chain
 from ikservo.kinematics.capsules import Capsule
-from ikservo.kinematics.collision import CollisionBody
+from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.joints import Joint, JointType, Mimic
 from ikservo.kinematics.se3 import make_pose, rotation_rpy
 from tests.guard.arms import body, model_of

@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from ikservo.guard import CollisionChecker, collision_kernel
+from ikservo.guard import CollisionChecker
 from ikservo.guard.sag import Weight, sag_of
-from ikservo.ik.kernel.compiled import uncompiled
+from ikservo.kernels import capsule_distances as collision_kernel
+from ikservo.kernels.compiled import uncompiled
 from ikservo.kinematics.inertia import LinkMass
 from tests.both_ways import needs_extension, run_both_ways
 from tests.guard.arms import body, model_of

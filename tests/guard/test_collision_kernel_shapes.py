@@ -5,9 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from ikservo.guard import CollisionChecker, collision_kernel
-from ikservo.guard.collision_kernel import distances_fit, torques_fit
+from ikservo.guard import CollisionChecker
 from ikservo.guard.sag import Weight, sag_of
+from ikservo.kernels import capsule_distances as collision_kernel
+from ikservo.kernels.capsule_distances import distances_fit, torques_fit
 from ikservo.kinematics.dynamics import Dynamics
 from ikservo.kinematics.inertia import LinkMass
 from ikservo.kinematics.packed import LINK, MIMIC_COLUMN, PARENT

@@ -7,9 +7,9 @@ from ikservo.errors import CollisionError, RefusedError
 from ikservo.guard import CollisionChecker, KeepOutBox
 from ikservo.kinematics import Chain, Joint, JointType
 from ikservo.kinematics.capsules import Capsule
-from ikservo.kinematics.collision import CollisionBody
+from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.se3 import make_pose, rotation_rpy
-from ikservo.model.scene import KeepOutShape
+from ikservo.model.scene_file import KeepOutShape
 from tests.guard.arms import body, model_of
 
 BALL_RADIUS_M = 0.1

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ikservo.errors import RefusedError
-from ikservo.guard.limits import require_int_tick
+from ikservo.guard.driven_joint import require_int_tick
 
 
 @pytest.mark.parametrize("tick", [0, -1, 4095, 10**9])

@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from ikservo.hardware import ServoBus, ServoSpec
-from ikservo.hardware.read_plan import contiguous_runs
+from ikservo.hardware.register_batches import contiguous_runs
 from ikservo.registers import STS3215, XL430W250, RegisterName
 
 from .packets import sync_request

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 
 from ikservo.errors import BadReplyError, BusError, ServoRejectedError, ServoSilentError
 from ikservo.hardware import ServoBus, ServoSpec
-from ikservo.hardware.dynamixel import DynamixelDriver
-from ikservo.hardware.protocol2 import stuff, unstuff
+from ikservo.hardware.protocols.dynamixel import DynamixelDriver
+from ikservo.hardware.protocols.protocol2 import stuff, unstuff
 from ikservo.registers import XL430W250, Alarm, Family, RegisterName
 
 POSITION = XL430W250.present_position

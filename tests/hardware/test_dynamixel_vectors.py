@@ -6,7 +6,7 @@ import pytest
 
 from ikservo.errors import ServoRejectedError
 from ikservo.hardware import PingResult
-from ikservo.hardware.dynamixel import DynamixelDriver
+from ikservo.hardware.protocols.dynamixel import DynamixelDriver
 from ikservo.registers import XL430W250, Alarm, RegisterName
 
 TAKEN = "FF FF FD 00 01 04 00 55 00 A1 0C"

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from ikservo.hardware import protocol1
 from ikservo.hardware.packets import StatusPacket
-from ikservo.hardware.protocol2 import Protocol2Codec, crc, stuff
+from ikservo.hardware.protocols import protocol1
+from ikservo.hardware.protocols.protocol2 import Protocol2Codec, crc, stuff
 
 noise = st.lists(st.sampled_from([0xFF, 0xFD, 0x00, 0x01, 0x02, 0x04, 0x55, 0x7A]), max_size=12)
 data = st.binary(min_size=2, max_size=2)

@@ -6,8 +6,8 @@ import pytest
 
 from ikservo.errors import ServoRejectedError
 from ikservo.hardware import Port, ServoBus, ServoSpec
-from ikservo.hardware.dynamixel import DynamixelDriver
-from ikservo.hardware.protocol2 import split_fast_sync
+from ikservo.hardware.protocols.dynamixel import DynamixelDriver
+from ikservo.hardware.protocols.protocol2 import split_fast_sync
 from ikservo.registers import XL430W250, Alarm, RegisterName
 
 from .factories import make_transport

@@ -14,7 +14,7 @@ from scservo_sdk.scservo_def import COMM_PORT_BUSY, COMM_RX_CORRUPT, COMM_RX_TIM
 
 from ikservo.errors import BadReplyError, PortBusyError, ServoRejectedError, ServoSilentError
 from ikservo.hardware import ServoBus, ServoSpec, open_port
-from ikservo.hardware.feetech import FeetechDriver
+from ikservo.hardware.protocols.feetech import FeetechDriver
 from ikservo.registers import STS3215, Alarm, RegisterName
 
 POSITION = STS3215.present_position

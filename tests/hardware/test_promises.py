@@ -8,9 +8,10 @@ import sys
 import pytest
 
 from ikservo.errors import BusError, ServoRejectedError, ServoSilentError
-from ikservo.hardware import protocol1, torque_on, update_eeprom
+from ikservo.hardware import torque_on, update_eeprom
 from ikservo.hardware.pending import LineHealth
-from ikservo.hardware.protocol2 import Protocol2Codec
+from ikservo.hardware.protocols import protocol1
+from ikservo.hardware.protocols.protocol2 import Protocol2Codec
 from ikservo.registers import STS3215, Alarm, RegisterName
 
 from .factories import ECHO, PLAIN, add_faults, make_bus, simulated_servos

@@ -12,8 +12,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ikservo.ik.kernel import compiled, search, single
-from ikservo.ik.kernel.layout import (
+from ikservo.ik.prepare import TargetKind, pack_problem, pack_settings
+from ikservo.ik.problem import DEFAULT_RESTARTS, Options
+from ikservo.ik.solver import Solver
+from ikservo.kernels import compiled, search, single
+from ikservo.kernels.layout import (
     KIND,
     PROBLEM_SIZE,
     RESTARTS,
@@ -22,9 +25,6 @@ from ikservo.ik.kernel.layout import (
     SETTINGS_SIZE,
     work_shape,
 )
-from ikservo.ik.prepare import TargetKind, pack_problem, pack_settings
-from ikservo.ik.problem import DEFAULT_RESTARTS, Options
-from ikservo.ik.solver import Solver
 from ikservo.model import load_model
 
 needs_extension = pytest.mark.skipif(not compiled.is_compiled(), reason="no C compiler")
@@ -357,7 +357,7 @@ def test_a_changed_kernel_is_run_as_python_with_a_warning(tmp_path):
     kernel = copy / "ik" / "kernel" / "descent.py"
     kernel.write_text(kernel.read_text() + "\n# changed\n")
     done = warning_of(
-        "from ikservo.ik.kernel import compiled; print(compiled.is_compiled())", tmp_path
+        "from ikservo.kernels import compiled; print(compiled.is_compiled())", tmp_path
     )
     assert done.stdout.split() == ["False"]
     assert "make build" in done.stderr
@@ -368,7 +368,7 @@ def test_without_the_extension_the_same_code_gives_the_same_bits():
     code = (
         "import ikservo; m = ikservo.load_model('so101');"
         "r = ikservo.solve(m.chain, ikservo.Target((0.25, 0.05, 0.15)), m.chain_pose('home'));"
-        "from ikservo.ik.kernel import compiled;"
+        "from ikservo.kernels import compiled;"
         "print(compiled.is_compiled(), [x.hex() for x in r.q.tolist()])"
     )
     here = Path(compiled.__file__).parents[3]
@@ -390,5 +390,5 @@ def test_the_caches_of_versions_that_compiled_at_the_first_use_are_removed(tmp_p
         pytest.skip("the cache directory is elsewhere")
     for name in ("kernels-0123456789ab", "other"):
         (tmp_path / "ikservo" / name / "part").mkdir(parents=True)
-    warning_of("import ikservo.ik.kernel.search", Path.cwd(), XDG_CACHE_HOME=str(tmp_path))
+    warning_of("import ikservo.kernels.search", Path.cwd(), XDG_CACHE_HOME=str(tmp_path))
     assert [folder.name for folder in (tmp_path / "ikservo").iterdir()] == ["other"]

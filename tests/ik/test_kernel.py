@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from ikservo.ik.kernel import forward_kinematics, layout, linear_algebra
-from ikservo.ik.kernel.forward_kinematics import sincos
-from ikservo.ik.kernel.layout import HESSIAN, NEG_GRAD, TOOL_POSE, J, Q, work_shape
+from ikservo.kernels import forward_kinematics, layout, linear_algebra
+from ikservo.kernels.forward_kinematics import sincos
+from ikservo.kernels.layout import HESSIAN, NEG_GRAD, TOOL_POSE, J, Q, work_shape
 from ikservo.kinematics import pack_chain
 from ikservo.kinematics.se3 import exp_so3
 from ikservo.model import load_model

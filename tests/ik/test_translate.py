@@ -10,7 +10,7 @@ FILE = Path(__file__).parents[2] / "tools" / "kernel" / "translate.py"
 HEAD = """
 import math
 import numpy as np
-from ikservo.ik.kernel.compiled import entry
+from ikservo.kernels.compiled import entry
 from pack.other import SHARED, helper
 
 A, B = 2, -0.5

@@ -9,9 +9,9 @@ import pytest
 import ikservo
 from ikservo.arm.setpoint_stream import open_stream
 from servosim.faults import Fault
+from tests.apps.remote.conftest import TIMEOUT_S, find_free_port, serve, until
 from tests.arm.audit import Auditor
 from tests.arm.simulated import line_of, registers, true_joints, true_tip_m
-from tests.network.conftest import TIMEOUT_S, find_free_port, serve, until
 
 STAY = {"delta_x": 0.0, "delta_y": 0.0, "delta_z": 0.0, "gripper": 1.0}
 
@@ -101,7 +101,7 @@ def test_steps_move_the_tip_along_the_axes_and_keep_how_the_tool_stands(connecte
 
 
 def test_steps_move_an_arm_on_another_machine(connected, monkeypatch):
-    monkeypatch.setattr("ikservo.network.connection._MAX_ROUND_TRIP_S", TIMEOUT_S)
+    monkeypatch.setattr("ikservo.apps.remote.connection._MAX_ROUND_TRIP_S", TIMEOUT_S)
     with serve(find_free_port()) as served:
         served.server.lease.timeout_s = TIMEOUT_S
         robot = connected(port=served.address, action="ee_delta", observe_tip=True)

@@ -11,8 +11,8 @@ from functools import cache
 
 import pytest
 
-from ikservo.calibration.procedure import CalibrationState
-from ikservo.calibration.result import CalibrationResult
+from ikservo.apps.calibrating.calibration_procedure import CalibrationState
+from ikservo.apps.calibrating.calibration_result import CalibrationResult
 from ikservo.hardware.transport import open_transport
 from ikservo.model import load_model
 from servosim import SimulatedPort, open_port, read_arm_file
@@ -71,9 +71,13 @@ def place_arm(monkeypatch, arm, posture, kind):
     mounted_arm = _built(arm, mounted=kind.startswith("real"))
     bench.world = mounted_arm.world
     set_ports(monkeypatch, [PortInfo(PORT)] if kind.startswith("real") else [])
-    monkeypatch.setattr("ikservo.arm.calibrated_arm.is_pseudo_terminal", lambda name: name == PTY)
+    monkeypatch.setattr(
+        "ikservo.planning.calibrated_arm.is_pseudo_terminal", lambda name: name == PTY
+    )
     monkeypatch.setattr("ikservo.hardware.port.open_transport", _reopened(mounted_arm))
-    monkeypatch.setattr("ikservo.lab.bus_benchmark.open_transport", _reopened(mounted_arm))
+    monkeypatch.setattr(
+        "ikservo.apps.workbench.bus_benchmark.open_transport", _reopened(mounted_arm)
+    )
     mounted_arm.port.name = bench.port
     if kind == "real, calibrated":
         shutil.copytree(_calibrated(arm), os.environ["IKSERVO_HOME"], dirs_exist_ok=True)

@@ -10,9 +10,9 @@ import itertools
 import numpy as np
 
 from ikservo.arm import Arm
-from ikservo.arm.motions import MoveJoints, Wait
 from ikservo.guard import StopKind, StopReason
 from ikservo.model.tool import tool_frame
+from ikservo.planning.motions import MoveJoints, Wait
 from tests.journeys.command_arguments import usual_target_m
 from tests.journeys.recordings import write_wave_recording
 

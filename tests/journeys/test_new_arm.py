@@ -5,7 +5,7 @@ import re
 
 import pytest
 
-from tests.importing.hidden_arm import IDS, SIGNS, hide_arm
+from tests.apps.importing.hidden_arm import IDS, SIGNS, hide_arm
 from tests.journeys.terminal import Terminal
 from tests.oracle import CONFIGS
 

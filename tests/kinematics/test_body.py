@@ -5,7 +5,7 @@ import pytest
 
 from ikservo.kinematics import Chain, JointType
 from ikservo.kinematics.capsules import Capsule
-from ikservo.kinematics.collision import CollisionBody
+from ikservo.kinematics.collision_body import CollisionBody
 from tests.kinematics.chains import joint, planar
 
 

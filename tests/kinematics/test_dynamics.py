@@ -9,11 +9,11 @@ import pytest
 import ikservo
 from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.kinematics.base_parameters import base_parameters, independent_columns
-from ikservo.kinematics.collision import CollisionBody
+from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.dynamics import Dynamics
 from ikservo.kinematics.inertia import PARAMETERS, LinkMass
 from ikservo.model.collision_model import collision_body_with_gripper
-from ikservo.model.sag import link_masses
+from ikservo.model.link_masses import link_masses
 from tests.kinematics.chains import crane, planar
 from tests.kinematics.dynamics_oracle import NAMES, WALL_M_S2, oracle_of
 from tests.kinematics.test_gravity import torques as guard_torques

@@ -8,9 +8,9 @@ import pytest
 
 import ikservo
 from ikservo.guard.sag import Weight, sag_of
-from ikservo.kinematics.collision import CollisionBody
+from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.inertia import LinkMass
-from ikservo.model.sag import joint_compliances, link_masses
+from ikservo.model.link_masses import joint_compliances, link_masses
 from ikservo.model.servo_torque import SERVO_TORQUES, find_servo_torque
 from servosim.parameters import PARAMETERS
 from tests.arm.simulated import line_of

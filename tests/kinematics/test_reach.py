@@ -7,7 +7,7 @@ import pytest
 
 from ikservo.kinematics import Chain, JointType, Mimic
 from ikservo.kinematics.capsules import Capsule
-from ikservo.kinematics.collision import LinkTravelBounds
+from ikservo.kinematics.collision_body import LinkTravelBounds
 from tests.kinematics.chains import joint, planar
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pinocchio
 import pytest
 
-from ikservo.kinematics.collision import CollisionBody
+from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.model import load_model
 from ikservo.model.collision_model import bounding_capsules, collision_body
 from ikservo.model.urdf_types import Box, Cylinder, Sphere

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from ikservo.errors import FileFormatError
-from ikservo.model.loading import read_description
+from ikservo.model.model_loading import read_description
 from ikservo.model.urdf import read_urdf
 
 

@@ -5,9 +5,9 @@ import sys
 import urllib.request
 
 import ikservo
+from ikservo.apps.page.page_app import ViewApp
+from ikservo.apps.page.served_arms import ArmAtPort
 from ikservo.hardware.transport import acquire_lock
-from ikservo.view.app import ViewApp
-from ikservo.view.served_arms import ArmAtPort
 from tests.cli.fixtures_ports import run_arguments
 
 COMMANDS = (

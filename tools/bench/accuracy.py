@@ -22,10 +22,10 @@ from numpy.typing import NDArray
 
 import ikservo
 from ikservo.arm import Arm, MotionPlan, MoveResult
-from ikservo.arm.motion_plan import rebase_trajectory
 from ikservo.arm.opening import open_own_arm
 from ikservo.errors import IkservoError
 from ikservo.kinematics.se3 import log_so3
+from ikservo.planning.motion_plan import rebase_trajectory
 
 Array = NDArray[np.float64]
 

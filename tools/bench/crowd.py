@@ -18,8 +18,8 @@ from statistics import median
 
 from visiting import Page, served
 
+from ikservo.apps.page.served_arms import ServedArm
 from ikservo.control.loop import ControlCycle
-from ikservo.view.served_arms import ServedArm
 
 SECONDS, ROUNDS = 4.0, 5
 

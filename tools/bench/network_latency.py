@@ -25,16 +25,16 @@ from typing import Any, cast
 import jitter
 
 import ikservo
+from ikservo.apps.remote import key_expressions as keys
+from ikservo.apps.remote.address import ArmAddress, Endpoint
+from ikservo.apps.remote.arm_server import ArmServer
+from ikservo.apps.remote.setpoint_inbox import SetpointInbox
+from ikservo.apps.remote.wire_messages import MAX_REQUEST_BYTES, Announcement, Setpoint, decode
+from ikservo.apps.remote.zenoh_session import open_client, open_server
 from ikservo.arm import Arm
 from ikservo.arm.opening import open_own_arm
 from ikservo.arm.target_tracking import CartesianOrJointTarget, TargetTracker
 from ikservo.kinematics.arrays import Vector
-from ikservo.network import key_expressions as keys
-from ikservo.network.address import ArmAddress, Endpoint
-from ikservo.network.arm_server import ArmServer
-from ikservo.network.messages import MAX_REQUEST_BYTES, Announcement, Setpoint, decode
-from ikservo.network.session import open_client, open_server
-from ikservo.network.setpoint_inbox import SetpointInbox
 
 JOINT, SWING_RAD, PERIOD_S = "shoulder_pan", 0.3, 4.0
 ASKED_MEDIAN_MS, ASKED_P99_MS = 5.0, 20.0  # beside the local path

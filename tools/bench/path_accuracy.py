@@ -28,8 +28,8 @@ from numpy.typing import NDArray
 import ikservo
 from ikservo.arm import Arm, MotionPlan, MotionProgress, MoveResult
 from ikservo.arm.opening import open_own_arm
-from ikservo.arm.reports import OnProgress
 from ikservo.errors import IkservoError, NotSettledError
+from ikservo.planning.reports import OnProgress
 
 Array = NDArray[np.float64]
 

@@ -32,23 +32,23 @@ import numpy as np
 from numpy.typing import NDArray
 from planning_peers import find_by_ompl, find_by_sscbirrt
 
-from ikservo.arm import ways_around
-from ikservo.arm.checked_planning import PreflightPlanner
-from ikservo.arm.context import ArmContext
-from ikservo.arm.motion_plan import MotionPlan
-from ikservo.arm.motions import MoveJoints
 from ikservo.arm.opening import open_own_arm
-from ikservo.arm.path_constraint import ConstrainedTool, PathConstraint
-from ikservo.arm.poses import PoseLibrary
 from ikservo.errors import RefusedError
 from ikservo.guard import CollisionChecker, KeepOutBox
 from ikservo.kinematics import JointIndex
-from ikservo.kinematics.collision import CollisionBody
+from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.packed import PackedBody
 from ikservo.kinematics.se3 import exp_so3
 from ikservo.model import load_model
 from ikservo.model.collision_model import capsules_of
 from ikservo.motion.avoidance import MotionSpace, find_way, path_length
+from ikservo.planning import ways_around
+from ikservo.planning.checked_planning import PreflightPlanner
+from ikservo.planning.context import ArmContext
+from ikservo.planning.motion_plan import MotionPlan
+from ikservo.planning.motions import MoveJoints
+from ikservo.planning.path_constraint import ConstrainedTool, PathConstraint
+from ikservo.planning.poses import PoseLibrary
 
 Array = NDArray[np.float64]
 

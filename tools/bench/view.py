@@ -26,13 +26,13 @@ from playwright.sync_api import sync_playwright
 from ten_links import ten_links
 from visiting import Page, served
 
+from ikservo.apps.page.messages.page_messages import Pointer
+from ikservo.apps.page.page_app import ViewApp
+from ikservo.apps.page.running import arm_thread as arm_thread_module
+from ikservo.apps.page.served_arms import ArmAtPort, ServedArm
 from ikservo.control.loop import ControlCycle
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import load_model
-from ikservo.view import arm_thread as arm_thread_module
-from ikservo.view.app import ViewApp
-from ikservo.view.messages import Pointer
-from ikservo.view.served_arms import ArmAtPort, ServedArm
 
 EVENTS, ARRIVALS, MOVES, SECONDS = 300, 60, 200, 5
 REFRESH_S = 1 / 60
@@ -211,7 +211,7 @@ def page_share(view: str, *, webgl: bool) -> tuple[float, float, float]:
 
 def first_picture() -> tuple[float, float]:
     """Return the size of the page, gzipped [kB], and the time to its first scene [s]."""
-    entries = list((files("ikservo.view") / "page").iterdir())
+    entries = list((files("ikservo.apps.page") / "static").iterdir())
     kilobytes = sum(len(gzip.compress(entry.read_bytes())) for entry in entries) / 1000
     with ExitStack() as stack:
         house = ViewApp([ArmAtPort(load_model("so101"), "sim")], dead_man_s=5.0)

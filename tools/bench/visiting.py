@@ -11,10 +11,10 @@ from typing import Any
 
 from websockets.sync.client import ClientConnection, connect
 
+from ikservo.apps.page.page_app import ViewApp
+from ikservo.apps.page.served_arms import ArmAtPort, ServedArm
+from ikservo.apps.page.server.auth import challenge_response
 from ikservo.model import load_model
-from ikservo.view.app import ViewApp
-from ikservo.view.auth import challenge_response
-from ikservo.view.served_arms import ArmAtPort, ServedArm
 
 __all__ = ["Page", "served"]
 

@@ -28,16 +28,16 @@ ROOT = Path(__file__).parents[2]
 FOLDER = Path("ikservo", "ik", "kernel")
 """Where the module is, in the tree and in the wheel."""
 
-_NAME = "ikservo.ik.kernel._compiled"
+_NAME = "ikservo.kernels._compiled"
 _SWITCH = "IKSERVO_COMPILED"
 _MODULES = [
-    "ikservo.ik.kernel.search",
-    "ikservo.ik.kernel.single",
-    "ikservo.ik.kernel.tool_limits",
-    "ikservo.guard.collision_kernel",
-    "ikservo.guard.free_path_kernel",
-    "ikservo.view.raycast",
-    "ikservo.view.pick_region",
+    "ikservo.kernels.search",
+    "ikservo.kernels.single",
+    "ikservo.kernels.tool_limits",
+    "ikservo.kernels.capsule_distances",
+    "ikservo.kernels.free_path",
+    "ikservo.apps.page.picking.raycast",
+    "ikservo.apps.page.picking.pick_region",
 ]
 # As Python computes: no fused products, no other order. Errors set no errno and no trap. A call of
 # memset or memcpy for five numbers takes longer than a loop (clang warns that it has no such flag).

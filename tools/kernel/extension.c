@@ -86,7 +86,7 @@ static inline bool as_bool(const Argument *a) { return a->whole != 0; }
 #include "kernels.c"
 
 #define MOST_ARGUMENTS 20
-#define CALL "ikservo.ik.kernel.call"
+#define CALL "ikservo.kernels.call"
 
 /* An entry and its first arguments, which stay, and the objects that hold their memory. */
 typedef struct {

@@ -21,7 +21,7 @@ from types import ModuleType
 
 __all__ = ["Matrix", "Vector", "load_solve_all"]
 
-_PACKAGES = ("ikservo", "ikservo.ik", "ikservo.ik.kernel", "ikservo.kinematics")
+_PACKAGES = ("ikservo", "ikservo.ik", "ikservo.kernels", "ikservo.kinematics")
 _PACKED = "ikservo.kinematics.packed"
 
 
@@ -84,10 +84,10 @@ def load_solve_all(folder: Path) -> Callable[..., int]:
     """Import the kernels from the package in a folder, and nothing else of it."""
     for name in _PACKAGES:
         _put_module(name, __path__=[str(folder.joinpath(*name.split(".")))])
-    _put_module("ikservo.ik.kernel.compiled", entry=_entry, vectorised=_unchanged)
+    _put_module("ikservo.kernels.compiled", entry=_entry, vectorised=_unchanged)
     _put_module("ikservo.kinematics.arrays", Matrix=Matrix, Vector=Vector)
     _put_module(_PACKED, **_constants(folder.joinpath(*_PACKED.split(".")).with_suffix(".py")))
-    return importlib.import_module("ikservo.ik.kernel.search").solve_all
+    return importlib.import_module("ikservo.kernels.search").solve_all
 
 
 def _put_module(name: str, **contents: object) -> None:

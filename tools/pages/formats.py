@@ -9,13 +9,15 @@ from typing import get_args
 
 from pydantic import BaseModel
 
-from ikservo.arm import program
-from ikservo.arm.motions import KINDS
-from ikservo.arm.program import Program
+from ikservo.apps.page import arm_list
+from ikservo.apps.page.messages import page_messages as messages
+from ikservo.apps.page.panels import servo_bench
+from ikservo.apps.page.server import page_connection as connection
+from ikservo.apps.teaching import program, recording
+from ikservo.apps.teaching.program import Program
+from ikservo.apps.teaching.recording import RecordingHeader
 from ikservo.model.arm_schema import ArmFile
-from ikservo.recording import recording
-from ikservo.recording.recording import RecordingHeader
-from ikservo.view import arm_list, connection, messages, servo_bench
+from ikservo.planning.motions import KINDS
 from pages.markdown import code, table
 from pages.schemas import describe_type, model_sections
 
@@ -37,8 +39,8 @@ _PROTOCOL = """# Protocol of the page
 
 The page of `ikservo view` and its server exchange JSON texts over two websockets: `/live/ARM` for
 the arm that is shown, `/live` for the first, and `/arms` for the list of arms. This page is made
-from the models that check the messages (`ikservo/view/messages.py`, `ikservo/view/arm_list.py`,
-`ikservo/view/servo_bench.py`).
+from the models that check the messages (`ikservo/apps/page/messages/page_messages.py`, `ikservo/apps/page/arm_list.py`,
+`ikservo/apps/page/panels/servo_bench.py`).
 Everything else is refused, and nothing changes.
 
 ## From the connection to the first scene
@@ -127,7 +129,7 @@ def programs_page() -> str:
                 model_sections(Program, 3),
                 "### Motions",
                 "The key `motion` of a step has one of these, with its fields; `speed` is a key of "
-                "the step. Python makes them in `ikservo.arm.motions`.",
+                "the step. Python makes them in `ikservo.planning.motions`.",
                 *(_motion_section(name, kind) for name, kind in KINDS.items()),
                 "## Recordings",
                 "JSON Lines, written by `ikservo record`: a header, then one line per sample.",

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo import Model, OpenArm
+from ikservo.apps.teaching.lerobot_values import JointValues
 from ikservo.kinematics.se3 import exp_so3, log_so3, make_pose
-from ikservo.model.lerobot_values import JointValues
 from lerobot_robot_ikservo.config import IkservoRobotConfig
 from lerobot_robot_ikservo.kinematics import TipSolver
 

@@ -7,8 +7,8 @@ from pathlib import Path
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
 import ikservo
+from ikservo.apps.teaching.lerobot_values import JointValues
 from ikservo.arm import OnExit
-from ikservo.model.lerobot_values import JointValues
 from lerobot_robot_ikservo.calibration import calibrate_arm, write_lerobot_file
 from lerobot_robot_ikservo.config import IkservoLeaderConfig, IkservoRobotConfig
 

@@ -12,7 +12,7 @@ from ikservo.arm import ZeroSource
 from ikservo.calibration.calibration_file import load_calibration
 from ikservo.calibration.lerobot import dump_lerobot, lerobot_joints, lost_in_lerobot
 from ikservo.files.writing import write_atomic
-from ikservo.hardware.remembered_port import serial_number_of
+from ikservo.hardware.port_names import serial_number_of
 from lerobot_robot_ikservo.config import IkservoLeaderConfig, IkservoRobotConfig
 
 __all__ = ["calibrate_arm", "calibration_command", "write_lerobot_file"]

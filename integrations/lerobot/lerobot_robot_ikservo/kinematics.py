@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from ikservo import Arm, Chain, Solver, load_model
-from ikservo.arm.calibrated_arm import calibrated_model
 from ikservo.ik import Options
 from ikservo.kinematics.joints import JointType
+from ikservo.planning.calibrated_arm import calibrated_model
 
 __all__ = ["IkservoKinematics", "TipSolver"]
 

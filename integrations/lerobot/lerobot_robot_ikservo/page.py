@@ -10,11 +10,11 @@ from lerobot.teleoperators import Teleoperator
 from lerobot.utils.errors import DeviceAlreadyConnectedError, DeviceNotConnectedError
 
 import ikservo
-from ikservo.model.lerobot_values import JointValues
+from ikservo.apps.teaching.lerobot_values import JointValues
 from lerobot_robot_ikservo.config import IkservoPageConfig
 
 if TYPE_CHECKING:
-    from ikservo.view.app import ViewApp
+    from ikservo.apps.page.page_app import ViewApp
 
 __all__ = ["IkservoPage"]
 
@@ -73,8 +73,8 @@ class IkservoPage(Teleoperator):
         """
         if self._app is not None:
             raise DeviceAlreadyConnectedError(f"{self} is connected.")
-        from ikservo.view.app import ViewApp  # noqa: PLC0415  # the extra `page`
-        from ikservo.view.served_arms import ArmAtPort  # noqa: PLC0415
+        from ikservo.apps.page.page_app import ViewApp  # noqa: PLC0415  # the extra `page`
+        from ikservo.apps.page.served_arms import ArmAtPort  # noqa: PLC0415
 
         place = ArmAtPort(self._model, f"sim:?pose={self.config.pose}")
         app = ViewApp([place], self.config.listen, self.config.http_port)

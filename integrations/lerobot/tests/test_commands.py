@@ -165,8 +165,8 @@ def test_three_episodes_are_recorded_and_replayed_within_two_millimetres(
 
 def go_to_first_frame(arm, folder, episode):
     """Move an arm to where an episode begins."""
-    from ikservo.model.lerobot_values import JointValues
-    from ikservo.recording.dataset_reading import read_dataset
+    from ikservo.apps.teaching.dataset_reading import read_dataset
+    from ikservo.apps.teaching.lerobot_values import JointValues
 
     dataset = read_dataset(folder)
     first = dataset.episodes[episode].values[0]

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 
+from ikservo.apps.calibrating.kinematic_calibration import ParameterSet, TouchPoint, fit_parameters
+from ikservo.apps.calibrating.parameter_selection import select_and_fit
 from ikservo.errors import CalibrationError
-from ikservo.model.kinematic_calibration import ParameterSet, TouchPoint, fit_parameters
-from ikservo.model.parameter_selection import select_and_fit
 from tests.calibration.mounted_arms import load_model
 from tests.model.touch.perturbed_geometry import PerturbedGeometry
 from tests.oracle import ARMS

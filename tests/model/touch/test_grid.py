@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from ikservo.model.touch_procedure import place_sheet
+from ikservo.apps.calibrating.touch_procedure import place_sheet
 from tests.calibration.mounted_arms import load_model
 
 ROOT = Path(__file__).parents[3]

@@ -1,0 +1,1 @@
+"""What is built on the core: each folder is one app, and can be deleted."""

@@ -1,0 +1,71 @@
+"""``ikservo test --touch``: accuracy from touches of known points, guided by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ikservo.apps.calibrating.calibrate_by_hand import print_servos
+from ikservo.apps.calibrating.calibrate_touch import TouchOffOptions, make_targets
+from ikservo.apps.calibrating.calibration_dialogue import switch_torque_off
+from ikservo.apps.calibrating.calibration_session import open_torque_off
+from ikservo.apps.calibrating.kinematic_calibration import TouchPoint
+from ikservo.apps.calibrating.touch_dialogue import touch_points
+from ikservo.apps.calibrating.touch_off import TouchOffSession
+from ikservo.apps.calibrating.touched_accuracy import touched_poses
+from ikservo.apps.lab.accuracy_test import PoseResult
+from ikservo.cli.terminal_dialogue import Operator
+from ikservo.errors import CalibrationError, IkservoError
+from ikservo.model import Model
+
+__all__ = ["TouchedPoints", "measure_by_touch"]
+
+
+class TouchedPoints:
+    """The touches of a test, kept also where it is stopped.
+
+    Attributes:
+        poses: The touched points, with where the tip was by the arm's joints.
+        stopped: Why it ended early; None where it did not.
+    """
+
+    def __init__(self) -> None:
+        self.poses: list[PoseResult] = []
+        self.stopped: BaseException | None = None
+
+
+def measure_by_touch(
+    model: Model, port: str | None, points: Path | None, times: int, operator: Operator
+) -> TouchedPoints:
+    """Switch torque off and let the user put the tip on known points.
+
+    Args:
+        model: The arm.
+        port: See ``open_torque_off``.
+        points: A file of points; None for the printed sheet.
+        times: How often each is touched.
+        operator: Who answers.
+
+    Raises:
+        CalibrationError: The arm is not calibrated, or no point was touched.
+        InputError: No user is there to answer.
+    """
+    found = TouchedPoints()
+    with open_torque_off(model, port) as limp_arm:
+        session = TouchOffSession(limp_arm)
+        targets = session.reachable_targets(make_targets(model, TouchOffOptions(points=points)))
+        if not targets:
+            raise CalibrationError("No point is within reach of the tip.", "Check the points.")
+        operator.run(switch_torque_off(limp_arm))
+        print_servos(limp_arm, "home")
+        state = session.start_touch_off(targets * times)
+        touches: list[TouchPoint] = []
+        try:
+            operator.run(touch_points(limp_arm, state, touches))
+        except (IkservoError, KeyboardInterrupt) as error:
+            found.stopped = error
+        found.poses = touched_poses(session.present, touches)
+    if not found.poses and found.stopped is not None:
+        raise found.stopped
+    if not found.poses:
+        raise CalibrationError("No point was touched; there is nothing to report.")
+    return found

@@ -1,0 +1,137 @@
+"""``ikservo calibrate`` by hand: its options, and what it prints besides its dialogue."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+import typer
+
+from ikservo.apps.calibrating.calibration_dialogue import (
+    CalibrationOptions,
+    calibrate_by_hand,
+    switch_torque_off,
+)
+from ikservo.apps.calibrating.calibration_procedure import CalibrationState, warnings
+from ikservo.apps.calibrating.calibration_result import CalibrationResult
+from ikservo.apps.calibrating.calibration_session import (
+    TorqueOffArm,
+    base_calibration,
+    open_torque_off,
+)
+from ikservo.calibration import Limits
+from ikservo.cli.direction_prompt import check_new_signs
+from ikservo.cli.quantities import parse_angle_rad, parse_length_m
+from ikservo.cli.terminal import print_json, print_lines, print_status
+from ikservo.cli.terminal_dialogue import Operator
+from ikservo.errors import BadValueError, StoppedError
+from ikservo.hardware.port_names import is_simulated
+from ikservo.maintenance.arm_sketch import ascii_sketch
+from ikservo.maintenance.direction_check import confirm_directions, directions_confirmed
+from ikservo.model import Model
+
+__all__ = [
+    "calibrate",
+    "parse_limits",
+    "print_result",
+    "print_servos",
+    "reporting_unchanged_state",
+]
+
+
+def calibrate(
+    model: Model,
+    port: str | None,
+    options: CalibrationOptions,
+    operator: Operator,
+    *,
+    json: bool,
+) -> None:
+    """Run a calibration by hand, and save its result."""
+    options.check(model)
+    with open_torque_off(model, port) as limp_arm:
+        base = base_calibration(limp_arm, options.joints) if options.joints else None
+        known = base is None or directions_confirmed(model, limp_arm.bus.port.name)
+        operator.run(switch_torque_off(limp_arm))
+        with reporting_unchanged_state():
+            print_servos(limp_arm, options.pose)
+            state, outcome = operator.run(calibrate_by_hand(limp_arm, options, base))
+            path = limp_arm.save(outcome)
+        port_name = limp_arm.bus.port.name
+    print_result(outcome, state, path, json=json)
+    opposite = [s.name for s in state.subjects if state.sign(s) != s.joint_map.sign]
+    if is_simulated(outcome.calibration.usb_serial_number):
+        return
+    tested = check_new_signs(model, port, opposite, operator)
+    if known and tested and all(s.name in state.signs for s in state.subjects):
+        confirm_directions(model, port_name)  # each joint was observed to move as the files say
+
+
+@contextmanager
+def reporting_unchanged_state() -> Generator[None]:
+    """On Ctrl-C during a calibration by hand, report that nothing was saved.
+
+    Raises:
+        StoppedError: Instead of Ctrl-C or the end of the input.
+    """
+    try:
+        yield
+    except (KeyboardInterrupt, typer.Abort):
+        raise StoppedError("Stopped: nothing was saved; torque is off.") from None
+
+
+def print_servos(limp_arm: TorqueOffArm, pose: str) -> None:
+    """Print the servos found and the reference pose."""
+    servos = list(limp_arm.facts.values())
+    counts = Counter(facts.table.model_name for facts in servos)
+    listed = ", ".join(f"{count} {name}" for name, count in counts.items())
+    firmware = ", ".join(sorted({facts.firmware for facts in servos}))
+    print_status(
+        f"{limp_arm.model.title} on {limp_arm.bus.port.name}: {listed}, firmware {firmware}."
+    )
+    for line in ascii_sketch(limp_arm.model, limp_arm.model.joints[-1].name, pose)[:-1]:
+        print_status(f"    {line}")
+
+
+def parse_limits(model: Model, texts: Sequence[str]) -> Mapping[str, Limits]:
+    """Parse the ranges of ``--limit``, by joint.
+
+    Raises:
+        BadValueError: One is not a range.
+        UnknownNameError: The arm has no such joint.
+    """
+    limits: dict[str, Limits] = {}
+    for text in texts:
+        name, _, ends = text.partition("=")
+        low, colon, high = ends.partition(":")
+        if not colon:
+            raise BadValueError("The limit", repr(text), "JOINT=LOW:HIGH, as in elbow_flex=-80:80")
+        unit = model.joint(name).joint_map.unit
+        parse = parse_length_m if unit == "m" else parse_angle_rad
+        lower, upper = parse(low), parse(high)
+        if not lower < upper:
+            raise BadValueError(f"The limit of {name}", repr(ends), "the lower end first")
+        limits[name] = Limits.of(name, lower, upper, "user", unit)
+    return limits
+
+
+def print_result(
+    outcome: CalibrationResult, state: CalibrationState, path: Path, *, json: bool
+) -> None:
+    """Print the saved calibration."""
+    calibration = outcome.calibration
+    if json:
+        joints = [joint.model_dump(exclude_none=True) for joint in calibration.joints]
+        print_json(
+            "calibrate", path=path, arm=calibration.arm, joints=joints, findings=[*warnings(state)]
+        )
+        return
+    print_lines([f"Saved to {path}"])
+    if is_simulated(calibration.usb_serial_number):
+        print_status(
+            "This simulated arm ends here; the next one has the arm file's zeros and signs."
+        )
+    else:
+        print_status(f"Check it: ikservo where --arm {calibration.arm}")

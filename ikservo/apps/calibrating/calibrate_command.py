@@ -1,0 +1,161 @@
+"""``ikservo calibrate``: measure an arm's zeros, signs and ranges; options of all its variants."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import typer
+
+from ikservo.apps.calibrating.calibrate_auto import calibrate_auto
+from ikservo.apps.calibrating.calibrate_by_hand import calibrate, parse_limits
+from ikservo.apps.calibrating.calibrate_touch import TouchOffOptions, run_touch_off
+from ikservo.apps.calibrating.calibration_dialogue import CalibrationOptions, read_script
+from ikservo.apps.calibrating.touch_dialogue import read_touch_script
+from ikservo.apps.cameras.calibrate_camera import (
+    CameraOptions,
+    calibrate_by_camera,
+    calibrate_from_pictures,
+)
+from ikservo.arm.opening import require_own_port
+from ikservo.cli.direction_prompt import check_directions
+from ikservo.cli.model_options import model_from_option
+from ikservo.cli.options import JsonOption, MotionOptions, NamedServoConnection, UncalibratedOption
+from ikservo.cli.session import open_from_options
+from ikservo.cli.terminal_dialogue import AnswerOptions
+from ikservo.errors import InputError
+
+__all__ = ["Margin", "Pose", "command"]
+
+
+Pose = Annotated[str, typer.Option("--pose", help="Named pose in which you hold the arm at first.")]
+Margin = Annotated[
+    float,
+    typer.Option(
+        "--margin", min=0.0, max=20.0, help="Degrees between each end stop and the limit."
+    ),
+]
+Continuous = Annotated[
+    list[str] | None,
+    typer.Option("--continuous", metavar="JOINT", help="This joint has no end stops."),
+]
+Skip = Annotated[
+    list[str] | None,
+    typer.Option("--skip", metavar="JOINT", help="Use the arm file's range and sign."),
+]
+OnlyJoint = Annotated[
+    list[str] | None,
+    typer.Option("--joint", metavar="JOINT", help="Calibrate only this joint again."),
+]
+OwnLimit = Annotated[
+    list[str] | None,
+    typer.Option("--limit", metavar="JOINT=LOW:HIGH", help="Narrower range of your own."),
+]
+WriteLimits = Annotated[
+    bool | None,
+    typer.Option(
+        "--write-limits/--no-write-limits", help="Write the limits into the servos as well."
+    ),
+]
+
+TouchOff = Annotated[
+    bool,
+    typer.Option("--touch", help="Touch-off: measure zeros, links and base by touching points."),
+]
+Auto = Annotated[bool, typer.Option("--auto", help="Let the arm drive gently to its end stops.")]
+Wiggle = Annotated[
+    bool,
+    typer.Option("--wiggle", help="Move each joint by 5° and back, to check ids and signs."),
+]
+
+
+def command(
+    connection: NamedServoConnection,
+    *,
+    pose: Pose = "rest",
+    margin: Margin = 2.0,
+    continuous: Continuous = None,
+    skip: Skip = None,
+    joint: OnlyJoint = None,
+    limit: OwnLimit = None,
+    write_limits: WriteLimits = None,
+    auto: Auto = False,
+    wiggle: Wiggle = False,
+    touch: TouchOff = False,
+    touch_off: TouchOffOptions,
+    camera: CameraOptions,
+    uncalibrated: UncalibratedOption = False,
+    answers: AnswerOptions,
+    json: JsonOption = False,
+) -> None:
+    """Measure an arm's zeros, signs and ranges by hand, with torque off.
+
+    ikservo calibrate so101
+
+    ikservo calibrate so101 --pose home --margin 1 --write-limits
+
+    ikservo calibrate so101 --joint elbow_flex        this joint again, keep the others
+
+    ikservo calibrate so101 --auto          the arm finds its end stops
+
+    ikservo calibrate so101 --touch         then touch a printed sheet, for millimetres
+
+    ikservo calibrate so101 --camera 0      or show a printed board to a camera
+
+    ikservo calibrate so101 --camera 0 --by-hand      the same, and you move the limp arm
+    """
+    seen = camera.camera is not None
+    if auto + touch + wiggle + seen > 1:
+        raise InputError("One of --auto, --touch, --camera and --wiggle at a time.")
+    if joint and (auto or touch or seen):
+        raise InputError("--joint goes with a calibration by hand or with --wiggle.")
+    of_limits = (pose, margin, continuous or None, skip or None, limit or None, write_limits)
+    sets_limits = not (touch or wiggle or seen or camera.from_pictures)
+    if not sets_limits and of_limits != ("rest", 2.0, None, None, None, None):
+        raise InputError(
+            "--pose, --margin, --continuous, --skip, --limit and --write-limits go with a "
+            "calibration that sets limits: by hand, or with --auto.",
+            "Leave them out.",
+        )
+    if touch_off != TouchOffOptions() and not touch:
+        raise InputError("Points are touched in a touch-off only.", "Add: --touch")
+    if uncalibrated and not wiggle:
+        raise InputError("--uncalibrated goes with --wiggle.", "Leave it out.")
+    if camera.from_pictures is not None:
+        if camera != CameraOptions(from_pictures=camera.from_pictures):
+            raise InputError("--from-pictures says all of the camera.", "Leave the others out.")
+        if auto or touch or wiggle or joint:
+            raise InputError("--from-pictures moves nothing.", "Leave the other ways out.")
+        model = model_from_option(connection.arm)
+        operator = answers.operator(read_script)
+        calibrate_from_pictures(model, camera.from_pictures, operator, json=json)
+        return
+    if seen:
+        calibrate_by_camera(connection, camera, answers.operator(read_script), json=json)
+        return
+    if camera != CameraOptions():
+        raise InputError(
+            "--by-hand and the options of boards and pictures go with --camera.",
+            "Add --camera SOURCE, or leave them out to set the limits by hand.",
+        )
+    if wiggle:
+        options = MotionOptions(collision=False, uncalibrated=uncalibrated)
+        with open_from_options(connection, options) as machine:
+            check_directions(require_own_port(machine), joint or [], yes=answers.yes, json=json)
+        return
+    model, port = model_from_option(connection.arm), connection.port
+    operator = answers.operator(read_touch_script if touch else read_script)
+    if touch:
+        run_touch_off(model, port, touch_off, operator, json=json)
+        return
+    user = parse_limits(model, limit or [])
+    options = CalibrationOptions(
+        pose=pose,
+        margin_rad=math.radians(margin),
+        continuous=continuous or [],
+        skip=skip or [],
+        joints=[model.joint(name).name for name in joint or []],
+        user=user,
+        write_limits=write_limits,
+    )
+    (calibrate_auto if auto else calibrate)(model, port, options, operator, json=json)

@@ -1,0 +1,344 @@
+"""The result of a calibration: measured joints, the calibration to save, expected registers.
+
+A joint's stops are near the limits of the arm file. If one end of the recorded range is far
+beyond its limit and the other end is not, the zero is shifted: the arm was not in the pose. A range
+as wide as that of the arm file shows a much smaller shift.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import datetime
+
+from ikservo.apps.calibrating.calibration_procedure import CalibrationState, is_full_turn
+from ikservo.apps.calibrating.range_tracker import JointUnderCalibration
+from ikservo.calibration.homing import MAX_X_OFFSET, Homing, TickRange, choose_homing
+from ikservo.calibration.joint_limits import Limits
+from ikservo.calibration.joint_map import JointMap, encoder_of, unwrap_near, wrapped_difference
+from ikservo.calibration.records import CalibratedJoint, CalibratedServo, Calibration, RangeSource
+from ikservo.calibration.servo_config import ServoConfig, expected_registers, is_multi_turn
+from ikservo.errors import CalibrationError
+from ikservo.registers import Family
+
+__all__ = [
+    "CalibrationMetadata",
+    "CalibrationResult",
+    "MeasuredJoint",
+    "RegisterValues",
+    "ShiftedZero",
+    "build_calibration",
+    "find_shifted_zeros",
+    "measure_joint",
+]
+
+# The largest shift of the zero that is not doubted, by unit: where the range differs from the arm
+# file's, and where it is as wide, so that its stops are known to be those of the arm file.
+_MAX_SHIFT = {"rad": math.radians(10.0), "m": 0.004}
+_MAX_SHIFT_OF_SAME_WIDTH = {"rad": math.radians(2.5), "m": 0.001}
+_SAME_WIDTH = {"rad": math.radians(1.0), "m": 0.0005}
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredJoint:
+    """A joint's mounting and travel.
+
+    Attributes:
+        joint_map: Its sign and zero; in bare ticks, after ``shift_ticks`` in reported ones.
+        travel: Its range, in the same ticks.
+        swept: The source of the range.
+    """
+
+    joint_map: JointMap
+    travel: TickRange
+    swept: RangeSource
+
+    def shift_ticks(self, shift: int) -> MeasuredJoint:
+        """Compute the same joint with ticks counted from ``shift``."""
+        moved = self.joint_map.with_mounting(self.joint_map.sign, self.joint_map.zero_tick - shift)
+        travel = TickRange(self.travel.low - shift, self.travel.high - shift)
+        return MeasuredJoint(moved, travel, self.swept)
+
+    def range_inside_margin(self, margin_rad: float) -> tuple[float, float] | None:
+        """Compute the range less a margin at both ends; None if it was not recorded."""
+        if self.swept == "not swept":
+            return None
+        margin = margin_rad / self.joint_map.horn_rad_per_tick
+        inside = (self.travel.low + margin, self.travel.high - margin)
+        low, high = sorted(self.joint_map.position(tick) for tick in inside)
+        return low, high
+
+    def limits(self, expected: Limits, margin_rad: float, user: Limits | None) -> Limits:
+        """Return the intersection of recorded range, arm file and user's limits.
+
+        Raises:
+            CalibrationError: It is empty; names the two that exclude each other.
+        """
+        ends = self.range_inside_margin(margin_rad)
+        if ends:
+            swept = Limits.of(expected.joint, *ends, "hand sweep", expected.unit)
+            expected = expected.intersect(swept)
+        return expected.intersect(user) if user else expected
+
+
+def measure_joint(state: CalibrationState, subject: JointUnderCalibration) -> MeasuredJoint:
+    """Measure the mounting and travel of a joint, in bare ticks.
+
+    Raises:
+        CalibrationError: A range that was known before does not contain the reference pose.
+    """
+    track, anchor = state.tracks[subject.servo_id], state.reference_ticks[subject.servo_id]
+    placed, name = subject.with_mounting(state.sign(subject), anchor), subject.name
+    if subject.known:
+        earlier: RangeSource = "by itself" if state.motor_driven else "by LeRobot"
+        return MeasuredJoint(placed, _travel_around(subject, subject.known, anchor), earlier)
+    if name in state.skipped or name in state.free or is_full_turn(state, subject):
+        expected = subject.expected
+        ends = placed.ticks_inside(expected.lower.value, expected.upper.value)
+        return MeasuredJoint(placed, TickRange(*ends), "not swept")
+    source: RangeSource = "by itself" if state.motor_driven else "by hand"
+    return MeasuredJoint(placed, TickRange(track.low, track.high), source)
+
+
+def _travel_around(subject: JointUnderCalibration, known: TickRange, anchor: float) -> TickRange:
+    """Return a travel moved by full revolutions to the reference tick."""
+    shift = 0
+    if subject.ticks_per_turn:
+        middle = (known.low + known.high) // 2
+        shift = unwrap_near(round(anchor), middle, subject.ticks_per_turn) - middle
+    if not known.low + shift - 1 <= anchor <= known.high + shift + 1:
+        raise CalibrationError(
+            f"{subject.name}: the anchor pose is outside the range that was recorded before.",
+            "Is the arm in that pose, and the file this arm's? Otherwise: ikservo calibrate",
+        )
+    return TickRange(known.low + shift, known.high + shift)
+
+
+_SAME_TICKS = (
+    3  # smaller differences between servos of one joint are within the play of their gears
+)
+
+ServoConfigs = Mapping[int, ServoConfig]
+RegisterValues = Mapping[int, Mapping[str, int]]
+"""Raw numbers by servo id and register."""
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationMetadata:
+    """Data of a calibration file besides the joints."""
+
+    arm: str
+    written: datetime
+    tool_version: str
+    usb_serial_number: str
+    family: Family
+    anchor_pose: str
+
+
+@dataclass(frozen=True, slots=True)
+class CalibrationResult:
+    """A calibration, and the expected registers of each servo."""
+
+    calibration: Calibration
+    memory: RegisterValues
+
+
+def build_calibration(
+    state: CalibrationState,
+    configs: ServoConfigs,
+    metadata: CalibrationMetadata,
+    *,
+    write_limits: bool = False,
+    user: Mapping[str, Limits] | None = None,
+) -> CalibrationResult:
+    """Compute the calibration of a procedure that has reached its review.
+
+    Args:
+        state: The procedure.
+        configs: The configuration of every servo, by id.
+        metadata: Further data of the file.
+        write_limits: Whether limits are written to the servos, too.
+        user: Limits set by the user, by joint.
+
+    Raises:
+        CalibrationError: A joint travels a revolution or more, or its range is empty.
+    """
+    memory: dict[int, Mapping[str, int]] = {}
+    joints: list[CalibratedJoint] = []
+    for subject in state.subjects:
+        own = (user or {}).get(subject.name)
+        homing, found = _apply_homing(state, subject, configs)
+        limits = found.limits(subject.expected, state.margin_rad, own)
+        inside = found.joint_map.ticks_inside(limits.lower.value, limits.upper.value)
+        registers = inside if write_limits and not homing.extended else None
+        for servo_id, offset in _choose_offsets(state, subject, configs, homing, found.travel):
+            memory[servo_id] = expected_registers(
+                configs[servo_id], offset, registers, extended=homing.extended
+            )
+        joints.append(
+            _calibrated_joint(
+                state, subject, found, own, _calibrated_servos(subject, configs, memory)
+            )
+        )
+    return CalibrationResult(_make_calibration(metadata, state.margin_rad, joints), memory)
+
+
+def _make_calibration(
+    metadata: CalibrationMetadata, margin_rad: float, joints: list[CalibratedJoint]
+) -> Calibration:
+    return Calibration(
+        format=1,
+        arm=metadata.arm,
+        written=metadata.written,
+        tool_version=metadata.tool_version,
+        usb_serial_number=metadata.usb_serial_number,
+        family=metadata.family,
+        anchor_pose=metadata.anchor_pose,
+        margin_deg=math.degrees(margin_rad),
+        joints=tuple(joints),
+    )
+
+
+def _apply_homing(
+    state: CalibrationState, subject: JointUnderCalibration, configs: ServoConfigs
+) -> tuple[Homing, MeasuredJoint]:
+    """Compute the homing of the joint's servo, and the joint in the ticks it then reports."""
+    lead, found = configs[subject.servo_id], measure_joint(state, subject)
+    homing = choose_homing(
+        subject.name,
+        lead.table.family,
+        found.travel,
+        lead.offset,
+        encoder_of(lead.table),
+        counts_on=lead.is_multi_turn and not subject.shadow_ids,
+    )
+    if homing.extended and subject.shadow_ids:
+        raise CalibrationError(
+            f"{subject.name}: its travel crosses the encoder's wrap-around of servo "
+            f"{subject.servo_id}; two servos on one joint cannot both use multi-turn mode.",
+            "Remount its horns so that the middle of the joint is near tick 2048.",
+        )
+    return homing, found.shift_ticks(homing.shift)
+
+
+def _choose_offsets(
+    state: CalibrationState,
+    subject: JointUnderCalibration,
+    configs: ServoConfigs,
+    homing: Homing,
+    travel: TickRange,
+) -> list[tuple[int, int]]:
+    """Choose the offset of each servo of a joint: shadows report the ticks of the first one."""
+    rows = [(subject.servo_id, homing.offset)]
+    reported = round(state.reference_ticks[subject.servo_id] - homing.shift)
+    for shadow_id in subject.shadow_ids:
+        expected = wrapped_difference(
+            round(state.reference_ticks[shadow_id]), reported, subject.ticks_per_turn
+        )
+        present = configs[shadow_id].offset
+        offset = present if abs(expected - present) <= _SAME_TICKS else expected
+        if (
+            abs(offset) > MAX_X_OFFSET
+            or travel.low < offset
+            or travel.high - offset >= subject.ticks_per_turn
+        ):
+            raise CalibrationError(
+                f"Servo {shadow_id} of {subject.name} is {offset} ticks off servo "
+                f"{subject.servo_id}; a homing offset corrects at most {MAX_X_OFFSET}.",
+                f"Remount the horn of servo {shadow_id} so that both report nearly the same.",
+            )
+        rows.append((shadow_id, offset))
+    return rows
+
+
+def _calibrated_servos(
+    subject: JointUnderCalibration, configs: ServoConfigs, memory: RegisterValues
+) -> list[CalibratedServo]:
+    return [
+        CalibratedServo(
+            id=servo_id,
+            model=configs[servo_id].table.model_name,
+            firmware=configs[servo_id].firmware,
+            holds=dict(memory[servo_id]),
+        )
+        for servo_id in (subject.servo_id, *subject.shadow_ids)
+    ]
+
+
+def _calibrated_joint(
+    state: CalibrationState,
+    subject: JointUnderCalibration,
+    found: MeasuredJoint,
+    user: Limits | None,
+    servos: list[CalibratedServo],
+) -> CalibratedJoint:
+    placed, (lead, *shadows) = found.joint_map, servos
+    return CalibratedJoint(
+        name=subject.name,
+        sign=1 if placed.sign == 1 else -1,
+        sign_from="by hand" if subject.name in state.signs else "arm file",
+        zero_tick=placed.zero_tick,
+        gear=placed.gear,
+        extended=is_multi_turn(lead.holds),
+        swept=found.swept,
+        travel_ticks=(found.travel.low, found.travel.high),
+        servo=lead,
+        shadows=tuple(shadows),
+        **_in_file_units("", found.range_inside_margin(state.margin_rad), placed),
+        **_in_file_units("user_", user and (user.lower.value, user.upper.value), placed),
+    )
+
+
+def _in_file_units(
+    prefix: str, ends: tuple[float, float] | None, placed: JointMap
+) -> dict[str, float]:
+    if ends is None:
+        return {}
+    if placed.unit == "m":
+        return {f"{prefix}lower_m": ends[0], f"{prefix}upper_m": ends[1]}
+    low_deg, high_deg = map(math.degrees, ends)
+    return {f"{prefix}lower_deg": low_deg, f"{prefix}upper_deg": high_deg}
+
+
+@dataclass(frozen=True, slots=True)
+class ShiftedZero:
+    """A joint whose zero seems to be shifted.
+
+    Attributes:
+        subject: The joint.
+        ends: Its recorded range, rad or m.
+        shift: The shift of the range that fits the arm file best, rad or m.
+    """
+
+    subject: JointUnderCalibration
+    ends: tuple[float, float]
+    shift: float
+
+    def __str__(self) -> str:
+        format_position, expected = self.subject.joint_map.format, self.subject.expected
+        return (
+            f"{self.subject.name}: swept {' to '.join(map(format_position, self.ends))}, arm file "
+            f"{format_position(expected.lower.value)} to {format_position(expected.upper.value)}: "
+            f"the zero seems to be off by {format_position(abs(self.shift))}."
+        )
+
+
+def find_shifted_zeros(state: CalibrationState) -> Iterator[ShiftedZero]:
+    """Yield the measured joints whose zero is implausible, once the sweep has ended.
+
+    Raises:
+        CalibrationError: A range that was known before does not contain the reference pose.
+    """
+    for subject in state.subjects:
+        ends = measure_joint(state, subject).range_inside_margin(0.0)
+        if ends is None:
+            continue
+        above = ends[1] - subject.expected.upper.value
+        below = subject.expected.lower.value - ends[0]
+        shift, unit = (above - below) / 2, subject.joint_map.unit
+        is_same_width = abs(above + below) <= _SAME_WIDTH[unit]
+        if min(max(above, below), abs(shift)) > _MAX_SHIFT[unit] or (
+            is_same_width and abs(shift) > _MAX_SHIFT_OF_SAME_WIDTH[unit]
+        ):
+            yield ShiftedZero(subject, ends, -shift)

@@ -1,0 +1,497 @@
+"""A calibration session by hand: torque off, joint readings, save, adopt, merge."""
+
+from __future__ import annotations
+
+import contextlib
+from collections.abc import Collection, Generator, Iterator, Mapping
+from contextlib import contextmanager
+from datetime import UTC, datetime
+from importlib.metadata import version
+from pathlib import Path
+
+from ikservo.apps.calibrating.calibration_procedure import CalibrationState
+from ikservo.apps.calibrating.calibration_result import (
+    CalibrationMetadata,
+    CalibrationResult,
+    build_calibration,
+)
+from ikservo.apps.calibrating.range_tracker import JointUnderCalibration
+from ikservo.apps.cameras.capture import public_source
+from ikservo.arm.opening import open_bus
+from ikservo.calibration import Limits
+from ikservo.calibration.calibration_file import (
+    dump_calibration,
+    load_calibration,
+    read_calibration,
+    save_calibration,
+)
+from ikservo.calibration.homing import TickRange, encoder_tick
+from ikservo.calibration.joint_map import encoder_of
+from ikservo.calibration.paths import calibration_path, calibrations_of, journal_path, partial_path
+from ikservo.calibration.records import CalibratedJoint, CalibratedServo, Calibration
+from ikservo.calibration.servo_config import (
+    RegisterMismatch,
+    ServoConfig,
+    raise_on_mismatch,
+    read_servo_config,
+    register_mismatches,
+    same_direction,
+)
+from ikservo.calibration.transaction import commit, plan_changes, recover
+from ikservo.errors import CalibrationError, FileFormatError
+from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.port_names import serial_number_of
+from ikservo.hardware.torque import torque_off
+from ikservo.model import Model, ModelJoint
+from ikservo.planning.calibrated_arm import (
+    calibrated_limits,
+    check_calibration_matches,
+    check_joints_match,
+    check_servo_models,
+    limit_to_one_turn,
+    registers_allow,
+)
+from ikservo.registers import Family, RegisterName
+
+__all__ = [
+    "TorqueOffArm",
+    "adopt_calibration",
+    "base_calibration",
+    "find_adoptable",
+    "find_lost_camera",
+    "find_mismatches",
+    "find_replaced_zeros",
+    "load_own_calibration",
+    "lost_geometry_warning",
+    "merge_outcome",
+    "open_torque_off",
+    "pull",
+    "push",
+    "register_differences",
+    "rest_pose_violations",
+]
+
+
+READ_PERIOD_S = 0.02
+_MAX_FAILURES = 25
+
+
+class TorqueOffArm:
+    """The servos of an arm while it is calibrated; see ``open_torque_off``.
+
+    Attributes:
+        model: The arm file's model.
+        bus: The servos' bus.
+        facts: The configuration of every servo as read, by id.
+        serial_number: Of the USB adapter; empty where it has none.
+        settled: How an interrupted write was recovered; empty where there was none.
+    """
+
+    def __init__(self, model: Model, bus: ServoBus, *, settled: bool = True) -> None:
+        self.model, self.bus = model, bus
+        self.serial_number = serial_number_of(bus.port.name)
+        self.settled = recover(bus, self.journal_path, calibrating=True) if settled else ""
+        self.read_facts()
+        self._failures = 0
+        self._next_s = bus.clock.now_s()
+
+    @property
+    def path(self) -> Path:
+        """The path of its calibration."""
+        return calibration_path(self.model.name, self.serial_number)
+
+    @property
+    def journal_path(self) -> Path:
+        """The path of the journal of a write."""
+        return journal_path(self.model.name, self.serial_number)
+
+    @property
+    def partial_path(self) -> Path:
+        """The path of the joints measured by an interrupted automatic calibration."""
+        return partial_path(self.model.name, self.serial_number)
+
+    def make_subjects(
+        self,
+        pose: str,
+        known: Mapping[str, TickRange] | None = None,
+        only: Collection[str] = (),
+    ) -> list[JointUnderCalibration]:
+        """Make the joints to calibrate from a named pose; all of them if ``only`` is empty.
+
+        Raises:
+            UnknownNameError: The arm has no such pose.
+        """
+        positions = self.model.pose(pose)
+        return [
+            self._make_subject(joint, positions[joint.name], (known or {}).get(joint.name))
+            for joint in self.model.joints
+            if not only or joint.name in only
+        ]
+
+    def read_facts(self) -> None:
+        """Read the configuration of every servo."""
+        self.facts = {i: read_servo_config(self.bus, i) for i in self.bus.servos}
+
+    def torque_on_servos(self) -> list[str]:
+        """Read which servos have their torque on."""
+        readings = self.bus.sync_read(self.bus.servos, RegisterName.TORQUE_ENABLE, raw=True)
+        return [str(self.bus.servos[i]) for i, on in readings.require_all().items() if on]
+
+    def disable_torque(self) -> None:
+        """Switch torque off; the user must hold the arm.
+
+        Raises:
+            BusError: A servo does not reply; the others are off.
+        """
+        for error in torque_off(self.bus, self.bus.servos).values():
+            raise error
+
+    def read_ticks(self) -> tuple[float, dict[int, int]] | None:
+        """Wait for the next period; return time [s] and raw ticks by id, None if one is missing.
+
+        Raises:
+            BusError: Servos have been silent for half a second.
+        """
+        if (reading := self.read_positions()) is None:
+            return None
+        at_s, ticks = reading
+        return at_s, {i: _encoder_tick(self.facts[i], tick) for i, tick in ticks.items()}
+
+    def read_positions(self) -> tuple[float, dict[int, int]] | None:
+        """Wait for the next period; return time [s] and ticks by id, None if one is missing.
+
+        Raises:
+            BusError: Servos have been silent for half a second.
+        """
+        clock = self.bus.clock
+        clock.sleep_until(self._next_s)
+        self._next_s = max(self._next_s + READ_PERIOD_S, clock.now_s())
+        readings = self.bus.sync_read(self.bus.servos, RegisterName.PRESENT_POSITION, raw=True)
+        self._failures = self._failures + 1 if readings.errors else 0
+        if self._failures > _MAX_FAILURES:
+            readings.require_all()
+        return None if readings.errors else (clock.now_s(), dict(readings.values))
+
+    def build_calibration(
+        self,
+        state: CalibrationState,
+        pose: str,
+        written: datetime,
+        *,
+        write_limits: bool = False,
+        user: Mapping[str, Limits] | None = None,
+        facts: Mapping[int, ServoConfig] | None = None,
+    ) -> CalibrationResult:
+        """Build the calibration; ``facts`` replaces the servos' configuration as read."""
+        metadata = CalibrationMetadata(
+            arm=self.model.name,
+            written=written.replace(microsecond=0),
+            tool_version=version("ikservo"),
+            usb_serial_number=self.serial_number,
+            family=next(iter(self.facts.values())).table.family,
+            anchor_pose=pose,
+        )
+        facts = facts or self.facts
+        return build_calibration(state, facts, metadata, write_limits=write_limits, user=user)
+
+    def register_limit_warnings(self, outcome: CalibrationResult) -> Iterator[str]:
+        """Yield a warning for each joint whose range the servo's own limits would cut."""
+        for joint in self.model.joints:
+            own = outcome.calibration.joint(joint.name)
+            if own is None or own.extended:
+                continue
+            joint_map = own.joint_map(joint.joint_map)
+            limits = outcome.calibration.narrow_limits(own, joint.limits)
+            low, high = (own.servo.holds[name] for name in _limit_names(self.facts[own.servo.id]))
+            if (low or high) and not registers_allow(joint_map, limits, (low, high)):
+                yield (
+                    f"{joint.name}: its servo's own limits, {low} to {high}, are narrower "
+                    "than the range found; replace them with --write-limits."
+                )
+
+    def save(self, outcome: CalibrationResult) -> Path:
+        """Write servos and file as one transaction, verify them, and return the file.
+
+        Raises:
+            IkservoError: It failed; nothing is changed, or the message says how to continue.
+        """
+        changes = plan_changes(self.bus, outcome.memory)
+        text = dump_calibration(outcome.calibration)
+        commit(self.bus, self.journal_path, self.path, text, changes)
+        self.read_facts()
+        raise_on_mismatch(register_mismatches(outcome.calibration, self.facts))
+        return self.path
+
+    def _make_subject(
+        self, joint: ModelJoint, pose: float, known: TickRange | None
+    ) -> JointUnderCalibration:
+        encoder = encoder_of(self.bus.servos[joint.servo.id].table)
+        shadows = tuple(servo.id for servo in joint.shadows)
+        turn = encoder.ticks if encoder.wraps else 0
+        expected = limit_to_one_turn(joint.limits, joint.joint_map, encoder)
+        return JointUnderCalibration(joint.joint_map, turn, expected, pose, shadows, known)
+
+
+@contextmanager
+def open_torque_off(
+    model: Model, port: str | None, *, settled: bool = True
+) -> Generator[TorqueOffArm]:
+    """Open an arm for calibration; torque stays as it is.
+
+    Args:
+        model: The arm.
+        port: See ``choose_port``.
+        settled: Whether an interrupted write is recovered first.
+
+    Raises:
+        PortError: No port, or it cannot be opened.
+        ServoSilentError: A servo does not reply.
+        CalibrationError: A servo is of another model, or a write was interrupted.
+    """
+    with open_bus(model, port) as bus:
+        check_servo_models(bus)
+        bus.load_return_delays()
+        yield TorqueOffArm(model, bus, settled=settled)
+
+
+def _limit_names(facts: ServoConfig) -> list[str]:
+    limits = (RegisterName.MIN_POSITION_LIMIT, RegisterName.MAX_POSITION_LIMIT)
+    return [facts.table.find(limit).name for limit in limits]
+
+
+def _encoder_tick(facts: ServoConfig, tick: int) -> int:
+    return encoder_tick(facts.table.family, tick, facts.offset, encoder_of(facts.table))
+
+
+def load_own_calibration(loose: TorqueOffArm) -> Calibration:
+    """Load the arm's calibration.
+
+    Raises:
+        CalibrationError: There is none.
+        FileFormatError: It is malformed.
+    """
+    name = loose.model.name
+    calibration = load_calibration(name, loose.serial_number)
+    if calibration is None:
+        others = calibrations_of(name)
+        adopt = f" Or adopt that of another adapter: ikservo calibration adopt {name}"
+        raise CalibrationError(
+            f"{name} is not calibrated: there is no {loose.path}.",
+            f"Calibrate it: ikservo calibrate {name}.{adopt if others else ''}",
+        )
+    return calibration
+
+
+def register_differences(loose: TorqueOffArm) -> list[RegisterMismatch]:
+    """Return the registers that differ from the file."""
+    return list(register_mismatches(load_own_calibration(loose), loose.facts))
+
+
+def find_lost_camera(before: Calibration) -> Iterator[str]:
+    """Yield a warning for each camera where new zeros end what is known of it."""
+    for name, camera in before.cameras_by_name.items():
+        named = f" --camera-name {name}" if name else ""
+        yield (
+            f"The camera of {camera.seen:%Y-%m-%d} was calibrated with the old zeros and is "
+            f"lost with them. Repeat that: ikservo calibrate {before.arm} "
+            f"--camera {public_source(camera.source)}{named}"
+        )
+
+
+def lost_geometry_warning(loose: TorqueOffArm) -> Iterator[str]:
+    """Yield warnings where a new calibration loses corrections of a touch-off, or a camera."""
+    with contextlib.suppress(FileFormatError):  # a malformed one has nothing to lose
+        before = load_calibration(loose.model.name, loose.serial_number)
+        if before:
+            yield from find_lost_camera(before)
+        if before and before.geometry:
+            yield (
+                "The link and base corrections of the touch-off of "
+                f"{before.geometry.touched:%Y-%m-%d} are lost with the old zeros. "
+                f"Repeat the touch-off: ikservo calibrate {loose.model.name} --touch"
+            )
+
+
+def push(loose: TorqueOffArm) -> Path:
+    """Write the file's registers into the servos; torque is switched off first.
+
+    Raises:
+        CalibrationError: There is no file, or it is of other servos than the arm file's.
+        IkservoError: It failed; nothing is changed, or the message says how to continue.
+    """
+    calibration = _load_matching_calibration(loose)
+    memory = {s.id: s.holds for joint in calibration.joints for s in joint.servos}
+    loose.disable_torque()
+    return loose.save(CalibrationResult(calibration, memory))
+
+
+def pull(loose: TorqueOffArm) -> Path:
+    """Write the servos' registers into the file; zeros and travels move with the offsets.
+
+    Raises:
+        CalibrationError: There is no file, it is of other servos than the arm file's, or the
+            count direction has changed, or a count wraps inside a joint's range.
+    """
+    calibration = _load_matching_calibration(loose)
+    joints = tuple(_shift_joint(joint, loose.facts) for joint in calibration.joints)
+    update = {"joints": joints, "written": datetime.now(UTC).replace(microsecond=0)}
+    return save_calibration(calibration.model_copy(update=update))
+
+
+def _load_matching_calibration(loose: TorqueOffArm) -> Calibration:
+    calibration = load_own_calibration(loose)
+    check_calibration_matches(calibration, loose.model, loose.serial_number)
+    return calibration
+
+
+def _shift_joint(joint: CalibratedJoint, facts: Mapping[int, ServoConfig]) -> CalibratedJoint:
+    lead = facts[joint.servo.id]
+    if not all(same_direction(facts[servo.id], servo.holds) for servo in joint.servos):
+        raise CalibrationError(
+            f"{joint.name} has another count direction than when calibrated; "
+            "its sign and zero are invalid.",
+            "Write the file's values into the servos instead: ikservo calibration push. "
+            "Or measure again: ikservo calibrate",
+        )
+    shift = _count_shift(joint, lead)
+    low, high = (tick + shift for tick in joint.travel_ticks)
+    if not lead.is_multi_turn and not 0 <= low < high < encoder_of(lead.table).ticks:
+        raise CalibrationError(
+            f"With the servo's present offset, the encoder of {joint.name} wraps inside its range.",
+            "Write the file's values into the servos instead: ikservo calibration push",
+        )
+    return joint.model_copy(
+        update={
+            "zero_tick": joint.zero_tick + shift,
+            "travel_ticks": (low, high),
+            "extended": lead.is_multi_turn,
+            "servo": _with_registers(joint.servo, facts),
+            "shadows": tuple(_with_registers(shadow, facts) for shadow in joint.shadows),
+        }
+    )
+
+
+def _count_shift(joint: CalibratedJoint, lead: ServoConfig) -> int:
+    """Compute the shift of a servo's count since the file was written."""
+    moved = lead.registers.get("homing_offset", 0) - joint.servo.holds.get("homing_offset", 0)
+    shift = -moved if lead.table.family is Family.FEETECH_STS else moved
+    turn = encoder_of(lead.table)
+    if not turn.wraps or joint.extended:
+        return shift
+    # With another start of the count the travel may have moved by a revolution.
+    low = joint.travel_ticks[0] + shift
+    return shift + (low % turn.ticks - low)
+
+
+def _with_registers(servo: CalibratedServo, facts: Mapping[int, ServoConfig]) -> CalibratedServo:
+    return servo.model_copy(update={"holds": dict(facts[servo.id].registers)})
+
+
+def find_adoptable(loose: TorqueOffArm, path: Path | None = None) -> tuple[Path, Calibration]:
+    """Find the calibration that matches the servos on this bus; return its path and content.
+
+    Args:
+        loose: The arm.
+        path: The file; None for those of this arm on other adapters.
+
+    Raises:
+        CalibrationError: None fits, or several do; says why.
+        FileFormatError: The file is malformed.
+    """
+    paths = [path] if path else [p for p in calibrations_of(loose.model.name) if p != loose.path]
+    found = [(candidate, read_calibration(candidate)) for candidate in paths]
+    mismatches = {candidate: next(find_mismatches(loose, c), "") for candidate, c in found}
+    fitting = [row for row in found if not mismatches[row[0]]]
+    if len(fitting) == 1:
+        return fitting[0]
+    if fitting:
+        names = ", ".join(str(candidate) for candidate, _ in fitting)
+        raise CalibrationError(f"Several calibrations fit: {names}.", "Choose one: --from FILE")
+    reasons = " ".join(f"{p}: {reason}" for p, reason in mismatches.items())
+    raise CalibrationError(
+        f"No calibration of another adapter fits this arm. {reasons}".rstrip(),
+        f"Calibrate it: ikservo calibrate {loose.model.name}",
+    )
+
+
+def adopt_calibration(loose: TorqueOffArm, calibration: Calibration) -> Path:
+    """Save a calibration for this adapter; the one before is kept as a copy."""
+    update = {"usb_serial_number": loose.serial_number}
+    return save_calibration(calibration.model_copy(update=update))
+
+
+def find_mismatches(loose: TorqueOffArm, calibration: Calibration) -> Iterator[str]:
+    """Yield why a calibration does not match this arm."""
+    if calibration.arm != loose.model.name:
+        yield f"made for {calibration.arm}."
+    try:
+        check_joints_match(calibration, loose.model, "it")
+    except CalibrationError as error:
+        yield error.message
+    yield from (f"{c}." for c in register_mismatches(calibration, loose.facts))
+
+
+_USER_KEYS = ("user_lower_deg", "user_upper_deg", "user_lower_m", "user_upper_m")
+
+
+def base_calibration(loose: TorqueOffArm, joints: Collection[str]) -> Calibration:
+    """Load the calibration of which some joints are to be replaced.
+
+    Raises:
+        CalibrationError: There is none, it is another arm's, or the servos of the joints that
+            are kept contradict it.
+        FileFormatError: It is malformed.
+    """
+    calibration = _load_matching_calibration(loose)
+    kept = tuple(joint for joint in calibration.joints if joint.name not in joints)
+    raise_on_mismatch(
+        register_mismatches(calibration.model_copy(update={"joints": kept}), loose.facts)
+    )
+    return calibration
+
+
+def merge_outcome(base: Calibration, outcome: CalibrationResult) -> CalibrationResult:
+    """Complete a result of some joints with the other joints, geometry and user limits before."""
+    new = {joint.name: joint for joint in outcome.calibration.joints}
+    joints = tuple(
+        _with_user_range(new[old.name], old) if old.name in new else old for old in base.joints
+    )
+    update = {"joints": joints, "geometry": base.geometry}
+    return CalibrationResult(outcome.calibration.model_copy(update=update), outcome.memory)
+
+
+def find_replaced_zeros(base: Calibration, joints: Collection[str]) -> Iterator[str]:
+    """Yield what calibrating some joints again replaces: zeros of a touch-off, and a camera."""
+    yield from find_lost_camera(base)
+    if base.geometry:
+        yield (
+            f"Zeros from the touch-off of {base.geometry.touched:%Y-%m-%d} are replaced for "
+            f"{', '.join(joints)}. Touch off again: ikservo calibrate {base.arm} --touch"
+        )
+
+
+def _with_user_range(new: CalibratedJoint, old: CalibratedJoint) -> CalibratedJoint:
+    if new.user_range() != (None, None):
+        return new
+    return new.model_copy(update={key: getattr(old, key) for key in _USER_KEYS})
+
+
+def rest_pose_violations(model: Model, calibration: Calibration) -> list[str]:
+    """Describe the joints of the rest pose that are outside their calibrated limits.
+
+    Raises:
+        CalibrationError: A joint has no range left.
+    """
+    found: list[str] = []
+    for own in calibration.joints:
+        joint, position = model.joint(own.name), model.pose("rest").get(own.name)
+        limits = calibrated_limits(calibration, own, joint)
+        if position is None or limits.contains(position):
+            continue
+        limit = limits.upper if position > limits.upper.value else limits.lower
+        at, end = joint.joint_map.format(position), joint.joint_map.format(limit.value)
+        found.append(
+            f"{own.name}: the rest pose is at {at}, outside its limit of {end} "
+            f"({limit.source}); the arm is lowered to the limit."
+        )
+    return found

@@ -1,0 +1,167 @@
+"""Selection of geometric parameters by cross-validation of the fit."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ikservo.apps.calibrating.kinematic_calibration import (
+    CalibrationFit,
+    Mask,
+    ParameterSet,
+    TouchPoint,
+    fit_parameters,
+    fit_robustly,
+    unknown_points,
+)
+from ikservo.errors import CalibrationError
+from ikservo.kinematics import Chain
+from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.geometric_errors import GeometricErrors
+
+__all__ = ["MIN_TOUCHES", "CalibrationEstimate", "select_and_fit"]
+
+MIN_TOUCHES = 5
+_FOLDS = 5
+_BETTER = 0.95  # more parameters are estimated only if that reduces the error by a twentieth
+_MIN_IMPROVEMENT = 0.9  # and any at all only if that reduces it by a tenth
+_SAMPLES = 200  # postures at which the deviation of the tip is evaluated
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibrationEstimate:
+    """The result of a touch-off.
+
+    Attributes:
+        fit: The arm fitted to all touches but outliers.
+        cross_validation_rms_m: By extent, the root mean square error on touches that were
+            left out of the fit.
+        deviation_m: Deviation of the tip over the joints' ranges: one standard deviation, its
+            median and its 95th percentile over postures.
+    """
+
+    fit: CalibrationFit
+    cross_validation_rms_m: dict[ParameterSet, float]
+    deviation_m: tuple[float, float]
+
+    @property
+    def extent(self) -> ParameterSet:
+        """The estimated parameters."""
+        return self.fit.layout.extent
+
+    @property
+    def before_m(self) -> float:
+        """The error on held-out touches if nothing is changed."""
+        return self.cross_validation_rms_m[ParameterSet.NONE]
+
+    @property
+    def after_m(self) -> float:
+        """The error on held-out touches."""
+        return self.cross_validation_rms_m[self.extent]
+
+    @property
+    def improves(self) -> bool:
+        """Whether there is anything to save."""
+        return self.extent is not ParameterSet.NONE
+
+    @property
+    def zeros(self) -> Vector:
+        """The corrections of the joints (dof,), rad or m."""
+        return self.fit.layout.zeros(self.fit.values)
+
+    @property
+    def geometry(self) -> GeometricErrors:
+        """The errors of base and links."""
+        return self.fit.layout.geometry(self.fit.values)
+
+
+def select_and_fit(
+    chain: Chain, touches: Sequence[TouchPoint], present: Chain | None = None
+) -> CalibrationEstimate:
+    """Select the parameters that touches identify, and fit them.
+
+    Every touch is held out once while the others are fitted; from zeros alone to the whole arm,
+    the set with the smallest errors there is selected, then all touches are fitted together.
+
+    Args:
+        chain: The arm as described.
+        touches: The touches.
+        present: The arm as calibrated at present, if it differs from the description: the error
+            to improve on.
+
+    Raises:
+        CalibrationError: Too few touches, or a third of them contradicts the others.
+    """
+    if len(touches) < MIN_TOUCHES:
+        raise CalibrationError(
+            f"Too few touches: {len(touches)}; at least {MIN_TOUCHES} are needed.",
+            "Touch about 15 points, in different postures.",
+        )
+    extents = _candidate_sets(touches)
+    kept = fit_robustly(chain, touches, extents[-1]).kept
+    aside = {extent: _held_out_error_m(chain, touches, extent, kept) for extent in extents}
+    aside[ParameterSet.NONE] = _held_out_error_m(present or chain, touches, ParameterSet.NONE, kept)
+    chosen = _choose_set(aside)
+    found = fit_parameters(chain, touches, chosen, kept)
+    return CalibrationEstimate(found, aside, _max_deviation(found, chain))
+
+
+def _candidate_sets(touches: Sequence[TouchPoint]) -> list[ParameterSet]:
+    """Return the sets that can be estimated, smallest first: unmeasured points fix no base."""
+    if all(touch.position_m is None for touch in touches):
+        return [ParameterSet.NONE, ParameterSet.ZEROS, ParameterSet.LINKS]
+    return [
+        ParameterSet.NONE,
+        ParameterSet.ZEROS,
+        ParameterSet.BASE,
+        ParameterSet.LINKS,
+        ParameterSet.EVERYTHING,
+    ]
+
+
+def _choose_set(aside: dict[ParameterSet, float]) -> ParameterSet:
+    best, *others = aside
+    for extent in others:
+        max_ratio = _MIN_IMPROVEMENT if best is ParameterSet.NONE else _BETTER
+        if aside[extent] < max_ratio * aside[best]:
+            best = extent
+    return best
+
+
+def _held_out_error_m(
+    chain: Chain, touches: Sequence[TouchPoint], extent: ParameterSet, kept: Mask
+) -> float:
+    """Compute the root mean square error on held-out touches."""
+    folds = _assign_folds(touches)
+    squares: list[float] = []
+    for fold in range(_FOLDS):
+        rest = kept & (folds != fold)
+        tested = [t for t, k, f in zip(touches, kept, folds, strict=True) if k and f == fold]
+        if tested and rest.any():
+            errors = fit_parameters(chain, touches, extent, rest).errors_m(tested)
+            squares += (errors**2).tolist()
+    return math.sqrt(sum(squares) / len(squares))
+
+
+def _assign_folds(touches: Sequence[TouchPoint]) -> Vector:
+    """Return which fifth (n,) each touch belongs to; a measured point's touches stay together."""
+    unknown = unknown_points(touches)
+    names = list(dict.fromkeys(touch.point for touch in touches))
+    return np.array(
+        [
+            (i if touch.point in unknown else names.index(touch.point)) % _FOLDS
+            for i, touch in enumerate(touches)
+        ]
+    )
+
+
+def _max_deviation(found: CalibrationFit, chain: Chain) -> tuple[float, float]:
+    chance = np.random.default_rng(0)
+    low, high = np.maximum(chain.lower_rad, -math.pi), np.minimum(chain.upper_rad, math.pi)
+    middle, high = np.percentile(
+        found.deviation_m(chance.uniform(low, high, (_SAMPLES, chain.dof))), [50, 95]
+    )
+    return float(middle), float(high)

@@ -1,0 +1,43 @@
+"""The calibration that is attached to a recording, restored for its arm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from ikservo.apps.calibrating.calibration_session import TorqueOffArm, find_mismatches
+from ikservo.apps.teaching.mcap_recording import CALIBRATION_FILE, read_attachment
+from ikservo.calibration.calibration_file import parse_calibration
+from ikservo.calibration.records import Calibration
+from ikservo.errors import CalibrationError
+
+__all__ = ["check_adoptable", "read_recorded_calibration"]
+
+
+def read_recorded_calibration(path: Path) -> Calibration:
+    """Read the calibration that is attached to a recording.
+
+    Raises:
+        CalibrationError: It has none.
+        FileFormatError: It is not an MCAP file, or the calibration is malformed.
+    """
+    text = read_attachment(path, CALIBRATION_FILE)
+    if text is None:
+        raise CalibrationError(
+            f"No calibration is attached to {path}.",
+            "Recordings of calibrated arms have one, as MCAP: ikservo record FILE.mcap",
+        )
+    return parse_calibration(path, text)
+
+
+def check_adoptable(loose: TorqueOffArm, path: Path, calibration: Calibration) -> None:
+    """Check that a calibration matches the servos on this bus.
+
+    Raises:
+        CalibrationError: It does not; says why.
+    """
+    reason = next(find_mismatches(loose, calibration), "")
+    if reason:
+        raise CalibrationError(
+            f"The calibration of {path} does not fit this arm. {reason}",
+            f"Calibrate it: ikservo calibrate {loose.model.name}",
+        )

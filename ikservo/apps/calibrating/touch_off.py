@@ -1,0 +1,162 @@
+"""A touch-off session: record touched points, fit and store the geometry."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from ikservo.apps.calibrating.calibration_session import TorqueOffArm, load_own_calibration
+from ikservo.apps.calibrating.parameter_selection import CalibrationEstimate
+from ikservo.apps.calibrating.touch_procedure import TouchOffState, TouchTarget
+from ikservo.calibration import JointMap
+from ikservo.calibration.calibration_file import save_calibration
+from ikservo.calibration.records import (
+    CalibratedGeometry,
+    CalibratedJoint,
+    CalibratedOrigin,
+    Calibration,
+)
+from ikservo.calibration.servo_config import raise_on_mismatch, register_mismatches
+from ikservo.ik import Target, solve
+from ikservo.kinematics import Chain
+from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.geometric_errors import GeometricErrors
+from ikservo.planning.calibrated_arm import (
+    CalibratedArm,
+    ZeroSource,
+    bent_chain,
+    check_calibration_matches,
+)
+
+__all__ = ["TouchOffSession", "apply_touch_off", "shift_zeros"]
+
+# A point that the model reaches this closely can be reached by hand, whatever its errors.
+_REACHED_M = 0.01
+
+
+class TouchOffSession:
+    """A calibrated arm with its torque off, ready for a touch-off.
+
+    Attributes:
+        loose: Its servos.
+        calibration: Its calibration file.
+        chain: As in the arm file, without the corrections of an earlier touch-off.
+        present: With the corrections of an earlier touch-off.
+        maps: From ticks to positions, of the chain's joints.
+
+    Raises:
+        CalibrationError: It is not calibrated, or its servos contradict the calibration.
+        FileFormatError: Its calibration is malformed.
+    """
+
+    def __init__(self, loose: TorqueOffArm) -> None:
+        self.loose, self.calibration = loose, load_own_calibration(loose)
+        check_calibration_matches(self.calibration, loose.model, loose.serial_number)
+        raise_on_mismatch(register_mismatches(self.calibration, loose.facts))
+        self.chain: Chain = bent_chain(loose.model, loose.model.chain, self.calibration)
+        own = CalibratedArm(loose.bus, loose.model, ZeroSource.CALIBRATED, self.calibration)
+        self.present = own.chain()
+        joints = [loose.model.joint(name) for name in self.chain.names]
+        self.maps: tuple[JointMap, ...] = tuple(own.joint_map(joint) for joint in joints)
+
+    def start_touch_off(self, targets: Sequence[TouchTarget]) -> TouchOffState:
+        """Return the initial state of a touch-off at some points."""
+        return TouchOffState.begin(self.chain, self.present, self.maps, targets)
+
+    def reachable_targets(self, targets: Sequence[TouchTarget]) -> list[TouchTarget]:
+        """Return the targets within reach of the tip."""
+        return [target for target in targets if self._is_reachable(target.position_m)]
+
+    def save(self, found: CalibrationEstimate, written: datetime) -> Path:
+        """Save the calibration with the result of a touch-off; the one before is kept as a copy.
+
+        Raises:
+            FileWriteError: The disk is full or not writable; the one before is unchanged.
+        """
+        return save_calibration(apply_touch_off(self.calibration, self.maps, found, written))
+
+    def _is_reachable(self, position_m: Vector | None) -> bool:
+        if position_m is None:
+            return True
+        result = solve(self.chain, Target(position_m), restarts=10, nearest=False)
+        return result.position_error_m < _REACHED_M
+
+
+def apply_touch_off(
+    calibration: Calibration,
+    maps: Sequence[JointMap],
+    found: CalibrationEstimate,
+    written: datetime,
+) -> Calibration:
+    """Make a calibration with the zeros and the geometry of a touch-off.
+
+    It has no camera: that stood where the zeros before put it.
+    """
+    joints = shift_zeros(calibration.joints, maps, found.zeros)
+    written = written.replace(microsecond=0)
+    geometry = (
+        _calibrated_geometry(found, written)
+        if found.extent.includes_base or found.extent.includes_links
+        else None
+    )
+    return calibration.model_copy(
+        update={"joints": joints, "geometry": geometry, "written": written}
+    ).with_cameras({})
+
+
+def shift_zeros(
+    joints: Sequence[CalibratedJoint], maps: Sequence[JointMap], zeros: Vector
+) -> tuple[CalibratedJoint, ...]:
+    """Return joints with positions that are larger by ``zeros`` (dof,) where there is a map."""
+    shifts = {m.joint: float(z) for m, z in zip(maps, zeros, strict=True)}
+    return tuple(_shift_joint(joint, shifts, maps) for joint in joints)
+
+
+def _shift_joint(
+    joint: CalibratedJoint, shifts: dict[str, float], maps: Sequence[JointMap]
+) -> CalibratedJoint:
+    """Compute a joint whose positions are shifted; its stops do not move.
+
+    Limits of the user are positions of the geometry and do not move.
+    """
+    if joint.name not in shifts:
+        return joint
+    joint_map = next(m for m in maps if m.joint == joint.name)
+    shift = shifts[joint.name]
+    ends = {"lower_deg": math.degrees(shift), "upper_deg": math.degrees(shift)}
+    ends |= {"lower_m": shift, "upper_m": shift}
+    shifted = {
+        key: getattr(joint, key) + by for key, by in ends.items() if getattr(joint, key) is not None
+    }
+    ticks = joint_map.sign * shift / joint_map.unit_per_tick
+    return joint.model_copy(update={"zero_tick": joint.zero_tick - ticks, **shifted})
+
+
+def _calibrated_geometry(found: CalibrationEstimate, written: datetime) -> CalibratedGeometry:
+    geometry, kept = found.geometry, found.fit.kept
+    return CalibratedGeometry(
+        touched=written,
+        touches=len(kept),
+        left_out=int(np.count_nonzero(~kept)),
+        before_mm=1000 * found.before_m,
+        after_mm=1000 * found.after_m,
+        base_moved_mm=_round_vector(1000 * geometry.base_m),
+        base_turned_deg=_round_vector(np.degrees(geometry.base_rad)),
+        origins=_calibrated_origins(geometry) if found.extent.includes_links else (),
+    )
+
+
+def _calibrated_origins(geometry: GeometricErrors) -> tuple[CalibratedOrigin, ...]:
+    return tuple(
+        CalibratedOrigin(joint=name, moved_mm=_round_vector(1000 * move))
+        for name, move in geometry.origins_m.items()
+    )
+
+
+def _round_vector(values: Vector) -> tuple[float, float, float]:
+    x, y, z = (round(float(value), 6) for value in values)
+    return x, y, z

@@ -1,0 +1,257 @@
+"""The calibrated camera before an arm: points on the table, and on things, from pixels."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import numpy as np
+
+from ikservo.apps.cameras.board import DEFAULT_BOARD, Board
+from ikservo.apps.cameras.camera_file import SIMULATED, CameraFile, camera_names, load_camera
+from ikservo.apps.cameras.camera_model import CameraModel
+from ikservo.apps.cameras.camera_sources import open_source
+from ikservo.apps.cameras.capture import public_source
+from ikservo.apps.cameras.pictures import Intrinsics, Picture, PictureSource
+from ikservo.arguments import parse_number
+from ikservo.arm.scene import Scene
+from ikservo.calibration.records import CalibratedCamera
+from ikservo.errors import CalibrationError, InputError, UnknownNameError
+from ikservo.kinematics.arrays import Vector, finite_vector, freeze_arrays
+from ikservo.kinematics.rays import Ray
+from ikservo.kinematics.se3 import exp_so3, make_pose
+from ikservo.model import Model
+from ikservo.model.model import Obstacle
+from ikservo.planning.calibrated_arm import ZeroSource
+from ikservo.planning.context import ArmContext
+
+__all__ = ["ArmCamera", "SeenPoint", "camera_key", "camera_model", "first_seen", "known_camera",
+           "moved_error", "size_error", "table_m"]  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeenPoint:
+    """What a pixel sees first.
+
+    Attributes:
+        point_m: Where (3,), metres, base frame.
+        thing: The thing of the scene; None for the table.
+    """
+
+    point_m: Vector
+    thing: str | None = None
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+
+class ArmCamera:
+    """The camera that an arm was calibrated with; it stands still before the arm.
+
+    A pixel (u, v) is as OpenCV counts it: u to the right, v down, (0, 0) the centre of the first
+    one, in a picture as the camera gives it: the distortion of its lens is taken into account.
+    Points are in the arm's base frame, metres. Each call reads what `ikservo camera check` has
+    found last.
+
+    Args:
+        context: The arm.
+        scene: What stands around it.
+        name: Of the camera; see ``known_camera``.
+    """
+
+    def __init__(self, context: ArmContext, scene: Scene, name: str = "") -> None:
+        self._context, self._scene, self._name = context, scene, name
+        self._source: PictureSource | None = None
+
+    def __repr__(self) -> str:
+        """Show the arm's name."""
+        return f"ArmCamera(of {self._context.model.name!r})"
+
+    def named(self, name: str) -> ArmCamera:
+        """Return the camera of that name, where an arm was calibrated with several.
+
+        Raises:
+            UnknownNameError: It was not calibrated with one of that name.
+            FileFormatError: A file about it is damaged.
+        """
+        known_camera(self._context, name)
+        return ArmCamera(self._context, self._scene, name)
+
+    def model(self) -> CameraModel:
+        """Return lens and pose of the camera.
+
+        Raises:
+            CalibrationError: The arm has no calibrated camera, or it has moved since.
+            FileFormatError: A file about it is damaged.
+        """
+        camera, known = known_camera(self._context, self._name)[:2]
+        if known.check is not None and known.check.has_moved:
+            raise moved_error(known.check.moved_mm, known.check.turned_deg)
+        return camera_model(camera)
+
+    def picture(self, source: str | None = None) -> Picture:
+        """Take a picture; the camera is opened with the first one, and stays open.
+
+        Args:
+            source: The whole address of a camera that asks for a password, which the calibration
+                does not store; as calibrated if None.
+
+        Returns:
+            Grey (h, w) or colour (h, w, 3), blue first, as OpenCV's.
+
+        Raises:
+            CalibrationError: The arm has no calibrated camera, it has moved since, gives no picture
+                any more, or one of another size.
+            InputError: OpenCV is not installed, or there is no such camera.
+        """
+        size, camera = self.model().lens.size, known_camera(self._context, self._name)[0]
+        if self._source is None:
+            board = Board.named(camera.board.name if camera.board else DEFAULT_BOARD)
+            source = source or camera.source
+            self._source = open_source(source, self._context.port.transport, board)
+        picture = self._source.take()
+        if picture.shape[1::-1] != size:
+            raise size_error(picture.shape[1::-1], size)
+        return picture
+
+    def point_on_table(self, u: float, v: float, height_m: float = 0.0) -> Vector:
+        """Return what a pixel sees of the table, or of the level plane above it.
+
+        Args:
+            u: To the right, pixels.
+            v: Down, pixels.
+            height_m: Of the plane above the table, metres; the table is that of the arm file, or
+                z = 0.
+
+        Returns:
+            The point (3,), metres, base frame.
+
+        Raises:
+            BadValueError: The pixel is not in the picture, or a number is not finite.
+            InputError: The line of sight does not meet the table.
+            CalibrationError: The arm has no calibrated camera, or it has moved since.
+        """
+        (height_m,) = finite_vector([parse_number("The height", height_m)], 1, "The height")
+        z_m = table_m(self._context.model) + float(height_m)
+        return first_seen(self._ray(u, v), (), z_m).point_m
+
+    def point_seen(self, u: float, v: float) -> SeenPoint:
+        """Return what a pixel (u, v) sees first of the table and the things of the scene.
+
+        Raises:
+            BadValueError: The pixel is not in the picture.
+            InputError: The line of sight meets neither.
+            CalibrationError: The arm has no calibrated camera, or it has moved since.
+        """
+        return first_seen(self._ray(u, v), self._scene.things, table_m(self._context.model))
+
+    def pixel(self, point_m: Vector) -> tuple[float, float]:
+        """Return the pixel (u, v) of a point (3,), metres, base frame; perhaps beside the picture.
+
+        Raises:
+            BadValueError: It is no finite point.
+            InputError: It is not before the camera.
+            CalibrationError: The arm has no calibrated camera, or it has moved since.
+        """
+        px, depth_m = self.model().project(finite_vector(point_m, 3, "The point"))
+        if float(depth_m) <= 0.0:
+            raise InputError("The point is behind the camera.", "Choose one that it sees.")
+        return float(px[0]), float(px[1])
+
+    def _ray(self, u: float, v: float) -> Ray:
+        u, v = parse_number("The pixel's u", u), parse_number("The pixel's v", v)
+        return self.model().ray(u, v)
+
+
+def camera_key(context: ArmContext) -> str:
+    """Return what tells the cameras of arms of one name apart: the adapter's serial number."""
+    return SIMULATED if context.zeros is ZeroSource.SIMULATED else context.serial_number
+
+
+def known_camera(
+    context: ArmContext, name: str = "", source: str | None = None
+) -> tuple[CalibratedCamera, CameraFile, str]:
+    """Return a camera of an arm, what is known of its place, and its name.
+
+    Args:
+        context: The arm.
+        name: Of the camera; empty for the one without a name, or the only one.
+        source: Where no name is given, the one with this source is preferred; None for none.
+
+    Raises:
+        CalibrationError: The arm has no calibrated camera.
+        UnknownNameError: It has none of that name.
+        InputError: It has several, and a name is needed.
+        FileFormatError: A file about it is damaged.
+    """
+    arm, key = context.model.name, camera_key(context)
+    names = camera_names(arm, key)
+    cameras = {each: found for each in names if (found := load_camera(arm, key, each))}
+    if not cameras:
+        raise CalibrationError(
+            f"{arm} has no calibrated camera.",
+            "Fix a printed board to its gripper, and calibrate it in front of the camera.",
+        )
+    if name and name not in cameras:
+        raise UnknownNameError("camera", name, filter(None, cameras))
+    if not name and source is not None:
+        asked = public_source(source)
+        same = [each for each, found in cameras.items() if public_source(found[0].source) == asked]
+        name = same[0] if len(same) == 1 else ""
+    if name not in cameras:
+        if len(cameras) > 1:
+            raise InputError(f"{arm} has several cameras.", f"Name one: {', '.join(cameras)}.")
+        name = next(iter(cameras))
+    return *cameras[name], name
+
+
+def camera_model(camera: CalibratedCamera) -> CameraModel:
+    """Return lens and pose of a camera as stored."""
+    fx, fy, cx, cy = camera.lens_px
+    lens = Intrinsics(
+        np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]]),
+        np.array(camera.distortion),
+        camera.size_px,
+    )
+    R = exp_so3(np.radians(camera.turned_deg))
+    return CameraModel(lens, make_pose(np.array(camera.at_mm) / 1000.0, R))
+
+
+def table_m(model: Model) -> float:
+    """Return the height of the table, metres, base frame: the arm file's, or 0."""
+    return 0.0 if model.floor_m is None else model.floor_m
+
+
+def first_seen(ray: Ray, things: Iterable[Obstacle], z_m: float) -> SeenPoint:
+    """Find what a ray meets first: a thing, or the level plane at z.
+
+    Raises:
+        InputError: It meets neither.
+    """
+    hits: list[tuple[float, str | None]] = [(ray.distance_to_level_m(z_m), None)]
+    for thing in things:
+        hits.append((ray.distance_to_thing_m(thing.row), thing.name))
+    distance_m, name = min(hits, key=lambda hit: hit[0])
+    if not np.isfinite(distance_m):
+        raise InputError(
+            "The line of sight does not meet the table there.", "Choose a pixel that shows it."
+        )
+    return SeenPoint(ray.at(distance_m), name)
+
+
+def size_error(found: tuple[int, ...], calibrated: tuple[int, int]) -> CalibrationError:
+    """Return the error for pictures of another size than those of the calibration."""
+    seen, known = (" x ".join(map(str, size)) for size in (found, calibrated))
+    return CalibrationError(
+        f"The pictures are {seen}; the camera was calibrated with {known}.",
+        "Name the camera that was calibrated.",
+    )
+
+
+def moved_error(moved_mm: float, turned_deg: float) -> CalibrationError:
+    """Return the error for a camera that is not any more where it was calibrated."""
+    return CalibrationError(
+        f"The camera has moved by {moved_mm:.0f} mm and turned by {turned_deg:.1f}° since it was "
+        "calibrated.",
+        "Put it back and check again, or calibrate again.",
+    )

@@ -1,0 +1,147 @@
+"""Calibration before a camera by hand: somebody moves the limp arm, its board before the camera."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from ikservo.apps.cameras.board import Board
+from ikservo.apps.cameras.camera_calibration import (
+    HAND_EXTENTS,
+    LEAST_SHARE,
+    ArmBefore,
+    BoardPictures,
+    CameraResult,
+    measured_joints,
+)
+from ikservo.apps.cameras.estimation import Extent
+from ikservo.apps.cameras.picture_folder import PictureFolder
+from ikservo.apps.cameras.pictures import BoardView, Picture, PictureSource, find_board
+from ikservo.arm.arm import Arm
+from ikservo.errors import CalibrationError, PictureError
+from ikservo.kinematics.arrays import Vector
+
+__all__ = ["HandCalibration"]
+
+_STILL_S, _STILL_RAD, _STILL_PX = 0.3, math.radians(0.3), 0.7
+_APART_RAD = math.radians(8.0)  # at least one joint, from every picture that there is
+_WAIT_S = 60.0  # for the next picture
+_PERIOD_S = 0.1
+
+
+class HandCalibration:
+    """Watches an arm that somebody moves by hand, and uses pictures of its board.
+
+    A picture is used when arm and board have been still, and a joint is 8° from where it was in
+    every picture before. The last picture is the asked number; or, once half of them are there, the
+    one after which none followed for a minute.
+
+    Args:
+        arm: The arm; its torque is off.
+        camera: The camera; it stands still.
+        board: What is fixed to the gripper.
+        count: How many pictures to use.
+        report: Takes a line on each picture, and on why none is used.
+        extents: What may be estimated, of ``HAND_EXTENTS``.
+        folder: Where the pictures are kept, too; None for nowhere.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        camera: PictureSource,
+        board: Board,
+        count: int,
+        report: Callable[[str], None] = lambda _: None,
+        extents: Sequence[Extent] = HAND_EXTENTS,
+        folder: PictureFolder | None = None,
+    ) -> None:
+        self._extents = extents
+        self._arm, self._camera, self._report = arm, camera, report
+        self._pictures = BoardPictures(ArmBefore.of(arm), board, folder)
+        self._count, self._missed, self._last_error = count, 0, ""
+        self._last: Picture | None = None
+
+    def run(self) -> CameraResult:
+        """Use pictures until there are enough, and estimate camera and zeros.
+
+        Raises:
+            CalibrationError: The arm is not limp, the camera gives no picture, the board is not
+                seen for a minute, or the pictures do not suffice.
+        """
+        clock = self._arm.clock
+        began_s = used_s = clock.now_s()
+        while len(self._pictures) < self._count and clock.now_s() - used_s < _WAIT_S:
+            if self._use_picture():
+                used_s = clock.now_s()
+            clock.sleep_until(clock.now_s() + _PERIOD_S)
+        if len(self._pictures) < LEAST_SHARE * self._count:
+            raise PictureError(
+                f"No new picture for {_WAIT_S:.0f} s, and {len(self._pictures)} of {self._count} "
+                f"so far. {self._last_error}".rstrip(),
+                "Show the board in postures that differ, and keep the arm still for a second.",
+            )
+        duration_s = used_s - began_s
+        return self._pictures.result(self._missed, duration_s, self._extents, by_hand=True)
+
+    def _use_picture(self) -> bool:
+        """Look once; return whether the picture was used."""
+        q = self._limp_joints()
+        if any(np.abs(q - other).max() < _APART_RAD for other in self._pictures.joints):
+            return False
+        first = self._look()[1]
+        if first is None:
+            return False
+        clock = self._arm.clock
+        clock.sleep_until(clock.now_s() + _STILL_S)
+        picture, second = self._look()
+        if second is None or np.abs(self._limp_joints() - q).max() > _STILL_RAD:
+            return False
+        if not _is_still(first, second):
+            return False
+        self._pictures.add(picture, second, q)
+        self._last_error = ""
+        self._report(f"picture {len(self._pictures)} of {self._count}: move on")
+        return True
+
+    def _limp_joints(self) -> Vector:
+        """Measure the chain's joints (dof,).
+
+        Raises:
+            CalibrationError: A servo holds: it would not be moved by hand.
+        """
+        state = self._arm.where()
+        if state.torque.any():
+            raise CalibrationError(
+                "The arm is not limp any more: the torque of a servo is on.",
+                "Close other programs that use the arm.",
+            )
+        return measured_joints(self._arm.chain, state)
+
+    def _look(self) -> tuple[Picture, BoardView | None]:
+        """Find the board in a picture; tell once why it is not there.
+
+        Raises:
+            CalibrationError: The camera gives no picture, or the same one again.
+        """
+        picture = self._camera.take()
+        if self._last is not None and np.array_equal(picture, self._last):
+            raise PictureError("The camera's picture stands still.", "Plug it in again.")
+        self._last = picture
+        try:
+            return picture, find_board(self._pictures.board, picture)
+        except CalibrationError as error:
+            self._missed += 1
+            if error.message != self._last_error:
+                self._last_error = error.message
+                self._report(f"not used: {error.message}")
+            return picture, None
+
+
+def _is_still(first: BoardView, second: BoardView) -> bool:
+    """Check whether a board has not moved between two pictures."""
+    both, at_first, at_second = np.intersect1d(first.ids, second.ids, return_indices=True)
+    moved_px = first.pixels[at_first] - second.pixels[at_second]
+    return len(both) > 0 and float(np.median(np.linalg.norm(moved_px, axis=1))) < _STILL_PX

@@ -1,0 +1,491 @@
+"""Calibration before a camera: the arm shows it a board on its gripper in postures it chooses."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+
+from ikservo.apps.calibrating.touch_off import shift_zeros
+from ikservo.apps.cameras.board import Board
+from ikservo.apps.cameras.camera_file import SIMULATED, CameraFile, camera_names, save_camera
+from ikservo.apps.cameras.capture import public_source
+from ikservo.apps.cameras.estimation import (
+    BoardSample,
+    CameraEstimate,
+    CameraFit,
+    Extent,
+    estimate_camera,
+    fit_camera,
+)
+from ikservo.apps.cameras.picture_folder import PictureFolder
+from ikservo.apps.cameras.pictures import (
+    BoardView,
+    Intrinsics,
+    Picture,
+    PictureSource,
+    board_sample,
+    find_board,
+    guess_intrinsics,
+)
+from ikservo.apps.cameras.pose_choice import choose_postures, is_visible
+from ikservo.arm.arm import Arm
+from ikservo.calibration import JointMap
+from ikservo.calibration.calibration_file import load_calibration, save_calibration
+from ikservo.calibration.records import CalibratedCamera, Calibration, SeenBoard
+from ikservo.errors import CalibrationError, PictureError, RefusedError
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.bending import Bending
+from ikservo.kinematics.chain import Chain
+from ikservo.kinematics.joints import JointType
+from ikservo.kinematics.se3 import log_so3
+from ikservo.model import Model
+from ikservo.planning.calibrated_arm import ZeroSource, known_bending, own_chain
+from ikservo.planning.reports import ArmState
+
+__all__ = ["HAND_EXTENTS", "LEAST_SHARE", "PRINTED_COMPLIANCE", "ArmBefore", "BoardPictures",
+           "CameraCalibration", "CameraResult", "chain_maps", "measured_joints",
+           "save_camera_result", "seen_board"]  # fmt: skip
+
+HAND_EXTENTS = (Extent.CAMERA, Extent.ZEROS)
+"""What is estimated by hand."""
+
+PRINTED_COMPLIANCE = 0.05
+"""By which each joint of a printed arm gives way, rad for each N m: 0.05 to 0.1 were seen."""
+
+LEAST_SHARE = 0.5
+"""Of the pictures that were asked for: with fewer nothing is estimated."""
+
+_FIRST_STEP_RAD = math.radians(9.0)  # of each joint, before anything is known of the camera
+_REACH_RAD = math.radians(75.0)  # how far joints go from where the arm was put
+_CANDIDATES, _AT_ONCE, _MAX_MISSED = 1500, 4, 8
+_SETTLE_S = 0.3  # after a motion: what swings is blurred
+_TIP_M = 0.001  # by which a zero that nobody knows better may move the tip
+_EXPOSURE_TRIES, _STEADY_GREY = 5, 4.0  # pictures, and by how much their mean may differ, of 255
+_LENS_STEPS, _SAME_LENS = 6, 1e-3  # of its numbers
+_CARRIED = (0.0, 0.25, 0.5, 0.75, 1.0)  # shares of its weight that an arm in a hand may carry
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CameraResult:
+    """What the pictures say.
+
+    Attributes:
+        estimate: Of camera, board and arm.
+        intrinsics: Of the camera.
+        board: What was on the gripper.
+        pictures: In how many the board was seen.
+        missed: In how many it was not.
+        duration_s: From the first picture to the last, by the arm's clock.
+        carried: Which share of its weight the arm carried itself while somebody held it; None if
+            nobody did, or it is not known how its links give way.
+        sag_m: Where that is not known: how far the tip would sag, root mean square, where the arm
+            carries itself in these postures and gives way by ``PRINTED_COMPLIANCE``. Else None.
+    """
+
+    estimate: CameraEstimate
+    intrinsics: Intrinsics
+    board: Board
+    pictures: int
+    missed: int
+    duration_s: float
+    carried: float | None = None
+    sag_m: float | None = None
+
+    @property
+    def tip_shows(self) -> str | None:
+        """The last joint if the pictures leave its zero so open that the tip is uncertain."""
+        chain = self.estimate.fit.bending.dynamics.chain
+        swing_m = np.linalg.norm(chain.jacobian(np.zeros(chain.dof))[:3, -1])  # each rad of it
+        is_open = self.estimate.zero_deviations[-1] * swing_m > _TIP_M
+        return chain.names[-1] if is_open and chain.kinds[-1] is JointType.REVOLUTE else None
+
+
+@dataclass(frozen=True, slots=True)
+class ArmBefore:
+    """An arm as it is known before its pictures.
+
+    Attributes:
+        model: The arm file's model.
+        calibration: With which its joints are measured; None for a simulated arm.
+    """
+
+    model: Model
+    calibration: Calibration | None
+
+    @classmethod
+    def of(cls, arm: Arm) -> ArmBefore:
+        """Return what is known of an open arm.
+
+        Raises:
+            CalibrationError: It has no calibration that could be corrected.
+            FileFormatError: Its calibration is damaged.
+        """
+        name = arm.model.name
+        if arm.zeros is ZeroSource.SIMULATED:
+            return cls(arm.model, None)
+        calibration = load_calibration(name, arm.context.serial_number)
+        if calibration is None:
+            raise CalibrationError(
+                f"{name} has no calibration that could be corrected.",
+                f"Calibrate it first: ikservo calibrate {name}",
+            )
+        return cls(arm.model, calibration)
+
+    def extents(self, name: str, *, by_hand: bool) -> Sequence[Extent]:
+        """Return what a camera of that name may show: where there are others, its place only.
+
+        They were calibrated with the zeros and compliances that the arm has. A hand carries the
+        arm's weight, so how links give way is not shown by hand.
+        """
+        if self.calibration is None:
+            names = camera_names(self.model.name, SIMULATED)
+        else:
+            names = list(self.calibration.cameras_by_name)
+        if set(names) - {name}:
+            return (Extent.CAMERA,)
+        return HAND_EXTENTS if by_hand else tuple(Extent)
+
+    @property
+    def bending(self) -> Bending:
+        """How its links give way, with its own links and base."""
+        calibration, chain = self.calibration, self.model.chain
+        if calibration is not None:
+            chain = own_chain(self.model, calibration)
+        return known_bending(self.model, chain.rigid, calibration)
+
+
+class BoardPictures:
+    """What is seen of a board on the gripper in pictures, with the joints that belong to each.
+
+    Args:
+        arm: The arm.
+        board: What is fixed to the gripper.
+        folder: Where the pictures are kept, too; None for nowhere.
+    """
+
+    def __init__(self, arm: ArmBefore, board: Board, folder: PictureFolder | None = None) -> None:
+        self.board, self.views, self.joints = board, list[BoardView](), list[Vector]()
+        self._known, self._folder = arm.bending, folder
+
+    def __len__(self) -> int:
+        """Count the pictures."""
+        return len(self.views)
+
+    def add(self, picture: Picture, view: BoardView, q: Vector) -> None:
+        """Add what is seen in a picture with the chain's joints at q (dof,).
+
+        Raises:
+            FileWriteError: It cannot be kept in the folder.
+        """
+        if self._folder is not None:
+            self._folder.add(picture, q)
+        self.views.append(view)
+        self.joints.append(q)
+
+    def fit(self) -> tuple[CameraFit, Intrinsics]:
+        """Fit camera, lens and arm, in steps: how poses change with the lens holds near it only.
+
+        Raises:
+            CalibrationError: The pictures do not suffice.
+        """
+        intrinsics = guess_intrinsics(self.board, self.views)
+        fit = fit_camera(self._known, self._samples(intrinsics), Extent.ARM)
+        for _ in range(_LENS_STEPS):
+            intrinsics = Intrinsics.of_numbers(fit.lens, intrinsics.size)
+            before, samples = fit.lens, self._samples(intrinsics)
+            fit = fit_camera(self._known, samples, Extent.ARM)
+            if np.abs(fit.lens - before).max() < _SAME_LENS:
+                break
+        return fit, intrinsics
+
+    def result(
+        self,
+        missed: int,
+        duration_s: float,
+        extents: Sequence[Extent] = tuple(Extent),
+        *,
+        by_hand: bool = False,
+    ) -> CameraResult:
+        """Estimate camera and arm; see ``CameraResult``.
+
+        Args:
+            missed: In how many pictures the board was not seen.
+            duration_s: From the first picture to the last.
+            extents: What may be estimated.
+            by_hand: Whether somebody held the arm. How much of its weight bent it is that share,
+                of some, with which pictures that are left out are predicted best.
+
+        Raises:
+            CalibrationError: The pictures do not suffice, or contradict each other.
+        """
+        intrinsics, known = self.fit()[1], self._known
+        samples = self._samples(intrinsics)
+        is_tried = by_hand and bool(known.compliance.any() or known.half_play.any())
+        estimates = {
+            share: estimate_camera(
+                replace(
+                    known, compliance=share * known.compliance, half_play=share * known.half_play
+                ),
+                samples,
+                extents,
+            )
+            for share in (_CARRIED if is_tried else (1.0,))
+        }
+        share, best = min(estimates.items(), key=lambda each: each[1].after_m)
+        return CameraResult(
+            best, intrinsics, self.board, len(self), missed, duration_s,
+            carried=share if is_tried else None,
+            sag_m=self._printed_sag_m() if by_hand and not is_tried else None,
+        )  # fmt: skip
+
+    def _printed_sag_m(self) -> float:
+        chain, q = self._known.dynamics.chain, np.array(self.joints)
+        turns = np.array([float(kind is JointType.REVOLUTE) for kind in chain.kinds])
+        bent = replace(self._known, compliance=PRINTED_COMPLIANCE * turns)
+        sag_m: Matrix = chain.forward(bent.link_joints(q))[:, :3, 3] - chain.forward(q)[:, :3, 3]
+        return math.sqrt(float(np.sum(sag_m**2)) / len(q))
+
+    def _samples(self, intrinsics: Intrinsics) -> list[BoardSample]:
+        samples: list[BoardSample] = []
+        for number, (q, view) in enumerate(zip(self.joints, self.views, strict=True), start=1):
+            with suppress(CalibrationError):
+                samples.append(board_sample(self.board, view, intrinsics, q, f"picture {number}"))
+        return samples
+
+
+class CameraCalibration:
+    """Shows a camera a board on the gripper, and says what that tells of arm and camera.
+
+    Args:
+        arm: The arm, where the board is before the camera and about in the middle of the picture.
+        camera: The camera; it stands still.
+        board: What is fixed to the gripper.
+        count: How many pictures to take.
+        report: Takes a line on each picture.
+        extents: What may be estimated.
+        folder: Where the pictures are kept, too; None for nowhere.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        camera: PictureSource,
+        board: Board,
+        count: int,
+        report: Callable[[str], None] = lambda _: None,
+        extents: Sequence[Extent] = tuple(Extent),
+        folder: PictureFolder | None = None,
+    ) -> None:
+        self._extents = extents
+        self._arm, self._camera, self._report = arm, camera, report
+        self._pictures = BoardPictures(ArmBefore.of(arm), board, folder)
+        self._count, self._missed = count, 0
+        self._began_s = arm.clock.now_s()
+        self._last: Picture | None = None
+
+    def run(self) -> CameraResult:
+        """Take the pictures, and estimate; the arm ends where it began, if it can.
+
+        Raises:
+            CalibrationError: The board is not seen, or the pictures do not suffice; the arm holds.
+            RefusedError: The arm may not move.
+        """
+        self._began_s = self._arm.clock.now_s()
+        self._arm.enable()  # held by a hand or a table it bends otherwise
+        self._keep(self._take())  # nothing moves before the board was seen
+        home = self._pictures.joints[0]
+        for step in self._first_steps(home):
+            if len(self._pictures) < self._count:
+                self._visit(step)
+        while len(self._pictures) < self._count and self._visit_best(home):
+            pass
+        if len(self._pictures) < LEAST_SHARE * self._count:
+            raise PictureError(
+                f"The board is seen in no more postures than {len(self._pictures)}.",
+                "Put the camera further away, or the board more into its middle.",
+            )
+        with suppress(RefusedError):
+            self._move(home)
+        duration_s = self._arm.clock.now_s() - self._began_s
+        return self._pictures.result(self._missed, duration_s, self._extents)
+
+    def _first_steps(self, home: Vector) -> Matrix:
+        """Return postures around the first one, each joint moved once to either side."""
+        signs = np.resize([1.0, -1.0], len(home))
+        steps = np.vstack(
+            [np.diag(_FIRST_STEP_RAD * signs), np.diag(-0.7 * _FIRST_STEP_RAD * signs)]
+        )
+        return self._arm.chain.clip(home + steps)
+
+    def _visit_best(self, home: Vector) -> bool:
+        """Go to the postures that say most by what is known so far; return whether one was seen."""
+        fit, intrinsics = self._pictures.fit()
+        chain = self._arm.chain
+        chance = np.random.default_rng(len(self._pictures) + self._missed)
+        low = np.maximum(chain.lower_rad, home - _REACH_RAD)
+        high = np.minimum(chain.upper_rad, home + _REACH_RAD)
+        tried = chance.uniform(low, high, (_CANDIDATES, chain.dof))
+        seen = tried[is_visible(self._pictures.board, intrinsics, fit.board_poses(tried))]
+        visited, chosen = 0, list[int]()
+        if len(seen):
+            done, board = np.array(self._pictures.joints), self._pictures.board
+            chosen = choose_postures(board, fit, intrinsics, seen, done, 3 * _AT_ONCE)
+        for q in seen[chosen]:
+            visited += self._visit(q)
+            if visited == _AT_ONCE or len(self._pictures) == self._count:
+                break
+        return visited > 0
+
+    def _visit(self, q: Vector) -> bool:
+        """Move to a posture and look; return whether it could be reached and the board was seen."""
+        try:
+            self._move(q)
+        except RefusedError:
+            return False  # something is in the way
+        picture = self._take()  # nothing moves further without a fresh one
+        try:
+            self._keep(picture)
+        except CalibrationError as error:
+            self._missed += 1
+            if self._missed > _MAX_MISSED:
+                raise
+            self._report(f"not used: {error.message}")
+            return False
+        taken, now_s = len(self._pictures), self._arm.clock.now_s()
+        left_s = (now_s - self._began_s) / taken * (self._count - taken)
+        self._report(f"picture {taken} of {self._count}, about {left_s:.0f} s left")
+        return True
+
+    def _move(self, q: Vector) -> None:
+        goals = dict(zip(self._arm.chain.names, q.tolist(), strict=True))
+        self._arm.move_joints(goals, speed="normal")
+
+    def _take(self) -> Picture:
+        """Take a picture of the resting arm.
+
+        Raises:
+            CalibrationError: There is none, the same one again, or its brightness never settles.
+        """
+        clock = self._arm.clock
+        clock.sleep_until(clock.now_s() + _SETTLE_S)
+        picture = self._camera.take()
+        for _ in range(_EXPOSURE_TRIES):
+            before, picture = picture, self._camera.take()
+            if abs(float(picture.mean()) - float(before.mean())) < _STEADY_GREY:
+                break
+        else:
+            raise PictureError(
+                "The camera's brightness keeps changing.", "Switch its automatic exposure off."
+            )
+        if self._last is not None and np.array_equal(picture, self._last):
+            raise PictureError("The camera's picture stands still.", "Plug it in again.")
+        self._last = picture
+        return picture
+
+    def _keep(self, picture: Picture) -> None:
+        """Keep what is seen in a picture with the joints.
+
+        Raises:
+            CalibrationError: The board is not seen.
+        """
+        view = find_board(self._pictures.board, picture)
+        q = measured_joints(self._arm.chain, self._arm.where())
+        self._pictures.add(picture, view, q)
+
+
+def measured_joints(chain: Chain, state: ArmState) -> Vector:
+    """Return the measured joints (dof,) of a chain, rad or m."""
+    return np.array([state[name].position_rad for name in chain.names])
+
+
+def chain_maps(model: Model, calibration: Calibration) -> list[JointMap]:
+    """Return the maps of the chain's joints with the zeros and signs of a calibration."""
+    maps = [model.joint(name).joint_map for name in model.chain.names]
+    found = [(calibration.joint(nominal.joint), nominal) for nominal in maps]
+    return [joint.joint_map(nominal) if joint else nominal for joint, nominal in found]
+
+
+def save_camera_result(
+    arm: ArmBefore, source: str, result: CameraResult, written: datetime, name: str = ""
+) -> Path:
+    """Save what pictures say of the arm, and the camera, with its calibration.
+
+    A simulated arm has none: of it the camera alone is saved. ``name`` is the camera's.
+
+    Raises:
+        FileWriteError: The disk is full or not writable; the one before is unchanged.
+    """
+    model = arm.model
+    if arm.calibration is None:
+        camera = _calibrated_camera(source, result, written)
+        known = CameraFile(calibrated=written, camera=camera)
+        return save_camera(model.name, SIMULATED, known, name)
+    return save_calibration(_with_result(model, arm.calibration, source, result, written, name))
+
+
+def _with_result(
+    model: Model,
+    calibration: Calibration,
+    source: str,
+    result: CameraResult,
+    written: datetime,
+    name: str,
+) -> Calibration:
+    fit, names = result.estimate.fit, model.chain.names
+    joints = calibration.joints
+    if fit.extent.zeros:
+        joints = shift_zeros(joints, chain_maps(model, calibration), fit.zeros)
+    if fit.extent.bending:
+        compliance = dict(zip(names, fit.bending.compliance.tolist(), strict=True))
+        half_play = dict(zip(names, fit.bending.half_play.tolist(), strict=True))
+        joints = tuple(
+            joint.model_copy(
+                update={
+                    "compliance": round(compliance[joint.name], 5),
+                    "play_deg": round(math.degrees(2.0 * half_play[joint.name]), 4),
+                }
+            )
+            if joint.name in compliance
+            else joint
+            for joint in joints
+        )
+    camera = _calibrated_camera(source, result, written)
+    changed = calibration.model_copy(update={"joints": joints, "written": written})
+    return changed.with_cameras(calibration.cameras_by_name | {name: camera})
+
+
+def _calibrated_camera(source: str, result: CameraResult, written: datetime) -> CalibratedCamera:
+    fit, lens = result.estimate.fit, result.intrinsics
+    fx, cx, fy, cy = lens.matrix[0, 0], lens.matrix[0, 2], lens.matrix[1, 1], lens.matrix[1, 2]
+    T, board = np.linalg.inv(fit.T_camera_base), result.board.name
+    return CalibratedCamera(
+        source=public_source(source),
+        seen=written,
+        pictures=len(fit.kept),
+        left_out=int(np.count_nonzero(~fit.kept)),
+        before_mm=1000.0 * result.estimate.before_m,
+        after_mm=1000.0 * result.estimate.after_m,
+        size_px=lens.size,
+        lens_px=(float(fx), float(fy), float(cx), float(cy)),
+        distortion=tuple(lens.distortion.tolist()),
+        at_mm=tuple((1000.0 * T[:3, 3]).tolist()),
+        turned_deg=tuple(np.degrees(log_so3(T[:3, :3])).tolist()),
+        board=seen_board(board, fit.T_tip_board, 1.0 + fit.scale),
+        tip_shows=result.tip_shows,
+    )
+
+
+def seen_board(name: str, T: Matrix, scale: float) -> SeenBoard:
+    """Return a board at a pose (4, 4) as it is stored; ``scale`` is of its size, by its name."""
+    return SeenBoard(
+        name=name,
+        scale=scale,
+        at_mm=tuple((1000.0 * T[:3, 3]).tolist()),
+        turned_deg=tuple(np.degrees(log_so3(T[:3, :3])).tolist()),
+    )

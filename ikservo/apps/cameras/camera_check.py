@@ -1,0 +1,193 @@
+"""Whether a calibrated camera is still where it was: it looks at a board whose place is known."""
+
+from __future__ import annotations
+
+import math
+from datetime import datetime
+
+import numpy as np
+
+from ikservo.apps.cameras.arm_camera import camera_key, camera_model, known_camera, size_error
+from ikservo.apps.cameras.board import Board
+from ikservo.apps.cameras.camera_calibration import seen_board
+from ikservo.apps.cameras.camera_file import CameraCheck, CameraFile, save_camera
+from ikservo.apps.cameras.camera_model import CameraModel
+from ikservo.apps.cameras.pictures import BoardView, PictureSource, board_pose, find_board
+from ikservo.arm.arm import Arm
+from ikservo.calibration.records import CalibratedCamera, SeenBoard
+from ikservo.errors import CalibrationError, PictureError
+from ikservo.kinematics.arrays import Matrix
+from ikservo.kinematics.se3 import exp_so3, log_so3, make_pose
+
+__all__ = ["BoardPlace", "check_camera", "compare_place", "remember_board", "stored_pose"]
+
+_OFF_MM, _OFF_DEG = 3.0, 1.5  # what a picture's noise does not reach
+_ON_GRIPPER_MM, _ON_GRIPPER_DEG = 30.0, 10.0  # of a board that was pushed there, or a moved camera
+_GRIPPER_DEG = 1.0  # by which joints may tilt a board besides
+_LOOKS = 5
+
+
+class BoardPlace:
+    """Where the board of a check is: as remembered on the table, or on the gripper.
+
+    Args:
+        camera: The camera.
+        known: What is known of it besides.
+
+    Raises:
+        CalibrationError: It was calibrated without saying where the board was.
+    """
+
+    def __init__(self, camera: CalibratedCamera, known: CameraFile) -> None:
+        self._camera = camera
+        self.on_table = known.board is not None
+        stored = known.board or camera.board
+        if stored is None:
+            raise CalibrationError(
+                "It is not known where a board was when the camera was calibrated.",
+                "Calibrate it again, or remember a board on the table.",
+            )
+        self._stored, self.board = stored, Board.named(stored.name)
+
+    def pose(self, T_base_tip: Matrix) -> Matrix:
+        """Return T_base_board (4, 4)."""
+        T = stored_pose(self._stored)
+        return T if self.on_table else T_base_tip @ T
+
+    @property
+    def scale(self) -> float:
+        """How large the board is, by its name."""
+        return self._stored.scale
+
+    def limits(self, within_mm: float | None) -> tuple[float, float]:
+        """Return by how much a camera may seem to move [mm, degrees] that stands still."""
+        if self.on_table:
+            return within_mm or _OFF_MM, _OFF_DEG
+        return within_mm or _OFF_MM + 2.0 * self._camera.after_mm, _OFF_DEG + _GRIPPER_DEG
+
+
+def check_camera(
+    arm: Arm,
+    source: PictureSource,
+    now: datetime,
+    within_mm: float | None = None,
+    name: str = "",
+) -> tuple[CameraCheck, BoardPlace]:
+    """Look at the board, and save whether the camera has moved; the arm does not.
+
+    Args:
+        arm: The arm before the camera.
+        source: The camera.
+        now: The time of the check.
+        within_mm: How far off the board may be seen; as far as the calibration is wrong if None.
+        name: Of the camera; see ``known_camera``.
+
+    Raises:
+        UnknownNameError: The arm has no camera of that name.
+        CalibrationError: The arm has no calibrated camera.
+        PictureError: The board is not seen.
+        FileWriteError: The result cannot be saved.
+    """
+    camera, known, name = known_camera(arm.context, name)
+    place = BoardPlace(camera, known)
+    view = _look(source, place.board)
+    check = compare_place(camera_model(camera), place, _tip_pose(arm), view, now, within_mm)
+    known = known.model_copy(update={"check": check})
+    save_camera(arm.model.name, camera_key(arm.context), known, name)
+    return check, place
+
+
+def remember_board(arm: Arm, source: PictureSource, board: Board, name: str = "") -> SeenBoard:
+    """Save where a board lies on the table, for later checks of the camera of that name.
+
+    Raises:
+        CalibrationError: The arm has no calibrated camera, or it has moved.
+        PictureError: The board is not seen, or still on the gripper.
+        FileWriteError: It cannot be saved.
+    """
+    camera, known, name = known_camera(arm.context, name)
+    model, view = arm.camera.named(name).model(), _look(source, board)
+    if camera.board is not None and camera.board.name == board.name:
+        gripper = BoardPlace(camera, CameraFile(calibrated=known.calibrated))
+        check = compare_place(model, gripper, _tip_pose(arm), view, known.calibrated)
+        if check.off_mm < _ON_GRIPPER_MM and check.turned_deg < _ON_GRIPPER_DEG:
+            raise PictureError(
+                "The board is where it was on the gripper: it would move with the arm.",
+                "Take it off, and lay it on the table where the camera sees it.",
+            )
+    T = model.T_base_camera @ _seen(model, board, view)
+    stored = seen_board(board.name, T, 1.0)
+    known = known.model_copy(update={"board": stored})
+    save_camera(arm.model.name, camera_key(arm.context), known, name)
+    return stored
+
+
+def compare_place(
+    model: CameraModel,
+    place: BoardPlace,
+    T_base_tip: Matrix,
+    view: BoardView,
+    now: datetime,
+    within_mm: float | None = None,
+) -> CameraCheck:
+    """Compare where a board is seen with where it should be.
+
+    Args:
+        model: The camera where it was calibrated.
+        place: Where the board is.
+        T_base_tip: The pose of the tip (4, 4).
+        view: The board in a picture.
+        now: The time of the picture.
+        within_mm: See ``check_camera``.
+
+    Raises:
+        CalibrationError: The board cannot be measured, or the picture is of another size.
+    """
+    T_base_board = place.pose(T_base_tip)
+    T_seen = _seen(model, place.board, view)
+    corners = place.scale * place.board.corners_m()[view.ids]
+    px, depth_m = model.project(corners @ T_base_board[:3, :3].T + T_base_board[:3, 3])
+    away_px = float(np.linalg.norm(px - view.pixels)) / math.sqrt(len(view.ids))
+    away_m = float(np.mean(np.abs(depth_m)))  # it may be expected behind the camera
+    off_mm = 1000.0 * away_px * away_m / float(model.lens.matrix[0, 0])
+    T_seen = make_pose(place.scale * T_seen[:3, 3], T_seen[:3, :3])
+    T_base_camera = T_base_board @ np.linalg.inv(T_seen)
+    before = model.T_base_camera
+    turned_deg = math.degrees(
+        float(np.linalg.norm(log_so3(before[:3, :3].T @ T_base_camera[:3, :3])))
+    )
+    most_mm, most_deg = place.limits(within_mm)
+    return CameraCheck(
+        seen=now,
+        off_mm=off_mm,
+        moved_mm=1000.0 * float(np.linalg.norm(T_base_camera[:3, 3] - before[:3, 3])),
+        turned_deg=turned_deg,
+        has_moved=off_mm > most_mm or turned_deg > most_deg,
+    )
+
+
+def _look(source: PictureSource, board: Board) -> BoardView:
+    """Find what is seen of a board, in the first of some pictures that shows it."""
+    for _ in range(_LOOKS - 1):
+        try:
+            return find_board(board, source.take())
+        except CalibrationError:
+            continue
+    return find_board(board, source.take())
+
+
+def _seen(model: CameraModel, board: Board, view: BoardView) -> Matrix:
+    if view.size != model.lens.size:
+        raise size_error(view.size, model.lens.size)
+    return board_pose(board, view, model.lens)
+
+
+def _tip_pose(arm: Arm) -> Matrix:
+    here = arm.where()
+    q = np.array([here[name].position_rad for name in arm.chain.names])
+    return arm.chain.forward(q)
+
+
+def stored_pose(stored: SeenBoard) -> Matrix:
+    """Return the pose (4, 4) of a board as it is stored."""
+    return make_pose(np.array(stored.at_mm) / 1000.0, exp_so3(np.radians(stored.turned_deg)))

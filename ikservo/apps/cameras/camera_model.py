@@ -1,0 +1,145 @@
+"""A calibrated camera: the pixel of a point, and the ray of a pixel, in the arm's base frame.
+
+A pixel (u, v) is as OpenCV counts it: u to the right, v down, (0, 0) the centre of the first one.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.apps.cameras.pictures import Intrinsics
+from ikservo.errors import BadValueError
+from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.rays import Ray
+
+__all__ = ["CameraModel"]
+
+_WIDEST = 3.0  # tangent of the angle to the axis up to which a lens is believed
+_NEAR_FOLD = 0.95  # of the radius at which its polynomial turns back
+_MIN_DEPTH_M = 1e-3
+_HALVINGS, _STEPS, _ENOUGH, _SMALL = 30, 20, 1e-12, 1e-6
+_PARALLEL = 1e-12
+_MAX_OFF_PX = 0.1  # of a direction that was found, by its own pixel
+
+
+@dataclass(frozen=True, eq=False)
+class CameraModel:
+    """A camera that stands still before an arm.
+
+    Attributes:
+        lens: How it projects.
+        T_base_camera: Its pose (4, 4): x to the right in the picture, y down, z ahead.
+    """
+
+    lens: Intrinsics
+    T_base_camera: Matrix
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+    def project(self, points_m: ArrayLike) -> tuple[Matrix, Vector]:
+        """Compute pixels (…, 2) and depths [m] (…) of points (…, 3) in the base frame.
+
+        What is not before the camera has no pixel; it gets that of a point 1 mm ahead.
+        """
+        T = self.T_base_camera
+        ahead = (np.asarray(points_m, dtype=np.float64) - T[:3, 3]) @ T[:3, :3]
+        depth_m = ahead[..., 2]
+        flat = ahead[..., :2] / np.maximum(depth_m, _MIN_DEPTH_M)[..., None]
+        return self.pixels(flat), depth_m
+
+    def ray(self, u: float, v: float) -> Ray:
+        """Return what a pixel sees, in the base frame.
+
+        Raises:
+            BadValueError: It is not in the picture, or no direction is known for it: the lens as
+                stored nearly turns back there.
+        """
+        width, height = self.lens.size
+        if not (-0.5 <= u <= width - 0.5 and -0.5 <= v <= height - 0.5):  # also rejects NaN
+            raise BadValueError(
+                "The pixel", f"{u:g}, {v:g}", f"one of the picture's {width} x {height}"
+            )
+        flat = self.flat(np.array([u, v]))
+        off_px = float(np.abs(self.pixels(flat) - (u, v)).max())
+        if not off_px < _MAX_OFF_PX:
+            raise BadValueError("The pixel", f"{u:g}, {v:g}", "one nearer to the picture's centre")
+        ahead = np.append(flat, 1.0)
+        direction = self.T_base_camera[:3, :3] @ ahead
+        return Ray(self.T_base_camera[:3, 3], direction / np.linalg.norm(direction))
+
+    def pixels(self, flat: Matrix) -> Matrix:
+        """Compute pixels (…, 2) of directions given as x/z and y/z (…, 2)."""
+        return self._bent(flat) * self._focal_px + self._centre_px
+
+    def flat(self, px: Matrix) -> Matrix:
+        """Compute directions, as x/z and y/z (…, 2), of pixels (…, 2); inverse of ``pixels``."""
+        wanted = (px - self._centre_px) / self._focal_px
+        found = self._radially_straight(wanted)
+        for _ in range(_STEPS):  # Newton's
+            off = self._bent(found) - wanted
+            if float(np.abs(off).max(initial=0.0)) < _ENOUGH:
+                break
+            (a, c), (b, d) = (
+                np.moveaxis((self._bent(found + step) - wanted - off) / _SMALL, -1, 0)
+                for step in _SMALL * np.eye(2)
+            )
+            determinant = a * d - b * c
+            x, y = off[..., 0], off[..., 1]
+            found -= np.stack([d * x - b * y, a * y - c * x], axis=-1) / determinant[..., None]
+        return found
+
+    def _radially_straight(self, bent: Matrix) -> Matrix:
+        """Return directions (…, 2) that are right but for tangential distortion, by bisection.
+
+        Newton's method does not converge from everywhere where a lens nearly turns back.
+        """
+        k1, k2, _, _, k3 = self.lens.distortion.tolist()
+        wanted: Vector = np.asarray(np.linalg.norm(bent, axis=-1))
+        ends = 1.0 + self.widest**2 * (k1 + self.widest**2 * (k2 + self.widest**2 * k3))
+        low: Vector = np.zeros_like(wanted)
+        high: Vector = np.maximum(wanted / ends, self.widest)
+        for _ in range(_HALVINGS):
+            middle = 0.5 * (low + high)
+            r2 = np.minimum(middle, self.widest) ** 2
+            is_beyond = middle * (1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))) > wanted
+            low += np.where(is_beyond, 0.0, middle - low)
+            high -= np.where(is_beyond, high - middle, 0.0)
+        return bent * (0.5 * (low + high) / np.maximum(wanted, _PARALLEL))[..., None]
+
+    @cached_property
+    def widest(self) -> float:
+        """The largest tangent of the angle to the axis at which the lens is followed.
+
+        A polynomial turns back at some radius; outside of it the picture is continued straight.
+        """
+        k1, k2, _, _, k3 = self.lens.distortion.tolist()
+        turns = np.roots([7.0 * k3, 5.0 * k2, 3.0 * k1, 1.0])
+        squares = [float(each.real) for each in turns if abs(each.imag) < _SMALL < each.real]
+        return min([_WIDEST, *(_NEAR_FOLD * math.sqrt(each) for each in squares)])
+
+    def _bent(self, flat: Matrix) -> Matrix:
+        """Return where a lens with distortion sees directions (…, 2), of a focal length of 1."""
+        k1, k2, p1, p2, k3 = self.lens.distortion.tolist()
+        beyond = np.maximum(np.linalg.norm(flat, axis=-1) / self.widest, 1.0)
+        x, y = np.moveaxis(flat / beyond[..., None], -1, 0)
+        r2 = x * x + y * y
+        radial = 1.0 + r2 * (k1 + r2 * (k2 + r2 * k3))
+        bent = [
+            x * radial + 2.0 * p1 * x * y + p2 * (r2 + 2.0 * x * x),
+            y * radial + p1 * (r2 + 2.0 * y * y) + 2.0 * p2 * x * y,
+        ]
+        return beyond[..., None] * np.stack(bent, axis=-1)
+
+    @cached_property
+    def _focal_px(self) -> Vector:
+        return np.diag(self.lens.matrix)[:2].copy()
+
+    @cached_property
+    def _centre_px(self) -> Vector:
+        return self.lens.matrix[:2, 2].copy()

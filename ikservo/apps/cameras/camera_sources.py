@@ -1,0 +1,39 @@
+"""Open a camera for single pictures: a real one, or that before a simulated arm."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from importlib.metadata import entry_points
+from typing import cast
+
+from ikservo.apps.cameras.board import Board
+from ikservo.apps.cameras.pictures import LiveCamera, PictureSource
+from ikservo.errors import InputError
+from ikservo.remedies import install_hint
+
+__all__ = ["SIMULATED_SOURCE", "open_source"]
+
+SIMULATED_SOURCE = "sim"
+_GROUP = "ikservo.cameras"
+
+
+def open_source(source: str, transport: object, board: Board) -> PictureSource:
+    """Open a camera.
+
+    Args:
+        source: Its number, device or address; ``sim`` for the one before a simulated arm.
+        transport: Of the arm's port.
+        board: What is before a simulated camera.
+
+    Raises:
+        InputError: OpenCV is not installed, or there is no such camera.
+    """
+    if source != SIMULATED_SOURCE:
+        return LiveCamera(source)
+    for point in entry_points(group=_GROUP, name=SIMULATED_SOURCE):
+        opener = cast("Callable[[object, object], PictureSource | None]", point.load())
+        camera = opener(transport, board.opencv())
+        if camera is not None:
+            camera.hint = "\n".join(filter(None, (camera.hint, install_hint(camera.hint))))
+            return camera
+    raise InputError("The simulated camera sees a simulated arm only.", "Add: --port sim")

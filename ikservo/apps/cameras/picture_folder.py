@@ -1,0 +1,161 @@
+"""A folder of pictures of a board and the joints that belong to each, to estimate again later."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any, Literal, cast
+
+import numpy as np
+from pydantic import Field, ValidationError
+
+from ikservo.apps.cameras.pictures import Picture
+from ikservo.calibration.calibration_file import dump_calibration, read_calibration
+from ikservo.calibration.records import Calibration, Name, Text
+from ikservo.errors import FileFormatError, InputError
+from ikservo.files.reading import MAX_BYTES, parse_toml, read_text
+from ikservo.files.validation import StrictModel, first_issue, validation_issues
+from ikservo.files.writing import strip_checksum, with_checksum, write_atomic
+from ikservo.kinematics.arrays import Vector
+
+__all__ = ["PictureFolder", "PictureIndex", "SavedPicture", "SavedPictures", "read_pictures"]
+
+_INDEX, _CALIBRATION = "pictures.toml", "calibration.toml"
+_HEADER = "# Pictures of a board on the gripper, and the joints of the arm; written by ikservo.\n"
+_MAX_PICTURE_BYTES = 100_000_000
+
+
+class SavedPicture(StrictModel):
+    """``[[pictures]]``: one picture, and the measured joints."""
+
+    file: Annotated[str, Field(pattern=r"^picture-[0-9]{3}\.png$")] = Field(
+        description="picture-001.png …"
+    )
+    joints_rad: tuple[float, ...] = Field(
+        strict=False, description="a number for each joint, rad or m"
+    )
+
+
+class PictureIndex(StrictModel):
+    """The whole file."""
+
+    format: Literal[1] = Field(default=1, description="1")
+    arm: Name = Field(description="an arm's name")
+    source: Text = Field(description="the camera: a number, device or address")
+    camera_name: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]{0,64}$")] = Field(
+        description="the camera's name, or nothing"
+    )
+    board: Text = Field(description="COLUMNSxROWS-SQUAREmm-FAMILY")
+    by_hand: bool = Field(description="true or false")
+    joints: tuple[Name, ...] = Field(strict=False, description="the joints' names")
+    pictures: tuple[SavedPicture, ...] = Field(
+        default=(), strict=False, max_length=1000, description="tables [[pictures]]"
+    )
+
+
+class PictureFolder:
+    """Keeps pictures in a new folder as they are taken, so that a failure loses none.
+
+    Args:
+        path: The folder.
+        index: What the pictures will show.
+        calibration: With which the joints are measured; None for a simulated arm.
+
+    Raises:
+        InputError: The folder has something in it.
+        FileWriteError: It cannot be written.
+    """
+
+    def __init__(self, path: Path, index: PictureIndex, calibration: Calibration | None) -> None:
+        self.require_new(path)
+        self._path, self._index = path, index
+        if calibration is not None:
+            write_atomic(path / _CALIBRATION, dump_calibration(calibration))
+        self._write_index()
+
+    @staticmethod
+    def require_new(path: Path) -> None:
+        """Refuse a folder that has something in it.
+
+        Raises:
+            InputError: It has, or it is a file.
+        """
+        if path.exists() and (not path.is_dir() or any(path.iterdir())):
+            raise InputError(f"{path} exists and is not empty.", "Name a new folder.")
+
+    def add(self, picture: Picture, q: Vector) -> None:
+        """Keep a picture and the joints (dof,), rad or m.
+
+        Raises:
+            FileWriteError: The disk is full or not writable; the pictures before are kept.
+        """
+        import cv2  # noqa: PLC0415  # of the extra `camera`
+
+        before = self._index.pictures
+        file = f"picture-{len(before) + 1:03}.png"
+        write_atomic(self._path / file, cv2.imencode(".png", picture)[1].tobytes())
+        saved = SavedPicture(file=file, joints_rad=tuple(q.tolist()))
+        self._index = self._index.model_copy(update={"pictures": (*before, saved)})
+        self._write_index()
+
+    def _write_index(self) -> None:
+        import tomli_w  # noqa: PLC0415  # needed for writing only
+
+        tables = self._index.model_dump(mode="python")
+        write_atomic(self._path / _INDEX, with_checksum(_HEADER + tomli_w.dumps(tables)))
+
+
+@dataclass(frozen=True, slots=True)
+class SavedPictures:
+    """A folder of pictures, as it was read.
+
+    Attributes:
+        folder: Where the pictures are.
+        index: What they show.
+        calibration: With which the joints were measured; None for a simulated arm.
+    """
+
+    folder: Path
+    index: PictureIndex
+    calibration: Calibration | None
+
+    def pictures(self) -> Iterator[tuple[Picture, Vector]]:
+        """Yield each picture with its joints (dof,), rad or m.
+
+        Raises:
+            FileFormatError: A picture is missing, too large or damaged.
+        """
+        import cv2  # noqa: PLC0415  # of the extra `camera`
+
+        for saved in self.index.pictures:
+            path = self.folder / saved.file
+            is_small = path.is_file() and path.stat().st_size <= _MAX_PICTURE_BYTES
+            read = cast("Any", cv2)  # missing in its stubs
+            picture = read.imread(str(path), read.IMREAD_UNCHANGED) if is_small else None
+            if picture is None:
+                raise FileFormatError(path, "", "is missing or damaged", "a picture, as saved")
+            yield np.asarray(picture, dtype=np.uint8), np.array(saved.joints_rad)
+
+
+def read_pictures(folder: Path, arm: str, joints: Sequence[str]) -> SavedPictures:
+    """Read a folder of pictures of an arm with these joints.
+
+    Raises:
+        FileFormatError: It has none, they are of another arm, or a file is damaged.
+    """
+    path = folder / _INDEX
+    tables = parse_toml(path, strip_checksum(path, read_text(path, MAX_BYTES)))
+    try:
+        index = PictureIndex.model_validate(tables)
+    except ValidationError as error:
+        raise first_issue(validation_issues(error, PictureIndex), path) from None
+    if index.arm != arm or index.joints != tuple(joints):
+        raise FileFormatError(path, "arm", f"is of {index.arm} with other joints", arm)
+    if any(len(saved.joints_rad) != len(joints) for saved in index.pictures):
+        raise FileFormatError(path, "pictures", "has too few or too many joints", f"{len(joints)}")
+    path = folder / _CALIBRATION
+    calibration = read_calibration(path) if path.exists() else None
+    if calibration is not None and calibration.arm != arm:
+        raise FileFormatError(path, "arm", f"is {calibration.arm}", arm)
+    return SavedPictures(folder, index, calibration)

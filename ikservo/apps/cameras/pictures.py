@@ -1,0 +1,301 @@
+"""Pictures of a board: where they come from, and what is seen in them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Protocol, cast
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ikservo.apps.cameras.board import Board, require_opencv
+from ikservo.apps.cameras.capture import open_capture, public_source
+from ikservo.apps.cameras.estimation import BoardSample, LensTerms
+from ikservo.errors import CalibrationError, InputError, PictureError
+from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.kinematics.se3 import exp_so3, make_pose, skew
+
+__all__ = ["BoardView", "Intrinsics", "LiveCamera", "Picture", "PictureSource", "board_pose",
+           "board_sample", "find_board", "guess_intrinsics", "is_mirrored",
+           "lens_terms"]  # fmt: skip
+
+Picture = NDArray[np.uint8]
+"""Grey (h, w) or colour (h, w, 3)."""
+
+_MIN_CORNERS = 8
+# A picture whose edges are less sharp, as the variance of its Laplacian over that of its grey.
+_MIN_SHARPNESS = 0.004
+_MAX_REPROJECTION_PX, _MAX_FIRST_PX = 2.0, 10.0  # of a lens that is known, and before that
+_LEAST_NOISE_PX = 0.05
+_STALE_PICTURES = 5  # that a driver may hold in its queue
+
+
+class PictureSource(Protocol):
+    """Takes pictures.
+
+    Attributes:
+        hint: What somebody who looks at them should know; empty for nothing.
+    """
+
+    hint: str
+
+    def take(self) -> Picture:
+        """Take a picture of what is before the camera now.
+
+        Raises:
+            PictureError: There is none.
+        """
+        ...
+
+
+class LiveCamera:
+    """A camera by its number, device or address.
+
+    Raises:
+        InputError: OpenCV is not installed, or there is no such camera.
+    """
+
+    def __init__(self, source: str) -> None:
+        require_opencv()
+        self.hint = ""
+        self._name, self._capture = public_source(source), open_capture(source)
+        is_file = "://" not in source and Path(source).is_file()
+        self._file = source if is_file else ""
+        if not self._capture.isOpened():
+            raise InputError(
+                f"There is no camera {self._name}.", "Is it plugged in, and not in use?"
+            )
+
+    def take(self) -> Picture:
+        """Take a picture; older ones that the driver holds are thrown away.
+
+        Raises:
+            PictureError: The camera gives none any more.
+        """
+        for _ in range(0 if self._file else _STALE_PICTURES):
+            self._capture.grab()
+        taken, picture = self._capture.read()
+        if self._file and not taken:  # a picture, or the end of a film: it is repeated
+            self._capture = open_capture(self._file)
+            taken, picture = self._capture.read()
+        if not taken:
+            raise PictureError(
+                f"Camera {self._name} gives no picture any more.", "Is it still plugged in?"
+            )
+        return np.asarray(picture, dtype=np.uint8)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Intrinsics:
+    """How a camera projects.
+
+    Attributes:
+        matrix: fx, fy, cx, cy as the matrix (3, 3), pixels.
+        distortion: k1, k2, p1, p2, k3 (5,), as OpenCV's.
+        size: Width and height of its pictures, pixels.
+    """
+
+    matrix: Matrix
+    distortion: Vector
+    size: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+    @classmethod
+    def of_numbers(cls, numbers: Vector, size: tuple[int, int]) -> Intrinsics:
+        """Return the lens of six numbers, as ``LensTerms`` has them."""
+        width, height = size
+        focal, ratio, right, down, k1, k2 = numbers.tolist()
+        fx = (1.0 + focal) * width
+        matrix = np.array([
+            [fx, 0.0, width * (0.5 + right)],
+            [0.0, fx * (1.0 + ratio), 0.5 * height + width * down],
+            [0.0, 0.0, 1.0],
+        ])  # fmt: skip
+        return cls(matrix, np.array([k1, k2, 0.0, 0.0, 0.0]), size)
+
+    @property
+    def numbers(self) -> Vector:
+        """The six numbers (6,) of ``LensTerms``."""
+        width, height = self.size
+        (fx, _, cx), (_, fy, cy) = self.matrix[:2].tolist()
+        k1, k2 = self.distortion[:2].tolist()
+        return np.array(
+            [fx / width - 1.0, fy / fx - 1.0, cx / width - 0.5, (cy - 0.5 * height) / width, k1, k2]
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BoardView:
+    """Corners of a board in a picture.
+
+    Attributes:
+        ids: Their numbers (k,).
+        pixels: Where they are (k, 2).
+        size: Width and height of the picture.
+    """
+
+    ids: NDArray[np.int64]
+    pixels: Matrix
+    size: tuple[int, int]
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+
+def is_mirrored(board: Board, picture: Picture) -> bool:
+    """Check whether the board is seen in the mirror image of a picture."""
+    return len(_detect(board, np.ascontiguousarray(picture[:, ::-1]))[1]) >= _MIN_CORNERS
+
+
+def find_board(board: Board, picture: Picture) -> BoardView:
+    """Find a board in a picture.
+
+    Raises:
+        PictureError: It is not there, or only a part of it, blurred, mirrored or another board;
+            says which.
+    """
+    import cv2  # noqa: PLC0415  # of the extra `camera`
+
+    grey = picture if picture.ndim == 2 else cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+    corners, ids, markers = _detect(board, grey)
+    if len(ids) >= _MIN_CORNERS:
+        return BoardView(ids, corners, (grey.shape[1], grey.shape[0]))
+    if is_mirrored(board, grey):
+        raise PictureError("The picture is mirrored.", "Switch that off in the camera.")
+    if markers and not len(ids):
+        raise PictureError(
+            f"There is too little of the board in the picture, or another one than {board.name}.",
+            "Name the board that you printed.",
+        )
+    contrast = float(grey.std())
+    sharpness = float(cv2.Laplacian(grey, cv2.CV_64F).var()) / max(contrast**2, 1.0)
+    if contrast > 5.0 and sharpness < _MIN_SHARPNESS:
+        raise PictureError("The picture is blurred.", "Focus the camera; more light helps.")
+    raise PictureError(f"The board {board.name} is not seen.",
+                       "Is it in front of the camera, flat and lit?")  # fmt: skip
+
+
+def guess_intrinsics(board: Board, views: Sequence[BoardView]) -> Intrinsics:
+    """Estimate the focal length alone, from views of a board: where an estimate of all begins.
+
+    Raises:
+        CalibrationError: The views do not suffice.
+    """
+    import cv2  # noqa: PLC0415  # of the extra `camera`
+
+    cv = cast("Any", cv2)  # not all of it is in its stubs
+    if not views:
+        raise CalibrationError(f"The board {board.name} is in no picture.", "Take some with it.")
+    points = [board.corners_m()[view.ids].astype(np.float32) for view in views]
+    pixels = [view.pixels.astype(np.float32) for view in views]
+    size = views[0].size
+    start = Intrinsics.of_numbers(np.zeros(6), size).matrix.copy()
+    flags = (
+        cv.CALIB_USE_INTRINSIC_GUESS
+        | cv.CALIB_FIX_PRINCIPAL_POINT
+        | cv.CALIB_FIX_ASPECT_RATIO
+        | cv.CALIB_ZERO_TANGENT_DIST
+        | cv.CALIB_FIX_K1
+        | cv.CALIB_FIX_K2
+        | cv.CALIB_FIX_K3
+    )
+    try:
+        rms, matrix, _, _, _ = cv.calibrateCamera(
+            points, pixels, size, start, np.zeros(5), flags=flags
+        )
+    except cv2.error:
+        rms, matrix = np.inf, start
+    if not rms < _MAX_FIRST_PX or not 0.2 < matrix[0, 0] / size[0] < 10.0:
+        raise CalibrationError(
+            "The pictures do not say how the camera projects.",
+            "Show the board near and far, and tilted, all over the picture.",
+        )
+    return Intrinsics(np.asarray(matrix), np.zeros(5), size)
+
+
+def board_sample(
+    board: Board, view: BoardView, intrinsics: Intrinsics, q: Vector, name: str
+) -> BoardSample:
+    """Return what a view says of the arm at measured joints (dof,), and of the lens.
+
+    Raises:
+        CalibrationError: The corners fit no pose.
+    """
+    T = board_pose(board, view, intrinsics)
+    return BoardSample(q, T, name, lens_terms(intrinsics, T, board.corners_m()[view.ids], view))
+
+
+def lens_terms(
+    intrinsics: Intrinsics, T: Matrix, corners_m: Matrix, view: BoardView | None = None
+) -> LensTerms:
+    """Compute what corners (k, 3) of a board at a pose (4, 4) say of the lens.
+
+    Args:
+        intrinsics: Near which.
+        T: The pose in the camera.
+        corners_m: In the board.
+        view: Where they were seen; exactly where they are expected if None.
+    """
+    import cv2  # noqa: PLC0415  # of the extra `camera`
+
+    from_origin = corners_m @ T[:3, :3].T
+    project = cast("Any", cv2).projectPoints  # missing in its stubs
+    projected, slopes = project(
+        from_origin + T[:3, 3], np.zeros(3), np.zeros(3), intrinsics.matrix, intrinsics.distortion
+    )
+    projected, slopes = np.asarray(projected, float), np.asarray(slopes, float)
+    width, (fx, fy) = intrinsics.size[0], np.diag(intrinsics.matrix)[:2]
+    by_point = slopes[:, 3:6].reshape(-1, 2, 3)
+    by_pose = np.concatenate(
+        [by_point, -by_point @ np.array([skew(point) for point in from_origin])], axis=2
+    ).reshape(-1, 6)
+    by_fx, by_fy, by_cx, by_cy, by_k1, by_k2 = slopes[:, 6:12].T
+    by_lens = np.stack(
+        [width * (by_fx + fy / fx * by_fy), fx * by_fy, width * by_cx, width * by_cy, by_k1, by_k2],
+        axis=1,
+    )
+    moved = -np.linalg.lstsq(by_pose, by_lens, rcond=None)[0]
+    error = (projected[:, 0] - (projected[:, 0] if view is None else view.pixels)).ravel()
+    spread = max(float(error @ error) / (len(error) - 6), _LEAST_NOISE_PX**2)
+    left = by_lens + by_pose @ moved
+    noise = spread * np.linalg.inv(by_pose.T @ by_pose)
+    slope, information = left.T @ error / spread, left.T @ left / spread
+    return LensTerms(intrinsics.numbers, moved, slope, information, noise)
+
+
+def board_pose(board: Board, view: BoardView, intrinsics: Intrinsics) -> Matrix:
+    """Compute the pose (4, 4) of the board in the camera.
+
+    Of the two poses that a flat board may have, that with the smaller error.
+
+    Raises:
+        PictureError: The corners fit none.
+    """
+    import cv2  # noqa: PLC0415  # of the extra `camera`
+
+    points = board.corners_m()[view.ids]
+    count, turns, places, errors = cv2.solvePnPGeneric(
+        points, view.pixels, intrinsics.matrix, intrinsics.distortion, flags=cv2.SOLVEPNP_IPPE
+    )
+    if not count or not float(np.ravel(errors)[0]) < _MAX_REPROJECTION_PX:
+        raise PictureError("The board is bent, or badly seen.", "Glue it on something flat.")
+    turn, at = cv2.solvePnPRefineLM(
+        points, view.pixels, intrinsics.matrix, intrinsics.distortion, turns[0], places[0]
+    )
+    return make_pose(np.ravel(at), exp_so3(np.ravel(turn)))
+
+
+def _detect(board: Board, grey: Picture) -> tuple[Matrix, NDArray[np.int64], int]:
+    """Return the corners (k, 2), their numbers (k,), and how many markers are seen."""
+    import cv2  # noqa: PLC0415  # of the extra `camera`
+
+    corners, ids, _, markers = cv2.aruco.CharucoDetector(board.opencv()).detectBoard(grey)
+    seen = 0 if markers is None else len(markers)
+    if ids is None or corners is None:
+        return np.zeros((0, 2)), np.zeros(0, dtype=np.int64), seen
+    found = np.asarray(corners, dtype=np.float64).reshape(-1, 2)
+    return found, np.asarray(ids, dtype=np.int64).ravel(), seen

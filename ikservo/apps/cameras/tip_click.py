@@ -1,0 +1,333 @@
+"""The zero of the last joint by clicks: where the tip is in the picture of a known camera.
+
+A board on the gripper does not tell that zero from how it was fixed; the tip itself does. The zero
+moves the tip along an arc in the picture, of which the point nearest to the click is taken. Clicks
+are kept with the camera, and their mean counts: a click's own error averages out, the camera's does
+not.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ikservo.apps.calibrating.touch_off import shift_zeros
+from ikservo.apps.cameras.arm_camera import known_camera
+from ikservo.apps.cameras.camera_calibration import ArmBefore, chain_maps, seen_board
+from ikservo.apps.cameras.camera_check import stored_pose
+from ikservo.apps.cameras.camera_model import CameraModel
+from ikservo.arm.arm import Arm
+from ikservo.calibration.calibration_file import save_calibration
+from ikservo.calibration.records import CalibratedCamera, Calibration, TipClick
+from ikservo.errors import CalibrationError
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.chain import Chain
+from ikservo.kinematics.joints import JointType
+from ikservo.kinematics.rays import Ray
+
+__all__ = ["TipZero", "find_tip_zero", "save_tip_zero"]
+
+_MOST_RAD, _STEP_RAD = math.radians(10.0), math.radians(0.05)  # of zeros that are set by eye
+_LEAST_PX = 1.0  # by which a degree has to move the tip in the picture
+_CLICK_PX = 1.5  # standard error of a careful click, each way
+_DOUBTFUL = 4.0  # standard errors between a click and the mean of the others
+_ENOUGH, _KNOWN_MM = 3, 0.5  # clicks, of which one may be wrong; and how well the tip is known then
+_OFF_MM = 3.0  # by which a good click is beside the arc, besides what the camera is wrong
+_POSTURES, _APART_RAD = 37, math.radians(20.0)  # of each joint, for the next click; from here
+_EDGE_PX = 30.0  # beside which that one is expected
+_REST_S, _REST_RAD = 0.3, math.radians(0.1)
+_SAME_TICK = 0.01
+
+
+@dataclass(frozen=True, slots=True)
+class TipZero:
+    """What clicks on the tip say.
+
+    Attributes:
+        joint: The last one.
+        shift_rad: By how much it is further than it measured.
+        off_m: How far the last click is from the tip then, across the line of sight.
+        px_per_deg: By how many pixels a degree of the joint moves the tip there.
+        others_deg: By how much each click, the last ones last, says that it is further still.
+        counts: Which of these count: one that is too far from two or more others does not.
+        are_apart: Whether there are two, too far apart for their errors.
+        error_deg: The standard error of the zero.
+        error_m: By which the tip is then uncertain.
+        advice: Where to click next; empty where that is not worth it.
+        before: The calibration by which it was found.
+        calibration: The same with that zero, and the clicks.
+    """
+
+    joint: str
+    shift_rad: float
+    off_m: float
+    px_per_deg: float
+    others_deg: tuple[float, ...]
+    counts: tuple[bool, ...]
+    are_apart: bool
+    error_deg: float
+    error_m: float
+    advice: str
+    before: Calibration
+    calibration: Calibration
+
+    def __str__(self) -> str:
+        count, clicks = sum(self.counts), len(self.counts)
+        of = "1 click" if clicks == 1 else f"{count} of {clicks} clicks"
+        said = [
+            f"{self.joint} is {math.degrees(self.shift_rad):+.2f}° from where it measured, by "
+            f"{of}; standard error {self.error_deg:.2f}°, {1000.0 * self.error_m:.1f}"
+            f" mm at the tip. The tip is then {1000.0 * self.off_m:.1f} mm beside the click."
+        ]
+        said += [
+            f"Click {i} says {by:+.1f}° besides, more than clicks err: it does not count."
+            for i, (by, does) in enumerate(zip(self.others_deg, self.counts, strict=True), start=1)
+            if not does
+        ]
+        if self.are_apart:
+            said.append("The two that count are further apart than clicks err: click again.")
+        elif 2 * count <= clicks:
+            said.append(
+                "No more clicks count than do not; those may be the good ones: click again."
+            )
+        return " ".join(said)
+
+
+def find_tip_zero(
+    arm: Arm,
+    pixels: Sequence[tuple[float, float]],
+    written: datetime,
+    name: str = "",
+    joints: Vector | None = None,
+) -> TipZero:
+    """Find the zero of the last joint with which the tip is where it was clicked; nothing is saved.
+
+    Clicks that the calibration has kept, of all its cameras, count as well.
+
+    Args:
+        arm: The arm before the camera, at rest.
+        pixels: Where the tip was clicked (u, v), once or more often.
+        written: The time of the calibration with that zero.
+        name: Of the camera; see ``known_camera``.
+        joints: All joints (n,) of the resting arm; measured if None.
+
+    Raises:
+        BadValueError: A pixel is not in the picture.
+        CalibrationError: The arm has no such calibrated camera, it has moved, the calibration has
+            determined that zero or has changed since the arm was opened, the picture shows too
+            little of it, the arm moves, or no plausible zero explains a click.
+    """
+    camera, _, name = known_camera(arm.context, name)
+    model, chain = arm.camera.named(name).model(), arm.chain
+    joint, rays = chain.names[-1], [model.ray(*pixel) for pixel in pixels]
+    calibration = ArmBefore.of(arm).calibration
+    if calibration is None:
+        raise CalibrationError("A simulated arm's zeros are right; none is set by a click.")
+    if camera.tip_shows != joint:
+        raise CalibrationError(
+            f"The zero of {joint} is not left to a click on the tip.",
+            "The pictures of the board have shown it, or it hardly moves the tip.",
+        )
+    _require_same(arm, calibration)
+    joints = _resting_joints(arm) if joints is None else joints
+    q, last = arm.joint_index.chain_joints(joints), np.eye(chain.dof)[-1]
+    found = [_read_click(arm, model, camera, ray, joints) for ray in rays]
+    cameras = calibration.cameras_by_name
+    old = [click for each in cameras.values() for click in each.tip_clicks]
+    clicks = [*old, *(click for click, _ in found)]
+    mean_deg, error_deg, counts, are_apart = _mean(clicks)
+    moved = q + math.radians(mean_deg) * last
+    tip_m, then_m = chain.forward(np.array([moved, moved + math.radians(1.0) * last]))[:, :3, 3]
+    error_mm = 1000.0 * error_deg * float(np.linalg.norm(then_m - tip_m))
+    is_known = counts.sum() >= _ENOUGH and error_mm < max(_KNOWN_MM, 2.0 * camera.after_mm)
+    kept = (*camera.tip_clicks, *clicks[len(old) :])
+    cameras[name] = camera.model_copy(update={"tip_clicks": kept})
+    return TipZero(
+        joint,
+        math.radians(mean_deg),
+        float(np.linalg.norm(np.cross(tip_m - rays[-1].origin_m, rays[-1].direction))),
+        found[-1][1],
+        tuple(click.off_deg - mean_deg for click in clicks),
+        tuple(counts.tolist()),
+        are_apart,
+        error_deg,
+        error_mm / 1000.0,
+        "" if is_known else f"More make it surer. {_next_posture(arm, model, joints)}".rstrip(),
+        calibration,
+        _with_last_zero(arm, calibration.with_cameras(cameras), q, moved, written),
+    )
+
+
+def save_tip_zero(arm: Arm, found: TipZero) -> Path:
+    """Save a zero, and return the file; ``undo_calibration`` takes it back.
+
+    Raises:
+        CalibrationError: The calibration has changed since the click.
+        FileWriteError: It cannot be saved.
+    """
+    if ArmBefore.of(arm).calibration != found.before:
+        raise CalibrationError(
+            "The calibration has changed since the click.", "Open the arm again, and click."
+        )
+    return save_calibration(found.calibration)
+
+
+def _read_click(
+    arm: Arm, model: CameraModel, camera: CalibratedCamera, ray: Ray, joints: Vector
+) -> tuple[TipClick, float]:
+    """Return what a click says, and by how many pixels a degree of the last joint moves the tip.
+
+    Raises:
+        CalibrationError: It says nothing, or nothing plausible.
+    """
+    chain, q = arm.chain, arm.joint_index.chain_joints(joints)
+    steps = np.arange(-_MOST_RAD, _MOST_RAD, _STEP_RAD)
+    tried = q + steps[:, None] * np.eye(chain.dof)[-1]
+    tips_m = chain.forward(tried)[:, :3, 3]
+    off_m = np.linalg.norm(np.cross(tips_m - ray.origin_m, ray.direction), axis=1)
+    best = int(np.argmin(off_m))
+    hint = "Click where the tip is, between the fingertips, in a picture of the arm as it stands."
+    beside_mm = 1000.0 * float(off_m[best])
+    if beside_mm > _OFF_MM + 2.0 * camera.after_mm:
+        raise CalibrationError(
+            f"The click is {beside_mm:.0f} mm from every place where the tip can be.", hint
+        )
+    px_per_deg = float(_px_per_deg(model, chain, tried[best : best + 1])[0])
+    if px_per_deg < _LEAST_PX:
+        raise CalibrationError(
+            f"Each degree of {chain.names[-1]} moves the tip by {px_per_deg:.1f} pixels in this "
+            "picture: too little.",
+            _next_posture(arm, model, joints)
+            or "Calibrate with a camera that sees the arm from its side.",
+        )
+    if best in (0, len(steps) - 1):
+        most_deg = math.degrees(_MOST_RAD)
+        raise CalibrationError(
+            f"By this click the zero of {chain.names[-1]} would be off by {most_deg:.0f}° or more.",
+            hint,
+        )
+    px_per_mm = float(model.lens.matrix[0, 0] / model.project(tips_m[best])[1]) / 1000.0
+    click = TipClick(
+        off_deg=math.degrees(steps[best]),
+        click_deg=_CLICK_PX / px_per_deg,
+        camera_deg=camera.after_mm * px_per_mm / px_per_deg,
+    )
+    return click, px_per_deg
+
+
+def _mean(clicks: Sequence[TipClick]) -> tuple[float, float, NDArray[np.bool_], bool]:
+    """Return the mean of clicks, its standard error [deg], which (n,) count, and if two disagree.
+
+    Where clicks scatter more than they should, they err more than was assumed.
+    """
+    off, click, camera = np.array([tuple(each.model_dump().values()) for each in clicks]).T
+    counts = np.ones(len(clicks), dtype=bool)
+    while True:
+        weight = counts / (click**2 + camera**2)
+        total, others = weight.sum(), np.maximum(weight.sum() - weight, 1e-12)
+        mean_deg = float(weight @ off / total)
+        doubt = np.abs(off - mean_deg) * np.sqrt(weight * total / others)  # by the others' mean
+        is_doubtful = bool(doubt.max() > _DOUBTFUL)
+        if not is_doubtful or counts.sum() == 2:
+            scatter = weight @ (off - mean_deg) ** 2 / max(counts.sum() - 1, 1)
+            own = math.sqrt(max(1.0, scatter)) * np.linalg.norm(weight * click)
+            error_deg = math.hypot(own, weight @ camera) / total
+            return mean_deg, float(error_deg), counts, is_doubtful
+        counts[np.argmax(doubt)] = False
+
+
+def _resting_joints(arm: Arm) -> Vector:
+    """Return all measured joints (n,) of an arm whose chain is at rest.
+
+    Raises:
+        CalibrationError: It moves.
+    """
+    before, clock = arm.where(), arm.clock
+    clock.sleep_until(clock.now_s() + _REST_S)
+    after = arm.where()
+    if any(
+        abs(after[name].position_rad - before[name].position_rad) > _REST_RAD
+        for name in arm.chain.names
+    ):
+        raise CalibrationError("The arm moves.", "Click once it rests.")
+    return np.array([after[name].position_rad for name in arm.joint_index.names])
+
+
+def _require_same(arm: Arm, calibration: Calibration) -> None:
+    """Check that the arm's joints are measured with the zeros of a calibration.
+
+    Raises:
+        CalibrationError: They are not.
+    """
+    present = {each.joint: each.joint_map for each in arm.context.servos.driven_joints}
+    for own in chain_maps(arm.model, calibration):
+        turn_ticks = math.tau / own.horn_rad_per_tick
+        apart = math.remainder(own.zero_tick - present[own.joint].zero_tick, turn_ticks)
+        if abs(apart) > _SAME_TICK:
+            raise CalibrationError(
+                "The calibration has changed since the arm was opened.", "Open the arm again."
+            )
+
+
+def _px_per_deg(model: CameraModel, chain: Chain, q: Matrix, edge_px: float = 0.0) -> Vector:
+    """Compute by how many pixels (n,) a degree of the last joint moves the tip at joints (n, dof).
+
+    Where the tip is not before the camera, or nearer to the picture's edge, that is 0.
+    """
+    (px, depth_m), (then, _) = (
+        model.project(chain.forward(each)[:, :3, 3])
+        for each in (q, q + math.radians(1.0) * np.eye(chain.dof)[-1])
+    )
+    inside = np.minimum(px, model.lens.size - px).min(axis=1) > edge_px
+    return np.where(inside & (depth_m > 0.0), np.linalg.norm(then - px, axis=1), 0.0)
+
+
+def _next_posture(arm: Arm, model: CameraModel, joints: Vector) -> str:
+    """Return which joint to move, from all joints (n,), where the picture shows the zero best.
+
+    Nearer to the camera, and with the fingers along or across its line of sight, a click errs by
+    fewer degrees; in another posture the camera errs otherwise. Empty where no joint does.
+    """
+    chain, index, checker = arm.chain, arm.joint_index, arm.context.checked_collision
+    low, high = (np.clip(each, -math.pi, math.pi) for each in arm.context.limits())
+    kinds = zip(index.chain, chain.kinds, strict=True)
+    turning = [i for i, kind in kinds if kind is JointType.REVOLUTE]
+    tried = np.tile(joints, (len(turning), _POSTURES, 1))
+    for row, i in zip(tried, turning, strict=True):
+        row[:, i] = np.linspace(low[i], high[i], _POSTURES)
+    tried = tried[np.abs(tried - joints).max(axis=2) > _APART_RAD]
+    if checker is not None:
+        tried = tried[checker.collision_free(index.body_joints(tried))]
+    shown = _px_per_deg(model, chain, index.chain_joints(tried), _EDGE_PX)
+    if shown.max(initial=0.0) < _LEAST_PX:
+        return ""
+    best = tried[np.argmax(shown)]
+    i = int(np.argmax(np.abs(best - joints)))
+    return f"Move {index.names[i]} to {math.degrees(best[i]):.0f}° and click again."
+
+
+def _with_last_zero(
+    arm: Arm, calibration: Calibration, q: Vector, moved: Vector, written: datetime
+) -> Calibration:
+    """Return a calibration with which joints (dof,) measure moved, and what is on the tip stays."""
+    joints = shift_zeros(calibration.joints, chain_maps(arm.model, calibration), moved - q)
+    T_moved_tip = np.linalg.inv(arm.chain.forward(moved)) @ arm.chain.forward(q)
+    cameras: dict[str, CalibratedCamera] = {}
+    shift_deg = math.degrees(moved[-1] - q[-1])
+    for name, camera in calibration.cameras_by_name.items():
+        board = camera.board
+        if board is not None:
+            board = seen_board(board.name, T_moved_tip @ stored_pose(board), board.scale)
+        clicks = tuple(
+            click.model_copy(update={"off_deg": click.off_deg - shift_deg})
+            for click in camera.tip_clicks
+        )
+        cameras[name] = camera.model_copy(update={"board": board, "tip_clicks": clicks})
+    changed = calibration.model_copy(update={"joints": joints, "written": written})
+    return changed.with_cameras(cameras)

@@ -1,0 +1,321 @@
+"""From a foreign tree to one draft for each arm in it."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Generator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from ikservo.apps.importing.description_sources import Description
+from ikservo.apps.importing.draft import (
+    ArmDraft,
+    DraftJoint,
+    DraftServo,
+    format_range,
+    guessed_m_per_turn,
+)
+from ikservo.apps.importing.shapes import MeshStep, ShapeConversion, convert_shapes
+from ikservo.apps.importing.tree import (
+    Structure,
+    below,
+    find_structures,
+    fix_joints,
+    lump_base,
+    rename_joints,
+)
+from ikservo.errors import BadValueError, InputError, UnknownNameError
+from ikservo.kinematics.dynamics import Dynamics
+from ikservo.kinematics.se3 import make_pose, rotation_rpy
+from ikservo.model.base_placement import parse_frame, turn_base
+from ikservo.model.link_masses import link_masses
+from ikservo.model.load_lag import can_lift, spread_postures
+from ikservo.model.model import Model
+from ikservo.model.model_loading import build_chain
+from ikservo.model.servo_torque import find_servo_torque
+from ikservo.model.urdf_types import Urdf, UrdfJoint, UrdfJointType
+from ikservo.registers import control_table
+
+__all__ = ["ImportOptions", "build_drafts"]
+
+_LIFTERS = (("STS3215", 7.4), ("STS3215", 12.0), ("STS3250", None), ("XM540-W270", None))
+"""Servos that are assumed, the weakest first."""
+_MAX_SLIDE_M = 1.0  # of a slide whose description has no limits
+_MIN_FLOOR_M = -0.003
+
+
+@dataclass(frozen=True, slots=True)
+class ImportOptions:
+    """What the user decided; what is missing is found and noted.
+
+    Attributes:
+        base: The link from which on the tree is used.
+        tips: The links of the tools; one arm is made for each.
+        gripper: The joint of the jaws; empty for none.
+        base_frame: How the base frame is turned and shifted, in words.
+        limits: Ranges by joint, degrees or millimetres.
+        servos: Servos by joint.
+        servo_model: The model of servos that are not named.
+        m_per_turn: Metres for a turn of the servo, by sliding joint.
+        baud: Bits a second; 0 for the usual rate of the family.
+    """
+
+    base: str | None = None
+    tips: tuple[str, ...] = ()
+    gripper: str | None = None
+    base_frame: str | None = None
+    limits: Mapping[str, tuple[float, float]] = field(
+        default_factory=dict[str, tuple[float, float]]
+    )
+    servos: Mapping[str, tuple[DraftServo, ...]] = field(
+        default_factory=dict[str, tuple[DraftServo, ...]]
+    )
+    servo_model: str | None = None
+    m_per_turn: Mapping[str, float] = field(default_factory=dict[str, float])
+    baud: int = 0
+
+
+def build_drafts(
+    description: Description, name: str, options: ImportOptions
+) -> Generator[MeshStep, object, list[ArmDraft]]:
+    """Build a draft of each arm of a description, without poses; yields before each mesh.
+
+    Args:
+        description: The tree.
+        name: The name of the arm; several get the names of their tips behind it.
+        options: What the user decided.
+
+    Raises:
+        UnknownNameError: A link, joint or servo model that there is not.
+        InputError: There is no arm, or several and no tip was chosen.
+    """
+    urdf, decisions, dropped = description.urdf, list[str](), list(description.notes)
+    if options.base:
+        urdf, left_out = below(urdf, options.base)
+        decisions.append(f"The base is the link {options.base}; left out: {_listed(left_out)}.")
+    urdf, renamed = rename_joints(urdf)
+    decisions += [f"Joint {old} is called {new}." for old, new in renamed.items()]
+    if options.base_frame:
+        urdf = turn_base(urdf, parse_frame(options.base_frame))
+        decisions.append(f"The base of the description is placed so: {options.base_frame}.")
+    decisions += [f"Package {each} is {folder}."
+                  for each, folder in description.packages.used.items()]  # fmt: skip
+    structures = find_structures(urdf, options.tips, options.gripper)
+    joints = [name for each in structures for name in (*each.joints, each.gripper) if name]
+    _check_names(options, urdf, joints)
+    shapes = yield from convert_shapes(urdf)
+    dropped += shapes.notes
+    drafts: list[ArmDraft] = []
+    taken_ids = {servo.id for servos in options.servos.values() for servo in servos}
+    for structure in structures:
+        taken = {joint.name for draft in drafts for joint in draft.joints}
+        draft = ArmDraft(
+            name if len(structures) == 1 else f"{name}_{structure.tip}",
+            description.path.name,
+            shapes.urdf,
+            structure.tip,
+            pictures=shapes.pictures,
+            fits=shapes.fits,
+            decisions=list(decisions),
+            dropped=list(dropped),
+        )
+        _shape_draft(draft, structure, options, shapes, taken, taken_ids)
+        drafts.append(draft)
+    return drafts
+
+
+def _listed(names: Sequence[str]) -> str:
+    return ", ".join(names) or "nothing"
+
+
+def _check_names(options: ImportOptions, urdf: Urdf, driven: Sequence[str]) -> None:
+    for name in (*options.limits, *options.servos, *options.m_per_turn):
+        if name not in driven:
+            raise UnknownNameError("joint", name, driven)
+    slides = {joint.name for joint in urdf.joints if joint.kind is UrdfJointType.PRISMATIC}
+    for name in options.m_per_turn:
+        if name not in slides:
+            raise InputError(f"{name} turns.", "--m-per-turn is for joints that slide.")
+    models = [servo.model for servos in options.servos.values() for servo in servos if servo.model]
+    for model in (*models, *([options.servo_model] if options.servo_model else [])):
+        control_table(model)
+
+
+def _shape_draft(
+    draft: ArmDraft,
+    structure: Structure,
+    options: ImportOptions,
+    shapes: ShapeConversion,
+    taken: set[str],
+    taken_ids: set[int],
+) -> None:
+    """Give a draft its joints, servos, limits and table."""
+    note = draft.decisions.append
+    own = [name for name in (*structure.joints, structure.gripper) if name and name not in taken]
+    shared = [name for name in structure.joints if name in taken]
+    urdf, fixed = fix_joints(draft.urdf, own)
+    if shared:
+        note(f"{_listed(shared)}: the first arm drives it; here it is fixed.")
+    others = [name for name in fixed if name not in shared]
+    if others:
+        note(f"Fixed, because the tip does not need them: {_listed(others)}.")
+    urdf = replace(
+        urdf,
+        name=draft.name,
+        joints=tuple(
+            _limited(joint, options, note) if joint.name in own else joint for joint in urdf.joints
+        ),
+    )
+    urdf = replace(urdf, joints=tuple(_limited_as_leader(each, urdf) for each in urdf.joints))
+    low_m = _lowest_m(urdf, shapes)
+    if low_m < _MIN_FLOOR_M:
+        draft.floor_m = low_m
+        note(f"The table is at z = {1000 * low_m:.0f} mm, below the base.")
+    draft.urdf = lump_base(urdf)
+    others = f"; others: {_listed(structure.other_tips)}" if structure.other_tips else ""
+    note(f"The tip is the link {draft.tip}{others}.")
+    note(f"The jaws are moved by {structure.gripper}." if structure.gripper else "No gripper.")
+    model, why = _servo_model(draft, options)
+    if not options.servos:
+        note(f"The servos are {model}{why}, and have ids from base to tip.")
+    weightless = _weightless(draft.urdf)
+    if weightless:
+        note(f"No mass is given for {_listed(weightless)}: servos and the rest pose are found as "
+             "if they weighed nothing.")  # fmt: skip
+    for name in own:
+        body = draft.joint(name)
+        servos = _servos_of(name, model, options, taken_ids)
+        slide = options.m_per_turn.get(name)
+        if body.kind is UrdfJointType.PRISMATIC and slide is None:
+            slide = guessed_m_per_turn(body)
+            note(f"{name} slides; assumed is that a turn of its servo moves it by "
+                 f"{1000 * slide:.1f} mm (--m-per-turn {name}=METRES).")  # fmt: skip
+        draft.joints = (*draft.joints, DraftJoint(name, name == structure.gripper, servos, slide))
+    draft.baud = options.baud
+
+
+def _weightless(urdf: Urdf) -> list[str]:
+    """Return the links that move and have a shape but no mass; empty where none has a mass."""
+    if not any(link.mass_kg > 0.0 for link in urdf.links):
+        return []
+    return [
+        link.name
+        for link in urdf.links
+        if link.name != urdf.root and link.collisions and link.mass_kg <= 0.0
+    ]
+
+
+def _servos_of(
+    name: str, model: str, options: ImportOptions, taken_ids: set[int]
+) -> tuple[DraftServo, ...]:
+    """Return the servos of a joint: those of the user, or one with the next id."""
+    given = options.servos.get(name)
+    if given:
+        return tuple(replace(servo, model=servo.model or model) for servo in given)
+    servo_id = next(i for i in range(1, 253) if i not in taken_ids)
+    taken_ids.add(servo_id)
+    return (DraftServo(servo_id, model),)
+
+
+def _limited(joint: UrdfJoint, options: ImportOptions, say: Callable[[str], None]) -> UrdfJoint:
+    """Give a joint the limits of the user, or limits that a servo has where it has none."""
+    slides = joint.kind is UrdfJointType.PRISMATIC
+    if joint.name in options.limits:
+        given, unit = options.limits[joint.name], "mm" if slides else "°"
+        low, high = (value * (0.001 if slides else math.pi / 180.0) for value in given)
+        if not low < high:
+            found = f"{given[0]:g} to {given[1]:g} {unit}"
+            raise BadValueError(f"The range of {joint.name}", found, "low < high")
+    elif joint.kind is UrdfJointType.CONTINUOUS:
+        low, high = -math.pi, math.pi
+        say(f"{joint.name} has no limits in the description: ±180°, half a turn of a servo each "
+            f"way (--limits {joint.name}=LOW:HIGH).")  # fmt: skip
+    elif not slides and joint.upper - joint.lower > math.tau + 1e-3:
+        low, high = max(joint.lower, -math.pi), min(joint.upper, math.pi)
+        say(f"{joint.name} could do more than a turn ({format_range(joint)}): ±180°.")
+    elif slides and joint.upper - joint.lower > _MAX_SLIDE_M:
+        low = min(max(joint.lower, 0.0), joint.upper - _MAX_SLIDE_M)
+        high, bounded = low + _MAX_SLIDE_M, math.isfinite(joint.upper - joint.lower)
+        how_far = format_range(joint) if bounded else "without limits"
+        say(f"{joint.name} slides {how_far}: {1000 * low:.0f} to {1000 * high:.0f} mm are used "
+            f"(--limits {joint.name}=LOW:HIGH).")  # fmt: skip
+    else:
+        return joint
+    kind = joint.kind if slides else UrdfJointType.REVOLUTE
+    return replace(joint, kind=kind, lower=low, upper=high)
+
+
+def _limited_as_leader(joint: UrdfJoint, urdf: Urdf) -> UrdfJoint:
+    """Give a slide that follows a joint, and has no limits, those that it then keeps to."""
+    mimic, is_slide = joint.mimic, joint.kind is UrdfJointType.PRISMATIC
+    if mimic is None or not is_slide or math.isfinite(joint.upper - joint.lower):
+        return joint
+    leader = next(each for each in urdf.joints if each.name == mimic.joint)
+    low, high = sorted(mimic.multiplier * x + mimic.offset for x in (leader.lower, leader.upper))
+    return replace(joint, lower=low, upper=high)
+
+
+def _lowest_m(urdf: Urdf, shapes: ShapeConversion) -> float:
+    """Return the lowest point of what stands on the table, in the base frame; 0 if nothing does."""
+    poses, lowest_m = {urdf.root: np.eye(4)}, list[float]()
+    for _ in urdf.joints:  # at worst one step deeper each time
+        for joint in urdf.joints:
+            if joint.parent in poses and joint.child not in poses and not joint.kind.is_movable:
+                T = make_pose(joint.xyz_m, rotation_rpy(*joint.rpy_rad))
+                poses[joint.child] = poses[joint.parent] @ T
+    for link, T in poses.items():
+        points = shapes.corners_m.get(link)
+        if points is not None:
+            lowest_m.append(float((points @ T[2, :3]).min() + T[2, 3]))
+    return min(lowest_m, default=0.0)
+
+
+def _servo_model(draft: ArmDraft, options: ImportOptions) -> tuple[str, str]:
+    """Return the model of the servos, and why; leaves out masses that none could lift."""
+    loads = _loads_nm(draft, options)
+    choices = [(options.servo_model, None)] if options.servo_model else [*_LIFTERS]
+    for model, supply_v in choices:
+        torque = find_servo_torque(model, supply_v)
+        draft.supply_v = supply_v
+        if torque and all(can_lift(torque, load) for load in loads.values()):
+            lifting = (
+                "the weakest that lift the arm"
+                if loads
+                else "assumed because the arm has no masses"
+            )
+            volts = f" at {supply_v:g} V" if supply_v else ""
+            return model, f"{volts}, {'as chosen' if options.servo_model else lifting}"
+    if options.servo_model or options.servos:
+        return choices[0][0], ", as chosen; by the masses of the description it cannot lift the arm"
+    name, load = max(loads.items(), key=lambda each: each[1])
+    draft.urdf = replace(
+        draft.urdf,
+        links=tuple(replace(link, mass_kg=0.0) for link in draft.urdf.links),
+    )
+    draft.dropped.append(
+        f"The masses: {name} would have to lift {load:.0f} N m, and no servo of the catalogue "
+        "does. The simulated arm weighs nothing; real servos could not carry it."
+    )
+    return _LIFTERS[-1][0], ", the strongest, because none could lift the arm"
+
+
+def _loads_nm(draft: ArmDraft, options: ImportOptions) -> dict[str, float]:
+    """Return the weight at each servo in its heaviest posture; empty without masses."""
+    chain = build_chain(draft.urdf, draft.tip)
+    model = Model.from_geometry(draft.name, draft.name, chain, draft.urdf, Path())
+    masses = link_masses(model, chain)
+    if not masses:
+        return {}
+    body = Dynamics.from_masses(chain, masses)
+    heaviest = np.abs(body.gravity_torques(spread_postures(chain))).max(axis=0)
+    per_horn_rad = {
+        joint.name: (options.m_per_turn.get(joint.name) or guessed_m_per_turn(joint)) / math.tau
+        for joint in draft.urdf.joints
+        if joint.kind is UrdfJointType.PRISMATIC
+    }
+    return {
+        name: float(load) * per_horn_rad.get(name, 1.0)
+        for name, load in zip(chain.names, heaviest, strict=True)
+    }

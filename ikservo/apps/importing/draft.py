@@ -1,0 +1,222 @@
+"""An arm that is being made: what was decided about it, and the text of its files."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+from ikservo.apps.importing.shapes import ContactFit
+from ikservo.apps.importing.urdf_text import urdf_text
+from ikservo.model.urdf_types import Urdf, UrdfJoint, UrdfJointType
+from ikservo.registers import MODELS
+
+__all__ = ["ArmDraft", "DraftJoint", "DraftServo"]
+
+_EDGE = 0.001  # of a range
+_USED_TURN = 0.8  # of a servo's turn, by the whole range of a slide whose gear is not known
+_BAUD = {"feetech_sts": 1_000_000, "feetech_scs": 1_000_000, "dynamixel_2": 1_000_000,
+         "dynamixel_1": 1_000_000}  # fmt: skip
+_SPEEDS = {"slow": (25.0, 50.0, 500.0), "normal": (60.0, 180.0, 1800.0),
+           "fast": (120.0, 480.0, 4800.0)}  # fmt: skip
+
+
+_CONTACT_LINES = (
+    "Capsules contain each mesh. Of a link with several, the smallest was fitted first, and what "
+    "its capsules contain needs no others.",
+    "The farthest point of their surface is so far from the meshes of the link:",
+    "",
+    "| link | mesh | triangles | capsules | excess |",
+    "|---|---|---|---|---|",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class DraftServo:
+    """A servo of a joint: its id, model and the direction in which it counts."""
+
+    id: int
+    model: str
+    sign: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class DraftJoint:
+    """A joint with its servos.
+
+    Attributes:
+        name: Its name in the URDF.
+        is_gripper: Whether it moves the jaws.
+        servos: The first, and further ones that drive it together with that.
+        m_per_turn: Metres for a turn of the servo; None for a joint that turns.
+    """
+
+    name: str
+    is_gripper: bool
+    servos: tuple[DraftServo, ...]
+    m_per_turn: float | None = None
+
+
+@dataclass(slots=True)
+class ArmDraft:
+    """An arm that is being made.
+
+    Attributes:
+        name: Its name.
+        source: The origin of its geometry.
+        urdf: Its links and joints, with simple shapes.
+        tip: The link of the tool.
+        joints: Base to tip, the jaws last.
+        baud: Bits a second on the bus.
+        supply_v: Of servos that are sold for several voltages; None where that is not known.
+        floor_m: Height of the table in the base frame.
+        poses: Joint positions [rad or m] by pose and joint.
+        pictures: The content of each mesh file by its name.
+        fits: How meshes became capsules.
+        decisions: What was decided, one sentence each.
+        dropped: What of the description is not in the arm, one sentence each.
+        read_files: The description and the folders that were read.
+    """
+
+    name: str
+    source: str
+    urdf: Urdf
+    tip: str
+    joints: tuple[DraftJoint, ...] = ()
+    baud: int = 0
+    supply_v: float | None = None
+    floor_m: float = 0.0
+    poses: dict[str, Mapping[str, float]] = field(default_factory=dict[str, Mapping[str, float]])
+    pictures: Mapping[str, bytes] = field(default_factory=dict[str, bytes])
+    fits: Sequence[ContactFit] = ()
+    decisions: list[str] = field(default_factory=list[str])
+    dropped: list[str] = field(default_factory=list[str])
+
+    def joint(self, name: str) -> UrdfJoint:
+        """Return a joint of the tree."""
+        return next(joint for joint in self.urdf.joints if joint.name == name)
+
+    def files(self) -> dict[str, bytes]:
+        """Return the content of each file of the arm's folder, by its name."""
+        return {
+            "arm.toml": self.toml().encode(),
+            "arm.urdf": urdf_text(self.urdf).encode(),
+            "import.md": self.report().encode(),
+            **self.pictures,
+        }
+
+    def toml(self) -> str:
+        """Return the text of its arm.toml."""
+        table = MODELS[self.joints[0].servos[0].model]
+        head = [
+            "format = 1",
+            f"name   = {_quoted(self.name)}",
+            f"title  = {_quoted(self.name)}",
+            'urdf   = "arm.urdf"',
+            f"tip    = {_quoted(self.tip)}",
+            f"source = {_quoted(self.source)}",
+            "",
+            "[bus]",
+            f"family = {_quoted(table.family.value)}",
+            f"baud   = {self.baud or _BAUD[table.family.value]}",
+        ]
+        if self.supply_v is not None:
+            head.append(f"supply_v = {self.supply_v}")
+        if self.floor_m:
+            head += ["", "[surroundings]", f"floor_m = {round(self.floor_m, 4)}"]
+        for name, (speed, acceleration, jerk) in _SPEEDS.items():
+            head += ["", f"[speeds.{name}]", f"deg_s  = {speed}", f"deg_s2 = {acceleration}",
+                     f"deg_s3 = {jerk}"]  # fmt: skip
+        for joint in self.joints:
+            head += ["", *self._joint_lines(joint)]
+        for name, pose in self.poses.items():
+            head += ["", f"[poses.{name}]", *self._pose_lines(pose)]
+        return "\n".join([*head, ""])
+
+    def _joint_lines(self, joint: DraftJoint) -> list[str]:
+        lines = [
+            "[[joints]]",
+            f"name      = {_quoted(joint.name)}",
+            f'role      = "{"gripper" if joint.is_gripper else "arm"}"',
+            'zero_from = "nominal"',
+        ]
+        first, *others = (self._servo_fields(joint, servo) for servo in joint.servos)
+        lines.append(f"servo     = {{ {first} }}")
+        if others:
+            lines.append(f"shadows   = [{', '.join(f'{{ {each} }}' for each in others)}]")
+        return lines
+
+    def _servo_fields(self, joint: DraftJoint, servo: DraftServo) -> str:
+        fields = [
+            f"id = {servo.id}",
+            f"model = {_quoted(servo.model)}",
+            f"sign = {servo.sign}",
+            f"zero_tick = {self._zero_tick(joint, servo):.0f}",
+        ]
+        if joint.m_per_turn is not None and servo == joint.servos[0]:
+            fields.append(f"m_per_turn = {round(joint.m_per_turn, 6)}")
+        return ", ".join(fields)
+
+    def _zero_tick(self, joint: DraftJoint, servo: DraftServo) -> float:
+        """Return the tick at zero: the middle of a turn, or where the range's middle is there."""
+        ticks = MODELS[servo.model].ticks_per_turn
+        body = self.joint(joint.name)
+        turn = math.tau if joint.m_per_turn is None else joint.m_per_turn
+        if max(abs(body.lower), abs(body.upper)) <= 0.5 * turn:
+            return 0.5 * ticks
+        return 0.5 * ticks - servo.sign * 0.5 * (body.lower + body.upper) / turn * ticks
+
+    def _pose_lines(self, pose: Mapping[str, float]) -> list[str]:
+        turning, sliding = list[str](), list[str]()
+        for joint in self.joints:
+            body, at = self.joint(joint.name), pose[joint.name]
+            edge = min(_EDGE * (body.upper - body.lower), math.radians(0.1))
+            inside = min(max(at, body.lower + edge), body.upper - edge)  # rounded it stays so
+            if joint.m_per_turn is None:
+                turning.append(f"{joint.name} = {round(math.degrees(inside), 2)}")
+            else:
+                sliding.append(f"{joint.name} = {round(inside, 5)}")
+        tables = (("deg", turning), ("m", sliding))
+        return [f"{unit} = {{ {', '.join(values)} }}" for unit, values in tables if values]
+
+    def report(self) -> str:
+        """Return what was decided and dropped, for people."""
+        lines = [f"# {self.name}", "", f"Made by `ikservo arms new` from {self.source}.", ""]
+        lines += ["## Decisions", "", *(f"- {each}" for each in self.decisions), ""]
+        lines += ["## Joints", "", "| joint | servo | range |", "|---|---|---|"]
+        for joint in self.joints:
+            servos = ", ".join(
+                f"{each.model} at id {each.id}, sign {each.sign:+d}" for each in joint.servos
+            )
+            lines.append(f"| {joint.name} | {servos} | {format_range(self.joint(joint.name))} |")
+        if self.fits:
+            lines += ["", "## Contact", "", *_CONTACT_LINES]
+        for fit in self.fits:
+            excess = f"{1000 * fit.excess_m:.1f} mm"
+            if fit.excess_m > fit.allowed_m:
+                excess += f", more than {1000 * fit.allowed_m:.0f} mm: no nearer eight were found"
+            lines.append(
+                f"| {fit.link} | {fit.name} | {fit.triangles:,} | {fit.capsules} | {excess} |"
+            )
+        if self.dropped:
+            lines += ["", "## Left out", "", *(f"- {each}" for each in self.dropped)]
+        return "\n".join([*lines, ""])
+
+
+def format_range(joint: UrdfJoint) -> str:
+    """Format the range of a joint in degrees or millimetres."""
+    if joint.kind is UrdfJointType.PRISMATIC:
+        return f"{1000 * joint.lower:.0f} to {1000 * joint.upper:.0f} mm"
+    return f"{math.degrees(joint.lower):.0f}° to {math.degrees(joint.upper):.0f}°"
+
+
+def guessed_m_per_turn(joint: UrdfJoint) -> float:
+    """Return metres for a turn of a servo that moves a slide within one turn."""
+    return (joint.upper - joint.lower) / _USED_TURN
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(
+        "".join(char for char in text if char.isprintable())[:200], ensure_ascii=False
+    )

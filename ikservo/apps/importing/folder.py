@@ -1,0 +1,74 @@
+"""The folder of an arm: drafts loaded, and written all at once."""
+
+from __future__ import annotations
+
+import re
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+
+from ikservo.apps.importing.draft import ArmDraft
+from ikservo.errors import BadValueError, InputError
+from ikservo.files.writing import write_all_atomic, write_atomic
+from ikservo.model import Model, arm_names, load_model
+
+__all__ = ["check_name", "check_new", "load_draft", "write_drafts"]
+
+_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
+
+
+def check_name(name: str) -> None:
+    """Raise if an arm cannot be called so.
+
+    Raises:
+        BadValueError: It has other characters, or is an arm that ships with ikservo.
+    """
+    if not _NAME.fullmatch(name):
+        raise BadValueError("The name", name, "1 to 64 of the characters A-Z a-z 0-9 _ -")
+    if name in arm_names():
+        raise BadValueError("The name", name, "a new name: that arm ships with ikservo")
+
+
+def check_new(names: Sequence[str], folder: Path, *, overwrite: bool) -> None:
+    """Raise if a folder of an arm exists already.
+
+    Raises:
+        InputError: It does, and may not be overwritten.
+    """
+    for name in names:
+        if (folder / name).exists() and not overwrite:
+            raise InputError(f"{folder / name} exists already.", "Replace its files: --overwrite.")
+
+
+def load_draft(draft: ArmDraft, folder: Path | None = None) -> Model:
+    """Load a draft as it would be loaded from its folder, without its pictures.
+
+    Args:
+        draft: The arm.
+        folder: Where its two files are written; a temporary folder if None.
+
+    Raises:
+        FileFormatError: It cannot be loaded.
+    """
+    if folder is None:
+        with tempfile.TemporaryDirectory() as name:
+            return load_draft(draft, Path(name))
+    for name, content in draft.files().items():
+        if name in ("arm.toml", "arm.urdf"):
+            write_atomic(folder / name, content)
+    return load_model(folder)
+
+
+def write_drafts(drafts: Sequence[ArmDraft], folder: Path) -> list[Path]:
+    """Write the files of all arms, or none; return the arms' folders.
+
+    Raises:
+        FileWriteError: The disk is full, read-only or broken; names the file.
+    """
+    files = {
+        folder / draft.name / name: content
+        for draft in drafts
+        for name, content in draft.files().items()
+    }
+    write_all_atomic(files)
+    return [folder / draft.name for draft in drafts]

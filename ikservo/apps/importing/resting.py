@@ -1,0 +1,114 @@
+"""Where a limp arm comes to rest: found by letting the simulated arm sink."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from ikservo.arm.arm import Arm
+from ikservo.arm.opening import open_own_arm
+from ikservo.kinematics.arrays import Matrix
+from ikservo.model.model_loading import load_model
+
+__all__ = ["RestingPlace", "find_resting_place"]
+
+_STEP_S, _MIN_S, _MAX_S = 1.0, 4.0, 60.0
+_STILL = 0.001  # rad or m, in a step
+_ROOM_M = 0.006  # of the arm as it would sag: its way down there is no straight line
+_MAX_SHARE, _SHARES = 0.4, 201  # of the way back to where it was released
+
+
+@dataclass(frozen=True, slots=True)
+class RestingPlace:
+    """Where an arm comes to rest.
+
+    Attributes:
+        positions: By joint, rad or m; a little above, where the guard would find a contact.
+        sank_s: How long it took.
+        gap_m: The smallest distance of its body there, as the guard measures it; negative where
+            its shapes overlap.
+        pair: The two things that are so near; empty where nothing is checked.
+        still: Whether it came to rest.
+    """
+
+    positions: dict[str, float]
+    sank_s: float
+    gap_m: float
+    pair: tuple[str, ...]
+    still: bool
+
+
+def find_resting_place(folder: Path, pose: str = "home") -> RestingPlace:
+    """Simulate an arm that is released in a pose, until it lies still or a minute is over.
+
+    Args:
+        folder: The arm's.
+        pose: The pose in which it is released.
+
+    Raises:
+        IkservoError: The arm cannot be simulated.
+    """
+    with open_own_arm(load_model(folder), f"sim:?pose={pose}", uncalibrated=True) as arm:
+        limits = {joint.name: joint.limits for joint in arm.model.joints}
+        before = arm.where().positions
+        sank_s, still = 0.0, False
+        while sank_s < _MAX_S and not (still and sank_s >= _MIN_S):
+            arm.clock.sleep_until(arm.clock.now_s() + _STEP_S)
+            sank_s += _STEP_S
+            now = arm.where().positions
+            still = max(abs(now[name] - before[name]) for name in now) < _STILL
+            before = now
+        inside = {
+            name: float(np.clip(at, limits[name].lower.value, limits[name].upper.value))
+            for name, at in before.items()
+        }
+        free = _free_above(arm, inside, arm.model.pose(pose))
+        return RestingPlace(free, sank_s, *_nearest_pair(arm, free), still)
+
+
+def _free_above(
+    arm: Arm, resting: Mapping[str, float], start: Mapping[str, float]
+) -> dict[str, float]:
+    """Return the posture nearest to where an arm lies, up to which its way down is free.
+
+    A limp arm lies on its parts, and what the guard checks is a little thicker. The way down is
+    straight from where it was released; where it is blocked early, it is the place where it lies.
+    """
+    found: dict[str, float] | None = None
+    room_m = min(_ROOM_M, 0.8 * _sagged_clearance_m(arm, start))
+    for share in np.linspace(1.0, 0.0, _SHARES).tolist():
+        raised = {name: at + share * (start[name] - at) for name, at in resting.items()}
+        if _sagged_clearance_m(arm, raised) < room_m:
+            break
+        if share <= _MAX_SHARE:
+            found = raised
+    return found or dict(resting)
+
+
+def _sagged_clearance_m(arm: Arm, positions: Mapping[str, float]) -> float:
+    """Compute the clearance of an arm, as the guard sees it while the arm moves [m]."""
+    checker = arm.context.checked_collision
+    if checker is None:
+        return math.inf
+    load = arm.context.planner.dynamic_load_factor("normal")  # it sags more than at rest
+    return float(checker.distances_with_sag(_body_joints(arm, positions), load).min())
+
+
+def _nearest_pair(arm: Arm, positions: Mapping[str, float]) -> tuple[float, tuple[str, ...]]:
+    """Compute the smallest distance of a posture [m], and of which two things it is."""
+    checker = arm.context.checked_collision
+    if checker is None:
+        return math.inf, ()
+    gap_m = checker.distances(_body_joints(arm, positions))[0]
+    nearest = int(gap_m.argmin())
+    return float(gap_m[nearest]), checker.pairs[nearest]
+
+
+def _body_joints(arm: Arm, positions: Mapping[str, float]) -> Matrix:
+    """Return the joint vector (1, n) of a posture, as the guard has it."""
+    joints = np.array([positions[name] for name in arm.context.servos.names])
+    return arm.context.index.body_joints(joints)[None]

@@ -1,0 +1,108 @@
+"""An arm measured with a ruler: joints one above the other, upright at zero."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from ikservo.apps.importing.description_sources import Description
+from ikservo.apps.importing.packages import PackageFolders
+from ikservo.errors import BadValueError
+from ikservo.model.urdf_types import (
+    Cylinder,
+    Shape,
+    Triple,
+    Urdf,
+    UrdfJoint,
+    UrdfJointType,
+    UrdfLink,
+)
+
+__all__ = ["AXES", "RulerJoint", "describe_measured", "parse_measured"]
+
+AXES = {"z": (0.0, 0.0, 1.0), "y": (0.0, 1.0, 0.0), "x": (1.0, 0.0, 0.0)}
+"""z turns about the upright part, y bends it forwards, x to the side."""
+
+_RADIUS_M, _FOOT_M = 0.02, 0.05
+_LIMIT_RAD = math.radians(90.0)
+_MAX_LENGTH_M = 2.0
+
+
+@dataclass(frozen=True, slots=True)
+class RulerJoint:
+    """A joint, its axis while the arm stands upright, and the length of the part behind it [m]."""
+
+    name: str
+    axis: str
+    length_m: float
+
+
+def parse_measured(text: str) -> RulerJoint:
+    """Parse ``NAME=AXIS:LENGTH``, such as ``shoulder=y:0.12``.
+
+    Raises:
+        BadValueError: It is nothing like that.
+    """
+    name, _, rest = text.partition("=")
+    axis, _, length = rest.partition(":")
+    try:
+        length_m = float(length)
+    except ValueError:
+        length_m = math.nan
+    if not name or axis not in AXES or not 0.0 < length_m <= _MAX_LENGTH_M:
+        raise BadValueError("The joint", text, "NAME=AXIS:METRES, such as shoulder=y:0.12")
+    return RulerJoint(name, axis, length_m)
+
+
+def describe_measured(
+    name: str, joints: Sequence[RulerJoint], foot_m: float = _FOOT_M
+) -> Description:
+    """Describe an arm that stands upright at zero.
+
+    Args:
+        name: The arm.
+        joints: Base to tip.
+        foot_m: The height of the first joint above the table.
+    """
+    links, moving = [_part("base", foot_m, 2.0 * _RADIUS_M)], list[UrdfJoint]()
+    height_m = foot_m
+    for i, joint in enumerate(joints, start=1):
+        links.append(_part(f"part_{i}", joint.length_m, _RADIUS_M))
+        moving.append(_joint(joint, links[i - 1].name, links[i].name, height_m))
+        height_m = joint.length_m
+    links.append(_part("tip", 0.0, 0.0))
+    moving.append(_mount(links[-2].name, height_m))
+    urdf = Urdf(name, tuple(links), tuple(moving), "base")
+    notes = ["The arm was measured: it stands upright at zero, and has no masses."]
+    return Description(Path("a ruler"), urdf, PackageFolders(Path(name)), notes)
+
+
+_ZERO: Triple = (0.0, 0.0, 0.0)
+
+
+def _part(name: str, length_m: float, radius_m: float) -> UrdfLink:
+    """Return a link upwards from its joint, whose shape does not reach its ends."""
+    shapes: tuple[Shape, ...] = ()
+    if radius_m and length_m:
+        radius_m = min(radius_m, 0.4 * length_m)
+        straight_m = max(length_m - 2.0 * radius_m, 0.1 * length_m)
+        shapes = (Cylinder(radius_m, straight_m, (0.0, 0.0, 0.5 * length_m), _ZERO),)
+    return UrdfLink(name, 0.0, _ZERO, _ZERO, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), shapes, shapes, 0)
+
+
+def _joint(joint: RulerJoint, parent: str, child: str, height_m: float) -> UrdfJoint:
+    return UrdfJoint(
+        name=joint.name, kind=UrdfJointType.REVOLUTE, parent=parent, child=child,
+        xyz_m=(0.0, 0.0, height_m), rpy_rad=_ZERO, axis=AXES[joint.axis], lower=-_LIMIT_RAD,
+        upper=_LIMIT_RAD, effort=math.inf, velocity=math.inf, mimic=None, line=0,
+    )  # fmt: skip
+
+
+def _mount(parent: str, height_m: float) -> UrdfJoint:
+    return UrdfJoint(
+        name="tip_mount", kind=UrdfJointType.FIXED, parent=parent, child="tip",
+        xyz_m=(0.0, 0.0, height_m), rpy_rad=_ZERO, axis=(1.0, 0.0, 0.0), lower=0.0, upper=0.0,
+        effort=math.inf, velocity=math.inf, mimic=None, line=0,
+    )  # fmt: skip

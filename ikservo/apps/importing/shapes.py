@@ -1,0 +1,324 @@
+"""The links of a foreign tree with simple shapes for contact, and meshes for pictures alone."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from ikservo.apps.importing.fitting import (
+    FittedCapsule,
+    MeshFit,
+    Triangles,
+    extent_m,
+    fit_capsules,
+    merge_vertices,
+    outermost,
+    simplify,
+)
+from ikservo.apps.importing.meshes import mesh_triangles
+from ikservo.apps.importing.stl import stl_bytes
+from ikservo.errors import FileFormatError
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.se3 import rotation_rpy
+from ikservo.model.urdf_types import (
+    Box,
+    Cylinder,
+    Mesh,
+    Shape,
+    Sphere,
+    Surface,
+    Triple,
+    Urdf,
+    UrdfLink,
+)
+
+__all__ = ["ContactFit", "MeshStep", "ShapeConversion", "capsule_shapes", "convert_shapes"]
+
+_MAX_SIZE_M = 5.0  # of a mesh; a larger one is in millimetres, without a scale
+_ROD_M = 0.015  # the radius of what stands for a link whose shapes are missing
+MAX_PICTURE_TRIANGLES = 12_000
+"""Of a mesh that is kept for pictures; finer ones are made coarser."""
+
+
+@dataclass(frozen=True, slots=True)
+class ContactFit:
+    """How one mesh became capsules.
+
+    Attributes:
+        link: Its link.
+        name: The mesh, as in the description.
+        triangles: How many it has.
+        capsules: How many contain it.
+        excess_m: How far their surface is from it at most.
+        allowed_m: How far it should be at most.
+    """
+
+    link: str
+    name: str
+    triangles: int
+    capsules: int
+    excess_m: float
+    allowed_m: float
+
+
+@dataclass(frozen=True, slots=True)
+class MeshStep:
+    """A mesh to which capsules are fitted next: its name, how many are done and how many are."""
+
+    name: str
+    done: int
+    count: int
+
+
+@dataclass(slots=True)
+class ShapeConversion:
+    """What becomes of the shapes of a tree.
+
+    Attributes:
+        urdf: The tree of simple shapes; its meshes are files of ``pictures``.
+        fits: How each mesh became capsules.
+        pictures: The content of each mesh file, by its name in the arm's folder.
+        notes: What was dropped.
+        corners_m: Outermost points (n, 3) of each link's meshes and boxes, link coordinates.
+    """
+
+    urdf: Urdf
+    fits: list[ContactFit] = field(default_factory=list[ContactFit])
+    pictures: dict[str, bytes] = field(default_factory=dict[str, bytes])
+    notes: list[str] = field(default_factory=list[str])
+    corners_m: dict[str, Matrix] = field(default_factory=dict[str, Matrix])
+
+
+def convert_shapes(urdf: Urdf) -> Generator[MeshStep, object, ShapeConversion]:
+    """Fit capsules to the meshes of a tree, and make its visual meshes files of one kind.
+
+    Yields before each mesh. A mesh that cannot be used is left out and noted; a link without a
+    usable collision shape gets its visual ones.
+
+    Raises:
+        InputError: A reader of meshes is not installed.
+    """
+    converter = _ShapeConverter(urdf)
+    meshes = [
+        (link, shape) for link in urdf.links for shape in _meshes(link.collisions or link.visuals)
+    ]
+    for done, (link, shape) in enumerate(meshes):
+        yield MeshStep(_name_of(shape), done, len(meshes))
+        converter.fit_next(link.name, link.collisions or link.visuals)
+    return converter.convert()
+
+
+def _meshes(shapes: Sequence[Shape]) -> list[Mesh | Surface]:
+    return [shape for shape in shapes if isinstance(shape, Mesh | Surface)]
+
+
+@dataclass(slots=True)
+class _LoadedMesh:
+    """A mesh, and what it has become; the same file is often used several times."""
+
+    triangles: Triangles | None
+    fit: MeshFit | None = None  # where it is the only mesh of its link
+    picture: str = ""
+
+    @property
+    def size_m(self) -> float:
+        """Its largest extent."""
+        return 0.0 if self.triangles is None else extent_m(self.triangles)
+
+
+class _ShapeConverter:
+    def __init__(self, urdf: Urdf) -> None:
+        self._urdf, self._result = urdf, ShapeConversion(urdf)
+        self._loaded: dict[object, _LoadedMesh] = {}
+        self._capsules_m: dict[str, list[FittedCapsule]] = {}
+        self._fitted: dict[str, set[int]] = {}
+
+    def convert(self) -> ShapeConversion:
+        """Convert each link."""
+        links = tuple(self._convert_link(link) for link in self._urdf.links)
+        self._result.urdf = replace(self._urdf, links=links)
+        return self._result
+
+    def _convert_link(self, link: UrdfLink) -> UrdfLink:
+        contacts: list[Shape] = []
+        for shapes in (link.collisions, link.visuals):
+            if not contacts:
+                contacts = self._contact_shapes(link.name, shapes)
+        if not contacts and (link.collisions or link.visuals):
+            contacts = self._rods(link.name)
+            instead = "a rod along it stands for it" if contacts else "it has no contact"
+            self._result.notes.append(f"link {link.name} has no usable shape: {instead}.")
+        visuals, colours = list[Shape](), list[Triple | None]()
+        for i, shape in enumerate(link.visuals):
+            drawn = self._picture(link.name, shape)
+            if drawn is not None:
+                visuals.append(drawn)
+                colours.append(link.colours[i] if link.colours else None)
+        return replace(
+            link, collisions=tuple(contacts), visuals=tuple(visuals), colours=tuple(colours)
+        )
+
+    def _rods(self, link: str) -> list[Shape]:
+        """Return a rod from the frame of a link to each joint that it carries."""
+        rods: list[Shape] = []
+        for joint in self._urdf.joints:
+            end_m = np.array(joint.xyz_m)
+            if joint.parent == link and float(np.linalg.norm(end_m)) > 2.0 * _ROD_M:
+                rods += capsule_shapes(FittedCapsule(np.zeros(3), end_m, _ROD_M))
+        return rods
+
+    def _contact_shapes(self, link: str, shapes: Sequence[Shape]) -> list[Shape]:
+        """Return simple shapes of a link: those it has, and capsules around its meshes."""
+        simple: list[Shape] = []
+        for shape in shapes:
+            if not isinstance(shape, Mesh | Surface):
+                simple.append(shape)
+                self._note_corners(link, _box_corners(shape))
+        while self.fit_next(link, shapes):
+            pass
+        capsules = self._capsules_m.get(link, ())
+        return [*simple, *(each for capsule in capsules for each in capsule_shapes(capsule))]
+
+    def fit_next(self, link: str, shapes: Sequence[Shape]) -> bool:
+        """Fit capsules to the smallest mesh of a link that has none yet; False if all have.
+
+        The meshes of a link are fitted beside each other: a servo in its bracket, and the bracket
+        around the servo, have no surface where they touch.
+        """
+        meshes, fitted = _meshes(shapes), self._fitted.setdefault(link, set())
+        waiting = [shape for shape in meshes if id(shape) not in fitted]
+        if not waiting:
+            return False
+        shape = min(waiting, key=lambda each: self._load(link, each).size_m)
+        fitted.add(id(shape))
+        loaded = self._load(link, shape)
+        if loaded.triangles is None:
+            return True
+        R, origin_m = rotation_rpy(*shape.rpy_rad), np.array(shape.xyz_m)
+        capsules = self._capsules_m.setdefault(link, [])
+        beside = [(self._in_link(link, other) - origin_m) @ R for other in meshes
+                  if other is not shape]  # fmt: skip
+        if any(map(len, beside)):
+            given = [_moved(each, R.T, -R.T @ origin_m) for each in capsules]
+            fit = fit_capsules(loaded.triangles, beside, given)
+        else:
+            fit = loaded.fit = loaded.fit or fit_capsules(loaded.triangles)
+        self._note_corners(link, outermost(loaded.triangles.reshape(-1, 3)) @ R.T + origin_m)
+        count = len(loaded.triangles), len(fit.capsules)
+        name = _name_of(shape)
+        self._result.fits.append(ContactFit(link, name, *count, fit.excess_m, fit.allowed_m))
+        capsules += [_moved(each, R, origin_m) for each in fit.capsules]
+        return True
+
+    def _in_link(self, link: str, shape: Mesh | Surface) -> Triangles:
+        """Return the simplified triangles of a mesh, link coordinates; none if it is unusable."""
+        loaded = self._load(link, shape)
+        if loaded.triangles is None:
+            return np.zeros((0, 3, 3))
+        merged, _ = simplify(loaded.triangles, loaded.size_m * _BESIDE_FRACTION)
+        return merged @ rotation_rpy(*shape.rpy_rad).T + np.array(shape.xyz_m)
+
+    def _note_corners(self, link: str, points_m: Matrix) -> None:
+        before = self._result.corners_m.get(link, points_m[:0])
+        self._result.corners_m[link] = np.concatenate([before, points_m])
+
+    def _load(self, link: str, shape: Mesh | Surface) -> _LoadedMesh:
+        key = (shape.path, shape.scale) if isinstance(shape, Mesh) else id(shape.triangles_m)
+        if key not in self._loaded:
+            triangles = None
+            try:
+                triangles = (
+                    shape.triangles_m if isinstance(shape, Surface) else mesh_triangles(link, shape)
+                )
+                size_m = extent_m(triangles)
+                if size_m > _MAX_SIZE_M:
+                    self._result.notes.append(
+                        f"mesh {_name_of(shape)} is left out: it is {size_m:.0f} m large."
+                    )
+                    triangles = None
+            except FileFormatError as error:
+                self._result.notes.append(f"mesh {_name_of(shape)} is left out: {error.found}.")
+            self._loaded[key] = _LoadedMesh(triangles)
+        return self._loaded[key]
+
+    def _picture(self, link: str, shape: Shape) -> Shape | None:
+        """Return the shape that is drawn; None for a mesh that cannot be used."""
+        if not isinstance(shape, Mesh | Surface):
+            return shape
+        loaded = self._load(link, shape)
+        if loaded.triangles is None:
+            return None
+        if not loaded.picture:
+            stem = _UNUSUAL.sub("_", Path(_name_of(shape)).stem) or link
+            loaded.picture = f"meshes/{len(self._result.pictures) + 1:02}_{stem[:60]}.stl"
+            self._result.pictures[loaded.picture] = stl_bytes(_coarser(loaded.triangles))
+        return Mesh(loaded.picture, None, (1.0, 1.0, 1.0), shape.xyz_m, shape.rpy_rad)
+
+
+_BESIDE_FRACTION = 1 / 100  # of its size: detail of a mesh beside the one that is fitted
+
+
+def _moved(capsule: FittedCapsule, R: Matrix, origin_m: Vector) -> FittedCapsule:
+    start_m, end_m = R @ capsule.start_m + origin_m, R @ capsule.end_m + origin_m
+    return FittedCapsule(start_m, end_m, capsule.radius_m)
+
+
+_UNUSUAL = re.compile(r"[^A-Za-z0-9_-]+")
+
+
+def _name_of(shape: Mesh | Surface) -> str:
+    return shape.filename if isinstance(shape, Mesh) else "of the MJCF"
+
+
+def _box_corners(shape: Box | Cylinder | Sphere) -> Matrix:
+    """Return the corners (8, 3) of the box around a simple shape, link coordinates."""
+    match shape:
+        case Box():
+            half_m = 0.5 * np.array(shape.size_m)
+        case Cylinder():
+            half_m = np.array([shape.radius_m, shape.radius_m, 0.5 * shape.length_m])
+        case Sphere():
+            half_m = np.full(3, shape.radius_m)
+    signs = np.array(list(itertools.product((-1.0, 1.0), repeat=3)))
+    return np.array(shape.xyz_m) + (signs * half_m) @ rotation_rpy(*shape.rpy_rad).T
+
+
+def capsule_shapes(capsule: FittedCapsule) -> list[Shape]:
+    """Return a capsule as the shapes of a URDF: a cylinder between two balls."""
+    along = capsule.end_m - capsule.start_m
+    length_m = float(np.linalg.norm(along))
+    level = (0.0, 0.0, 0.0)
+    radius_m = round(capsule.radius_m + 2 * _MIN_LENGTH_M, 6)
+    ends = [Sphere(radius_m, _triple(capsule.end_m), level)]
+    if length_m < _MIN_LENGTH_M:
+        return [*ends]
+    ends.append(Sphere(radius_m, _triple(capsule.start_m), level))
+    x, y, z = along / length_m
+    rpy_rad = (0.0, math.atan2(math.hypot(x, y), z), math.atan2(y, x))
+    middle = _triple(0.5 * (capsule.start_m + capsule.end_m))
+    return [Cylinder(radius_m, round(length_m, 6), middle, rpy_rad), *ends]
+
+
+_MIN_LENGTH_M = 1e-6
+
+
+def _triple(values: Vector) -> Triple:
+    x, y, z = (round(float(value), 6) for value in values)
+    return x, y, z
+
+
+def _coarser(triangles: Triangles) -> Triangles:
+    """Merge vertices until few enough triangles are left to be drawn quickly."""
+    cell_m = extent_m(triangles) / 400
+    while len(triangles) > MAX_PICTURE_TRIANGLES:
+        triangles, _ = merge_vertices(triangles, cell_m)
+        corners = triangles.transpose(1, 0, 2)
+        areas2 = np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[0]), axis=1)
+        triangles, cell_m = triangles[areas2 > 0.0], 1.3 * cell_m
+    return triangles

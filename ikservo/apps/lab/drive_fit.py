@@ -1,0 +1,410 @@
+"""Motors, position loops and backlash of single joints, from steady motion and from swings.
+
+A servo that measures its current says what its motor is: ``u V = R i + kt w``, with the duty u, the
+supply V and the speed w, has the resistance R and the torque constant kt, which is also the
+back-EMF. Its position loop is a spring to the goal: ``u = k (e - d w) + u0 sign(e)`` with the error
+e and the start-up force u0; d is what the D gain does between two goals, and delays. The speed of
+the motor by its back-EMF less that of the joint is what the gears lose in their backlash.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ikservo.apps.lab.drive_recording import Cube, DriveRecording, SteadyWindows, smooth_samples
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.model.servo_torque import ServoTorque
+
+__all__ = [
+    "JointPrior",
+    "LoopFit",
+    "MotorConstants",
+    "Winding",
+    "fit_backlash",
+    "fit_loop",
+    "fit_motors",
+    "mean_duties",
+    "sign_currents",
+]
+
+# Errors of a window's volts: counts of the duty, and steps of the supply's reading, which windows
+# alike share: they count as no more than this many.
+_VOLTS, _SUPPLY_VOLTS, _MIN_WINDOWS = 0.01, 0.03, 10
+# A window in which gears cross their backlash has another speed of the motor than of the joint: it
+# differs by more than this many of those errors, and than this many times as much as most windows.
+# Where more than half of the windows do, the joint swings by itself.
+_SWINGING, _OUTLIER = 3.0, 4.0
+_TRIMMING_ROUNDS = 4  # in which the windows that differ are found
+_NOMINAL_SHARE = 0.1  # by which a servo's winding and magnets may differ from its model's
+# By which the duty of a rad may differ from the firmware's, and where its gain was not read.
+_KNOWN_GAIN_SHARE, _GAIN_SHARE = 0.02, 0.3
+_DELAY_S, _DELAY_DEVIATION_S = 0.0, 0.03
+_LOOP_NOISE = 0.004  # of a window's mean duty, at least
+_NOISY_DUTY = 0.015  # of a window's mean: by more, duties say less than leads do
+_NOISE_ROUNDS = 3  # in which the noise is found
+_MOVING_RAD_S, _MIN_SWINGS = 0.05, 4
+# A motor that seems slower stands still: a step of the current of an XL330 or STS is as much.
+_STUCK_RAD_S = 0.01
+# A joint whose gravity torque is below this share of that of the whole duty has its gears free.
+_FREE_SHARE = 0.01
+# Places that are compared, from the middle of a swing, and how far around each, in shares of it.
+_PLACES, _PLACE_WIDTH = np.linspace(-0.4, 0.4, 17), 0.03
+# Where so many places show as much of the play, but for this much of it, they show all.
+_ALIKE_PLACES, _ALIKE_SHARE, _ALIKE_RAD = 3, 0.1, 0.002
+_MAX_BACKLASH_RAD = 0.2
+# By which a motor's speed is known to differ from the joint's at most, but for gears that cross;
+# and how much more its changes count: its rotor has inertia, and the joint is read in ticks.
+_CROSSING_RAD_S, _INERTIA = 0.2, 4.0
+_MIN_BACKLASH_ERROR_RAD = 0.001  # a tick
+
+
+@dataclass(frozen=True, slots=True)
+class JointPrior:
+    """What is known of a joint's drive before: of its servos' models.
+
+    Attributes:
+        servo: Of one of its servos.
+        servos: How many drive it.
+        nominal_v: The supply of these figures.
+        per_horn_rad: Motion of the joint for each rad of the horns.
+        full_duty_share: Standard deviation of the torque of the whole duty, as a share of it.
+        gain: The P gain in force, as a share of the servo's; None where it was not read.
+    """
+
+    servo: ServoTorque
+    servos: int
+    nominal_v: float
+    per_horn_rad: float = 1.0
+    full_duty_share: float = 0.05
+    gain: float | None = 1.0
+
+    @property
+    def full_duty_nm(self) -> float:
+        """The torque of the whole duty of all servos, at the joint."""
+        return self.force * self.servo.full_duty_nm
+
+    @property
+    def kt(self) -> float:
+        """The torque constant of one of its motors, N m/A at the horn."""
+        return self.servo.damping_nm_s * self.nominal_v / self.servo.full_duty_nm
+
+    @property
+    def ohm(self) -> float:
+        """The resistance of one of its motors."""
+        return self.kt * self.nominal_v / self.servo.full_duty_nm
+
+    @property
+    def force(self) -> float:
+        """The torque at the joint for each N m at the horn of each servo."""
+        return self.servos / self.per_horn_rad
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Winding:
+    """The motor of one servo, at the horn, by duty, current and speed.
+
+    Attributes:
+        ohm: R.
+        kt: Its torque constant, N m/A.
+        covariance: Of the errors of the two (2, 2).
+    """
+
+    ohm: float
+    kt: float
+    covariance: Matrix
+
+    @property
+    def torque_error(self) -> float:
+        """The standard error of the torque for each volt, as a share of it."""
+        gradient = np.array([-1.0 / self.ohm, 1.0 / self.kt])
+        return float(np.sqrt(gradient @ self.covariance @ gradient))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotorConstants:
+    """Motors of all servos of a joint together, at the joint.
+
+    Attributes:
+        windings: Of each servo.
+        nominal_v: The supply of the whole duty.
+        per_horn_rad: Motion of the joint for each rad of the horns.
+    """
+
+    windings: Sequence[Winding]
+    nominal_v: float
+    per_horn_rad: float = 1.0
+
+    @property
+    def full_duty_nm(self) -> float:
+        """Torque of the whole duty at the nominal supply."""
+        torque_nm = sum(each.kt / each.ohm for each in self.windings) * self.nominal_v
+        return torque_nm / self.per_horn_rad
+
+    @property
+    def full_duty_error(self) -> float:
+        """Its standard error, as a share of it."""
+        errors = np.array([each.torque_error for each in self.windings])
+        return float(np.linalg.norm(errors) / len(errors))
+
+    @property
+    def back_emf_nm_s(self) -> float:
+        """The torque kb by which each rad/s brakes the joint."""
+        return sum(each.kt**2 / each.ohm for each in self.windings) / self.per_horn_rad**2
+
+
+@dataclass(frozen=True, slots=True)
+class LoopFit:
+    """The position loop of a joint's servos.
+
+    Attributes:
+        duty_per_rad: Duty for each rad (m) between goal and joint.
+        duty_per_rad_error: Its standard error.
+        share_before: Its standard deviation before, as a share of it.
+        startup_duty: Duty that is added in the direction of the error.
+        delay_s: By which the duty seems to be that of an earlier position: d.
+        noise: By how much the duty of a window differs from that, rms: what the D gain does with
+            the steps of the goals and of the position.
+    """
+
+    duty_per_rad: float
+    duty_per_rad_error: float
+    share_before: float
+    startup_duty: float
+    delay_s: float = 0.0
+    noise: float = 0.0
+
+
+def fit_motors(windows: SteadyWindows, prior: JointPrior) -> MotorConstants | None:
+    """Fit the motors of a joint; None where one of its servos does not measure its current.
+
+    Args:
+        windows: Of the joint; its currents have a direction.
+        prior: Of its servos.
+    """
+    found = [_winding(windows, k, prior) for k in range(prior.servos)]
+    fits = [each for each in found if each is not None]
+    if len(fits) < len(found):
+        return None
+    return MotorConstants(fits, prior.nominal_v, prior.per_horn_rad)
+
+
+def _winding(windows: SteadyWindows, servo: int, prior: JointPrior) -> Winding | None:
+    """Return the motor of one servo; None where it does not measure its current.
+
+    While gears cross their backlash the motor has another speed than the joint. Windows of that are
+    left out; a joint that swings in its backlash has too few others, and its motor is the nominal.
+    """
+    current = windows.current_a[:, servo]
+    used = np.isfinite(current)
+    if np.count_nonzero(used) < _MIN_WINDOWS:
+        return None
+    duty = windows.duty[used, servo]
+    volts = duty * windows.voltage_v[used, servo]
+    noise = np.hypot(_VOLTS, _SUPPLY_VOLTS * duty)
+    causes = np.column_stack([current, windows.speed / prior.per_horn_rad])[used] / noise[:, None]
+    nominal = np.array([prior.ohm, prior.kt])
+    known = np.diag(1.0 / (_NOMINAL_SHARE * nominal))
+    found, A, residuals = nominal, known, np.zeros(len(volts))
+    for _ in range(_TRIMMING_ROUNDS):
+        kept = residuals <= max(_SWINGING, _OUTLIER * float(np.median(residuals)))
+        alike = np.sqrt(_MIN_WINDOWS / np.count_nonzero(kept))
+        A = np.vstack([alike * causes[kept], known])
+        data = np.append(alike * (volts / noise)[kept], [1.0 / _NOMINAL_SHARE] * 2)
+        found, *_ = np.linalg.lstsq(A, data, rcond=None)
+        residuals = np.abs(volts / noise - causes @ found)
+    if np.median(residuals) > _SWINGING:
+        found, A = nominal, known
+    R, kt = found.tolist()
+    covariance = np.asarray(np.linalg.inv(A.T @ A), dtype=np.float64)
+    return Winding(R, kt, covariance) if R > 0.0 and kt > 0.0 else None
+
+
+def fit_loop(windows: SteadyWindows, prior: JointPrior) -> LoopFit:
+    """Fit the position loop of a joint from its windows."""
+    servo, lead, speed = prior.servo, windows.lead, windows.speed
+    share = _KNOWN_GAIN_SHARE if prior.gain else _GAIN_SHARE
+    k = (prior.gain or 1.0) * servo.stiffness_nm_rad / servo.full_duty_nm / prior.per_horn_rad
+    before = np.array([k, k * _DELAY_S, servo.startup_duty])
+    deviations = np.array([
+        share * k, k * _DELAY_DEVIATION_S, 0.3 * servo.startup_duty + 1e-4
+    ])  # fmt: skip
+    alike = np.sqrt(max(len(lead) / _MIN_WINDOWS, 1.0))
+    columns = np.column_stack([lead, -speed, np.sign(lead)])
+    found, residual = before, 0.0
+    information = np.diag(deviations**-2.0)
+    for _ in range(_NOISE_ROUNDS):
+        noise = alike * max(residual, _LOOP_NOISE)
+        A = np.vstack([columns / noise, np.diag(1.0 / deviations)])
+        data = np.append(windows.joint_duty / noise, before / deviations)
+        found, *_ = np.linalg.lstsq(A, data, rcond=None)
+        residual = float(np.sqrt(np.mean((windows.joint_duty - columns @ found) ** 2)))
+        information = A.T @ A
+    error = np.sqrt(np.linalg.inv(information)[0, 0])
+    k, from_delay, startup = found.tolist()
+    return LoopFit(k, float(error), share, startup, from_delay / k, residual)
+
+
+def mean_duties(windows: SteadyWindows, loops: Sequence[LoopFit]) -> SteadyWindows:
+    """Return windows with the duties in the mean over time, which balance friction and load.
+
+    Servos are read at some times between two goals. There the D gain brakes the joint; with each
+    goal it drives it on by as much, in a moment that is hardly ever read. And the error falls from
+    goal to goal. Where that makes the duties noisy, those that follow from the leads are taken.
+
+    Args:
+        windows: As read.
+        loops: The loop of each joint.
+    """
+    duty = windows.duty.copy()
+    for joint, loop in enumerate(loops):
+        mine, k = windows.of_joint(joint), loop.duty_per_rad
+        if loop.noise > _NOISY_DUTY:
+            lead = mine.lead + mine.goal_age_s * mine.speed
+            added = k * lead + loop.startup_duty * np.sign(lead) - mine.joint_duty
+        else:
+            added = k * (loop.delay_s + mine.goal_age_s) * mine.speed
+        duty[windows.joint == joint] += added[:, None]
+    return replace(windows, duty=duty)
+
+
+def sign_currents(recording: DriveRecording, priors: Sequence[JointPrior]) -> DriveRecording:
+    """Return a recording whose currents have a direction where servos measure only their size.
+
+    Of the two it is the one in which the motor's speed by its back-EMF is nearer to the joint's and
+    to what it was before and after: while gears cross their backlash the motor has another speed
+    than the joint, but its rotor has inertia.
+
+    Args:
+        recording: As read.
+        priors: What is known of each joint's servos.
+    """
+    current, volts = recording.current_a.copy(), recording.duty * recording.voltage_v
+    speeds = smooth_samples(np.gradient(recording.position, recording.time_s, axis=0))
+    for j, prior in enumerate(priors):
+        for k in range(prior.servos):
+            sizes = current[:, j, k]
+            if (sizes >= 0.0).all():
+                either = np.column_stack([sizes, -sizes])
+                motor = (volts[:, j, k, None] - prior.ohm * either) / prior.kt
+                chosen = _likeliest(motor, speeds[:, j] / prior.per_horn_rad)
+                current[:, j, k] = either[np.arange(len(sizes)), chosen]
+    return replace(recording, current_a=current)
+
+
+def _likeliest(motor: Matrix, joint: Vector) -> NDArray[np.intp]:
+    """Return which of two speeds the motor has had in each sample (m,).
+
+    Of all sequences it is the one with the least sum of differences from the joint's speed and from
+    one sample to the next (the algorithm of Viterbi, 1967).
+
+    Args:
+        motor: Both speeds (m, 2).
+        joint: The speed of the joint (m,).
+    """
+    costs = np.minimum(np.abs(motor - joint[:, None]), _CROSSING_RAD_S)
+    changes = _INERTIA * np.abs(motor[1:, None, :] - motor[:-1, :, None])
+    (first, second), before = costs[0].tolist(), list[tuple[int, int]]()
+    for ((a, b), (c, d)), cost in zip(changes.tolist(), costs[1:].tolist(), strict=True):
+        before.append((int(second + c < first + a), int(second + d < first + b)))
+        first, second = min(first + a, second + c) + cost[0], min(first + b, second + d) + cost[1]
+    last = [int(second < first)]
+    for choices in reversed(before):
+        last.append(choices[last[-1]])
+    return np.array(last[::-1])
+
+
+def fit_backlash(
+    recording: DriveRecording, joint: int, gravity: Vector, motors: MotorConstants
+) -> tuple[float, float] | None:
+    """Fit the backlash of a joint and its standard error, rad; None where it does not show.
+
+    Where it swings by itself, nearly without load, its gears cross their backlash: pushed one way
+    the motor is ahead of the joint, pushed the other way behind it. Where the joint passes the same
+    place both ways, errors of kt cancel. A joint that falls through its balance is pushed one way
+    and then the other in each swing: all of it shows only around there, at the places with the
+    largest difference. Errors of R and kt together are less than those of each: the steady motion
+    that they were fitted to needs currents like those of a swing.
+
+    Args:
+        recording: Of the motion; its currents have a direction.
+        joint: The joint.
+        gravity: Its gravity torque in each sample (m,), as far as known: one that keeps its sign
+            keeps the gears on one side.
+        motors: Of its servos.
+    """
+    swings = _swings(recording, joint)
+    if len(swings) < _MIN_SWINGS:
+        return None
+    loads, free = gravity[np.concatenate(swings)], _FREE_SHARE * motors.full_duty_nm
+    if loads.min() > free or loads.max() < -free:
+        return None
+    motor = motors.windings[0]
+    by_volts, by_amps, by_joint = np.moveaxis(_lost_motions(recording, joint, swings, motor), 2, 0)
+    turned = motors.per_horn_rad / motor.kt * (by_volts - motor.ohm * by_amps)
+    if turned.shape[1] < _ALIKE_PLACES:
+        return None
+    by_place = np.median(turned - by_joint, axis=0)
+    most = by_place.max()
+    alike = by_place >= most - max(_ALIKE_SHARE * most, _ALIKE_RAD)
+    if np.count_nonzero(alike) < _ALIKE_PLACES:
+        return None
+    by_amps, turned = by_amps[:, alike].mean(axis=1), turned[:, alike].mean(axis=1)
+    lost = turned - by_joint[:, alike].mean(axis=1)
+    value = float(np.median(lost))
+    spread = 1.48 * np.median(np.abs(lost - value)) / np.sqrt(len(lost))
+    gradient = np.array([  # of the value, by R and by kt
+        -motors.per_horn_rad / motor.kt * np.median(by_amps),
+        -np.median(turned) / motor.kt,
+    ])  # fmt: skip
+    variance = spread**2 + gradient @ motor.covariance @ gradient + _MIN_BACKLASH_ERROR_RAD**2
+    return float(np.clip(value, 0.0, _MAX_BACKLASH_RAD)), float(np.sqrt(variance))
+
+
+def _swings(recording: DriveRecording, joint: int) -> list[NDArray[np.intp]]:
+    """Compute the samples of each leg in which a joint alone moves between two reversals."""
+    speed = np.abs(recording.speed)
+    legs = [np.flatnonzero(recording.leg == leg) for leg in np.unique(recording.leg)]
+    alone = [
+        leg for leg in legs
+        if speed[leg, joint].max() > _MOVING_RAD_S
+        and np.delete(speed[leg], joint, axis=1).max(initial=0.0) < _MOVING_RAD_S
+    ]  # fmt: skip
+    ways = [np.ptp(recording.goal[leg, joint]) for leg in alone]
+    return [leg for leg, way in zip(alone, ways, strict=True) if way > 0.75 * max(ways)]
+
+
+def _lost_motions(
+    recording: DriveRecording, joint: int, swings: Sequence[NDArray[np.intp]], motor: Winding
+) -> Cube:
+    """Compute how volts, amperes (integrated) and joint differ between the two ways (k, places, 3).
+
+    Each swing is compared with those before and after: what drifts evenly cancels. A motor whose
+    speed is not told from rest has stuck: what a step of its sensors would add up to is no motion.
+    """
+    time_s, position = recording.time_s, recording.position[:, joint]
+    current = recording.current_a[:, joint, 0]
+    volts = recording.duty[:, joint, 0] * recording.voltage_v[:, joint, 0]
+    turns = np.abs(volts - motor.ohm * current) > _STUCK_RAD_S * motor.kt
+    volts, current = turns * volts, turns * current
+    series = np.column_stack([_integral(volts, time_s), _integral(current, time_s), position])
+    samples = position[np.concatenate(swings)]
+    places = (position - np.median(samples)) / np.ptp(samples)
+    near = np.abs(places[:, None] - _PLACES) < _PLACE_WIDTH
+    reached = np.all([near[swing].any(axis=0) for swing in swings], axis=0)
+    weights = near[:, reached].astype(np.float64)
+    lead = np.array([
+        weights[swing].T @ series[swing] / weights[swing].sum(axis=0)[:, None] for swing in swings
+    ])  # fmt: skip
+    ends = recording.goal[:, joint]
+    ways = np.sign([ends[swing[-1]] - ends[swing[0]] for swing in swings])
+    lost: Cube = ways[1:-1, None, None] * (lead[1:-1] - 0.5 * (lead[:-2] + lead[2:]))
+    return lost
+
+
+def _integral(rate: Vector, time_s: Vector) -> Vector:
+    steps = 0.5 * (rate[1:] + rate[:-1]) * np.diff(time_s)
+    return np.concatenate([[0.0], np.cumsum(steps)])

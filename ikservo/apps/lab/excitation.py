@@ -1,0 +1,443 @@
+"""Excitation of an arm for identification: a tour of postures, planned, checked and recorded."""
+
+from __future__ import annotations
+
+from bisect import bisect
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from itertools import chain, count, islice, pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ikservo.apps.lab.drive_recording import DriveRecording, smooth_samples
+from ikservo.apps.lab.identification import gravity_columns
+from ikservo.arm.motion_runner import MotionRunner
+from ikservo.control.loop import ControlCycle
+from ikservo.errors import RefusedError
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.dynamics import Dynamics
+from ikservo.model.joint_drive import joint_drive
+from ikservo.model.load_lag import sustained_lag
+from ikservo.motion import JointMove, KinematicLimits
+from ikservo.motion.trajectory import TrajectoryPoint
+from ikservo.planning.context import ArmContext
+
+__all__ = ["Excitation", "ExcitationLeg", "TourOptions", "plan_excitation", "record_excitation"]
+
+_CANDIDATES, _MAX_DRAWS = 12, 400
+_SEED = 1
+_CLEARANCE_M = 0.02
+_LIMIT_MARGIN = 0.05  # of the range of a joint, at both ends
+# The motions are slow, but goals may lead loaded joints by as much as in a usual motion. The servos
+# go to each goal slowly: pushed on in bursts, their gears have more friction in the mean.
+_SPEED_CLASS, _PROFILE_CLASS = "normal", "slow"
+_LEAD_SHARE = 0.75  # of the lead of a goal that the guard allows
+_HALVINGS = 30
+_HEAVIER = 1.4  # links that are heavier than in the arm file, or hold something
+_PATH_STEP = 10  # samples of a path between two where gravity is evaluated
+_MAX_WAY = 1.5  # rad of each joint between two postures
+_PAUSE_S, _TURN_S = 0.3, 0.05  # at rest in every posture, and between two swings
+_SLOW = 0.3  # of the speed class: the speed of the last part of a tour
+# Between two readings: a reading delays the next goal, then some come in time again.
+_READ_PERIOD_S, _READ_CYCLES = 0.01, 2.5
+_PHASE_SHARE, _GOLDEN = 0.7, 0.6180339887498949  # of the cycle in which servos are read
+# Half a loop of the servo until a goal counts, and half of one since what it tells was measured.
+_SERVO_LOOP_S = 0.001
+_SWING_RAD = 0.07  # of the horn, to both sides
+# Postures drawn for the upright one, first anywhere, then around the best ones, ever nearer.
+_UPRIGHT_DRAWS, _UPRIGHT_SPREADS, _UNLOADED_SHARE = 1200, (0.1, 0.03, 0.01, 0.003), 0.01
+_PRIOR = 1e-3  # of the largest information: what is not excited yet counts most
+
+
+@dataclass(frozen=True, slots=True)
+class TourOptions:
+    """How long a tour is.
+
+    Attributes:
+        postures: How many postures it has.
+        slow_postures: How many of them are visited again, more slowly.
+        swings: How often each joint by itself then swings where gravity hardly loads it: that shows
+            its backlash.
+    """
+
+    postures: int = 8
+    slow_postures: int = 3
+    swings: int = 4
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ExcitationLeg:
+    """A motion between two postures, with a pause before it.
+
+    Attributes:
+        start_s: When the motion starts.
+        move: The motion.
+    """
+
+    start_s: float
+    move: JointMove
+
+    @property
+    def end_s(self) -> float:
+        """When the motion ends."""
+        return self.start_s + self.move.duration_s
+
+
+class Excitation:
+    """A tour of postures as one trajectory, with a pause in each posture.
+
+    Args:
+        waypoints: The postures (k, n), rad or m; the first is where it starts.
+        limits: The kinematic limits of the joints, for each motion between two of them.
+        pauses_s: The pause before each of them; another one follows the last.
+    """
+
+    def __init__(
+        self,
+        waypoints: Sequence[Vector],
+        limits: Sequence[Sequence[KinematicLimits]],
+        pauses_s: Sequence[float],
+    ) -> None:
+        self._waypoints, self._limits, self._pauses_s = list(waypoints), list(limits), pauses_s
+        self.legs: list[ExcitationLeg] = []
+        at_s = 0.0
+        for (start, end), own, pause_s in zip(pairwise(waypoints), limits, pauses_s, strict=True):
+            leg = ExcitationLeg(at_s + pause_s, JointMove(start, end, own))
+            self.legs.append(leg)
+            at_s = leg.end_s
+        self._ends_s = [leg.end_s for leg in self.legs]
+        self.start, self.duration_s = waypoints[0], at_s + _PAUSE_S
+
+    def starting_at(self, start: Vector) -> Excitation:
+        """Return the tour from another start (n,), near its own."""
+        return Excitation([start, *self._waypoints[1:]], self._limits, self._pauses_s)
+
+    def state(self, time_s: float) -> TrajectoryPoint:
+        """Return position, velocity and acceleration (n,) at a time."""
+        leg = self.legs[self.leg_at(time_s)]
+        return leg.move.state(time_s - leg.start_s)
+
+    def leg_at(self, time_s: float) -> int:
+        """Compute the index of the leg at a time, the pause before it included."""
+        return min(bisect(self._ends_s, time_s), len(self.legs) - 1)
+
+    def moving(self, time_s: float) -> NDArray[np.intp]:
+        """Compute the columns of the joints that move in the leg at a time."""
+        leg = self.leg_at(time_s)
+        return np.flatnonzero(self._waypoints[leg + 1] != self._waypoints[leg])
+
+
+def plan_excitation(
+    context: ArmContext, dynamics: Dynamics, start: Vector, options: TourOptions | None = None
+) -> Excitation:
+    """Plan a tour of postures whose gravity torques tell the masses apart.
+
+    Each posture is drawn within the limits, with room around the body, and each way between two is
+    free. Of several the one is taken that adds most to the information about the masses
+    (D-optimality). The tour is made at the speed ``slow`` there and back, for friction is what
+    differs between the two directions, and a part of it more slowly.
+
+    Args:
+        context: The arm.
+        dynamics: Of its chain.
+        start: Where the tour starts and ends (n,), rad or m.
+        options: How long the tour is.
+
+    Raises:
+        RefusedError: There is no free way from there to any posture.
+    """
+    options = options or TourOptions()
+    there = _draw_postures(context, dynamics, start, options.postures)[1:]
+    slow = there[: options.slow_postures]
+    tour = [start, *there, *reversed(there[:-1]), *slow[1:], *reversed(slow[:-1]), start]
+    usual = context.planner.motion_limits("slow")
+    slower = [KinematicLimits(_SLOW * x.speed_rad_s, x.acceleration_rad_s2, x.jerk_rad_s3)
+              for x in usual]  # fmt: skip
+    first_slow = 2 * len(there) - 1
+    limits = [slower if k >= first_slow else usual for k in range(len(tour) - 1)]
+    swings = _swings(context, dynamics, start, options.swings)
+    tour += [*swings, start] if swings else []
+    pauses_s = [_PAUSE_S] * len(limits) + [_TURN_S] * (len(tour) - 1 - len(limits))
+    limits += [usual] * (len(tour) - 1 - len(limits))
+    excitation = Excitation(tour, limits, pauses_s)
+    context.check_streamed_path(excitation, "slow")
+    return excitation
+
+
+def _draw_postures(
+    context: ArmContext, dynamics: Dynamics, start: Vector, most: int
+) -> list[Vector]:
+    """Compute start and postures (n,) of a tour, each reached freely from the one before."""
+    random, space = np.random.default_rng(_SEED), _FreeSpace.of(context, dynamics, start)
+    postures, way = [start], [start]
+    information = np.zeros((len(dynamics.bodies) + 1,) * 2)
+    while way and len(postures) <= most:
+        candidates = list(islice(space.reachable_postures(way[-1], random), _CANDIDATES))
+        if candidates:
+            gains = [_information(context, dynamics, q) for q in candidates]
+            best = int(np.argmax([_determinant(information + gain) for gain in gains]))
+            information += gains[best]
+            way.append(candidates[best])
+        else:  # back along the way that was free
+            way.pop()
+        postures += way[-1:]
+    if len(postures) == 1:
+        raise RefusedError(
+            "There is no room for the arm to move in.",
+            "Clear its reach, or move it to another pose first: ikservo pose home",
+        )
+    return postures
+
+
+def _swings(context: ArmContext, dynamics: Dynamics, start: Vector, times: int) -> list[Vector]:
+    """Compute postures (n,) between which one joint after the other swings, reached from the start.
+
+    Gears cross their backlash where the load changes its sign. Gravity loads no joint of an arm
+    that stands upright, whatever its links weigh. Empty where there is no room for it.
+    """
+    space = _FreeSpace.of(context, dynamics, start)
+    for upright in space.upright_postures(start, np.random.default_rng(_SEED)) if times else ():
+        ways = np.diag(
+            [driven.joint_map.unit_per_horn_rad for driven in context.servos.driven_joints]
+        )
+        ends = [(upright + way, upright - way) for way in _SWING_RAD * ways[[*context.index.chain]]]
+        if all(space.is_way_free(*pair) for pair in [(start, upright), *ends]):
+            return [upright, *chain.from_iterable([*pair * times, upright] for pair in ends)]
+    return []
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _FreeSpace:
+    """Postures that an arm may be moved to.
+
+    Attributes:
+        context: The arm.
+        dynamics: Of its chain.
+        clearance_m: What the body must keep; links beside each other may always be this near.
+        limits: The kinematic limits of all joints.
+        max_torque: Gravity torque of each joint (dof,) that its servo holds without being taken
+            for one that does not follow.
+    """
+
+    context: ArmContext
+    dynamics: Dynamics
+    clearance_m: float
+    limits: Sequence[KinematicLimits]
+    max_torque: Vector
+
+    @classmethod
+    def of(cls, context: ArmContext, dynamics: Dynamics, start: Vector) -> _FreeSpace:
+        clearance_m = min(_CLEARANCE_M, 0.7 * context.clearance_m(start))
+        most = [_max_gravity(context, column) for column in context.index.chain]
+        limits = context.planner.motion_limits(_SPEED_CLASS)
+        return cls(context, dynamics, clearance_m, limits, np.array(most))
+
+    def reachable_postures(self, at: Vector, random: np.random.Generator) -> Iterator[Vector]:
+        """Yield postures (n,) with free ways to them from ``at``."""
+        (lower, upper), near = self._inner_limits(), self.context.index.chain_joints(at)
+        lower = np.minimum(np.maximum(lower, near - _MAX_WAY), near)
+        upper = np.maximum(np.minimum(upper, near + _MAX_WAY), near)
+        for _ in range(_MAX_DRAWS):
+            q = random.uniform(lower, upper)
+            posture = self.context.index.with_chain(at, q)
+            if self._is_room_at(posture) and self.is_way_free(at, posture):
+                yield posture
+
+    def upright_postures(self, at: Vector, random: np.random.Generator) -> Iterator[Vector]:
+        """Yield postures (n,) in which links load joints less than in most, best first."""
+        (lower, upper), near = self._inner_limits(), self.context.index.chain_joints(at)
+        pool = random.uniform(lower, upper, (_UPRIGHT_DRAWS, len(near)))
+        for spread in _UPRIGHT_SPREADS:
+            best = pool[np.argsort(self._loads(pool).sum(axis=1))[:_CANDIDATES]]
+            around = best.repeat(_UPRIGHT_DRAWS // _CANDIDATES, axis=0)
+            drawn = np.clip(random.normal(around, spread * (upper - lower)), lower, upper)
+            pool = np.vstack([pool, drawn])
+        loads = self._loads(pool)
+        # Joints that gravity does not load stay where they are.
+        pool = np.where(loads.max(axis=0) > _UNLOADED_SHARE * loads.max(), pool, near)
+        order = np.argsort(loads.sum(axis=1))
+        for k in range(int(np.log2(len(order)))):
+            yield self.context.index.with_chain(at, pool[order[2**k - 1]])
+
+    def _loads(self, q: Matrix) -> Matrix:
+        """Compute the gravity torques of all links on each joint, all with one sign (k, dof)."""
+        return np.abs(gravity_columns(self.dynamics, q)).sum(axis=2)
+
+    def _inner_limits(self) -> tuple[Vector, Vector]:
+        lower, upper = self.context.chain.lower_rad, self.context.chain.upper_rad
+        lower, upper = np.maximum(lower, -np.pi), np.minimum(upper, np.pi)
+        margin = _LIMIT_MARGIN * (upper - lower)
+        return lower + margin, upper - margin
+
+    def _is_room_at(self, posture: Vector) -> bool:
+        return self.context.clearance_m(posture) > self.clearance_m
+
+    def is_way_free(self, start: Vector, goal: Vector) -> bool:
+        """Check whether the arm may move between two postures (n,), there and back."""
+        path = self.context.interpolate_joints(start, goal)[::_PATH_STEP]
+        torques = np.abs(self.dynamics.gravity_torques(self.context.index.chain_joints(path)))
+        if (torques > self.max_torque).any():
+            return False
+        try:
+            # As of a faster motion, there and back: the arm sags a little more than it will.
+            for ends in ((start, goal), (goal, start)):
+                self.context.check_streamed_path(JointMove(*ends, self.limits), _SPEED_CLASS)
+        except RefusedError:
+            return False
+        return True
+
+
+def _max_gravity(context: ArmContext, column: int) -> float:
+    """Compute the nominal gravity torque up to which a joint is moved; no limit if not known.
+
+    It is that of links heavier by `_HEAVIER` that the servo still lifts, against the friction of
+    its loaded gears, while its goal leads the joint by no more than the guard allows and by no more
+    than its motor can press for long.
+    """
+    driven, model = context.servos.driven_joints[column], context.model
+    drive = joint_drive(model.joint(driven.joint), model.supply_v)
+    if drive is None:
+        return np.inf
+    speed = context.planner.motion_limits("slow")[column].speed_rad_s
+    usual = context.planner.motion_limits(_SPEED_CLASS)[column].speed_rad_s
+    lead = _LEAD_SHARE * driven.max_lead_ticks(usual) * driven.joint_map.unit_per_tick
+    pressed = drive.stiffness_nm_rad * min(lead, sustained_lag(drive)) - drive.damping_nm_s * speed
+    low, high = 0.0, max(pressed, 0.0)
+    for _ in range(_HALVINGS):
+        held = (low + high) / 2.0
+        lifts = drive.friction.static_load_nm(2.0 * held) - held < pressed
+        low, high = (held, high) if lifts else (low, held)
+    return low / _HEAVIER
+
+
+def _information(context: ArmContext, dynamics: Dynamics, posture: Vector) -> Matrix:
+    """Compute the information of a posture about the scale of each mass and the payload."""
+    torques = gravity_columns(dynamics, context.index.chain_joints(posture)[None])[0]
+    return torques.T @ torques
+
+
+def _determinant(information: Matrix) -> float:
+    scale = np.abs(information).max(initial=1e-12)
+    return float(np.linalg.slogdet(information + _PRIOR * scale * np.eye(len(information)))[1])
+
+
+def record_excitation(
+    context: ArmContext,
+    runner: MotionRunner,
+    excitation: Excitation,
+    on_cycle: Callable[[ControlCycle], None] | None = None,
+) -> DriveRecording:
+    """Make the tour and return what the servos measured.
+
+    While one joint moves alone, only its servos are read, but after each goal: gears cross their
+    backlash within a few hundredths of a second. The values of the others stay as they were.
+
+    Raises:
+        IkservoError: Those of every motion; see ``Arm``.
+    """
+    excitation = excitation.starting_at(context.servos.reference())
+    context.check_streamed_path(excitation, "slow")
+    names, columns = context.chain.names, list(context.index.chain)
+    all_joints = context.servos.drive_reader(names)
+    single = [context.servos.drive_reader([name]) for name in names]
+    cycle_s = runner.loop.cycle_time_s
+    phases, period_s = _phases(_PHASE_SHARE * cycle_s), max(_READ_PERIOD_S, _READ_CYCLES * cycle_s)
+    goals_s: list[float] = []
+    times: list[tuple[float, float, float]] = []
+    replies: list[tuple[float, float]] = []
+    goals: list[Vector] = []
+    drives: list[Matrix] = []
+
+    def read(moving: NDArray[np.intp]) -> Matrix | None:
+        if not drives or len(moving) != 1:
+            return all_joints.read()
+        joint = columns.index(moving[0])
+        own = single[joint].read()
+        if own is None:
+            return None
+        row = drives[-1].copy()
+        row[joint, : own.shape[1]] = own[0]
+        return row
+
+    def record(cycle: ControlCycle) -> None:
+        now_s = context.now_s()
+        goals_s.append(now_s)
+        moving = excitation.moving(cycle.time_s)
+        if not times or len(moving) == 1 or now_s - times[-1][0] >= period_s:
+            context.servos.clock.sleep_until(now_s + next(phases))
+            asked_s = context.now_s()
+            measured = read(moving)
+            if measured is not None:
+                replies.append((asked_s - now_s, context.now_s() - now_s))
+                times.append((now_s, cycle.time_s, asked_s))
+                goals.append(cycle.goals)
+                drives.append(measured)
+        if on_cycle:
+            on_cycle(cycle)
+
+    profile_rad_s = context.model.speed(_PROFILE_CLASS).rad_s
+    runner.run(lambda _: excitation, record, _SPEED_CLASS, profile_rad_s=profile_rad_s)
+    recording = _make_recording(
+        context, excitation, np.array(times), np.array(goals), np.array(drives)
+    )
+    ages_s = (
+        _sample_ages(np.array(replies), drives[0]) - context.servos.goals_wire_s - _SERVO_LOOP_S
+    )
+    # A servo's profile goes to each goal at its speed limit: it is there after a share of a cycle.
+    profile_speeds = context.servos.profile_speeds(profile_rad_s)[list(context.index.chain)]
+    profile_share = np.minimum(np.abs(recording.speed) / profile_speeds, 1.0)
+    mean_s = _mean_age_s(np.array(goals_s)) * (1.0 + profile_share)
+    return replace(recording, goal_age_s=ages_s - mean_s)
+
+
+def _sample_ages(replies: Matrix, drive: Matrix) -> Matrix:
+    """Sample the time from the goals to the sample of each joint's servos (m, joints), seconds.
+
+    No manual says whether a servo takes it when the instruction comes or when its turn to reply
+    has: the middle is assumed, which is off by at most half of the time between the two.
+
+    Args:
+        replies: When each reading began and ended, after the goals (m, 2).
+        drive: One reading (joints, most, 4): servos reply one after the other.
+    """
+    counts = np.isfinite(drive[..., 0]).sum(axis=1)
+    share = 0.5 * (np.cumsum(counts) - 0.5 * counts) / counts.sum()
+    return replies[:, :1] + (replies[:, 1:] - replies[:, :1]) * share
+
+
+def _mean_age_s(goals_s: Vector) -> float:
+    """Compute the age of a goal in the mean over time, of goals that came at some times (k,)."""
+    held_s = np.diff(goals_s)
+    return float(0.5 * (held_s @ held_s) / held_s.sum())
+
+
+def _phases(longest_s: float) -> Iterator[float]:
+    """Yield times between 0 and the longest, evenly spread.
+
+    Goals come once a cycle, and the duty follows each step: how it depends on the time since is
+    fitted to readings at different times; see `DriveRecording`.
+    """
+    for k in count():
+        yield longest_s * (_GOLDEN * k % 1.0)
+
+
+def _make_recording(
+    context: ArmContext, excitation: Excitation, times: Matrix, goals: Matrix, drives: Matrix
+) -> DriveRecording:
+    columns = list(context.index.chain)
+    clock_s, motion_s, read_s = times.T
+    # The motion's own time passes more slowly while a joint lags.
+    rate = np.gradient(motion_s, clock_s)
+    speeds = np.array([excitation.state(time_s).velocity for time_s in motion_s])
+    return DriveRecording(
+        time_s=read_s - read_s[0],
+        leg=np.array([excitation.leg_at(float(at_s)) for at_s in motion_s]),
+        speed=smooth_samples(speeds[:, columns] * rate[:, None]),
+        goal=goals[:, columns],
+        position=drives[:, :, 0, 3],
+        duty=drives[..., 0],
+        current_a=drives[..., 1],
+        voltage_v=drives[..., 2],
+        goal_age_s=np.zeros_like(goals[:, columns]),
+    )

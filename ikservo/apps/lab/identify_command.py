@@ -1,0 +1,221 @@
+"""``ikservo identify``: the arm moves slowly and finds its masses, friction and stiffness."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ikservo.apps.lab.arm_identification import QUICK_TOUR, IdentificationRun
+from ikservo.apps.lab.duty_model import JOINT_PARAMETERS
+from ikservo.apps.lab.health_log import (
+    HealthRecord,
+    append_record,
+    health_path,
+    identified_health,
+    read_records,
+)
+from ikservo.apps.lab.identification import Identification, ParameterEstimate
+from ikservo.arm.opening import require_own_port
+from ikservo.calibration.identified_file import save_identified
+from ikservo.cli.direction_prompt import check_directions_once
+from ikservo.cli.option_groups import Without
+from ikservo.cli.options import MotionOptions, ServoConnection
+from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
+from ikservo.cli.terminal import (
+    format_port,
+    print_json,
+    print_lines,
+    print_status,
+    print_table,
+)
+from ikservo.files.writing import check_writable
+from ikservo.model.identified_drives import body_joints
+
+__all__ = ["announce_tour", "command"]
+
+Quick = Annotated[
+    bool, typer.Option("--quick", help="Use three postures instead of eight; determines less.")
+]
+_KEYS = (*JOINT_PARAMETERS, "stiffness_nm_rad", "backlash_rad")
+
+
+@dataclass(frozen=True, kw_only=True)
+class IdentifyOptions(MotionOptions):
+    """Those of a motion; a dry run moves, too."""
+
+    dry_run: Annotated[bool, typer.Option("--dry-run", help="Identify, but save nothing.")] = False
+
+
+def command(
+    *,
+    connection: ServoConnection,
+    quick: Quick = False,
+    options: Annotated[IdentifyOptions, Without("collision", "uncalibrated", "tip")],
+) -> None:
+    """Move the arm slowly to find its own masses, friction, stiffness and backlash.
+
+    It moves all joints through the whole reach of the arm for some minutes: clear that space, and
+    leave the jaws empty.
+
+    ikservo identify --arm so101
+    """
+    with open_from_options(connection, options) as machine:
+        run = IdentificationRun.plan(require_own_port(machine), QUICK_TOUR if quick else None)
+        if not options.dry_run:  # a full disk is found before the arm moves for minutes
+            check_writable(run.path.parent)
+            read_records(health_path(machine.model.name, run.arm.context.serial_number))
+        announce_tour(run, options)
+        with motion_progress_bar() as on_progress:
+            recording = run.record(on_progress)
+        found = run.identify(recording)
+        now = datetime.now(UTC)
+        path = None if options.dry_run else save_identified(run.file(found, now))
+        if path is not None:
+            log = health_path(machine.model.name, run.arm.context.serial_number)
+            joints = identified_health(run.arm.context.servos.bus, found)
+            append_record(log, HealthRecord(written=now, source="identify", joints=joints))
+    carried = dict(zip(body_joints(machine.model, run.dynamics), found.bodies, strict=True))
+    if options.json:
+        _print_json(machine.model.name, run, found, carried, path)
+    else:
+        _print_report(found, carried, path)
+
+
+def announce_tour(run: IdentificationRun, options: MotionOptions) -> None:
+    """Print what will move, ask for confirmation, and move the arm to the start of its tour.
+
+    Raises:
+        IkservoError: The user declined.
+        InputError: A real arm would move, without --yes and without a terminal.
+    """
+    machine, legs = run.arm, len(run.excitation.legs)
+    print_status(
+        f"{machine.model.title} on {format_port(machine.port_name)}: to its pose home, then "
+        f"{legs} slow motions of all joints through its room, {run.duration_s:.0f} s. "
+        "Clear its reach. Ctrl-C stops it; it then holds."
+    )
+    confirm_motion(machine, yes=options.yes)
+    check_directions_once(machine, options)
+    with motion_progress_bar() as on_progress:
+        run.go_to_start(on_progress)
+
+
+def _print_report(found: Identification, carried: dict[str, str], path: Path | None) -> None:
+    print_table(
+        ["joint", "stiffness", "friction", "of load", "backlash", "mass"],
+        [_row(found, name, carried[name]) for name in found.joints],
+    )
+    print_lines(
+        [
+            "Stiffness in N m/rad, friction in N m; ± one standard error. In parentheses: not",
+            "determined by the motion, nearly as in the tables of servos and the arm file.",
+            "Backlash is found with servos that measure their current, and room to swing upright;",
+            "with --quick there are no swings.",
+            *_payload_lines(found),
+            *_validation_lines(found),
+            "Nothing was saved." if path is None else f"Saved to {path}",
+        ]
+    )
+
+
+def _row(found: Identification, name: str, body: str) -> list[str]:
+    def estimate(key: str) -> ParameterEstimate | None:
+        return found.estimates.get(f"{name}.{key}")
+
+    return [
+        name,
+        _format(estimate("stiffness_nm_rad")),
+        _format_sum(estimate("coulomb_nm"), estimate("slow_nm")),
+        _format_sum(estimate("load"), estimate("slow_load")),
+        _format_backlash(estimate("backlash_rad")),
+        _format(found.estimates[f"{body}.mass_scale"], "× "),
+    ]
+
+
+def _format(estimate: ParameterEstimate | None, sign: str = "") -> str:
+    if estimate is None:
+        return "–"
+    if not estimate.determined:
+        return f"({sign}{estimate.value:.3g})"
+    return f"{sign}{estimate.value:.3g} ± {estimate.error:.1g}"
+
+
+def _format_sum(one: ParameterEstimate | None, other: ParameterEstimate | None) -> str:
+    """Format friction at rest, of which the two parts differ only in how they fade with speed."""
+    if one is None or other is None:
+        return "–"
+    error = min(one.error, other.error)
+    return _format(ParameterEstimate(one.value + other.value, error, one.error_before))
+
+
+def _format_backlash(estimate: ParameterEstimate | None) -> str:
+    if estimate is None or not estimate.determined:
+        return "–"
+    return f"{math.degrees(estimate.value):.2f} ± {math.degrees(estimate.error):.1g}°"
+
+
+def _payload_lines(found: Identification) -> Iterator[str]:
+    payload = found.estimates["payload_kg"]
+    grams, error = 1000.0 * payload.value, 1000.0 * payload.error
+    if not payload.determined:
+        yield "The motion does not determine the mass in the jaws."
+    elif payload.value > 2.0 * payload.error:
+        yield f"The jaws hold {grams:.0f} ± {error:.0f} g, or the last link is that much heavier."
+    else:
+        yield f"Nothing in the jaws ({grams:.0f} ± {error:.0f} g)."
+
+
+def _validation_lines(found: Identification) -> Iterator[str]:
+    tables = [name for name, own in found.validation.items() if not own.is_better]
+    if tables:
+        yield f"The tables predict {', '.join(tables)} no worse than the motion: their values stay."
+    worst = max(found.validation, key=lambda name: found.validation[name].identified, default=None)
+    if worst is not None:
+        own = found.validation[worst]
+        yield (
+            f"On motions kept aside each joint's lag behind its goal is predicted to "
+            f"{math.degrees(own.identified):.2f}° rms or better ({worst}; "
+            f"{math.degrees(own.nominal):.2f}° before)."
+        )
+
+
+def _print_json(
+    arm: str,
+    run: IdentificationRun,
+    found: Identification,
+    carried: dict[str, str],
+    path: Path | None,
+) -> None:
+    print_json(
+        "identify",
+        arm=arm,
+        path=path,
+        duration_s=run.duration_s,
+        joints=[_joint_fields(found, name, carried[name]) for name in found.joints],
+        payload_kg=_estimate_fields(found.estimates["payload_kg"]),
+    )
+
+
+def _joint_fields(found: Identification, name: str, body: str) -> dict[str, object]:
+    validation = found.validation.get(name)
+    return {
+        "name": name,
+        **{key: _estimate_fields(found.estimates.get(f"{name}.{key}")) for key in _KEYS},
+        "mass_scale": _estimate_fields(found.estimates[f"{body}.mass_scale"]),
+        "lag_error_rad": validation and validation.identified,
+        "lag_error_before_rad": validation and validation.nominal,
+    }
+
+
+def _estimate_fields(estimate: ParameterEstimate | None) -> dict[str, object] | None:
+    return estimate and {
+        "value": estimate.value,
+        "error": estimate.error,
+        "determined": estimate.determined,
+    }

@@ -1,0 +1,155 @@
+"""Which arms and ports there are to choose from: catalogue, own calibrations, adapters."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from ikservo.apps.page.messages.page_messages import BadMessageError
+from ikservo.apps.page.served_arms import ArmAtPort
+from ikservo.calibration.paths import calibration_path, calibrations_of
+from ikservo.errors import IkservoError
+from ikservo.hardware.discovery import SerialAdapter, list_adapters
+from ikservo.hardware.port_names import remembered_serial_number
+from ikservo.model import Model, arm_names, load_model
+
+__all__ = ["ArmChoices", "ChoiceFinder", "find_choices"]
+
+_SIMULATED = "sim"
+
+
+@dataclass(frozen=True, slots=True)
+class ArmChoices:
+    """What can be opened from the page, and nothing else.
+
+    Attributes:
+        models: The arms by name.
+        ports: What to say of each port, by its name.
+        own: The user's own arms: arm, adapter and port, which is empty while it is unplugged.
+    """
+
+    models: Mapping[str, Model] = field(default_factory=dict[str, Model])
+    ports: Mapping[str, str] = field(default_factory=dict[str, str])
+    own: Sequence[Mapping[str, str]] = ()
+
+    def choose(self, arm: str, port: str) -> ArmAtPort:
+        """Choose an arm at a port of those offered.
+
+        Raises:
+            BadMessageError: It was not offered, or is unplugged by now.
+        """
+        if arm not in self.models:
+            raise BadMessageError(f"There is no arm {arm[:64]!r} to choose.")
+        self.check_port(port)
+        return ArmAtPort(self.models[arm], port)
+
+    def check_port(self, port: str) -> None:
+        """Check that a port was offered.
+
+        Raises:
+            BadMessageError: It was not, or is unplugged by now.
+        """
+        if port not in self.ports:
+            raise BadMessageError(f"There is no port {port[:64]!r} any more.", "Is it plugged in?")
+
+    def fields(self) -> dict[str, object]:
+        """Return the choices as the page lists them."""
+        return {
+            "models": [[name, model.title] for name, model in self.models.items()],
+            "ports": [[name, text] for name, text in self.ports.items()],
+            "own": self.own,
+        }
+
+
+def find_choices(given: Sequence[ArmAtPort] = ()) -> ArmChoices:
+    """Find what there is to choose now; opens no port.
+
+    Args:
+        given: Arms and ports that the command line has named.
+    """
+    models = {model.name: model for model in _load_each(arm_names())}
+    models |= {place.model.name: place.model for place in given}
+    adapters = list_adapters()
+    ports = {adapter.device: _describe(adapter) for adapter in adapters}
+    named = {place.port for place in given if place.port} - set(ports)
+    ports |= dict.fromkeys(sorted(named), "")
+    own = [row for name in models for row in _own_arms(name, adapters)]
+    return ArmChoices(models, {**ports, _SIMULATED: "simulated arm, no hardware"}, own)
+
+
+def _load_each(arms: Sequence[str | Path]) -> list[Model]:
+    models: list[Model] = []
+    for name in arms:
+        try:
+            models.append(load_model(name))
+        except IkservoError:  # a damaged file of one arm hides that arm alone
+            continue
+    return models
+
+
+def _describe(adapter: SerialAdapter) -> str:
+    used = adapter.used_by
+    return f"{adapter.chip}, used by {used}" if used else adapter.chip
+
+
+def _own_arms(name: str, adapters: Sequence[SerialAdapter]) -> list[dict[str, str]]:
+    """Return an arm's adapters that were calibrated, or used last, plugged in or not."""
+    files = set(calibrations_of(name))
+    last = remembered_serial_number(name)
+    rows: list[dict[str, str]] = []
+    for adapter in adapters:
+        file = calibration_path(name, adapter.serial_number)
+        calibrated = bool(adapter.serial_number) and file in files
+        if calibrated or (last and adapter.serial_number == last):
+            files.discard(file)
+            rows.append(_own_arm(name, adapter.serial_number, adapter.device, calibrated))
+    return rows + [
+        _own_arm(name, file.stem.removeprefix(name).lstrip("-"), "", True)
+        for file in sorted(files)
+        if file.stem.removeprefix(name).lstrip("-") != _SIMULATED
+    ]
+
+
+def _own_arm(name: str, adapter: str, port: str, calibrated: bool) -> dict[str, str]:
+    state = "calibrated" if calibrated else "not calibrated"
+    return {"arm": name, "adapter": adapter, "port": port, "state": state}
+
+
+class ChoiceFinder:
+    """Looks for choices in a thread of its own: that takes longer than a control cycle.
+
+    Args:
+        given: Arms and ports that the command line has named.
+
+    Attributes:
+        found: The latest choices; replaced as a whole.
+    """
+
+    def __init__(self, given: Sequence[ArmAtPort] = ()) -> None:
+        self._given = tuple(given)
+        self._folders: tuple[Path, ...] = ()
+        self.found = ArmChoices()
+        self._thread: threading.Thread | None = None
+
+    def start(self) -> None:
+        """Look once; does nothing while it is looking."""
+        if self._thread is None or not self._thread.is_alive():
+            self._thread = threading.Thread(target=self._look, name="ikservo ports", daemon=True)
+            self._thread.start()
+
+    def wait(self) -> None:
+        """Wait until what was started is found."""
+        if self._thread is not None:
+            self._thread.join()
+
+    def add_folders(self, folders: Sequence[Path]) -> None:
+        """Offer the arms of some folders, too."""
+        self._folders += tuple(folders)
+        if folders:
+            self.start()
+
+    def _look(self) -> None:
+        own = [ArmAtPort(model) for model in _load_each(self._folders)]
+        self.found = find_choices([*self._given, *own])

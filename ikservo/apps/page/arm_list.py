@@ -1,0 +1,213 @@
+"""The page's list of arms: what is open, what could be, and one stop for all."""
+
+from __future__ import annotations
+
+import itertools
+from pathlib import Path
+from typing import Annotated, Literal
+
+from pydantic import Field, TypeAdapter
+
+from ikservo.apps.page.arm_choices import ChoiceFinder
+from ikservo.apps.page.dragging.labels import STOP_TEXTS
+from ikservo.apps.page.messages.message_fields import Name, PageMessage, StopInput
+from ikservo.apps.page.messages.page_messages import BadMessageError, Heartbeat, validate_message
+from ikservo.apps.page.panels.new_arm_panel import (
+    AnswerNewArm,
+    CancelNewArm,
+    NewArmPanel,
+    StartNewArm,
+)
+from ikservo.apps.page.panels.video import VIDEO_TYPE
+from ikservo.apps.page.served_arms import ServedArms
+from ikservo.apps.page.server.auth import Permission
+from ikservo.apps.page.server.downloads import Download, DownloadOffers
+from ikservo.apps.page.server.server import Frame
+from ikservo.clock import Clock
+
+__all__ = [
+    "ArmList",
+    "ArmListMessage",
+    "CloseArm",
+    "FindChoices",
+    "OpenChoice",
+    "ShowCamera",
+    "StopArms",
+    "read_arm_list_message",
+]
+
+_PERIOD_S = 0.1  # between two frames
+Choice = Annotated[str, Field(min_length=1, max_length=512)]
+
+
+class FindChoices(PageMessage):
+    """Look for ports and arms."""
+
+    kind: Literal["find_choices"]
+
+
+class OpenChoice(PageMessage):
+    """Open one of the arms at one of the ports that were offered."""
+
+    kind: Literal["open_arm"]
+    arm: Choice
+    port: Choice
+
+
+class CloseArm(PageMessage):
+    """Close an open arm, or forget one that could not be opened; torque stays as it is."""
+
+    kind: Literal["close_arm"]
+    name: Name
+
+
+class ShowCamera(PageMessage):
+    """Ask for the address of the pictures of an arm's camera, which is valid once."""
+
+    kind: Literal["show_camera"]
+    arm: Name
+
+
+class StopArms(PageMessage):
+    """Stop one arm, or all of them without a name."""
+
+    kind: Literal["stop_arms"]
+    name: Name | None = None
+    by: StopInput = "button"
+
+
+ArmListMessage = (
+    Heartbeat
+    | FindChoices
+    | OpenChoice
+    | CloseArm
+    | ShowCamera
+    | StopArms
+    | StartNewArm
+    | AnswerNewArm
+    | CancelNewArm
+)
+_MESSAGES: TypeAdapter[ArmListMessage] = TypeAdapter(
+    Annotated[ArmListMessage, Field(discriminator="kind")]
+)
+
+
+def _stopped_by(message: StopArms) -> str:
+    if message.by != "button":
+        return STOP_TEXTS[message.by]
+    return "Stopped from the list of arms" if message.name else "Stopped by Stop all on the page"
+
+
+def read_arm_list_message(text: str) -> ArmListMessage:
+    """Parse and validate a message of the list.
+
+    Raises:
+        BadMessageError: It is too long, no JSON, or not one of those above.
+    """
+    return validate_message(_MESSAGES, text)
+
+
+class ArmList:
+    """Shows the arms to every client; whoever may move one may open, stop and close them.
+
+    Args:
+        arms: The arms.
+        choices: What else there is.
+        clock: Limits the rate of frames.
+        downloads: Hands out the addresses of the cameras' pictures.
+        new_arm: Makes the folder of a new arm.
+    """
+
+    def __init__(
+        self,
+        arms: ServedArms,
+        choices: ChoiceFinder,
+        clock: Clock,
+        downloads: DownloadOffers,
+        new_arm: NewArmPanel | None = None,
+    ) -> None:
+        self._new_arm = new_arm or NewArmPanel(Path())
+        self._arms, self._choices, self._clock = arms, choices, clock
+        self._downloads = downloads
+        self._addresses: dict[int, list[Frame]] = {}
+        self._numbers = itertools.count(1)
+        self._permissions: dict[int, Permission] = {}
+        self._sent: dict[int, tuple[float, Frame]] = {}
+
+    def connect(self, permission: Permission) -> int:
+        """Register a client and return its number."""
+        number = next(self._numbers)
+        self._permissions[number] = permission
+        return number
+
+    def disconnect(self, client_id: int) -> None:
+        """Remove a client."""
+        del self._permissions[client_id]
+        self._sent.pop(client_id, None)
+        self._addresses.pop(client_id, None)
+
+    def receive(self, client_id: int, message: ArmListMessage) -> None:
+        """Handle a client's message.
+
+        Raises:
+            BadMessageError: Not permitted, or impossible now; nothing has changed.
+        """
+        if isinstance(message, Heartbeat):
+            return
+        if isinstance(message, ShowCamera):
+            arm = self._arms.find(message.arm)
+            if arm is None or arm.video is None:
+                raise BadMessageError("There is no camera.", "Start with: ikservo view --camera 0")
+            url = self._downloads.offer(Download("", arm.video.stream, VIDEO_TYPE))
+            self._addresses.setdefault(client_id, []).append({"kind": "camera_url", "url": url})
+            return
+        if isinstance(message, StopArms):  # whoever sees the arms
+            self._stop_arms(message)
+            return
+        if self._permissions[client_id] is not Permission.CONTROL:
+            raise BadMessageError("This page is for watching only.", "Open the other address.")
+        match message:
+            case FindChoices():
+                self._choices.start()
+            case OpenChoice():
+                self._arms.start_opening(self._choices.found.choose(message.arm, message.port))
+            case CloseArm():
+                self._arms.start_closing(message.name)
+            case StartNewArm():
+                self._start_new_arm(message)
+            case AnswerNewArm():
+                self._new_arm.answer(message)
+            case CancelNewArm():
+                self._new_arm.close()
+
+    def _stop_arms(self, message: StopArms) -> None:
+        self._arms.stop(message.name, _stopped_by(message))
+        if message.name is None:
+            self._new_arm.stop_servos()
+
+    def _start_new_arm(self, message: StartNewArm) -> None:
+        if message.port:
+            self._choices.found.check_port(message.port)
+        self._new_arm.start(message)
+
+    def frames(self, client_id: int) -> list[Frame]:
+        """Return what is new for a client: the list, the address of the camera's pictures."""
+        return self._addresses.pop(client_id, []) + self._list_frames(client_id)
+
+    def _list_frames(self, client_id: int) -> list[Frame]:
+        now_s = self._clock.now_s()
+        sent_s, sent = self._sent.get(client_id, (-1e9, None))
+        if now_s - sent_s < _PERIOD_S:
+            return []
+        self._choices.add_folders(self._new_arm.read())
+        may_control = self._permissions[client_id] is Permission.CONTROL
+        frame = {
+            "kind": "arms",
+            "new_arm": self._new_arm.fields() if may_control else None,
+            "permission": self._permissions[client_id].value,
+            "arms": [arm.fields() for arm in self._arms.all()],
+            "cameras": self._arms.camera_names,
+            **self._choices.found.fields(),
+        }
+        self._sent[client_id] = (now_s, frame)
+        return [] if frame == sent else [frame]

@@ -1,0 +1,591 @@
+"""The session controller: what a client may do and what its messages change."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable
+from dataclasses import replace
+from typing import Any, get_args
+
+import numpy as np
+
+from ikservo.apps.page.dragging.drag_solver import PosturePreference
+from ikservo.apps.page.dragging.goal_planning import GoalPlanner, PlanRequest
+from ikservo.apps.page.dragging.interaction import Interaction
+from ikservo.apps.page.dragging.labels import STOP_TEXTS
+from ikservo.apps.page.dragging.snapshot import StopNotice
+from ikservo.apps.page.frames import FrameComposer
+from ikservo.apps.page.messages import page_messages as msg
+from ikservo.apps.page.messages.page_messages import BadMessageError, Message
+from ikservo.apps.page.messages.program_messages import ProgramMessage
+from ikservo.apps.page.messages.thing_messages import SaveThings, ThingMessage
+from ikservo.apps.page.panels.camera_view import CameraView
+from ikservo.apps.page.panels.follow_panel import FindArm, FollowPanel
+from ikservo.apps.page.panels.live_plots import PlotFeed
+from ikservo.apps.page.panels.page_cameras import ArmCameras
+from ikservo.apps.page.panels.program_panel import ProgramPanel
+from ikservo.apps.page.panels.servo_panel import ServoPanel
+from ikservo.apps.page.panels.things_panel import AddOtherArm, ThingsPanel
+from ikservo.apps.page.picking.lens_camera import LensCamera
+from ikservo.apps.page.picking.projection import Viewport
+from ikservo.apps.page.picking.viewpoints import Viewpoint, available_views
+from ikservo.apps.page.running.arm_job import ExecutePath, RelaxArm, ReleaseArm, SetTipZero
+from ikservo.apps.page.running.arm_thread import ArmThread
+from ikservo.apps.page.running.history import csv_lines
+from ikservo.apps.page.server.auth import Permission
+from ikservo.apps.page.server.downloads import Download, DownloadOffers
+from ikservo.apps.page.server.page_connection import Client
+from ikservo.apps.page.server.server import Frame
+from ikservo.arm import StopKind, StopReason
+from ikservo.clock import Clock
+from ikservo.errors import IkservoError
+
+__all__ = ["SessionController"]
+
+_ORBIT_RAD_PX = 0.008
+_AWAY_TEXT = "Stopped: the page that controls was hidden, closed or replaced."
+_HARMLESS = ("up", "cancel", "hover", "leave")  # of a pointer: no new target
+_GO_LIVE_TEXT = "The arm does not follow. The last goal is dropped."
+
+Handler = Callable[[Any, Client], None]
+"""Handles one type of message."""
+
+
+class SessionController:
+    """Handles the messages of all clients; one of them controls the arm (``SessionBackend``).
+
+    Runs in the server's thread; commands and snapshots of the arm thread are replaced as a whole.
+
+    Args:
+        arm_thread: Owns the arm.
+        clock: The time of the page.
+        downloads: Where files are offered; a place of its own if None.
+        find_arm: Finds another arm of the page, to be followed.
+        cameras: The cameras that the arm may show; None for none.
+        add_other_arm: Makes another arm of the page an obstacle to this one.
+
+    Attributes:
+        downloads: The files that pages have asked for.
+    """
+
+    def __init__(
+        self,
+        arm_thread: ArmThread,
+        clock: Clock,
+        downloads: DownloadOffers | None = None,
+        find_arm: FindArm = lambda _: None,
+        cameras: ArmCameras | None = None,
+        add_other_arm: AddOtherArm = lambda _: None,
+    ) -> None:
+        self._arm_thread, self._clock = arm_thread, clock
+        self._cameras = cameras
+        self._arm = arm_thread.arm
+        self._interaction = Interaction(arm_thread.arm, clock)
+        self._planner = GoalPlanner(arm_thread.arm)
+        self._fallback: StopNotice | None = None  # why Live has ended
+        self._plots, self.downloads = PlotFeed(), downloads or DownloadOffers(clock)
+        self._lease = arm_thread.lease
+        self._camera_view = self._find_camera_view()
+        self._composer = FrameComposer(arm_thread, self._interaction, clock, self._camera_view)
+        self._program = ProgramPanel(arm_thread)
+        self._following = FollowPanel(arm_thread, clock, find_arm)
+        self._servos = ServoPanel(arm_thread)
+        self._find_arm, self._add_other_arm = find_arm, add_other_arm
+        self._things = self._things_panel()
+        self._clients: dict[int, Client] = {}
+        self._numbers = itertools.count(1)
+        self._handlers: dict[type, Handler] = {
+            msg.Heartbeat: self._refresh_heartbeat,
+            msg.SetViewport: self._set_viewport,
+            msg.OrbitCamera: self._orbit_camera,
+            msg.FitView: self._fit_view,
+            msg.Stop: self._stop,
+            msg.Acknowledge: self._acknowledge,
+            msg.TakeControl: self._take_control,
+            msg.ShowPlots: self._show_plots,
+            msg.SaveHistory: self._save_history,
+            SaveThings: self._save_things,
+        }
+        # Only the client in control may send these, and messages that are in neither table.
+        self._control_handlers: dict[type, Handler] = {
+            msg.SetLive: self._set_live,
+            msg.SetSpeed: self._set_speed,
+            msg.SetSolver: self._set_solver,
+            msg.PreferPosture: self._prefer_posture,
+            msg.CalibrationAnswer: self._handle_calibration,
+            msg.GoToPose: self._go_to_pose,
+            msg.SetJoint: self._set_typed_target,
+            msg.JogJoint: self._set_typed_target,
+            msg.SetTool: self._set_typed_target,
+            msg.JogTool: self._set_typed_target,
+            msg.PointTool: self._set_typed_target,
+            msg.SetTorque: self._set_torque,
+            msg.Undo: self._undo,
+            msg.ArmAction: self._start_action,
+            msg.MarkTip: self._mark_tip,
+            msg.FollowArm: self._follow_arm,
+            msg.ChooseCamera: self._choose_camera,
+            msg.ReadServo: self._read_servo,
+            msg.WriteRegister: self._write_register,
+            **dict.fromkeys(get_args(ProgramMessage), self._handle_program),
+            **dict.fromkeys(get_args(ThingMessage), self._handle_thing),
+        }
+
+    def close(self) -> None:
+        """Cancel the background computations."""
+        self._composer.close()
+        self._planner.close()
+        if self._camera_view is not None:
+            self._camera_view.close()
+
+    # --- connections ---
+
+    def connect(self, permission: Permission) -> int:
+        """Register a client and return its number; the first with permission gets control."""
+        number = next(self._numbers)
+        view = Viewpoint(available_views(self._composer.extent)[0])
+        client = self._clients[number] = Client(number, permission, view)
+        if permission is Permission.CONTROL and self._lease.holder is None:
+            self._grant_control(client)
+        return number
+
+    def disconnect(self, client_id: int) -> None:
+        """Remove a client; if it had control, the arm holds."""
+        client = self._clients.pop(client_id)
+        self._plots.forget(client_id)
+        if self._lease.release(client.lease):
+            self._stop_session()
+
+    def frames(self, client_id: int) -> list[Frame]:
+        """Return the new frames for a client."""
+        self._update_after_session()
+        client = self._clients[client_id]
+        in_control = self._lease.is_held_by(client.lease)
+        picture = self._composer.camera_view(client)
+        if picture is not None:
+            picture.watch(self._arm_thread.snapshot.measured)
+        if in_control:
+            self._interaction.continue_target(self._arm_thread.snapshot, self._clock.now_s())
+            self._send_setpoint()
+            self._update_path()
+        others = "none" if self._lease.holder is None else "other"
+        controller = "you" if in_control else others
+        frames = self._composer.compose(client, controller=controller, fallback=self._fallback)
+        frames += self._things.frames(client)
+        frames += self._program.frames(client)
+        frames += self._following.frames(client)
+        frames += self._servos.frames(client)
+        frames += self._plots.frames(client_id, self._arm_thread.history, self._clock.now_s())
+        return frames + client.take_outbox()
+
+    def stop(self, by: str) -> None:
+        """Brake and hold until acknowledged.
+
+        Args:
+            by: By whom, as the beginning of a sentence.
+        """
+        self._forget_targets()
+        self._arm_thread.post(replace(self._arm_thread.command, live=False, goal=None))
+        self._arm_thread.request_stop(StopReason(StopKind.CLIENT, f"{by}."))
+
+    # --- messages of any client ---
+
+    def receive(self, client_id: int, message: Message) -> None:
+        """Handle a client's message.
+
+        Raises:
+            BadMessageError: Not permitted, or impossible now; nothing has changed.
+        """
+        client, handle = self._clients[client_id], self._handlers.get(type(message))
+        if handle is None:
+            self._receive_in_control(message, client)
+        else:
+            handle(message, client)
+
+    def _refresh_heartbeat(self, message: msg.Heartbeat, client: Client) -> None:
+        if not self._lease.is_held_by(client.lease):
+            return
+        if message.visible:
+            self._lease.refresh(client.lease)
+            return
+        if self._arm_thread.command.live:
+            self._fallback = StopNotice("Live ended: the page was hidden.", _GO_LIVE_TEXT)
+        self._stop_session()
+
+    def _set_viewport(self, message: msg.SetViewport, client: Client) -> None:
+        if message.view not in self._composer.views:
+            raise BadMessageError(f"This arm is not seen from the {message.view}.")
+        client.viewport = Viewport(message.w, message.h, message.dpr)
+        client.webgl = message.webgl and message.view == "orbit"
+        client.handles, client.height_m = message.handles, message.height_m
+        if message.view != client.view.name:
+            client.view = Viewpoint(message.view)
+
+    def _orbit_camera(self, message: msg.OrbitCamera, client: Client) -> None:
+        if client.view.name == "camera":
+            return  # it stands where it stands
+        if message.zoom != 1.0:
+            client.view = self._zoom_view(message, client)
+        view = client.view
+        if view.name == "orbit":
+            view = view.orbit_by(-message.dx * _ORBIT_RAD_PX, message.dy * _ORBIT_RAD_PX)
+        elif client.viewport is not None:
+            view = view.pan_by((message.dx, message.dy), self._composer.camera(client), 0.0)
+        client.view = view
+
+    def _zoom_view(self, message: msg.OrbitCamera, client: Client) -> Viewpoint:
+        """Compute a client's view zoomed about a pixel."""
+        zoomed = client.view.zoom_by(message.zoom)
+        if message.at is None or client.viewport is None:
+            return zoomed
+        extent = self._composer.extent
+        before, after = (
+            self._composer.camera(replace(client, view=view)) for view in (client.view, zoomed)
+        )
+        centre_depth_m = before.depth_of(extent.box_m.mean(axis=0))
+        place_m = before.unproject(np.array(message.at), centre_depth_m)
+        px, depth_m = after.project(place_m)
+        dx, dy = (np.array(message.at) - px).tolist()
+        return zoomed.pan_by((dx, dy), after, float(depth_m))
+
+    def _fit_view(self, _message: msg.FitView, client: Client) -> None:
+        client.view = Viewpoint(client.view.name)
+
+    def _stop(self, message: msg.Stop, _client: Client) -> None:
+        self.stop(STOP_TEXTS[message.by])
+
+    def _acknowledge(self, _message: msg.Acknowledge, client: Client) -> None:
+        _check_may_control(client)
+        self._interaction.reset()
+        self._arm_thread.acknowledge()
+
+    def _take_control(self, message: msg.TakeControl, client: Client) -> None:
+        _check_may_control(client)
+        if message.on and not self._lease.is_held_by(client.lease):
+            self._grant_control(client)
+        elif not message.on and self._lease.release(client.lease):
+            self._stop_session()
+
+    def _show_plots(self, message: msg.ShowPlots, client: Client) -> None:
+        self._plots.choose(client.number, message, self._arm_thread.history)
+
+    def _save_history(self, message: msg.SaveHistory, client: Client) -> None:
+        """Offer the history as a file."""
+        history = self._arm_thread.history
+        recording = history.last_stop if message.stopped else history.since(-math.inf)
+        if recording is None:
+            raise BadMessageError("Nothing has stopped the arm yet.", "Save the present instead.")
+        name = f"{self._arm.model.name}-{'stop' if message.stopped else 'history'}.csv"
+        url = self.downloads.offer(Download(name, lambda: csv_lines(recording)))
+        client.outbox.append({"kind": "download", "url": url, "name": name})
+
+    def _save_things(self, _message: SaveThings, client: Client) -> None:
+        client.outbox.append(self._things.offer())
+
+    # --- messages of the client in control ---
+
+    def _receive_in_control(self, message: Message, client: Client) -> None:
+        """Handle a message that only the client in control may send; it counts as a heartbeat."""
+        self._require_control(client)
+        self._update_after_session()
+        self._lease.refresh(client.lease)
+        handle = self._control_handlers.get(type(message), self._handle_input)
+        try:
+            handle(message, client)
+        except IkservoError as error:
+            raise BadMessageError(error.message, error.command_hint) from error
+        self._send_setpoint()
+
+    def _set_speed(self, message: msg.SetSpeed, _client: Client) -> None:
+        self._arm_thread.post(replace(self._arm_thread.command, speed=message.name))
+
+    def _set_solver(self, message: msg.SetSolver, _client: Client) -> None:
+        self._interaction.choose_solver(message.name)
+
+    def _prefer_posture(self, message: msg.PreferPosture, _client: Client) -> None:
+        preference = PosturePreference(message.pose, message.weights)
+        self._interaction.set_preference(preference, self._arm_thread.snapshot.measured)
+
+    def _go_to_pose(self, message: msg.GoToPose, _client: Client) -> None:
+        self._require_ready()
+        self._interaction.pose(message.name, self._arm_thread.snapshot)
+
+    def _set_typed_target(self, message: Any, _client: Client) -> None:  # noqa: ANN401
+        """Handle a position or a step of a joint or of the tool."""
+        snapshot, interaction = self._arm_thread.snapshot, self._interaction
+        self._require_ready()
+        match message:
+            case msg.SetJoint():
+                interaction.set_joint(message.joint, message.value, snapshot)
+            case msg.JogJoint():
+                interaction.jog_joint(message.joint, message.step, snapshot)
+            case msg.SetTool():
+                interaction.set_tool(message.what, message.value, snapshot, step=False)
+            case msg.JogTool():
+                interaction.set_tool(message.what, message.step, snapshot, step=True)
+            case _:
+                interaction.point_tool(np.array(message.direction), snapshot)
+
+    def _handle_program(self, message: ProgramMessage, _client: Client) -> None:
+        self._program.handle(message, self._interaction)
+
+    def _handle_thing(self, message: ThingMessage, _client: Client) -> None:
+        """Change what stands around the arm."""
+        self._require_ready()
+        if self._arm_thread.command.live:
+            raise BadMessageError("Things stay while the arm follows.", "Switch Live off first.")
+        self._things.handle(message)
+        self._interaction.set_things(self._arm.scene.things)
+
+    def _move_thing(self) -> None:
+        """Show a thing where it is dragged to; once it is dropped, it stands there."""
+        moved = self._interaction.moved_thing
+        if moved is None or not moved.shift_m.any():
+            self._things.show_moved(None)
+            return
+        if self._arm_thread.command.live:
+            self._interaction.reset()
+            raise BadMessageError("Things stay while the arm follows.", "Switch Live off first.")
+        self._things.show_moved(moved)
+        if moved.is_dropped:
+            try:
+                self._things.drop(moved)
+            finally:
+                self._interaction.set_things(self._arm.scene.things)
+
+    def _set_torque(self, message: msg.SetTorque, _client: Client) -> None:
+        """Switch a servo's torque; the goal of the preview started from where the arm was."""
+        self._require_ready()
+        if self._arm_thread.command.live:
+            raise BadMessageError("Torque is on while the arm follows.", "Switch Live off first.")
+        self._arm.joint_index.column(message.joint)
+        self._interaction.reset()
+        self._arm_thread.request_torque(message.joint, on=message.on)
+
+    def _read_servo(self, message: msg.ReadServo, _client: Client) -> None:
+        self._servos.read(message.joint)
+
+    def _write_register(self, message: msg.WriteRegister, _client: Client) -> None:
+        self._servos.write(message.joint, message.name, message.value)
+
+    def _undo(self, message: msg.Undo, _client: Client) -> None:
+        self._require_ready()
+        change = self._interaction.redo if message.redo else self._interaction.undo
+        change(self._arm_thread.snapshot)
+
+    def _start_action(self, message: msg.ArmAction, client: Client) -> None:
+        """Let the arm go to the target of the preview, lower itself, or go limp."""
+        self._require_ready()
+        if message.action == "release":
+            self._interaction.reset()
+            self._arm_thread.request_job(ReleaseArm())
+            return
+        self._arm.context.require_zeros()
+        if message.action == "relax":
+            self._interaction.reset()
+            self._arm_thread.request_job(RelaxArm())
+            return
+        picture = self._composer.camera_view(client)
+        if picture is not None:
+            picture.require_usable()
+        self._interaction.finish_target()
+        request, path = self._plan_request(), self._planner.path
+        if request is None:
+            raise BadMessageError("No target is shown.", "Drag the arm, or click, first.")
+        if path is None or path.number != message.path:
+            raise BadMessageError("The path there is not shown yet.", "Nothing moves.")
+        path.plan_for(request)
+        self._arm_thread.request_job(ExecutePath(path))
+
+    def _mark_tip(self, message: msg.MarkTip, client: Client) -> None:
+        """Set the zero that the tip shows where it was clicked."""
+        self._require_ready()
+        picture, camera = self._composer.camera_view(client), self._composer.camera(client)
+        if picture is None or not isinstance(camera, LensCamera):
+            raise BadMessageError("The tip is clicked in a camera's picture.", "Choose its view.")
+        px, snapshot = np.array([message.x, message.y]), self._arm_thread.snapshot
+        found = picture.find_tip_zero(camera, px, snapshot)
+        self._arm_thread.request_job(SetTipZero(found))
+
+    def _choose_camera(self, message: msg.ChooseCamera, _client: Client) -> None:
+        """Show another camera; who looks through one that is no view sees the first view."""
+        if self._cameras is None:
+            raise BadMessageError("This arm has no camera.")
+        self._cameras.choose(message.camera)
+        if self._camera_view is not None:
+            self._camera_view.close()
+        self._camera_view = self._find_camera_view()
+        self._composer.show_camera(self._camera_view)
+        for client in self._clients.values():
+            client.sent.pop("arm_info", None)
+            if client.view.name not in self._composer.views:
+                client.view = Viewpoint(self._composer.views[0])
+
+    def _follow_arm(self, message: msg.FollowArm, _client: Client) -> None:
+        if message.leader is None:
+            self._following.finish()
+            return
+        self._require_ready()
+        self._following.start(message.leader)
+        self._interaction.reset()
+
+    def _require_ready(self) -> None:
+        """Raise where the arm takes no targets.
+
+        Raises:
+            BadMessageError: It was stopped, is being calibrated, or moves by itself.
+        """
+        snapshot, job = self._arm_thread.snapshot, self._arm_thread.job
+        if snapshot.calibration:
+            raise BadMessageError("The arm is being calibrated.", "Finish that, or leave it.")
+        if snapshot.stop_notice:
+            raise BadMessageError("The arm was stopped.", "Check it, then acknowledge.")
+        if job is not None:
+            raise BadMessageError(f"The arm is busy: {job.title}.", "Wait for its end, or stop it.")
+
+    def _handle_input(self, message: Any, client: Client) -> None:  # noqa: ANN401
+        """Handle pointer, wheel, key and gamepad messages; a press that does nothing is told."""
+        snapshot = self._arm_thread.snapshot
+        if client.viewport is None:
+            return
+        if isinstance(message, msg.Wheel | msg.Key) or getattr(message, "phase", "") == "down":
+            self._require_ready()
+        elif snapshot.stop_notice is not None or self._arm_thread.job is not None:
+            return
+        picture = self._composer.camera_view(client)
+        if picture is not None and getattr(message, "phase", "") not in _HARMLESS:
+            picture.require_usable()
+        surface = None if picture is None else picture.surface(client.height_m)
+        camera, plane_m = self._composer.camera(client), self._composer.plane_m(client)
+        context = self._interaction.pointer_context(camera, snapshot, plane_m, surface)
+        self._interaction.handle(message, context, snapshot, self._clock.now_s())
+        self._move_thing()
+
+    def _set_live(self, message: msg.SetLive, _client: Client) -> None:
+        """Switch Live: the arm starts at its measured position, whatever the preview showed."""
+        arm_thread, on = self._arm_thread, message.on
+        if on:
+            self._require_ready()
+            arm_thread.arm.context.require_zeros()
+        self._fallback = None
+        self._forget_targets()
+        session_id = (
+            arm_thread.command.session_id + 1
+            if on and not arm_thread.command.live
+            else arm_thread.command.session_id
+        )
+        arm_thread.post(replace(arm_thread.command, live=on, goal=None, session_id=session_id))
+
+    def _handle_calibration(self, message: msg.CalibrationAnswer, _client: Client) -> None:
+        driver = self._arm_thread.calibration
+        busy = self._arm_thread.command.live or self._arm_thread.job is not None
+        if driver is None or (busy and message.action == "start"):
+            raise BadMessageError("The arm cannot be calibrated now.", "Switch Live off first.")
+        if message.action == "start":
+            self._forget_targets()
+            driver.request_start()
+        else:
+            driver.put_answer(f"{message.action} {message.joint or ''}".strip(), message.number)
+
+    def _update_after_session(self) -> None:
+        """Follow a reopened arm, and reset the goal if the session has ended."""
+        if self._arm_thread.arm is not self._arm:
+            self._reset_for_arm()
+        command, snapshot = self._arm_thread.command, self._arm_thread.snapshot
+        if command.live and snapshot.ended_session >= command.session_id:
+            if not snapshot.stop_notice:
+                self._fallback = StopNotice("Live ended: the page did not answer.", _GO_LIVE_TEXT)
+            self._stop_session()
+
+    def _reset_for_arm(self) -> None:
+        """Start again with a reopened arm: its limits may have changed."""
+        self._arm = self._arm_thread.arm
+        self.close()
+        self._interaction = Interaction(self._arm, self._clock)
+        self._planner = GoalPlanner(self._arm)
+        self._things = self._things_panel()
+        self._camera_view = self._find_camera_view()
+        self._composer = FrameComposer(
+            self._arm_thread, self._interaction, self._clock, self._camera_view
+        )
+
+    def _things_panel(self) -> ThingsPanel:
+        return ThingsPanel(self._arm, self.downloads, self._find_arm, self._add_other_arm)
+
+    def _find_camera_view(self) -> CameraView | None:
+        """Find the view of the arm's camera, or None and say why its picture is one only."""
+        cameras = self._cameras
+        if cameras is None or cameras.video is None:
+            return None
+        try:
+            return CameraView(self._arm, cameras.video, self._clock, cameras.name)
+        except IkservoError as error:
+            self._interaction.log(f"Clicks in the picture are no targets: {error.message}")
+            return None
+
+    def _forget_targets(self) -> None:
+        """Drop the goal and the earlier ones: the arm holds."""
+        self._interaction.reset()
+        self._interaction.history.clear()
+
+    def _grant_control(self, client: Client) -> None:
+        """Give control to a client; it starts at slow speed in the preview."""
+        client.lease = self._lease.acquire(f"page {client.number}", take_over=True).lease
+        self._fallback = None
+        self._stop_session()
+        self._arm_thread.post(replace(self._arm_thread.command, speed="slow"))
+
+    def _stop_session(self) -> None:
+        if self._arm_thread.job is not None:
+            self._arm_thread.request_stop(StopReason(StopKind.CLIENT, _AWAY_TEXT))
+        self._interaction.reset()
+        self._arm_thread.post(replace(self._arm_thread.command, live=False, goal=None))
+
+    def _update_path(self) -> None:
+        """Plan the path to the goal of the preview; in Live tell whether the guard refused it."""
+        goal, now_s = self._interaction.goal, self._clock.now_s()
+        if self._arm_thread.command.live:
+            self._planner.update(None, now_s)
+            refused = self._arm_thread.snapshot.refusal
+            is_of_goal = refused is not None and refused.goal is goal
+            self._interaction.show_path(None, refused if is_of_goal else None)
+        elif self._arm_thread.job is None:  # what is carried out stays shown
+            self._planner.update(self._plan_request(), now_s)
+            path = self._planner.path
+            if path is not None and path.plan is not None and not self._interaction.is_choosing:
+                self._interaction.take_posture(path.request.goal)
+            self._interaction.show_path(path, None if path is None else path.refusal)
+
+    def _plan_request(self) -> PlanRequest | None:
+        """Return what is to be planned now; None where there is no goal, or the arm is there."""
+        goal, snapshot = self._interaction.goal, self._arm_thread.snapshot
+        is_idle = not (snapshot.stop_notice or snapshot.calibration)
+        if goal is None or not is_idle or not self._arm.zeros.are_known:
+            return None
+        speed, is_chosen = self._arm_thread.command.speed, not self._interaction.is_choosing
+        marker = self._interaction.marker
+        request = PlanRequest(
+            self._arm, goal, snapshot.start, speed, is_chosen=is_chosen, marker=marker
+        )
+        return None if request.is_reached else request
+
+    def _send_setpoint(self) -> None:
+        command = self._arm_thread.command
+        goal = self._interaction.goal
+        if command.live and goal is not command.goal:
+            marker = self._interaction.marker
+            by_tip = marker is not None and marker.frame is None
+            self._arm_thread.post(replace(command, goal=goal, by_tip=by_tip))
+
+    def _require_control(self, client: Client) -> None:
+        _check_may_control(client)
+        if not self._lease.is_held_by(client.lease):
+            raise BadMessageError("Another page is in control.", "Take control first.")
+
+
+def _check_may_control(client: Client) -> None:
+    if client.permission is not Permission.CONTROL:
+        raise BadMessageError(
+            "This page is for watching only.", "Open the address to control the arm."
+        )

@@ -1,0 +1,1 @@
+"""Targets that are dragged, typed or stepped, and the plans to them."""

@@ -1,0 +1,242 @@
+"""The path to the goal of the preview: planned in the background as every motion is, then shown."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from copy import copy
+from dataclasses import dataclass, field
+from threading import Event
+
+import numpy as np
+
+from ikservo.apps.page.dragging.snapshot import GoalRefusal
+from ikservo.apps.page.dragging.target_marker import TargetMarker
+from ikservo.arm import Arm, MotionPlan
+from ikservo.errors import (
+    BlockedError,
+    CollisionError,
+    IkservoError,
+    RefusedError,
+    StoppedError,
+    UnreachableError,
+)
+from ikservo.kinematics.arrays import Vector
+from ikservo.planning.checked_planning import PlannedStart, PreflightPlanner
+from ikservo.planning.motion_plan import sample_states
+from ikservo.planning.motions import MoveJoints, MoveTo
+from ikservo.planning.ways_around import HOW_TO_SEARCH
+
+__all__ = ["GoalPlanner", "PlanRequest", "PlannedPath", "refusal_of"]
+
+_PERIOD_S = 0.04  # between two plans during a drag, whose picture has to be drawn meanwhile
+_POSTURES = 25  # along a path as it is shown
+_NEAR_TICKS = 3.0
+_STRAIGHT = 1.001  # longer, in proportion, is not straight
+_numbers = itertools.count(1)
+
+
+def refusal_of(goal: Vector, error: IkservoError) -> GoalRefusal:
+    """Return the refusal of a goal (n,), in words for a page."""
+    if not isinstance(error, BlockedError):
+        return GoalRefusal(goal, error.message)
+    hint = f" {HOW_TO_SEARCH}" if error.command_hint.endswith(HOW_TO_SEARCH) else ""
+    pair = error.pair if isinstance(error, CollisionError) else ()
+    return GoalRefusal(goal, f"Refused: {error.cause}.{hint}", pair)
+
+
+class PlanRequest:
+    """A plan that is wanted, and what it depends on now; reads no servo.
+
+    Args:
+        arm: The arm.
+        goal: All joints (n,), the array of the preview.
+        start: Where the motion would start (n,).
+        speed: The speed class.
+        is_chosen: Whether the goal is chosen; during a drag only its straight path is looked at.
+        marker: The target of the tip to which the goal was found, if there is one.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        goal: Vector,
+        start: Vector,
+        speed: str,
+        *,
+        is_chosen: bool = True,
+        marker: TargetMarker | None = None,
+    ) -> None:
+        servos = arm.context.servos
+        self.goal, self.start, self.speed = goal, start, speed
+        self.is_chosen, self.marker = is_chosen, marker
+        is_first = servos.torque.first_motion_due or not servos.torque.is_on
+        self.allowed_speed = "slow" if is_first else speed
+        ticks = [driven.joint_map.unit_per_tick for driven in servos.driven_joints]
+        self.near = _NEAR_TICKS * np.array(ticks)  # where else a plan may begin
+        scene, here = arm.scene, arm.context.surroundings
+        moving = [each.turn.is_of_other(here) for each in scene.arms]
+        self._around = (scene.things, scene.held, scene.arms, moving)
+        self.stops = servos.stop_request.count
+
+    @property
+    def is_reached(self) -> bool:
+        """Whether the arm is at the goal."""
+        return bool((np.abs(self.goal - self.start) <= self.near).all())
+
+    def change_since(self, before: PlanRequest) -> str:
+        """Say what has changed since another request; nothing where its plan may be carried out."""
+        if self.goal is not before.goal:
+            return "another target was chosen"
+        if (np.abs(self.start - before.start) > self.near).any():
+            return "the arm was moved"
+        if self._around != before._around:
+            return "what is around the arm has changed"
+        is_too_fast = self.allowed_speed == "slow" != before.allowed_speed
+        if self.speed != before.speed or is_too_fast:
+            return "its speed has changed"
+        return "" if self.stops == before.stops else "the arm was stopped"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedPath:
+    """What came of a request: a plan, or why there is none; neither while it is being planned.
+
+    Attributes:
+        request: The request; its goal is another one where the target is reached otherwise.
+        plan: The plan.
+        postures: The joints of the chain (dof,), and all by name, at even times along it.
+        is_straight: Whether the joints go straight to the goal.
+        refusal: Why the goal is refused.
+        number: No other path has it.
+    """
+
+    request: PlanRequest
+    plan: MotionPlan | None = None
+    postures: Sequence[tuple[Vector, Mapping[str, float]]] = ()
+    is_straight: bool = True
+    refusal: GoalRefusal | None = None
+    number: int = field(default_factory=lambda: next(_numbers))
+
+    def plan_for(self, now: PlanRequest) -> MotionPlan:
+        """Return the plan, as long as nothing has changed that it depends on.
+
+        Raises:
+            RefusedError: Something has, or there is no plan.
+        """
+        change = now.change_since(self.request)
+        if change:
+            message = f"The path is planned again: {change}."
+            raise RefusedError(message, "Nothing moves before that.")
+        if self.refusal is not None:
+            raise RefusedError(self.refusal.reason, "Nothing moves. Choose another target.")
+        if self.plan is None:
+            raise RefusedError("The path there is not planned yet.", "Nothing moves before that.")
+        return self.plan
+
+    def is_of(self, request: PlanRequest) -> bool:
+        """Return whether it is what comes of another request; a free straight path always is."""
+        is_same = not request.change_since(self.request)
+        return is_same and (self.plan is not None or self.request.is_chosen >= request.is_chosen)
+
+
+class GoalPlanner:
+    """Plans one path at a time in a thread of its own; a newer request ends the search for another.
+
+    Args:
+        arm: The arm; nothing moves, and no servo is read.
+
+    Attributes:
+        path: The path to the goal; None where there is none.
+    """
+
+    def __init__(self, arm: Arm) -> None:
+        self._arm = arm
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="ikservo plan")
+        self._busy: tuple[PlanRequest, Event, Future[PlannedPath]] | None = None
+        self._asked_s = -1e9
+        self.path: PlannedPath | None = None
+
+    def update(self, request: PlanRequest | None, now_s: float) -> None:
+        """Plan what is requested now, unless that was done, and drop what is not any more.
+
+        During a drag the path to a goal just before is kept until the next one is planned.
+        """
+        if self._collect_result(request):
+            return
+        if request is None:
+            self.path = None
+            return
+        if self.path is None or not self.path.is_of(request):
+            self.path = PlannedPath(request) if request.is_chosen else self.path
+        elif self.path.plan is not None or self.path.refusal is not None:
+            return
+        if self._busy is None and now_s - self._asked_s >= _PERIOD_S:
+            self._asked_s, withdrawn = now_s, Event()
+            self._busy = request, withdrawn, self._worker.submit(self._plan, request, withdrawn)
+
+    def close(self) -> None:
+        """End the search that runs."""
+        if self._busy is not None:
+            self._busy[1].set()
+        self._worker.shutdown(wait=False, cancel_futures=True)
+
+    def _collect_result(self, wanted: PlanRequest | None) -> bool:
+        """Take the plan that was made; return whether it is wanted. End a search that is not."""
+        if self._busy is None:
+            return False
+        request, withdrawn, future = self._busy
+        is_wanted = wanted is not None and not wanted.change_since(request)
+        if request.is_chosen and not is_wanted:
+            withdrawn.set()
+        if future.done():
+            self._busy = None
+            if is_wanted or not request.is_chosen:
+                error = future.exception()
+                self.path = future.result() if error is None else _failed_path(request, error)
+        return self._busy is None and is_wanted
+
+    def _plan(self, request: PlanRequest, withdrawn: Event) -> PlannedPath:
+        arm, index = self._arm, self._arm.joint_index
+        start = PlannedStart(request.start, request.allowed_speed)
+        planner = PreflightPlanner(arm.context, start, arm.poses)
+        stop_request = arm.context.servos.stop_request
+        try:
+            with stop_request.requested(request.stops, withdrawn=withdrawn):
+                plan = self._plan_to_goal(planner, request)
+        except StoppedError:
+            return PlannedPath(request)
+        except IkservoError as error:
+            return PlannedPath(request, refusal=refusal_of(request.goal, error))
+        joints = sample_states(plan.trajectory)[0]
+        shown = joints[np.linspace(0, len(joints) - 1, _POSTURES).astype(int)]
+        postures = [(index.chain_joints(each), index.by_name(each)) for each in shown]
+        if not np.allclose(plan.goal, request.goal):
+            request = copy(request)
+            request.goal = plan.goal
+        length = float(np.linalg.norm(np.diff(joints, axis=0), axis=1).sum())
+        is_straight = length < _STRAIGHT * float(np.linalg.norm(plan.goal - plan.start))
+        return PlannedPath(request, plan, postures, is_straight)
+
+    def _plan_to_goal(self, planner: PreflightPlanner, request: PlanRequest) -> MotionPlan:
+        """Plan to the goal; where it is refused, to other joints with the tip at the target."""
+        index, marker, speed = self._arm.joint_index, request.marker, request.speed
+        goals = index.by_name(request.goal)
+        try:
+            return planner.plan(MoveJoints(goals, speed=speed, straight=not request.is_chosen))
+        except BlockedError:
+            moves = np.abs(request.goal - request.start) > request.near
+            has_more = request.is_chosen and not (moves & index.outside_chain()).any()
+            if has_more and marker is not None and marker.reached and marker.stance is not None:
+                with suppress(RefusedError, UnreachableError):
+                    return planner.plan(MoveTo(marker.target_m, speed=speed, stance=marker.stance))
+            raise
+
+
+def _failed_path(request: PlanRequest, error: BaseException) -> PlannedPath:
+    """Return the refusal of a goal whose planning failed by a bug: the page has to go on."""
+    return PlannedPath(
+        request, refusal=GoalRefusal(request.goal, f"The planner has failed: {error!r}.")
+    )

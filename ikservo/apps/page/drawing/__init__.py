@@ -1,0 +1,1 @@
+"""The pictures of arm and scene that the page draws."""

@@ -1,0 +1,224 @@
+"""The arm as the page draws it: described once, then positions of the joints and marks.
+
+The page computes the drawing by itself, in 2D from the capsules, in 3D from the shapes::
+
+    graph = SceneGraph(model, chain, extent)
+    graph.description             # sent once
+    graph.shapes                  # sent once to a page that draws in 3D
+    graph.fields(state)           # sent with every scene, where it differs from the last one
+
+Lengths are metres, angles rad, poses T_parent_child (4, 4) row by row, all in the base frame or in
+the frame of the link.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from functools import cached_property, lru_cache
+
+import numpy as np
+
+from ikservo.apps.page.dragging.goal_planning import PlannedPath
+from ikservo.apps.page.dragging.target_marker import TargetMarker
+from ikservo.apps.page.dragging.tool_handles import ToolHandles
+from ikservo.apps.page.drawing.reachable_region import ReachableRegion
+from ikservo.apps.page.drawing.scene_shapes import Fields, link_shapes, row_major
+from ikservo.apps.page.drawing.view_picture import SceneState
+from ikservo.apps.page.picking.joint_dials import JointDial, joint_dials
+from ikservo.apps.page.picking.lens_camera import LensCamera
+from ikservo.apps.page.picking.link_poses import other_joint_position
+from ikservo.apps.page.picking.projection import NEAR_PLANE_M, Camera
+from ikservo.apps.page.picking.viewpoints import ArmExtent
+from ikservo.kinematics import Chain, ChainJoint, JointType
+from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.capsules import Capsule
+from ikservo.kinematics.se3 import make_pose
+from ikservo.model import Model
+from ikservo.model.collision_model import capsules_of
+from ikservo.model.model import at_distance, near_distance
+from ikservo.model.tool import tool_frame
+
+__all__ = ["SceneGraph"]
+
+_DIGITS = 7  # of positions: at a metre's distance 0.1 µm
+_AXIS_DIGITS = 4
+_SWEPT = slice(4, 24, 4)  # of the postures along a path, those at which the whole arm is drawn
+
+
+class SceneGraph:
+    """What the page needs to draw an arm.
+
+    Args:
+        model: The arm.
+        chain: Its joints inside its own, calibrated limits.
+        extent: The space it can occupy.
+
+    Attributes:
+        description: Everything that does not move, but for the shapes of 3D.
+    """
+
+    def __init__(self, model: Model, chain: Chain, extent: ArmExtent) -> None:
+        self._model, self._chain = model, chain
+        self._handles = ToolHandles(chain, tool_frame(model).approach_axis)
+        steps = {link: chain.joints_to(link)[-1] for link in chain.frames if link != chain.base}
+        self._positions = _JointPositions(list(steps.values()))
+        self._camera: tuple[Camera, Fields] | None = None
+        self._positions_along = lru_cache(1)(self._compute_along)
+        capsules = capsules_of(model)
+        self.description: Fields = {
+            "kind": "graph",
+            "links": [
+                {
+                    "name": link,
+                    **_joint_fields(steps.get(link)),
+                    "capsules": [_capsule_fields(each) for each in capsules if each.link == link],
+                }
+                for link in chain.frames
+            ],
+            "dials": [_dial_fields(chain, dial) for dial in joint_dials(chain, extent.home)],
+            "tip": chain.tip,
+            "floor": model.floor_m,
+            "centre": extent.pivot_m.tolist(),
+            "handles": self._handles.description,
+            "size": float(np.linalg.norm(extent.own_m[1] - extent.own_m[0])),
+        }
+
+    @cached_property
+    def shapes(self) -> Fields:
+        """The shapes of each link, by name."""
+        links = {link: link_shapes(self._model, link) for link in self._chain.frames}
+        return {"kind": "shapes", "links": links}
+
+    def fields(self, state: SceneState, *, handles: bool = False) -> Fields:
+        """Return the fields of a scene: joint positions of arm and goal, camera, marks.
+
+        Args:
+            state: What is shown.
+            handles: Whether the tool has handles: their axes (3, 3) in the base frame.
+        """
+        others = state.other_joints if state.goal_other_joints is None else state.goal_other_joints
+        return {
+            "camera": self._camera_fields(state.camera),
+            "measured": self._positions.at(state.measured, state.other_joints),
+            "goal": self._positions.at(state.goal, others)
+            if state.goal is not None and state.shows_goal
+            else None,
+            "marker": None if state.marker is None else _marker_fields(state.marker),
+            "handles": self._handle_axes(state) if handles else None,
+            "hover": state.hover,
+            "grabbed": state.grabbed,
+            "behind": state.behind,
+            "picked": state.picked,
+            "refused_pair": state.refused_pair,
+            **self._path_fields(state),
+            **_region_fields(state.region),
+        }
+
+    def _camera_fields(self, camera: Camera) -> Fields:
+        """Return a camera's fields; a drag keeps its camera, so they are kept, too."""
+        if self._camera is None or self._camera[0] is not camera:
+            self._camera = camera, _camera_fields(camera)
+        return self._camera[1]
+
+    def _path_fields(self, state: SceneState) -> Fields:
+        path = state.path
+        if path is None or path.plan is None or not state.shows_goal:
+            return {"path": None, "swept": None}
+        along = self._positions_along(path)
+        swept = None if state.is_choosing else along[_SWEPT]
+        return {"path": {"number": path.number, "joints": along}, "swept": swept}
+
+    def _compute_along(self, path: PlannedPath) -> list[list[float]]:
+        return [self._positions.at(q, others) for q, others in path.postures]
+
+    def _handle_axes(self, state: SceneState) -> list[float]:
+        axes = self._handles.axes(state.measured if state.goal is None else state.goal)
+        rounded: list[float] = np.round(axes, _AXIS_DIGITS).ravel().tolist()
+        return rounded
+
+
+class _JointPositions:
+    """The positions of the joints that are not fixed, in the order of their links.
+
+    Args:
+        steps: The joint before each link.
+    """
+
+    def __init__(self, steps: list[ChainJoint]) -> None:
+        moving = [step for step in steps if step.joint.kind is not JointType.FIXED]
+        self._columns = [step.column for step in moving]
+        self._scales = np.array([step.scale for step in moving])
+        self._shifts = np.array([step.shift for step in moving])
+        self._others = [(i, step.joint) for i, step in enumerate(moving) if not step.scale]
+
+    def at(self, q: Vector, others: Mapping[str, float]) -> list[float]:
+        """Compute the positions, rad or m, at joints (dof,) and those that q does not move."""
+        at: Vector = self._scales * q[self._columns] + self._shifts
+        for i, joint in self._others:
+            other = other_joint_position(joint, others)
+            at[i] = at[i] if other is None else other
+        return _rounded(at)
+
+
+def _rounded(numbers: Vector) -> list[float]:
+    return np.round(numbers, _DIGITS).tolist()
+
+
+def _joint_fields(step: ChainJoint | None) -> Fields:
+    """Return how a link is fixed to its parent; of the base, that it has none."""
+    if step is None:
+        return {"parent": None, "origin": row_major(np.eye(4)), "joint": "fixed"}
+    joint = step.joint
+    return {
+        "parent": joint.parent,
+        "origin": row_major(joint.origin),
+        "joint": joint.kind.value,
+        "axis": joint.axis.tolist(),
+    }
+
+
+def _capsule_fields(capsule: Capsule) -> Fields:
+    ends = [capsule.start_m.tolist(), capsule.end_m.tolist()]
+    return {"ends": ends, "radius": capsule.radius_m}
+
+
+def _dial_fields(chain: Chain, dial: JointDial) -> Fields:
+    """Return a joint's range, and the distances from its limits at which it is near or at them."""
+    low, high = float(chain.lower_rad[dial.column]), float(chain.upper_rad[dial.column])
+    limited = math.isfinite(high - low)
+    unit = "m" if dial.is_prismatic else "rad"
+    return {
+        "joint": dial.name,
+        "link": dial.step.joint.child,
+        "needle": dial.needle.tolist(),
+        "slides": dial.is_prismatic,
+        "range": [low, high] if limited else None,
+        "at": at_distance(low, high, unit),
+        "near": near_distance(low, high, unit),
+    }
+
+
+def _marker_fields(marker: TargetMarker) -> Fields:
+    return {
+        "target": _rounded(marker.target_m),
+        "nearest": _rounded(marker.nearest_m),
+        "reached": marker.reached,
+    }
+
+
+def _camera_fields(camera: Camera) -> Fields:
+    return {
+        "pose": row_major(make_pose(camera.eye_m, camera.R_world_view)),
+        "scale_px": camera.scale_px,
+        "perspective": camera.perspective,
+        "near_m": NEAR_PLANE_M,
+        "size": [camera.viewport.width_px, camera.viewport.height_px],
+        "lens": camera.fields() if isinstance(camera, LensCamera) else None,
+    }
+
+
+def _region_fields(region: ReachableRegion | None) -> Fields:
+    if region is None:
+        return {"region": None, "region_pose": None}
+    return {"region": region.rings, "region_pose": row_major(region.T_world_plane)}

@@ -1,0 +1,124 @@
+"""Messages that edit, check and run the page's program of steps.
+
+A step is named by its number, which it keeps when others are added, moved or removed.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from ikservo.apps.page.messages.message_fields import Name, PageMessage
+from ikservo.apps.teaching.program import Speed
+
+__all__ = [
+    "AddStep",
+    "ChangeStep",
+    "DeleteStep",
+    "MoveStep",
+    "ProgramFile",
+    "ProgramMessage",
+    "RecordStep",
+    "RunProgram",
+    "SetProgram",
+]
+
+StepNumber = Annotated[int, Field(ge=1, le=2**31)]
+Place = Annotated[int, Field(ge=0, le=1000)]
+Wait = Annotated[float, Field(gt=0, le=3600, allow_inf_nan=False)]
+
+
+class AddStep(PageMessage):
+    """Add a step.
+
+    Attributes:
+        what: The arm's present joints, the joints of the target that is shown, a named pose, a
+            recording, the gripper, or a wait.
+        path: How the present pose or the target is reached: by the joints, or with the tip on a
+            line.
+        pose: The name of a named pose.
+        recording: The name of a recording in the folder of the programs.
+        wait_s: Of a wait.
+        after: The step before it; None to append it.
+    """
+
+    kind: Literal["add_step"]
+    what: Literal["arm", "target", "pose", "recording", "open", "close", "wait"]
+    path: Literal["joints", "line"] = "joints"
+    pose: Name | None = None
+    recording: Name | None = None
+    wait_s: Wait = 1.0
+    after: StepNumber | None = None
+
+
+class ChangeStep(PageMessage):
+    """Set the speed of a step, None for the program's, or the duration of a wait."""
+
+    kind: Literal["change_step"]
+    step: StepNumber
+    speed: Speed | None = None
+    wait_s: Wait | None = None
+
+
+class MoveStep(PageMessage):
+    """Move a step to a place in the list, counted from 0."""
+
+    kind: Literal["move_step"]
+    step: StepNumber
+    to: Place
+
+
+class DeleteStep(PageMessage):
+    """Remove a step."""
+
+    kind: Literal["delete_step"]
+    step: StepNumber
+
+
+class SetProgram(PageMessage):
+    """Set the speed of steps without one of their own, and how often the program is made."""
+
+    kind: Literal["set_program"]
+    speed: Speed
+    repeat: Annotated[int, Field(ge=1, le=100_000)]
+
+
+class ProgramFile(PageMessage):
+    """Begin a new program, load one, or save it; ``overwrite`` replaces another one's file."""
+
+    kind: Literal["program_file"]
+    action: Literal["new", "load", "save"]
+    name: Name = "program"
+    overwrite: bool = False
+
+
+class RunProgram(PageMessage):
+    """Check the program, play it, make one step, or pause after the present one.
+
+    Attributes:
+        step: The step to begin with; None for the first one.
+    """
+
+    kind: Literal["run_program"]
+    action: Literal["check", "play", "step", "pause"]
+    step: StepNumber | None = None
+
+
+class RecordStep(PageMessage):
+    """Record the arm while it is guided by hand; ``on`` false ends that and adds the step."""
+
+    kind: Literal["record_step"]
+    on: bool
+
+
+ProgramMessage = (
+    AddStep
+    | ChangeStep
+    | MoveStep
+    | DeleteStep
+    | SetProgram
+    | ProgramFile
+    | RunProgram
+    | RecordStep
+)

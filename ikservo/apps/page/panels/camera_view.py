@@ -1,0 +1,195 @@
+"""The picture of a calibrated camera as a view of the arm: when clicks in it may be targets."""
+
+from __future__ import annotations
+
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import suppress
+from datetime import UTC, datetime
+
+import numpy as np
+
+from ikservo.apps.cameras.arm_camera import (
+    camera_key,
+    camera_model,
+    known_camera,
+    moved_error,
+    table_m,
+)
+from ikservo.apps.cameras.camera_check import BoardPlace, compare_place
+from ikservo.apps.cameras.camera_file import CameraCheck, save_camera
+from ikservo.apps.cameras.capture import public_source
+from ikservo.apps.cameras.pictures import Picture, find_board, is_mirrored
+from ikservo.apps.cameras.tip_click import TipZero, find_tip_zero
+from ikservo.apps.page.dragging.snapshot import ArmSnapshot
+from ikservo.apps.page.messages.page_messages import BadMessageError
+from ikservo.apps.page.panels.video import VideoSource
+from ikservo.apps.page.picking.lens_camera import LensCamera, PictureSurface, make_lens_camera
+from ikservo.apps.page.picking.projection import Viewport
+from ikservo.arm import Arm
+from ikservo.clock import Clock
+from ikservo.errors import CalibrationError, IkservoError
+from ikservo.kinematics.arrays import Matrix, Vector
+
+__all__ = ["CameraView"]
+
+_CHECK_PERIOD_S = 1.0  # while somebody looks
+_REST_S, _AT_REST_RAD = 0.5, 2e-3  # longer than a picture is on its way
+
+
+class CameraView:
+    """A calibrated camera whose pictures a page shows.
+
+    Args:
+        arm: The arm before it.
+        video: Its pictures.
+        clock: Tells when to look whether it has moved.
+        name: Of the camera; the one with the source of the pictures if empty.
+
+    Attributes:
+        tip_shows: The joint whose zero a click on the tip would show; None if there is none.
+        tip_clicks: How many have been made.
+
+    Raises:
+        CalibrationError: The arm has no calibrated camera, or was calibrated with another one.
+        FileFormatError: A file about it is damaged.
+    """
+
+    def __init__(self, arm: Arm, video: VideoSource, clock: Clock, name: str = "") -> None:
+        camera, self._known, self._name = known_camera(arm.context, name, video.source)
+        calibrated = public_source(camera.source)
+        if not name and calibrated != public_source(video.source):
+            raise CalibrationError(
+                f"{arm.model.name} was calibrated with camera {calibrated}, not this one."
+            )
+        self._arm, self._video, self._clock = arm, video, clock
+        self._model, self.tip_shows = camera_model(camera), camera.tip_shows
+        self.tip_clicks = len(camera.tip_clicks)
+        check = self._known.check
+        self._moved = check if check is not None and check.has_moved else None
+        self._mirrored = ""
+        self._place = None
+        if camera.board is not None or self._known.board is not None:
+            self._place = BoardPlace(camera, self._known)
+        self._made: LensCamera | None = None
+        self._still: tuple[float, Vector] | None = None  # since when, and where
+        self._doubts, self._checked_s = 0, clock.now_s()
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="ikservo camera check")
+        self._checking: Future[CameraCheck | str | None] | None = None
+
+    def close(self) -> None:
+        """Cancel the look that is under way."""
+        self._worker.shutdown(wait=False, cancel_futures=True)
+
+    def camera(self, viewport: Viewport) -> LensCamera:
+        """Return the camera of a drawing."""
+        if self._made is None or self._made.viewport != viewport:
+            self._made = make_lens_camera(self._model, viewport)
+        return self._made
+
+    def plane_m(self, height_m: float) -> float:
+        """Return the height of a level plane above the table, base frame."""
+        return table_m(self._arm.model) + height_m
+
+    def surface(self, height_m: float) -> PictureSurface:
+        """Return where a click is a target, at a height above the table."""
+        return PictureSurface(self._arm.scene.things, self.plane_m(height_m))
+
+    @property
+    def trouble(self) -> str:
+        """Why no target is taken from the picture; empty if one is."""
+        if self._moved is not None:
+            return moved_error(self._moved.moved_mm, self._moved.turned_deg).message
+        if self._mirrored:
+            return self._mirrored
+        if self._video.before not in (None, self._arm.context.port.transport):
+            return "The picture is that of another simulated arm."
+        picture, (width, height) = self._video.newest, self._model.lens.size
+        if picture is not None and picture.shape[:2] != (height, width):
+            seen = f"{picture.shape[1]} x {picture.shape[0]}"
+            return f"The pictures are {seen}, not {width} x {height} as calibrated."
+        return "" if self._video.is_fresh else "The picture is not fresh: is the camera there?"
+
+    def require_usable(self) -> None:
+        """Refuse targets from a picture that is old, or of a camera that has moved.
+
+        Raises:
+            BadMessageError: It is.
+        """
+        if self.trouble:
+            raise BadMessageError(self.trouble, "Nothing moves. Choose a target in another view.")
+
+    def find_tip_zero(self, camera: LensCamera, px: Vector, snapshot: ArmSnapshot) -> TipZero:
+        """Find the zero with which the tip is where it was clicked.
+
+        Args:
+            camera: Of the drawing.
+            px: The pixel (2,) of the drawing.
+            snapshot: The arm.
+
+        Raises:
+            BadMessageError: The picture is not usable, or the arm does not rest.
+            CalibrationError: The click shows no zero.
+        """
+        self.require_usable()
+        is_old = self._clock.now_s() - snapshot.read_s > _REST_S
+        if is_old or not self._rests(snapshot.measured):
+            raise BadMessageError("The arm has moved.", "Click again once it has rested.")
+        written, pixel = datetime.now(UTC).replace(microsecond=0), camera.picture_px(px)
+        return find_tip_zero(self._arm, [pixel], written, self._name, snapshot.measured)
+
+    def watch(self, measured: Vector) -> None:
+        """Look now and then whether the camera has moved; called while somebody looks.
+
+        Args:
+            measured: All joints (n,).
+        """
+        now_s, rests = self._clock.now_s(), self._rests(measured)
+        if self._checking is not None:
+            if self._checking.done():
+                self._judge(self._checking.result())
+                self._checking = None
+            return
+        place, picture = self._place, self._video.newest
+        if place is None or picture is None or not self._video.is_fresh:
+            return
+        if (rests or place.on_table) and now_s - self._checked_s >= _CHECK_PERIOD_S:
+            self._checked_s = now_s
+            q = self._arm.joint_index.chain_joints(measured)
+            T_base_tip = self._arm.chain.forward(q)
+            self._checking = self._worker.submit(self._look, place, picture, T_base_tip)
+
+    def _rests(self, measured: Vector) -> bool:
+        """Check whether all joints (n,) have been still for longer than a picture takes."""
+        now_s = self._clock.now_s()
+        if self._still is None or float(np.abs(measured - self._still[1]).max()) > _AT_REST_RAD:
+            self._still = now_s, measured
+        return now_s - self._still[0] > _REST_S
+
+    def _look(
+        self, place: BoardPlace, picture: Picture, T_base_tip: Matrix
+    ) -> CameraCheck | str | None:
+        """Find what a picture says of the camera's place, or why it says nothing."""
+        try:
+            view = find_board(place.board, picture)
+            return compare_place(self._model, place, T_base_tip, view, datetime.now(UTC))
+        except CalibrationError:
+            return "The picture is mirrored." if is_mirrored(place.board, picture) else None
+
+    def _judge(self, check: CameraCheck | str | None) -> None:
+        """Believe what two pictures say, one after the other; and say so to programs."""
+        if isinstance(check, str):
+            self._mirrored = check
+            return
+        if check is not None:
+            self._mirrored = ""
+        if check is None or check.has_moved == (self._moved is not None):
+            self._doubts = 0
+            return
+        self._doubts += 1
+        if self._doubts < 2:
+            return
+        self._doubts, self._moved = 0, check if check.has_moved else None
+        self._known = self._known.model_copy(update={"check": check})
+        with suppress(IkservoError):  # a full disk: this page knows
+            key = camera_key(self._arm.context)
+            save_camera(self._arm.model.name, key, self._known, self._name)

@@ -1,0 +1,135 @@
+"""What a page plots of the history: chosen channels, thinned to what a screen shows."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ikservo.apps.page.messages.page_messages import BadMessageError, ShowPlots
+from ikservo.apps.page.running.history import Channel, History, HistorySlice
+from ikservo.apps.page.server.server import Frame
+
+__all__ = ["PlotFeed"]
+
+_MAX_POINTS = 600
+_PERIOD_S = 0.2  # between two frames
+_DIGITS = 3
+
+
+@dataclass(slots=True)
+class _Plot:
+    """What one page plots.
+
+    Attributes:
+        channels: The chosen channels.
+        span_s: How much of the past is shown.
+        stopped: Whether the seconds before the last stop are shown instead of the present.
+        sent_s: Time of the last sample that was sent.
+        due_s: When the next frame is due.
+        shown_stop: The recording that was sent, if it is of a stop.
+    """
+
+    channels: tuple[Channel, ...]
+    span_s: float
+    stopped: bool
+    sent_s: float = -math.inf
+    due_s: float = -math.inf
+    shown_stop: HistorySlice | None = None
+
+
+class PlotFeed:
+    """Sends each page the channels that it plots; a page whose plots are closed gets nothing."""
+
+    def __init__(self) -> None:
+        self._plots: dict[int, _Plot] = {}
+
+    def choose(self, client_id: int, message: ShowPlots, history: History) -> None:
+        """Change what a page plots; no quantities close its plots.
+
+        Raises:
+            BadMessageError: There is no such joint, or nothing has stopped the arm yet.
+        """
+        self.forget(client_id)
+        if not message.quantities:
+            return
+        if message.stopped and history.last_stop is None:
+            raise BadMessageError("Nothing has stopped the arm yet.", "Show the present instead.")
+        unknown = set(message.joints) - {channel.joint for channel in history.channels}
+        if unknown:
+            raise BadMessageError(f"The arm has no joint {min(unknown)!r}.", "Reload the page.")
+        chosen = tuple(
+            channel
+            for channel in history.channels
+            if channel.quantity in message.quantities
+            and (not channel.joint or channel.joint in message.joints)
+        )
+        self._plots[client_id] = _Plot(chosen, float(message.span_s), message.stopped)
+
+    def forget(self, client_id: int) -> None:
+        """Send a page no plots any more."""
+        self._plots.pop(client_id, None)
+
+    def frames(self, client_id: int, history: History, now_s: float) -> list[Frame]:
+        """Return what is new for a page's plots, at most five times a second."""
+        plot = self._plots.get(client_id)
+        if plot is None or now_s < plot.due_s:
+            return []
+        plot.due_s = now_s + _PERIOD_S
+        return self._stop_frames(plot, history) if plot.stopped else _live_frames(
+            plot, history, now_s
+        )  # fmt: skip
+
+    def _stop_frames(self, plot: _Plot, history: History) -> list[Frame]:
+        recording = history.last_stop
+        if recording is None or recording is plot.shown_stop:
+            return []
+        plot.shown_stop = recording
+        fields = _first_fields(plot, History.STOP_S) | {"reason": recording.reason}
+        return [fields | _samples(plot, recording, 0.0)]
+
+
+def _live_frames(plot: _Plot, history: History, now_s: float) -> list[Frame]:
+    first = math.isinf(plot.sent_s)
+    recording = history.since(now_s - plot.span_s if first else plot.sent_s)
+    fields = _samples(plot, recording, plot.span_s / _MAX_POINTS)
+    if first:
+        return [_first_fields(plot, plot.span_s) | fields]
+    return [fields] if fields["times"] else []
+
+
+def _first_fields(plot: _Plot, span_s: float) -> dict[str, object]:
+    """Return what is only sent first: which channels these are."""
+    series = [
+        {"quantity": each.quantity, "unit": each.unit, "joint": each.joint}
+        for each in plot.channels
+    ]
+    return {"series": series, "span_s": span_s, "reason": ""}
+
+
+def _samples(plot: _Plot, recording: HistorySlice, period_s: float) -> dict[str, object]:
+    """Return samples of the chosen channels, at least a period apart."""
+    kept = _thinned(recording.times_s, plot.sent_s, period_s)
+    times = recording.times_s[kept]
+    if len(times):
+        plot.sent_s = float(times[-1])
+    columns = recording.select(plot.channels)[kept].T.tolist()
+    return {
+        "kind": "plots",
+        "times": [round(time_s, 2) for time_s in times.tolist()],
+        "values": [
+            [(None if math.isnan(value) else round(value, _DIGITS)) for value in column]
+            for column in columns
+        ],
+    }
+
+
+def _thinned(times_s: Sequence[float] | np.ndarray, last_s: float, period_s: float) -> list[int]:
+    kept: list[int] = []
+    for row, time_s in enumerate(np.asarray(times_s).tolist()):
+        if time_s - last_s >= period_s:
+            kept.append(row)
+            last_s = time_s
+    return kept

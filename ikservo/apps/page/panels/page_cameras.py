@@ -1,0 +1,165 @@
+"""The cameras of a page: each arm shows the one that it was calibrated with, or a chosen one."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Sequence
+from contextlib import ExitStack, suppress
+
+from ikservo.apps.cameras.arm_camera import camera_key, known_camera
+from ikservo.apps.cameras.board import DEFAULT_BOARD, Board
+from ikservo.apps.cameras.camera_file import camera_names
+from ikservo.apps.cameras.camera_sources import SIMULATED_SOURCE, open_source
+from ikservo.apps.cameras.capture import public_source
+from ikservo.apps.page.panels.video import PictureCapture, VideoSource, source_name
+from ikservo.arm import Arm
+from ikservo.clock import Clock
+from ikservo.errors import IkservoError, UnknownNameError
+
+__all__ = ["ArmCameras", "PageCameras"]
+
+
+class PageCameras:
+    """Finds the pictures that belong to each arm.
+
+    Args:
+        clock: Tells how old pictures are.
+        sources: What ``VideoSource`` reads, and ``sim``.
+        name: Of the camera of each arm; empty for none. Without sources it is read from where the
+            arm was calibrated with it.
+
+    Raises:
+        InputError: There is no such device or file.
+    """
+
+    def __init__(self, clock: Clock, sources: Sequence[str] = (), name: str = "") -> None:
+        self._clock, self._sources, self.name = clock, sources, name
+        self._lock, self._exits = threading.Lock(), ExitStack()
+        self._videos: dict[str, VideoSource] = {}
+        for source in sources:
+            if source != SIMULATED_SOURCE:
+                self._videos[source] = VideoSource(source, clock)
+
+    @property
+    def names(self) -> list[str]:
+        """What the sources are called."""
+        return [source_name(source) for source in self._sources]
+
+    def find_missing(self) -> list[str]:
+        """Try each camera but simulated ones; return what those are called that are not there."""
+        return [video.name for video in self._videos.values() if not video.can_be_opened()]
+
+    def __enter__(self) -> PageCameras:
+        """Start to read; a camera is opened once somebody looks."""
+        for video in self._videos.values():
+            self._exits.enter_context(video)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Close the cameras."""
+        self._exits.close()
+
+    def open_before(
+        self, arm: Arm, exits: ExitStack, source: str | None = None
+    ) -> VideoSource | None:
+        """Return the pictures that an arm shows; None if it shows none.
+
+        Args:
+            arm: The arm.
+            exits: Closes a simulated camera, which stands before this arm alone.
+            source: Of the pictures; the one that it shows at first if None.
+
+        Raises:
+            CalibrationError: The arm has no calibrated camera, and one is named.
+            InputError: It has none of that name, or it is not there, or not that of this arm.
+            FileFormatError: A file about it is damaged.
+        """
+        source = source or self._source_before(arm)
+        if source is None:
+            return None
+        if source == SIMULATED_SOURCE:
+            transport = arm.context.port.transport
+            camera = open_source(source, transport, Board.named(DEFAULT_BOARD))
+            video = VideoSource(source, self._clock, lambda _: PictureCapture(camera))
+            video.before, video.hint = transport, camera.hint
+            return exits.enter_context(video)
+        with self._lock:
+            if source not in self._videos:
+                video = VideoSource(source, self._clock)
+                self._videos[source] = self._exits.enter_context(video)
+            return self._videos[source]
+
+    def choices(self, arm: Arm) -> dict[str, tuple[str, str]]:
+        """Return the source and the name of each camera that an arm may show, by what it is called.
+
+        Raises:
+            FileFormatError: A file about one is damaged.
+        """
+        own = camera_names(arm.model.name, camera_key(arm.context))
+        known = {name: known_camera(arm.context, name)[0].source for name in own}
+        names = {self._given(source) or source: name for name, source in known.items()}
+        sources, first = self._sources or (names if self.name else ()), self._source_before(arm)
+        if self.name and first is not None:
+            names.setdefault(first, self.name)  # it has another number today
+        found = [(source, names.get(source, "")) for source in sources]
+        return {name or source_name(source): (source, name) for source, name in found}
+
+    def _source_before(self, arm: Arm) -> str | None:
+        """Return the source that an arm was calibrated with, or the first one."""
+        first = next(iter(self._sources), None)
+        if self.name:
+            own = known_camera(arm.context, self.name)[0].source
+            return self._given(own) or first or own
+        for source in self._sources:
+            with suppress(IkservoError):
+                if self._given(known_camera(arm.context, source=source)[0].source) == source:
+                    return source
+        return first
+
+    def _given(self, stored: str) -> str | None:
+        """Return the source that was given for a stored one, which has no password."""
+        name = public_source(stored)
+        return next((each for each in self._sources if public_source(each) == name), None)
+
+
+class ArmCameras:
+    """The cameras that one arm of a page may show, and the one that it does.
+
+    Args:
+        cameras: Of the page.
+        arm: The arm.
+        exits: Closes what it opens.
+
+    Attributes:
+        video: The pictures that are shown; None for none.
+        name: Of that camera; see ``CameraView``.
+        choices: See ``PageCameras.choices``.
+        chosen: Which of them it is; empty for none.
+
+    Raises:
+        IkservoError: See ``PageCameras.open_before``.
+    """
+
+    def __init__(self, cameras: PageCameras, arm: Arm, exits: ExitStack) -> None:
+        self._cameras, self._arm, self._exits = cameras, arm, exits
+        self.video, self.name = cameras.open_before(arm, exits), cameras.name
+        self.choices = cameras.choices(arm)
+        shown = self.video and self.video.source
+        self.chosen = next((each for each, own in self.choices.items() if own[0] == shown), "")
+        self._opened = {} if self.video is None else {self.video.source: self.video}
+
+    def choose(self, choice: str) -> None:
+        """Show another camera from now on.
+
+        Raises:
+            UnknownNameError: It is not among the choices.
+            InputError: It is not there.
+        """
+        if choice not in self.choices:
+            raise UnknownNameError("camera", choice, self.choices)
+        source, name = self.choices[choice]
+        if source not in self._opened:
+            video = self._cameras.open_before(self._arm, self._exits, source)
+            if video is not None:
+                self._opened[source] = video
+        self.video, self.name, self.chosen = self._opened[source], name, choice

@@ -1,0 +1,216 @@
+"""The program that a page edits: steps with numbers that last, and the files it is kept in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+from ikservo.apps.page.running.record_job import SUFFIX
+from ikservo.apps.teaching.program import (
+    MAX_STEPS,
+    Program,
+    ProgramStep,
+    Speed,
+    read_program,
+    write_program,
+)
+from ikservo.errors import BadValueError, InputError, UnknownNameError
+from ikservo.files.folders import config_dir
+
+__all__ = ["DraftStep", "ProgramDraft", "ProgramFolder"]
+
+
+@dataclass(frozen=True, slots=True)
+class DraftStep:
+    """A step and the number by which a page names it, wherever in the list it is."""
+
+    number: int
+    step: ProgramStep
+
+
+class ProgramFolder:
+    """The folder of the programs that a page saves and loads, one TOML file each.
+
+    Args:
+        path: The folder; ``programs`` in the user's configuration folder if None.
+    """
+
+    def __init__(self, path: Path | None = None) -> None:
+        self.path = config_dir() / "programs" if path is None else path
+
+    def names(self) -> list[str]:
+        """Return the names of the programs, without the suffix."""
+        return sorted(path.stem for path in self.path.glob("*.toml"))
+
+    def file(self, name: str) -> Path:
+        """Return the file of a program."""
+        return self.path / f"{name}.toml"
+
+    def recordings(self) -> list[str]:
+        """Return the names of the recordings, without the suffix."""
+        return sorted(path.stem for path in self.path.glob(f"*{SUFFIX}"))
+
+    def recording_file(self, name: str) -> str:
+        """Return the file name of a recording.
+
+        Raises:
+            UnknownNameError: There is none of that name.
+        """
+        names = self.recordings()
+        if name not in names:
+            raise UnknownNameError("recording", name, names)
+        return name + SUFFIX
+
+
+class ProgramDraft:
+    """The steps of a program as a page edits them.
+
+    Args:
+        arm: The arm's name.
+        folder: Where programs are kept.
+
+    Attributes:
+        steps: The steps in their order.
+        speed: Of steps without a speed of their own.
+        repeat: How often all steps are made.
+        name: Of its file; empty before it was saved or loaded.
+        changed: Whether it differs from its file.
+        revision: Changes with every edit.
+    """
+
+    def __init__(self, arm: str, folder: ProgramFolder) -> None:
+        self._arm, self.folder = arm, folder
+        self._next_number = 1
+        self.steps: tuple[DraftStep, ...] = ()
+        self.speed: Speed = "slow"
+        self.repeat = 1
+        self.name = ""
+        self.changed = False
+        self.revision = 0
+        self.names, self.recordings = folder.names(), folder.recordings()
+
+    def add(self, step: ProgramStep, after: int | None = None) -> int:
+        """Add a step behind another one, or as the last one; return its number.
+
+        Raises:
+            InputError: There are too many, or the other one is gone.
+        """
+        if len(self.steps) >= MAX_STEPS:
+            raise InputError(f"A program has at most {MAX_STEPS} steps.", "Nothing was added.")
+        place = len(self.steps) if after is None else self.place_of(after) + 1
+        added = self._number_step(step)
+        self._set_steps((*self.steps[:place], added, *self.steps[place:]))
+        return added.number
+
+    def change(self, number: int, *, speed: Speed | None, wait_s: float | None) -> None:
+        """Set the speed of a step, or the duration of a wait.
+
+        Raises:
+            InputError: The step is gone, or is no wait.
+        """
+        place = self.place_of(number)
+        old = self.steps[place].step
+        if wait_s is not None and old.wait_s is None:
+            raise InputError("Only a wait has a duration.", "Nothing was changed.")
+        new = old.model_copy(update={"speed": speed, "wait_s": wait_s or old.wait_s})
+        changed = replace(self.steps[place], step=new)
+        self._set_steps((*self.steps[:place], changed, *self.steps[place + 1 :]))
+
+    def move(self, number: int, to: int) -> None:
+        """Move a step to a place in the list, or to its end.
+
+        Raises:
+            InputError: The step is gone.
+        """
+        moved = self.steps[self.place_of(number)]
+        others = [each for each in self.steps if each is not moved]
+        self._set_steps((*others[:to], moved, *others[to:]))
+
+    def delete(self, number: int) -> None:
+        """Remove a step.
+
+        Raises:
+            InputError: It is gone already.
+        """
+        place = self.place_of(number)
+        self._set_steps((*self.steps[:place], *self.steps[place + 1 :]))
+
+    def set_options(self, speed: Speed, repeat: int) -> None:
+        """Set the speed of steps without one of their own, and how often they are made."""
+        self.speed, self.repeat = speed, repeat
+        self._note_change(changed=True)
+
+    def place_of(self, number: int) -> int:
+        """Return where in the list a step is.
+
+        Raises:
+            InputError: The step is gone.
+        """
+        for place, each in enumerate(self.steps):
+            if each.number == number:
+                return place
+        raise InputError("That step is gone.", "Nothing was changed.")
+
+    def program(self) -> Program:
+        """Return it as a program.
+
+        Raises:
+            InputError: It has no steps.
+        """
+        if not self.steps:
+            raise InputError("The program has no steps.", "Add a step first.")
+        steps = tuple(each.step for each in self.steps)
+        return Program(format=1, arm=self._arm, speed=self.speed, repeat=self.repeat, steps=steps)
+
+    def clear(self) -> None:
+        """Begin a new program."""
+        self.speed, self.repeat, self.name, self.steps = "slow", 1, "", ()
+        self._note_change(changed=False)
+
+    def load(self, name: str) -> None:
+        """Load a program in place of this one.
+
+        Raises:
+            UnknownNameError: There is none of that name.
+            FileFormatError: It is malformed.
+            BadValueError: It is another arm's.
+        """
+        names = self.folder.names()
+        if name not in names:
+            raise UnknownNameError("program", name, names)
+        read = read_program(self.folder.file(name))
+        if read.arm != self._arm:
+            raise BadValueError("The program", f"one for {read.arm}", f"one for {self._arm}")
+        self.speed, self.repeat, self.name = read.speed, read.repeat, name
+        self.steps = tuple(map(self._number_step, read.steps))
+        self._note_change(changed=False)
+
+    def save(self, name: str, *, overwrite: bool) -> Path:
+        """Save the program; return its file.
+
+        Raises:
+            InputError: It has no steps, or another program has that name.
+            FileWriteError: It cannot be written; an older file is unchanged.
+        """
+        path, program = self.folder.file(name), self.program()
+        if name != self.name and path.exists() and not overwrite:
+            raise InputError(f"There is a program {name} already.", "Replace it, or rename this.")
+        write_program(path, program)
+        self.name = name
+        self._note_change(changed=False)
+        return path
+
+    def _number_step(self, step: ProgramStep) -> DraftStep:
+        numbered = DraftStep(self._next_number, step)
+        self._next_number += 1
+        return numbered
+
+    def _set_steps(self, steps: Iterable[DraftStep]) -> None:
+        self.steps = tuple(steps)
+        self._note_change(changed=True)
+
+    def _note_change(self, *, changed: bool) -> None:
+        self.changed = changed
+        self.names, self.recordings = self.folder.names(), self.folder.recordings()
+        self.revision += 1

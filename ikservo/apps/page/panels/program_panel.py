@@ -1,0 +1,250 @@
+"""The page's program: steps captured from the arm or its target, edited, kept, checked, played."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from ikservo.apps.page.dragging.interaction import Interaction
+from ikservo.apps.page.messages import program_messages as msg
+from ikservo.apps.page.panels.program_draft import DraftStep, ProgramDraft, ProgramFolder
+from ikservo.apps.page.running.arm_thread import ArmThread
+from ikservo.apps.page.running.program_play import PlayState, ProgramPlay
+from ikservo.apps.page.running.record_job import RecordArm
+from ikservo.apps.page.server.page_connection import Client
+from ikservo.apps.page.server.server import Frame
+from ikservo.apps.teaching.program import ProgramStep
+from ikservo.arm import Arm
+from ikservo.errors import InputError
+from ikservo.kinematics.arrays import Vector
+
+__all__ = ["ProgramPanel"]
+
+_DEG_PLACES, _M_PLACES, _TIP_PLACES = 2, 5, 4
+
+
+class ProgramPanel:
+    """Edits the program and asks the arm thread to play it.
+
+    Args:
+        arm_thread: Owns the arm.
+        folder: Where programs are kept.
+    """
+
+    def __init__(self, arm_thread: ArmThread, folder: ProgramFolder | None = None) -> None:
+        self._arm_thread = arm_thread
+        self.draft = ProgramDraft(arm_thread.arm.model.name, folder or ProgramFolder())
+        self._play: ProgramPlay | None = None
+        self._recording: RecordArm | None = None
+        self._state = PlayState()
+
+    def handle(self, message: msg.ProgramMessage, interaction: Interaction) -> None:
+        """Handle a message; ``interaction`` has the target that is shown.
+
+        Raises:
+            IkservoError: It cannot be done; nothing has changed.
+        """
+        if isinstance(message, msg.RunProgram):
+            self._run(message)
+            return
+        if isinstance(message, msg.RecordStep):
+            self._record(message)
+            return
+        if self._is_busy:
+            raise InputError("The program is being played.", "Pause or stop it first.")
+        self._edit(message, interaction)
+        self._play, self._state = None, PlayState()  # a check counts for what was checked
+
+    def frames(self, client: Client) -> list[Frame]:
+        """Return the program and its state, those that have changed since the last call."""
+        self._add_recording()
+        frames: list[Frame] = []
+        if client.sent.get("program") != self.draft.revision:
+            client.sent["program"] = self.draft.revision
+            frames.append(self.fields())
+        state = self.state_fields()
+        if client.sent.get("program_state") != state:
+            client.sent["program_state"] = state
+            frames.append(state)
+        return frames
+
+    def state_fields(self) -> dict[str, object]:
+        """Return how far the program is, for a page."""
+        state = self._state if self._play is None else self._play.state
+        return {
+            "kind": "program_state",
+            "phase": state.phase,
+            "step": state.step,
+            "repetition": state.repetition,
+            "reason": state.reason,
+            "problems": [
+                {"step": step, "reason": reason} for step, reason in state.problems.items()
+            ],
+            "recording": self._is_recording,
+            "pausing": self._play is not None and self._play.is_pausing and self._is_busy,
+        }
+
+    def fields(self) -> dict[str, object]:
+        """Return the steps and files of the program, for a page."""
+        draft = self.draft
+        return {
+            "kind": "program",
+            "steps": [self._step_fields(each) for each in draft.steps],
+            "speed": draft.speed,
+            "repeat": draft.repeat,
+            "name": draft.name,
+            "changed": draft.changed,
+            "names": draft.names,
+            "recordings": draft.recordings,
+            "folder": str(draft.folder.path),
+        }
+
+    def _step_fields(self, each: DraftStep) -> Mapping[str, object]:
+        step = each.step
+        return {
+            "number": each.number,
+            "text": self._describe_shortly(step),
+            "title": step.description,
+            "action": step.action,
+            "has_speed": step.has_speed,
+            "speed": step.speed,
+            "wait_s": step.wait_s,
+        }
+
+    def _describe_shortly(self, step: ProgramStep) -> str:
+        """Describe a step's name, or what it does; of the whole arm's joints where its tip is."""
+        chain = self._arm_thread.arm.chain
+        if step.name is not None:
+            return step.name
+        if step.tip_m is not None:
+            path = "" if step.path in (None, "joints") else f"{step.path} "
+            return f"{path}to {_format_mm(step.tip_m)}"
+        if not set(chain.names) <= {*step.deg, *step.m}:
+            return step.description
+        radians = {name: math.radians(value) for name, value in step.deg.items()}
+        positions = radians | dict(step.m)
+        tip_m = chain.forward(np.array([positions[name] for name in chain.names]))[:3, 3]
+        return f"to {_format_mm(tip_m.tolist())}"
+
+    @property
+    def _is_busy(self) -> bool:
+        return self._play is not None and self._arm_thread.job is self._play
+
+    def _edit(self, message: Any, interaction: Interaction) -> None:  # noqa: ANN401
+        draft = self.draft
+        match message:
+            case msg.AddStep():
+                draft.add(self._make_step(message, interaction.goal), message.after)
+            case msg.ChangeStep():
+                draft.change(message.step, speed=message.speed, wait_s=message.wait_s)
+            case msg.MoveStep():
+                draft.move(message.step, message.to)
+            case msg.DeleteStep():
+                draft.delete(message.step)
+            case msg.SetProgram():
+                draft.set_options(message.speed, message.repeat)
+            case _:
+                self._handle_file(message, interaction)
+
+    def _handle_file(self, message: msg.ProgramFile, interaction: Interaction) -> None:
+        match message.action:
+            case "new":
+                self.draft.clear()
+            case "load":
+                self.draft.load(message.name)
+            case _:
+                path = self.draft.save(message.name, overwrite=message.overwrite)
+                interaction.log(f"Saved: {path}")
+
+    def _run(self, message: msg.RunProgram) -> None:
+        if message.action == "pause":
+            if self._play is None or not self._is_busy:
+                raise InputError("No program is being played.", "Nothing has changed.")
+            self._play.pause()
+            return
+        program = self.draft.program()
+        first = 0 if message.step is None else self.draft.place_of(message.step)
+        numbers = tuple(each.number for each in self.draft.steps)
+        play = ProgramPlay(program, numbers, self.draft.folder.path, first, message.action)
+        self._arm_thread.request_job(play)
+        self._play = play
+
+    @property
+    def _is_recording(self) -> bool:
+        return self._recording is not None and self._arm_thread.job is self._recording
+
+    def _record(self, message: msg.RecordStep) -> None:
+        if not message.on:
+            if self._recording is not None:
+                self._recording.finish()
+            return
+        recording = RecordArm(self.draft.folder.path)
+        self._arm_thread.request_job(recording)
+        self._recording = recording
+
+    def _add_recording(self) -> None:
+        """Add the step of a recording that has ended."""
+        recording = self._recording
+        if recording is None or self._is_recording:
+            return
+        self._recording = None
+        if recording.path is not None:
+            self.draft.add(ProgramStep(recording=recording.path.name))
+
+    def _make_step(self, message: msg.AddStep, goal: Vector | None) -> ProgramStep:
+        arm = self._arm_thread.arm
+        match message.what:
+            case "wait":
+                return ProgramStep(wait_s=message.wait_s)
+            case "open" | "close":
+                if arm.model.gripper is None:
+                    raise InputError("This arm has no gripper.", "Nothing was added.")
+                return ProgramStep(gripper=message.what)
+            case "pose":
+                arm.poses.get_pose(message.pose or "")
+                return ProgramStep(pose=message.pose)
+            case "recording":
+                name = self.draft.folder.recording_file(message.recording or "")
+                return ProgramStep(recording=name)
+            case "target" if goal is None:
+                raise InputError("No target is shown.", "Drag the arm, or click, first.")
+            case _:
+                measured = self._arm_thread.snapshot.measured
+                joints = goal if message.what == "target" and goal is not None else measured
+                return _capture_step(arm, joints, message.path)
+
+
+def _capture_step(arm: Arm, joints: Vector, path: str) -> ProgramStep:
+    """Compute the step that brings the arm to joints (n,), the gripper left as it is."""
+    arm.context.require_zeros()
+    lower, upper = arm.limits()
+    inside = np.clip(joints, lower, upper)  # a limp arm sinks a little past a limit
+    if path == "line":
+        tip_m = arm.chain.forward(arm.joint_index.chain_joints(inside))[:3, 3]
+        x, y, z = (round(value, _TIP_PLACES) for value in tip_m.tolist())
+        return ProgramStep(tip_m=(x, y, z), path="line")
+    deg: dict[str, float] = {}
+    m: dict[str, float] = {}
+    for name in arm.chain.names:
+        column = arm.joint_index.column(name)
+        ends = float(lower[column]), float(upper[column])
+        slides = arm.model.joint(name).joint_map.unit == "m"
+        at = _round_inside(float(inside[column]), ends, in_degrees=not slides)
+        (m if slides else deg)[name] = at
+    return ProgramStep(deg=deg, m=m)
+
+
+def _round_inside(position: float, ends: tuple[float, float], *, in_degrees: bool) -> float:
+    """Compute a position [rad or m] rounded in degrees or metres, not past the limits."""
+    places = _DEG_PLACES if in_degrees else _M_PLACES
+    value, low, high = (math.degrees(x) if in_degrees else x for x in (position, *ends))
+    unit = 10.0**-places
+    lowest, highest = math.ceil(low / unit) * unit, math.floor(high / unit) * unit
+    return round(min(max(value, lowest), highest), places) + 0.0  # not -0.0
+
+
+def _format_mm(point_m: Sequence[float]) -> str:
+    return f"{', '.join(f'{1000.0 * each:z.0f}' for each in point_m)} mm"

@@ -1,0 +1,207 @@
+"""The registers of a joint's servo on the page: read when asked, written after the same checks."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from ikservo.apps.page.running.arm_job import JobObserver
+from ikservo.apps.page.running.arm_thread import ArmThread
+from ikservo.apps.page.server.page_connection import Client
+from ikservo.apps.page.server.server import Frame
+from ikservo.apps.workbench.servo_workbench import (
+    RegisterReading,
+    ServoLine,
+    find_register,
+    holds_torque,
+    parse_register_value,
+    plan_writes,
+    read_registers,
+    write_registers,
+)
+from ikservo.arm import Arm
+from ikservo.errors import BusError, IkservoError, InputError, PortError, RegisterAccessError
+from ikservo.hardware.register_batches import Register
+from ikservo.hardware.servo import ServoSpec
+
+__all__ = ["ServoPanel", "table_frame", "write_limp", "write_values"]
+
+# What moves the arm, ends its replies or belongs to its calibration has ways of its own.
+_ELSEWHERE = {
+    "torque_enable": "Use the switch beside the joint.",
+    "id": "In a terminal: ikservo setup",
+    "baud_rate": "In a terminal: ikservo setup",
+    "homing_offset": "Calibrate the arm.",
+    "position_offset": "Calibrate the arm.",
+    "min_position_limit": "Calibrate the arm.",
+    "max_position_limit": "Calibrate the arm.",
+    "operating_mode": "In a terminal: ikservo servo write",
+    "lock": "Each write locks the EEPROM again.",
+    **dict.fromkeys(
+        (
+            "angular_resolution", "cw_angle_limit", "ccw_angle_limit", "drive_mode",
+            "moving_speed", "multi_turn_offset", "phase", "protocol_type", "resolution_divider",
+            "response_level", "secondary_id", "shutdown", "startup_configuration",
+            "status_return_level",
+        ),
+        "In a terminal: ikservo servo write",
+    ),
+}  # fmt: skip
+
+
+def _is_written_here(name: str) -> bool:
+    return name not in _ELSEWHERE and not name.startswith("goal_")
+
+
+class ServoPanel:
+    """Shows one servo's control table and writes its registers, in the thread of the arm.
+
+    Args:
+        arm_thread: Owns the arm.
+    """
+
+    def __init__(self, arm_thread: ArmThread) -> None:
+        self._arm_thread = arm_thread
+        self._fields: Frame = {"kind": "servo", "joint": None, "registers": [], "note": ""}
+
+    def read(self, joint: str) -> None:
+        """Read the whole table of a joint's servo.
+
+        Raises:
+            InputError: The arm is busy, follows the page or was stopped, or there is no such joint.
+        """
+        self._start(joint, "", "")
+
+    def write(self, joint: str, name: str, text: str) -> None:
+        """Write a register, and read the table again.
+
+        Args:
+            joint: The joint.
+            name: The register.
+            text: A raw integer, or a number with a unit.
+
+        Raises:
+            InputError: As for ``read``; or the register is written in another way.
+        """
+        if not _is_written_here(name):
+            hint = _ELSEWHERE.get(name, "Move the joint by its slider.")
+            raise InputError(f"{name} is not written here.", hint)
+        self._start(joint, name, text)
+
+    def _start(self, joint: str, name: str, text: str) -> None:
+        self._arm_thread.arm.joint_index.column(joint)
+        self._arm_thread.request_job(_ServoJob(self, joint, name, text))
+
+    def show(self, fields: Frame) -> None:
+        """Replace what pages are shown."""
+        self._fields = fields
+
+    def frames(self, client: Client) -> list[Frame]:
+        """Return what a client does not know yet."""
+        if client.sent.get("servo") is self._fields:
+            return []
+        client.sent["servo"] = self._fields
+        return [self._fields]
+
+
+class _ServoJob:
+    """Reads a servo, and writes one of its registers before, if one is named (``ArmJob``)."""
+
+    def __init__(self, panel: ServoPanel, joint: str, name: str, text: str) -> None:
+        self._panel, self._joint, self._name, self._text = panel, joint, name, text
+        self.title = f"Reads the servo of {joint}"
+
+    def run(self, arm: Arm, observer: JobObserver) -> None:
+        """Write and read; what a servo or its table forbids is a note, and stops nothing.
+
+        Raises:
+            PortError: The port is lost.
+        """
+        bus = arm.context.servos.bus
+        line = ServoLine(bus, f"{arm.model.name}-{arm.context.serial_number}")
+        servo = next(each for each in bus.servos.values() if each.name == self._joint)
+        try:
+            note = self._write(line, servo) if self._name else ""
+        except PortError:
+            raise
+        except (InputError, RegisterAccessError, BusError) as error:
+            note = f"{error.message} {error.command_hint}".strip()
+        if note:
+            observer.log_message(note)
+        self._panel.show(table_frame(line, servo, note, _is_written_here))
+
+    def _write(self, line: ServoLine, servo: ServoSpec) -> str:
+        register = find_register(servo.table, self._name)
+        if not _is_written_here(register.name):  # a name that all families have is another's alias
+            raise InputError(f"{register.name} is not written here.")
+        try:
+            return write_limp(line, servo, {register: parse_register_value(register, self._text)})
+        except OSError as error:  # no room for the copy of the EEPROM
+            if not isinstance(error, IkservoError) or isinstance(error, PortError):
+                raise
+            raise InputError(error.message, error.command_hint) from error
+
+
+def write_values(line: ServoLine, servo: ServoSpec, values: Mapping[Register, int]) -> str:
+    """Write registers after the checks of ``plan_writes``; return what has changed, in words.
+
+    Raises:
+        IkservoError: As ``plan_writes`` and ``write_registers``.
+    """
+    changes = plan_writes(line, servo, values)
+    write_registers(line, servo, changes)
+    return f"{servo}: {', '.join(map(str, changes)) or 'nothing to change'}."
+
+
+def write_limp(line: ServoLine, servo: ServoSpec, values: Mapping[Register, int]) -> str:
+    """Write registers of a servo without torque, as ``write_values`` does.
+
+    Raises:
+        InputError: It holds.
+        IkservoError: As ``write_values``.
+    """
+    if holds_torque(line, servo):
+        raise InputError(
+            f"{servo} holds: with other numbers it could fall.",
+            "Support it, and switch its torque off first.",
+        )
+    return write_values(line, servo, values)
+
+
+def table_frame(
+    line: ServoLine, servo: ServoSpec, note: str, is_written: Callable[[str], bool]
+) -> dict[str, Any]:
+    """Read a servo's table and return it as a page shows it.
+
+    Args:
+        line: The servos.
+        servo: The servo.
+        note: What is said besides.
+        is_written: Whether the page writes a register of this name.
+
+    Raises:
+        BusError: The servo does not reply.
+    """
+    return {
+        "kind": "servo",
+        "joint": servo.name or str(servo.id),
+        "id": servo.id,
+        "model": servo.table.model_name,
+        "registers": [_fields_of(each, is_written) for each in read_registers(line, servo)],
+        "note": note,
+    }
+
+
+def _fields_of(reading: RegisterReading, is_written: Callable[[str], bool]) -> dict[str, object]:
+    register = reading.register
+    return {
+        "name": register.name,
+        "address": register.address,
+        "raw": reading.raw,
+        "value": reading.text,
+        "range": list(register.range),
+        "area": register.area.name,
+        "writable": register.is_writable and is_written(register.name),
+        "default": reading.default,
+        "first": reading.first if reading.changed else None,
+    }

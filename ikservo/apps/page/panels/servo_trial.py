@@ -1,0 +1,118 @@
+"""Trials of gains on the page of servos: a joint's step with its gains and with others."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from ikservo.apps.page.server.server import Frame
+from ikservo.apps.workbench.servo_tuning import (
+    Trial,
+    best_trial,
+    find_turning_servo,
+    try_steps,
+    tunable_registers,
+)
+from ikservo.apps.workbench.servo_workbench import find_register
+from ikservo.arm.arm import Arm
+from ikservo.errors import BadValueError, InputError, RefusedError
+from ikservo.hardware.register_batches import Register
+from ikservo.hardware.servo import ServoSpec
+
+__all__ = ["describe_trials", "trial_frame", "try_on_joint", "tunable_names"]
+
+_ROWS = 200  # of a plot
+
+
+def tunable_names(servo: ServoSpec) -> list[str]:
+    """Return the registers that the page has sliders for; none where the model has no gains."""
+    with contextlib.suppress(RefusedError):
+        return [register.name for register in tunable_registers(servo)]
+    return []
+
+
+def try_on_joint(
+    arm: Arm, joint: str, gains: Mapping[str, int], step_deg: float, *, suggest: bool
+) -> list[Trial]:
+    """Return the step responses of a joint with its present gains, those given, those of a search.
+
+    Args:
+        arm: The arm.
+        joint: The joint.
+        gains: Raw numbers by register; those that are in force already count as not given.
+        step_deg: How far the joint moves.
+        suggest: Whether to search better gains.
+
+    Raises:
+        InputError: Nothing else is to be tried, or the joint does not turn.
+        IkservoError: As every motion; the present gains are in force again.
+    """
+    servo = find_turning_servo(arm, joint)
+    bus = arm.context.servos.bus
+    given: dict[Register, int] = {}
+    for name, raw in gains.items():
+        register = find_register(servo.table, name)
+        lower, upper = register.range
+        if register not in tunable_registers(servo) or not lower <= raw <= upper:
+            raise BadValueError(f"{register} of {servo}", raw, f"a gain, {lower} to {upper}")
+        if bus.read(servo.id, register, raw=True) != raw:
+            given[register] = raw
+    if not given and not suggest:
+        raise InputError("These are the present gains.", "Move a slider, or ask for a suggestion.")
+    return try_steps(arm, servo, given, math.radians(step_deg), suggest=suggest)
+
+
+def describe_trials(trials: Sequence[Trial]) -> str:
+    """Describe what the present gains and the best of the others have done."""
+    before, after = _compared(trials)
+    words = {"before": before, "after": after}
+    return (
+        f"{' '.join(f'{name}: {_describe(one)}.' for name, one in words.items())} "
+        "The former gains are in force again; the joint holds."
+    )
+
+
+def trial_frame(joint: str, trials: Sequence[Trial]) -> Frame:
+    """Return goal and position before and after on one axis of time, as a page plots them."""
+    before, after = _compared(trials)
+    end_s = max(float(one.response.time_s[-1]) for one in (before, after))
+    times = np.linspace(0.0, end_s, _ROWS)
+    start_rad = float(before.response.goal_rad[0])
+    columns = {
+        "goal": (before, before.response.goal_rad),
+        "before": (before, before.response.position_rad),
+        "after": (after, after.response.position_rad),
+    }
+    values = [
+        np.degrees(np.interp(times, one.response.time_s, rad) - start_rad).round(3).tolist()
+        for one, rad in columns.values()
+    ]
+    return {
+        "kind": "trial",
+        "joint": joint,
+        "gains": {register.name: raw for register, raw in after.gains.items()},
+        "span_s": round(end_s, 2),
+        "times": times.round(3).tolist(),
+        "values": values,
+        "series": [{"quantity": "step", "unit": "°", "joint": name} for name in columns],
+    }
+
+
+def _compared(trials: Sequence[Trial]) -> tuple[Trial, Trial]:
+    """Return the present gains, and those that were given or the best that were found."""
+    return trials[0], trials[1] if len(trials) == 2 else best_trial(trials)
+
+
+def _describe(trial: Trial) -> str:
+    response, gains = trial.response, trial.gains
+    words = [
+        ", ".join(f"{register} {raw}" for register, raw in gains.items()),
+        f"overshoot {np.degrees(response.overshoot_rad):.2f}°",
+        f"settling {response.settling_s:.2f} s",
+        f"short of its goal {np.degrees(response.steady_error_rad):.2f}°",
+        f"swings by {np.degrees(response.swing_rad):.2f}°" if response.swings else "comes to rest",
+    ]
+    return "; ".join(words)

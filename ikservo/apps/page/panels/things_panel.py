@@ -1,0 +1,199 @@
+"""The things around the arm on the page: drawn, added, changed, removed, saved as a scene file."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from ikservo.apps.page.dragging.drag import MovedThing
+from ikservo.apps.page.drawing.scene_shapes import Fields, row_major
+from ikservo.apps.page.messages import thing_messages as msg
+from ikservo.apps.page.panels.follow_panel import FindArm
+from ikservo.apps.page.server.downloads import Download, DownloadOffers
+from ikservo.apps.page.server.page_connection import Client
+from ikservo.apps.page.server.server import Frame
+from ikservo.arm import Arm
+from ikservo.arm.other_arm import OtherArm
+from ikservo.errors import BadValueError
+from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.packed import ROUNDING
+from ikservo.kinematics.se3 import make_pose
+from ikservo.model.model import Obstacle
+from ikservo.model.scene_file import describe_thing, scene_text
+
+__all__ = ["AddOtherArm", "ThingsPanel"]
+
+_DRAWN_M = 5.0  # what is larger, such as a half-space, is not drawn
+_NEW_SIZE_M, _NEW_AWAY_M = 0.06, 0.1  # of a new thing, and of its place from the base
+_MOST = 100  # that a page adds to: each is checked on every path, and sent
+_DECIMALS = 2  # of joints, rad or m: what moves less is not drawn anew
+_TITLES = {"box": "box", "cylinder": "can", "sphere": "ball"}
+
+
+AddOtherArm = Callable[[str], None]
+"""Makes another arm of the page, by its name, an obstacle to an arm."""
+
+
+class ThingsPanel:
+    """Shows and changes what stands around an arm.
+
+    Args:
+        arm: The arm.
+        downloads: Where the scene file is offered.
+        find_arm: Finds another arm of the page.
+        add_other_arm: Makes another arm of the page an obstacle to this one.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        downloads: DownloadOffers,
+        find_arm: FindArm = lambda _: None,
+        add_other_arm: AddOtherArm = lambda _: None,
+    ) -> None:
+        self._arm, self._downloads = arm, downloads
+        self._find_arm, self._add_other_arm = find_arm, add_other_arm
+        self._shown: object = None
+        self._moved: MovedThing | None = None
+        self._frame: Frame = {}
+
+    def frames(self, client: Client) -> list[Frame]:
+        """Return the things, where they have changed since they were sent to a client."""
+        things, arms = self._arm.scene.things, self._arm.scene.arms
+        joints = [self._joints(each) for each in arms]
+        around = things, arms, [None if q is None else q.round(_DECIMALS).tolist() for q in joints]
+        if around != self._shown:
+            self._shown = around
+            links = [_links(each, q) for each, q in zip(arms, joints, strict=True)]
+            self._frame = {
+                "kind": "things",
+                "things": [self._fields(each) for each in things] + [_arm_row(e) for e in arms],
+                "links": [{**thing_fields(e), "shape": "cylinder"} for of in links for e in of],
+            }
+        if client.sent.get("things") is self._frame:
+            return []
+        client.sent["things"] = self._frame
+        return [self._frame]
+
+    def handle(self, message: msg.ThingMessage) -> None:
+        """Add, change or remove a thing, while nothing moves.
+
+        Raises:
+            UnknownNameError: There is no such thing.
+            BadValueError: Its new name is taken, its place is none, or there are too many.
+            InputError: No other arm of that name is open, or it moves.
+            FileFormatError: A size cannot be used; names it.
+            RefusedError: A motion is running, or the arm was opened without collision checks.
+        """
+        scene = self._arm.scene
+        match message:
+            case msg.AddThing() if len(scene.names) >= _MOST:
+                raise BadValueError("The number of things", len(scene.names), f"below {_MOST}")
+            case msg.AddThing():
+                scene.add(message.shape, self._new_name(message.shape), **self._new(message.shape))
+            case msg.AddArm():
+                self._add_other_arm(message.name)
+            case msg.ChangeThing():
+                given = message.model_dump(
+                    exclude_none=True, exclude={"kind", "seq", "seen", "name"}
+                )
+                sizes = self._sizes(message.name)
+                for key in given.keys() & sizes.keys():
+                    if isinstance(given[key], tuple):
+                        pairs = zip(given[key], sizes[key], strict=True)
+                        given[key] = [now if new is None else new for new, now in pairs]
+                if "new_name" in given:
+                    given["name"] = given.pop("new_name")
+                scene.change(message.name, **given)
+            case msg.RemoveThing():
+                scene.remove(message.name)
+
+    def show_moved(self, moved: MovedThing | None) -> None:
+        """Draw a thing where it is dragged to; None once nothing is dragged."""
+        if moved is not self._moved:
+            self._moved, self._shown = moved, None
+
+    def drop(self, moved: MovedThing) -> None:
+        """Put a thing where it was dragged to.
+
+        Raises:
+            UnknownNameError: It was removed meanwhile.
+            RefusedError: A motion is running.
+        """
+        self.show_moved(None)
+        thing = next((each for each in self._arm.scene.things if each.name == moved.name), None)
+        if thing is not None and moved.shift_m.any():
+            self._arm.scene.change(moved.name, center_m=thing.row[9:12] + moved.shift_m)
+
+    def offer(self) -> Frame:
+        """Offer the things as a scene file; return where."""
+        scene, name = self._arm.scene, "scene.toml"
+        text = scene_text(scene.things, [each.placed for each in scene.arms])
+        url = self._downloads.offer(Download(name, lambda: [text], "application/toml"))
+        return {"kind": "download", "url": url, "name": name}
+
+    def _fields(self, thing: Obstacle) -> Fields:
+        moved = self._moved
+        return thing_fields(thing, moved.shift_m if moved and moved.name == thing.name else 0.0)
+
+    def _sizes(self, name: str) -> dict[str, Any]:
+        """Return what may be changed of a thing or another arm; empty where there is none."""
+        arms = {each.name: _arm_sizes(each) for each in self._arm.scene.arms}
+        things = {each.name: describe_thing(each)[1] for each in self._arm.scene.things}
+        return {**arms, **things}.get(name, {})
+
+    def _joints(self, other: OtherArm) -> Vector | None:
+        """Return where another arm was read last (n,); None once it is closed."""
+        thread = self._find_arm(other.name)
+        is_read = thread is not None and thread.arm.context is other.context
+        return thread.snapshot.measured if thread is not None and is_read else None
+
+    def _new_name(self, shape: str) -> str:
+        taken = {*self._arm.scene.names, *self._arm.scene.held}
+        names = (f"the {_TITLES[shape]} {number}" for number in itertools.count(1))
+        return next(name for name in names if name not in taken)
+
+    def _new(self, shape: str) -> dict[str, Any]:
+        """Return place and size of a new thing: on the table, behind the base."""
+        half_m = 0.5 * _NEW_SIZE_M
+        low_m = self._arm.model.floor_m or 0.0
+        place: dict[str, Any] = {"center_m": (-_NEW_AWAY_M - half_m, 0.0, low_m + half_m)}
+        if shape == "box":
+            return {**place, "size_m": (_NEW_SIZE_M,) * 3}
+        if shape == "cylinder":
+            return {**place, "radius_m": half_m, "height_m": _NEW_SIZE_M}
+        return {**place, "radius_m": half_m}
+
+
+def _links(other: OtherArm, joints: Vector | None) -> Sequence[Obstacle]:
+    """Return the links of another arm; where it was left once it is closed."""
+    return other.left or () if joints is None else other.links_at(joints)
+
+
+def _arm_row(other: OtherArm) -> Fields:
+    """Return what a person may change of another arm; its links are drawn."""
+    return {"name": other.name, "thing": "arm", "sizes": _arm_sizes(other), "drawn": False}
+
+
+def _arm_sizes(other: OtherArm) -> dict[str, Any]:
+    placed = other.placed
+    return {"at_m": placed.at_m, "rpy_deg": placed.rpy_deg}
+
+
+def thing_fields(thing: Obstacle, shift_m: Vector | float = 0.0) -> Fields:
+    """Return how a thing is drawn, shifted (3,), and what a person may change of it."""
+    row = thing.row
+    kind, sizes = describe_thing(thing)
+    grown = row[12:15] + row[ROUNDING]
+    return {
+        "name": thing.name,
+        "shape": "box" if kind == "half_space" else kind,
+        "pose": row_major(make_pose(row[9:12] + shift_m, row[:9].reshape(3, 3))),
+        "half": grown.tolist(),
+        "drawn": bool(np.max(2.0 * grown) < _DRAWN_M),
+        "thing": kind,
+        "sizes": sizes,
+    }

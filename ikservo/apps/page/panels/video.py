@@ -1,0 +1,221 @@
+"""Pictures of a camera for the page, as motion JPEG; read only while somebody looks at them."""
+
+from __future__ import annotations
+
+import asyncio
+import contextlib
+import math
+import threading
+from collections.abc import AsyncGenerator, Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ikservo.apps.cameras.camera_sources import SIMULATED_SOURCE
+from ikservo.apps.cameras.capture import Capture, open_capture, public_source
+from ikservo.apps.cameras.pictures import PictureSource
+from ikservo.clock import Clock
+from ikservo.errors import IkservoError, InputError
+
+__all__ = ["VIDEO_TYPE", "Picture", "PictureCapture", "VideoSource", "source_name"]
+
+VIDEO_TYPE = "multipart/x-mixed-replace; boundary=picture"
+_PERIOD_S = 1.0 / 15.0  # between two pictures
+_RETRY_S = 1.0  # until a camera that failed is opened again
+_OLD_S = 2.0  # without a picture for so long, the page says so
+_LOOK_S = 0.02  # between two looks for a new picture
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A picture as it is sent.
+
+    Attributes:
+        number: Counts the pictures, from 1.
+        jpeg: Its bytes.
+    """
+
+    number: int
+    jpeg: bytes
+
+
+def source_name(source: str) -> str:
+    """Return what the page calls a source: without passwords, and without folders."""
+    if "://" in source:
+        return public_source(source).partition("://")[2]
+    is_numbered = source.isdecimal() or source == SIMULATED_SOURCE
+    return f"camera {source}" if is_numbered else Path(public_source(source)).name
+
+
+class VideoSource:
+    """Reads a camera in a thread of its own; the newest picture counts.
+
+    Args:
+        source: The number of a camera, a device, an ``http://`` address or a file, which is
+            repeated.
+        clock: Tells how old the last picture is.
+        open_source: Opens the source.
+
+    Attributes:
+        source: As given.
+        newest: The last picture (h, w) or (h, w, 3); None before any.
+        before: The transport of the arm that a simulated camera stands before; None for others.
+        hint: What to know of the pictures; empty for nothing.
+
+    Raises:
+        InputError: There is no such device or file.
+    """
+
+    def __init__(
+        self, source: str, clock: Clock, open_source: Callable[[str], Capture] = open_capture
+    ) -> None:
+        is_path = not source.isdecimal() and "://" not in source and source != SIMULATED_SOURCE
+        is_there = not is_path
+        with contextlib.suppress(OSError):  # of a name that is too long
+            is_there = is_there or bool(source and Path(source).exists())
+        if not is_there:
+            name = public_source(source)
+            raise InputError(f"There is no camera or file {name}.", "Is it plugged in?")
+        self.source, self._clock, self._open = source, clock, open_source
+        self._is_file = is_path and Path(source).is_file()
+        self._is_paced = self._is_file or source == SIMULATED_SOURCE
+        self.newest: NDArray[np.uint8] | None = None
+        self.before: object = None
+        self.hint = ""
+        self._picture: Picture | None = None
+        self._read_s, self._error = -math.inf, ""
+        self._watchers = 0
+        self._watched_s = math.inf  # since when
+        self._wanted, self._ending = threading.Event(), threading.Event()
+        self._thread = threading.Thread(target=self._run, name="ikservo camera", daemon=True)
+
+    def __enter__(self) -> VideoSource:
+        """Start the thread; the camera is opened once somebody looks."""
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """End the thread and close the camera."""
+        self._ending.set()
+        self._wanted.set()
+        self._thread.join()
+
+    @property
+    def name(self) -> str:
+        """What the page calls the source."""
+        return source_name(self.source)
+
+    def can_be_opened(self) -> bool:
+        """Open and close the source, before anybody looks; return whether that succeeds."""
+        capture = self._open(self.source)
+        try:
+            return capture.isOpened()
+        finally:
+            capture.release()
+
+    @property
+    def trouble(self) -> str:
+        """What is wrong while somebody looks; empty if pictures arrive."""
+        now_s = self._clock.now_s()
+        if not self._watchers or now_s - max(self._read_s, self._watched_s) < _OLD_S:
+            return ""
+        return self._error or f"No picture from {self.name}: is it unplugged?"
+
+    @property
+    def is_fresh(self) -> bool:
+        """Whether somebody looks at a picture that is not old."""
+        return self._picture is not None and self._clock.now_s() - self._read_s < _OLD_S
+
+    async def stream(self) -> AsyncGenerator[bytes]:
+        """Yield new pictures as parts of ``VIDEO_TYPE``; a slow page misses some."""
+        if not self._watchers:
+            self._watched_s = self._clock.now_s()
+        self._watchers += 1
+        self._wanted.set()
+        number = 0
+        try:
+            while not self._ending.is_set():
+                picture = self._picture
+                if picture is not None and picture.number != number:
+                    number = picture.number
+                    yield _part(picture.jpeg)
+                await asyncio.sleep(_LOOK_S)
+        finally:
+            self._watchers -= 1
+
+    def _run(self) -> None:
+        """Read while somebody looks; open a camera that failed again and again."""
+        while not self._ending.is_set():
+            self._wanted.wait()
+            try:
+                self._read_while_watched()
+            except Exception as error:  # of a driver: the next picture may be there
+                ours = isinstance(error, IkservoError)
+                failure = f"{error!r}".replace(self.source, self.name)
+                why = error.message if ours else f"it has failed: {failure}."
+                self._error = f"No picture from {self.name}: {why}"
+            if not self._watchers:
+                self._wanted.clear()
+                self._picture = None
+            elif not self._is_file or self._error:
+                self._ending.wait(_RETRY_S)
+
+    def _read_while_watched(self) -> None:
+        """Read until nobody looks or the camera fails."""
+        capture = self._open(self.source)
+        try:
+            self._error = "" if capture.isOpened() else f"{self.name} cannot be opened."
+            while self._watchers and not self._ending.is_set() and not self._error:
+                ready, image = capture.read()
+                if not ready or image is None:
+                    return
+                self._keep(image)
+        finally:
+            capture.release()
+
+    def _keep(self, image: NDArray[np.uint8]) -> None:
+        """Keep a picture as JPEG; a camera that is faster than the page misses some."""
+        now_s = self._clock.now_s()
+        if self._is_paced:
+            self._ending.wait(_PERIOD_S)
+        elif now_s - self._read_s < _PERIOD_S:
+            return
+        import cv2  # noqa: PLC0415  # of the extra `camera`
+
+        _, jpeg = cv2.imencode(".jpg", image)
+        self.newest = image
+        number = 1 if self._picture is None else self._picture.number + 1
+        self._picture, self._read_s = Picture(number, jpeg.tobytes()), now_s
+
+
+class PictureCapture:
+    """Single pictures of a source, one after the other.
+
+    Args:
+        source: Takes them.
+    """
+
+    def __init__(self, source: PictureSource) -> None:
+        self._source = source
+
+    def isOpened(self) -> bool:  # noqa: N802  # OpenCV's name
+        """Return True."""
+        return True
+
+    def read(self) -> tuple[bool, NDArray[np.uint8] | None]:
+        """Take a picture."""
+        return True, self._source.take()
+
+    def grab(self) -> bool:
+        """Return True: nothing is in a queue."""
+        return True
+
+    def release(self) -> None:
+        """Do nothing."""
+
+
+def _part(jpeg: bytes) -> bytes:
+    header = f"--picture\r\nContent-Type: image/jpeg\r\nContent-Length: {len(jpeg)}\r\n\r\n"
+    return header.encode() + jpeg + b"\r\n"

@@ -1,0 +1,1 @@
+"""What the mouse points at, and the projections of the view."""

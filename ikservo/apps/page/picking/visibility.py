@@ -1,0 +1,300 @@
+"""Which links are visible from a point, and what hides the others.
+
+The inverse of picking: lines of sight go from the eye through points all over a link, and what
+they hit first is visible there::
+
+    seen = visible_from(model, arm.where().positions, (0.6, 0.3, 0.4))   # a camera, or a marker
+    hidden = [each.link for each in seen if not each.is_visible]
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Hashable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.apps.page.picking.bvh import (
+    bounding_boxes,
+    link_primitives,
+    object_primitives,
+    triangle_rows,
+)
+from ikservo.apps.page.picking.link_poses import link_poses
+from ikservo.apps.page.picking.picking import Picker
+from ikservo.apps.page.picking.projection import Camera, Viewport, view_rotation
+from ikservo.clock import Clock
+from ikservo.errors import UnknownNameError
+from ikservo.kinematics import Chain, finite_vector
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.conditioning import (
+    Conditioning,
+    Singularity,
+    conditioning,
+    nearest_singularity,
+)
+from ikservo.model import Model
+from ikservo.model.collision_model import capsules_of
+
+__all__ = [
+    "TABLE",
+    "LinkVisibility",
+    "PostureAnalyser",
+    "PostureAnalysis",
+    "VisibilityChecker",
+    "visible_from",
+]
+
+TABLE = "the table"
+
+_TABLE_M = 3.0
+_VISIBLE_FRACTION = 0.01
+_LINES = 48  # rays along each side of a link's bounding rectangle in the image
+_MIN_RAYS = 16
+_MAX_FIELD_RAD = math.tan(math.radians(80.0))
+_EYE = Viewport(2.0, 2.0)
+_UP, _FORWARD = np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0])
+
+_SAME_RAD = 5e-3
+
+
+@dataclass(frozen=True, slots=True)
+class LinkVisibility:
+    """How much of a link, or of an object of the scene, is visible.
+
+    Attributes:
+        link: Its name.
+        visible_fraction: Visible fraction of its projected area, 0 to 1, accurate to about 0.05.
+        hidden_by: What occludes the rest, largest occluder first.
+    """
+
+    link: str
+    visible_fraction: float
+    hidden_by: tuple[str, ...] = ()
+
+    @property
+    def is_visible(self) -> bool:
+        """Whether more than a hundredth of it is visible."""
+        return self.visible_fraction > _VISIBLE_FRACTION
+
+
+class VisibilityChecker:
+    """Computes the visibility of one arm's links, for any posture and eye.
+
+    Args:
+        model: The arm; its boxes and the table occlude what is behind them.
+    """
+
+    def __init__(self, model: Model) -> None:
+        links, self._floor_m = link_primitives(capsules_of(model)), model.floor_m
+        self._obstacles = {
+            f"{name} (object)" if name in links else name: rows
+            for name, rows in object_primitives(model.keep_out).items()
+        }
+        if model.floor_m is not None:
+            # Compute the table as two triangles (2, WIDTH)
+            a, b, c, d = [(_TABLE_M * x, _TABLE_M * y, model.floor_m) for x, y in _ROUND]
+            self._obstacles[TABLE] = triangle_rows(np.array([[a, b, c], [a, c, d]]))
+        self._picker = Picker({**links, **self._obstacles})
+        self._ends = {link: rows[:, 1:7].reshape(-1, 3) for link, rows in links.items()}
+        self._corners = {
+            link: _bounding_corners(bounding_boxes(rows)) for link, rows in links.items()
+        }
+
+    def from_point(
+        self, poses: Mapping[str, Matrix], eye_m: ArrayLike
+    ) -> tuple[LinkVisibility, ...]:
+        """Compute the visibility of each link from a point (3,), metres, base frame.
+
+        Args:
+            poses: T_world_link (4, 4) of each link.
+            eye_m: The point; a link around it occludes nothing; below the table nothing is visible.
+        """
+        eye = finite_vector(eye_m, 3, "The point to look from")
+        if self._floor_m is not None and eye[2] < self._floor_m:
+            return tuple(LinkVisibility(link, 0.0, (TABLE,)) for link in self._ends)
+
+        return tuple(
+            self._link_visibility(
+                link,
+                poses,
+                _camera_looking_at(eye, _transform_points(self._corners[link], poses[link])),
+            )
+            for link in self._ends
+        )
+
+    def from_camera(
+        self, poses: Mapping[str, Matrix], camera: Camera
+    ) -> tuple[LinkVisibility, ...]:
+        """Return the visibility of each link from a camera with an unbounded image."""
+        return tuple(self._link_visibility(link, poses, camera) for link in self._ends)
+
+    def _link_visibility(
+        self, link: str, poses: Mapping[str, Matrix], camera: Camera
+    ) -> LinkVisibility:
+        all_poses = {**poses, **dict.fromkeys(self._obstacles, np.eye(4))}
+        names = self._picker.names
+        own = names.index(link)
+        corners_px, _ = camera.project(_transform_points(self._corners[link], poses[link]))
+        distances, _ = self._picker.cast(*camera.rays(_pixel_grid(corners_px, camera)), all_poses)
+        distances = distances[np.isfinite(distances[:, own])]
+        if len(distances) < _MIN_RAYS:  # a link thinner than the grid of rays
+            ends_px, _ = camera.project(_transform_points(self._ends[link], poses[link]))
+            distances, _ = self._picker.cast(*camera.rays(ends_px), all_poses)
+        counts = np.bincount(np.argmin(distances, axis=1), minlength=len(names)) / len(distances)
+        hiding = [
+            (-float(fraction), i)
+            for i, fraction in enumerate(counts)
+            if i != own and fraction > 0.0
+        ]
+        return LinkVisibility(link, float(counts[own]), tuple(names[i] for _, i in sorted(hiding)))
+
+
+def _camera_looking_at(eye_m: Vector, corners_m: Matrix) -> Camera:
+    """Return a camera at a point, pointed at the centre of a box."""
+    away = corners_m.mean(axis=0) - eye_m
+    length_m = float(np.linalg.norm(away))
+    forward = away / length_m if length_m > 1e-6 else _FORWARD
+    up = _UP if abs(float(forward[2])) < 0.99 else _FORWARD
+    return Camera(_EYE, eye_m, view_rotation(forward, up), 1.0, perspective=True)
+
+
+def _transform_points(points_m: Matrix, T_world_link: Matrix) -> Matrix:
+    return points_m @ T_world_link[:3, :3].T + T_world_link[:3, 3]
+
+
+def _bounding_corners(boxes: Matrix) -> Matrix:
+    """Compute the corners (8, 3) of the box around boxes (n, 6)."""
+    low, high = boxes[:, :3].min(axis=0), boxes[:, 3:].max(axis=0)
+    return low + np.array(list(np.ndindex(2, 2, 2))) * (high - low)
+
+
+def _pixel_grid(corners_px: Matrix, camera: Camera) -> Matrix:
+    """Compute a grid of pixels (n, 2) over the frame around others, at most 80° off the axis."""
+    max_offset = _MAX_FIELD_RAD * camera.scale_px if camera.perspective else math.inf
+    centre = camera.viewport.centre_px
+    low = np.maximum(corners_px.min(axis=0), centre - max_offset)
+    high = np.minimum(corners_px.max(axis=0), centre + max_offset)
+    fractions = (np.arange(_LINES) + 0.5) / _LINES
+    steps = low + fractions[:, None] * (high - low)
+    return np.stack(np.meshgrid(steps[:, 0], steps[:, 1]), axis=-1).reshape(-1, 2)
+
+
+_ROUND = ((-1.0, -1.0), (1.0, -1.0), (1.0, 1.0), (-1.0, 1.0))
+
+
+def visible_from(
+    model: Model, joints: Mapping[str, float], eye_m: ArrayLike
+) -> tuple[LinkVisibility, ...]:
+    """Return which links of an arm are visible from a point, for a camera or a marker.
+
+    Args:
+        model: The arm; its keep-out boxes and the table occlude what is behind them.
+        joints: Positions by name, rad or m, as ``ArmState.positions``; a missing joint of the
+            chain is an error, other missing joints are at zero.
+        eye_m: The point (3,), metres, base frame.
+
+    Raises:
+        BadValueError: The point is not finite.
+        UnknownNameError: A joint of the chain is missing.
+    """
+    chain = model.chain
+    missing = [name for name in chain.names if name not in joints]
+    if missing:
+        raise UnknownNameError("position", missing[0], joints)
+    q = finite_vector([joints[name] for name in chain.names], chain.dof, "The joints")
+    return VisibilityChecker(model).from_point(link_poses(chain, q, joints), eye_m)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PostureAnalysis:
+    """Analysis of a posture, for one camera.
+
+    Attributes:
+        q: The joints (dof,).
+        camera: Its fingerprint, see ``Camera.fingerprint``.
+        singularity: The nearest singular posture of the tip; None if none was found.
+        seen: The visibility of each link.
+    """
+
+    q: Vector
+    camera: Hashable
+    singularity: Singularity | None
+    seen: tuple[LinkVisibility, ...]
+
+
+_CONDITIONING_PERIOD_S = 0.3  # nobody reads it faster
+
+
+class PostureAnalyser:
+    """Runs one analysis at a time in the background; callers poll ``get``.
+
+    Args:
+        chain: The arm inside its own limits.
+        visibility: Computes which links are visible.
+        clock: Tells when the conditioning is computed again.
+    """
+
+    def __init__(self, chain: Chain, visibility: VisibilityChecker, clock: Clock) -> None:
+        self._chain, self._visibility, self._clock = chain, visibility, clock
+        self._conditioned: tuple[float, Conditioning] | None = None
+        self._cached: dict[int, PostureAnalysis] = {}
+        self._worker = ThreadPoolExecutor(1, thread_name_prefix="ikservo insight")
+        self._busy: tuple[int, Future[PostureAnalysis]] | None = None
+
+    def get(
+        self,
+        client: int,
+        q: Vector,
+        find_poses: Callable[[], dict[str, Matrix]],
+        camera: Camera,
+        *,
+        idle: bool,
+    ) -> PostureAnalysis | None:
+        """Get the analysis of a posture, or None and start it.
+
+        Args:
+            client: Number of the client with the camera.
+            q: The joints (dof,).
+            find_poses: Returns T_world_link (4, 4) of every link at ``q``.
+            camera: The client's camera.
+            idle: Whether an analysis may start now.
+        """
+        self._collect_result()
+        cached = self._cached.get(client)
+        if cached is not None and _is_same_posture(cached, q, camera):
+            return cached
+        if idle and self._busy is None:
+            work = self._worker.submit(self._analyse, q.copy(), find_poses(), camera)
+            self._busy = client, work
+        return None
+
+    def conditioning(self, q: Vector) -> Conditioning:
+        """Compute the conditioning at joints (dof,), or at those of less than 0.3 s ago."""
+        now_s = self._clock.now_s()
+        if self._conditioned is None or now_s - self._conditioned[0] >= _CONDITIONING_PERIOD_S:
+            self._conditioned = now_s, conditioning(self._chain, q)
+        return self._conditioned[1]
+
+    def close(self) -> None:
+        """Cancel the running analysis."""
+        self._worker.shutdown(wait=False, cancel_futures=True)
+
+    def _analyse(self, q: Vector, poses: dict[str, Matrix], camera: Camera) -> PostureAnalysis:
+        seen = self._visibility.from_camera(poses, camera)
+        return PostureAnalysis(q, camera.fingerprint, nearest_singularity(self._chain, q), seen)
+
+    def _collect_result(self) -> None:
+        if self._busy is None or not self._busy[1].done():
+            return
+        client, future = self._busy
+        self._busy = None
+        self._cached[client] = future.result()
+
+
+def _is_same_posture(cached: PostureAnalysis, q: Vector, camera: Camera) -> bool:
+    unmoved = float(np.abs(cached.q - q).max(initial=0.0)) < _SAME_RAD
+    return unmoved and cached.camera == camera.fingerprint

@@ -1,0 +1,467 @@
+"""The thread that owns the arm: it follows commands and holds when they stop arriving."""
+
+from __future__ import annotations
+
+import contextlib
+import threading
+from collections import deque
+from collections.abc import Callable
+from dataclasses import replace
+
+import numpy as np
+
+from ikservo.apps.page.dragging.goal_planning import refusal_of
+from ikservo.apps.page.dragging.labels import describe_stop
+from ikservo.apps.page.dragging.snapshot import (
+    ArmCommand,
+    ArmSnapshot,
+    CalibrationView,
+    LogEntry,
+    StopNotice,
+)
+from ikservo.apps.page.running.arm_job import ArmJob
+from ikservo.apps.page.running.calibration_panel import CalibrationDriver
+from ikservo.apps.page.running.history import History
+from ikservo.apps.page.running.limp_picture import LimpPicture
+from ikservo.apps.page.running.live_session import LiveSession
+from ikservo.arm import (
+    DEAD_MAN_TIMEOUT_S,
+    Arm,
+    JointState,
+    MotionProgress,
+    StopKind,
+    StopReason,
+)
+from ikservo.clock import Clock
+from ikservo.control.loop import ControlCycle
+from ikservo.errors import (
+    BusError,
+    IkservoError,
+    InputError,
+    LatchedStopError,
+    PortError,
+    PortLostError,
+    RefusedError,
+    StoppedError,
+)
+from ikservo.kinematics.arrays import Vector
+from ikservo.remedies import in_page
+from ikservo.serving.lease import ArmLease
+
+__all__ = ["JERK_FACTOR", "ArmThread"]
+
+
+JERK_FACTOR = 8.0
+"""Of the jerk of a speed class while a pointer is followed: its short ways are all jerk."""
+
+_SETTLE_AFTER_S = 0.4  # so short a pause of a drag is no end of it
+_POLL_PERIOD_S = 0.033  # while no session runs
+_STATE_PERIOD_S = 1.0
+_TELEMETRY_PERIOD_S = 0.1  # of what the control loop has read anyway
+_MAX_MESSAGES = 40
+_CLOSED = StopReason(StopKind.CLOSED, "The view was closed.")
+_SILENCE_TEXT = (
+    "The page does not answer; stopped, torque stays on. Switch Live on again to continue."
+)
+_JOB_SILENCE_TEXT = "Stopped: the page does not answer."
+_TORQUE_LOST_TEXT = (
+    "{} lost torque without being told to: reset, supply broken down, or another program. "
+    "The button beside the joint switches it on again."
+)
+_REOPEN_TEXT = "Check cable and power of the adapter, then continue: the port is opened again."
+_CHECK_FIRST_TEXT = "Check the arm, then continue."
+_RESTART_TEXT = "Torque stays on. Close this arm in the list of arms and open it again."
+
+
+class ArmThread:
+    """Owns an arm; other threads post commands and read snapshots, without waiting.
+
+    Args:
+        open_arm: Opens the arm, also again after its port was lost.
+        clock: The time of heartbeats; safe to read from any thread.
+        dead_man_s: How long a command is valid without a heartbeat.
+        calibration: Runs calibrations; None if there are none.
+
+    Attributes:
+        lease: Which page is in control, and when it was heard last.
+        arm: The arm; other threads may use only what does not change while it is open. It is
+            replaced after a calibration, and after its port was lost.
+        snapshot: Written by this thread alone.
+        history: The last ten minutes; written by this thread alone.
+    """
+
+    def __init__(
+        self,
+        open_arm: Callable[[], Arm],
+        clock: Clock,
+        dead_man_s: float = DEAD_MAN_TIMEOUT_S,
+        calibration: CalibrationDriver | None = None,
+    ) -> None:
+        self._open, self._clock = open_arm, clock
+        self.lease = ArmLease(clock, dead_man_s)
+        self.calibration = calibration
+        self.arm = open_arm()
+        self._command = ArmCommand()
+        self.snapshot = self._read_snapshot()
+        self.arm.context.servos.warn = self.log_message
+        self._states_s = self._telemetry_s = clock.now_s()
+        joints = self.arm.model.joints
+        self.history = History(
+            [joint.name for joint in joints], [joint.joint_map.unit == "m" for joint in joints]
+        )
+        self._stop_reason: StopReason | None = None
+        self._torque_requests: deque[tuple[str, bool]] = deque(maxlen=_MAX_MESSAGES)
+        self._waiting_job: ArmJob | None = None
+        self._running_job: ArmJob | None = None
+        self._acknowledged = self._ending = self._lost = False
+        self._thread = threading.Thread(target=self._run_thread, name="ikservo arm", daemon=True)
+
+    def __enter__(self) -> ArmThread:
+        """Start the thread."""
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Let the arm hold, end the thread and close the port."""
+        self._ending = True
+        self.request_stop(_CLOSED)
+        self._thread.join()
+        self.arm.close("hold")
+
+    @property
+    def command(self) -> ArmCommand:
+        """The command that was posted last."""
+        return self._command
+
+    def post(self, command: ArmCommand) -> None:
+        """Replace the command that the arm follows; the newest counts.
+
+        This is the boundary between two threads: the server's thread posts, this one reads
+        ``command`` once per control cycle. A command is never changed but replaced as a whole,
+        so neither thread waits, and neither sees half of one. Only one thread may post, because
+        a command is derived from the one before.
+        """
+        self._command = command
+
+    def request_stop(self, reason: StopReason) -> None:
+        """Brake and hold until acknowledged. Safe from any thread."""
+        self._stop_reason, self._acknowledged, self._waiting_job = reason, False, None
+        self.arm.request_stop(reason)
+
+    def acknowledge(self) -> None:
+        """Acknowledge a stop: the arm may be moved again, and nothing moves yet."""
+        self._acknowledged = True
+
+    def request_torque(self, joint: str, *, on: bool) -> None:
+        """Switch a joint's torque while no session runs. Safe from any thread."""
+        self._torque_requests.append((joint, on))
+
+    @property
+    def job(self) -> ArmJob | None:
+        """The job that runs, or the one that waits for the arm."""
+        return self._running_job or self._waiting_job
+
+    def request_job(self, job: ArmJob) -> None:
+        """Let the arm do something by itself. Safe from any thread.
+
+        Raises:
+            InputError: It does something already, follows the page, or was stopped.
+        """
+        if self.snapshot.stop_notice or self._stop_reason is not None:
+            raise InputError("The arm was stopped.", "Check it, then acknowledge.")
+        if self.job is not None or self.snapshot.calibration:
+            raise InputError("The arm is busy.", "Wait for its end, or stop it.")
+        if self.command.live:
+            raise InputError("The arm follows this page.", "Switch Live off first.")
+        self._waiting_job = job
+
+    def step(self) -> None:
+        """Run one session until it ends, or poll the state once."""
+        try:
+            self._run_step()
+        except IkservoError as error:
+            self._lost = self._lost or isinstance(error, PortLostError)
+            self._end_session(self._notice_of_error(error))
+
+    def on_cycle(self, cycle: ControlCycle) -> None:
+        """Store a cycle's positions; poll telemetry once a second (``CycleObserver``)."""
+        self.snapshot = replace(
+            self.snapshot,
+            measured=cycle.measured.copy(),
+            read_s=self._clock.now_s(),
+            reference=cycle.reference.copy(),
+        )
+        now_s = self._clock.now_s()
+        self._take_telemetry(now_s)
+        self._update_states(now_s)
+        self._record_history()
+
+    def _take_telemetry(self, now_s: float) -> None:
+        """Take what the control loop has read of temperature, load and torque."""
+        if now_s - self._telemetry_s > _TELEMETRY_PERIOD_S:
+            self._telemetry_s = now_s
+            states = self.arm.context.servos.with_latest_telemetry(self.snapshot.states)
+            self.snapshot = replace(self.snapshot, states=states)
+
+    def _update_states(self, now_s: float) -> None:
+        """Read the servos' states once a second."""
+        if now_s - self._states_s > _STATE_PERIOD_S:
+            self._states_s = now_s
+            with contextlib.suppress(BusError):  # the control cycle itself detects a lost port
+                self.snapshot = replace(self.snapshot, states=self.arm.where().joints)
+
+    def on_progress(self, progress: MotionProgress) -> None:
+        """Store the positions of a job's motion; stop it where the page is silent."""
+        now_s = self._clock.now_s()
+        measured, reference = progress.joints_rad.copy(), progress.setpoints_rad.copy()
+        self.snapshot = replace(self.snapshot, measured=measured, read_s=now_s, reference=reference)
+        self._take_telemetry(now_s)
+        self._record_history()
+        self._require_heartbeat()
+
+    def on_idle(self) -> None:
+        """Read the arm at rest during a job; stop the job where the page is silent.
+
+        Raises:
+            RefusedError: The arm was stopped.
+        """
+        self._require_heartbeat()
+        self.arm.context.servos.check_stop()
+        self.snapshot = replace(self._update_positions(), reference=None)
+        self._record_history()
+
+    def on_guided(self, measured: Vector) -> None:
+        """Store joints (n,) of an arm that is guided by hand: no page has to hold it.
+
+        Raises:
+            RefusedError: The arm was stopped.
+        """
+        self.arm.context.servos.check_stop()
+        now_s = self._clock.now_s()
+        self.snapshot = replace(self.snapshot, measured=measured, read_s=now_s, reference=None)
+        self._update_states(now_s)  # the control loop does not run: what it has read is old
+        self._record_history()
+
+    def on_torque_off(self) -> None:
+        """Read the arm after its torque was switched off, which is no loss of torque then."""
+        self.snapshot = replace(self._update_positions(), reference=None)
+
+    def reopen(self) -> None:
+        """Open the arm again, after a job has calibrated it."""
+        self.arm.close("hold")
+        self._lost = True  # until it is open
+        self._reopen_arm()
+
+    def _require_heartbeat(self) -> None:
+        if self.lease.is_silent and self._stop_reason is None:
+            self.request_stop(StopReason(StopKind.CLIENT, _JOB_SILENCE_TEXT))
+
+    def _record_history(self) -> None:
+        link = self.arm.context.servos.link_statistics()
+        self.history.record(self.snapshot, link, self._clock.now_s())
+
+    def on_refused(self, goal: Vector, error: RefusedError) -> None:
+        """Store a refused goal and log why (``CycleObserver``)."""
+        refusal = refusal_of(goal, error)
+        self.snapshot = replace(self.snapshot, refusal=refusal)
+        self.log_message(refusal.reason)
+
+    def log_message(self, message: str) -> None:
+        """Append what went wrong, for the user; a repetition only renews its time."""
+        if not message:
+            return
+        entries = self.snapshot.messages
+        if entries and entries[-1].message == message:
+            entries = entries[:-1]
+        entry = LogEntry(self._clock.now_s(), message, "bad")
+        self.snapshot = replace(self.snapshot, messages=(*entries, entry)[-_MAX_MESSAGES:])
+
+    def _run_thread(self) -> None:
+        try:
+            while not self._ending:
+                self.step()
+        except Exception as error:  # a bug: no thread controls the arm any more, so report it
+            self._end_session(StopNotice(f"The view has failed: {error!r}.", _RESTART_TEXT))
+            raise
+
+    def _run_step(self) -> None:
+        if self._acknowledged:
+            self._restart()
+        reason = self._stop_reason or self.arm.stop_reason  # by the page, or by another program
+        if reason is not None and not self.snapshot.stop_notice:
+            self._end_session(self._notice_of_stop(reason))
+        if self.snapshot.stop_notice:
+            self._torque_requests.clear()
+            self._waiting_job = None
+            self._poll_state(ignore_errors=True)
+        elif self._torque_requests:
+            self._switch_torque(*self._torque_requests.popleft())
+        elif self.calibration and self.calibration.requested:
+            self._run_calibration(self.calibration)
+        elif self._waiting_job is not None:
+            self._run_job()
+        elif self.command.live and self.command.session_id > self.snapshot.ended_session:
+            self._run_session()
+        else:
+            self._poll_state()
+
+    def _run_session(self) -> None:
+        """Follow commands until Live ends, the speed changes, or heartbeats stop."""
+        session = LiveSession(self, self.lease)
+        self.arm.follow_goals(
+            session,
+            speed=session.speed,
+            jerk_factor=JERK_FACTOR,
+            settle_after_s=_SETTLE_AFTER_S,
+            by_tip=lambda: self.command.by_tip,
+        )
+        if session.silent:
+            self.log_message(_SILENCE_TEXT)
+        if session.silent or session.is_over:  # Live may be on again since the arm braked
+            self.snapshot = replace(self.snapshot, reference=None, ended_session=session.session_id)
+
+    def _run_job(self) -> None:
+        """Run the job that waits; its errors stop the arm, as those of a session."""
+        self._running_job, self._waiting_job = self._waiting_job, None
+        if self._running_job is None:  # a stop came in between
+            return
+        self.snapshot = replace(self.snapshot, activity=self._running_job.title)
+        try:
+            self._running_job.run(self.arm, self)
+        finally:
+            self._running_job = None
+            self.snapshot = replace(self.snapshot, activity="", reference=None)
+
+    def _poll_state(self, *, ignore_errors: bool = False) -> None:
+        """Read the arm's state while no session runs."""
+        try:
+            before = self.snapshot.states
+            self.snapshot = replace(self._update_positions(), reference=None)
+            self._record_history()
+            self._log_lost_torque(before)
+        except IkservoError:
+            if not ignore_errors:
+                raise
+        self._clock.sleep_until(self._clock.now_s() + _POLL_PERIOD_S)
+
+    def _switch_torque(self, joint: str, on: bool) -> None:
+        self.arm.runner.set_joint_torque(joint, on=on)
+        self.snapshot = self._update_positions()  # before it is looked for torque that was lost
+        self.log_message(f"Torque of {joint} switched {'on' if on else 'off'} from the page.")
+
+    def _log_lost_torque(self, before: tuple[JointState, ...]) -> None:
+        """Log which servos are limp that held at the reading before: nobody asked for that."""
+        pairs = zip(before, self.snapshot.states, strict=True)
+        lost = [now for then, now in pairs if then.torque and not now.torque]
+        for state in lost:
+            if state.alarms:
+                alarms = ", ".join(state.alarms)
+                self.log_message(f"{state.name} switched its torque off by its alarm: {alarms}.")
+        unexplained = [state.name for state in lost if not state.alarms]
+        if unexplained:
+            self.log_message(_TORQUE_LOST_TEXT.format(", ".join(unexplained)))
+
+    def _restart(self) -> None:
+        """Continue after a stop; a lost port is opened again.
+
+        Raises:
+            IkservoError: The port is still lost.
+        """
+        self._acknowledged, self._stop_reason = False, None
+        if self._lost:
+            self.arm.close("hold")
+            self._reopen_arm()
+        self.arm.acknowledge()
+        self.snapshot = replace(self.snapshot, stop_notice=None)
+
+    def _notice_of_stop(self, reason: StopReason) -> StopNotice:
+        """Return the notice of a stop, with what the servos say now of their torque."""
+        with contextlib.suppress(IkservoError):
+            self.snapshot = self._update_positions()
+        return StopNotice(describe_stop(reason.text, self.snapshot.states), _CHECK_FIRST_TEXT)
+
+    def _notice_of_error(self, error: IkservoError) -> StopNotice:
+        if isinstance(error, (LatchedStopError, StoppedError)):
+            if self._stop_reason is not None:
+                return self._notice_of_stop(self._stop_reason)
+            return StopNotice(error.message, _CHECK_FIRST_TEXT)
+        if self._lost and isinstance(error, PortError):
+            return StopNotice(error.message, _REOPEN_TEXT)
+        message = error.message
+        if self.arm.context.servos.overheated:  # its own program has lowered it, or tried to
+            with contextlib.suppress(IkservoError):
+                self.snapshot = self._update_positions()
+            message = describe_stop(message, self.snapshot.states)
+        return StopNotice(message, in_page(error.command_hint))
+
+    def _end_session(self, stop_notice: StopNotice) -> None:
+        """End the session: the stop must be acknowledged and Live switched on again."""
+        self.log_message(stop_notice.message)
+        link = self.arm.context.servos.link_statistics()
+        self.history.mark_stop(stop_notice.message, self.snapshot, link, self._clock.now_s())
+        self.snapshot = replace(
+            self.snapshot,
+            stop_notice=stop_notice,
+            reference=None,
+            ended_session=self.command.session_id,
+        )
+
+    def _run_calibration(self, driver: CalibrationDriver) -> None:
+        """Hand the port to the calibration, then reopen the arm."""
+        joint_maps = [limits.joint_map for limits in self.arm.context.servos.driven_joints]
+        picture = LimpPicture(joint_maps, self.snapshot.measured)
+        with contextlib.ExitStack() as turns:
+            try:
+                turns.enter_context(self.arm.context.surroundings.in_turn())
+            except RefusedError:
+                driver.requested = False
+                raise
+            self.arm.close("hold")
+            self._lost = True
+            try:
+                for calibration in driver.run():
+                    self._show_calibration(calibration, picture)
+                    if self._ending:
+                        return
+            finally:
+                self.snapshot = replace(self.snapshot, calibration=None)
+                self._reopen_arm()
+
+    def _show_calibration(self, calibration: CalibrationView, picture: LimpPicture) -> None:
+        measured, states = picture.positions(calibration.request), self.snapshot.states
+        if calibration.request is not None:
+            states = tuple(replace(state, torque=False) for state in states)
+        self.snapshot = replace(
+            self.snapshot,
+            calibration=calibration,
+            measured=measured,
+            states=states,
+            read_s=self._clock.now_s(),
+        )
+
+    def _reopen_arm(self) -> None:
+        """Open the arm again, among the same things: it may have been calibrated meanwhile."""
+        arm = self._open()
+        arm.scene.take_over(self.arm.scene)
+        self.arm = arm
+        self.arm.context.servos.warn = self.log_message
+        self._lost = False
+        self.snapshot = self._update_positions()
+
+    def _read_snapshot(self) -> ArmSnapshot:
+        states = self.arm.where().joints
+        measured = np.array([state.position_rad for state in states])
+        servos = self.arm.context.servos
+        start = servos.reference() if servos.torque.is_on else measured
+        return ArmSnapshot(measured, start, self._clock.now_s(), states=states)
+
+    def _update_positions(self) -> ArmSnapshot:
+        """Return the snapshot with positions and telemetry as the servos have them now."""
+        new = self._read_snapshot()
+        return replace(
+            self.snapshot,
+            measured=new.measured,
+            start=new.start,
+            read_s=new.read_s,
+            states=new.states,
+        )

@@ -1,0 +1,82 @@
+"""An arm of the page that follows another one, joint by joint of the same name."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Iterator
+
+import numpy as np
+
+from ikservo.apps.page.running.arm_job import JobObserver
+from ikservo.apps.page.running.follow_lag import LagMeter
+from ikservo.apps.page.running.leader import LeaderFeed
+from ikservo.arm import Arm, MotionProgress
+from ikservo.arm.following import follow_targets
+from ikservo.errors import RefusedError, StoppedError
+from ikservo.kinematics.arrays import Vector
+
+__all__ = ["FollowLeader"]
+
+
+class FollowLeader:
+    """Follows a leader until it is finished (``ArmJob``).
+
+    Args:
+        feed: The leader's joints.
+        speed: The speed class.
+
+    Attributes:
+        lag: How far the arm is behind.
+        refusal: Why the guard refused a posture of the leader last; empty if it did not.
+    """
+
+    def __init__(self, feed: LeaderFeed, speed: str) -> None:
+        self.title = f"Follows {feed.name}"
+        self.feed, self._speed = feed, speed
+        self.lag = LagMeter(feed.joint_names)
+        self.refusal = ""
+        self._finished = threading.Event()
+
+    def finish(self) -> None:
+        """Let the arm end its motion and hold; safe from any thread."""
+        self._finished.set()
+
+    def run(self, arm: Arm, observer: JobObserver) -> None:
+        """Follow.
+
+        Raises:
+            IkservoError: The arm was stopped, the leader failed.
+        """
+
+        def note_refusal(error: RefusedError, _kept: Vector) -> None:
+            self.refusal = error.message
+            observer.log_message(error.message)
+
+        on_progress = self._progress_recorder(arm, observer)
+        result = follow_targets(arm, self._positions(), self._speed, on_progress, note_refusal)
+        if not self._finished.is_set():
+            raise StoppedError(
+                f"{self.feed.name} does not lead: {result.ended}.",
+                "Look at both arms, then acknowledge.",
+            )
+
+    def _positions(self) -> Iterator[dict[str, float] | None]:
+        """Yield the leader's joints in each control cycle, which sets the pace."""
+        while not self._finished.is_set():
+            yield self.feed.positions()
+
+    def _progress_recorder(
+        self, arm: Arm, observer: JobObserver
+    ) -> Callable[[MotionProgress], None]:
+        names = self.feed.joint_names
+        columns = [arm.joint_index.column(name) for name in names]
+
+        def record(progress: MotionProgress) -> None:
+            observer.on_progress(progress)
+            newest = self.feed.newest
+            if newest is not None:
+                led: Vector = np.array([newest[1][name] for name in names])
+                followed = (progress.setpoints_rad[columns], progress.joints_rad[columns])
+                self.lag.record(newest[0], led, self.feed.clock.now_s(), *followed)
+
+        return record

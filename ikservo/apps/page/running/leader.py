@@ -1,0 +1,108 @@
+"""An arm of the page that leads another: guided by hand, it publishes its joints."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+
+from ikservo.apps.page.running.arm_job import JobObserver
+from ikservo.arm import DEAD_MAN_TIMEOUT_S, Arm
+from ikservo.clock import Clock, Rate
+from ikservo.errors import BusError, IkservoError, StoppedError
+from ikservo.serving.lease import is_fresh
+
+__all__ = ["LeadArm", "LeaderFeed"]
+
+_SHOWN_EVERY = 3  # samples; what the page shows takes time from the next one
+
+
+class LeaderFeed:
+    """The joints of a leader, from its thread to that of its follower.
+
+    Args:
+        name: The leader's, for messages; also an attribute.
+        joint_names: Its joints that the follower has, too; also an attribute.
+        clock: The time of samples, for both threads.
+        dead_man_s: How long a sample is valid.
+
+    Attributes:
+        newest: The last sample: when it was measured and positions by joint, rad or m.
+        is_wanted: Whether the follower is still there; replaced once it has started.
+    """
+
+    def __init__(
+        self, name: str, joint_names: tuple[str, ...], clock: Clock, dead_man_s: float
+    ) -> None:
+        self.name, self.joint_names = name, joint_names
+        self.clock, self._dead_man_s = clock, dead_man_s
+        self.newest: tuple[float, dict[str, float]] | None = None
+        self.is_wanted: Callable[[], bool] = lambda: True
+        self._failure = ""
+
+    def publish(self, measured_s: float, positions: dict[str, float]) -> None:
+        """Replace the newest sample; called by the leader's thread alone."""
+        self.newest = (measured_s, positions)
+
+    def fail(self, reason: str) -> None:
+        """End the following: the leader was stopped, or does not answer."""
+        self._failure = reason
+
+    def positions(self) -> dict[str, float] | None:
+        """Compute the newest positions of the joints that both have; None before the first.
+
+        Raises:
+            StoppedError: The leader has failed, or tells nothing any more.
+        """
+        newest = self.newest
+        silent = newest is not None and not is_fresh(
+            newest[0], self.clock.now_s(), self._dead_man_s
+        )
+        reason = self._failure or (f"no position for {self._dead_man_s} s." if silent else "")
+        if reason:
+            raise StoppedError(
+                f"{self.name} does not lead any more: {reason}",
+                "Check both arms, then acknowledge each.",
+            )
+        return None if newest is None else {name: newest[1][name] for name in self.joint_names}
+
+
+class LeadArm:
+    """Publishes the joints while another arm follows (``ArmJob``); moves nothing.
+
+    Args:
+        feed: Where they are published.
+        follower: Name of the other arm.
+    """
+
+    def __init__(self, feed: LeaderFeed, follower: str) -> None:
+        self.title = f"Leads {follower}"
+        self._feed, self._clock = feed, feed.clock
+
+    def run(self, arm: Arm, observer: JobObserver) -> None:
+        """Publish until nobody follows.
+
+        Raises:
+            IkservoError: The arm was stopped, or a servo does not answer.
+        """
+        try:
+            self._publish_positions(arm, observer)
+        except IkservoError as error:
+            self._feed.fail(error.message)
+            raise
+
+    def _publish_positions(self, arm: Arm, observer: JobObserver) -> None:
+        servos, samples = arm.context.servos, itertools.count()
+        answered_s = self._clock.now_s()
+        for _ in Rate(self._clock, arm.runner.loop.measure_cycle_time_s()):
+            if not self._feed.is_wanted():
+                return
+            try:
+                measured = servos.measure_positions()
+            except BusError:
+                if self._clock.now_s() - answered_s > DEAD_MAN_TIMEOUT_S:
+                    raise
+                continue
+            answered_s = self._clock.now_s()
+            self._feed.publish(answered_s, arm.joint_index.by_name(measured))
+            if next(samples) % _SHOWN_EVERY == 0:
+                observer.on_guided(measured)

@@ -1,0 +1,70 @@
+"""The limp arm in the drawing while it is calibrated, and the pose in which it is to be held."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ikservo.apps.calibrating.calibration_procedure import CalibrationStage
+from ikservo.apps.page.dragging.snapshot import CalibrationView
+from ikservo.apps.page.drawing.view_picture import SceneState
+from ikservo.apps.page.running.calibration_panel import REFERENCE_POSE
+from ikservo.calibration import JointMap
+from ikservo.kinematics.arrays import Vector
+from ikservo.maintenance.dialogue import HandRequest
+from ikservo.model import Model
+
+__all__ = ["LimpPicture", "show_calibration"]
+
+
+class LimpPicture:
+    """Positions of the joints during a calibration.
+
+    Until the reference pose was taken nobody knows the zeros: the joints are shown from where they
+    were before, moved as their servos turn. From then on they are where the calibration puts them.
+
+    Args:
+        joint_maps: The map of each joint, as before the calibration.
+        measured: Where the joints were shown then (n,), rad or m.
+    """
+
+    def __init__(self, joint_maps: Sequence[JointMap], measured: Vector) -> None:
+        self._maps, self._start = joint_maps, measured
+        self._first: Mapping[int, int] = {}
+
+    def positions(self, request: HandRequest | None) -> Vector:
+        """Compute where the joints are to be shown (n,), rad or m, at a reading."""
+        if request is None:
+            return self._start
+        if request.readings:
+            known = {each.name: each.position for each in request.readings}
+            names = [joint_map.joint for joint_map in self._maps]
+            pairs = zip(names, self._start.tolist(), strict=True)
+            return np.array([known.get(name, start) for name, start in pairs])
+        self._first = self._first or request.ticks
+        return np.array([self._moved(i, request.ticks) for i in range(len(self._maps))])
+
+    def _moved(self, column: int, ticks: Mapping[int, int]) -> float:
+        joint_map, start = self._maps[column], float(self._start[column])
+        turned = ticks[joint_map.servo_id] - self._first[joint_map.servo_id]
+        return joint_map.position(joint_map.exact_tick(start) + turned)
+
+
+def show_calibration(scene: SceneState, view: CalibrationView, model: Model) -> SceneState:
+    """Show in a scene what a calibration asks for: the pose to hold, then the joint to move.
+
+    Args:
+        scene: The limp arm.
+        view: The calibration.
+        model: Has the pose and the links.
+    """
+    if view.item.stage == CalibrationStage.REFERENCE_POSE:
+        pose = model.pose(REFERENCE_POSE)
+        return replace(scene, goal=model.chain_pose(REFERENCE_POSE), goal_other_joints=pose)
+    current = view.item.current if isinstance(view.item, HandRequest) else ""
+    if not current:
+        return scene
+    moved = next(joint.child for joint in model.urdf.joints if joint.name == current)
+    return replace(scene, hover=moved)

@@ -1,0 +1,83 @@
+"""The goals of the arm from Live on to Live off, and when the page counts as silent."""
+
+from __future__ import annotations
+
+from typing import Protocol
+
+from ikservo.apps.page.dragging.snapshot import ArmCommand
+from ikservo.control.loop import ControlCycle
+from ikservo.errors import RefusedError
+from ikservo.kinematics.arrays import Vector
+from ikservo.serving.lease import ArmLease
+
+__all__ = ["CycleObserver", "LiveSession"]
+
+
+class CycleObserver(Protocol):
+    """Receives every control cycle and provides the current command."""
+
+    @property
+    def command(self) -> ArmCommand:
+        """The current command."""
+        ...
+
+    def on_cycle(self, cycle: ControlCycle) -> None:
+        """Receive a control cycle."""
+        ...
+
+    def on_refused(self, goal: Vector, error: RefusedError) -> None:
+        """Receive a goal (n,) that the guard refused."""
+        ...
+
+
+class LiveSession:
+    """Provides the arm's goal from Live on to Live off (``ikservo.arm.following.GoalSource``).
+
+    Args:
+        observer: Provides commands and receives every control cycle.
+        lease: Says when the page in control was heard last.
+
+    Attributes:
+        session_id: Identifies the session.
+        silent: Whether it ended because no heartbeat arrived.
+    """
+
+    def __init__(self, observer: CycleObserver, lease: ArmLease) -> None:
+        self._observer, self._lease = observer, lease
+        self.session_id, self.speed = observer.command.session_id, observer.command.speed
+        self._start: Vector | None = None
+        self._last_goal: Vector | None = None
+        self._had_goal = self.silent = False
+
+    def next_goal(self, cycle: ControlCycle) -> Vector | None:
+        """Compute the goal of all joints (n,); None once the session has ended."""
+        self._observer.on_cycle(cycle)
+        command = self._observer.command
+        if self._start is None:
+            self._start = cycle.reference.copy()
+        self.silent = self._lease.is_silent
+        if (
+            self.silent
+            or self.is_over
+            or command.speed != self.speed
+            or self._is_goal_withdrawn(command)
+        ):
+            return None
+        self._last_goal = self._start if command.goal is None else command.goal
+        return self._last_goal
+
+    def _is_goal_withdrawn(self, command: ArmCommand) -> bool:
+        """Check whether the goal was withdrawn: the arm brakes and holds there."""
+        self._had_goal = self._had_goal or command.goal is not None
+        return self._had_goal and command.goal is None
+
+    @property
+    def is_over(self) -> bool:
+        """Whether Live was switched off since the start, even if it is on again."""
+        command = self._observer.command
+        return not command.live or command.session_id != self.session_id
+
+    def on_rejected(self, error: RefusedError, _kept: Vector) -> None:
+        """Tell why the guard rejected a goal; the arm keeps the one before."""
+        if self._last_goal is not None:
+            self._observer.on_refused(self._last_goal, error)

@@ -1,0 +1,137 @@
+"""A program of steps played on the arm: checked first, then made as a whole or step by step."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from itertools import islice
+from pathlib import Path
+from typing import Literal
+
+from ikservo.apps.page.running.arm_job import JobObserver
+from ikservo.apps.teaching.program import Program
+from ikservo.apps.teaching.program_run import ProgramRun
+from ikservo.arm import Arm
+from ikservo.errors import BusError, IkservoError
+
+__all__ = ["PlayState", "ProgramPlay"]
+
+Phase = Literal["idle", "checking", "ok", "playing", "paused", "stopped", "bad", "done"]
+
+
+@dataclass(frozen=True, slots=True)
+class PlayState:
+    """How far a program is.
+
+    Attributes:
+        phase: What happens; ``bad`` after a check that found a step that cannot be made.
+        step: Number of the step that is checked or made, or with which to go on; None before.
+        repetition: Of the whole program, from 1.
+        reason: Why it was stopped there.
+        problems: Why steps cannot be made, by their numbers; ``step`` is the first of them.
+    """
+
+    phase: Phase = "idle"
+    step: int | None = None
+    repetition: int = 1
+    reason: str = ""
+    problems: Mapping[int, str] = field(default_factory=dict[int, str])
+
+
+class ProgramPlay:
+    """Checks a program, then plays it (``ArmJob``). Nothing moves before the check has passed.
+
+    Args:
+        program: The program.
+        numbers: Numbers by which the page names its steps.
+        folder: The folder of its recordings.
+        first: Index of the step to begin with.
+        action: ``check`` only, ``play`` to the end, or make one ``step``.
+
+    Attributes:
+        state: How far it is; written by the arm thread alone.
+    """
+
+    def __init__(
+        self,
+        program: Program,
+        numbers: tuple[int, ...],
+        folder: Path,
+        first: int,
+        action: Literal["check", "play", "step"],
+    ) -> None:
+        self._program, self._numbers, self._folder = program, numbers, folder
+        self._first, self._action = first, action
+        self._pausing = threading.Event()
+        self.state = PlayState("checking", numbers[first])
+
+    @property
+    def title(self) -> str:
+        """What the arm does, in a few words."""
+        return "Checks the program" if self._action == "check" else "Plays the program"
+
+    @property
+    def is_pausing(self) -> bool:
+        """Whether it pauses after the present step."""
+        return self._pausing.is_set()
+
+    def pause(self) -> None:
+        """End after the present step; safe from any thread."""
+        self._pausing.set()
+
+    def run(self, arm: Arm, observer: JobObserver) -> None:
+        """Check the steps, then make them.
+
+        Raises:
+            IkservoError: A step failed, or the arm was stopped in it; it holds there.
+        """
+        run = ProgramRun(arm, self._program, self._folder, arm.poses, observer.on_idle)
+        try:
+            if self._check(run, observer) and self._action != "check":
+                self._play(run, observer)
+        except IkservoError as error:
+            self.state = replace(self.state, phase="stopped", reason=error.message)
+            raise
+
+    def _check(self, run: ProgramRun, observer: JobObserver) -> bool:
+        """Check whether every step can be made; the state names all that cannot."""
+        count = 1 if self._action == "step" else None
+        problems: dict[int, str] = {}  # by index; repetitions check again
+        try:
+            for check in islice(run.check(self._first + 1), count):
+                observer.on_idle()
+                self._note_step(check.number - 1, "checking")
+                if check.error is not None:
+                    problems.setdefault(check.number - 1, check.error.message)
+        except BusError:
+            raise
+        except IkservoError as error:  # of the arm as it is: nothing was planned
+            observer.on_idle()
+            problems = {self._first: error.message}
+        if problems:
+            self._refuse(problems, observer)
+            return False
+        self._note_step(self._first, "ok")
+        return True
+
+    def _refuse(self, problems: Mapping[int, str], observer: JobObserver) -> None:
+        for index, reason in problems.items():
+            observer.log_message(f"Step {index + 1} of the program cannot be made: {reason}")
+        by_number = {self._numbers[index]: reason for index, reason in problems.items()}
+        self.state = PlayState("bad", next(iter(by_number)), problems=by_number)
+
+    def _play(self, run: ProgramRun, observer: JobObserver) -> None:
+        count = len(self._numbers)
+        total = self._program.repeat * count
+        steps = run.run(self._first + 1, observer.on_progress)
+        for made in range(self._first, total):
+            self._note_step(made % count, "playing", made // count + 1)
+            list(islice(steps, 1))
+            if made + 1 < total and (self._action == "step" or self._pausing.is_set()):
+                self._note_step((made + 1) % count, "paused", made // count + 1)
+                return
+        self._note_step(0, "done")
+
+    def _note_step(self, index: int, phase: Phase, repetition: int = 1) -> None:
+        self.state = PlayState(phase, self._numbers[index], repetition)

@@ -1,0 +1,67 @@
+"""The arm recorded while it is guided by hand, for a step of the page's program."""
+
+from __future__ import annotations
+
+import threading
+from itertools import count
+from pathlib import Path
+
+from ikservo.apps.page.running.arm_job import JobObserver
+from ikservo.arm import Arm
+from ikservo.errors import InputError
+from ikservo.files.writing import make_folder
+
+__all__ = ["SUFFIX", "RecordArm"]
+
+SUFFIX = ".jsonl"
+_SHOWN_EVERY = 5  # samples; reading what the page shows takes time on the bus
+
+
+class RecordArm:
+    """Records the joints until it is finished (``ArmJob``); torque stays as it is.
+
+    Args:
+        folder: Where to write the file, under a name that is not taken.
+
+    Attributes:
+        path: The file once it is complete; None before.
+    """
+
+    title = "Records the arm"
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._finished = threading.Event()
+        self.path: Path | None = None
+
+    def finish(self) -> None:
+        """End the recording; safe from any thread."""
+        self._finished.set()
+
+    def run(self, arm: Arm, observer: JobObserver) -> None:
+        """Record.
+
+        Raises:
+            IkservoError: The arm was stopped, or a servo does not answer; the samples before it
+                are kept.
+        """
+        if all(state.torque for state in arm.where().joints):
+            observer.log_message("The arm holds: nobody can guide it. Relax or Release it first.")
+            return
+        path, samples = self._free_path(), count(1)
+
+        def is_finished() -> bool:
+            if next(samples) % _SHOWN_EVERY == 0:
+                observer.on_idle()
+            return self._finished.is_set()
+
+        arm.record(path, until=is_finished)
+        self.path = path
+
+    def _free_path(self) -> Path:
+        make_folder(self._folder)
+        for number in range(1, 10_000):
+            path = self._folder / f"recording-{number}{SUFFIX}"
+            if not path.exists():
+                return path
+        raise InputError(f"Folder {self._folder} is full of recordings.", "Remove some.")

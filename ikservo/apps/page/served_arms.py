@@ -1,0 +1,427 @@
+"""The arms of one page: each has a thread and a controller of its own, and fails alone."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+from collections.abc import Callable, Iterable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+from enum import StrEnum
+
+from ikservo.apps.page.controller import SessionController
+from ikservo.apps.page.dragging.snapshot import StopNotice
+from ikservo.apps.page.frames import mode
+from ikservo.apps.page.messages.page_messages import BadMessageError, Message
+from ikservo.apps.page.panels.follow_panel import FindArm
+from ikservo.apps.page.panels.page_cameras import ArmCameras, PageCameras
+from ikservo.apps.page.panels.video import VideoSource
+from ikservo.apps.page.running.arm_thread import ArmThread
+from ikservo.apps.page.running.calibration_panel import CalibrationDriver
+from ikservo.apps.page.server.auth import Permission
+from ikservo.apps.page.server.downloads import DownloadOffers
+from ikservo.apps.page.server.server import Frame, SessionEndedError
+from ikservo.arm import DEAD_MAN_TIMEOUT_S, Arm
+from ikservo.arm.scene import Scene
+from ikservo.clock import Clock
+from ikservo.errors import IkservoError, InputError
+from ikservo.hardware.port_names import is_simulated, real_time_port
+from ikservo.model import Model
+from ikservo.model.scene_file import PlacedArm
+from ikservo.planning.reports import describe_torque
+
+__all__ = [
+    "ArmAtPort",
+    "ServedArm",
+    "ServedArmState",
+    "ServedArms",
+    "ViewSettings",
+    "page_names",
+]
+
+_MAX_ARMS = 8
+# Where another arm is put from the page, before its place is typed.
+_OPPOSITE_M, _FACING_DEG = (0.5, 0.0, 0.0), (0.0, 0.0, 180.0)
+_FAILED_HINT = "See the terminal, then open the arm again."
+
+
+class ServedArmState(StrEnum):
+    """What became of opening an arm."""
+
+    OPENING = "opening"
+    OPEN = "open"
+    FAILED = "failed"
+    CLOSING = "closing"
+
+
+@dataclass(frozen=True, slots=True)
+class ArmAtPort:
+    """An arm to be opened, and where.
+
+    Attributes:
+        model: The arm.
+        port: Its port; None for the one that is remembered, or the only one.
+        other_arms: Where other arms stand that are opened with it, by their names on the page.
+    """
+
+    model: Model
+    port: str | None = None
+    other_arms: tuple[PlacedArm, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class ViewSettings:
+    """What all arms of a page have in common.
+
+    Attributes:
+        open_arm: Opens an arm at a port.
+        clock: The time of heartbeats.
+        downloads: Takes the files that pages ask for.
+        dead_man_s: How long an arm follows without a heartbeat of its page.
+        cameras: The cameras of the page; None for no camera.
+    """
+
+    open_arm: Callable[[Model, str | None], Arm]
+    clock: Clock
+    downloads: DownloadOffers
+    dead_man_s: float = DEAD_MAN_TIMEOUT_S
+    cameras: PageCameras | None = None
+
+
+def page_names(models: Iterable[str], taken: Iterable[str] = ()) -> list[str]:
+    """Return what arms are called on a page: as their models, from the second one on with a number.
+
+    Args:
+        models: The names of their models, in the order of opening.
+        taken: The names of arms that are open already.
+    """
+    names, known = list[str](), set(taken)
+    for stem in models:
+        numbered = (f"{stem}-{i}" for i in itertools.count(2))
+        names.append(next(n for n in itertools.chain([stem], numbered) if n not in known))
+        known.add(names[-1])
+    return names
+
+
+class ServedArm:
+    """One arm of the page, and the backend of the pages that show it (``SessionBackend``).
+
+    Args:
+        name: Unique among the arms of the page.
+        place: The arm and its port.
+        settings: What all arms have in common.
+        find_arm: Finds another arm of the page, to be followed.
+        before: What was around it when it was closed, if it was open before.
+
+    Attributes:
+        state: Whether it is open; written by the thread that opens it, then by the server's.
+        error: Why it could not be opened.
+        arm_thread: Owns the arm; exists while it is open.
+        controller: Handles the clients; exists while the arm is open.
+        cameras: The cameras that it may show; None for none.
+        camera_error: Why it has none though there should be one.
+    """
+
+    arm_thread: ArmThread
+    controller: SessionController
+
+    def __init__(
+        self,
+        name: str,
+        place: ArmAtPort,
+        settings: ViewSettings,
+        find_arm: FindArm,
+        before: Scene | None = None,
+    ) -> None:
+        self.name, self.place, self._settings = name, place, settings
+        self._find_arm, self._before = find_arm, before
+        self.has_been_open = False
+        self.state = ServedArmState.OPENING
+        self.error: StopNotice | None = None
+        self.cameras: ArmCameras | None = None
+        self.camera_error: IkservoError | None = None
+        self._exits = ExitStack()
+
+    def open(self) -> None:
+        """Open the arm; nothing moves and no torque changes.
+
+        Raises:
+            IkservoError: It cannot be opened; ``error`` says why, too.
+        """
+        try:
+            self._exits = self._start()
+        except Exception as error:
+            ours = isinstance(error, IkservoError)
+            text = error.message if ours else f"The view has failed: {error!r}."
+            self.error = StopNotice(text, error.command_hint if ours else _FAILED_HINT)
+            self.state = ServedArmState.FAILED
+            raise
+        self.state = ServedArmState.OPEN
+
+    def _start(self) -> ExitStack:
+        model, settings = self.place.model, self._settings
+        port = real_time_port(self.place.port)
+        with ExitStack() as stack:
+            self.arm_thread = stack.enter_context(
+                ArmThread(
+                    lambda: settings.open_arm(model, port),
+                    settings.clock,
+                    settings.dead_man_s,
+                    CalibrationDriver(model, port),
+                )
+            )
+            scene, before = self.arm_thread.arm.scene, self._before
+            if before is not None and before.arms and before.is_of_same_arm(scene):
+                scene.take_over(before)
+            self.has_been_open = True
+            self._open_cameras(stack)
+            self.controller = SessionController(
+                self.arm_thread,
+                settings.clock,
+                settings.downloads,
+                self._find_arm,
+                self.cameras,
+                self.add_other_arm,
+            )
+            stack.callback(self.controller.close)
+            return stack.pop_all()
+
+    def _open_cameras(self, exits: ExitStack) -> None:
+        cameras = self._settings.cameras
+        try:
+            self.cameras = cameras and ArmCameras(cameras, self.arm_thread.arm, exits)
+        except IkservoError as error:
+            self.camera_error = error
+
+    def add_other_arm(
+        self,
+        name: str,
+        at_m: tuple[float, float, float] = _OPPOSITE_M,
+        rpy_deg: tuple[float, float, float] = _FACING_DEG,
+    ) -> None:
+        """Make another arm of the page an obstacle to this one, and this one to it.
+
+        Args:
+            name: The other arm.
+            at_m: The origin of its base frame (3,) in that of this arm.
+            rpy_deg: Roll, pitch and yaw of its base frame there.
+
+        Raises:
+            InputError: No other arm of that name is open, or it moves.
+            RefusedError: Where it is cannot be measured.
+        """
+        other = self._find_arm(name)
+        if other is None or other is self.arm_thread:
+            raise InputError(f"No other arm {name!r} is open.", "Open it in the list.")
+        if other.job is not None or other.command.live or other.snapshot.calibration:
+            raise InputError(f"{name} is moving.", "Wait until it is at rest, Live off.")
+        self.arm_thread.arm.scene.add_arm(other.arm, name, at_m, rpy_deg, own_name=self.name)
+
+    def close(self) -> None:
+        """Let the arm hold and close its port; waits for both."""
+        self._exits.close()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether pages can show it."""
+        return self.state is ServedArmState.OPEN
+
+    def fields(self) -> dict[str, object]:
+        """Return what the list of arms says of it."""
+        what = StopNotice("", "") if self.error is None else self.error
+        state = self.state.value
+        if self.is_open:
+            snapshot = self.arm_thread.snapshot
+            state = mode(snapshot, live=self.arm_thread.command.live)
+            what = snapshot.stop_notice or StopNotice(describe_torque(snapshot.states), "")
+        return {
+            "name": self.name,
+            "title": self.place.model.title,
+            "port": self.port_name,
+            "state": state,
+            "text": what.message,
+            "hint": what.hint,
+            "camera": self._camera_fields(),
+        }
+
+    @property
+    def video(self) -> VideoSource | None:
+        """The pictures of its camera, if it has one."""
+        return self.cameras and self.cameras.video
+
+    def _camera_fields(self) -> dict[str, object] | None:
+        """Return its camera, what is wrong with it, and which there are; None if it has none."""
+        if self.camera_error is not None:
+            return {"name": "no camera", "trouble": self.camera_error.message}
+        if self.cameras is None or self.video is None:
+            return None
+        return {
+            "name": self.video.name,
+            "trouble": self.video.trouble,
+            "choices": list(self.cameras.choices),
+            "chosen": self.cameras.chosen,
+        }
+
+    @property
+    def port_name(self) -> str:
+        """The port's name without the options of a simulated one."""
+        name = self.arm_thread.arm.port_name if self.is_open else self.place.port
+        return (name or "").partition("?")[0].partition(":/")[0].rstrip(":")
+
+    # --- SessionBackend ---
+
+    def connect(self, permission: Permission) -> int:
+        """Register a client and return its number."""
+        return self.controller.connect(permission)
+
+    def disconnect(self, client_id: int) -> None:
+        """Remove a client."""
+        self.controller.disconnect(client_id)
+
+    def receive(self, client_id: int, message: Message) -> None:
+        """Handle a client's message.
+
+        Raises:
+            IkservoError: Not permitted, or impossible now; the text is sent back to the client.
+            SessionEndedError: The arm was closed.
+        """
+        self._require_open()
+        self.controller.receive(client_id, message)
+
+    def frames(self, client_id: int) -> list[Frame]:
+        """Return the new frames for a client; the first tells which arm it is.
+
+        Raises:
+            SessionEndedError: The arm was closed.
+        """
+        self._require_open()
+        return [
+            {**frame, "arm": self.name} if frame["kind"] == "arm_info" else frame
+            for frame in self.controller.frames(client_id)
+        ]
+
+    def _require_open(self) -> None:
+        if not self.is_open:
+            raise SessionEndedError("This arm was closed.")
+
+
+class ServedArms:
+    """Opens, stops and closes the arms of one page; only the server's thread may call it.
+
+    Args:
+        settings: What all arms have in common.
+    """
+
+    def __init__(self, settings: ViewSettings) -> None:
+        self._settings = settings
+        self._arms: dict[str, ServedArm] = {}
+        self._closed: dict[str, Scene] = {}
+
+    @property
+    def camera_names(self) -> list[str]:
+        """What the cameras are called that arms show once they are open."""
+        return self._settings.cameras.names if self._settings.cameras else []
+
+    def all(self) -> list[ServedArm]:
+        """Return every arm, those that could not be opened included, in the order of opening."""
+        return list(self._arms.values())
+
+    def find(self, name: str) -> ServedArm | None:
+        """Find the open arm of a name, the first without one; None if there is none."""
+        found = [arm for arm in self.all() if arm.is_open and name in ("", arm.name)]
+        return found[0] if found else None
+
+    def _find_thread(self, name: str) -> ArmThread | None:
+        found = self.find(name)
+        return None if found is None else found.arm_thread
+
+    def open_all(self, places: Sequence[ArmAtPort]) -> None:
+        """Open arms and wait for them; those that cannot be opened stay in the list.
+
+        Raises:
+            IkservoError: Of the first of them, if none could be opened, or not all of those of
+                which it is said where they stand; or one of these cannot be an obstacle.
+        """
+        failed: list[IkservoError] = []
+        added = [self._add(place) for place in places]
+        for arm in added:
+            try:
+                arm.open()
+            except IkservoError as error:
+                failed.append(error)
+        if failed and (len(failed) == len(places) or any(place.other_arms for place in places)):
+            raise failed[0]
+        for arm in added:
+            for each in arm.place.other_arms:
+                arm.add_other_arm(each.name, each.at_m, each.rpy_deg)
+
+    def start_opening(self, place: ArmAtPort) -> None:
+        """Open an arm in a thread of its own; ``all`` tells how that went.
+
+        Raises:
+            BadMessageError: Its port is in use here, or there are too many arms.
+        """
+        for other in self.all():
+            self._require_other_port(other, place)
+        if len(self._arms) >= _MAX_ARMS:
+            raise BadMessageError(f"{_MAX_ARMS} arms are open.", "Close one of them first.")
+        arm = self._add(place)
+        threading.Thread(target=arm.open, name=f"ikservo open {arm.name}", daemon=True).start()
+
+    def _require_other_port(self, other: ServedArm, place: ArmAtPort) -> None:
+        """Forget a failed attempt at the same port.
+
+        Raises:
+            BadMessageError: An arm is open there; simulated arms have a bus each.
+        """
+        if other.place.port != place.port:
+            return
+        if other.state is ServedArmState.FAILED:
+            del self._arms[other.name]
+        elif place.port is not None and not is_simulated(place.port):
+            raise BadMessageError(f"{other.name} is open on {place.port}.", "Close it first.")
+
+    def _add(self, place: ArmAtPort) -> ServedArm:
+        name = page_names([place.model.name], self._arms)[-1]
+        before = self._closed.get(name)
+        arm = ServedArm(name, place, self._settings, self._find_thread, before)
+        self._arms[arm.name] = arm
+        return arm
+
+    def stop(self, name: str | None, by: str) -> None:
+        """Stop an arm and let it hold until acknowledged; every open one without a name.
+
+        Args:
+            name: The arm; None for every open one.
+            by: By whom, as the beginning of a sentence.
+        """
+        for arm in self.all():
+            if arm.is_open and name in (None, arm.name):
+                arm.controller.stop(by)
+
+    def start_closing(self, name: str) -> None:
+        """Close an arm in a thread of its own, its torque as it is.
+
+        Raises:
+            BadMessageError: There is no such arm, or it is still being opened.
+        """
+        arm = self._arms.get(name)
+        if arm is None or arm.state is ServedArmState.CLOSING:
+            raise BadMessageError(f"No arm {name!r} is open.")
+        if arm.state is ServedArmState.OPENING:
+            raise BadMessageError(f"{name} is still being opened.", "Wait for it, then close it.")
+        arm.state = ServedArmState.CLOSING
+        threading.Thread(target=self._close, args=(arm,), name=f"ikservo close {name}").start()
+
+    def _close(self, arm: ServedArm) -> None:
+        try:
+            arm.close()
+        finally:
+            if arm.has_been_open:
+                self._closed[arm.name] = arm.arm_thread.arm.scene
+            self._arms.pop(arm.name, None)
+
+    def close(self) -> None:
+        """Let every arm hold and close all ports."""
+        for arm in self.all():
+            arm.close()

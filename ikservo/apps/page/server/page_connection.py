@@ -1,0 +1,189 @@
+"""One client's connection: order, age and rate of its messages."""
+
+from __future__ import annotations
+
+from collections import OrderedDict
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+from ikservo.apps.page.messages.message_fields import PageMessage
+from ikservo.apps.page.messages.page_messages import (
+    BadMessageError,
+    DragTool,
+    Gamepad,
+    Heartbeat,
+    OrbitCamera,
+    Pointer,
+    SetViewport,
+    Stop,
+    Wheel,
+)
+from ikservo.apps.page.picking.projection import Viewport
+from ikservo.apps.page.picking.viewpoints import Viewpoint
+from ikservo.apps.page.server.auth import Permission
+
+__all__ = [
+    "MAX_MESSAGE_AGE_S",
+    "Client",
+    "MessageFilter",
+    "RateLimitError",
+    "StaleMessageError",
+    "StalePressError",
+]
+
+
+_MessageT = TypeVar("_MessageT", bound=PageMessage)
+
+MAX_MESSAGE_AGE_S = 1.0
+"""A command sent while the page showed a scene older than this is ignored."""
+
+_RATE_HZ = 400.0
+_BURST = 200.0
+_MAX_BAD_MESSAGES = 20
+_MAX_REMEMBERED = 256
+_STREAMED = Heartbeat | Wheel | OrbitCamera | Gamepad  # the next one says the same, or more
+
+
+class StaleMessageError(BadMessageError):
+    """A command that is too old to act on, for example from a hidden page; no attack."""
+
+
+class StalePressError(StaleMessageError):
+    """What a person pressed or typed, too old to act on: they wait for it, and are told."""
+
+
+class RateLimitError(BadMessageError):
+    """Too many messages, or too many invalid ones; the connection is closed."""
+
+
+class MessageFilter(Generic[_MessageT]):
+    """Parses the messages of one connection; checks order, age and rate.
+
+    Args:
+        now_s: Time of the connection.
+        read: Parses and validates a message.
+
+    Attributes:
+        seen: Number of the last scene that the page has drawn.
+    """
+
+    def __init__(self, now_s: float, read: Callable[[str], _MessageT]) -> None:
+        self._last_seq, self._read = 0, read
+        self._tokens, self._filled_s = _BURST, now_s
+        self._bad = 0
+        self._sent: OrderedDict[int, float] = OrderedDict({0: now_s})
+        self._scene = self.seen = 0
+
+    @property
+    def frames_in_flight(self) -> int:
+        """How many scenes were sent that are not drawn yet."""
+        return self._scene - self.seen
+
+    def record_sent(self, now_s: float) -> int:
+        """Record the send time of a scene, which dates the replies; return its number."""
+        self._scene += 1
+        self._sent[self._scene] = now_s
+        while len(self._sent) > _MAX_REMEMBERED:
+            self._sent.popitem(last=False)
+        return self._scene
+
+    def accept(self, text: str, now_s: float) -> _MessageT:
+        """Return a message that may be acted on.
+
+        Raises:
+            BadMessageError: It is malformed or a replay; nothing changes.
+            StalePressError: It is too old, and somebody pressed or typed; nothing changes.
+            StaleMessageError: It is too old; nothing changes.
+            RateLimitError: The connection is to be closed.
+        """
+        self._tokens = min(_BURST, self._tokens + (now_s - self._filled_s) * _RATE_HZ)
+        self._filled_s = now_s
+        if self._tokens < 1.0:
+            raise RateLimitError("Too many messages.", f"At most {_RATE_HZ:.0f} a second.")
+        self._tokens -= 1.0
+        try:
+            message = self._read(text)
+            self._check_sequence(message)
+        except BadMessageError as error:
+            self._bad += 1
+            if self._bad > _MAX_BAD_MESSAGES:
+                raise RateLimitError("Too many invalid messages.") from error
+            raise
+        if (
+            not _is_always_accepted(message)
+            and self._age_s(message.seen, now_s) > MAX_MESSAGE_AGE_S
+        ):
+            raise _stale_error(message)
+        return message
+
+    def _check_sequence(self, message: PageMessage) -> None:
+        if message.seq <= self._last_seq:
+            raise BadMessageError(
+                f"Message {message.seq} was received before.", "Number it higher."
+            )
+        if message.seen < self.seen or message.seen not in self._sent:
+            raise BadMessageError(f"Scene {message.seen} was never sent, or long ago.")
+        self._last_seq, self.seen = message.seq, message.seen
+
+    def _age_s(self, scene: int, now_s: float) -> float:
+        """Compute how long ago the scene after the drawn one was sent."""
+        return now_s - self._sent.get(scene + 1, now_s)
+
+
+def _stale_error(message: PageMessage) -> StaleMessageError:
+    """Return the error for a message that is too old; one that others follow is not reported."""
+    is_movement = isinstance(message, Pointer | DragTool) and message.phase != "down"
+    if is_movement or isinstance(message, _STREAMED):
+        return StaleMessageError("The message is too old to act on.", "Nothing has changed.")
+    return StalePressError(
+        f"What you saw was more than {MAX_MESSAGE_AGE_S:.0f} s old: nothing was done.",
+        "Do it again. If it goes on, this computer draws too slowly: switch 3D off.",
+    )
+
+
+def _is_always_accepted(message: PageMessage) -> bool:
+    """Check whether a message moves nothing, or only makes the arm hold.
+
+    A page sends its viewport once, often during the slow second of its layout.
+    """
+    only_holds = isinstance(message, Stop) or (
+        isinstance(message, Heartbeat) and not message.visible
+    )
+    return only_holds or isinstance(message, SetViewport)
+
+
+@dataclass(slots=True)
+class Client:
+    """One open page.
+
+    Attributes:
+        number: Identifies it.
+        permission: What its key permits.
+        view: Its viewpoint.
+        lease: The lease of control that it was given last; empty if none.
+        viewport: Size of its drawing; None until it was received.
+        webgl: Whether it draws in 3D.
+        handles: Whether it draws handles at the tool, too.
+        height_m: How far above the table a click in a camera's picture is.
+        sent: The last frame of each kind, so that nothing is sent twice.
+        sent_s: When the last frame of each kind was sent.
+        outbox: Replies that only this page gets.
+    """
+
+    number: int
+    permission: Permission
+    view: Viewpoint
+    lease: str = ""
+    viewport: Viewport | None = None
+    webgl: bool = False
+    handles: bool = False
+    height_m: float = 0.0
+    sent: dict[str, object] = field(default_factory=dict[str, object])
+    sent_s: dict[str, float] = field(default_factory=dict[str, float])
+    outbox: list[Mapping[str, object]] = field(default_factory=list[Mapping[str, object]])
+
+    def take_outbox(self) -> list[Mapping[str, object]]:
+        """Take the replies that were not sent yet, and forget them."""
+        replies, self.outbox = self.outbox, []
+        return replies

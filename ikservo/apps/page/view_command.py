@@ -1,0 +1,283 @@
+"""``ikservo view``: serve the browser panel, in which the arm is dragged with the mouse."""
+
+from __future__ import annotations
+
+import io
+import ipaddress
+import os
+import sys
+import tempfile
+import webbrowser
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ikservo.apps.cameras.camera_command import CameraNameOption, check_camera_name
+from ikservo.cli.completion import complete_arms
+from ikservo.cli.model_options import model_from_option
+from ikservo.cli.option_groups import Without
+from ikservo.cli.options import MotionOptions, ServoConnection
+from ikservo.cli.session import warn_uncompiled
+from ikservo.cli.terminal import print_lines, print_status
+from ikservo.control.stop_requests import exiting_on_signals
+from ikservo.errors import InputError
+from ikservo.hardware.discovery import simulated_port_url
+from ikservo.model import Model
+from ikservo.model.scene_file import read_scene_with_arms, with_scene_and_arms
+from ikservo.remedies import install_command
+
+if TYPE_CHECKING:
+    from ikservo.apps.page.page_app import ViewApp, ViewUrls
+    from ikservo.apps.page.served_arms import ArmAtPort
+
+__all__ = ["command"]
+
+_NEEDS = ("starlette", "uvicorn", "websockets")
+_TLS_NEEDS = ("cryptography", "segno")
+_LISTEN_HELP = (
+    "IP address of the panel; any other than a loopback address serves the network, over TLS."
+)
+
+Arms = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="[ARM[=PORT]]…",
+        help="Arms to open, each with its port; for a single arm, --arm and --port work as well.",
+        autocompletion=complete_arms,
+    ),
+]
+HttpPort = Annotated[
+    int | None,
+    typer.Option(
+        "--http-port",
+        min=0,
+        max=65535,
+        help="TCP port of the panel; 0: any; default: 8420, or the next that is free.",
+    ),
+]
+Insecure = Annotated[
+    bool,
+    typer.Option(
+        "--insecure",
+        help="Serve the network over plain HTTP, which others can read and change.",
+    ),
+]
+Cameras = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--camera",
+        metavar="SOURCE",
+        help="Camera picture beside the arm: a number, /dev/video0, http://…, a file or sim; once "
+        "for each camera. An arm shows the one that it was calibrated with.",
+    ),
+]
+Listen = Annotated[str, typer.Option("--listen", metavar="ADDRESS", help=_LISTEN_HELP)]
+Scene = Annotated[
+    Path | None,
+    typer.Option("--scene", metavar="FILE", help="TOML file of the things around the arm."),
+]
+Servos = Annotated[
+    bool,
+    typer.Option("--servos", help="Instead of an arm: registers, ids, backups of the servos."),
+]
+NoOpen = Annotated[bool, typer.Option("--no-open", help="Do not open a browser.")]
+
+
+def command(
+    arms: Arms = None,
+    *,
+    connection: ServoConnection,
+    http_port: HttpPort = None,
+    listen: Listen = "127.0.0.1",
+    insecure: Insecure = False,
+    no_open: NoOpen = False,
+    camera: Cameras = None,
+    camera_name: CameraNameOption = "",
+    scene: Scene = None,
+    servos: Servos = False,
+    options: Annotated[MotionOptions, Without("dry_run", "no_wiggle", "tip", "yes", "json")],
+) -> None:
+    """Serve the browser panel; an arm moves only after Go there, a pose button or Live.
+
+    Without an arm, the panel lists arms and ports.
+
+    ikservo view --port sim                      no arm needed
+
+    ikservo view so101=/dev/ttyACM0 koch=/dev/ttyUSB0
+
+    ikservo view --servos --port /dev/ttyACM0    servos of any arm, or of none
+
+    ikservo view --port sim --listen 192.168.0.7     for other machines, over TLS
+    """
+    _check_installed(_NEEDS if insecure or _is_loopback(listen) else (*_NEEDS, *_TLS_NEEDS))
+    check_camera_name(camera_name)
+    if camera or camera_name:
+        _check_installed(["cv2"], "camera")
+    from ikservo.apps.page.page_app import ViewApp  # noqa: PLC0415  # what --help does not need
+
+    bench = _bench_from_options(arms, connection, camera or camera_name) if servos else None
+    places = [] if bench else _places_from_options(arms or [], connection.arm, connection.port)
+    if scene is not None:
+        places = _among_things(places, scene)
+    app = ViewApp(places, listen, http_port, insecure=insecure, collisions=options.collision,
+                  uncalibrated=options.uncalibrated, cameras=camera or (), camera_name=camera_name,
+                  servos=bench)  # fmt: skip
+    with exiting_on_signals(), app as urls:  # what moves brakes, what is written is finished
+        print_status("To control the arm:")
+        sys.stderr.flush()  # the label of what follows
+        print_lines([urls.control])
+        sys.stdout.flush()
+        print_status(f"To watch only:\n{urls.watch}")
+        if urls.fingerprint:
+            _print_certificate(urls)
+        for warning in urls.warnings:
+            print_status(warning)
+        if bench is None:
+            _print_arms(app, has_camera=bool(camera or camera_name))
+            warn_uncompiled()
+        print_status("Ctrl-C ends; torque does not change.")
+        sys.stdout.flush()
+        with _open_browser(urls.control, enabled=not no_open and _has_display()):
+            app.serve()
+    print_status("Torque stays as it was. Switch it off with: ikservo relax")
+
+
+def _bench_from_options(
+    arms: Sequence[str] | None, connection: ServoConnection, camera: Sequence[str] | None
+) -> tuple[str, Model | None]:
+    """Return the port of the servos, and their arm if one is named.
+
+    Raises:
+        InputError: No port is named, or what belongs to an arm is.
+    """
+    if arms or camera:
+        raise InputError("--servos shows no arm.", "Name the servos' arm with --arm, or none.")
+    if not connection.port:
+        raise InputError("No port is named.", "As in: ikservo view --servos --port /dev/ttyACM0")
+    model = model_from_option(connection.arm) if connection.arm else None
+    simulated_port_url(connection.port, model.path if model else None)  # a bus needs its arm
+    return connection.port, model
+
+
+def _places_from_options(arms: Sequence[str], arm: str | None, port: str | None) -> list[ArmAtPort]:
+    """Return the arms to open, and where.
+
+    Raises:
+        InputError: No such arm, or one port for several arms.
+    """
+    from ikservo.apps.page.served_arms import ArmAtPort  # noqa: PLC0415  # what --help does not need
+
+    if not arms and not arm and not port:
+        return []
+    simulated = (port or "").partition(":")[0] == "sim"
+    if arms and arm and arm != os.environ.get("IKSERVO_ARM"):
+        raise InputError(f"--arm {arm} besides {' '.join(arms)}.", "Name all arms without --arm.")
+    named = arms or [arm or ("so101" if simulated else "")]
+    pairs = [(name, own) for name, _, own in (each.partition("=") for each in named)]
+    if port and not simulated and sum(not own for _, own in pairs) > 1:
+        raise InputError(
+            f"--port {port} is one port for {len(pairs)} arms.",
+            "Give each its own: ikservo view so101=/dev/ttyACM0 koch=/dev/ttyUSB0",
+        )
+    return [ArmAtPort(model_from_option(name), own or port) for name, own in pairs]
+
+
+def _among_things(places: list[ArmAtPort], scene: Path) -> list[ArmAtPort]:
+    """Put the things of a scene file around the only arm that it does not name.
+
+    The others are opened at the ports that it says where none is given.
+
+    Raises:
+        InputError: There is none, or there are several: the file is in one arm's base frame. Or it
+            has an arm that is not opened.
+        FileFormatError: The file is malformed.
+    """
+    from ikservo.apps.page.served_arms import page_names  # noqa: PLC0415  # as above
+
+    names = page_names(place.model.name for place in places)
+    _, arms = read_scene_with_arms(scene)
+    for each in arms:
+        if each.name not in names:
+            raise InputError(
+                f"{scene} has another arm, {each.name}, which is not opened.",
+                f"Open it, too, as in: ikservo view {' '.join([*names, each.arm or each.name])}",
+            )
+    around = [name for name in names if name not in {each.name for each in arms}]
+    if len(around) != 1:
+        named = " that it does not name" if arms else ""
+        raise InputError(
+            f"--scene {scene} is around one arm{named}; there are {len(around)}.",
+            "The file is in its base frame: open one arm with it, and the others on the page, or "
+            "write into the file where they stand, as [[arm]].",
+        )
+    first = names.index(around[0])
+    model, other_arms = with_scene_and_arms(places[first].model, scene)
+    ports = {each.name: each.port or None for each in other_arms}
+    pairs = zip(names, places, strict=True)
+    placed = [replace(each, port=each.port or ports.get(name)) for name, each in pairs]
+    placed[first] = replace(placed[first], model=model, other_arms=other_arms)
+    return placed
+
+
+def _print_arms(app: ViewApp, *, has_camera: bool) -> None:
+    """Say which of several arms could not be opened, or that there is none yet."""
+    served = app.arms.all()
+    if not served:
+        shown = " The camera's picture is shown with it." if has_camera else ""
+        print_status(f"No arm is open. Choose one on the page: nothing moves by that.{shown}")
+    for each in served:
+        if each.error is not None:
+            print_status(f"{each.name}: {each.error.message}\n{each.error.hint}")
+
+
+def _is_loopback(address: str) -> bool:
+    try:
+        return ipaddress.ip_address(address).is_loopback
+    except ValueError:
+        return True  # it will be refused
+
+
+def _check_installed(needs: Sequence[str], extra: str = "view") -> None:
+    missing = [name for name in needs if find_spec(name) is None]
+    if missing:
+        raise InputError(
+            f"The view needs {', '.join(missing)}; not installed.",
+            f"Install it: {install_command(extra)}",
+        )
+
+
+def _print_certificate(urls: ViewUrls) -> None:
+    """Print what proves the page to another machine, and its addresses for a phone's camera."""
+    import segno  # noqa: PLC0415  # only beyond this machine
+
+    print_status(f"SHA-256 fingerprint of its certificate:\n{urls.fingerprint}")
+    for label, url in (("to watch only", urls.watch), ("to control the arm", urls.control)):
+        picture = io.StringIO()
+        segno.make(url, error="l", micro=False).terminal(picture, compact=True)
+        print_status(f"QR code {label}:")
+        sys.stderr.write(picture.getvalue())
+
+
+@contextmanager
+def _open_browser(url: str, *, enabled: bool) -> Generator[None]:
+    """Open a browser through a file readable by its owner only: command lines are public."""
+    if not enabled:
+        yield
+        return
+    with tempfile.TemporaryDirectory(prefix="ikservo-") as folder:
+        page = Path(folder) / "view.html"
+        page.touch(mode=0o600)
+        page.write_text(f'<meta http-equiv="refresh" content="0; url={url}">', encoding="utf-8")
+        webbrowser.open(page.as_uri())
+        yield
+
+
+def _has_display() -> bool:
+    if sys.platform != "linux":
+        return True
+    return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))

@@ -1,0 +1,293 @@
+"""The process beside an arm: serves states, plans and motions of it, one operator at a time."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+from collections.abc import Callable
+from contextlib import AbstractContextManager, ExitStack, suppress
+from typing import TYPE_CHECKING, Any, cast
+
+from ikservo.apps.remote import key_expressions as keys
+from ikservo.apps.remote.plan_fields import PlanRegistry
+from ikservo.apps.remote.request_queue import RequestQueue
+from ikservo.apps.remote.services import (
+    MOTIONS,
+    STREAMED,
+    WATCH,
+    AtSpeed,
+    Jog,
+    OfMotion,
+    OfPlan,
+    parse_arguments,
+)
+from ikservo.apps.remote.setpoint_inbox import SetpointInbox, run_follow, run_jog, run_stream
+from ikservo.apps.remote.wire_messages import (
+    MAX_SETPOINT_BYTES,
+    Announcement,
+    ServiceRequest,
+    Setpoint,
+    decode,
+    encode,
+)
+from ikservo.arm import MotionProgress, StopKind, StopReason
+from ikservo.arm.result_json import encode_fields, encode_value
+from ikservo.arm.service import ArmService, ServableArm
+from ikservo.clock import Clock
+from ikservo.errors import IkservoError, InputError
+from ikservo.serving.control_client import StopResult
+from ikservo.serving.replies import SAME_VERSION
+
+if TYPE_CHECKING:
+    import zenoh
+
+__all__ = ["ArmServer"]
+
+_PROGRESS_PERIOD_S = 0.05
+_STOP_KINDS = {
+    kind.name: kind
+    for kind in (StopKind.CTRL_C, StopKind.TERMINATED, StopKind.HANGUP, StopKind.PROGRAM,
+                 StopKind.CANCELLED, StopKind.CLIENT)
+}  # fmt: skip
+_QUICK = ("lease", "release", "acknowledge", "disable_torque")
+"""Requests of the operator that do not wait for the running motion."""
+
+
+class ArmServer:
+    """Serves an open arm in a Zenoh session, in threads of its own, until it is closed.
+
+    Motions run one at a time. Where the operator of a running motion is not heard for 0.3 s, or
+    its connection is lost, the arm is braked, holds, and stays stopped until it is acknowledged.
+
+    Args:
+        session: The session; the caller closes it after the server.
+        arm: The arm; the caller closes it after the server.
+        name: The name under which it is served.
+        rate_hz: How many states a second are published while somebody subscribes.
+        clock: Of the lease.
+
+    Attributes:
+        service: What clients may do.
+        lease: Who controls the arm.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        arm: ServableArm,
+        name: str,
+        rate_hz: float = 20.0,
+        clock: Clock | None = None,
+    ) -> None:
+        self._session, self._arm, self.name, self._rate_hz = session, arm, name, rate_hz
+        self._inbox = SetpointInbox()
+        self.service = ArmService(arm, clock, self._inbox.close)
+        self.lease, self._clock = self.service.lease, self.service.clock
+        self._plans = PlanRegistry()
+        self._closing = threading.Event()
+        self._stack = ExitStack()
+        self._news: dict[str, Any] = {}
+        self._news_numbers = itertools.count(1)
+        arm.runner.caches_states = True
+
+    def __enter__(self) -> ArmServer:
+        """Start to serve."""
+        with ExitStack() as stack:
+            self._start(stack)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        """Stop serving; a running motion is braked, and the arm holds."""
+        if self._closing.is_set():
+            return
+        self._closing.set()
+        self.service.close("The program that serves the arm was ended.")
+        self._stack.close()
+
+    def _start(self, stack: ExitStack) -> None:
+        session, name = self._session, self.name
+        for topic in ("state", "progress"):
+            self._news[topic] = stack.enter_context(
+                session.declare_publisher(keys.news(name, topic), express=True)
+            )
+        for key, answer in (
+            (keys.stop(name), self._answer_stop),
+            (keys.watch(name, "*"), self._answer_watch),
+            (keys.drive(name, "*"), self._answer_drive),
+        ):
+            queue = stack.enter_context(
+                RequestQueue(key, answer, self.check, self._requested, _QUICK)
+            )
+            stack.enter_context(session.declare_queryable(key, queue))
+        setpoints = keys.setpoint(name)
+        stack.enter_context(session.declare_subscriber(setpoints, self._on_setpoint))
+        stack.enter_context(session.liveliness().declare_token(keys.server(name)))
+        operators = keys.operator(name, "*")
+        stack.enter_context(session.liveliness().declare_subscriber(operators, self._on_operator))
+        for thread_name, run in (
+            ("operator", lambda: self.service.watch_operator(self._closing)),
+            ("states", self._publish_states),
+        ):
+            thread = threading.Thread(target=run, name=f"ikservo-{thread_name}", daemon=True)
+            thread.start()
+            stack.callback(thread.join, 2.0)
+
+    # requests
+
+    def _requested(self, request: ServiceRequest) -> AbstractContextManager[None]:
+        """Return the context of a request that arrives now: a later stop ends what it moves.
+
+        So does one that was made on the way, or while the request still waited in its program.
+        """
+        background, count = self._arm.background, request.stop_count
+        return background.requested(background.stop_count if count is None else count)
+
+    def check(self, request: ServiceRequest, service: str) -> None:
+        """Refuse a request of the operator at its arrival where the lease does.
+
+        Raises:
+            RefusedError: It does.
+        """
+        if service in (*MOTIONS, *STREAMED, "move", "execute", "acknowledge", "disable_torque"):
+            self.lease.check_request(request.lease, request.number, request.sent_s)
+
+    def _answer_watch(self, service: str, request: ServiceRequest) -> object:
+        match service:
+            case "clock":
+                return self._clock.now_s()
+            case "describe":
+                return encode_fields(self.service.describe())
+            case "health":
+                return {**self.service.health(), "name": self.name}
+            case "stop_count":
+                return self._arm.background.stop_count
+            case _ if service in WATCH:
+                given = parse_arguments(WATCH[service].arguments, request.arguments)
+                return WATCH[service].method(self._arm, **given.given())
+            case _:
+                raise _unknown(service)
+
+    def _answer_stop(self, _: str, request: ServiceRequest) -> StopResult:
+        given = request.arguments
+        kind = _STOP_KINDS.get(str(given.get("kind")), StopKind.PROGRAM)
+        own = self.lease.is_held_by(request.lease)
+        who = "its operator" if own else "somebody on another machine"
+        text = str(given.get("reason", ""))[:200] or f"Stopped by {who}."
+        return self.service.stop(StopReason(kind, text), lease=request.lease)
+
+    def _answer_drive(self, service: str, request: ServiceRequest) -> object:
+        match service:
+            case "lease":
+                operator = str(request.arguments.get("operator", "somebody"))[:80]
+                holder = self.lease.acquire(operator)
+                return {"lease": holder.lease, "now_s": self._clock.now_s()}
+            case "release":
+                return self.service.release(request.lease)
+            case "acknowledge":
+                self._arm.acknowledge()
+                return None
+            case "disable_torque":
+                return self._arm.disable_torque()
+            case "sample_plan":
+                of_plan = cast("OfPlan", parse_arguments(OfPlan, request.arguments))
+                return encode_fields(self._plans.sample(of_plan.plan))
+            case "plan":
+                of_motion = cast("OfMotion", parse_arguments(OfMotion, request.arguments))
+                return self._plans.add(self._arm.plan(of_motion.parse()))
+            case _:
+                return self._move(service, request)
+
+    def _move(self, service: str, request: ServiceRequest) -> object:
+        """Do what may move the arm; what cannot be used is refused before the lease moves."""
+        progress = bool(request.arguments.pop("progress", False))
+        on_progress = self._publish_progress() if progress else None
+        if service in ("move", "execute"):
+            moved = self._motion_or_plan(service, request)
+            with self.lease.motion(request.lease):
+                return self._arm.execute(moved, on_progress)
+        if service in STREAMED:
+            streamed = parse_arguments(STREAMED[service], request.arguments)
+            self._inbox.begin(request.lease, request.number)
+            with self.lease.motion(request.lease):
+                return self._run_streamed(service, streamed)
+        if service not in MOTIONS:
+            raise _unknown(service)
+        options = parse_arguments(MOTIONS[service].arguments, request.arguments).given()
+        if MOTIONS[service].reports_progress:
+            options["on_progress"] = on_progress
+        with self.lease.motion(request.lease):
+            return MOTIONS[service].method(self._arm, **options)
+
+    def _motion_or_plan(self, service: str, request: ServiceRequest) -> Any:  # noqa: ANN401
+        if service == "move":
+            return cast("OfMotion", parse_arguments(OfMotion, request.arguments)).parse()
+        return self._plans.get(cast("OfPlan", parse_arguments(OfPlan, request.arguments)).plan)
+
+    def _run_streamed(self, service: str, given: object) -> object:
+        arm, inbox = self._arm, self._inbox
+        if service == "jog":
+            jog = cast("Jog", given)
+            return run_jog(arm, inbox, jog.what, jog.speed)
+        speed = cast("AtSpeed", given).speed
+        if service == "follow":
+            return run_follow(arm, inbox, speed, self.lease.timeout_s)
+        return run_stream(arm, inbox, speed, self.lease.timeout_s)
+
+    # the lease
+
+    def _on_setpoint(self, sample: zenoh.Sample) -> None:
+        with suppress(IkservoError):  # what is no setpoint is dropped
+            setpoint = decode(Setpoint, sample.payload.to_bytes(), MAX_SETPOINT_BYTES)
+            if self.lease.accept_setpoint(setpoint.lease, setpoint.number, setpoint.sent_s):
+                self._inbox.put(setpoint)
+
+    def _on_operator(self, sample: zenoh.Sample) -> None:
+        holder = self.lease.holder
+        gone = str(sample.kind).endswith("DELETE")
+        if gone and holder and str(sample.key_expr).endswith(keys.operator_token(holder.lease)):
+            self.service.lose(
+                holder, f"The connection to {holder.operator} was lost; the arm holds."
+            )
+
+    # what is published
+
+    def _publish(self, topic: str, value: object) -> None:
+        message = Announcement(
+            schema="ikservo/net/1",
+            number=next(self._news_numbers),
+            sent_s=self._clock.now_s(),
+            value=encode_value(value),
+        )
+        self._news[topic].put(encode(message))
+
+    def _publish_states(self) -> None:
+        publisher = cast("zenoh.Publisher", self._news["state"])
+        due_s = self._clock.now_s()
+        while not self._closing.is_set():
+            with suppress(Exception):  # a servo that does not answer is in the health
+                status: object = publisher.matching_status  # an object, whatever its stub says
+                if bool(getattr(status, "matching", status)):
+                    self._publish("state", self._arm.where())
+            due_s = max(due_s + 1.0 / self._rate_hz, self._clock.now_s())
+            self._closing.wait(due_s - self._clock.now_s())
+
+    def _publish_progress(self) -> Callable[[MotionProgress], None]:
+        last_s = 0.0
+
+        def publish(progress: MotionProgress) -> None:
+            nonlocal last_s
+            now_s = time.monotonic()
+            if now_s - last_s >= _PROGRESS_PERIOD_S:
+                last_s = now_s
+                self._publish("progress", progress)
+
+        return publish
+
+
+def _unknown(service: str) -> InputError:
+    return InputError(f"There is no service {service!r}.", SAME_VERSION)

@@ -1,0 +1,399 @@
+"""A client's connection to a served arm: requests, the lease of control, signs of life."""
+
+from __future__ import annotations
+
+import itertools
+import threading
+import time
+from collections.abc import Callable, Generator, Mapping
+from contextlib import ExitStack, contextmanager, suppress
+from typing import TYPE_CHECKING, cast
+
+from ikservo.apps.remote import key_expressions as keys
+from ikservo.apps.remote.address import ArmAddress
+from ikservo.apps.remote.wire_messages import (
+    MAX_REQUEST_BYTES,
+    MAX_SETPOINT_BYTES,
+    Announcement,
+    ServiceRequest,
+    Setpoint,
+    arguments_of,
+    decode,
+    encode,
+    result_of,
+)
+from ikservo.apps.remote.zenoh_session import Certificate, ask, open_client, served_names, who_asks
+from ikservo.arm.result_json import decode_value
+from ikservo.errors import (
+    IkservoError,
+    LatchedStopError,
+    LeaseLostError,
+    PortError,
+    PortLostError,
+    RefusedError,
+)
+from ikservo.serving.lease import is_fresh
+
+if TYPE_CHECKING:
+    import zenoh
+
+__all__ = ["Connection", "PendingCall"]
+
+_SIGN_OF_LIFE_PERIOD_S = 0.05
+_SYNC_PERIOD_S = 10.0
+_MAX_ROUND_TRIP_S = 0.2  # of the message that compares the clocks
+_QUICK_S, _LONG_S = 5.0, 3600.0
+_POLL_S = 0.05
+_SCHEMA = "ikservo/net/1"
+
+
+def lost_connection(address: str) -> PortLostError:
+    """Return the error of a request to another machine that is not answered."""
+    error = PortLostError(address, "no answer")
+    error.command_hint = "Is that machine on and reachable, and `ikservo serve` running there?"
+    return error
+
+
+class PendingCall:
+    """A request whose answer is still to come.
+
+    Args:
+        address: Of the arm, for messages.
+        on_lease_lost: Called where the answer is that this program does not control the arm.
+    """
+
+    def __init__(self, address: str, on_lease_lost: Callable[[], None]) -> None:
+        self._address, self._on_lease_lost = address, on_lease_lost
+        self._ended = threading.Event()
+        self._data: bytes | None = None
+
+    def on_reply(self, reply: zenoh.Reply) -> None:
+        """Keep the answer; called in a thread of Zenoh."""
+        if reply.ok is not None:
+            self._data = reply.ok.payload.to_bytes()
+
+    def on_end(self) -> None:
+        """Note that no more answers come."""
+        self._ended.set()
+
+    def wait(self, timeout_s: float) -> bool:
+        """Wait for the answer; return whether it is there."""
+        return self._ended.wait(timeout_s)
+
+    @property
+    def done(self) -> bool:
+        """Whether it has been answered, or never will be."""
+        return self._ended.is_set()
+
+    def result(self) -> object:
+        """Return the result.
+
+        Raises:
+            PortLostError: The connection was lost before the answer.
+            IkservoError: The error in the answer.
+        """
+        if self._data is None:
+            raise lost_connection(self._address)
+        try:
+            return result_of(self._data)
+        except LeaseLostError:
+            self._on_lease_lost()
+            raise
+        except LatchedStopError as error:
+            error.command_hint = (
+                f"Check the arm, then: ikservo net acknowledge --port {self._address}"
+            )
+            raise
+
+
+class Connection:
+    """A connection to one served arm; closed by ``close``.
+
+    Args:
+        address: Of the arm.
+        certificate: Of this end; None on this machine.
+
+    Raises:
+        PortError: Nothing listens there, or no arm of that name is served.
+    """
+
+    def __init__(self, address: ArmAddress, certificate: Certificate | None) -> None:
+        self.address = address
+        self._stack = ExitStack()
+        self._lock, self._lease, self._lease_stack = threading.RLock(), "", ExitStack()
+        self._numbers = itertools.count(1)
+        self._offset_s = self._synced_s = 0.0
+        self._closed = threading.Event()
+        self._stopping: tuple[PendingCall, ...] = ()
+        with ExitStack() as stack:
+            self._session = stack.enter_context(open_client([address.endpoint], certificate))
+            setpoints = keys.setpoint(address.name)
+            self._setpoints = stack.enter_context(
+                self._session.declare_publisher(setpoints, express=True)
+            )
+            self._check_served()
+            self._compare_clocks()
+            self._stack = stack.pop_all()
+
+    def close(self) -> None:
+        """Give the lease back and close the session; the second call does nothing."""
+        if not self._closed.is_set():
+            self._closed.set()
+            with self._stack, suppress(IkservoError):
+                self.release()
+
+    @property
+    def is_open(self) -> bool:
+        """Whether it was not closed."""
+        return not self._closed.is_set()
+
+    def watch(self, service: str, **arguments: object) -> object:
+        """Return the result of a request that moves nothing.
+
+        Raises:
+            IkservoError: It failed there, or the connection is lost.
+        """
+        key, request = keys.watch(self.address.name, service), self._request(arguments)
+        return self._call_again(key, request)
+
+    def stop(self, reason: str, kind: str, *, wait: bool = True) -> object:
+        """Stop the arm; without ``wait`` return at once, from a signal too."""
+        request = self._request({"reason": reason, "kind": kind}, lease=self._lease)
+        key = keys.stop(self.address.name)
+        if wait:
+            return self._call_again(key, request)
+        under_way = [each for each in self._stopping if not each.done]
+        self._stopping = (*under_way, self._send(key, request, _QUICK_S))
+        return None
+
+    def acknowledge(self) -> None:
+        """End a stop; those that are still on their way from here arrive first."""
+        for each in self._stopping:
+            each.wait(_QUICK_S)
+        self.drive("acknowledge")
+
+    def drive(self, service: str, **arguments: object) -> object:
+        """Return the result of a quick request of the operator.
+
+        Raises:
+            IkservoError: It failed there, or the connection is lost.
+        """
+        pending = self.start(service, stop_count=None, **arguments)
+        while not pending.wait(_POLL_S):
+            pass
+        return pending.result()
+
+    def start(
+        self, service: str, *, stop_count: int | None = None, **arguments: object
+    ) -> PendingCall:
+        """Send a request of the operator, who gets the lease first; see ``ServiceRequest``."""
+        with self._lock:
+            lease = self.acquire()
+            request = self._request(
+                arguments, lease=lease, number=next(self._numbers), stop_count=stop_count
+            )
+            return self._send(keys.drive(self.address.name, service), request, _LONG_S)
+
+    def plan(self, service: str, **arguments: object) -> object:
+        """Answer a request of the operator that needs no lease.
+
+        Raises:
+            RefusedError: This machine's certificate is no operator's.
+            IkservoError: It failed there, or the connection is lost.
+        """
+        self._require_open()
+        key = keys.drive(self.address.name, service)
+        answers = ask(self._session, key, self._request(arguments), _LONG_S)
+        if not answers:
+            raise self._not_allowed()
+        return result_of(answers[0][1])
+
+    def send_setpoint(self, **goal: object) -> None:
+        """Send a sign of life, with a goal or without; see ``Setpoint``."""
+        with self._lock:
+            if not self._lease:
+                return
+            setpoint = Setpoint.model_validate(
+                {"schema": _SCHEMA, "lease": self._lease, "number": next(self._numbers),
+                 "sent_s": self._server_now_s(), **goal}
+            )  # fmt: skip
+            self._setpoints.put(encode(setpoint, MAX_SETPOINT_BYTES))  # pyright: ignore[reportUnknownMemberType]
+
+    def acquire(self) -> str:
+        """Return the lease of control; get it where this program has none.
+
+        Raises:
+            RefusedError: Another program has it.
+        """
+        with self._lock:
+            if not self._lease:
+                given = self._ask_for_lease()
+                self._lease = str(given["lease"])
+                self._begin_lease(keys.operator_token(self._lease))
+            return self._lease
+
+    def _ask_for_lease(self) -> Mapping[str, object]:
+        """Ask for the lease and the server's time.
+
+        Raises:
+            RefusedError: Another program has it, or this machine's certificate is no operator's.
+        """
+        key = keys.drive(self.address.name, "lease")
+        self._require_open()
+        answers = ask(self._session, key, self._request({"operator": who_asks()}), _QUICK_S)
+        if not answers:
+            raise self._not_allowed()
+        return cast("Mapping[str, object]", result_of(answers[0][1]))
+
+    def _not_allowed(self) -> RefusedError:
+        """Return the error of a request that the other end does not let through.
+
+        Raises:
+            PortLostError: The connection is lost.
+        """
+        self.watch("clock")
+        return RefusedError(
+            f"{self.address} does not let this machine drive it.",
+            "With the certificate of a watcher an arm can be watched and stopped only.",
+        )
+
+    def release(self) -> None:
+        """Give the lease back, where this program has it."""
+        with self._lock:
+            lease, self._lease = self._lease, ""
+            with self._lease_stack:  # closed, whatever becomes of the request
+                if lease:
+                    request = self._request({}, lease=lease, number=next(self._numbers))
+                    key = keys.drive(self.address.name, "release")
+                    self._send(key, request, 1.0).wait(1.0)
+
+    def forget_lease(self) -> None:
+        """Note that the lease was lost; the next request asks for another."""
+        with self._lock:
+            self._lease = ""
+            self._lease_stack.close()
+
+    @contextmanager
+    def subscribed(self, topic: str, on_value: Callable[[object], None]) -> Generator[None]:
+        """Call a function with each value of a topic, in a thread of Zenoh, within the block.
+
+        What is older than the dead-man timeout, repeated or overtaken is dropped, as goals are.
+        """
+        newest = 0
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            nonlocal newest
+            with suppress(IkservoError):  # what is no such message is dropped
+                news = decode(Announcement, sample.payload.to_bytes(), MAX_REQUEST_BYTES)
+                if news.number > newest and is_fresh(news.sent_s, self._server_now_s()):
+                    newest = news.number
+                    on_value(decode_value(news.value))
+
+        key = keys.news(self.address.name, topic)
+        with self._session.declare_subscriber(key, on_sample):
+            yield
+
+    def _begin_lease(self, token: str) -> None:
+        key = keys.operator(self.address.name, token)
+        stack = ExitStack()
+        stack.enter_context(self._session.liveliness().declare_token(key))
+        ended = threading.Event()
+        threading.Thread(
+            target=self._send_signs_of_life, args=(ended,), name="ikservo-sign-of-life", daemon=True
+        ).start()
+        stack.callback(ended.set)
+        self._lease_stack = stack
+
+    def _send_signs_of_life(self, ended: threading.Event) -> None:
+        """Send a sign of life for as long as this program has the lease."""
+        while not ended.wait(_SIGN_OF_LIFE_PERIOD_S):
+            with suppress(Exception):  # the link is lost: the server notices
+                self.send_setpoint()
+                if time.monotonic() - self._synced_s > _SYNC_PERIOD_S:
+                    self._synced_s = time.monotonic()
+                    threading.Thread(target=self._compare_quietly, daemon=True).start()
+
+    def _compare_quietly(self) -> None:
+        with suppress(Exception):
+            self._compare_clocks(attempts=1)
+
+    def _compare_clocks(self, attempts: int = 5) -> None:
+        """Estimate the server's clock from the quickest of some answers.
+
+        Raises:
+            PortError: The network is too slow to control an arm.
+        """
+        found: list[tuple[float, float]] = []
+        for _ in range(attempts):
+            before_s = time.monotonic()
+            there_s = cast("float", self.watch("clock"))
+            after_s = time.monotonic()
+            found.append((after_s - before_s, there_s - (before_s + after_s) / 2.0))
+        trip_s, offset_s = min(found)
+        if trip_s > _MAX_ROUND_TRIP_S:
+            raise PortError(
+                f"{self.address} answers after {trip_s:.2f} s, too late to control an arm.",
+                f"At most {_MAX_ROUND_TRIP_S:g} s: use a faster network.",
+            )
+        self._offset_s, self._synced_s = offset_s, time.monotonic()
+
+    def _server_now_s(self) -> float:
+        return time.monotonic() + self._offset_s
+
+    def _check_served(self) -> None:
+        names = served_names(self._session, _QUICK_S)
+        if self.address.name not in names:
+            listing = ", ".join(names) or "none"
+            raise PortError(
+                f"No arm named {self.address.name!r} is served at {self.address.endpoint}.",
+                f"Served there: {listing}.",
+            )
+
+    def _request(
+        self,
+        arguments: Mapping[str, object],
+        *,
+        lease: str = "",
+        number: int = 0,
+        stop_count: int | None = None,
+    ) -> bytes:
+        return encode(
+            ServiceRequest(
+                schema=_SCHEMA,
+                lease=lease,
+                number=number,
+                sent_s=self._server_now_s(),
+                stop_count=stop_count,
+                arguments=arguments_of(arguments),
+            )
+        )
+
+    def _send(self, key: str, request: bytes, timeout_s: float) -> PendingCall:
+        import zenoh  # noqa: PLC0415  # an extra
+
+        pending = PendingCall(str(self.address), self.forget_lease)
+        handler = zenoh.handlers.Callback(pending.on_reply, pending.on_end)
+        self._session.get(key, handler, payload=request, timeout=timeout_s)  # pyright: ignore[reportCallIssue, reportArgumentType, reportUnknownMemberType]
+        return pending
+
+    def _require_open(self) -> None:
+        if not self.is_open:
+            raise PortError(f"{self.address} was closed.", "Open the arm again: open_arm().")
+
+    def _call_again(self, key: str, request: bytes) -> object:
+        """Return the answer to a request that may come twice: ask again where the link was cut."""
+        end_s = time.monotonic() + _QUICK_S
+        while True:
+            try:
+                return self._call(key, request)
+            except PortLostError:
+                if time.monotonic() > end_s or not self.is_open:
+                    raise
+                time.sleep(_POLL_S)
+
+    def _call(self, key: str, request: bytes) -> object:
+        self._require_open()
+        answers = ask(self._session, key, request, _QUICK_S)
+        if not answers:
+            raise lost_connection(str(self.address))
+        return result_of(answers[0][1])

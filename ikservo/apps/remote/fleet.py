@@ -1,0 +1,100 @@
+"""The arms of several machines: state, operator, health and latency of each."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, cast
+
+from ikservo.apps.remote import key_expressions as keys
+from ikservo.apps.remote.address import Endpoint
+from ikservo.apps.remote.certificates import client_certificate
+from ikservo.apps.remote.wire_messages import ServiceRequest, encode, result_of
+from ikservo.apps.remote.zenoh_session import ask, on_each_host, open_client, served_names
+from ikservo.errors import IkservoError
+from ikservo.serving.replies import SAME_VERSION
+
+__all__ = ["FleetArm", "read_fleet"]
+
+_TIMEOUT_S = 5.0
+
+
+@dataclass(frozen=True, slots=True)
+class FleetArm:
+    """An arm of a fleet, or a machine that cannot be reached.
+
+    Attributes:
+        host: The machine.
+        name: The name under which it is served there; empty where the machine is not reached.
+        arm: What it is.
+        state: ``moving``, ``holds``, ``limp``, ``stopped``, or ``unreachable``.
+        operator: Who controls it; empty where nobody does.
+        stopped_for: Why it was stopped; empty where it is not stopped.
+        temperature_c: Of its hottest servo.
+        alarms: Of its servos.
+        latency_s: From the request to the answer, which includes reading its servos.
+        error: Why the machine cannot be reached.
+    """
+
+    host: str
+    name: str = ""
+    arm: str = ""
+    state: str = "unreachable"
+    operator: str = ""
+    stopped_for: str = ""
+    temperature_c: float | None = None
+    alarms: tuple[str, ...] = ()
+    latency_s: float | None = None
+    error: str = ""
+
+
+def read_fleet(hosts: Sequence[Endpoint]) -> list[FleetArm]:
+    """Read the arms of some machines; one that cannot be reached is a row with an error."""
+    rows: list[FleetArm] = []
+    for host, found in zip(hosts, on_each_host(list(hosts), _read_host), strict=True):
+        if isinstance(found, IkservoError):
+            rows.append(FleetArm(_place(host), error=found.message))
+        else:
+            rows += found
+    return rows
+
+
+def _place(host: Endpoint) -> str:
+    return str(host).partition("/")[2]
+
+
+def _read_host(host: Endpoint) -> list[FleetArm]:
+    request = encode(ServiceRequest(schema="ikservo/net/1"))
+    rows: list[FleetArm] = []
+    with open_client([host], client_certificate(host)) as session:
+        for name in served_names(session, _TIMEOUT_S):
+            before_s = time.monotonic()
+            answers = ask(session, keys.watch(name, "health"), request, _TIMEOUT_S)
+            rows.append(_row(host, name, answers, time.monotonic() - before_s))
+    return rows
+
+
+def _row(
+    host: Endpoint, name: str, answers: Sequence[tuple[str, bytes]], latency_s: float
+) -> FleetArm:
+    if not answers:
+        return FleetArm(_place(host), name, error="it does not answer")
+    try:
+        answer = result_of(answers[0][1])
+        health = cast("Mapping[str, Any]", answer)
+        return FleetArm(
+            host=_place(host),
+            name=name,
+            arm=str(health["arm"]),
+            state=str(health["state"]),
+            operator=str(health["operator"]),
+            stopped_for=str(health["stop_text"]),
+            temperature_c=float(health["temperature_c"]),
+            alarms=tuple(health["alarms"]),
+            latency_s=latency_s,
+        )
+    except IkservoError as error:
+        return FleetArm(_place(host), name, error=error.message)
+    except (AttributeError, KeyError, TypeError, ValueError):
+        return FleetArm(_place(host), name, error=f"another version of ikservo. {SAME_VERSION}")

@@ -1,0 +1,149 @@
+"""Plans and motions asked for over a connection, stopped where the caller cannot go on."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager, nullcontext
+from typing import Any, cast
+
+from ikservo.apps.remote.connection import Connection, PendingCall
+from ikservo.apps.remote.plan_fields import PathSamples, plan_from_fields
+from ikservo.arguments import check_callable
+from ikservo.arm import MotionPlan, MotionProgress, StopKind, StopReason
+from ikservo.arm.result_json import decode_fields
+from ikservo.control.stop_requests import StopRequest
+from ikservo.errors import IkservoError
+from ikservo.planning.motions import MotionValue, motion_fields
+from ikservo.planning.reports import OnProgress
+
+__all__ = ["MotionCalls", "RemoteStopRequest"]
+
+_POLL_S = 0.02
+_STOP_TIMEOUT_S = 5.0
+
+
+class MotionCalls:
+    """Requests plans and motions of the process beside an arm.
+
+    Args:
+        connection: To that process.
+
+    Attributes:
+        stop_request: Stops the arm, and marks which motions were requested before a stop.
+    """
+
+    def __init__(self, connection: Connection) -> None:
+        self._connection = connection
+        self.stop_request = RemoteStopRequest(connection)
+        self._failures: list[Exception] = []
+
+    def plan(self, motion: MotionValue[Any]) -> MotionPlan:
+        """Request a plan, which stays there; its samples are fetched where they are needed."""
+        found = self._connection.plan("plan", motion=motion_fields(motion))
+        return plan_from_fields(cast("Mapping[str, Any]", found), motion, self._fetch_samples)
+
+    def run(self, service: str, on_progress: OnProgress | None, **arguments: object) -> object:
+        """Request a motion and wait for its end; see ``await_result``."""
+        check_callable("on_progress", on_progress)
+        with self.reporting(on_progress):
+            more = {} if on_progress is None else {"progress": True}
+            return self.await_result(self.start(service, **arguments, **more), None)
+
+    def start(self, service: str, **arguments: object) -> PendingCall:
+        """Send the request of a motion; a stop since it was made in this program ends it."""
+        count = self.stop_request.marked_count
+        return self._connection.start(service, stop_count=count, **arguments)
+
+    def await_result(
+        self, pending: PendingCall, go_on: Callable[[], None] | None, poll_s: float = _POLL_S
+    ) -> object:
+        """Wait for the end of a motion; a signal or an error of the caller's stops it first.
+
+        Args:
+            pending: The motion.
+            go_on: Called again and again meanwhile.
+            poll_s: Between two of these calls.
+
+        Raises:
+            IkservoError: The motion's.
+            KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
+        """
+        try:
+            while not pending.wait(poll_s):
+                self._raise_failure()
+                if go_on is not None:
+                    go_on()
+            self._raise_failure()
+        except BaseException as error:
+            self._stop_after(error, pending)
+            raise
+        return pending.result()
+
+    def reporting(self, on_progress: OnProgress | None) -> AbstractContextManager[object]:
+        """Return a context in which the progress of motions is reported.
+
+        An error of ``on_progress``, which a thread of Zenoh calls, ends ``await_result``.
+        """
+        check_callable("on_progress", on_progress)
+        self._failures.clear()
+        if on_progress is None:
+            return nullcontext()
+
+        def report(value: object) -> None:
+            if isinstance(value, MotionProgress) and not self._failures:
+                try:
+                    on_progress(value)
+                except Exception as error:  # raised where the motion is waited for
+                    self._failures.append(error)
+
+        return self._connection.subscribed("progress", report)
+
+    def _fetch_samples(self, plan: str) -> PathSamples:
+        return decode_fields(PathSamples, self._connection.plan("sample_plan", plan=plan))
+
+    def _raise_failure(self) -> None:
+        if self._failures:
+            raise self._failures[0]
+
+    def _stop_after(self, error: BaseException, pending: PendingCall) -> None:
+        signal = not isinstance(error, Exception)
+        kind = StopKind.CTRL_C if signal else StopKind.FAULT
+        text = "Stopped by Ctrl-C." if signal else _failure_text(error)
+        self.stop_request.set(StopReason(kind, text))
+        pending.wait(_STOP_TIMEOUT_S)
+
+
+class RemoteStopRequest(StopRequest):
+    """Stops of an arm on another machine: requested there, and counted there.
+
+    Args:
+        connection: To that machine.
+
+    Attributes:
+        count_here: How often this program has stopped the arm, cancelled motions aside.
+    """
+
+    def __init__(self, connection: Connection) -> None:
+        super().__init__()
+        self._connection = connection
+        self.count_here = 0
+
+    @property
+    def count(self) -> int:
+        """How often the arm was stopped by any program, as the other machine says."""
+        return int(cast("int", self._connection.watch("stop_count")))
+
+    def count_stop(self, reason: StopReason) -> None:
+        """Count a stop of this program's, which may arrive there after later requests."""
+        if reason.kind is not StopKind.CANCELLED:
+            self.count_here += 1
+
+    def set(self, reason: StopReason, signal: int = 0) -> None:
+        """Request a stop there; does not wait until the arm stands."""
+        self.count_stop(reason)
+        self._connection.stop(reason.text, reason.kind.name, wait=False)
+
+
+def _failure_text(error: BaseException) -> str:
+    why = error.message if isinstance(error, IkservoError) else str(error)
+    return f"The program failed: {why or type(error).__name__}"

@@ -1,0 +1,85 @@
+"""``ikservo net``: certificates for other machines, and the acknowledgement of a stop."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated, Literal, cast, get_args
+
+import typer
+
+from ikservo.apps.remote.address import parse_address
+from ikservo.apps.remote.certificates import keys_folder, make_keys
+from ikservo.apps.remote.zenoh_network import connect
+from ikservo.cli.completion import complete_from
+from ikservo.cli.options import JsonOption, PortOption
+from ikservo.cli.terminal import print_json, print_lines, print_status
+from ikservo.errors import InputError, UnknownNameError
+
+__all__ = ["command"]
+
+Action = Literal["keys", "acknowledge"]
+ACTIONS: tuple[Action, ...] = get_args(Action)
+
+ActionArgument = Annotated[
+    str,
+    typer.Argument(
+        metavar="ACTION",
+        help="keys: make certificates; acknowledge: end a stop.",
+        autocompletion=complete_from(*ACTIONS),
+    ),
+]
+Folder = Annotated[
+    Path | None,
+    typer.Option("--folder", help="Folder of the keys; default: ./ikservo-keys."),
+]
+Host = Annotated[
+    list[str] | None,
+    typer.Option("--host", help="Name or address of the machine with the arm; repeatable."),
+]
+New = Annotated[bool, typer.Option("--new", help="Replace the keys; the old ones stop working.")]
+
+
+def command(
+    action: ActionArgument,
+    *,
+    folder: Folder = None,
+    host: Host = None,
+    new: New = False,
+    port: PortOption = None,
+    json: JsonOption = False,
+) -> None:
+    """Make certificates for arms on other machines, or acknowledge a stop of such an arm.
+
+    ikservo net keys --host lab-pi --host 192.168.1.7
+
+    ikservo net acknowledge --port zenoh:desk@lab-pi     the arm may move again; nothing moves yet
+    """
+    if action not in ACTIONS:
+        raise UnknownNameError("action", action, ACTIONS)
+    if action == "keys":
+        _make_keys(folder or Path("ikservo-keys"), host or [], new=new, json=json)
+        return
+    if port is None:
+        raise InputError("No address given.", "Add --port, as in --port zenoh:desk@lab-pi.")
+    connection = connect(parse_address(port))
+    try:
+        before = cast("dict[str, object]", connection.watch("health"))
+        connection.drive("acknowledge")
+    finally:
+        connection.close()
+    reason = str(before["stop_text"])
+    if json:
+        print_json("net-acknowledge", arm=before["arm"], reason=reason)
+    else:
+        print_lines([f"acknowledged  {reason}" if reason else "it was not stopped"])
+
+
+def _make_keys(folder: Path, hosts: list[str], *, new: bool, json: bool) -> None:
+    made = make_keys(folder, hosts, overwrite=new)
+    if json:
+        print_json("net-keys", folders=[str(path) for path in made], hosts=hosts)
+        return
+    print_lines([str(path) for path in made])
+    print_status(f"Copy the folder of its role to each machine, as {keys_folder()}:")
+    print_status("server beside the arm, operator where it is driven, watcher where it is watched.")
+    print_status("Keep the folder authority to yourself: who has it can make operators.")

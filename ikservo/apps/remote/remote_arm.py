@@ -1,0 +1,338 @@
+"""An arm on another machine: the methods, results and errors of ``Arm``, over a connection."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, Self, TypeVar, cast
+
+from numpy.typing import ArrayLike
+
+from ikservo.apps.remote.connection import Connection
+from ikservo.apps.remote.motion_calls import MotionCalls
+from ikservo.apps.remote.plan_fields import RemoteTrajectory
+from ikservo.apps.remote.remote_description import RemotePoses, describe, described_chain
+from ikservo.apps.remote.remote_stream import RemoteStream, goal_fields, next_items
+from ikservo.apps.teaching.recorder import RecordResult, RecordSettings, describe_arm, record
+from ikservo.apps.teaching.recording import ArmSample, Recording
+from ikservo.apps.teaching.replaying import RecordedTrajectory
+from ikservo.arguments import (
+    OnExit,
+    check_callable,
+    check_exit,
+    check_iterable,
+    parse_all_positions,
+)
+from ikservo.arm import (
+    ArmState,
+    JointMoveResult,
+    MotionPlan,
+    MoveResult,
+    StopKind,
+    StopReason,
+    ZeroSource,
+)
+from ikservo.arm.background_motion import Background
+from ikservo.arm.following import FollowResult
+from ikservo.arm.jogging import JogResult, KeepGoing
+from ikservo.arm.leader_following import follow_arm, published_positions
+from ikservo.arm.motion_methods import MotionMethods
+from ikservo.arm.target_tracking import CartesianOrJointTarget, parse_target
+from ikservo.clock import Clock, RealClock
+from ikservo.control.stop_requests import REQUEST_HINT, STOPPED_AFTER_REQUEST
+from ikservo.errors import BadValueError, IkservoError, PortError, RefusedError, StoppedError
+from ikservo.kinematics import JointIndex
+from ikservo.kinematics.arrays import Vector
+from ikservo.model import Model
+from ikservo.planning.motion_plan import PoseWithinLimits
+from ikservo.planning.motions import MotionValue, check_motion, motion_fields
+from ikservo.planning.poses import PoseLibrary
+from ikservo.planning.reports import OnProgress
+
+__all__ = ["RemoteArm"]
+
+R = TypeVar("R")
+
+_TARGET_PERIOD_S = 0.01
+
+
+class RemoteArm(MotionMethods):
+    """An open arm on another machine; see ``Arm`` for what each method does.
+
+    It takes control with its first motion and gives it back when it is closed. Plans stay beside
+    the arm.
+
+    Args:
+        model: The arm, as this machine describes it.
+        connection: To the process beside it; closed with the arm.
+        on_exit: What ``close`` does with torque: ``hold`` or ``relax``.
+
+    Raises:
+        InputError: The arm that is served there has other joints than the model.
+    """
+
+    is_remote = True
+
+    def __init__(self, model: Model, connection: Connection, on_exit: OnExit = "hold") -> None:
+        self._on_exit: OnExit = check_exit(on_exit)
+        self._connection = connection
+        self._calls = MotionCalls(connection)
+        self._described = describe(model, connection)
+        self.model, self.chain = model, described_chain(model, self._described)
+        self.zeros = ZeroSource[self._described.zeros]
+        self.joint_index = JointIndex.from_names(self.joint_names, self.chain.names)
+        self.poses: PoseLibrary = RemotePoses(model, connection)
+        self.background = Background(self, self._calls.stop_request)
+
+    def __repr__(self) -> str:
+        """Show arm and address."""
+        state = "open" if self._connection.is_open else "closed"
+        return f"RemoteArm({self.model.name!r} at {self.port_name!r}, {state})"
+
+    def __enter__(self) -> Self:
+        """Return the arm; leaving the block closes it.
+
+        Raises:
+            PortError: It was closed before.
+        """
+        if not self._connection.is_open:
+            raise PortError(f"{self.port_name} was closed.", "Open the arm again: open_arm().")
+        return self
+
+    @property
+    def port_name(self) -> str:
+        """The address of the arm."""
+        return str(self._connection.address)
+
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """All joints, in the order of vectors (n,)."""
+        return self._described.joints
+
+    @property
+    def clock(self) -> Clock:
+        """The clock of this computer."""
+        return RealClock()
+
+    def limits(self) -> tuple[Vector, Vector]:
+        """Return the lower and upper limits (n,), in whole ticks, rad or m; read-only."""
+        return self._described.lower, self._described.upper
+
+    def clearance_m(self, positions: Mapping[str, float] | ArrayLike) -> float:
+        """Return the smallest distance of the body [m]; see ``Arm.clearance_m``."""
+        given = parse_all_positions(positions, self.joint_names)
+        return float(cast("float", self._connection.watch("clearance", positions=given)))
+
+    def where(self) -> ArmState:
+        """Measure tip, joints and health."""
+        return cast("ArmState", self._connection.watch("where"))
+
+    def last_state(self) -> ArmState:
+        """Return the state of the last control cycle.
+
+        Raises:
+            IkservoError: There was none yet.
+        """
+        return cast("ArmState", self._connection.watch("last_state"))
+
+    def health(self) -> Mapping[str, Any]:
+        """Return state, operator, stop and temperature of the arm, see ``ikservo fleet``."""
+        return cast("Mapping[str, Any]", self._connection.watch("health"))
+
+    def close(self, on_exit: OnExit | None = None) -> None:
+        """Give control back and close the connection; see ``Arm.close``."""
+        chosen = check_exit(on_exit or self._on_exit)
+        if not self._connection.is_open:
+            return
+        try:
+            self.background.close()
+            if chosen == "relax":
+                self.relax()
+        finally:
+            self._connection.close()
+
+    # torque and stops
+
+    def enable(self) -> None:
+        """Switch torque on, so that nothing moves; see ``Arm.enable``."""
+        self._calls.run("enable", None)
+
+    def relax(self, on_progress: OnProgress | None = None) -> JointMoveResult:
+        """Lower the arm to its rest pose, then switch torque off; see ``Arm.relax``."""
+        return cast("JointMoveResult", self._calls.run("relax", on_progress))
+
+    def disable_torque(self) -> None:
+        """Switch every servo's torque off; an arm that is not supported falls."""
+        self._connection.drive("disable_torque")
+
+    def reconnect(self, within_s: float = 10.0) -> None:
+        """Refuse: the port is opened again beside the arm.
+
+        Raises:
+            RefusedError: Always.
+        """
+        raise self._not_here(f"Opening the port again, within {within_s:g} s,")
+
+    def return_within_limits(self) -> None:
+        """Move joints that are a little outside their limits back inside, slowly."""
+        self._calls.run("return_within_limits", None)
+
+    def request_stop(self, reason: StopReason) -> None:
+        """Stop as ``stop`` does, for a reason of any kind."""
+        self._calls.stop_request.set(reason)
+
+    @property
+    def stop_requests(self) -> int:
+        """How often a stop was requested since the last ``acknowledge``."""
+        return int(self.health()["stop_requests"])
+
+    @property
+    def stop_reason(self) -> StopReason | None:
+        """Why the arm was stopped, until ``acknowledge``; None where it is not stopped."""
+        health = self.health()
+        kind = str(health["stop_kind"])
+        return StopReason(StopKind[kind], str(health["stop_text"])) if kind else None
+
+    def acknowledge(self) -> None:
+        """End a stop: the arm may be moved again; nothing moves yet."""
+        self._connection.acknowledge()
+
+    # plans
+
+    def plan(self, motion: MotionValue[Any]) -> MotionPlan:
+        """Plan a motion from where the arm is; see ``Arm.plan``."""
+        return self._calls.plan(check_motion(motion))
+
+    def pose_within_limits(self, pose: str, start: Vector | None = None) -> PoseWithinLimits:
+        """Clamp a named pose to this arm's limits; see ``Arm.pose_within_limits``."""
+        found = self._connection.watch("within_limits", pose=pose, start=start)
+        given = cast("Mapping[str, Any]", found)
+        return PoseWithinLimits(dict(given["positions"]), tuple(given["changed"]))
+
+    def _execute_plan(
+        self, plan: MotionPlan, on_progress: OnProgress | None
+    ) -> MoveResult | JointMoveResult:
+        """Execute a plan of this arm.
+
+        Raises:
+            BadValueError: It was planned by another program or for another arm.
+        """
+        path = getattr(plan, "trajectory", None)
+        if not isinstance(path, RemoteTrajectory):
+            raise BadValueError("The plan", repr(plan), "a plan of this arm")
+        done = self._calls.run("execute", on_progress, plan=path.plan)
+        return cast("MoveResult | JointMoveResult", done)
+
+    @property
+    def _own_stops(self) -> int:
+        return self._calls.stop_request.count_here
+
+    def _make(self, motion: MotionValue[R], on_progress: OnProgress | None, own_stops: int) -> R:
+        if self._own_stops != own_stops:
+            raise StoppedError(STOPPED_AFTER_REQUEST.text, REQUEST_HINT)
+        return cast("R", self._calls.run("move", on_progress, motion=motion_fields(motion)))
+
+    def jog(self, what: str, speed: float | None = None, *, wanted: KeepGoing) -> JogResult:
+        """Move a joint or the tip for as long as ``wanted`` returns True; see ``Arm.jog``."""
+        if not callable(wanted):
+            raise BadValueError("The argument wanted", repr(wanted), "a function")
+        pending = self._calls.start("jog", what=what, speed=speed)
+
+        def go_on() -> None:
+            chosen = wanted()
+            if chosen is not None:
+                self._connection.send_setpoint(wanted=chosen)
+
+        return cast("JogResult", self._calls.await_result(pending, go_on))
+
+    def follow(
+        self,
+        targets: Iterable[CartesianOrJointTarget | None],
+        *,
+        speed: str = "normal",
+        on_progress: OnProgress | None = None,
+    ) -> FollowResult:
+        """Follow a stream of targets, a hundred a second, until it ends; see ``Arm.follow``."""
+        check_iterable("The stream of targets", targets, "an iterable of targets")
+        items = next_items(self.clock, targets, _TARGET_PERIOD_S)
+
+        def send_next() -> None:
+            goal, ended = next(items, (None, True))
+            if goal is not None:
+                self._connection.send_setpoint(**goal_fields(parse_target(goal, self.joint_names)))
+            elif ended:
+                self._connection.send_setpoint(wanted=False)
+
+        with self._calls.reporting(on_progress):
+            pending = self._calls.start("follow", speed=speed)
+            return cast("FollowResult", self._calls.await_result(pending, send_next, poll_s=0.0))
+
+    follow_arm = follow_arm
+
+    def target_period_s(self) -> float:
+        """Return the time between two targets that are sent."""
+        return _TARGET_PERIOD_S
+
+    @contextmanager
+    def leader_positions(
+        self, joints: Sequence[str], period_s: float, until: Callable[[], bool] | None
+    ) -> Generator[Iterator[dict[str, float] | None]]:
+        """Yield the newest published positions in every period; for ``follow_arm``."""
+        newest: list[ArmState] = []
+
+        def keep(value: object) -> None:
+            if isinstance(value, ArmState):
+                newest[:] = [value]
+
+        def take() -> dict[str, float] | None:
+            return newest.pop().positions if newest else None
+
+        with self._connection.subscribed("state", keep):
+            yield published_positions(take, joints, period_s, until)
+
+    def load_replay(
+        self, path: Path | str, *, speed: str = "normal"
+    ) -> tuple[Recording, RecordedTrajectory]:
+        """Refuse: a recording is replayed beside the arm.
+
+        Raises:
+            RefusedError: Always.
+        """
+        raise self._not_here(f"Replaying {path}")
+
+    def stream(self, *, speed: str = "normal", rate_hz: float | None = None) -> RemoteStream:
+        """Open a stream of setpoints; see ``Arm.stream``."""
+        return RemoteStream(self, self._connection, self._calls, speed, rate_hz)
+
+    def record(
+        self,
+        path: Path | str,
+        *,
+        duration_s: float | None = None,
+        until: Callable[[], bool] | None = None,
+        period_s: float = 0.02,
+        overwrite: bool = False,
+        foxglove_port: int | None = None,
+    ) -> RecordResult:
+        """Write the measured joints to a file of this machine; see ``Arm.record``."""
+        settings = RecordSettings(path, duration_s, until, period_s, overwrite, foxglove_port)
+        arm = describe_arm(self.model, self.chain, period_s, self.zeros)
+        return record(lambda: ArmSample.of_states(self.where().joints), self.clock, arm, settings)
+
+    def teach(
+        self, name: str, until: Callable[[], object] | None = None, *, hold: bool = False
+    ) -> dict[str, float]:
+        """Save the measured joints as a pose, in the file beside the arm; see ``Arm.teach``."""
+        check_callable("until", until)
+        self.poses.check_name(name)
+        if until is not None:
+            if any(joint.torque for joint in self.where().joints):
+                self.relax()
+            until()
+        taught = self._calls.run("teach", None, name=name, hold=hold)
+        return dict(cast("Mapping[str, float]", taught))
+
+    def _not_here(self, what: str) -> IkservoError:
+        host = self._connection.address.endpoint.host
+        return RefusedError(f"{what} is possible beside the arm only.", f"Run it on {host}.")

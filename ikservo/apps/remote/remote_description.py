@@ -1,0 +1,81 @@
+"""What an arm on another machine is, checked against the model of it here; its poses."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import cast
+
+import numpy as np
+
+from ikservo.apps.remote.connection import Connection
+from ikservo.arm import ZeroSource
+from ikservo.arm.result_json import decode_fields
+from ikservo.arm.service import ArmDescription
+from ikservo.errors import InputError, UnknownNameError
+from ikservo.kinematics import Chain
+from ikservo.model import Model
+from ikservo.planning.poses import PoseLibrary, Positions
+from ikservo.serving.replies import other_version_error
+
+__all__ = ["RemotePoses", "describe", "described_chain"]
+
+
+def describe(model: Model, connection: Connection) -> ArmDescription:
+    """Ask what an arm is, and compare it with the model that this machine has of it.
+
+    Raises:
+        InputError: It has other joints.
+        IkservoError: The answer is of another version.
+    """
+    found = connection.watch("describe")
+    said = cast("Mapping[str, object]", found if isinstance(found, Mapping) else {})
+    known = {each.name for each in fields(ArmDescription)}  # a newer version may say more
+    there = decode_fields(ArmDescription, {key: said[key] for key in said.keys() & known})
+    if there.zeros not in ZeroSource.__members__:
+        raise other_version_error()
+    own = tuple(joint.name for joint in model.joints)
+    same = (there.joints, there.chain) == (own, model.chain.names)
+    if there.arm != model.name or not same:
+        raise InputError(
+            f"{connection.address} is {there.arm} with {', '.join(there.joints)}; "
+            f"{model.name} has {', '.join(own)}.",
+            f"Choose {there.arm} with --arm.",
+        )
+    return there
+
+
+def described_chain(model: Model, there: ArmDescription) -> Chain:
+    """Return the chain of a model as it was calibrated there, inside its limits there."""
+    origins = {name: np.reshape(rows, (4, 4)) for name, rows in there.origins.items()}
+    return model.chain.with_origins(origins).with_limits(there.chain_lower, there.chain_upper)
+
+
+class RemotePoses(PoseLibrary):
+    """The poses of an arm on another machine: of its arm file, and those taught there."""
+
+    def __init__(self, model: Model, connection: Connection) -> None:
+        super().__init__(model, "")
+        self._connection = connection
+        self._names = model.poses
+        self.path = Path(str(self._fetch()["path"]))
+
+    def all_poses(self) -> dict[str, Positions]:
+        """Return every pose by name, the arm file's first."""
+        return dict(cast("Mapping[str, Positions]", self._fetch()["all"]))
+
+    def user_poses(self) -> dict[str, Positions]:
+        """Return the taught poses by name."""
+        return dict(cast("Mapping[str, Positions]", self._fetch()["taught"]))
+
+    def save(self, name: str, positions: Positions) -> Path:
+        """Refuse: a pose is saved beside the arm.
+
+        Raises:
+            UnknownNameError: Always.
+        """
+        raise UnknownNameError("file of poses on this machine", name, ())
+
+    def _fetch(self) -> Mapping[str, object]:
+        return cast("Mapping[str, object]", self._connection.watch("poses"))

@@ -1,0 +1,141 @@
+"""Goals that a program streams to an arm on another machine."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Generator, Iterable, Mapping
+from typing import Any, cast
+
+from numpy.typing import ArrayLike
+
+from ikservo.apps.remote.connection import Connection, PendingCall
+from ikservo.apps.remote.motion_calls import MotionCalls
+from ikservo.apps.remote.wire_messages import TargetFields
+from ikservo.arguments import parse_period_s
+from ikservo.arm import MotionProgress, OpenArm
+from ikservo.arm.target_tracking import CartesianOrJointTarget, parse_setpoint
+from ikservo.clock import Clock, Rate
+from ikservo.errors import RefusedError
+from ikservo.ik import Target
+from ikservo.kinematics.arrays import Matrix, Vector
+
+__all__ = ["RemoteStream", "goal_fields", "next_items"]
+
+_CLOSE_TIMEOUT_S, _END_PERIOD_S = 10.0, 0.1
+
+
+class RemoteStream:
+    """Takes setpoints in a ``with`` block; see ``Arm.stream`` and ``SetpointStream``.
+
+    Attributes:
+        sent: How many setpoints were sent.
+        unreached: How many were out of reach; known at the end of the block.
+        refused: How many the guard refused; known at the end of the block.
+        reason: Why the last of those was refused.
+        kept: None: the goal that the arm kept is known on its machine only.
+    """
+
+    def __init__(
+        self,
+        arm: OpenArm,
+        connection: Connection,
+        calls: MotionCalls,
+        speed: str,
+        rate_hz: float | None,
+    ) -> None:
+        self._arm, self._connection, self._calls, self._speed = arm, connection, calls, speed
+        self._period_s = parse_period_s(rate_hz)
+        self._due_s = 0.0
+        self._pending: PendingCall | None = None
+        self.sent = self.unreached = self.refused = 0
+        self.reason = ""
+        self.kept: Vector | None = None
+
+    def __enter__(self) -> RemoteStream:
+        """Take control and start; the arm moves with the first setpoint.
+
+        Raises:
+            RefusedError: It was used before, or another program controls the arm.
+        """
+        if self._pending is not None:
+            raise RefusedError("This stream was used before.", "Open another: arm.stream().")
+        self._pending = self._calls.start("stream", speed=self._speed)
+        return self
+
+    def __exit__(self, kind: object, error: object, trace: object) -> None:
+        """Brake and hold; raise the stream's error, unless the block raised one itself."""
+        pending = self._require_pending()
+        ended = pending.done
+        if not ended:
+            self._end(pending)
+        if error is None:
+            self._take_counts(pending)
+
+    @property
+    def progress(self) -> MotionProgress | None:
+        """None: the control loop runs on the machine of the arm."""
+        return None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The joints, in the order of arrays (n,)."""
+        return self._arm.joint_names
+
+    def send(self, setpoint: Mapping[str, float] | ArrayLike | Target) -> None:
+        """Send a setpoint; it replaces the one before. See ``SetpointStream.send``.
+
+        Raises:
+            BadValueError: It is none, or a number is not finite.
+            UnknownNameError: No such joint.
+            IkservoError: The error that ended the stream; the arm holds.
+        """
+        goal = goal_fields(parse_setpoint(setpoint, self.names))
+        pending = self._require_pending()
+        if pending.done:
+            self._take_counts(pending)
+            raise RefusedError("The stream is closed.", "Open another: arm.stream().")
+        self._connection.send_setpoint(**goal)
+        self.sent += 1
+        if self._period_s is not None:
+            self._due_s = max(self._due_s + self._period_s, self._arm.clock.now_s())
+            self._arm.clock.sleep_until(self._due_s)
+
+    def _end(self, pending: PendingCall) -> None:
+        """Say that no more goals come, until it is answered: one that comes late is dropped."""
+        end_s = time.monotonic() + _CLOSE_TIMEOUT_S
+        while time.monotonic() < end_s:
+            self._connection.send_setpoint(wanted=False)
+            if pending.wait(_END_PERIOD_S):
+                return
+
+    def _take_counts(self, pending: PendingCall) -> None:
+        counts = cast("Mapping[str, Any]", pending.result())
+        self.unreached, self.refused = int(counts["unreached"]), int(counts["refused"])
+        self.reason = str(counts["reason"])
+
+    def _require_pending(self) -> PendingCall:
+        if self._pending is None:
+            raise RefusedError("The stream is not open.", "Open it: with arm.stream() as stream:")
+        return self._pending
+
+
+def goal_fields(goal: Target | Mapping[str, float] | Matrix) -> dict[str, object]:
+    """Return a goal, as ``target_tracking`` parses it, as the fields of a ``Setpoint``."""
+    if isinstance(goal, Target):
+        return {"target": TargetFields.of(goal)}
+    return {"positions" if isinstance(goal, Mapping) else "pose": goal}
+
+
+def next_items(
+    clock: Clock, targets: Iterable[CartesianOrJointTarget | None], period_s: float
+) -> Generator[tuple[CartesianOrJointTarget | None, bool]]:
+    """Yield an item in every period, and whether the stream has ended; then ends for ever."""
+    items = iter(targets)
+    for _ in Rate(clock, period_s):
+        try:
+            yield next(items), False
+        except StopIteration:
+            break
+    while True:
+        yield None, True
+        time.sleep(period_s)

@@ -1,0 +1,108 @@
+"""Requests of clients: checked when they arrive, answered one after another in threads."""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Callable, Collection
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import AbstractContextManager, suppress
+from typing import TYPE_CHECKING
+
+from ikservo.apps.remote.wire_messages import (
+    MAX_REQUEST_BYTES,
+    ServiceRequest,
+    decode,
+    encode_failure,
+    encode_result,
+)
+from ikservo.errors import IkservoError, InputError, RefusedError
+
+if TYPE_CHECKING:
+    import zenoh
+
+__all__ = ["RequestQueue"]
+
+_MAX_PENDING = 16  # requests that wait; more are refused
+_THREADS = 4
+
+
+class RequestQueue:
+    """Answers the requests of one key expression; Zenoh calls it in a thread of its own.
+
+    Args:
+        key: ``…/*`` for services by name, or the key of one.
+        answer: Does what is requested, given the service; returns the result.
+        check: Refuses a request at its arrival, given the service.
+        requested: Called with a request at its arrival; returns the context of its answer.
+        quick: The services of an operator that need not wait for the ones before; all others of
+            ``…/drive/*`` run one after another.
+    """
+
+    def __init__(
+        self,
+        key: str,
+        answer: Callable[[str, ServiceRequest], object],
+        check: Callable[[ServiceRequest, str], None],
+        requested: Callable[[ServiceRequest], AbstractContextManager[None]],
+        quick: Collection[str],
+    ) -> None:
+        self._key, self._answer, self._check, self._quick = key, answer, check, quick
+        self._requested = requested
+        self._driving = key.endswith("/drive/*")
+        self._free = threading.BoundedSemaphore(_MAX_PENDING)
+        self._several = ThreadPoolExecutor(_THREADS, thread_name_prefix="ikservo-request")
+        self._single = ThreadPoolExecutor(1, thread_name_prefix="ikservo-drive")
+
+    def __enter__(self) -> RequestQueue:
+        """Return itself; leaving the block waits for the requests that are being answered."""
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        for pool in (self._several, self._single):
+            pool.shutdown(cancel_futures=True)
+
+    def __call__(self, query: zenoh.Query) -> None:
+        """Check a request and queue it."""
+        service = str(query.key_expr).rpartition("/")[2]
+        try:
+            request = self._read(query, service)
+            if not self._free.acquire(blocking=False):
+                raise RefusedError("The arm has too many requests.", "Nothing was sent. Try again.")
+        except IkservoError as error:
+            self._reply(query, service, encode_failure(error))
+            return
+        waits = self._driving and service not in self._quick
+        pool = self._single if waits else self._several
+        with suppress(RuntimeError):  # it is being closed
+            pool.submit(self._work, query, service, request, self._requested(request))
+
+    def _read(self, query: zenoh.Query, service: str) -> ServiceRequest:
+        payload = query.payload
+        data = b"" if payload is None else payload.to_bytes()
+        request = decode(ServiceRequest, data, MAX_REQUEST_BYTES)
+        if self._driving:
+            if str(query.key_expr) != self._key.replace("*", service) or "*" in service:
+                raise InputError("A request drives one arm.", "Nothing was sent. Name the arm.")
+            self._check(request, service)
+        return request
+
+    def _work(
+        self,
+        query: zenoh.Query,
+        service: str,
+        request: ServiceRequest,
+        requested: AbstractContextManager[None],
+    ) -> None:
+        try:
+            with requested:
+                data = encode_result(self._answer(service, request))
+        except BaseException as error:  # a client must not end this program
+            data = encode_failure(error)
+        finally:
+            self._free.release()
+        self._reply(query, service, data)
+
+    def _reply(self, query: zenoh.Query, service: str, data: bytes) -> None:
+        key = self._key.replace("*", service)
+        with suppress(Exception), query:  # the client is gone
+            query.reply(key, data)  # pyright: ignore[reportUnknownMemberType]

@@ -1,0 +1,219 @@
+"""The server of one action of ROS 2: goals and their states, three services and two topics.
+
+Source: https://design.ros2.org/articles/actions.html
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from dataclasses import dataclass, field
+from enum import IntEnum
+from typing import Any, Protocol
+
+import numpy as np
+
+from ikservo.apps.remote.ros.node import Respond, RosNode
+from ikservo.ros_messages.arm_messages import RosMessage, Topic
+from ikservo.ros_messages.message_types import encode, make
+from ikservo.ros_messages.service_types import CANCEL_GOAL
+
+__all__ = ["ActionGoal", "ActionServer", "Executor", "GoalStatus", "time_message"]
+
+_STATUS = "action_msgs/msg/GoalStatusArray"
+_MAX_ENDED = 64  # goals whose results are kept
+_NS = 1_000_000_000
+_ANY_GOAL = bytes(16)
+
+
+class GoalStatus(IntEnum):
+    """The state of a goal, as action_msgs/msg/GoalStatus numbers them."""
+
+    UNKNOWN = 0
+    ACCEPTED = 1
+    EXECUTING = 2
+    CANCELING = 3
+    SUCCEEDED = 4
+    CANCELED = 5
+    ABORTED = 6
+
+    @property
+    def is_final(self) -> bool:
+        """Whether it has ended."""
+        return self >= GoalStatus.SUCCEEDED
+
+
+class _CancelCode(IntEnum):
+    """Answers to a request to cancel, as action_msgs/srv/CancelGoal numbers them."""
+
+    NONE = 0
+    UNKNOWN_GOAL_ID = 2
+    GOAL_TERMINATED = 3
+
+
+@dataclass(slots=True, eq=False)
+class ActionGoal:
+    """A goal of a client.
+
+    Attributes:
+        id: Its number, 16 bytes, by the client.
+        time_ns: When it came, nanoseconds since 1970.
+        status: Its state.
+        accepted: Whether it was.
+        result: Once it has ended.
+    """
+
+    id: bytes
+    time_ns: int
+    status: GoalStatus = GoalStatus.EXECUTING
+    accepted: bool = True
+    result: Any = None
+    waiting: list[Respond] = field(default_factory=list[Respond])
+
+
+class Executor(Protocol):
+    """Executes goals; ends each of them by ``ActionServer.finish``."""
+
+    def start(self, goal: ActionGoal, message: Any, /) -> Any:  # noqa: ANN401  # generated classes
+        """Start to execute a goal; return None, or the result of one that is refused."""
+        ...
+
+    def cancel(self, goal: ActionGoal, /) -> None:
+        """Brake and hold; then end the goal."""
+        ...
+
+    def empty_result(self) -> Any:  # noqa: ANN401
+        """Return the result of a goal that is not known."""
+        ...
+
+
+class ActionServer:
+    """Announces an action and keeps the states and results of its goals.
+
+    Args:
+        node: The node.
+        name: Of the action, with a leading slash.
+        kind: Its type, as in ``control_msgs/action/FollowJointTrajectory``.
+        executor: Executes goals.
+    """
+
+    def __init__(self, node: RosNode, name: str, kind: str, executor: Executor) -> None:
+        self._kind, self._executor, self._lock = kind, executor, threading.RLock()
+        self._goals: dict[bytes, ActionGoal] = {}
+        self._feedback_topic = Topic(f"{name}/_action/feedback", f"{kind}_FeedbackMessage")
+        self._status_topic = Topic(f"{name}/_action/status", _STATUS, latched=True)
+        self._publish_feedback = node.publisher(self._feedback_topic).publish
+        self._publish_status = node.publisher(self._status_topic).publish
+        node.serve(
+            f"{name}/_action/send_goal", f"{kind}_SendGoal", self._answer_goal, in_order=True
+        )
+        node.serve(f"{name}/_action/cancel_goal", CANCEL_GOAL, self._answer_cancel)
+        node.serve(f"{name}/_action/get_result", f"{kind}_GetResult", self._answer_result)
+        self._say_status()
+
+    def finish(self, goal: ActionGoal, status: GoalStatus, result: Any) -> None:  # noqa: ANN401
+        """End a goal; the second call does nothing."""
+        with self._lock:
+            if goal.status.is_final:
+                return
+            goal.status, goal.result = status, result
+            waiting, goal.waiting = goal.waiting, []
+            self._say_status()
+        for respond in waiting:
+            respond(self._result_message(goal))
+
+    def feedback(self, goal: ActionGoal, feedback: Any) -> None:  # noqa: ANN401
+        """Publish how a goal goes on."""
+        message = make(self._feedback_topic.kind, goal_id=_uuid(goal.id), feedback=feedback)
+        data = encode(self._feedback_topic.kind, message)
+        self._publish_feedback(RosMessage(self._feedback_topic, time.time_ns(), data))
+
+    def _answer_goal(self, request: Any, respond: Respond) -> None:  # noqa: ANN401
+        goal = ActionGoal(request.goal_id.uuid.tobytes(), time.time_ns())
+        with self._lock:
+            known = goal.id in self._goals
+            if not known:
+                self._goals[goal.id] = goal
+                self._forget_old()
+        refused = known or self._is_refused(goal, request.goal)
+        stamp = time_message(goal.time_ns)
+        respond(make(f"{self._kind}_SendGoal_Response", accepted=not refused, stamp=stamp))
+
+    def _is_refused(self, goal: ActionGoal, message: Any) -> bool:  # noqa: ANN401
+        refusal = self._executor.start(goal, message)
+        if refusal is not None:
+            goal.accepted = False
+            self.finish(goal, GoalStatus.ABORTED, refusal)
+            return True
+        with self._lock:
+            self._say_status()
+        return False
+
+    def _answer_result(self, request: Any, respond: Respond) -> None:  # noqa: ANN401
+        with self._lock:
+            goal = self._goals.get(request.goal_id.uuid.tobytes())
+            if goal is not None and not goal.status.is_final:
+                goal.waiting.append(respond)
+                return
+        respond(self._result_message(goal))
+
+    def _result_message(self, goal: ActionGoal | None) -> Any:  # noqa: ANN401
+        status = GoalStatus.UNKNOWN if goal is None else goal.status
+        result = self._executor.empty_result() if goal is None else goal.result
+        return make(f"{self._kind}_GetResult_Response", status=int(status), result=result)
+
+    def _answer_cancel(self, request: Any, respond: Respond) -> None:  # noqa: ANN401
+        stamp = request.goal_info.stamp
+        wanted, until_ns = request.goal_info.goal_id.uuid.tobytes(), _nanoseconds(stamp)
+        with self._lock:
+            chosen = [goal for goal in self._goals.values() if _is_meant(goal, wanted, until_ns)]
+            running = [goal for goal in chosen if not goal.status.is_final]
+            for goal in running:
+                goal.status = GoalStatus.CANCELING
+            self._say_status()
+        code = _CancelCode.NONE
+        if not running and wanted != _ANY_GOAL:
+            code = _CancelCode.GOAL_TERMINATED if chosen else _CancelCode.UNKNOWN_GOAL_ID
+        for goal in running:
+            self._executor.cancel(goal)
+        rows = [_info(goal) for goal in running]
+        respond(make(f"{CANCEL_GOAL}_Response", return_code=int(code), goals_canceling=rows))
+
+    def _forget_old(self) -> None:
+        ended = [goal.id for goal in self._goals.values() if goal.status.is_final]
+        for old in ended[:-_MAX_ENDED]:
+            del self._goals[old]
+
+    def _say_status(self) -> None:
+        rows = [
+            make("action_msgs/msg/GoalStatus", goal_info=_info(goal), status=int(goal.status))
+            for goal in self._goals.values()
+            if goal.accepted
+        ]
+        data = encode(_STATUS, make(_STATUS, status_list=rows))
+        self._publish_status(RosMessage(self._status_topic, time.time_ns(), data))
+
+
+def _is_meant(goal: ActionGoal, wanted: bytes, until_ns: int) -> bool:
+    """Check whether a request to cancel means a goal: by its id, by its time, or all of them."""
+    if wanted == _ANY_GOAL and until_ns == 0:
+        return True
+    return goal.id == wanted or 0 < goal.time_ns <= until_ns
+
+
+def _uuid(number: bytes) -> Any:  # noqa: ANN401
+    return make("unique_identifier_msgs/msg/UUID", uuid=np.frombuffer(number, dtype=np.uint8))
+
+
+def _info(goal: ActionGoal) -> Any:  # noqa: ANN401
+    stamp = time_message(goal.time_ns)
+    return make("action_msgs/msg/GoalInfo", goal_id=_uuid(goal.id), stamp=stamp)
+
+
+def time_message(time_ns: int) -> Any:  # noqa: ANN401
+    """Return a time, nanoseconds since 1970, as a message."""
+    return make("builtin_interfaces/msg/Time", sec=time_ns // _NS, nanosec=time_ns % _NS)
+
+
+def _nanoseconds(stamp: Any) -> int:  # noqa: ANN401
+    return int(stamp.sec) * _NS + int(stamp.nanosec)

@@ -1,0 +1,249 @@
+"""Sends the setpoints of the newest goal to an arm, through its guard, until it has arrived."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import Enum, auto
+from typing import Protocol
+
+import numpy as np
+
+from ikservo.apps.remote.ros.goals import MotionGoal
+from ikservo.arm import OpenArm
+from ikservo.arm.arm_protocol import GoalStream
+from ikservo.errors import IkservoError, RefusedError
+from ikservo.kinematics.arrays import Vector
+
+__all__ = ["GoalDriver", "GoalEnd", "GoalWatch"]
+
+_PERIOD_S = 0.02
+_STILL_RAD, _STILL_S = 0.002, 0.3  # no joint moved further in this time: it has arrived
+_START_S = 2.0  # until when the arm moves at the latest, its torque being switched on before
+_MAX_ARRIVAL_S = 30.0
+
+
+class GoalEnd(Enum):
+    """How a goal has ended."""
+
+    ARRIVED = auto()
+    """The arm is where it led to, as far as the guard allows, and at rest."""
+    ENDED = auto()
+    """It was taken back; the arm was braked and holds."""
+    REPLACED = auto()
+    """A newer goal was put in its place."""
+    FAILED = auto()
+    """The arm was stopped, or the guard or a servo has ended the motion."""
+
+
+class GoalWatch(Protocol):
+    """Watches a goal that is being followed; called in the driver's thread, or by ``put``."""
+
+    def observe(self, now_s: float, positions: Mapping[str, float], /) -> bool:
+        """Take measured positions; return whether to go on."""
+        ...
+
+    def ended(self, end: GoalEnd, why: str, /) -> None:
+        """Take note that the goal has ended, and why early."""
+        ...
+
+
+@dataclass(slots=True, eq=False)
+class _Task:
+    goal: MotionGoal
+    watch: GoalWatch | None
+    stop_count: int
+    end: GoalEnd = GoalEnd.ENDED
+
+    def observe(self, now_s: float, positions: Mapping[str, float]) -> bool:
+        return self.watch is None or self.watch.observe(now_s, positions)
+
+
+class GoalDriver:
+    """Drives an arm in a thread of its own, until it is closed.
+
+    Args:
+        arm: The arm.
+        speed: The speed class.
+        warn: Called with the reason where a goal is refused or has ended early.
+    """
+
+    def __init__(self, arm: OpenArm, speed: str, warn: Callable[[str], None]) -> None:
+        self._arm, self._speed, self._warn = arm, speed, warn
+        self._changed = threading.Condition()
+        self._task: _Task | None = None  # the newest
+        self._ending: list[_Task] = []  # reported once the arm is at rest
+        self._busy = self._closing = False
+        self._thread = threading.Thread(target=self._run, name="ikservo-ros-goals", daemon=True)
+        self._thread.start()
+
+    @property
+    def goal(self) -> MotionGoal | None:
+        """The goal that is being followed."""
+        task = self._task
+        return None if task is None else task.goal
+
+    @property
+    def is_moving(self) -> bool:
+        """Whether the arm moves, or brakes."""
+        return self._busy
+
+    def put(self, goal: MotionGoal | None, watch: GoalWatch | None = None) -> None:
+        """Replace the goal; None brakes and holds."""
+        background = self._arm.background
+        self._replace(None if goal is None else _Task(goal, watch, background.stop_count))
+
+    def cancel(self, watch: GoalWatch) -> None:
+        """Brake and hold, where the goal with this watch is the newest."""
+        with self._changed:
+            if self._task is not None and self._task.watch is watch:
+                self._replace(None)
+
+    def wait_until_still(self, timeout_s: float) -> None:
+        """Wait until the arm has come to rest.
+
+        Raises:
+            RefusedError: It did not in time.
+        """
+        with self._changed:
+            if not self._changed.wait_for(lambda: not self._busy, timeout_s):
+                raise RefusedError("The arm is still braking.", "Try again.")
+
+    def close(self) -> None:
+        """Brake, hold and end the thread."""
+        with self._changed:
+            self._closing = True
+            self._replace(None)
+        self._thread.join(10.0)
+
+    def _replace(self, task: _Task | None) -> None:
+        """Replace the newest goal; where none follows, it ends once the arm is at rest."""
+        with self._changed:
+            before, self._task = self._task, task
+            self._changed.notify_all()
+            if before is None:
+                return
+            if task is None and self._busy:
+                self._ending.append(before)
+                return
+        self._report(before, GoalEnd.ENDED if task is None else GoalEnd.REPLACED)
+
+    def _run(self) -> None:
+        while (task := self._await_goal()) is not None:
+            failed, why = False, ""
+            try:
+                # Its motion was requested when it was put, which may be before a stop.
+                requested = self._arm.background.requested(task.stop_count)
+                with requested, self._arm.stream(speed=self._speed) as stream:
+                    self._follow(stream)
+                why = _reason_of(stream)
+            except Exception as error:  # this thread must not end: nobody would drive the arm
+                failed, why = True, _text_of(error)
+                self._replace(None)
+            if why:
+                self._warn(why)
+            self._rest(why, failed=failed)
+
+    def _rest(self, why: str, *, failed: bool) -> None:
+        """Report the goals that have ended; the arm is at rest."""
+        with self._changed:
+            ending, self._ending, self._busy = self._ending, [], False
+            self._changed.notify_all()
+        for task in ending:
+            self._report(task, GoalEnd.FAILED if failed else task.end, why)
+
+    def _report(self, task: _Task, end: GoalEnd, why: str = "") -> None:
+        try:
+            if task.watch is not None:
+                task.watch.ended(end, why)
+        except Exception as error:  # a failing callback must not end the driver
+            self._warn(_text_of(error))
+
+    def _await_goal(self) -> _Task | None:
+        """Wait for a goal; return None once closed."""
+        with self._changed:
+            self._changed.wait_for(lambda: self._closing or self._task is not None)
+            if self._closing:
+                return None
+            self._busy = True
+            return self._task
+
+    def _follow(self, stream: GoalStream) -> None:
+        """Send setpoints until the newest goal has ended and the arm is still, or none is left."""
+        followed, still = None, _Stillness()
+        due_s = began_s = time.monotonic()
+        while (task := self._take()) is not None:
+            goal, now_s, state = task.goal, time.monotonic(), self._arm.where()
+            if not _is_running(stream, now_s - began_s):
+                goal.delay(now_s)
+            if not task.observe(now_s, state.positions):
+                self._finish(task, GoalEnd.ENDED)
+                continue
+            ended = goal.has_ended(now_s)
+            stream.send(goal.setpoint(now_s, state.tip_m))
+            if not ended or task is not followed:
+                still = _Stillness()
+            elif not goal.arrives or still.reached(now_s, state.positions_rad):
+                self._finish(task, GoalEnd.ARRIVED)
+            followed = task
+            due_s = max(due_s + _PERIOD_S, now_s)
+            time.sleep(max(0.0, due_s - time.monotonic()))
+
+    def _take(self) -> _Task | None:
+        """Take the newest goal; with one, the arm does not rest after those before it."""
+        with self._changed:
+            task, before = self._task, []
+            if task is not None:
+                before, self._ending = self._ending, []
+        for each in before:
+            self._report(each, GoalEnd.REPLACED if each.end is GoalEnd.ENDED else each.end)
+        return task
+
+    def _finish(self, task: _Task, end: GoalEnd) -> None:
+        """End a goal, unless a newer one came meanwhile."""
+        with self._changed:
+            if self._task is task:
+                task.end = end
+                self._replace(None)
+
+
+def _reason_of(stream: GoalStream) -> str:
+    if stream.reason:
+        return stream.reason
+    if stream.unreached:
+        return "The goal is out of reach; the arm went as near as it could."
+    return ""
+
+
+def _text_of(error: Exception) -> str:
+    if isinstance(error, IkservoError):
+        return error.message
+    return f"The motion has failed: {type(error).__name__}: {error}"
+
+
+def _is_running(stream: GoalStream, elapsed_s: float) -> bool:
+    """Check whether the control loop follows: before, servos are read and torque comes on."""
+    if elapsed_s > _START_S:
+        return True
+    progress: object = getattr(stream, "progress", stream)  # of an arm elsewhere it is not known
+    return progress is not None
+
+
+class _Stillness:
+    """Notices that joints have stopped moving."""
+
+    def __init__(self) -> None:
+        self._began_s: float | None = None
+        self._since_s, self._at, self._moved = 0.0, np.zeros(0), False
+
+    def reached(self, now_s: float, positions: Vector) -> bool:
+        """Check whether no joint has moved for a while, or it takes too long."""
+        self._began_s = now_s if self._began_s is None else self._began_s
+        first = len(self._at) == 0
+        if first or np.abs(positions - self._at).max() > _STILL_RAD:
+            self._since_s, self._at, self._moved = now_s, positions, not first
+        elapsed_s = now_s - self._began_s
+        started = self._moved or elapsed_s > _START_S
+        return (started and now_s - self._since_s > _STILL_S) or elapsed_s > _MAX_ARRIVAL_S

@@ -1,0 +1,288 @@
+"""The action FollowJointTrajectory: a joint trajectory with tolerances, and how it has ended.
+
+Tolerances are of positions, rad or m: above 0 as given, 0 for the default, below 0 for none.
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from collections.abc import Callable, Mapping, Sequence
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+
+from ikservo.apps.remote.ros.action_server import (
+    ActionGoal,
+    ActionServer,
+    GoalStatus,
+    time_message,
+)
+from ikservo.apps.remote.ros.goal_driver import GoalDriver, GoalEnd
+from ikservo.apps.remote.ros.goals import TrajectoryGoal, check_age
+from ikservo.apps.remote.ros.node import RosNode
+from ikservo.arm import OpenArm
+from ikservo.errors import BadValueError, IkservoError, InputError, RefusedError
+from ikservo.ros_messages.message_types import make
+from ikservo.ros_messages.service_types import FOLLOW
+
+__all__ = ["ACTION", "ErrorCode", "TrajectoryAction"]
+
+ACTION = "/joint_trajectory_controller/follow_joint_trajectory"
+"""As the controller of ros2_control names it by default."""
+
+_FEEDBACK_PERIOD_S = 0.1
+_GOAL_TOLERANCE_RAD, _GOAL_TOLERANCE_M = 0.05, 0.005
+
+
+class ErrorCode(IntEnum):
+    """The error codes of the action's result."""
+
+    SUCCESSFUL = 0
+    INVALID_GOAL = -1
+    INVALID_JOINTS = -2
+    OLD_HEADER_TIMESTAMP = -3
+    PATH_TOLERANCE_VIOLATED = -4
+    GOAL_TOLERANCE_VIOLATED = -5
+
+
+class TrajectoryAction:
+    """Announces the action and drives the arm along its goals, the newest of which counts.
+
+    Args:
+        node: The node.
+        arm: The arm.
+        driver: Drives it.
+        parse: Returns the goal in a trajectory message; raises where it cannot be used, or the arm
+            may not be moved.
+    """
+
+    def __init__(
+        self,
+        node: RosNode,
+        arm: OpenArm,
+        driver: GoalDriver,
+        parse: Callable[[Any], TrajectoryGoal],
+    ) -> None:
+        self._arm, self._driver, self._parse = arm, driver, parse
+        self._watches: dict[ActionGoal, _Watch] = {}
+        self._lock = threading.Lock()
+        self._server = ActionServer(node, ACTION, FOLLOW, self)
+
+    def start(self, goal: ActionGoal, message: Any) -> Any:  # noqa: ANN401  # generated classes
+        """Start a goal; return None, or the result of one that is refused."""
+        try:
+            watch = self._make_watch(goal, message)
+        except _InvalidJointsError as error:
+            return _result(ErrorCode.INVALID_JOINTS, error.message)
+        except _OldError as error:
+            return _result(ErrorCode.OLD_HEADER_TIMESTAMP, error.message)
+        except IkservoError as error:
+            return _result(ErrorCode.INVALID_GOAL, error.message)
+        with self._lock:
+            self._watches[goal] = watch
+        self._driver.put(watch.trajectory, watch)
+        if goal.status is GoalStatus.CANCELING:  # meanwhile
+            self._driver.cancel(watch)
+        return None
+
+    def cancel(self, goal: ActionGoal) -> None:
+        """Brake and hold; the goal ends once the arm is at rest."""
+        with self._lock:
+            watch = self._watches.get(goal)
+        if watch is not None:
+            self._driver.cancel(watch)
+
+    def empty_result(self) -> Any:  # noqa: ANN401
+        """Return the result of a goal that is not known."""
+        return _result(ErrorCode.INVALID_GOAL, "There is no such goal (any more).")
+
+    def finish(self, goal: ActionGoal, status: GoalStatus, code: ErrorCode, text: str) -> None:
+        """End a goal."""
+        with self._lock:
+            self._watches.pop(goal, None)
+        self._server.finish(goal, status, _result(code, text))
+
+    def feedback(self, goal: ActionGoal, feedback: Any) -> None:  # noqa: ANN401
+        """Publish how a goal goes on."""
+        self._server.feedback(goal, feedback)
+
+    def _make_watch(self, goal: ActionGoal, message: Any) -> _Watch:  # noqa: ANN401
+        trajectory = message.trajectory
+        names = tuple(trajectory.joint_names)
+        _check_joints(names, message, self._arm.joint_names)
+        _check_stamp(trajectory.header.stamp)
+        if not trajectory.points:
+            raise InputError("The trajectory has no points.", "Nothing moved.")
+        units = {joint.name: joint.joint_map.unit for joint in self._arm.model.joints}
+        usual = {name: _GOAL_TOLERANCE_M if units[name] == "m" else _GOAL_TOLERANCE_RAD
+                 for name in names}  # fmt: skip
+        at_end = _tolerances(message.goal_tolerance, usual)
+        on_path = _tolerances(message.path_tolerance, dict.fromkeys(names, math.inf))
+        timeout_s = _seconds(message.goal_time_tolerance)
+        return _Watch(self, goal, self._arm, self._parse(trajectory), on_path, at_end, timeout_s)
+
+
+class _InvalidJointsError(InputError):
+    pass
+
+
+class _OldError(RefusedError):
+    pass
+
+
+def _check_joints(names: Sequence[str], message: Any, known: Sequence[str]) -> None:  # noqa: ANN401
+    """Refuse joints that the arm does not have, also those of tolerances.
+
+    Raises:
+        _InvalidJointsError: It has one of them not.
+    """
+    rows = (*message.path_tolerance, *message.goal_tolerance)
+    unknown = [name for name in names if name not in known]
+    unknown += [row.name for row in rows if row.name not in names]
+    unknown += list(message.multi_dof_trajectory.joint_names)
+    unknown += [row.joint_name for row in (*message.component_path_tolerance,
+                                           *message.component_goal_tolerance)]  # fmt: skip
+    if unknown or not names or len(set(names)) != len(names):
+        found = ", ".join(map(repr, unknown or names)) or "none"
+        raise _InvalidJointsError(
+            f"The joints of the goal cannot be used: {found}.",
+            f"Expected each once: {', '.join(known)}.",
+        )
+
+
+def _check_stamp(stamp: Any) -> None:  # noqa: ANN401
+    try:
+        check_age(stamp, time.time())
+    except RefusedError as error:
+        raise _OldError(error.command_message, error.command_hint) from None
+
+
+def _tolerances(rows: Sequence[Any], usual: Mapping[str, float]) -> dict[str, float]:
+    """Compute the largest deviation of each joint, rad or m.
+
+    Raises:
+        BadValueError: One is no number.
+    """
+    found = dict(usual)
+    for row in rows:
+        if math.isnan(row.position):
+            raise BadValueError(f"The tolerance of {row.name}", row.position, "a number")
+        if row.position != 0.0:
+            found[row.name] = row.position if row.position > 0.0 else math.inf
+    return found
+
+
+class _Watch:
+    """Compares where the arm is with where it should be, and ends its goal."""
+
+    def __init__(
+        self,
+        action: TrajectoryAction,
+        goal: ActionGoal,
+        arm: OpenArm,
+        trajectory: TrajectoryGoal,
+        on_path: Mapping[str, float],
+        at_end: Mapping[str, float],
+        timeout_s: float,
+    ) -> None:
+        self._action, self._goal, self._arm = action, goal, arm
+        self.trajectory = trajectory
+        self._on_path, self._at_end, self._timeout_s = on_path, at_end, timeout_s
+        self._violation: tuple[ErrorCode, str] | None = None
+        self._said_s = self._late_s = -math.inf
+
+    def observe(self, now_s: float, positions: Mapping[str, float]) -> bool:
+        """Take measured positions; return whether to go on."""
+        desired = self.trajectory.positions_at(now_s)
+        if now_s - self._said_s >= _FEEDBACK_PERIOD_S:
+            self._said_s = now_s
+            self._action.feedback(self._goal, _feedback(desired, positions))
+        if not self.trajectory.has_ended(now_s):
+            self._violation = self._check(
+                ErrorCode.PATH_TOLERANCE_VIOLATED, desired, positions, self._on_path
+            )
+        elif 0.0 < self._timeout_s <= self.trajectory.late_s(now_s):
+            self._violation = self._check_end(positions)
+        return self._violation is None
+
+    def ended(self, end: GoalEnd, why: str) -> None:
+        """End the goal; the arm is at rest, or another goal has replaced this one."""
+        if end is GoalEnd.ARRIVED:
+            try:
+                self._violation = self._check_end(self._arm.where().positions)
+            except IkservoError as error:  # a servo does not answer: where it is, is not known
+                end, why = GoalEnd.FAILED, error.message
+        if self._violation is not None:
+            code, text = self._violation
+            self._abort(code, f"{text} {why}".strip())
+        elif end is GoalEnd.ARRIVED:
+            self._action.finish(self._goal, GoalStatus.SUCCEEDED, ErrorCode.SUCCESSFUL, "")
+        elif end is GoalEnd.REPLACED:
+            self._abort(ErrorCode.INVALID_GOAL, "A newer goal has replaced it.")
+        elif self._goal.status is GoalStatus.CANCELING:
+            text = why or "It was canceled; the arm holds."
+            self._action.finish(self._goal, GoalStatus.CANCELED, ErrorCode.SUCCESSFUL, text)
+        else:
+            text = why or "The motion was ended; the arm holds."
+            self._abort(ErrorCode.PATH_TOLERANCE_VIOLATED, text)
+
+    def _abort(self, code: ErrorCode, text: str) -> None:
+        self._action.finish(self._goal, GoalStatus.ABORTED, code, text)
+
+    def _check_end(self, positions: Mapping[str, float]) -> tuple[ErrorCode, str] | None:
+        end = self.trajectory.positions_at(math.inf)
+        return self._check(ErrorCode.GOAL_TOLERANCE_VIOLATED, end, positions, self._at_end)
+
+    def _check(
+        self,
+        code: ErrorCode,
+        desired: Mapping[str, float],
+        positions: Mapping[str, float],
+        tolerances: Mapping[str, float],
+    ) -> tuple[ErrorCode, str] | None:
+        for name, at in desired.items():
+            off = abs(at - positions[name])
+            if off > tolerances[name]:
+                return code, f"{name} is off by {off:.4f}, more than {tolerances[name]:g}."
+        return None
+
+
+def _result(code: ErrorCode, text: str) -> Any:  # noqa: ANN401
+    return make(f"{FOLLOW}_Result", error_code=int(code), error_string=text)
+
+
+def _feedback(desired: Mapping[str, float], positions: Mapping[str, float]) -> Any:  # noqa: ANN401
+    goal = np.array(list(desired.values()))
+    actual = np.array([positions[name] for name in desired])
+    nowhere = {f"multi_dof_{part}": _no_point() for part in ("desired", "actual", "error")}
+    header = make("std_msgs/msg/Header", stamp=time_message(time.time_ns()), frame_id="")
+    return make(
+        f"{FOLLOW}_Feedback", header=header, joint_names=list(desired), desired=_point(goal),
+        actual=_point(actual), error=_point(goal - actual), multi_dof_joint_names=[], **nowhere,
+    )  # fmt: skip
+
+
+def _point(positions: Any) -> Any:  # noqa: ANN401
+    none = np.zeros(0)
+    return make(
+        "trajectory_msgs/msg/JointTrajectoryPoint", positions=positions, velocities=none,
+        accelerations=none, effort=none, time_from_start=_no_time(),
+    )  # fmt: skip
+
+
+def _no_point() -> Any:  # noqa: ANN401
+    return make(
+        "trajectory_msgs/msg/MultiDOFJointTrajectoryPoint", transforms=[], velocities=[],
+        accelerations=[], time_from_start=_no_time(),
+    )  # fmt: skip
+
+
+def _no_time() -> Any:  # noqa: ANN401
+    return make("builtin_interfaces/msg/Duration", sec=0, nanosec=0)
+
+
+def _seconds(duration: Any) -> float:  # noqa: ANN401
+    return float(duration.sec) + 1e-9 * float(duration.nanosec)

@@ -1,0 +1,139 @@
+"""Names and bytes of rmw_zenoh: key expressions, liveliness tokens, attachments.
+
+Source: the design of rmw_zenoh, https://github.com/ros2/rmw_zenoh/blob/rolling/docs/design.md
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+from dataclasses import dataclass
+from enum import Enum
+
+from ikservo.errors import BadValueError, InputError
+from ikservo.ros_messages.message_types import type_hash
+
+__all__ = ["MAX_DOMAIN", "Attachment", "EndpointKind", "NodeName", "check_namespace", "data_key",
+           "endpoint_token", "node_token"]  # fmt: skip
+
+MAX_DOMAIN = 232
+"""The highest domain of ROS 2."""
+
+_GID_BYTES = 16
+_ATTACHMENT = struct.Struct(f"<qqB{_GID_BYTES}s")
+_NAMESPACE = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
+_USUAL_QOS, _LATCHED_QOS = "::,10:,:,:,,", ":1:,1:,:,:,,"
+
+
+class EndpointKind(Enum):
+    """What a liveliness token announces."""
+
+    PUBLISHER = "MP"
+    SUBSCRIPTION = "MS"
+    SERVICE = "SS"
+
+
+@dataclass(frozen=True, slots=True)
+class Attachment:
+    """What goes with every message, request and response.
+
+    Attributes:
+        sequence: Counts the messages of their sender.
+        time_ns: When it was sent, nanoseconds since 1970.
+        gid: Names the sender, 16 bytes.
+    """
+
+    sequence: int
+    time_ns: int
+    gid: bytes
+
+    def to_bytes(self) -> bytes:
+        """Pack it as it is sent, 33 bytes."""
+        return _ATTACHMENT.pack(self.sequence, self.time_ns, _GID_BYTES, self.gid)
+
+    @classmethod
+    def from_bytes(cls, data: bytes) -> Attachment:
+        """Parse an attachment.
+
+        Raises:
+            InputError: It is none.
+        """
+        if len(data) != _ATTACHMENT.size or data[_ATTACHMENT.size - _GID_BYTES - 1] != _GID_BYTES:
+            raise InputError(
+                "A message has no attachment of rmw_zenoh.", "Use ROS 2 Jazzy or later there."
+            )
+        sequence, time_ns, _, gid = _ATTACHMENT.unpack(data)
+        return cls(sequence, time_ns, gid)
+
+
+@dataclass(frozen=True, slots=True)
+class NodeName:
+    """A node of the graph.
+
+    Attributes:
+        domain: Of ROS 2.
+        session: The id of its Zenoh session.
+        namespace: With a leading slash; empty for none.
+        name: Its own name.
+    """
+
+    domain: int
+    session: str
+    namespace: str
+    name: str
+
+    def full_name(self, name: str) -> str:
+        """Return a name with a leading slash, inside the namespace."""
+        return f"{self.namespace}{name}"
+
+
+def check_namespace(namespace: str) -> str:
+    """Check a namespace and give it a leading slash; empty for none.
+
+    Raises:
+        BadValueError: ROS 2 allows no such name.
+    """
+    slashed = "/" + namespace.strip("/")
+    if slashed == "/":
+        return ""
+    if not _NAMESPACE.fullmatch(slashed):
+        raise BadValueError("The namespace", repr(namespace), "letters, digits and _, as in left")
+    return slashed
+
+
+def data_key(node: NodeName, name: str, kind: str) -> str:
+    """Return the key expression of a topic's messages, or a service's requests."""
+    full = node.full_name(name).lstrip("/")
+    return f"{node.domain}/{full}/{_dds_type(kind)}/{type_hash(kind)}"
+
+
+def node_token(node: NodeName) -> str:
+    """Return the liveliness token of a node."""
+    return f"{_token_start(node, 0)}/NN/{_node_part(node)}"
+
+
+def endpoint_token(
+    node: NodeName, number: int, endpoint: EndpointKind, name: str, kind: str, *, latched: bool
+) -> str:
+    """Return the liveliness token of a publisher, a subscription or a service."""
+    qos = _LATCHED_QOS if latched else _USUAL_QOS
+    full = _mangle(node.full_name(name))
+    start = f"{_token_start(node, number)}/{endpoint.value}/{_node_part(node)}"
+    return f"{start}/{full}/{_dds_type(kind)}/{type_hash(kind)}/{qos}"
+
+
+def _token_start(node: NodeName, number: int) -> str:
+    return f"@ros2_lv/{node.domain}/{node.session}/0/{number}"
+
+
+def _node_part(node: NodeName) -> str:
+    return f"%/{_mangle(node.namespace)}/{node.name}"
+
+
+def _mangle(name: str) -> str:
+    return name.replace("/", "%") or "%"
+
+
+def _dds_type(kind: str) -> str:
+    package, group, name = kind.split("/")
+    return f"{package}::{group}::dds_::{name}_"

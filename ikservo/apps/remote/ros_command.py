@@ -1,0 +1,118 @@
+"""``ikservo ros``: an arm as a node of ROS 2, without ROS."""
+
+from __future__ import annotations
+
+import os
+from typing import Annotated
+
+import typer
+
+from ikservo.apps.remote.address import Endpoint, parse_host
+from ikservo.apps.remote.certificates import client_certificate
+from ikservo.apps.remote.ros.bridge import INPUTS, OUTPUTS, SERVICES, RosBridge
+from ikservo.apps.remote.ros.trajectory_action import ACTION
+from ikservo.apps.remote.ros.wire import MAX_DOMAIN, check_namespace
+from ikservo.apps.remote.serve_command import ended_by_signal
+from ikservo.apps.remote.zenoh_session import open_router_client
+from ikservo.arm import OpenArm
+from ikservo.cli.direction_prompt import check_directions_once
+from ikservo.cli.option_groups import Without
+from ikservo.cli.options import MotionOptions, NamedArmConnection, SpeedOption
+from ikservo.cli.session import open_from_options
+from ikservo.cli.terminal import format_port, print_json, print_status
+from ikservo.errors import BadValueError
+
+__all__ = ["command"]
+
+_ROUTER_PORT = 7447
+_DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
+
+Domain = Annotated[
+    int | None,
+    typer.Option(
+        "--domain", min=0, max=MAX_DOMAIN, help="ROS 2 domain; default: ROS_DOMAIN_ID, or 0."
+    ),
+]
+Router = Annotated[
+    str,
+    typer.Option("--router", metavar="ENDPOINT", help="Endpoint of rmw_zenohd."),
+]
+Namespace = Annotated[
+    str, typer.Option("--namespace", help="Prefix of all names, for example left.")
+]
+Rate = Annotated[float, typer.Option("--rate", min=0.1, max=200.0, help="Joint states per second.")]
+
+
+def command(
+    connection: NamedArmConnection,
+    *,
+    domain: Domain = None,
+    router: Router = "tcp/127.0.0.1:7447",
+    namespace: Namespace = "",
+    rate: Rate = 50.0,
+    speed: SpeedOption = "normal",
+    options: Annotated[MotionOptions, Without("dry_run", "tip")],
+) -> None:
+    """Make an arm a ROS 2 node until Ctrl-C; needs rmw_zenoh there, no ROS here.
+
+    Everybody in that domain can move the arm within its limits; see docs/how-to/ros2.md.
+
+    ikservo ros so101
+
+    ros2 topic echo /joint_states           where RMW_IMPLEMENTATION=rmw_zenoh_cpp
+    """
+    endpoint, place = parse_host(_with_port(router)), check_namespace(namespace)
+    number = _domain(domain)
+    with (
+        open_router_client(endpoint, client_certificate(endpoint)) as session,
+        open_from_options(connection, options) as machine,
+    ):
+        check_directions_once(machine, options)
+        bridge = RosBridge(session, machine, number, place, rate, speed, print_status)
+        with ended_by_signal() as wait, bridge:
+            _announce(machine, endpoint, number, place, json=options.json)
+            wait()
+
+
+def _with_port(router: str) -> str:
+    """Return an endpoint with the protocol and the port that routers of ROS 2 have by default."""
+    text = router if "/" in router else f"tcp/{router}"
+    return text if text.rpartition(":")[2].isdecimal() else f"{text}:{_ROUTER_PORT}"
+
+
+def _domain(given: int | None) -> int:
+    """Return the domain of ROS 2.
+
+    Raises:
+        BadValueError: The variable has none.
+    """
+    if given is not None:
+        return given
+    text = os.environ.get(_DOMAIN_VARIABLE, "").strip() or "0"
+    if not text.isdecimal() or int(text) > MAX_DOMAIN:
+        raise BadValueError(_DOMAIN_VARIABLE, repr(text), f"0 to {MAX_DOMAIN}")
+    return int(text)
+
+
+def _announce(
+    machine: OpenArm, router: Endpoint, domain: int, namespace: str, *, json: bool
+) -> None:
+    """Say what the graph has now."""
+    outputs, inputs = ([f"{namespace}{topic.name}" for topic in each] for each in (OUTPUTS, INPUTS))
+    services = [f"{namespace}{name}" for name in SERVICES]
+    actions = [f"{namespace}{ACTION}"]
+    port = format_port(machine.port_name)
+    if json:
+        print_json(
+            "ros", arm=machine.model.name, port=port, router=str(router), domain=domain,
+            outputs=outputs, inputs=inputs, services=services, actions=actions,
+        )  # fmt: skip
+        return
+    print_status(
+        f"{machine.model.title} on {port} is in domain {domain} of ROS 2, by the router at "
+        f"{router}; Ctrl-C ends it."
+    )
+    print_status(f"says    {' '.join(outputs)}")
+    print_status(f"takes   {' '.join(inputs)}")
+    print_status(f"serves  {' '.join(services)}")
+    print_status(f"action  {' '.join(actions)}")

@@ -1,0 +1,160 @@
+"""The services of a served arm: a fixed table from names to methods with checked arguments."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
+
+from ikservo.arm import Arm
+from ikservo.arm.result_json import FloatArray
+from ikservo.errors import InputError, RefusedError
+from ikservo.files.validation import first_mistake
+from ikservo.planning.motions import MotionValue, Replay, parse_motion
+from ikservo.serving.replies import SAME_VERSION
+
+__all__ = ["MOTIONS", "STREAMED", "WATCH", "Arguments", "AtSpeed", "Jog", "OfMotion", "OfPlan",
+           "Service", "parse_arguments"]  # fmt: skip
+
+Name = Annotated[str, Field(max_length=64)]
+Positions = dict[str, float]
+
+
+class Arguments(BaseModel):
+    """The arguments of a service; unknown ones are refused."""
+
+    model_config = ConfigDict(extra="forbid", arbitrary_types_allowed=True)
+
+    def given(self) -> dict[str, Any]:
+        """Return the arguments that were given, by name."""
+        return {name: getattr(self, name) for name in self.model_fields_set}
+
+
+class Nothing(Arguments):
+    """No arguments."""
+
+
+class AtSpeed(Arguments):
+    """With a speed class."""
+
+    speed: Name = "normal"
+
+
+class OfMotion(Arguments):
+    """Of a motion, see ``parse_motion``."""
+
+    motion: dict[str, JsonValue]
+
+    def parse(self) -> MotionValue[Any]:
+        """Parse the motion.
+
+        Raises:
+            InputError: It cannot be used: the error that ``Arm`` raises for it.
+            RefusedError: It would read a file of this machine.
+        """
+        motion = parse_motion(self.motion)
+        if isinstance(motion, Replay):
+            raise RefusedError(
+                f"Replaying {motion.path} is possible beside the arm only.", "Run it there."
+            )
+        return motion
+
+
+class Jog(Arguments):
+    """Of a joint or the tip."""
+
+    what: Name
+    speed: float | None = None
+
+
+class OfPlan(Arguments):
+    """Of a plan that is kept."""
+
+    plan: Name
+
+
+class OfPositions(Arguments):
+    """Joint positions."""
+
+    positions: Positions
+
+
+class Taught(Arguments):
+    """A pose to teach."""
+
+    name: Name
+    hold: bool = False
+
+
+class InPose(Arguments):
+    """A pose, and where the arm would be."""
+
+    pose: Name
+    start: FloatArray | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Service:
+    """A service.
+
+    Attributes:
+        arguments: The schema of its arguments.
+        method: The method of the arm that does it.
+        reports_progress: Whether the method takes ``on_progress``.
+    """
+
+    arguments: type[Arguments]
+    method: Callable[..., object]
+    reports_progress: bool = False
+
+
+def parse_arguments(kind: type[Arguments], given: Mapping[str, JsonValue]) -> Arguments:
+    """Parse the arguments of a request.
+
+    Raises:
+        InputError: One is missing, unknown, or of another type.
+    """
+    try:
+        return kind.model_validate(given)
+    except ValidationError as error:
+        where, why = first_mistake(error)
+        raise InputError(
+            f"The argument {where} cannot be used: {why}.",
+            f"Nothing was done. {SAME_VERSION}",
+        ) from None
+
+
+def _poses(arm: Arm) -> object:
+    return {
+        "all": arm.poses.all_poses(),
+        "taught": arm.poses.user_poses(),
+        "path": str(arm.poses.path),
+    }
+
+
+def _within_limits(arm: Arm, pose: str, start: Any = None) -> object:  # noqa: ANN401  # checked
+    inside = arm.pose_within_limits(pose, start)
+    return {"positions": inside.positions, "changed": list(inside.changed)}
+
+
+WATCH: Mapping[str, Service] = {
+    "where": Service(Nothing, Arm.where),
+    "last_state": Service(Nothing, Arm.last_state),
+    "clearance": Service(OfPositions, Arm.clearance_m),
+    "poses": Service(Nothing, _poses),
+    "within_limits": Service(InPose, _within_limits),
+}
+"""Requests that move nothing and need no lease."""
+
+MOTIONS: Mapping[str, Service] = {
+    "relax": Service(Nothing, Arm.relax, reports_progress=True),
+    "enable": Service(Nothing, Arm.enable),
+    "return_within_limits": Service(Nothing, Arm.return_within_limits),
+    "teach": Service(Taught, Arm.teach),
+}
+"""Requests, besides motions and plans, that may move the arm: one at a time, under the lease."""
+
+STREAMED: Mapping[str, type[Arguments]] = {"jog": Jog, "follow": AtSpeed, "stream": AtSpeed}
+"""Motions that go on for as long as the operator sends setpoints."""

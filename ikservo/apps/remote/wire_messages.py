@@ -1,0 +1,241 @@
+"""Messages between a served arm and its clients: JSON with schemas and limited sizes."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Literal, TypeVar, cast
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
+
+from ikservo.arm.result_json import FloatArray, decode_value, encode_value
+from ikservo.errors import InputError
+from ikservo.files.validation import first_mistake
+from ikservo.ik import Target
+from ikservo.kinematics.arrays import Vector
+from ikservo.serving.replies import SAME_VERSION, error_fields, result_in
+
+__all__ = [
+    "MAX_REPLY_BYTES",
+    "MAX_REQUEST_BYTES",
+    "MAX_SETPOINT_BYTES",
+    "Announcement",
+    "ServiceReply",
+    "ServiceRequest",
+    "Setpoint",
+    "TargetFields",
+    "arguments_of",
+    "decode",
+    "encode",
+    "encode_failure",
+    "encode_result",
+    "result_of",
+]
+
+SCHEMA = "ikservo/net/1"
+MAX_REQUEST_BYTES = 1_000_000
+MAX_REPLY_BYTES = 4_000_000
+MAX_SETPOINT_BYTES = 4_096
+"""Bytes of each kind of message; longer ones are refused unread."""
+
+Lease = Annotated[str, Field(max_length=64, pattern=r"^[0-9a-f]*$")]
+Number = Annotated[int, Field(ge=0, le=2**53)]
+Seconds = Annotated[float, Field(ge=-1e12, le=1e12, allow_inf_nan=False)]
+M = TypeVar("M", bound=BaseModel)
+
+
+class _NetworkMessage(BaseModel):
+    model_config = ConfigDict(
+        extra="forbid", arbitrary_types_allowed=True, ser_json_inf_nan="strings"
+    )
+
+
+class ServiceRequest(_NetworkMessage):
+    """A request to the process beside an arm; the service is in the key.
+
+    Attributes:
+        lease: The lease of control that it is made under; empty where none is needed.
+        number: Of this request under the lease, growing; 0 without a lease.
+        sent_s: When it was sent, by the clock of the server.
+        stop_count: How often the arm had been stopped when the motion was requested, which may be
+            long before it was sent; what it is at the arrival if None.
+        arguments: Of the service.
+    """
+
+    schema_: Literal["ikservo/net/1"] = Field(SCHEMA, alias="schema")
+    lease: Lease = ""
+    number: Number = 0
+    sent_s: Seconds = 0.0
+    stop_count: Number | None = None
+    arguments: dict[str, JsonValue] = {}
+
+
+class ServiceReply(_NetworkMessage):
+    """The answer to a request: a result, or an error.
+
+    Attributes:
+        result: See ``encode_value``.
+        error: Why there is none; see ``error_fields``.
+    """
+
+    schema_: Literal["ikservo/net/1"] = Field(SCHEMA, alias="schema")
+    result: JsonValue = None
+    error: dict[str, JsonValue] | None = None
+
+
+class TargetFields(_NetworkMessage):
+    """A ``Target`` of a stream."""
+
+    position_m: FloatArray
+    direction: FloatArray | None = None
+    orientation: FloatArray | None = None
+    frame: str | None = None
+    offset_m: FloatArray | None = None
+    tool_axis: FloatArray
+
+    @classmethod
+    def of(cls, target: Target) -> TargetFields:
+        """Make the fields of a target."""
+        return cls(
+            position_m=np.asarray(target.position_m, float),
+            direction=_array_or_none(target.direction),
+            orientation=_array_or_none(target.orientation),
+            frame=target.frame,
+            offset_m=_array_or_none(target.offset_m),
+            tool_axis=np.asarray(target.tool_axis, float),
+        )
+
+    def target(self) -> Target:
+        """Return the target.
+
+        Raises:
+            BadValueError: A number is not finite, or a shape is wrong.
+        """
+        return Target(
+            self.position_m,
+            direction=self.direction,
+            orientation=self.orientation,
+            frame=self.frame,
+            offset_m=self.offset_m,
+            tool_axis=self.tool_axis,
+        )
+
+
+class Setpoint(_NetworkMessage):
+    """A sign of life of the operator, with a goal where there is a new one.
+
+    Attributes:
+        lease: The operator's lease of control.
+        number: Of this message under the lease, growing.
+        sent_s: When it was sent, by the clock of the server.
+        wanted: Whether a jog, or the stream of goals, continues; None for no news of that.
+        positions: The goal: joint positions by name, rad or m.
+        pose: Or the pose of the tip T_base_tip (4, 4).
+        target: Or a target.
+    """
+
+    schema_: Literal["ikservo/net/1"] = Field(SCHEMA, alias="schema")
+    lease: Lease
+    number: Number
+    sent_s: Seconds
+    wanted: bool | None = None
+    positions: dict[str, float] | None = None
+    pose: FloatArray | None = None
+    target: TargetFields | None = None
+
+
+class Announcement(_NetworkMessage):
+    """What a served arm publishes on its own: states, progress, how a stream goes on.
+
+    Attributes:
+        number: Growing.
+        sent_s: When it was sent, by the clock of the server.
+        value: See ``encode_value``.
+    """
+
+    schema_: Literal["ikservo/net/1"] = Field(SCHEMA, alias="schema")
+    number: Number
+    sent_s: Seconds
+    value: JsonValue = None
+
+
+def _array_or_none(value: object) -> Vector | None:
+    return None if value is None else np.asarray(value, dtype=np.float64)
+
+
+def encode(message: BaseModel, max_bytes: int = MAX_REQUEST_BYTES) -> bytes:
+    """Encode a message as JSON.
+
+    Raises:
+        InputError: It is too long.
+    """
+    data = message.model_dump_json(by_alias=True, exclude_defaults=False).encode()
+    if len(data) > max_bytes:
+        raise InputError(
+            f"A message of {len(data)} bytes is too long; {max_bytes} are allowed.",
+            "Send fewer points at once.",
+        )
+    return data
+
+
+def decode(kind: type[M], data: bytes, max_bytes: int) -> M:
+    """Decode the message in JSON.
+
+    Raises:
+        InputError: It is too long, or none of this kind.
+    """
+    if len(data) > max_bytes:
+        raise InputError(f"A message is longer than {max_bytes} bytes.", "Nothing was done.")
+    try:
+        return kind.model_validate_json(data)
+    except ValidationError as error:
+        where, why = first_mistake(error)
+        raise InputError(
+            f"Not a valid message between ikservo programs: {where or 'the message'}: {why}.",
+            f"Nothing was done. {SAME_VERSION}",
+        ) from None
+
+
+def encode_result(result: object) -> bytes:
+    """Encode the reply with a result."""
+    return encode(ServiceReply(schema=SCHEMA, result=encode_value(result)), MAX_REPLY_BYTES)
+
+
+def encode_failure(error: BaseException) -> bytes:
+    """Encode the reply with an error."""
+    return encode(ServiceReply(schema=SCHEMA, error=error_fields(error)), MAX_REPLY_BYTES)
+
+
+def result_of(data: bytes) -> object:
+    """Return the result in a reply.
+
+    Raises:
+        IkservoError: The error in the reply; or it is no valid reply.
+    """
+    reply = decode(ServiceReply, data, MAX_REPLY_BYTES)
+    return decode_value(cast("JsonValue", result_in(reply.model_dump())))
+
+
+def arguments_of(values: Mapping[str, object]) -> dict[str, JsonValue]:
+    """Return arguments of a service as JSON values: arrays as lists.
+
+    Raises:
+        InputError: One is no number, text, list or mapping of these.
+    """
+    return {name: _as_json(name, value) for name, value in values.items()}
+
+
+def _as_json(name: str, value: object) -> JsonValue:
+    if isinstance(value, np.ndarray | np.generic):
+        value = cast("object", value.tolist())
+    if value is None or isinstance(value, bool | int | str):
+        return value
+    if isinstance(value, float):
+        return value if math.isfinite(value) else str(value)
+    if isinstance(value, list | tuple):
+        return [_as_json(name, each) for each in cast("Sequence[object]", value)]
+    if isinstance(value, Mapping):
+        rows = cast("Mapping[object, object]", value)
+        return {str(key): _as_json(name, each) for key, each in rows.items()}
+    raise InputError(f"{name} cannot be sent to another machine.", f"Found: {value!r}.")

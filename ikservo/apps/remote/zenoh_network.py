@@ -1,0 +1,73 @@
+"""Open, stop and list arms on other machines by their address."""
+
+from __future__ import annotations
+
+import os
+
+from ikservo.apps.remote.address import ArmAddress, Endpoint, parse_address, parse_host
+from ikservo.apps.remote.certificates import client_certificate
+from ikservo.apps.remote.connection import Connection
+from ikservo.apps.remote.remote_arm import RemoteArm
+from ikservo.apps.remote.remote_stop import FLEET_VARIABLE, stop_address, stop_listed_machines
+from ikservo.arm import OnExit, OpenArm
+from ikservo.model import Model
+from ikservo.serving.control_client import StopAllResult, StopResult
+
+__all__ = ["NETWORK", "ZenohNetwork", "connect", "fleet_hosts"]
+
+
+def connect(address: ArmAddress) -> Connection:
+    """Connect to a served arm.
+
+    Raises:
+        PortError: It cannot be reached, or refuses this user's certificate.
+    """
+    return Connection(address, client_certificate(address.endpoint))
+
+
+class ZenohNetwork:
+    """Arms behind ``zenoh:NAME@HOST``; see ``ArmNetwork``."""
+
+    def open_arm(self, model: Model, address: str, on_exit: OnExit) -> OpenArm:
+        """Open the arm at an address.
+
+        Raises:
+            BadValueError: It is no address.
+            PortError: It cannot be reached, or no arm of that name is served there.
+            InputError: The arm there has other joints than the model.
+        """
+        connection = connect(parse_address(address))
+        try:
+            return RemoteArm(model, connection, on_exit)
+        except BaseException:
+            connection.close()
+            raise
+
+    def stop_arm(self, address: str) -> StopResult:
+        """Stop the arm at an address, whoever controls it.
+
+        Raises:
+            BadValueError: It is no address.
+            PortError: It cannot be reached, or has not confirmed the stop.
+        """
+        return stop_address(address)
+
+    def stop_all_arms(self) -> StopAllResult:
+        """Stop every arm on the machines of ``IKSERVO_FLEET``, and those served on this one."""
+        return stop_listed_machines()
+
+
+NETWORK = ZenohNetwork()
+
+
+def fleet_hosts(given: tuple[str, ...] | list[str]) -> list[Endpoint]:
+    """Return the machines that the user has named, else those of ``IKSERVO_FLEET``.
+
+    Raises:
+        BadValueError: One is no ``HOST[:PORT]``.
+    """
+    return [parse_host(host) for host in list(given) or _listed_hosts()]
+
+
+def _listed_hosts() -> list[str]:
+    return os.environ.get(FLEET_VARIABLE, "").replace(",", " ").split()

@@ -1,0 +1,278 @@
+"""Zenoh sessions with a configuration of our own: explicit endpoints, TLS, access control."""
+
+from __future__ import annotations
+
+import contextlib
+import getpass
+import json
+import platform
+import socket
+import ssl
+from collections.abc import Callable, Generator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from ikservo.apps.remote import key_expressions as keys
+from ikservo.apps.remote.address import Endpoint
+from ikservo.errors import IkservoError, PortError
+from ikservo.remedies import install_command
+
+if TYPE_CHECKING:
+    import zenoh
+
+__all__ = [
+    "LINK_LEASE_S",
+    "Certificate",
+    "ask",
+    "on_each_host",
+    "open_client",
+    "open_router_client",
+    "open_server",
+    "served_names",
+    "who_asks",
+]
+
+LINK_LEASE_S = 1.0
+"""After this time without a sign of the other end a link is closed."""
+
+_CONNECT_TIMEOUT_S = 2.0
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """The files of a certificate.
+
+    Attributes:
+        authority: The certificate of the authority that both ends trust.
+        certificate: Of this end.
+        key: Its private key.
+    """
+
+    authority: Path
+    certificate: Path
+    key: Path
+
+
+@contextmanager
+def open_server(
+    listen: Endpoint, certificate: Certificate | None, access: Mapping[str, object] | None
+) -> Generator[zenoh.Session]:
+    """Listen at an endpoint; the session is closed at the end of the block.
+
+    Args:
+        listen: The endpoint.
+        certificate: Of the server; needed for TLS.
+        access: Zenoh's access control; needed for TLS.
+
+    Raises:
+        PortError: It is in use, or the certificate cannot be used.
+        IkservoError: The extra ``net`` is not installed.
+    """
+    config = _common_settings() | {"listen/endpoints": [str(listen)]}
+    if access is not None:
+        config["access_control"] = access
+    if certificate is not None:
+        config["transport/link/tls"] = _server_tls(certificate)
+    with _opened(config, f"Cannot listen at {listen}", "Choose another endpoint.") as session:
+        yield session
+
+
+@contextmanager
+def open_client(
+    connect: Sequence[Endpoint], certificate: Certificate | None
+) -> Generator[zenoh.Session]:
+    """Connect to an endpoint; the session is closed at the end of the block.
+
+    Raises:
+        PortError: Nothing listens there, or it refuses the certificate.
+        IkservoError: The extra ``net`` is not installed.
+    """
+    config = _client_settings(connect, certificate)
+    hint = "Is `ikservo serve` running there, and reachable? Were both certificates made together?"
+    place = ", ".join(map(str, connect))
+    with _opened(config, f"No arm can be reached at {place}", hint) as session:
+        yield session
+
+
+@contextmanager
+def open_router_client(
+    router: Endpoint, certificate: Certificate | None
+) -> Generator[zenoh.Session]:
+    """Connect to the Zenoh router of ROS 2; the session is closed at the end of the block.
+
+    Raises:
+        PortError: Nothing listens there, or it refuses the certificate.
+        IkservoError: The extra ``net`` is not installed.
+    """
+    config = _client_settings([router], certificate)
+    config |= {"mode": "client", "timestamping/enabled": True}  # which a publisher's cache needs
+    hint = "Start it: ros2 run rmw_zenoh_cpp rmw_zenohd. Elsewhere: --router tcp/HOST:7447"
+    with _opened(config, f"No Zenoh router of ROS 2 at {router}", hint) as session:
+        yield session
+
+
+def _client_settings(
+    connect: Sequence[Endpoint], certificate: Certificate | None
+) -> dict[str, object]:
+    config = _common_settings() | {
+        "listen/endpoints": [],
+        "connect/endpoints": [str(endpoint) for endpoint in connect],
+        "connect/timeout_ms": int(1000 * _CONNECT_TIMEOUT_S),
+        "connect/exit_on_failure": True,
+    }
+    if certificate is not None:
+        config["transport/link/tls"] = _client_tls(certificate)
+    return config
+
+
+def ask(
+    session: zenoh.Session, key: str, payload: bytes, timeout_s: float
+) -> list[tuple[str, bytes]]:
+    """Send a request; return key and payload of each answer that came in time."""
+    answers: list[tuple[str, bytes]] = []
+    for reply in session.get(key, payload=payload, timeout=timeout_s):
+        if reply.ok is not None:
+            answers.append((str(reply.ok.key_expr), reply.ok.payload.to_bytes()))
+    return answers
+
+
+def on_each_host(hosts: list[Endpoint], do: Callable[[Endpoint], T]) -> list[T | IkservoError]:
+    """Call a function with each machine at the same time; return its results, or errors."""
+
+    def attempt(host: Endpoint) -> T | IkservoError:
+        try:
+            return do(host)
+        except IkservoError as error:
+            return error
+
+    if not hosts:
+        return []
+    with ThreadPoolExecutor(min(32, len(hosts))) as pool:
+        return list(pool.map(attempt, hosts))
+
+
+def served_names(session: zenoh.Session, timeout_s: float) -> list[str]:
+    """Return the names under which arms are served at the other end of a session."""
+    replies = session.liveliness().get(keys.server("*"), timeout=timeout_s)
+    return sorted(str(each.ok.key_expr).split("/")[1] for each in replies if each.ok is not None)
+
+
+def who_asks() -> str:
+    """Return the user of this program and its machine, as others read it."""
+    try:
+        user = getpass.getuser()
+    except (ImportError, KeyError, OSError):  # an account without a name
+        user = "somebody"
+    return f"{user} on {platform.node()}"
+
+
+def _common_settings() -> dict[str, object]:
+    """Return settings of both ends: nothing is searched for, and nothing is announced."""
+    return {
+        "mode": "peer",
+        "scouting/multicast/enabled": False,
+        "scouting/gossip/enabled": False,
+        "adminspace/enabled": False,
+        "transport/link/tx/lease": int(1000 * LINK_LEASE_S),
+        "transport/link/tx/keep_alive": 4,
+        "transport/link/rx/max_message_size": 4 * 1024 * 1024,
+    }
+
+
+def _server_tls(own: Certificate) -> dict[str, object]:
+    return {
+        "root_ca_certificate": str(own.authority),
+        "listen_certificate": str(own.certificate),
+        "listen_private_key": str(own.key),
+        "enable_mtls": True,
+        "close_link_on_expiration": True,
+    }
+
+
+def _client_tls(own: Certificate) -> dict[str, object]:
+    return {
+        "root_ca_certificate": str(own.authority),
+        "connect_certificate": str(own.certificate),
+        "connect_private_key": str(own.key),
+        "enable_mtls": True,
+        "verify_name_on_connect": True,
+        "close_link_on_expiration": True,
+    }
+
+
+@contextmanager
+def _opened(settings: Mapping[str, object], what: str, hint: str) -> Generator[zenoh.Session]:
+    try:
+        import zenoh  # noqa: PLC0415  # an extra
+    except ImportError:
+        raise IkservoError(
+            "Arms on other machines need Zenoh.", f"Install it: {install_command('net')}"
+        ) from None
+    config = zenoh.Config()
+    try:
+        for key, value in settings.items():
+            config.insert_json5(key, json.dumps(value))  # pyright: ignore[reportUnknownMemberType]
+        session = zenoh.open(config)
+    except zenoh.ZError as error:
+        why, remedy = _why_unreachable(settings) or (_first_reason(str(error)), hint)
+        raise PortError(f"{what}: {why}.", remedy) from None
+    try:
+        yield session
+    finally:
+        with contextlib.suppress(zenoh.ZError):  # the link is gone
+            session.close()  # pyright: ignore[reportUnknownMemberType]
+
+
+def _why_unreachable(settings: Mapping[str, object]) -> tuple[str, str] | None:
+    """Return why the only endpoint cannot be reached, and what to do; None where Zenoh knows more.
+
+    Zenoh reports no such host, nobody who listens and TLS of one end only as the same timeout.
+    """
+    match settings.get("connect/endpoints"):
+        case [str(place)]:
+            protocol, _, address = place.partition("/")
+        case _:
+            return None
+    host, _, port = address.rpartition(":")
+    host = host.strip("[]")
+    try:
+        with socket.create_connection((host, int(port)), _CONNECT_TIMEOUT_S) as connection:
+            speaks_tls = _answers_tls(connection)
+    except socket.gaierror:
+        return f"there is no machine named {host}", "Check its name, or give its IP address."
+    except ConnectionRefusedError:
+        return "nothing listens there", "Start it on that machine: ikservo serve"
+    except OSError:
+        return None
+    if protocol == "tls" and not speaks_tls:
+        return "it is served there without TLS", f"Name it with tcp/ before the host: tcp/{host}"
+    if protocol == "tcp" and speaks_tls:
+        return "it is served there with TLS", f"Name it with tls/ before the host: tls/{host}"
+    return None
+
+
+def _answers_tls(connection: socket.socket) -> bool:
+    """Check whether the other end answers a TLS greeting as such; nothing is verified or sent."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
+    connection.settimeout(_CONNECT_TIMEOUT_S)
+    try:
+        context.wrap_socket(connection).close()
+    except ssl.SSLError as error:
+        return "ALERT" in str(error).upper()  # it wants a certificate: that is TLS
+    except OSError:  # silent, or closed at once
+        return False
+    return True
+
+
+def _first_reason(text: str) -> str:
+    """Return an error of Zenoh without the places in its sources."""
+    reason = text.partition(" at /")[0].strip().rstrip(".!")
+    if "Timeout" in reason:
+        return "it does not answer"
+    return "the address is in use" if "in use" in reason else reason

@@ -1,0 +1,1 @@
+"""Teach, record, replay and follow; programs and drawings."""

@@ -1,0 +1,154 @@
+"""Hand guiding: the arm carries its own weight and follows the hand that moves it.
+
+Each servo stays in its position mode: a goal that leads its joint by the sag under gravity holds it
+there with just the torque of gravity. The joint's anchor stays where it is until a hand has moved
+the joint by a small angle off it, and then follows at that distance. So the servo's torque is that
+of gravity and at most the stiffness times that angle, and an arm that is left alone rests.
+
+Modes of current or duty would need a write to the EEPROM of a Dynamixel, and the arm would fall if
+the program were killed: here it holds.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from ikservo.arm import Arm
+from ikservo.control.feed_forward import FeedForward
+from ikservo.control.loop import ControlCycle
+from ikservo.errors import RefusedError
+from ikservo.kinematics.arrays import Vector
+from ikservo.motion import TrajectoryPoint
+from ikservo.planning.context import ArmContext
+
+__all__ = ["ANCHOR_RAD", "HandGuiding", "guide_by_hand"]
+
+ANCHOR_RAD = 0.01
+"""How far a horn is moved off its anchor before that follows: some ticks more than noise."""
+
+# A joint that weighs less than its dry friction has its anchor so near that this friction alone
+# holds it when the hand lets go, but no nearer than noise: a rotor that springs back throws the
+# link across the play of its gears.
+_UNLOADED, _NOISE_TICKS = 1.0, 2.0
+
+_SPEED_CLASS = "fast"  # up to which anchors follow the hand
+_FADE_S = 0.5  # in which the goals in force turn into those of gravity alone
+_MAX_STEP_S = 0.02  # a cycle that comes late counts as this long
+
+
+class HandGuiding:
+    """Goals of the servos that carry the arm and follow its joints; a trajectory without an end.
+
+    It is asked once in each control cycle, after the joints were measured.
+
+    Args:
+        context: The arm.
+        feed_forward: Of its masses and servos.
+        goals: Those in force (n,), rad or m.
+    """
+
+    def __init__(self, context: ArmContext, feed_forward: FeedForward, goals: Vector) -> None:
+        self._context, self._feed_forward = context, feed_forward
+        self._moved_by_hand = context.servos.compensator.corrects
+        horns = np.array(
+            [driven.joint_map.unit_per_horn_rad for driven in context.servos.driven_joints]
+        )
+        ticks = np.array(
+            [driven.joint_map.unit_per_tick for driven in context.servos.driven_joints]
+        )
+        self._tolerance, self._unloaded_tolerance = ANCHOR_RAD * horns, ANCHOR_RAD * horns
+        columns = list(feed_forward.columns)
+        self._unloaded_tolerance[columns] = np.clip(
+            feed_forward.dry_lag, _NOISE_TICKS * ticks[columns], self._tolerance[columns]
+        )
+        self._speed = context.model.speed(_SPEED_CLASS).rad_s * horns
+        self._goals = goals
+        self._anchor = context.servos.measured
+        self._begun_s = self._last_s = context.now_s()
+        self._excess = goals - self._anchor - self._lead()
+        self.duration_s = math.inf
+
+    def state(self, time_s: float) -> TrajectoryPoint:
+        """Compute the next goals (n,), at rest."""
+        now_s = self._context.now_s()
+        self._follow(self._context.servos.measured, min(now_s - self._last_s, _MAX_STEP_S))
+        self._last_s = now_s
+        left = max(1.0 - (now_s - self._begun_s) / _FADE_S, 0.0)
+        goals = np.clip(self._anchor + self._lead() + left * self._excess, *self._context.limits())
+        return TrajectoryPoint.at_rest(np.where(self._moved_by_hand, goals, self._goals))
+
+    def _follow(self, measured: Vector, elapsed_s: float) -> None:
+        """Move the anchors towards joints (n,) that are further off than the tolerance."""
+        weight = np.full_like(measured, np.inf)
+        weight[list(self._feed_forward.columns)] = self._feed_forward.weight(measured)
+        tolerance = np.where(weight < _UNLOADED, self._unloaded_tolerance, self._tolerance)
+        target = np.clip(self._anchor, measured - tolerance, measured + tolerance)
+        step = self._speed * elapsed_s
+        self._anchor = self._anchor + np.clip(target - self._anchor, -step, step)
+
+    def _lead(self) -> Vector:
+        """Compute by how much goals lead the anchors (n,) so that the servos carry the links."""
+        at_rest = TrajectoryPoint.at_rest(self._anchor)
+        return self._feed_forward.offsets(at_rest, np.zeros_like(self._anchor))
+
+
+def guide_by_hand(arm: Arm, until: Callable[[], bool]) -> dict[str, float]:
+    """Carry the arm's weight while a hand moves it; then it holds.
+
+    Args:
+        arm: The arm; its torque is switched on. Its gripper holds.
+        until: Called in every control cycle; ends it by returning True.
+
+    Returns:
+        The joints in the end, rad or m by name.
+
+    Raises:
+        CalibrationError: The arm is not calibrated; gravity is not known.
+        RefusedError: Gravity is not known, for the arm file has no masses or the motor of a servo
+            is not known; or the hand was faster than the arm may move. It holds.
+        StoppedError: It was stopped; it holds.
+    """
+    context, runner = arm.context, arm.runner
+    context.require_zeros()
+    _require_gravity(context)
+    context.warm_up()
+    guiding: list[HandGuiding] = []
+
+    def make(goals: Vector) -> HandGuiding:
+        guiding.append(HandGuiding(context, _require_gravity(context), goals))
+        return guiding[-1]
+
+    def look(cycle: ControlCycle) -> None:
+        if until():
+            guiding[-1].duration_s = cycle.time_s
+
+    with runner.requested():
+        runner.return_within_limits()
+        measured = runner.run(make, look, _SPEED_CLASS, compensated=False)
+    context.servos.set_reference(measured)
+    return context.index.by_name(measured)
+
+
+def _require_gravity(context: ArmContext) -> FeedForward:
+    """Return the arm's feed-forward, at the gains in force.
+
+    Raises:
+        RefusedError: What gravity needs is not known.
+    """
+    found = context.servos.compensator.feed_forward
+    if found is None:
+        raise RefusedError(
+            f"{context.model.name} has no masses in its URDF, so its weight cannot be carried.",
+            "Teach it with torque off: leave out --float.",
+        )
+    for name, drive in zip(context.chain.names, found.parameters.drives, strict=True):
+        if drive is None:
+            model = context.model.joint(name).servo.model
+            raise RefusedError(
+                f"The motor of {name} ({model}) is not known, so its weight cannot be carried.",
+                "Teach it with torque off: leave out --float.",
+            )
+    return found

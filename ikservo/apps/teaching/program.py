@@ -1,0 +1,279 @@
+"""Programs: files of steps that an arm makes one after the other, readable and edited by hand.
+
+::
+
+    format = 1
+    arm = "so101"
+    speed = "slow"          # of steps without a speed of their own; normal where it is missing
+    repeat = 2              # how often all steps are made; once where it is missing
+
+    [[steps]]
+    pose = "home"           # a pose of the arm file, or a taught one
+
+    [[steps]]
+    tip_m = [0.25, 0.05, 0.15]
+    path = "line"           # joints (the default), line, or arc through via_m
+    tool_speed_m_s = 0.05
+
+    [[steps]]
+    deg = { wrist_roll = 10.0 }         # joints that slide: m = { … }
+
+    [[steps]]
+    gripper = "close"       # open, close, or the distance between the jaws in metres
+
+    [[steps]]
+    wait_s = 0.5
+
+    [[steps]]
+    recording = "wave.jsonl"            # beside the program
+
+    [[steps]]                           # any motion of ``ikservo.planning.motions``, with its fields
+    motion.move_through = { points_m = [[0.25, 0.0, 0.1], [0.25, 0.05, 0.15]], blend_m = 0.03 }
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Annotated, Any, Literal, Self, cast
+
+import tomli_w
+from pydantic import Field, PlainSerializer, PlainValidator, ValidationError, model_validator
+
+from ikservo.errors import BadValueError, FileFormatError
+from ikservo.files.reading import read_toml
+from ikservo.files.validation import Location, StrictModel, format_key_path, validation_issues
+from ikservo.files.writing import write_atomic
+from ikservo.model import Model
+from ikservo.model.arm_schema import Name
+from ikservo.planning.motions import (
+    KINDS,
+    MotionValue,
+    MoveArc,
+    MoveGripper,
+    MoveJoints,
+    MoveLine,
+    MovePose,
+    MoveTo,
+    Replay,
+    Wait,
+    motion_fields,
+    parse_motion,
+)
+
+__all__ = [
+    "ACTIONS",
+    "MAX_STEPS",
+    "Program",
+    "ProgramStep",
+    "Speed",
+    "read_program",
+    "write_program",
+]
+
+ACTIONS = ("pose", "tip_m", "joints", "gripper", "wait_s", "recording", "motion")
+"""What a step can do; each step does one of them. ``joints`` are given by ``deg`` and ``m``."""
+
+MAX_STEPS = 1000
+"""The most steps of a program."""
+
+_POINT = "[x, y, z] in metres"
+
+
+def _parse_step_motion(value: object) -> MotionValue[Any]:
+    motion = parse_motion(value)
+    if "speed" in cast("Mapping[str, Any]", value)[motion.kind]:
+        raise ValueError("has a speed, which belongs to the step")
+    return motion
+
+
+StepMotion = Annotated[
+    MotionValue[Any], PlainValidator(_parse_step_motion), PlainSerializer(motion_fields)
+]
+Point = tuple[float, float, float]
+Speed = Literal["slow", "normal", "fast"]
+Label = Annotated[str, Field(min_length=1, max_length=80)]
+_LABEL, _SPEED = "1 to 80 characters", "slow, normal or fast"
+
+
+class ProgramStep(StrictModel):
+    """``[[steps]]``: one motion, motion of the gripper, or wait."""
+
+    name: Label | None = Field(default=None, description=_LABEL)
+    pose: Label | None = Field(default=None, description="the name of a pose")
+    tip_m: Point | None = Field(default=None, strict=False, description=_POINT)
+    path: Literal["joints", "line", "arc"] | None = Field(
+        default=None, description="joints, line or arc, of a step with tip_m"
+    )
+    via_m: Point | None = Field(default=None, strict=False, description=f"{_POINT}, of an arc")
+    deg: Mapping[Name, float] = Field(default={}, description="joint = degrees")
+    m: Mapping[Name, float] = Field(default={}, description="joint = metres")
+    gripper: Literal["open", "close"] | float | None = Field(
+        default=None, description="open, close, or a width in metres"
+    )
+    wait_s: Annotated[float, Field(gt=0, le=3600)] | None = Field(
+        default=None, description="seconds, above 0 and at most 3600"
+    )
+    recording: Label | None = Field(default=None, description="a file, relative to the program")
+    speed: Speed | None = Field(default=None, description=_SPEED)
+    tool_speed_m_s: Annotated[float, Field(gt=0, le=10)] | None = Field(
+        default=None, description="m/s, of a line or an arc"
+    )
+    motion: StepMotion | None = Field(
+        default=None, description=f"the fields of one of {', '.join(KINDS)}"
+    )
+
+    @property
+    def action(self) -> str:
+        """Which of ``ACTIONS`` it does."""
+        return self._actions()[0]
+
+    @property
+    def description(self) -> str:
+        """What it does, in a few words."""
+        if self.action == "joints":
+            moved = [f"{name} {value:g}°" for name, value in self.deg.items()]
+            words = ", ".join(moved + [f"{name} {value:g} m" for name, value in self.m.items()])
+        else:
+            words = str(self._to_motion())
+        return f"{self.name}: {words}" if self.name else words
+
+    @property
+    def has_speed(self) -> bool:
+        """Whether what it does has a speed class."""
+        return self._to_motion().has_speed
+
+    def to_motion(self, model: Model, speed: str) -> MotionValue[Any]:
+        """Return the motion that it is.
+
+        Args:
+            model: The arm, which knows what joints slide.
+            speed: The speed class, of a motion that has one.
+
+        Raises:
+            BadValueError: A joint that turns is given in metres, or one that slides in degrees; or
+                the motion refuses a value.
+            UnknownNameError: There is no such joint.
+        """
+        for key, given in (("deg", self.deg), ("m", self.m)):
+            for name in given:
+                unit = model.joint(name).joint_map.unit
+                if (unit == "m") != (key == "m"):
+                    raise BadValueError(name, f"given by {key}", "m" if unit == "m" else "deg")
+        return self._to_motion().with_speed(speed)
+
+    def _to_motion(self) -> MotionValue[Any]:
+        match self.action:
+            case "pose":
+                return MovePose(self.pose or "")
+            case "tip_m" if self.path == "arc":
+                return MoveArc(self.via_m, self.tip_m, tool_speed_m_s=self.tool_speed_m_s)
+            case "tip_m" if self.path == "line":
+                return MoveLine(self.tip_m or (), tool_speed_m_s=self.tool_speed_m_s)
+            case "tip_m":
+                return MoveTo(self.tip_m or ())
+            case "joints":
+                turned = {name: math.radians(value) for name, value in self.deg.items()}
+                return MoveJoints(turned | dict(self.m))
+            case "gripper":
+                to = self.gripper
+                return MoveGripper(to) if isinstance(to, str) else MoveGripper(width_m=to)
+            case "wait_s":
+                return Wait(self.wait_s or 0.0)
+            case "recording":
+                return Replay(self.recording or "")
+            case _:
+                return cast("MotionValue[Any]", self.motion)
+
+    def _actions(self) -> list[str]:
+        given = {name: getattr(self, name, None) is not None for name in ACTIONS}
+        given["joints"] = bool(self.deg or self.m)
+        return [name for name in ACTIONS if given[name]]
+
+    @model_validator(mode="after")
+    def _check_keys(self) -> Self:
+        """Refuse a step that does nothing or two things, and options of another action."""
+        actions = self._actions()
+        if len(actions) != 1:
+            raise ValueError(f"does {' and '.join(actions) or 'nothing'}")
+        if actions != ["tip_m"] and (self.path or self.via_m):
+            raise ValueError(f"has a path or via_m, but does {actions[0]}")
+        if (self.path == "arc") != (self.via_m is not None):
+            raise ValueError("needs both: path = arc, and via_m")
+        if self.tool_speed_m_s is not None and self.path not in ("line", "arc"):
+            raise ValueError("has tool_speed_m_s without a line or an arc")
+        self._to_motion()  # refuses what the motion refuses
+        return self
+
+
+class Program(StrictModel):
+    """The whole file."""
+
+    format: Literal[1] = Field(description="1")
+    arm: Name = Field(description="the arm's name")
+    speed: Speed = Field(default="normal", description=_SPEED)
+    repeat: Annotated[int, Field(ge=1, le=100_000)] = Field(
+        default=1, description="a whole number from 1 to 100000"
+    )
+    steps: tuple[ProgramStep, ...] = Field(
+        strict=False, min_length=1, max_length=MAX_STEPS, description="tables [[steps]]"
+    )
+
+    def speed_of(self, step: ProgramStep) -> str:
+        """Return the speed class of a step."""
+        return step.speed or self.speed
+
+
+def read_program(path: Path | str) -> Program:
+    """Read a program.
+
+    Raises:
+        FileFormatError: It is malformed; names each step and key, counting steps from 1.
+    """
+    path = Path(path)
+    try:
+        return Program.model_validate(read_toml(path))
+    except ValidationError as error:
+        raise _format_error(path, error) from None
+
+
+_SHOWN_ISSUES = 10
+
+
+def _format_error(path: Path, error: ValidationError) -> FileFormatError:
+    """Format all mistakes of a program as one error, one a line and each once."""
+    lines: list[str] = []
+    issues = validation_issues(error, Program)
+    places = [issue.location for issue in issues]
+    for issue in issues:
+        if any(p[: len(issue.location)] == issue.location != p for p in places):
+            continue  # a table that is wrong only because of a value in it
+        where = "".join(_format_place(issue.location))
+        expected = f"; expected {issue.expected}" if issue.expected else ""
+        lines.append(f"{where}: {issue.found}{expected}")
+    lines = list(dict.fromkeys(lines))
+    more = len(lines) - _SHOWN_ISSUES
+    shown = lines[:_SHOWN_ISSUES] + ([f"and {more} more"] if more > 0 else [])
+    where, _, first = shown[0].partition(": ")
+    found = "\n".join([first, *shown[1:]])
+    return FileFormatError(path, where, found, "")
+
+
+def _format_place(location: Location) -> Iterator[str]:
+    """Yield ``step 2``, then its keys: steps are counted from 1, as a run prints them."""
+    if location[:1] == ("steps",) and len(location) > 1:
+        yield f"step {int(location[1]) + 1}"
+        location = location[2:]
+        if location:
+            yield ", "
+    yield format_key_path(location)
+
+
+def write_program(path: Path, program: Program) -> None:
+    """Write a program as a file.
+
+    Raises:
+        FileWriteError: It cannot be written; an older file is unchanged.
+    """
+    write_atomic(path, tomli_w.dumps(program.model_dump(exclude_defaults=True) | {"format": 1}))

@@ -1,0 +1,182 @@
+"""``ikservo program``: write, check and run a file of steps."""
+
+from __future__ import annotations
+
+import sys
+from dataclasses import replace
+from itertools import islice
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from ikservo.apps.teaching.program import Program, ProgramStep, read_program, write_program
+from ikservo.apps.teaching.program_run import ProgramRun, StepCheck, StepResult
+from ikservo.arm import OpenArm
+from ikservo.arm.opening import require_own_port
+from ikservo.cli.completion import complete_from
+from ikservo.cli.direction_prompt import check_directions_once
+from ikservo.cli.model_options import model_from_option
+from ikservo.cli.option_groups import Without
+from ikservo.cli.options import ArmConnection, MotionOptions, OverwriteOption
+from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
+from ikservo.cli.terminal import print_json, print_lines, print_status, wait_for_enter
+from ikservo.errors import IkservoError, InputError, UnknownNameError
+from ikservo.model import Model
+
+__all__ = ["command"]
+
+ACTIONS = ("new", "check", "run")
+Action = Annotated[
+    str,
+    typer.Argument(
+        metavar="new|check|run",
+        autocompletion=complete_from(*ACTIONS),
+        help="new: write a first program. check: plan it; nothing moves. run: check, then run.",
+    ),
+]
+File = Annotated[Path, typer.Argument(metavar="FILE", help="The program, a TOML file.")]
+First = Annotated[int, typer.Option("--from", metavar="STEP", help="Begin with this step.")]
+EachStep = Annotated[bool, typer.Option("--step", help="Wait for Enter before each step.")]
+
+
+def command(
+    action: Action,
+    file: File,
+    *,
+    connection: ArmConnection,
+    first: First = 1,
+    step: EachStep = False,
+    overwrite: OverwriteOption = False,
+    options: Annotated[MotionOptions, Without("dry_run", "tip")],
+) -> None:
+    """Write, check or run a program: poses, points, lines, arcs, gripper, waits, recordings.
+
+    ikservo program new tea.toml --arm so101
+
+    ikservo program check tea.toml --port sim
+
+    ikservo program run tea.toml --port sim          Ctrl-C stops the arm
+    """
+    if action not in ACTIONS:
+        raise UnknownNameError("action", action, ACTIONS)
+    if action == "new":
+        _write_first_program(model_from_option(connection.arm), file, overwrite=overwrite)
+        return
+    if step and not sys.stdin.isatty():
+        raise InputError("Cannot wait for Enter: input is not a terminal.", "Leave out --step.")
+    program = read_program(file)
+    connection = replace(connection, arm=connection.arm or program.arm)
+    with open_from_options(connection, options) as machine:
+        run = ProgramRun(require_own_port(machine), program, file.parent, machine.poses)
+        checks = _check(run, program, file, first, quiet=options.json)
+        if action == "check":
+            if options.json:
+                print_json("program-check", steps=[_check_fields(each) for each in checks])
+            return
+        confirm_motion(machine, yes=options.yes)
+        check_directions_once(machine, options)
+        results = _run(machine, run, program, first, wait=step)
+    if options.json:
+        print_json("program-run", steps=[_result_fields(each) for each in results])
+    else:
+        print_lines([f"steps     {len(results)} done"])
+
+
+def _check(
+    run: ProgramRun, program: Program, file: Path, first: int, *, quiet: bool
+) -> list[StepCheck]:
+    """Check each step.
+
+    Raises:
+        IkservoError: Steps cannot be made; all of them have been named.
+    """
+    checks: list[StepCheck] = []
+    failed: dict[int, IkservoError] = {}  # by step, which repetitions check again
+    for each in run.check(first):
+        checks.append(each)
+        if each.error is not None and each.number not in failed:
+            failed[each.number] = each.error
+            _print_step(each.number, program, f"{each.step.description}: cannot be made")
+            for line in (each.error.message, each.error.hint.partition("Try: ")[0].strip()):
+                if line:
+                    print_status(f"         {line}")
+        elif each.error is None and not quiet:
+            _print_step(each.number, program, f"{each.step.description}: ok")
+    if failed:
+        listed = ", ".join(map(str, failed))
+        of = f"Step {listed}" if len(failed) == 1 else f"Steps {listed}"
+        error = IkservoError(
+            f"{of} of {len(program.steps)} cannot be made; nothing moved.",
+            f"Correct the file, then: ikservo program check {file}",
+        )
+        error.exit_code = next(iter(failed.values())).exit_code
+        raise error
+    return checks
+
+
+def _run(
+    machine: OpenArm, run: ProgramRun, program: Program, first: int, *, wait: bool
+) -> list[StepResult]:
+    """Make the steps; say before each which it is, and after a failure where to go on."""
+    total = program.repeat * len(program.steps) - (first - 1)
+    done: list[StepResult] = []
+    with motion_progress_bar() as on_progress:
+        steps = run.run(first, on_progress)
+        for made in range(total):
+            index = (first - 1 + made) % len(program.steps)
+            _print_step(index + 1, program, program.steps[index].description)
+            if wait:
+                wait_for_enter("Press Enter for this step, Ctrl-C to end.")
+            try:
+                done += islice(steps, 1)
+            except BaseException:
+                print_status(f"Stopped in step {index + 1}; begin there again: --from {index + 1}")
+                raise
+    return done
+
+
+def _print_step(number: int, program: Program, text: str) -> None:
+    print_status(f"{number:>3}/{len(program.steps)}  {text}")
+
+
+def _check_fields(check: StepCheck) -> dict[str, object]:
+    return {"number": check.number, "does": check.step.description}
+
+
+def _result_fields(result: StepResult) -> dict[str, object]:
+    return {
+        "number": result.number,
+        "repetition": result.repetition,
+        "does": result.step.description,
+        "duration_s": getattr(result.report, "duration_s", None),
+        "error_m": getattr(result.report, "error_m", None),
+    }
+
+
+def _write_first_program(model: Model, file: Path, *, overwrite: bool) -> None:
+    """Write a program that any arm of this kind can make: each action that it has, once.
+
+    Raises:
+        IkservoError: The file exists.
+    """
+    if file.exists() and not overwrite:
+        raise IkservoError(f"File {file} exists.", "Replace it: --overwrite")
+    x, y, z = (round(float(value), 3) + 0.0 for value in _home_tip_m(model))  # no -0.0
+    steps = [
+        ProgramStep(name="begin", pose="home"),
+        ProgramStep(name="beside it", tip_m=(x, y, z), speed="slow"),
+        ProgramStep(wait_s=0.5),
+    ]
+    if model.gripper is not None:
+        steps += [ProgramStep(gripper="open"), ProgramStep(gripper="close")]
+    steps.append(ProgramStep(name="end", pose="home"))
+    write_program(file, Program(format=1, arm=model.name, steps=tuple(steps)))
+    print_lines([f"Saved: {file}"])
+    print_status(f"Edit it, then: ikservo program check {file} --port sim")
+
+
+def _home_tip_m(model: Model) -> tuple[float, float, float]:
+    chain = model.chain
+    x, y, z = chain.forward(0.95 * model.chain_pose("home"))[:3, 3].tolist()
+    return x, y, z

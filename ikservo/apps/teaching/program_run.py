@@ -1,0 +1,172 @@
+"""Programs checked and run: each step is planned from where the step before it ends."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from ikservo.apps.teaching.program import Program, ProgramStep
+from ikservo.arm.arm_parts import ArmParts
+from ikservo.arm.run_by_kind import end_of_motion, run_motion, wait
+from ikservo.errors import BadValueError, IkservoError
+from ikservo.planning.checked_planning import PlannedStart, PreflightPlanner
+from ikservo.planning.motions import MotionValue, Replay, Wait
+from ikservo.planning.poses import PoseLibrary
+from ikservo.planning.reports import (
+    GraspResult,
+    JointMoveResult,
+    MoveResult,
+    OnProgress,
+    ReplayResult,
+)
+
+__all__ = ["ProgramRun", "StepCheck", "StepResult"]
+
+StepReport = MoveResult | JointMoveResult | GraspResult | ReplayResult
+"""How the motion of a step has ended."""
+
+
+@dataclass(frozen=True, slots=True)
+class StepCheck:
+    """What the check of a program says of one step.
+
+    Attributes:
+        number: Of the step, from 1.
+        step: The step.
+        error: Why it cannot be made; None where it can.
+    """
+
+    number: int
+    step: ProgramStep
+    error: IkservoError | None
+
+
+@dataclass(frozen=True, slots=True)
+class StepResult:
+    """A step that was made.
+
+    Attributes:
+        number: Of the step, from 1.
+        repetition: Of the program, from 1.
+        step: The step.
+        report: Of its motion; None for a wait.
+    """
+
+    number: int
+    repetition: int
+    step: ProgramStep
+    report: StepReport | None
+
+
+class ProgramRun:
+    """A program on one arm: checked, then made as a whole, from a step on, or step by step.
+
+    Args:
+        arm: The arm.
+        program: Its steps.
+        folder: The program's, in which its recordings are.
+        poses: The poses of the arm.
+        on_wait: Called now and then during a wait.
+
+    Raises:
+        BadValueError: It is another arm's program.
+    """
+
+    def __init__(
+        self,
+        arm: ArmParts,
+        program: Program,
+        folder: Path,
+        poses: PoseLibrary,
+        on_wait: Callable[[], object] | None = None,
+    ) -> None:
+        name = arm.context.model.name
+        if program.arm != name:
+            raise BadValueError("The program", f"one for {program.arm}", f"one for {name}")
+        self._arm, self._program, self._folder, self._poses = arm, program, folder, poses
+        self._on_wait = on_wait
+        self._has_moved = False  # before that torque may be off
+
+    def check(self, first: int = 1) -> Iterator[StepCheck]:
+        """Plan each step from where the one before it ends; nothing moves.
+
+        The first one starts where the arm is. With ``repeat`` the first step is checked from the
+        end of the last one as well. After a step that cannot be made it goes on from where the arm
+        would be without it.
+
+        Args:
+            first: The step to begin with, from 1.
+
+        Raises:
+            BadValueError: There is no such step.
+            CalibrationError: The arm is not calibrated.
+        """
+        begin = self._index_of(first)
+        self._arm.context.require_zeros()
+        start = PlannedStart(self._arm.runner.start_position())
+        numbers = list(range(begin, len(self._program.steps)))
+        if self._program.repeat > 1:
+            numbers += range(begin + 1)
+        for index in numbers:
+            step = self._program.steps[index]
+            error = self._find_error(step, start)
+            yield StepCheck(index + 1, step, error)
+
+    def run(self, first: int = 1, on_progress: OnProgress | None = None) -> Iterator[StepResult]:
+        """Make the steps, one with each value that is taken from the iterator.
+
+        Args:
+            first: The step to begin with, from 1; repetitions begin with the first of all.
+            on_progress: Called in every control cycle.
+
+        Raises:
+            BadValueError: There is no such step.
+            IkservoError: A step failed; the arm holds where it is. See ``Arm``.
+        """
+        begin, stop_count = self._index_of(first), self._arm.background.stop_count
+        for repetition in range(1, self._program.repeat + 1):
+            for index in range(begin, len(self._program.steps)):
+                step = self._program.steps[index]
+                with self._arm.background.requested(stop_count):
+                    result = self._make(step, on_progress)
+                yield StepResult(index + 1, repetition, step, result)
+            begin = 0
+
+    def _index_of(self, number: int) -> int:
+        count = len(self._program.steps)
+        if not 1 <= number <= count:
+            raise BadValueError("The step", number, f"1 to {count}")
+        return number - 1
+
+    def _find_error(self, step: ProgramStep, start: PlannedStart) -> IkservoError | None:
+        """Plan a step, and let the next one start at its end; return why it cannot be made."""
+        context = self._arm.context
+        preflight = PreflightPlanner(context, start, self._poses)
+        try:
+            start.joints = end_of_motion(context, preflight, self._motion(step), start.joints)
+        except IkservoError as error:
+            return error
+        return None
+
+    def _make(self, step: ProgramStep, on_progress: OnProgress | None) -> StepReport | None:
+        motion = self._motion(step)
+        if isinstance(motion, Wait):
+            wait(self._arm.context, motion, self._on_wait, watch_health=self._has_moved)
+            return None
+        self._has_moved = True
+        with self._arm.background.turn():
+            return run_motion(self._arm, motion, on_progress)
+
+    def _motion(self, step: ProgramStep) -> MotionValue[Any]:
+        """Return the motion of a step; a recording is in the program's folder.
+
+        Raises:
+            BadValueError: It cannot be used by this arm.
+            UnknownNameError: There is no such joint.
+        """
+        motion = step.to_motion(self._arm.context.model, self._program.speed_of(step))
+        if isinstance(motion, Replay):
+            return replace(motion, path=self._folder / motion.path)
+        return motion

@@ -1,0 +1,255 @@
+"""Record an arm at a fixed rate: as JSON lines, or as MCAP where the file ends in ``.mcap``."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from contextlib import ExitStack
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Protocol
+
+import numpy as np
+
+from ikservo.apps.teaching.live_view import FoxgloveServer
+from ikservo.apps.teaching.mcap_recording import (
+    MAGIC,
+    McapFile,
+    MessageSink,
+    RecordedArm,
+    RosRecordingWriter,
+    read_mcap,
+)
+from ikservo.apps.teaching.recording import (
+    ArmSample,
+    Recording,
+    RecordingHeader,
+    RecordingWriter,
+    read_json_lines,
+)
+from ikservo.arguments import check_callable, parse_number, parse_path
+from ikservo.arm.motion_runner import MotionRunner
+from ikservo.calibration.calibration_file import dump_calibration, load_calibration
+from ikservo.clock import Clock, Rate
+from ikservo.errors import BadValueError, FileFormatError
+from ikservo.files.reading import require_file
+from ikservo.kinematics import Chain
+from ikservo.model import Model
+from ikservo.planning.calibrated_arm import ZeroSource
+from ikservo.planning.context import ArmContext
+
+__all__ = [
+    "RecordResult",
+    "RecordSettings",
+    "describe_arm",
+    "read_recording",
+    "record",
+    "record_arm",
+    "recording_header",
+]
+
+MCAP_SUFFIX = ".mcap"
+_HEALTH_PERIOD_S = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class RecordResult:
+    """What was recorded.
+
+    Attributes:
+        path: The file.
+        samples: The number of samples.
+        duration_s: From the first to the last.
+    """
+
+    path: Path
+    samples: int
+    duration_s: float
+
+
+@dataclass(frozen=True, slots=True)
+class RecordSettings:
+    """What the caller of ``Arm.record`` has chosen; see there."""
+
+    path: Path | str
+    duration_s: float | None = None
+    until: Callable[[], bool] | None = None
+    period_s: float = 0.02
+    overwrite: bool = False
+    foxglove_port: int | None = None
+
+    @property
+    def max_s(self) -> float:
+        """The longest duration.
+
+        Raises:
+            BadValueError: There is no end, or it is not after the start.
+        """
+        if self.duration_s is None and self.until is None:
+            raise BadValueError("The recording", "without an end", "duration_s, or until")
+        if self.duration_s is None:
+            return math.inf
+        max_s = parse_number("The duration", self.duration_s)
+        if not max_s > 0.0:
+            raise BadValueError("The duration", f"{max_s:g} s", "seconds above 0")
+        return max_s
+
+
+class _SampleWriter(Protocol):
+    samples: int
+
+    def write_sample(self, time_s: float, sample: ArmSample, /) -> None: ...
+
+
+def recording_header(model: Model, period_s: float) -> RecordingHeader:
+    """Return the header of a recording of an arm.
+
+    Raises:
+        BadValueError: The period is out of its range.
+    """
+    period_s = parse_number("The period", period_s)
+    if not 0.002 <= period_s <= 10.0:
+        raise BadValueError("The period", f"{period_s:g} s", "0.002 to 10 s")
+    names = tuple(joint.name for joint in model.joints)
+    units = tuple(joint.joint_map.unit for joint in model.joints)
+    return RecordingHeader(model.name, names, units, period_s)
+
+
+def describe_arm(
+    model: Model,
+    chain: Chain,
+    period_s: float,
+    zeros: ZeroSource,
+    serial_number: str | None = None,
+) -> RecordedArm:
+    """Describe an arm as a recording does, besides its samples.
+
+    Args:
+        model: The arm.
+        chain: Its own chain, calibrated.
+        period_s: Between two samples.
+        zeros: Where the zeros of its joints come from.
+        serial_number: Of its adapter, by which its calibration is found on this machine; empty for
+            an adapter without one, None where the arm is on another machine.
+
+    Raises:
+        BadValueError: The period is out of its range.
+    """
+    header, text = recording_header(model, period_s), ""
+    if zeros is ZeroSource.CALIBRATED and serial_number is not None:
+        calibration = load_calibration(model.name, serial_number)
+        text = dump_calibration(calibration) if calibration else ""
+    return RecordedArm(header, model, chain, zeros.value, text)
+
+
+def record_arm(context: ArmContext, runner: MotionRunner, settings: RecordSettings) -> RecordResult:
+    """Record an arm on a port of this process; see ``Arm.record``."""
+    arm = describe_arm(
+        context.model, context.chain, settings.period_s, context.zeros, context.serial_number
+    )
+    measure = _OwnArm(context, runner) if _is_ros(settings) else _positions_only(context)
+    return record(measure, context.servos.clock, arm, settings)
+
+
+def _positions_only(context: ArmContext) -> Callable[[], ArmSample]:
+    return lambda: ArmSample(context.servos.measure_positions())
+
+
+class _OwnArm:
+    """Measures the joints each time, and the servos' health every second."""
+
+    def __init__(self, context: ArmContext, runner: MotionRunner) -> None:
+        self._context, self._runner = context, runner
+        self._due_s = -math.inf
+
+    def __call__(self) -> ArmSample:
+        servos, now_s = self._context.servos, self._context.now_s()
+        goals = servos.goals() if servos.torque.is_on else None
+        sample = ArmSample(servos.measure_positions().copy(), goals)
+        if now_s < self._due_s:
+            return sample
+        self._due_s = now_s + _HEALTH_PERIOD_S
+        return replace(
+            sample, states=self._runner.state().joints, stopped_for=self._runner.stop_text
+        )
+
+
+def record(
+    measure: Callable[[], ArmSample], clock: Clock, arm: RecordedArm, settings: RecordSettings
+) -> RecordResult:
+    """Write what ``measure`` returns to a file at a fixed rate.
+
+    Raises:
+        BadValueError: There is no end, or a number is out of its range.
+        InputError: The file exists.
+        FileWriteError: It cannot be written.
+        PortError: Foxglove cannot be served there.
+    """
+    check_callable("until", settings.until)
+    path, max_s, until, last_s = parse_path(settings.path), settings.max_s, settings.until, 0.0
+    period_s = arm.header.period_s
+    with ExitStack() as stack:
+        writer = _open_writer(path, arm, settings, stack)
+        try:
+            for elapsed_s in Rate(clock, period_s):
+                writer.write_sample(elapsed_s, measure())
+                last_s = elapsed_s
+                if elapsed_s + period_s > max_s or (until and until()):
+                    break
+        except KeyboardInterrupt:  # ends the recording; every sample that was written is complete
+            pass
+    return RecordResult(path, writer.samples, last_s)
+
+
+def _is_ros(settings: RecordSettings) -> bool:
+    is_mcap = parse_path(settings.path).suffix.lower() == MCAP_SUFFIX
+    if settings.foxglove_port is not None and not is_mcap:
+        raise BadValueError("The file", str(settings.path), f"FILE{MCAP_SUFFIX} with Foxglove")
+    return is_mcap
+
+
+def _open_writer(
+    path: Path, arm: RecordedArm, settings: RecordSettings, stack: ExitStack
+) -> _SampleWriter:
+    if not _is_ros(settings):
+        lines = RecordingWriter(path, arm.header, overwrite=settings.overwrite)
+        stack.callback(lines.close)
+        return lines
+    sinks: list[MessageSink] = []
+    if settings.foxglove_port is not None:
+        sinks.append(FoxgloveServer(settings.foxglove_port, arm.model.title))
+        stack.callback(sinks[-1].close)
+    urdf, files = arm.urdf(), arm.files()
+    files |= {"robot.urdf": urdf} if urdf else {}
+    sinks.append(McapFile(path, arm, files, overwrite=settings.overwrite))
+    stack.callback(sinks[-1].close)
+    return RosRecordingWriter(arm, urdf, sinks)
+
+
+def read_recording(path: Path | str) -> Recording:
+    """Read a recording: JSON lines, or the joint states of an MCAP file.
+
+    An MCAP file that was cut short is read to its last whole second.
+
+    Raises:
+        FileFormatError: It cannot be read, or a part of it is malformed; says which.
+    """
+    path = parse_path(path)
+    require_file(path)
+    recording = read_mcap(path) if _is_mcap_file(path) else read_json_lines(path)
+    for what, values in (("a position", recording.joints), ("a time", recording.times_s)):
+        if values.size and not float(np.abs(values).max()) <= _LARGEST:
+            found, expected = f"has {what} of {np.abs(values).max():g}", f"at most {_LARGEST:g}"
+            raise FileFormatError(path, "", found, expected)
+    return recording
+
+
+_LARGEST = 1e6  # rad, m or s: differences of larger numbers overflow
+
+
+def _is_mcap_file(path: Path) -> bool:
+    try:
+        with path.open("rb") as file:
+            return file.read(len(MAGIC)) == MAGIC
+    except (OSError, ValueError):
+        return False  # the other reader reports the error

@@ -1,0 +1,255 @@
+"""Replay a recording: smoothed, within the joint limits, checked by the guard."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from os import fspath
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ikservo.apps.teaching.recorder import read_recording, recording_header
+from ikservo.apps.teaching.recording import Recording
+from ikservo.arguments import parse_path
+from ikservo.arm.arm_parts import ArmParts
+from ikservo.errors import FileFormatError, RefusedError
+from ikservo.guard import thin_path
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.motion import JointMove, KinematicLimits, TrajectoryPoint
+from ikservo.planning.context import ArmContext
+from ikservo.planning.motions import Replay
+from ikservo.planning.reports import OnProgress, ReplayResult
+from ikservo.settling.settling import settle_at
+
+if TYPE_CHECKING:
+    from scipy.interpolate import CubicSpline
+
+__all__ = ["RecordedTrajectory", "load_replay", "plan_replay", "run_replay"]
+
+
+_GRID_S = 0.02
+# Removes quantization and tremor, below a tenth of a second; intended motions are slower.
+_SMOOTH_S = 0.04
+# Limits of the playback rate, which goes from 0 to 1 and back, per second.
+_FADE = KinematicLimits(1.0, 1.0, 8.0)
+_MARGIN = 1.02
+
+
+class RecordedTrajectory:
+    """The motion through recorded samples, from rest at the first to rest at the last.
+
+    Args:
+        times_s: When they were taken (k,), growing.
+        joints: The joints then (k, n), rad or m.
+        limits: The kinematic limits of each joint; a faster recording is slowed down as a whole.
+        lower: The lower limits (n,).
+        upper: The upper limits (n,).
+
+    Attributes:
+        slowdown: How many times slower than recorded it is, at least 1.
+    """
+
+    def __init__(
+        self,
+        times_s: Vector,
+        joints: Matrix,
+        limits: Sequence[KinematicLimits],
+        lower: Vector,
+        upper: Vector,
+    ) -> None:
+        self._limits = lower, upper
+        self._span_s = float(times_s[-1] - times_s[0])
+        self._still = np.clip(joints[-1], lower, upper)
+        self.slowdown = 1.0
+        self._spline: CubicSpline | None = None
+        if self._span_s >= _GRID_S:
+            self._spline = _fit_spline(times_s - times_s[0], joints, self._span_s)
+        else:  # a single pose
+            self._law = JointMove([0.0], [0.0], [_FADE])
+            return
+        self.slowdown = _required_slowdown(self._spline, self._span_s, limits)
+        fade = KinematicLimits(1 / self.slowdown, _FADE.acceleration_rad_s2 / self.slowdown**2,
+                    _FADE.jerk_rad_s3 / self.slowdown**3)  # fmt: skip
+        self._law = JointMove([0.0], [self._span_s], [fade])
+
+    @property
+    def start(self) -> Vector:
+        """The first position (n,)."""
+        return self.state(0.0).position
+
+    @property
+    def duration_s(self) -> float:
+        """The duration, fading in and out included."""
+        return self._law.duration_s
+
+    def state(self, time_s: float) -> TrajectoryPoint:
+        """Compute position, velocity and acceleration (n,) at a time; at rest after its end."""
+        if self._spline is None:
+            return TrajectoryPoint.at_rest(self._still)
+        law = self._law.state(time_s)
+        s, rate, change = (float(x[0]) for x in (law.position, law.velocity, law.acceleration))
+        q, slope, bend = (np.asarray(self._spline(s, k)) for k in range(3))
+        return TrajectoryPoint(
+            np.clip(q, *self._limits), slope * rate, bend * rate**2 + slope * change
+        )
+
+    def sample_path(self) -> Matrix:
+        """Sample joints (k, n) along it, close enough for collision checks."""
+        if self._spline is None:
+            return self._still[None, :]
+        return thin_path(np.clip(self._spline(_time_grid(self._span_s)), *self._limits))
+
+
+def _fit_spline(times_s: Vector, joints: Matrix, span_s: float) -> CubicSpline:
+    """Fit the motion (n,) over the seconds since its first sample."""
+    from scipy.interpolate import CubicSpline  # noqa: PLC0415  # slow to import, rarely needed
+    from scipy.ndimage import gaussian_filter1d  # noqa: PLC0415
+
+    grid = _time_grid(span_s)
+    even = np.empty((len(grid), joints.shape[1]))
+    for column, samples in enumerate(joints.T):
+        even[:, column] = np.interp(grid, times_s, samples)
+    width = _SMOOTH_S / float(grid[1])
+    margin = min(4 * math.ceil(width), len(grid) - 1)
+    # Beyond its ends the motion is continued point-symmetrically, without a jerk.
+    longer = np.pad(even, ((margin, margin), (0, 0)), mode="reflect", reflect_type="odd")
+    smooth: Matrix = gaussian_filter1d(longer, width, axis=0)[margin:-margin]
+    return CubicSpline(grid, smooth, bc_type="natural")
+
+
+def _time_grid(span_s: float) -> Vector:
+    return np.linspace(0.0, span_s, 2 + int(span_s / _GRID_S))
+
+
+def _required_slowdown(
+    spline: CubicSpline, span_s: float, limits: Sequence[KinematicLimits]
+) -> float:
+    """Compute how many times slower the recording has to be played within the limits."""
+    grid = _time_grid(span_s)
+    middles = (grid[:-1] + grid[1:]) / 2
+    speed, bend, twist = (
+        np.abs(np.asarray(spline(np.concatenate([grid, middles]), k))).max(axis=0)
+        for k in (1, 2, 3)
+    )
+    slowdown = 1.0
+    for i, limit in enumerate(limits):
+        acceleration = bend[i] + speed[i] * _FADE.acceleration_rad_s2
+        jerk = twist[i] + 3 * bend[i] * _FADE.acceleration_rad_s2 + speed[i] * _FADE.jerk_rad_s3
+        slowdown = max(
+            slowdown,
+            _MARGIN * speed[i] / limit.speed_rad_s,
+            _MARGIN * math.sqrt(acceleration / limit.acceleration_rad_s2),
+            _MARGIN * math.cbrt(jerk / limit.jerk_rad_s3),
+        )
+    return slowdown
+
+
+# By hand, joints are pushed a little beyond their limits.
+_LIMIT_TOLERANCE_RAD = math.radians(3.0)
+
+
+def load_replay(
+    arm: ArmParts, path: Path | str, *, speed: str = "normal"
+) -> tuple[Recording, RecordedTrajectory]:
+    """Read a recording, and what ``replay`` would play after its first pose; nothing moves.
+
+    Raises:
+        FileFormatError, RefusedError, CalibrationError: As ``replay``.
+    """
+    motion = Replay(fspath(parse_path(path)), speed=speed)
+    return _load(arm.context, motion, arm.runner.start_position())
+
+
+def plan_replay(context: ArmContext, motion: Replay, start: Vector) -> Vector:
+    """Compute the joints (n,) after a replay from ``start`` (n,); nothing moves.
+
+    Raises:
+        IkservoError: As ``run_replay``.
+    """
+    _, trajectory = _load(context, motion, start)
+    return trajectory.state(trajectory.duration_s).position
+
+
+def _load(
+    context: ArmContext, motion: Replay, start: Vector
+) -> tuple[Recording, RecordedTrajectory]:
+    context.require_zeros()
+    path = Path(motion.path)
+    recording = _of_this_arm(context, read_recording(path), path)
+    _check_limits(context, recording, path)
+    lower, upper = context.limits()
+    limits = context.planner.motion_limits(motion.speed)
+    trajectory = RecordedTrajectory(recording.times_s, recording.joints, limits, lower, upper)
+    context.check_recorded_path(start, trajectory.sample_path())
+    return recording, trajectory
+
+
+def run_replay(arm: ArmParts, motion: Replay, on_progress: OnProgress | None) -> ReplayResult:
+    """Move to the first pose of a recording, then along it; see ``Arm.replay``."""
+    context, runner, speed = arm.context, arm.runner, motion.speed
+    recording, trajectory = _load(context, motion, runner.start_position())
+    approach_speed = runner.allowed_speed(speed)
+    limits = context.planner.motion_limits(approach_speed)
+    started_s = context.now_s()
+
+    def approach(start: Vector) -> JointMove:
+        context.check_recorded_path(start, trajectory.sample_path())
+        return JointMove(start, trajectory.start, limits)
+
+    reporter = context.progress_reporter(on_progress)
+    runner.run(approach, reporter, approach_speed)
+    runner.run(lambda _: trajectory, reporter, speed)
+    goal = trajectory.state(trajectory.duration_s).position
+    measured = settle_at(context, runner, goal, speed)
+    return ReplayResult(
+        samples=len(recording.times_s),
+        duration_s=context.now_s() - started_s,
+        slowdown=trajectory.slowdown,
+        error_rad=float(np.abs(measured - goal).max()),
+        measured_rad=context.index.by_name(measured),
+        measured_tip_m=context.planner.tip(measured),
+    )
+
+
+def _of_this_arm(context: ArmContext, recording: Recording, path: Path) -> Recording:
+    """Return a recording with the joints of an arm; one of another program may have more.
+
+    Raises:
+        FileFormatError: It is another arm's.
+    """
+    header, place = recording.header, recording.place(None)
+    own = recording_header(context.model, header.period_s)
+    if not header.arm:
+        missing = [name for name in own.joints if name not in header.joints]
+        if missing:
+            raise FileFormatError(path, "/joint_states", f"has no {missing[0]}", "every joint")
+        columns = [header.joints.index(name) for name in own.joints]
+        return replace(recording, header=own, joints=recording.joints[:, columns])
+    for what, found, expected in (
+        ("arm", header.arm, own.arm),
+        ("joints", ", ".join(header.joints), ", ".join(own.joints)),
+        ("units", ", ".join(header.units), ", ".join(own.units)),
+    ):
+        if found != expected:
+            raise FileFormatError(path, place, f"has {what} {found}", f"{what} {expected}")
+    return recording
+
+
+def _check_limits(context: ArmContext, recording: Recording, path: Path) -> None:
+    """Refuse a recording that leaves the limits by more than the tolerance."""
+    for column, driven in enumerate(context.servos.driven_joints):
+        joint_map = driven.joint_map
+        tolerance = _LIMIT_TOLERANCE_RAD * joint_map.unit_per_horn_rad
+        low, high = driven.position_range
+        values = recording.joints[:, column]
+        beyond = np.flatnonzero((values < low - tolerance) | (values > high + tolerance))
+        if len(beyond):
+            first = int(beyond[0])
+            violation = driven.describe_violation(joint_map.tick(float(values[first])))
+            raise RefusedError(
+                f"{path}, {recording.place(first)}: {violation}",
+                "Nothing moved. Remove the samples that cannot be replayed.",
+            )

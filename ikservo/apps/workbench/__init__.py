@@ -1,0 +1,1 @@
+"""Single servos and their bus: ids, registers, gains, faults."""

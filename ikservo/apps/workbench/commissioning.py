@@ -1,0 +1,151 @@
+"""Set up new servos: ids, baud rate, first settings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from ikservo.apps.workbench.provisioning import (
+    ServoSettings,
+    check_model,
+    provision,
+    wait_for_servo,
+    wait_until_unplugged,
+)
+from ikservo.arm.opening import resolve_port
+from ikservo.errors import IkservoError, UnknownNameError
+from ikservo.hardware.port import Port, open_port
+from ikservo.hardware.scan import FoundServo
+from ikservo.hardware.servo import ServoSpec
+from ikservo.maintenance.arm_sketch import ascii_sketch
+from ikservo.maintenance.dialogue import ACCEPT, Dialogue, Notice, Progress, Question, Unasked
+from ikservo.model import Model
+from ikservo.registers import control_table
+
+__all__ = [
+    "ConfiguredServo",
+    "configure_servo",
+    "open_line",
+    "remaining_settings",
+    "wait_for_unplugging",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class ConfiguredServo:
+    """A servo after its set-up.
+
+    Attributes:
+        servo: Its id, table and joint.
+        found: As it was before.
+        written: Descriptions of what was changed; empty where nothing was.
+    """
+
+    servo: ServoSpec
+    found: FoundServo
+    written: tuple[str, ...]
+
+
+def planned_settings(model: Model) -> list[ServoSettings]:
+    """Return the settings of each servo of an arm, in the arm file's order."""
+    return [
+        ServoSettings(
+            ServoSpec(servo.id, control_table(servo.model), joint.name),
+            model.baud_rate,
+            servo.eeprom,
+        )
+        for joint in model.joints
+        for servo in (joint.servo, *joint.shadows)
+    ]
+
+
+def remaining_settings(model: Model, start: str | None) -> list[ServoSettings]:
+    """Return the settings of an arm's servos from a joint on; of all of them if it is None.
+
+    Raises:
+        UnknownNameError: The arm has no such joint.
+    """
+    todo = planned_settings(model)
+    names = [settings.servo.name for settings in todo]
+    if start is None:
+        return todo
+    if start not in names:
+        raise UnknownNameError("joint", start, names)
+    return todo[names.index(start) :]
+
+
+def open_line(model: Model, port: str | None) -> Port:
+    """Open the port to which an arm's servos are plugged in one by one.
+
+    Raises:
+        PortError: No port, or it cannot be opened.
+    """
+    return open_port(resolve_port(model, port), model.baud_rate)
+
+
+def configure_servo(
+    line: Port, model: Model, settings: ServoSettings, wait_s: float
+) -> Dialogue[ConfiguredServo]:
+    """Wait for one servo, and give it its id, baud rate and settings.
+
+    Args:
+        line: The port, see ``open_line``.
+        model: The arm.
+        settings: What the servo is to hold.
+        wait_s: How long to wait until it is plugged in.
+
+    Raises:
+        PortError: The port is lost.
+        ServoSilentError: No servo was plugged in, or several are.
+        CalibrationError: The servo is of another model.
+        BusError: The servo did not keep a written value.
+        IkservoError: The user declined; this servo was not changed.
+    """
+    servo = settings.servo
+    ids = [each.servo.id for each in planned_settings(model)]
+    yield Notice("")
+    for row in ascii_sketch(model, servo.name):
+        yield Notice(f"    {row}")
+    model_name = servo.table.model_name
+    place = f"{ids.index(servo.id) + 1} of {len(ids)}"
+    yield Notice(f"{place}: plug in only the {model_name} of {servo} …")
+    yield Notice(
+        "Searching for it at every baud rate; Ctrl-C stops, servos already set up stay so."
+    )
+    found = yield from _find_servo(line, settings, wait_s)
+    check_model(found, settings)
+    yield Notice(f"Found {found}, firmware {found.firmware}.")
+    if (found.id, found.baud_rate) != (servo.id, settings.baud_rate):
+        question = f"Make it id {servo.id} at {settings.baud_rate} baud, {servo.name}?"
+        if (yield Question(question, Unasked.ERROR)) != ACCEPT:
+            raise IkservoError("Cancelled; this servo was not changed.")
+    return ConfiguredServo(servo, found, provision(line, found, settings))
+
+
+def _find_servo(line: Port, settings: ServoSettings, wait_s: float) -> Dialogue[FoundServo]:
+    """Wait for the only servo on the line; tell what is searched, and whether several reply."""
+    search = wait_for_servo(line, settings.servo.table, settings.baud_rate, wait_s)
+    while True:
+        try:
+            seen = next(search)
+        except StopIteration as end:
+            return end.value
+        if isinstance(seen, int):
+            yield Progress(f"searching at {seen} baud")
+        elif len(seen) > 1 or any(servo.shares_id for servo in seen):
+            listed = "; ".join(map(str, seen))
+            name = settings.servo.name
+            yield Notice(f"More than one servo answers: {listed}. Leave only that of {name}.")
+
+
+def wait_for_unplugging(
+    line: Port, configured: ConfiguredServo, settings: ServoSettings, wait_s: float
+) -> None:
+    """Wait until a servo that was set up does not reply any more.
+
+    Raises:
+        ServoSilentError: It was not pulled out in time.
+        PortLostError: The port is lost.
+    """
+    found = configured.found
+    now = FoundServo(settings.servo.id, settings.baud_rate, found.protocol, found.table)
+    wait_until_unplugged(line, now, wait_s)

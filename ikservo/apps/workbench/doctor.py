@@ -1,0 +1,260 @@
+"""Diagnose adapter, bus and servos."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator, Sequence
+
+from ikservo.apps.workbench.findings import Finding, failure, ok, warning
+from ikservo.apps.workbench.line_quality import LineQuality, measure_line_quality
+from ikservo.apps.workbench.servo_checks import check_servos
+from ikservo.arm.opening import resolve_port, servo_specs
+from ikservo.calibration.calibration_file import read_calibration, ways_out
+from ikservo.calibration.paths import calibrations_of, journals_of
+from ikservo.errors import BusError, FileFormatError, PortError
+from ikservo.files.folders import config_dir
+from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.diagnostics import DUPLICATE_ID_HINT, find_duplicate_ids
+from ikservo.hardware.discovery import choose_port, simulated_port_url
+from ikservo.hardware.port import Port, open_port
+from ikservo.hardware.port_names import is_simulated
+from ikservo.hardware.requester import silence_hint
+from ikservo.hardware.scan import FoundServo, candidate_baud_rates, scan
+from ikservo.hardware.serial_ports import (
+    RULES_FILE,
+    SerialAdapter,
+    find_adapter,
+    has_udev,
+    installed_rules,
+    read_rules,
+)
+from ikservo.hardware.servo import ServoSpec
+from ikservo.model import Model
+
+__all__ = ["READS", "diagnose", "udev_rules"]
+
+READS = 1000
+"""How often the positions are read to measure the line quality."""
+
+_SLOW_S = 0.004  # median; a USB frame is 1 ms, FTDI's timer 16 ms
+_MAX_LOSS_FRACTION = 0.01
+_INSTALL = (
+    f"ikservo doctor --rules | sudo tee /etc/udev/rules.d/{RULES_FILE} && "
+    "sudo udevadm control --reload && sudo udevadm trigger"
+)
+
+Progress = Callable[[str, float, float], None]
+
+
+def diagnose(
+    port: str | None = None, model: Model | None = None, on_progress: Progress | None = None
+) -> Iterator[Finding]:
+    """Diagnose adapter, port, bus and servos; ends at a failure that hides the rest.
+
+    Args:
+        port: See ``choose_port``.
+        model: The expected arm; all servos that reply are checked if None.
+        on_progress: Called with the present step, how much of it is done, and of how much.
+
+    Raises:
+        InputError: The model names no servos, or a bus is to be simulated without one.
+    """
+    try:
+        name = resolve_port(model, port) if model else simulated_port_url(choose_port(port), None)
+    except PortError as error:
+        yield failure("port", error.message, error.command_hint)
+        name = ""
+    else:
+        yield from _check_adapter(name)
+        yield from _check_port(name, model, on_progress)
+    yield from _check_udev_rules(name)
+    yield from _check_calibrations(name, model)
+
+
+def _check_calibrations(name: str, model: Model | None) -> Iterator[Finding]:
+    """Read every calibration of this user, or those of the given arm."""
+    if is_simulated(name):
+        return
+    arm = model.name if model else ""
+    for path in journals_of(arm):
+        yield failure(
+            "zeros",
+            f"a calibration was interrupted while it changed servos; its journal is {path}",
+            f"Undo it: ikservo calibration revert {arm or path.stem.partition('-')[0]}",
+        )
+    paths = calibrations_of(arm) if arm else sorted((config_dir() / "arms").glob("*.toml"))
+    for path in paths:
+        try:
+            found = read_calibration(path)
+        except FileFormatError as error:
+            text = f"the calibration {error.message}"
+            yield failure("zeros", text, ways_out(path, arm or path.stem.partition("-")[0]))
+        else:
+            adapter = found.usb_serial_number or "without a number"
+            text = f"{found.arm} was calibrated on {found.written:%Y-%m-%d}, adapter {adapter}"
+            yield ok("zeros", text)
+    if model and not paths and any(joint.zero_from == "nominal" for joint in model.joints):
+        yield warning("zeros", f"{arm} is not calibrated", f"Calibrate it: ikservo calibrate {arm}")
+
+
+def _check_port(name: str, model: Model | None, on_progress: Progress | None) -> Iterator[Finding]:
+    try:
+        opened_port = open_port(name, model.baud_rate if model else candidate_baud_rates()[0])
+    except PortError as error:
+        yield failure("port", error.message, error.command_hint)
+        return
+    with opened_port:
+        yield ok("port", f"{name} can be opened; no other program uses it")
+        yield from _check_bus(opened_port, model, on_progress)
+
+
+def udev_rules() -> str:
+    """Return the udev rules, ready to be piped into a file."""
+    return read_rules()
+
+
+def _check_adapter(name: str) -> Iterator[Finding]:
+    adapter = find_adapter(name)
+    if adapter:
+        number = f"serial number {adapter.serial_number}" if adapter.serial_number else ""
+        missing = "no serial number: arms cannot be recognised by their adapter"
+        yield ok("adapter", f"{adapter.chip} at {adapter.device}, {number or missing}")
+
+
+def _check_udev_rules(name: str) -> Iterator[Finding]:
+    if not has_udev() or is_simulated(name) or "://" in name:
+        return
+    path = installed_rules()
+    if path:
+        yield ok("udev", f"{path} is installed")
+        return
+    yield warning(
+        "udev",
+        f"{RULES_FILE} is not installed: it gives access to adapters and lowers FTDI latency",
+        _INSTALL,
+    )
+
+
+def _check_bus(port: Port, model: Model | None, on_progress: Progress | None) -> Iterator[Finding]:
+    if model is None:
+        found = _scan_with_progress(port, on_progress)
+        yield _duplicate_id_finding(found)
+        specs = [ServoSpec(f.id, f.table) for f in found if f.table and not f.shares_id]
+    else:
+        specs = servo_specs(model)
+    bus = ServoBus(port, specs, retries=0)
+    duplicates = find_duplicate_ids(bus) if model else []
+    if duplicates:
+        yield _duplicate_ids_finding(spec.id for spec in duplicates)
+        specs = [spec for spec in specs if spec not in duplicates]
+    present = [spec for spec in specs if model is None or _responds(bus, spec.id)]
+    if model and specs:
+        yield from _check_presence(port, specs, present, on_progress)
+    if not present:
+        return
+    quality = measure_line_quality(
+        bus, [s.id for s in present], READS, _make_ping_callback(on_progress)
+    )
+    yield from _check_quality(quality, bus, find_adapter(port.name))
+    yield from check_servos(ServoBus(port, present), model)
+
+
+def _scan_with_progress(port: Port, on_progress: Progress | None) -> list[FoundServo]:
+    return scan(
+        port,
+        on_step=on_progress
+        and (lambda s: on_progress(f"{s.baud_rate} baud, {s.protocol}", s.pinged, s.ids)),
+    )
+
+
+def _make_ping_callback(on_progress: Progress | None) -> Callable[[int], None] | None:
+    return on_progress and (lambda count: on_progress("reading positions", count, READS))
+
+
+def _duplicate_id_finding(found: Sequence[FoundServo]) -> Finding:
+    duplicates = [f.id for f in found if f.shares_id]
+    if duplicates:
+        return _duplicate_ids_finding(duplicates)
+    if not found:
+        return failure("servos", "no servo answers at any baud rate", _NO_POWER)
+    return ok(
+        "servos", f"{len(found)} answer at {found[0].baud_rate} baud: {_format_models(found)}"
+    )
+
+
+def _duplicate_ids_finding(ids: Iterable[int]) -> Finding:
+    listed = ", ".join(map(str, ids))
+    return failure("servos", f"several servos answer at id {listed}", DUPLICATE_ID_HINT)
+
+
+_NO_POWER = "Check that the servos' power supply is on and the cable is in the right socket."
+
+
+def _format_models(found: Sequence[FoundServo]) -> str:
+    return ", ".join(f"{servo.model or 'unknown'} (id {servo.id})" for servo in found)
+
+
+def _responds(bus: ServoBus, servo_id: int) -> bool:
+    for _ in range(3):
+        try:
+            bus.ping(servo_id)
+        except BusError:
+            continue
+        return True
+    return False
+
+
+def _check_presence(
+    port: Port,
+    specs: Sequence[ServoSpec],
+    present: Sequence[ServoSpec],
+    on_progress: Progress | None,
+) -> Iterator[Finding]:
+    silent = [spec for spec in specs if spec not in present]
+    if not silent:
+        yield ok("servos", f"all {len(specs)} answer at {port.baudrate} baud")
+    elif present:
+        names = ", ".join(map(str, silent))
+        hint = silence_hint(specs, [s.id for s in present], [s.id for s in silent])
+        yield failure("servos", f"no answer from {names}", hint)
+    else:
+        rate = port.baudrate
+        found = _scan_with_progress(port, on_progress)
+        port.setBaudRate(rate)
+        yield _unexpected_servos_finding(found, rate)
+
+
+def _unexpected_servos_finding(found: Sequence[FoundServo], rate: int) -> Finding:
+    if not found:
+        return failure("servos", f"no servo answers, at {rate} baud or any other", _NO_POWER)
+    return failure(
+        "servos",
+        f"none of this arm's servos answers; on the bus: {'; '.join(str(f) for f in found)}",
+        "If it is another arm, choose it with --arm. If the servos are new: ikservo setup ARM",
+    )
+
+
+def _check_quality(
+    quality: LineQuality, bus: ServoBus, adapter: SerialAdapter | None
+) -> Iterator[Finding]:
+    if quality.round_trips_s:
+        yield _latency_finding(quality, adapter)
+    lost = sum(quality.lost.values())
+    text = f"{lost} of {quality.reads} reads lost"
+    if not lost:
+        yield ok("loss", text)
+        return
+    counts = ", ".join(f"{bus.servos[i]}: {count}" for i, count in quality.lost.items())
+    kind = failure if quality.lost_fraction > _MAX_LOSS_FRACTION else warning
+    yield kind(
+        "loss", f"{text} ({counts})", "Check for loose connectors, a weak supply, long cables."
+    )
+
+
+def _latency_finding(quality: LineQuality, adapter: SerialAdapter | None) -> Finding:
+    median_s, late_s = quality.round_trip_s(0.5), quality.round_trip_s(0.99)
+    text = f"a read takes {1000 * median_s:.2f} ms (median), {1000 * late_s:.2f} ms (p99)"
+    if median_s < _SLOW_S:
+        return ok("latency", text)
+    ftdi = adapter is not None and adapter.vid == 0x0403
+    hint = "The FTDI chip buffers bytes; install the udev rule" if ftdi else "The adapter is slow"
+    return warning("latency", text, f"{hint}; set the servos' return delay to 0: ikservo setup ARM")

@@ -1,0 +1,506 @@
+"""``ikservo servo``: registers of single servos, on an arm or alone on a line."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from ikservo.apps.workbench.eeprom_restore import Restoration, plan_restoration, restore
+from ikservo.apps.workbench.packet_decoding import decode_packets
+from ikservo.apps.workbench.servo_plot import plot
+from ikservo.apps.workbench.servo_tune import tune
+from ikservo.apps.workbench.servo_workbench import (
+    RegisterReading,
+    ServoLine,
+    find_register,
+    find_table,
+    holds_torque,
+    identify_servo,
+    open_servos,
+    parse_register_value,
+    plan_writes,
+    read_registers,
+    reset_servo,
+    restart_servo,
+    write_registers,
+)
+from ikservo.arm.opening import servo_specs
+from ikservo.cli.completion import complete_from
+from ikservo.cli.model_options import model_from_option
+from ikservo.cli.options import (
+    ArmConnection,
+    ArmOption,
+    DurationOption,
+    JsonOption,
+    OverwriteOption,
+    ServoPortOption,
+    YesOption,
+)
+from ikservo.cli.quantities import parse_angle_rad, parse_time_s
+from ikservo.cli.results import Field, Fields, json_values, print_records
+from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
+from ikservo.cli.terminal_dialogue import Operator
+from ikservo.errors import IkservoError, InputError, UnknownNameError
+from ikservo.hardware.eeprom import read_backup, write_backup
+from ikservo.hardware.packet_log import read_packet_log
+from ikservo.hardware.packets import BROADCAST_ID
+from ikservo.hardware.port_names import real_time_port
+from ikservo.hardware.servo import ServoSpec
+from ikservo.maintenance.dialogue import Question, Unasked
+
+__all__ = ["command", "restore_backup"]
+
+ACTIONS = (
+    "table",
+    "read",
+    "write",
+    "ping",
+    "reboot",
+    "reset",
+    "backup",
+    "restore",
+    "packets",
+    "plot",
+    "tune",
+)
+Action = Annotated[
+    str,
+    typer.Argument(
+        metavar="ACTION",
+        autocompletion=complete_from(*ACTIONS),
+        help="table: every register. read, write: some. ping: identity. reboot: restart, torque "
+        "goes off. reset: factory settings. backup, restore: the EEPROM to and from a file. "
+        "packets: print a file of recorded packets. plot: values over time. "
+        "tune: how the servo of a joint follows.",
+    ),
+]
+
+
+def _complete_registers(ctx: Any, incomplete: str) -> list[str]:  # noqa: ANN401  # typer hides click's types
+    """Complete a prefix to registers of the model, or of all models."""
+    from ikservo.apps.workbench.servo_workbench import register_names  # noqa: PLC0415
+
+    ending = "=" if ctx.params.get("action") == "write" else ""
+    names = register_names(ctx.params.get("servo_model"))
+    return [f"{name}{ending}" for name in names if name.startswith(incomplete)]
+
+
+Words = Annotated[
+    list[str] | None,
+    typer.Argument(
+        metavar="[REGISTER[=VALUE]...|FILE]",
+        autocompletion=_complete_registers,
+        help="A plain integer is the raw value of the sheet; with a unit it is a quantity: "
+        "90deg, 7.4V, 500mA, 20ms, 60%. With restore and packets: the file.",
+    ),
+]
+ServoId = Annotated[
+    str | None,
+    typer.Option(
+        "--id",
+        metavar="ID",
+        help="The servo: its id, or its joint with --arm. With plot also several: 2,3.",
+    ),
+]
+ServoModel = Annotated[
+    str | None, typer.Option("--model", help="Without --arm: its model, if it is not recognized.")
+]
+BaudRate = Annotated[
+    int | None,
+    typer.Option("--baud", min=1_200, max=12_000_000, help="Without --arm: try only this rate."),
+]
+Errors = Annotated[bool, typer.Option("--errors", help="With packets: only faulty ones.")]
+Period = Annotated[
+    float | None,
+    typer.Option("--period", parser=parse_time_s, help="With plot: of reading; default: 100ms."),
+]
+Step = Annotated[
+    float | None,
+    typer.Option(
+        "--step", parser=parse_angle_rad, help="With tune: how far; default: 10deg, a sine 2deg."
+    ),
+]
+Sine = Annotated[
+    str | None,
+    typer.Option(
+        "--sine", metavar="HZ[,HZ]", help="With tune: a sine, between two frequencies a chirp."
+    ),
+]
+Suggest = Annotated[bool, typer.Option("--suggest", help="With tune: try gains, some ten.")]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be written.")]
+To = Annotated[
+    Path | None,
+    typer.Option("--to", metavar="FILE", help="File of the backup; default: ID_MODEL.toml."),
+]
+OtherModel = Annotated[
+    bool, typer.Option("--other-model", help="Restore a backup of another servo model.")
+]
+
+
+def command(
+    action: Action,
+    words: Words = None,
+    *,
+    arm: ArmOption = None,
+    port: ServoPortOption = None,
+    servo_id: ServoId = None,
+    servo_model: ServoModel = None,
+    baud: BaudRate = None,
+    to: To = None,
+    overwrite: OverwriteOption = False,
+    other_model: OtherModel = False,
+    errors: Errors = False,
+    period: Period = None,
+    duration: DurationOption = None,
+    step: Step = None,
+    sine: Sine = None,
+    suggest: Suggest = False,
+    dry_run: DryRun = False,
+    yes: YesOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Read and write the registers of a servo; nothing moves unless a goal is written.
+
+    ikservo servo table --port /dev/ttyACM0 --id 3
+
+    ikservo servo read present_voltage p_gain --arm so101 --id elbow_flex
+
+    ikservo servo write p_gain=16 max_temperature_limit=65C --arm so101 --id 3
+
+    ikservo servo backup --arm so101 --id 3
+
+    ikservo servo restore FILE --arm so101
+
+    ikservo servo tune --suggest --arm so101 --id elbow_flex
+
+    ikservo servo plot --arm so101 --id elbow_flex,wrist_flex
+
+    ikservo servo packets log.pcapng --arm so101       recorded by IKSERVO_PACKETS=log.pcapng
+    """
+    given = words or []
+    _check_words(action, given)
+    _check_options(
+        action,
+        {
+            "--to": to is not None,
+            "--overwrite": overwrite,
+            "--other-model": other_model,
+            "--errors": errors,
+            "--period": period is not None,
+            "--duration": duration is not None,
+            "--step": step is not None,
+            "--sine": sine is not None,
+            "--suggest": suggest,
+            "--dry-run": dry_run,
+        },
+    )
+    if action == "packets":
+        path = Path(given[0])
+        _print_packets(path, arm, servo_id, servo_model, faulty=errors, json=json)
+        return
+    if action == "tune":
+        tune(ArmConnection(arm=arm, port=port), servo_id, given, step, _parse_frequencies(sine),
+             suggest=suggest, yes=yes, json=json)  # fmt: skip
+        return
+    if action == "plot":
+        ids = list(dict.fromkeys(servo_id.split(","))) if servo_id else []
+        only = servo_id if len(ids) == 1 else None
+        with _open_line(arm, real_time_port(port), only, servo_model, baud) as line:
+            servos = list(dict.fromkeys(map(line.find, ids)) or line.bus.servos.values())
+            plot(line, servos, given, 0.1 if period is None else period, duration, json=json)
+        return
+    backup = read_backup(Path(given[0])) if action == "restore" else None
+    with _open_line(arm, port, servo_id, servo_model, baud) as line:
+        if backup is not None:
+            plan = plan_restoration(line.bus, backup, servo_id, other_model=other_model)
+            restore_backup(line, plan, dry_run=dry_run, yes=yes, json=json)
+        elif action in ("table", "read"):
+            _print_registers(line, line.find(servo_id), given, json=json)
+        elif action == "ping":
+            _print_identities(line, servo_id, json=json)
+        elif action == "write":
+            _write(line, line.find(servo_id), given, dry_run=dry_run, yes=yes, json=json)
+        elif action == "backup":
+            _back_up(line, line.find(servo_id), to, overwrite=overwrite, json=json)
+        else:
+            _restart(line, line.find(servo_id), action, yes=yes, json=json)
+
+
+def _check_words(action: str, words: Sequence[str]) -> None:
+    if action not in ACTIONS:
+        raise UnknownNameError("action", action, ACTIONS)
+    if action in ("read", "write") and not words:
+        example = "p_gain" if action == "read" else "p_gain=16"
+        raise InputError("No register is named.", f"As in: ikservo servo {action} {example}")
+    if action in ("restore", "packets") and len(words) != 1:
+        raise InputError(f"{action} needs one file.", f"As in: ikservo servo {action} FILE")
+    if action not in ("read", "write", "restore", "packets", "plot", "tune") and words:
+        raise InputError(f"{action} takes no {words[0]!r}.", f"Try: ikservo servo {action}")
+
+
+_OPTION_OF: Mapping[str, tuple[str, ...]] = {
+    "--to": ("backup",),
+    "--overwrite": ("backup",),
+    "--other-model": ("restore",),
+    "--errors": ("packets",),
+    "--period": ("plot",),
+    "--duration": ("plot",),
+    "--step": ("tune",),
+    "--sine": ("tune",),
+    "--suggest": ("tune",),
+    "--dry-run": ("write", "restore"),
+}
+
+
+def _parse_frequencies(text: str | None) -> tuple[float, float] | None:
+    """Parse ``2`` or ``0.5,5``, in hertz."""
+    if text is None:
+        return None
+    match = re.fullmatch(r"([0-9]{1,3}(?:\.[0-9]{1,6})?)(?:,([0-9]{1,3}(?:\.[0-9]{1,6})?))?", text)
+    if match is None:
+        raise InputError(f"{text!r} is no frequency.", "As in: --sine 2, or --sine 0.5,5")
+    return float(match[1]), float(match[2] or match[1])
+
+
+def _check_options(action: str, given: Mapping[str, bool]) -> None:
+    """Refuse an option that the action would ignore."""
+    for option, actions in _OPTION_OF.items():
+        if given[option] and action not in actions:
+            raise InputError(
+                f"{option} cannot be given with {action}.", f"It belongs to: {', '.join(actions)}"
+            )
+
+
+def _open_line(
+    arm: str | None,
+    port: str | None,
+    servo_id: str | None,
+    servo_model: str | None,
+    baud: int | None,
+) -> AbstractContextManager[ServoLine]:
+    if arm:
+        if servo_model or baud:
+            raise InputError("--model and --baud belong to servos of no arm.", "Omit --arm.")
+        return open_servos(model_from_option(arm), port)
+    if servo_id is not None and not servo_id.isdecimal():
+        raise InputError(f"{servo_id!r} is no id.", "Name its joint with --arm, or give an id.")
+    number = None if servo_id is None else int(servo_id)
+    table = find_table(servo_model) if servo_model else None
+    return open_servos(None, port, servo_id=number, table=table, baud_rate=baud)
+
+
+def _format_first(reading: RegisterReading) -> str:
+    return str(reading.first) if reading.changed else ""
+
+
+_REGISTERS: Fields[RegisterReading] = (
+    Field("name", "register", value=lambda one: one.register.name),
+    Field("address", "address", value=lambda one: one.register.address),
+    Field("size", value=lambda one: one.register.size),
+    Field("raw", "raw"),
+    Field("value", "value", lambda one: one.text),
+    Field("unit", value=lambda one: one.register.unit.symbol),
+    Field("lower", value=lambda one: one.register.range[0]),
+    Field("upper", value=lambda one: one.register.range[1]),
+    Field(
+        "range",
+        "range",
+        lambda one: "{}…{}".format(*one.register.range) if one.register.is_writable else "",
+        lambda one: list(one.register.range),
+    ),
+    Field(
+        "access",
+        "access",
+        lambda one: "write" if one.register.is_writable else "read",
+        lambda one: one.register.access.name,
+    ),
+    Field("area", "area", value=lambda one: one.register.area.name),
+    Field("default", "default", lambda one: "" if one.default is None else str(one.default)),
+    Field("first", "first copy", _format_first),
+)
+
+
+def _print_registers(
+    line: ServoLine, servo: ServoSpec, names: Sequence[str], *, json: bool
+) -> None:
+    readings = read_registers(line, servo, names)
+    if json:
+        print_json(
+            "servo-registers", id=servo.id, joint=servo.name, model=servo.table.model_name,
+            registers=[json_values(each, _REGISTERS) for each in readings],
+        )  # fmt: skip
+        return
+    print_status(f"{servo}, {servo.table.model_name}")
+    columns = [field for field in _REGISTERS if field.label]
+    rows = [[", ".join(field.texts(each)) for field in columns] for each in readings]
+    print_table([field.label for field in columns], rows)
+
+
+@dataclass(frozen=True, slots=True)
+class _Identity:
+    servo: ServoSpec
+    number: int
+    firmware: str
+
+
+_IDENTITIES: Fields[_Identity] = (
+    Field("id", "id", value=lambda one: one.servo.id),
+    Field("joint", "joint", value=lambda one: one.servo.name),
+    Field("model", "model", value=lambda one: one.servo.table.model_name),
+    Field("model_number", "number", value=lambda one: one.number),
+    Field("firmware", "firmware"),
+)
+
+
+def _print_identities(line: ServoLine, servo_id: str | None, *, json: bool) -> None:
+    chosen = line.bus.servos.values() if servo_id is None else [line.find(servo_id)]
+    rows = [_Identity(servo, *identify_servo(line, servo)) for servo in chosen]
+    print_records("servo-ping", "servos", rows, _IDENTITIES, json=json)
+
+
+def _write(
+    line: ServoLine,
+    servo: ServoSpec,
+    words: Sequence[str],
+    *,
+    dry_run: bool,
+    yes: bool,
+    json: bool,
+) -> None:
+    values: dict[Any, int] = {}
+    for word in words:
+        name, equals, text = word.partition("=")
+        if not equals:
+            raise InputError(f"{word!r} has no value.", f"As in: {name}=16")
+        register = find_register(servo.table, name)
+        values[register] = parse_register_value(register, text)
+    changes = plan_writes(line, servo, values)
+    texts = [str(each) for each in changes]
+    if changes and not dry_run:
+        print_status(f"{servo}: {', '.join(texts)}")
+        moving = any(each.register.name.startswith("goal_") for each in changes)
+        warning = " The joint moves at once; nothing checks what it meets." if moving else ""
+        if holds_torque(line, servo):
+            warning += " Its torque is on: support the arm."
+        question = Question(f"Write {servo}?{warning}", Unasked.ERROR)
+        if not Operator.of(None, yes=yes).agrees(question):
+            raise IkservoError("Cancelled; nothing was written.")
+    if not dry_run:
+        write_registers(line, servo, changes)
+    if json:
+        print_json(
+            "servo-write", id=servo.id, joint=servo.name, model=servo.table.model_name,
+            written=not dry_run,
+            changes=[
+                {"register": each.register.name, "before": each.found, "after": each.expected}
+                for each in changes
+            ],
+        )  # fmt: skip
+        return
+    mark = "would write" if dry_run else "✓"
+    print_lines([f"{mark} {servo}: {', '.join(texts) or 'nothing to change'}"])
+
+
+def _back_up(
+    line: ServoLine, servo: ServoSpec, to: Path | None, *, overwrite: bool, json: bool
+) -> None:
+    path = to or Path(f"{servo.id:03}_{servo.table.model_name}.toml")
+    if path.exists() and not overwrite:
+        raise InputError(f"{path} exists.", "Choose another file, or add --overwrite.")
+    write_backup(line.bus, servo.id, path)
+    if json:
+        print_json("servo-backup", id=servo.id, joint=servo.name, path=path)
+        return
+    print_lines([f"✓ {servo}: EEPROM copied to {path}"])
+
+
+def _restart(line: ServoLine, servo: ServoSpec, action: str, *, yes: bool, json: bool) -> None:
+    result = "restarted" if action == "reboot" else "reset to factory settings"
+    lost = "" if action == "reboot" else " Its calibration and settings are lost."
+    text = f"{servo}: torque goes off, support the arm.{lost} Go on?"
+    if not Operator.of(None, yes=yes).agrees(Question(text, Unasked.ERROR)):
+        raise IkservoError("Cancelled; nothing was changed.")
+    (restart_servo if action == "reboot" else reset_servo)(line, servo)
+    if json:
+        print_json("servo-restart", id=servo.id, joint=servo.name, done=result)
+        return
+    print_lines([f"✓ {servo}: {result}; torque {'on' if holds_torque(line, servo) else 'off'}"])
+
+
+def _print_packets(
+    path: Path, arm: str | None, servo: str | None, model: str | None, *, faulty: bool, json: bool
+) -> None:
+    """Print packets as they are read; those to all servos are shown with each servo's."""
+    specs = servo_specs(model_from_option(arm)) if arm else []
+    only = {spec.id for spec in specs if servo in (spec.name, str(spec.id))}
+    if servo is not None and not only:
+        if not servo.isdecimal():
+            raise UnknownNameError("servo", servo, [spec.name for spec in specs])
+        only = {int(servo)}
+    tables = {spec.id: spec.table for spec in specs}
+    if model:
+        tables = dict.fromkeys(range(BROADCAST_ID), find_table(model))
+    before_s: float | None = None
+    count = errors = 0
+    for packet in decode_packets(read_packet_log(path), tables):
+        count, errors = count + 1, errors + bool(packet.error)
+        gap_ms = 0.0 if before_s is None else 1000 * (packet.time_s - before_s)
+        before_s = packet.time_s
+        if only and packet.servo_id not in (*only, BROADCAST_ID):
+            continue
+        if faulty and not packet.error:
+            continue
+        if json:
+            print_json(
+                "servo-packet", time_s=packet.time_s, sent=packet.sent, id=packet.servo_id,
+                meaning=packet.meaning, error=packet.error, bytes=packet.data.hex(" "),
+            )  # fmt: skip
+            continue
+        arrow = "→" if packet.sent else "←"
+        whom = {None: "?", BROADCAST_ID: "all"}.get(packet.servo_id, str(packet.servo_id))
+        text = f"{packet.meaning} [{packet.error}]" if packet.error else packet.meaning
+        start = f"{packet.time_s % 1000:10.6f} {gap_ms:+8.3f} ms {arrow} {whom:>3}  "
+        print_lines([f"{start}{text}  {packet.data.hex(' ').upper()}"], indent=len(start))
+    if not json:
+        print_status(f"{count} packets, {errors} with an error.")
+
+
+def restore_backup(
+    line: ServoLine, plan: Restoration, *, dry_run: bool = False, yes: bool, json: bool
+) -> None:
+    """Print a restoration, ask, write it to its servo, and print the result.
+
+    Raises:
+        IkservoError: The user declined.
+        BusError: The servo does not reply, or did not keep a value.
+    """
+    count = len(plan.changes)
+    print_status(f"{plan.servo}: {count or 'no'} register{'s' * (count != 1)} to restore.")
+    texts = [str(each) for each in plan.changes]
+    for text in texts:
+        print_status(f"    {text}")
+    for each in plan.kept:
+        print_status(f"    {each.register} stays {each.found}; the backup has {each.expected}")
+    if not dry_run:
+        question = Question(f"Write these to {plan.servo}?", Unasked.ERROR)
+        if plan.changes and not Operator.of(None, yes=yes).agrees(question):
+            raise IkservoError("Cancelled; the servo was not changed.")
+        restore(line.bus, plan)
+    if json:
+        print_json(
+            "setup", joint=plan.servo.name, id=plan.servo.id, model=plan.servo.table.model_name,
+            backup=str(plan.backup.path), written=[] if dry_run else texts,
+            kept=[each.register.name for each in plan.kept],
+        )  # fmt: skip
+    elif not dry_run:
+        print_lines([f"✓ {plan.servo}: {', '.join(texts) or 'nothing to change'}"])
+    if texts and not dry_run:
+        print_status(
+            "A calibration may depend on the changed values. Check the arm: ikservo doctor"
+        )

@@ -1,0 +1,483 @@
+"""Registers of single servos, on an arm or alone on a line: find, read, write, reset."""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import re
+from collections.abc import Generator, Iterable, Mapping
+from dataclasses import dataclass, replace
+
+from ikservo.apps.workbench.provisioning import change_address, check_address_is_free
+from ikservo.apps.workbench.tried_values import forget_if_former
+from ikservo.arguments import parse_port
+from ikservo.arm.opening import open_bus
+from ikservo.arm.stoppable_bus import stoppable
+from ikservo.errors import (
+    BusError,
+    FileFormatError,
+    InputError,
+    RegisterAccessError,
+    ServoRejectedError,
+    ServoSilentError,
+    UnknownNameError,
+)
+from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.discovery import choose_port, is_simulator, simulated_port_url
+from ikservo.hardware.eeprom import (
+    RegisterDifference,
+    back_up_once,
+    backup_path,
+    lock_eeprom,
+    read_backup,
+    refuse_under_torque,
+    register_differences,
+    update_eeprom,
+)
+from ikservo.hardware.port import Port, open_port
+from ikservo.hardware.port_names import serial_number_of
+from ikservo.hardware.register_batches import encode_value
+from ikservo.hardware.scan import (
+    FoundServo,
+    OnScanStep,
+    candidate_baud_rates,
+    firmware_version,
+    scan,
+    scan_servo,
+)
+from ikservo.hardware.servo import ServoSpec
+from ikservo.hardware.torque import torque_on
+from ikservo.maintenance.recovery import wait_for_boot
+from ikservo.model import Model
+from ikservo.registers import (
+    MODELS,
+    Area,
+    ControlTable,
+    Register,
+    RegisterName,
+    control_table,
+)
+from ikservo.registers.delivered import delivered_value
+
+__all__ = [
+    "RegisterReading",
+    "ServoLine",
+    "find_register",
+    "find_table",
+    "holds_torque",
+    "identify_servo",
+    "open_servos",
+    "parse_register_value",
+    "plan_writes",
+    "read_registers",
+    "register_names",
+    "reset_servo",
+    "restart_servo",
+    "shown_unit",
+    "write_registers",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class ServoLine:
+    """The servos that a command works on.
+
+    Attributes:
+        bus: Their bus.
+        owner: The folder of their first EEPROM copies: the arm and its adapter, or the adapter.
+    """
+
+    bus: ServoBus
+    owner: str
+
+    def find(self, target: str | None) -> ServoSpec:
+        """Find the servo of a joint or id; the only one if None.
+
+        Raises:
+            UnknownNameError: There is none.
+            InputError: There are several.
+        """
+        servos = list(self.bus.servos.values())
+        found = [each for each in servos if target in (None, each.name, str(each.id))]
+        if not found:
+            names = [each.name or str(each.id) for each in servos]
+            raise UnknownNameError("servo", str(target), names)
+        if len(found) > 1:
+            ids = ", ".join(str(each.id) for each in found)
+            raise InputError("Several servos could be meant.", f"Name one by its id: {ids}.")
+        return found[0]
+
+    def with_ids(self, ids: Mapping[int, int]) -> ServoLine:
+        """Return the line with servos that have other ids than the arm file says, by that id."""
+        specs = [replace(each, id=ids.get(each.id, each.id)) for each in self.bus.servos.values()]
+        return replace(self, bus=ServoBus(self.bus.port, specs))
+
+
+@contextlib.contextmanager
+def open_servos(
+    model: Model | None,
+    port: str | None,
+    *,
+    servo_id: int | None = None,
+    table: type[ControlTable] | None = None,
+    baud_rate: int | None = None,
+    on_step: OnScanStep | None = None,
+) -> Generator[ServoLine]:
+    """Open the servos of an arm, or those that reply on a line.
+
+    Args:
+        model: The arm; None for servos of no arm.
+        port: See ``choose_port``.
+        servo_id: Without an arm: only this servo is searched; every id if None.
+        table: Without an arm: its model, if it is known.
+        baud_rate: Without an arm: the rate; every known one is tried if None.
+        on_step: Called with the progress of a search.
+
+    Raises:
+        InputError: What replies is of no known model, or several servos share an id.
+        ServoSilentError: No servo replies.
+        PortError: No port, or it cannot be opened.
+    """
+    if model is not None:
+        with open_bus(model, port) as bus:
+            yield ServoLine(bus, f"{model.name}-{serial_number_of(bus.port.name)}")
+        return
+    name = simulated_port_url(choose_port(parse_port(port)), None)
+    with open_port(name, baud_rate or candidate_baud_rates()[0]) as line:
+        rates = [baud_rate] if baud_rate else candidate_baud_rates()
+        if servo_id is None:
+            found = scan(line, rates, on_step=on_step)
+        else:
+            found = scan_servo(line, servo_id, rates)
+        specs = [_spec_of(servo, table) for servo in found]
+        if not specs:
+            tried = "every known rate" if baud_rate is None else f"{baud_rate} baud"
+            what = "has no servo" if servo_id is None else f"has no servo with id {servo_id}"
+            raise ServoSilentError(
+                f"{what} that replies at {tried}", "Check plug and power supply.", port=line.name
+            )
+        with stoppable(ServoBus(line, specs)) as bus:
+            yield ServoLine(bus, serial_number_of(line.name) or "servos")
+
+
+def _spec_of(found: FoundServo, table: type[ControlTable] | None) -> ServoSpec:
+    if found.shares_id:
+        raise InputError(
+            f"Several servos answer at id {found.id}.",
+            "Connect one at a time and give each its own id: ikservo setup ARM",
+        )
+    known = table or found.table
+    if known is None:
+        raise InputError(
+            f"{found} is not in the tables.", "Name a model with the same registers: --model"
+        )
+    return ServoSpec(found.id, known)
+
+
+_SHOWN_UNITS = {  # of the register's unit: the unit that is shown, and how many make one
+    "rad": ("°", math.degrees(1)),
+    "rad/s": ("°/s", math.degrees(1)),
+    "rad/s²": ("°/s²", math.degrees(1)),
+    "1": ("%", 100.0),
+}
+
+
+def shown_unit(register: Register) -> tuple[str, float]:
+    """Return the unit in which people read a register, and how many of it make the register's."""
+    symbol = register.unit.symbol
+    return _SHOWN_UNITS.get(symbol, (symbol, 1.0))
+
+
+@dataclass(frozen=True, slots=True)
+class RegisterReading:
+    """A register and what it holds.
+
+    Attributes:
+        register: The register.
+        raw: The raw number it holds.
+        first: The raw number in the servo's first copy, made before ikservo changed anything;
+            None where there is no copy.
+        default: The raw number as delivered, by the sheet; None where it is not known.
+    """
+
+    register: Register
+    raw: int
+    first: int | None
+    default: int | None
+
+    @property
+    def value(self) -> float:
+        """The quantity, in the register's unit."""
+        return self.register.to_value(self.raw)
+
+    @property
+    def text(self) -> str:
+        """The quantity with its unit, angles in degrees; empty for a plain number."""
+        if not self.register.unit.symbol:
+            return ""
+        shown, factor = shown_unit(self.register)
+        return f"{self.value * factor:.4g} {shown}"
+
+    @property
+    def changed(self) -> bool:
+        """Whether it differs from the first copy."""
+        return self.first is not None and self.first != self.raw
+
+
+def read_registers(
+    line: ServoLine, servo: ServoSpec, names: Iterable[str] = ()
+) -> list[RegisterReading]:
+    """Read registers of a servo.
+
+    Args:
+        line: The servos.
+        servo: The servo.
+        names: The registers, by the vendor's or the common names; all if empty.
+
+    Raises:
+        UnknownNameError: The model has no such register.
+        BusError: The servo does not reply.
+    """
+    registers = [find_register(servo.table, name) for name in names]
+    wanted = registers or list(servo.table.registers.values())
+    first = _first_copy(line, servo)
+    raw = line.bus.sync_read_many([servo.id], wanted, raw=True).require_all()[servo.id]
+    table = servo.table
+    return [
+        RegisterReading(each, raw[each], first.get(each.name), delivered_value(table, each))
+        for each in wanted
+    ]
+
+
+def find_register(table: type[ControlTable], name: str) -> Register:
+    """Find a register by the vendor's name, or by the name that all families have.
+
+    Raises:
+        UnknownNameError: The model has no such register.
+    """
+    if name not in table.registers and name in {each.value for each in RegisterName}:
+        return table.find(RegisterName(name))
+    if name not in table.registers:
+        raise UnknownNameError(f"{table.model_name} register", name, table.registers)
+    return table.registers[name]
+
+
+def find_table(model_name: str) -> type[ControlTable]:
+    """Find the control table of a model.
+
+    Raises:
+        UnknownNameError: No such model; the closest name is offered.
+    """
+    return control_table(model_name)
+
+
+def register_names(model_name: str | None) -> list[str]:
+    """Return the registers of a model, or of all known models where it is unknown or None."""
+    tables = [MODELS[model_name]] if model_name and model_name in MODELS else MODELS.values()
+    return sorted({name for table in tables for name in table.registers})
+
+
+def identify_servo(line: ServoLine, servo: ServoSpec) -> tuple[int, str]:
+    """Return the model number and the firmware version that a servo reports.
+
+    Raises:
+        BusError: It does not reply.
+    """
+    return line.bus.ping(servo.id).model_number, firmware_version(line.bus, servo.id)
+
+
+def holds_torque(line: ServoLine, servo: ServoSpec) -> bool:
+    """Read whether a servo's torque is on.
+
+    Raises:
+        BusError: It does not reply.
+    """
+    return line.bus.read(servo.id, RegisterName.TORQUE_ENABLE, raw=True) == 1
+
+
+def _first_copy(line: ServoLine, servo: ServoSpec) -> Mapping[str, int]:
+    path = backup_path(line.owner, servo)
+    with contextlib.suppress(FileFormatError, OSError):
+        return read_backup(path).eeprom if path.exists() else {}
+    return {}
+
+
+_UNITS = {  # the unit that a user may type, the register's unit, and its size in that
+    "deg": ("rad", math.radians(1)),
+    "rad": ("rad", 1.0),
+    "deg/s": ("rad/s", math.radians(1)),
+    "rad/s": ("rad/s", 1.0),
+    "rpm": ("rad/s", math.tau / 60),
+    "deg/s2": ("rad/s²", math.radians(1)),
+    "V": ("V", 1.0),
+    "A": ("A", 1.0),
+    "mA": ("A", 1e-3),
+    "s": ("s", 1.0),
+    "ms": ("s", 1e-3),
+    "us": ("s", 1e-6),
+    "C": ("°C", 1.0),
+    "%": ("1", 0.01),
+}
+
+
+def parse_register_value(register: Register, text: str) -> int:
+    """Parse the raw number of a value: a plain integer is raw, a number with a unit a quantity.
+
+    Raises:
+        InputError: It is no number, or the unit is not that of the register.
+    """
+    if re.fullmatch(r"[+-]?[0-9]{1,12}|0[xX][0-9a-fA-F]{1,9}", text):
+        return int(text, 0) if "x" in text.lower() else int(text)
+    match = re.fullmatch(r"([+-]?(?:[0-9]{1,12}\.?[0-9]*|\.[0-9]+)) ?(\S+)", text)
+    symbol, size = _UNITS.get(match[2], ("", 0.0)) if match else ("", 0.0)
+    if match is None or symbol != register.unit.symbol or not symbol:
+        units = [name for name, (symbol, _) in _UNITS.items() if symbol == register.unit.symbol]
+        listed = f", or a number with {' or '.join(units)}" if units else ""
+        raise InputError(
+            f"{text!r} is no value of {register}.", f"Give the raw integer of the sheet{listed}."
+        )
+    return register.to_raw(float(match[1]) * size)
+
+
+_REPLY_LEVELS = {"response_level": 1, "status_return_level": 2}  # that reply to every packet
+_HIGHEST_ID = 252
+
+
+def plan_writes(
+    line: ServoLine, servo: ServoSpec, values: Mapping[Register, int]
+) -> list[RegisterDifference]:
+    """Plan which registers would change; nothing is written.
+
+    Raises:
+        RegisterAccessError: A register is read-only, does not accept its number, is in EEPROM
+            while torque is on, or is the EEPROM lock, which is opened and closed for each write.
+        BusError: The servo does not reply.
+    """
+    for register, raw in values.items():
+        if register is servo.table.eeprom_lock and raw == 0:
+            reason = "each write unlocks the EEPROM and locks it again"
+            raise RegisterAccessError(str(servo), register.name, reason)
+        if register.name in _REPLY_LEVELS and raw < _REPLY_LEVELS[register.name]:
+            reason = f"at {raw} the servo would not reply to a write any more"
+            raise RegisterAccessError(str(servo), register.name, reason)
+        if register.name == "protocol_type" and raw != line.bus.read(servo.id, register, raw=True):
+            reason = f"at {raw} the servo would not reply on this line any more"
+            raise RegisterAccessError(str(servo), register.name, reason)
+        if register.name == "secondary_id" and raw <= _HIGHEST_ID:
+            reason = f"the servo would also obey the goals of servo {raw}"
+            raise RegisterAccessError(str(servo), register.name, reason)
+        if (register.name, raw) in servo.table.non_idempotent:
+            reason = f"{raw} sets another zero"
+            raise RegisterAccessError(
+                str(servo), register.name, reason, "Calibrate instead: ikservo calibrate"
+            )
+        encode_value(servo, register, raw, raw=True)
+    changes = register_differences(line.bus, servo.id, {**values})
+    stored = [each.register for each in changes if each.register.area is Area.EEPROM]
+    if stored:
+        refuse_under_torque(line.bus, servo.id, stored[0])
+    return changes
+
+
+def write_registers(
+    line: ServoLine, servo: ServoSpec, changes: Iterable[RegisterDifference]
+) -> None:
+    """Write the planned changes and verify them; the first EEPROM copy is made before.
+
+    An EEPROM that a killed program has left unlocked is locked, also where nothing changes.
+
+    Torque comes on at the present position. Id and baud rate are written last: the servo replies
+    at them afterwards.
+
+    Raises:
+        RegisterAccessError: Torque is on, or off where a goal is written.
+        ServoRejectedError: A number was not stored.
+        InputError: The new id belongs to another servo.
+        BusError: The servo does not reply.
+        StoppedError: Another program has stopped this one.
+        FileWriteError: The copy cannot be written; nothing was changed.
+    """
+    bus, table = line.bus, servo.table
+    new = {each.register: each.expected for each in changes}
+    address = {register: new.pop(register) for register in (table.id, table.baud_rate)
+               if register in new}  # fmt: skip
+    forget_if_former(bus, servo, new)
+    code = address.get(table.baud_rate)
+    rate = bus.port.baudrate if code is None else table.baud_rates[code]
+    if address:
+        check_address_is_free(bus.port, servo, address.get(table.id, servo.id), rate)
+    stored = {register: raw for register, raw in new.items() if register.area is Area.EEPROM}
+    if stored or address:
+        _back_up(line, servo)
+    if stored:
+        update_eeprom(bus, servo.id, {**stored})
+    else:
+        lock_eeprom(bus, servo.id)
+    for register, raw in new.items():
+        if register in stored:
+            continue
+        bus.check_may_move()
+        if register is table.torque_enable and raw:
+            torque_on(bus, servo.id)
+        else:
+            bus.write(servo.id, register, raw, raw=True)
+        _verify(bus, servo, register, raw)
+    if address:
+        change_address(bus.port, servo, address.get(table.id, servo.id), rate)
+
+
+def _back_up(line: ServoLine, servo: ServoSpec) -> None:
+    """Copy the EEPROM to a file before its first change; simulated servos begin anew each time."""
+    if not is_simulator(line.bus.port.name):
+        back_up_once(line.bus, line.owner, [servo.id])
+
+
+def _verify(bus: ServoBus, servo: ServoSpec, register: Register, raw: int) -> None:
+    held = bus.read(servo.id, register, raw=True)
+    if held != raw:
+        raise ServoRejectedError(
+            f"holds {register} = {held} after {raw} was written",
+            servo=str(servo),
+            servo_id=servo.id,
+            port=bus.port.name,
+        )
+
+
+def restart_servo(line: ServoLine, servo: ServoSpec) -> None:
+    """Restart a servo and wait until it replies; its torque is off, unless it is set to hold then.
+
+    Raises:
+        BusError: It refused, its family cannot, or it does not come back.
+    """
+    line.bus.reboot(servo.id)
+    wait_for_boot(line.bus, servo)
+
+
+def reset_servo(line: ServoLine, servo: ServoSpec) -> None:
+    """Give a servo its factory settings; id and baud rate stay, a copy is made before.
+
+    Raises:
+        BusError: It refused, its family would lose its id, or it does not come back.
+        FileWriteError: The copy cannot be written; nothing was changed.
+    """
+    _back_up(line, servo)
+    port, rate = line.bus.port, line.bus.port.baudrate
+    line.bus.factory_reset(servo.id)
+    if not _replies_at(port, servo, rate):
+        found = scan_servo(port, servo.id, candidate_baud_rates())
+        if not found:
+            raise ServoSilentError(
+                "does not reply after its reset", "Switch its power off and on, then scan.",
+                servo=str(servo), servo_id=servo.id, port=port.name,
+            )  # fmt: skip
+        change_address(port, servo, servo.id, rate)
+    port.setBaudRate(rate)
+
+
+def _replies_at(port: Port, servo: ServoSpec, rate: int) -> bool:
+    port.setBaudRate(rate)
+    try:
+        wait_for_boot(ServoBus(port, [servo], retries=0), servo)
+    except BusError:
+        return False
+    return True

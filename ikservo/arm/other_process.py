@@ -1,0 +1,186 @@
+"""Commands to an arm that another process controls: stop it, read its state, relax it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+
+from pydantic import JsonValue
+
+from ikservo.apps.teaching.recorder import RecordResult, RecordSettings, describe_arm, record
+from ikservo.apps.teaching.recording import ArmSample
+from ikservo.arm.networks import find_network, installed_networks
+from ikservo.arm.opening import open_bus, resolve_port
+from ikservo.arm.result_json import decode_as
+from ikservo.calibration.paths import calibration_path
+from ikservo.clock import Clock, RealClock
+from ikservo.control.stop_requests import StopOutcome, hold_servos
+from ikservo.errors import IkservoError, PortBusyError
+from ikservo.guard import DrivenJoint
+from ikservo.hardware.port_names import is_simulated, serial_number_of
+from ikservo.model import Model
+from ikservo.model.load_lag import LoadLag, load_lags
+from ikservo.planning.calibrated_arm import ZeroSource
+from ikservo.planning.reports import ArmState, JointMoveResult
+from ikservo.serving.control_client import (
+    Command,
+    StopAllResult,
+    StopResult,
+    request_stop,
+    send_command,
+)
+
+__all__ = [
+    "query_state",
+    "record_remote",
+    "request_relax",
+    "stop_arm",
+    "stop_remote_arms",
+]
+
+_RELAX_TIMEOUT_S = 120.0
+# Between opening a port and listening a program reads all of its servos.
+_START_TIMEOUT_S, _RETRY_PERIOD_S = 3.0, 0.02
+
+
+def stop_arm(model: Model, port: str | None, clock: Clock | None = None) -> StopResult:
+    """Stop an arm: by a command to the program that has its port open, else on the port itself.
+
+    Args:
+        model: The arm.
+        port: Its port; chosen as for every command if None.
+        clock: Measures how long to wait for a program that does not listen yet.
+
+    Raises:
+        IkservoError: That program cannot, or the port cannot be opened.
+    """
+    network_address = find_network(port)
+    if network_address is not None:
+        network, address = network_address
+        return network.stop_arm(address)
+    device = resolve_port(model, port)
+    clock = clock or RealClock()
+    until_s = clock.now_s() + _START_TIMEOUT_S
+    while True:
+        stopped = None if is_simulated(device) else request_stop(device, model.name)
+        if stopped is not None:
+            return stopped
+        try:
+            outcome = halt_line(model, port)
+        except PortBusyError:  # a program that has just opened it, and does not listen yet
+            if clock.now_s() > until_s:
+                raise
+            clock.sleep_until(clock.now_s() + _RETRY_PERIOD_S)
+        else:
+            held, limp, silent = outcome.held, outcome.limp, outcome.silent
+            return StopResult(model.name, device, False, held, limp, silent, latched=False)
+
+
+def stop_remote_arms() -> StopAllResult:
+    """Stop the arm at the address in ``IKSERVO_PORT`` and the arms of listed machines."""
+    with ThreadPoolExecutor() as pool:  # one without a reply must not delay the others
+        return StopAllResult.joined(pool.map(_attempt, _remote_stops()))
+
+
+def _attempt(stop: Callable[[], StopAllResult]) -> StopAllResult:
+    try:
+        return stop()
+    except IkservoError as error:
+        return StopAllResult(errors=(error,))
+
+
+def _remote_stops() -> Iterator[Callable[[], StopAllResult]]:
+    own = find_network(None)
+    if own is not None:
+        network, address = own
+        yield lambda: StopAllResult((network.stop_arm(address),))
+    for each in installed_networks():
+        yield each.stop_all_arms
+
+
+def query_state(model: Model, port: str | None) -> ArmState | None:
+    """Request an arm's state from the program that has its port open; None where none has.
+
+    Also for an arm on another machine: it is opened there without taking control of it.
+
+    Raises:
+        IkservoError: That program cannot.
+    """
+    if find_network(port) is not None:
+        return None
+    reply = _request(model, resolve_port(model, port), Command.WHERE, 10.0)
+    if reply is None:
+        return None
+    return decode_as(ArmState, reply)
+
+
+def request_relax(model: Model, port: str | None) -> JointMoveResult | None:
+    """Let the program that has an arm's port open relax it; return None where none has.
+
+    Raises:
+        IkservoError: That program cannot.
+    """
+    if find_network(port) is not None:
+        return None
+    reply = _request(model, resolve_port(model, port), Command.RELAX, _RELAX_TIMEOUT_S)
+    if reply is None:
+        return None
+    return decode_as(JointMoveResult, reply)
+
+
+def record_remote(
+    model: Model,
+    port: str | None,
+    settings: RecordSettings,
+) -> RecordResult | None:
+    """Record an arm that another program moves, by state requests; None where none has its port.
+
+    Raises:
+        IkservoError: That program has ended, or the file cannot be written.
+    """
+    if query_state(model, port) is None:
+        return None
+
+    def measure() -> ArmSample:
+        state = query_state(model, port)
+        if state is None:
+            raise IkservoError(
+                "The program that moved the arm has ended.", "The recording up to then is kept."
+            )
+        return ArmSample.of_states(state.joints)
+
+    serial = serial_number_of(resolve_port(model, port))
+    known = calibration_path(model.name, serial).exists()
+    zeros = ZeroSource.CALIBRATED if known else ZeroSource.UNKNOWN
+    arm = describe_arm(model, model.chain, settings.period_s, zeros, serial)
+    return record(measure, RealClock(), arm, settings)
+
+
+def _request(model: Model, device: str, command: Command, timeout_s: float) -> JsonValue:
+    return None if is_simulated(device) else send_command(device, command, timeout_s, model.name)
+
+
+def halt_line(model: Model, port: str | None) -> StopOutcome:
+    """Open the port of an arm that no program has open, and hold every joint that has torque.
+
+    Neither models nor calibration are checked: whatever moves is stopped.
+
+    Raises:
+        PortError: The port cannot be opened.
+    """
+    with open_bus(model, port) as bus:
+        return hold_servos(bus, _nominal_limits(model), bus.port.clock)
+
+
+def _nominal_limits(model: Model) -> list[DrivenJoint]:
+    """Return the limits of an arm's servos by its arm file alone, at a speed of 1 rad/s or m/s."""
+    lags = load_lags(model, model.chain, model.payload_kg)
+    return [
+        DrivenJoint(
+            joint.joint_map,
+            joint.limits,
+            speed=1.0,
+            lifting_lag_rad=lags.get(joint.name, LoadLag()).lifting_rad,
+        )
+        for joint in model.joints
+    ]

@@ -1,0 +1,115 @@
+"""``ikservo arc``: move the tip on an arc through a point to an end, or on a circle."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+import typer
+
+from ikservo.cli.motion_report import make_tip_motion, print_move_report
+from ikservo.cli.options import (
+    ArmConnection,
+    MotionOptions,
+    PathOptions,
+    SpeedOption,
+    ToolOptions,
+    ToolSpeedOption,
+)
+from ikservo.cli.quantities import (
+    parse_angle_rad,
+    parse_axis,
+    parse_coordinate_m,
+    parse_point_m,
+)
+from ikservo.cli.session import open_from_options
+from ikservo.planning.motions import MoveArc
+
+__all__ = ["command"]
+
+OptionalLength = Annotated[
+    float | None,
+    typer.Argument(parser=parse_coordinate_m, help="End point: metres, or like 120mm."),
+]
+Via = Annotated[str | None, typer.Option("--via", metavar="X,Y,Z", help="Point on the arc.")]
+FullCircle = Annotated[
+    bool,
+    typer.Option("--full-circle", help="Continue past the end, back to the start of the circle."),
+]
+Center = Annotated[
+    str | None,
+    typer.Option("--center", metavar="X,Y,Z", help="Centre of the arc, instead of X Y Z."),
+]
+Normal = Annotated[
+    str,
+    typer.Option(
+        "--normal",
+        metavar="AXIS",
+        help="With --center: axis of the circle, x, y, z or three numbers.",
+    ),
+]
+Angle = Annotated[
+    float | None,
+    typer.Option(
+        "--angle",
+        parser=parse_angle_rad,
+        metavar="DEG",
+        help="With --center: angle of the arc; default: 360; negative: clockwise.",
+    ),
+]
+
+
+def command(
+    x: OptionalLength = None,
+    y: OptionalLength = None,
+    z: OptionalLength = None,
+    *,
+    via: Via = None,
+    full_circle: FullCircle = False,
+    center: Center = None,
+    normal: Normal = "z",
+    angle: Angle = None,
+    connection: ArmConnection,
+    speed: SpeedOption = "normal",
+    tool_speed: ToolSpeedOption = None,
+    tool: ToolOptions,
+    path: PathOptions,
+    options: MotionOptions,
+) -> None:
+    """Move the tip on an arc through --via to X Y Z, or about --center.
+
+    ikservo arc 0.20 -0.05 0.15 --via 0.25,0,0.15 --arm so101 --port sim
+
+    ikservo arc 0.20 -0.05 0.15 --via 0.25,0,0.15 --full-circle --tool-speed 50
+
+    ikservo arc --center 0.2,0,0.15 --normal z --angle -180
+    """
+    motion = MoveArc(
+        None if via is None else parse_point_m(via),
+        _end_of(x, y, z),
+        full_circle=full_circle,
+        center_m=None if center is None else parse_point_m(center),
+        normal=parse_axis(normal),
+        angle_rad=math.tau if angle is None else angle,
+        tool_speed_m_s=tool_speed,
+        speed=speed,
+        stance=tool.orientation(),
+        within=path.within(),
+    )
+    with open_from_options(connection, options, path.scene) as machine:
+        report = make_tip_motion(machine, machine.plan(motion), options)
+    print_move_report(report, json=options.json)
+
+
+def _end_of(*coordinates: float | None) -> tuple[float, float, float] | None:
+    """Return the end (3,) [m]; None where it is not given.
+
+    Raises:
+        typer.BadParameter: Only a part of it is.
+    """
+    x, y, z = coordinates
+    if x is not None and y is not None and z is not None:
+        return (x, y, z)
+    if x is None:
+        return None
+    raise typer.BadParameter("The end of the arc needs X Y Z.")

@@ -1,0 +1,111 @@
+"""``ikservo scene``: the things of a scene file, and which of an arm's poses touch them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from ikservo.cli.model_options import model_from_option
+from ikservo.cli.options import ArmOption, JsonOption
+from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
+from ikservo.errors import BadValueError, ExitCode
+from ikservo.model.scene_file import (
+    KeepOutShape,
+    PlacedArm,
+    read_scene_with_arms,
+    with_scene_and_arms,
+)
+
+if TYPE_CHECKING:
+    from ikservo.model import Model
+
+__all__ = ["command"]
+
+ACTIONS = ("check", "show")
+Action = Annotated[
+    str,
+    typer.Argument(
+        metavar="[check|show]",
+        help="check: which poses of the arm touch a thing. show: names, places and sizes.",
+    ),
+]
+SceneFile = Annotated[Path, typer.Argument(metavar="FILE", help="TOML file, as for --scene.")]
+
+
+def command(
+    action: Action, file: SceneFile, arm: ArmOption = None, *, json: JsonOption = False
+) -> None:
+    """Show the things of a scene file, or check an arm among them; nothing moves.
+
+    ikservo scene show table.toml
+
+    ikservo scene check table.toml --arm so101
+    """
+    if action not in ACTIONS:
+        raise BadValueError("The action", action, "check or show")
+    if action == "show":
+        _show(*read_scene_with_arms(file), json=json)
+        return
+    model, arms = with_scene_and_arms(model_from_option(arm), file)
+    touched = list(_touched(model))
+    if json:
+        print_json(
+            "scene-check",
+            touched=[
+                {"pose": pose, "link": link, "thing": thing, "depth_m": depth_m}
+                for pose, link, thing, depth_m in touched
+            ],
+            unchecked=[each.name for each in arms],
+        )
+    elif touched:
+        print_lines(
+            f"{pose}: {link} touches {thing}, {depth_m * 1e3:.1f} mm deep"
+            for pose, link, thing, depth_m in touched
+        )
+    else:
+        print_lines(["No pose of the arm touches a thing."])
+    if arms and not json:
+        names = ", ".join(each.name for each in arms)
+        print_status(
+            f"Not checked: {names}. Other arms are measured in a motion, or in ikservo view."
+        )
+    if touched:
+        raise typer.Exit(ExitCode.FAILED)
+
+
+def _touched(model: Model) -> Iterator[tuple[str, str, str, float]]:
+    """Yield each pose, what of the arm touches which thing there, and how deep [m]."""
+    from ikservo.arm.opening import make_collision_checker  # noqa: PLC0415  # loads the kernels
+
+    checker = make_collision_checker(model)
+    names = [*model.chain.names, *([model.gripper.joint] if model.gripper else [])]
+    for pose, positions in model.poses.items():
+        q = [positions[name] for name in names[: checker.dof]]
+        for (link, thing), gap_m in zip(checker.pairs, checker.distances([q])[0], strict=True):  # pyright: ignore[reportArgumentType]
+            if thing in checker.things and gap_m < 0.0:
+                yield pose, link, thing, -float(gap_m)
+
+
+def _show(things: tuple[KeepOutShape, ...], arms: tuple[PlacedArm, ...], *, json: bool) -> None:
+    if json:
+        rows = [{"name": e.name, "low_m": e.low_m, "high_m": e.high_m} for e in things]
+        print_json("scene", things=rows, arms=[asdict(each) for each in arms])
+        return
+    if arms:
+        print_table(
+            ["arm", "base [m]", "roll, pitch, yaw [°]", "port"],
+            [[e.name, _triple(e.at_m), _triple(e.rpy_deg), e.port or "–"] for e in arms],
+        )
+    if not arms or things:
+        print_table(
+            ["thing", "from [m]", "to [m]"],
+            [[each.name, _triple(each.low_m), _triple(each.high_m)] for each in things],
+        )
+
+
+def _triple(at: tuple[float, float, float]) -> str:
+    return ", ".join(f"{x:.3f}" for x in at)

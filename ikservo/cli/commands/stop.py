@@ -1,0 +1,49 @@
+"""``ikservo stop``: stop the arm, whatever program moves it."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+from ikservo.arm.networks import find_network
+from ikservo.arm.other_process import stop_arm
+from ikservo.cli.model_options import model_from_option
+from ikservo.cli.options import ArmConnection, JsonOption
+from ikservo.cli.quick_stop import report_stop, stop_every_arm
+from ikservo.serving.control_client import StopAllResult, StopResult
+
+__all__ = ["command"]
+
+
+All = Annotated[
+    bool, typer.Option("--all", help="Stop every arm of your programs and of IKSERVO_FLEET.")
+]
+
+
+def command(
+    *,
+    connection: ArmConnection,
+    every: All = False,
+    json: JsonOption = False,
+) -> None:
+    """Stop the arm where it is; torque does not change.
+
+    With --all, or without an arm and a port (also in the environment), every arm that a program
+    of yours moves is stopped, also at the address in IKSERVO_PORT and on the machines of
+    IKSERVO_FLEET. If no program uses the port of the arm, this command opens it and makes every
+    servo with torque hold its position.
+
+    ikservo stop
+    """
+    one = not every and bool(connection.arm or connection.port)
+    found = StopAllResult((_stop_one(connection),)) if one else stop_every_arm()
+    raise typer.Exit(report_stop(found, as_json=json))
+
+
+def _stop_one(connection: ArmConnection) -> StopResult:
+    """Stop one arm; at an address it is known which."""
+    network_address = find_network(connection.port)
+    if network_address is not None:
+        return network_address[0].stop_arm(network_address[1])
+    return stop_arm(model_from_option(connection.arm), connection.port)

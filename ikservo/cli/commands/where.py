@@ -1,0 +1,302 @@
+"""``ikservo where``: measured tip, joints, limits and health, once or continuously."""
+
+from __future__ import annotations
+
+import contextlib
+import itertools
+import math
+import sys
+from collections.abc import Callable, Generator, Iterator, Sequence
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+import typer
+from rich.console import Console, Group
+from rich.live import Live
+from rich.table import Table
+from rich.text import Text
+
+from ikservo.arm import ArmState, JointState
+from ikservo.arm.other_process import query_state
+from ikservo.calibration import format_source
+from ikservo.cli.model_options import model_from_option
+from ikservo.cli.options import (
+    ArmConnection,
+    CountOption,
+    JsonOption,
+    MotionOptions,
+    UncalibratedOption,
+)
+from ikservo.cli.posture_reports import posture_fields, posture_lines
+from ikservo.cli.quantities import parse_point_m, parse_time_s
+from ikservo.cli.session import open_from_options
+from ikservo.cli.terminal import print_json, print_lines, print_table
+from ikservo.clock import Clock, RealClock
+from ikservo.errors import IkservoError, InputError, format_point
+from ikservo.kinematics.arrays import Vector
+from ikservo.model import Model
+from ikservo.model.model import HealthLimits, limit_distance, near_limit
+
+if TYPE_CHECKING:
+    from ikservo.apps.page.picking.visibility import LinkVisibility
+
+__all__ = ["command", "heat_colour", "limit_colour", "position_bar", "watch_arm"]
+
+
+Watch = Annotated[bool, typer.Option("--watch", help="Repeat until Ctrl-C, with joints as bars.")]
+Period = Annotated[
+    float,
+    typer.Option(
+        "--period",
+        parser=parse_time_s,
+        help="Time between two readings; default: 200ms.",
+        show_default=False,
+    ),
+]
+VisibleFrom = Annotated[
+    str | None,
+    typer.Option(
+        "--visible-from",
+        metavar="X,Y,Z",
+        help="List the links that a camera at this point sees.",
+    ),
+]
+
+
+def command(
+    *,
+    connection: ArmConnection,
+    watch: Watch = False,
+    period: Period = 0.2,
+    count: CountOption = None,
+    visible_from: VisibleFrom = None,
+    uncalibrated: UncalibratedOption = False,
+    json: JsonOption = False,
+) -> None:
+    """Show where the arm is, measured by its servos; nothing moves.
+
+    If another ikservo program uses the port, it answers instead.
+
+    ikservo where --arm so101 --port sim --visible-from 0.6,0.3,0.4
+    """
+    model = model_from_option(connection.arm)
+    eye_m = None if visible_from is None else parse_point_m(visible_from)
+    if watch and eye_m is not None:
+        raise InputError("--visible-from cannot be combined with --watch.", "Omit --watch.")
+    if watch:
+        watch_arm(model, connection.port, period, count, uncalibrated=uncalibrated, json=json)
+        return
+    here = query_state(model, connection.port)
+    if here is None:
+        with open_from_options(connection, MotionOptions(uncalibrated=uncalibrated)) as machine:
+            here = machine.where()
+    links = () if eye_m is None else _find_visible_links(model, here, eye_m)
+    if json:
+        more = posture_fields(model.chain, _chain_joints(here, model))
+        more |= {} if eye_m is None else {"visible_from": _visibility_fields(eye_m, links)}
+        print_json("where", tip_m=here.tip_m, joints=here.joints, **more)
+        return
+    _print_arm_state(here, model)
+    if eye_m is not None:
+        _print_visibility(eye_m, links)
+
+
+def _find_visible_links(
+    model: Model, here: ArmState, eye_m: tuple[float, float, float]
+) -> tuple[LinkVisibility, ...]:
+    from ikservo.apps.page.picking.visibility import visible_from  # noqa: PLC0415  # rarely used
+
+    return visible_from(model, here.positions, eye_m)
+
+
+def _visibility_fields(
+    eye_m: tuple[float, float, float], links: Sequence[LinkVisibility]
+) -> dict[str, object]:
+    listed = [
+        {
+            "link": each.link,
+            "visible_fraction": round(each.visible_fraction, 3),
+            "hidden_by": each.hidden_by,
+        }
+        for each in links
+    ]
+    return {"eye_m": eye_m, "links": listed}
+
+
+def _print_visibility(eye_m: tuple[float, float, float], links: Sequence[LinkVisibility]) -> None:
+    print_lines(["", f"seen from {format_point(eye_m)}"])
+    print_table(["link", "visible", "hidden by"], [_visibility_row(each) for each in links])
+
+
+def _visibility_row(link: LinkVisibility) -> list[str]:
+    visible = f"{link.visible_fraction:.0%}" if link.is_visible else "hidden"
+    return [link.link, visible, ", ".join(link.hidden_by)]
+
+
+def _print_arm_state(here: ArmState, model: Model) -> None:
+    posture = posture_lines(model.chain, _chain_joints(here, model))
+    print_lines([f"tip {format_point(here.tip_m)}", *posture, ""])
+    columns = ["joint", "position", "lower", "upper", "°C", "V", "load", "torque"]
+    print_table(columns, [_format_joint_row(state, model) for state in here.joints])
+    print_lines(["", *_limit_lines(here), *_alarm_lines(here)], indent=4)
+
+
+def _limit_lines(here: ArmState) -> list[str]:
+    """Return the sources of the limits: each with its joints, or one for all."""
+    sources: dict[str, list[str]] = {}
+    for state in here.joints:
+        sources.setdefault(format_source(state.limit_from), []).append(state.name)
+    if len(sources) == 1:
+        return [f"limits: {next(iter(sources))}"]
+    return [f"limits: {source} ({', '.join(joints)})" for source, joints in sources.items()]
+
+
+def _alarm_lines(here: ArmState) -> list[str]:
+    return [f"alarm: {s.name}: {', '.join(s.alarms)}" for s in here.joints if s.alarms]
+
+
+def _chain_joints(here: ArmState, model: Model) -> Vector:
+    """Return the measured joints (dof,) of the chain, without the gripper's."""
+    return np.array([here[name].position_rad for name in model.chain.names])
+
+
+def _format_joint_row(state: JointState, model: Model) -> list[str]:
+    format_value = model.joint(state.name).joint_map.format
+    return [
+        state.name,
+        *(format_value(value) for value in (state.position_rad, state.lower_rad, state.upper_rad)),
+        f"{state.temperature_c:.0f}",
+        f"{state.voltage_v:.1f}",
+        "" if state.load_percent is None else f"{state.load_percent:z.0f} %",
+        "on" if state.torque else "off",
+    ]
+
+
+# Characters between the limits, and of the other columns.
+_MIN_BAR_CHARS, _MAX_BAR_CHARS, _OTHER_COLUMNS_CHARS = 9, 31, 68
+
+ReadState = Callable[[], ArmState]
+
+
+def watch_arm(
+    model: Model,
+    port: str | None,
+    period_s: float,
+    count: int | None,
+    *,
+    uncalibrated: bool,
+    json: bool,
+    clock: Clock | None = None,
+) -> None:
+    """Print the arm's state periodically: lines of JSON, or a table that is updated in place.
+
+    Args:
+        model: The arm.
+        port: Its port; chosen as for every command if None.
+        period_s: Between two readings.
+        count: Number of readings; until Ctrl-C if None.
+        uncalibrated: Whether an arm without calibration may be opened.
+        json: Whether to print lines of JSON.
+        clock: Measures the period; the computer's if None, on simulated arms too.
+    """
+    with _state_reader(model, port, uncalibrated=uncalibrated) as read_state, _suppressed_output():
+        states = _poll_states(read_state, period_s, count, clock or RealClock())
+        if json:
+            for here in states:
+                print_json("where", tip_m=here.tip_m, joints=here.joints)
+                sys.stdout.flush()
+            return
+        console = Console(highlight=False)
+        with (
+            Live(console=console, auto_refresh=False)
+            if console.is_terminal
+            else contextlib.nullcontext() as live
+        ):
+            for here in states:
+                screen = _render_screen(here, model, console.width)
+                live.update(screen, refresh=True) if live else console.print(screen)
+
+
+@contextmanager
+def _state_reader(model: Model, port: str | None, *, uncalibrated: bool) -> Generator[ReadState]:
+    """Yield a function that reads the state: from the program that owns the port, or directly."""
+    if query_state(model, port) is not None:
+        yield lambda: _read_from_owner(model, port)
+        return
+    connection = ArmConnection(arm=str(model.path), port=port)
+    with open_from_options(connection, MotionOptions(uncalibrated=uncalibrated)) as machine:
+        yield machine.where
+
+
+def _read_from_owner(model: Model, port: str | None) -> ArmState:
+    here = query_state(model, port)
+    if here is None:
+        raise IkservoError("The program that used the port has ended.", "Run the command again.")
+    return here
+
+
+@contextmanager
+def _suppressed_output() -> Generator[None]:
+    with contextlib.suppress(KeyboardInterrupt):  # the user ends it this way
+        yield
+
+
+def _poll_states(
+    read_state: ReadState, period_s: float, count: int | None, clock: Clock
+) -> Iterator[ArmState]:
+    for number in itertools.count(1):
+        yield read_state()
+        if number == count:
+            return
+        clock.sleep_until(clock.now_s() + period_s)
+
+
+def _render_screen(here: ArmState, model: Model, width: int) -> Group:
+    table = Table(box=None, pad_edge=False, header_style="bold")
+    alarms = ["alarms"] if any(state.alarms for state in here.joints) else []
+    for column in ("joint", "position", "lower", "", "upper", "°C", "V", "load", "torque", *alarms):
+        numeric = column in ("position", "lower", "upper", "°C", "V", "load")
+        table.add_column(column, justify="right" if numeric else "left", no_wrap=True)
+    length = min(max(width - _OTHER_COLUMNS_CHARS, _MIN_BAR_CHARS), _MAX_BAR_CHARS)
+    for state in here.joints:
+        row = _watch_row(state, model, length)
+        table.add_row(*row, *([Text(", ".join(state.alarms), "red")] if alarms else []))
+    return Group(f"tip {format_point(here.tip_m)}", "", table)
+
+
+def _watch_row(state: JointState, model: Model, length: int) -> list[Text | str]:
+    joint_map = model.joint(state.name).joint_map
+    format_value, colour = joint_map.format, limit_colour(state, joint_map.unit)
+    return [
+        state.name,
+        Text(format_value(state.position_rad), colour),
+        format_value(state.lower_rad),
+        Text(position_bar(state.position_rad, state.lower_rad, state.upper_rad, length), colour),
+        format_value(state.upper_rad),
+        Text(f"{state.temperature_c:.0f}", heat_colour(state.temperature_c, model.health)),
+        f"{state.voltage_v:.1f}",
+        "" if state.load_percent is None else f"{state.load_percent:z.0f} %",
+        "on" if state.torque else "off",
+    ]
+
+
+def heat_colour(temperature_c: float, limits: HealthLimits) -> str:
+    """Return red from the temperature of a stop on, yellow from that of a warning."""
+    hot, warm = (temperature_c >= c for c in (limits.hold_c, limits.warn_c))
+    return "red" if hot else "yellow" if warm else ""
+
+
+def limit_colour(state: JointState, unit: str) -> str:
+    """Return red outside the limits, yellow near one."""
+    joint = (state.position_rad, state.lower_rad, state.upper_rad)
+    if limit_distance(*joint) < 0.0:
+        return "red"
+    return "yellow" if near_limit(*joint, unit) else ""
+
+
+def position_bar(position: float, lower: float, upper: float, length: int) -> str:
+    """Return ``├────●────┤``: a position between two limits."""
+    fraction = (position - lower) / (upper - lower) if math.isfinite(upper - lower) else 0.5
+    at = min(max(round(fraction * (length - 1)), 0), length - 1)
+    return f"├{'─' * at}●{'─' * (length - 1 - at)}┤"

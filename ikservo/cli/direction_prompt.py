@@ -1,0 +1,105 @@
+"""``ikservo calibrate --wiggle``: small motions to confirm each joint and its direction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from ikservo.arm import Arm, OpenArm, ZeroSource
+from ikservo.arm.opening import require_own_port
+from ikservo.cli.options import ArmConnection, MotionOptions
+from ikservo.cli.session import open_from_options
+from ikservo.cli.terminal import print_json, print_lines, print_status
+from ikservo.cli.terminal_dialogue import Operator
+from ikservo.errors import InputError
+from ikservo.maintenance.dialogue import Question, Unasked
+from ikservo.maintenance.direction_check import (
+    DirectionCheck,
+    check_each_joint,
+    directions_confirmed,
+)
+from ikservo.model import Model
+
+__all__ = ["check_directions", "check_directions_once", "check_new_signs"]
+
+
+def check_directions_once(machine: OpenArm, options: MotionOptions) -> bool:
+    """Run the test motion of all joints if the present files were never confirmed with it.
+
+    Returns whether it ran: the arm may then hold elsewhere than where a plan starts.
+
+    An arm with unknown zeros moves in small steps that are each confirmed, without this.
+
+    Args:
+        machine: The arm, before it moves.
+        options: Whether to skip it, or the questions to the user.
+
+    Raises:
+        CalibrationError: A joint is not the expected one.
+        InputError: No user is there to observe.
+    """
+    if options.no_wiggle or not isinstance(machine, Arm):  # the program beside the arm has done it
+        return False
+    if machine.zeros in (ZeroSource.SIMULATED, ZeroSource.UNKNOWN):
+        return False
+    if directions_confirmed(machine.model, machine.port_name):
+        return False
+    print_status("Arm file or calibration changed: test motion first, each joint 5° and back.")
+    _check_each_joint(machine, [], yes=options.yes)
+    return True
+
+
+def check_new_signs(
+    model: Model, port: str | None, names: Sequence[str], operator: Operator
+) -> bool:
+    """Offer the test motion for joints whose sign is not the arm file's; return whether it ran.
+
+    Until it was confirmed, the first motion of the arm starts with it.
+
+    Raises:
+        CalibrationError: The user saw a joint move in the wrong direction.
+    """
+    if not names:
+        return True
+    print_status(
+        f"Sign opposite to the arm file: {', '.join(names)}. A small test motion checks it:"
+    )
+    print_status("torque comes on and each of them moves 5° and back.")
+    if not operator.agrees(Question("Make the test motion now?", Unasked.NO)):
+        print_status(
+            f"The first motion begins with it. By itself: ikservo calibrate {model.name} --wiggle"
+        )
+        return False
+    connection = ArmConnection(arm=str(model.path), port=port)
+    with open_from_options(connection, MotionOptions(collision=False)) as machine:
+        _check_each_joint(require_own_port(machine), names, yes=False)
+    return True
+
+
+def check_directions(machine: Arm, joints: Sequence[str], *, yes: bool, json: bool) -> None:
+    """Run the test motion of some joints, all if none are named, and record all as confirmed."""
+    motions = _check_each_joint(machine, joints, yes=yes)
+    if json:
+        print_json("wiggle", joints=list(map(_motion_fields, motions)), confirmed=not yes)
+    else:
+        print_lines([f"{motion.joint}: it moves {motion.direction}" for motion in motions])
+
+
+def _motion_fields(motion: DirectionCheck) -> dict[str, object]:
+    return {
+        "joint": motion.joint,
+        "displacement_rad": motion.travel,
+        "description": motion.direction,
+    }
+
+
+def _check_each_joint(machine: Arm, joints: Sequence[str], *, yes: bool) -> list[DirectionCheck]:
+    operator = Operator.of(None, yes=yes)
+    if not (operator.interactive or yes):
+        raise InputError(
+            "Cannot ask whether the joints move correctly: input is not a terminal.",
+            "Without asking: --yes",
+        )
+    names = [machine.model.joint(name).name for name in joints]
+    return operator.run(
+        check_each_joint(machine, names or [each.name for each in machine.model.joints])
+    )

@@ -1,0 +1,1 @@
+"""Packets of Dynamixel and Feetech servos on the SDKs of their vendors."""

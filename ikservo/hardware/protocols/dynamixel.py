@@ -1,0 +1,305 @@
+"""Dynamixel drivers for protocols 1.0 and 2.0, on the vendor's SDK.
+
+The SDK builds and sends every packet through ``txPacket``, which is the same in 3.7.31 and in
+4.1.0. Defects are numbered as in docs/sdk-defects.md (D11). Corrected on sending: byte stuffing,
+which the SDK computes and then discards (D1). Its reception is not used: it loses a byte of some
+stuffed replies (D2), returns the CRC as data when a servo refused (D3), and drops the alarms of
+servos in sync reads (D4, D5).
+
+Packets of protocol 1.0 go through ``Protocol1PacketHandler.txPacket``. Its reception has the same
+defects: it returns the checksum as data when a servo refused (D3), and waits by the wall clock,
+spinning (D7).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Mapping, Sequence
+
+from ikservo.hardware.packets import (
+    BROADCAST_ID,
+    FaultKind,
+    MemoryRange,
+    Reply,
+    ReplyFault,
+    Status,
+    StatusPacket,
+)
+from ikservo.hardware.port import Port
+from ikservo.hardware.protocols.driver import BroadcastPingResult, broadcast_ping
+from ikservo.hardware.protocols.protocol1 import Protocol1Codec, Protocol1Driver
+from ikservo.hardware.protocols.protocol2 import (
+    FastSyncCodec,
+    FixedPacketHandler,
+    Protocol2Codec,
+    fast_sync_size,
+    split_fast_sync,
+)
+from ikservo.hardware.protocols.transceiver import RepeatedPackets, Transceiver
+from ikservo.hardware.vendor_modules import importing_from
+
+with importing_from("dynamixel-sdk", "dynamixel_sdk"):
+    from dynamixel_sdk.protocol1_packet_handler import Protocol1PacketHandler
+    from dynamixel_sdk.robotis_def import COMM_TX_ERROR
+
+__all__ = ["Dynamixel1Driver", "DynamixelDriver"]
+
+
+_PING, _READ, _WRITE, _REG_WRITE, _ACTION, _REBOOT = 0x01, 0x02, 0x03, 0x04, 0x05, 0x08
+_FACTORY_RESET, _KEEP_ID_AND_RATE = 0x06, b"\x02"
+_SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A
+_BULK_READ, _BULK_WRITE = 0x92, 0x93
+_REQUEST_INSTRUCTIONS = frozenset((_READ, _SYNC_READ, _FAST_SYNC_READ, _BULK_READ))
+_PING_SIZE = 3  # model number and firmware
+_FAST_FAILURES = 2  # in a row; then the firmware is too old, a servo is missing, or the line is bad
+_RETRY_FAST_AFTER = 200  # readings, after which fast sync read is tried again
+
+
+class DynamixelDriver:
+    """X-series servos and everything else that speaks protocol 2.0.
+
+    Groups are read by fast sync read, which saves a third of the wire time, until it fails twice
+    in a row for the same servos (D5: a missing one suppresses all replies); then, and whenever it
+    fails, they are read by sync read.
+    """
+
+    can_sync_read = can_bulk_write = True
+
+    def __init__(self, port: Port, *, fast: bool = True) -> None:
+        self._port, self._handler = port, FixedPacketHandler()
+        self._repeated = RepeatedPackets(port, _REQUEST_INSTRUCTIONS)
+        self._codec = Protocol2Codec(COMM_TX_ERROR)
+        self.transceiver = Transceiver(port, self._codec)
+        self._combined = Transceiver(port, FastSyncCodec(COMM_TX_ERROR))
+        self._fast, self._fast_failures = fast, dict[tuple[int, ...], int]()
+        self.already_retried = False
+
+    def set_return_delay(self, return_delay_s: float) -> None:
+        """Set the maximum return delay before each reply, seconds."""
+        for exchange in (self.transceiver, self._combined):
+            exchange.set_return_delay(return_delay_s)
+
+    def can_bulk_read(self, servo_ids: Iterable[int]) -> bool:
+        """Whether one request can read these servos, each its own bytes."""
+        return True
+
+    def ping(self, servo_id: int) -> Reply:
+        """Ping a servo; the data are model number (2 bytes) and firmware."""
+        return self._request_packet(servo_id, _PING, b"", _PING_SIZE)
+
+    def broadcast_ping(self, highest_id: int) -> BroadcastPingResult:
+        """Ping all ids up to the highest."""
+        return broadcast_ping(
+            self.transceiver, lambda: self._send(BROADCAST_ID, _PING, b""), _PING_SIZE, highest_id
+        )
+
+    def read(self, servo_id: int, address: int, size: int) -> Reply:
+        """Read ``size`` bytes of one servo."""
+        span = MemoryRange(address, size)
+        with self._port.lock:
+            window = self.transceiver.choose_window((servo_id,), span)
+            parameters = _two_byte_words(window.address, window.size)
+            reply = self._request_packet(servo_id, _READ, parameters, window.size, window)
+        return span.extract(reply, window)
+
+    def write(self, servo_id: int, address: int, data: bytes) -> Reply:
+        """Write to one servo and check its reply."""
+        self._port.pending.invalidate((servo_id,))
+        return self._request_packet(servo_id, _WRITE, _two_byte_words(address) + data)
+
+    def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
+        """Read the same bytes of many servos; each has its own reply."""
+        span, ids = MemoryRange(address, size), tuple(servo_ids)
+        with self._port.lock:
+            self.already_retried = self._is_fast(ids)
+            replies = self._fast_sync_read(ids, span) if self._is_fast(ids) else {}
+            if replies:
+                self._fast_failures.pop(ids, None)
+                self.already_retried = False
+                return replies
+            self._fast_failures[ids] = self._fast_failures.get(ids, 0) + 1
+            return self._plain_sync_read(ids, span)
+
+    def _is_fast(self, servo_ids: tuple[int, ...]) -> bool:
+        failures = self._fast_failures.get(servo_ids, 0)
+        worth_it = failures < _FAST_FAILURES or failures % _RETRY_FAST_AFTER == 0
+        return self._fast and len(servo_ids) > 1 and worth_it
+
+    def _plain_sync_read(self, servo_ids: tuple[int, ...], span: MemoryRange) -> dict[int, Reply]:
+        window = self.transceiver.choose_window(servo_ids, span)
+        parameters = _two_byte_words(window.address, window.size) + bytes(servo_ids)
+        replies = self.transceiver.transact(
+            lambda: self._send(BROADCAST_ID, _SYNC_READ, parameters),
+            dict.fromkeys(servo_ids, window.size),
+            window,
+        )
+        return {servo_id: span.extract(reply, window) for servo_id, reply in replies.items()}
+
+    def _fast_sync_read(self, servo_ids: tuple[int, ...], span: MemoryRange) -> dict[int, Reply]:
+        """Compute every servo's reply, or nothing if fast sync read failed."""
+        count = len(servo_ids)
+        window = self._combined.choose_window(
+            (BROADCAST_ID,), span, lambda size: fast_sync_size(count, size)
+        )
+        parameters = _two_byte_words(window.address, window.size) + bytes(servo_ids)
+        reply = self._combined.transact(
+            lambda: self._send(BROADCAST_ID, _FAST_SYNC_READ, parameters),
+            {BROADCAST_ID: fast_sync_size(count, window.size)},
+            window,
+        )[BROADCAST_ID]
+        frames = (
+            []
+            if isinstance(reply, ReplyFault)
+            else split_fast_sync(reply.data, servo_ids, window.size)
+        )
+        replies = {frame.servo_id: self._codec.interpret(frame, window.size) for frame in frames}
+        return {i: span.extract(reply, window) for i, reply in replies.items() if reply}
+
+    def bulk_read(self, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
+        """Read many servos, each its own bytes."""
+        with self._port.lock:
+            windows = {i: self.transceiver.choose_window((i,), span) for i, span in spans.items()}
+            rows = (bytes((i,)) + _two_byte_words(w.address, w.size) for i, w in windows.items())
+            parameters = b"".join(rows)
+            replies = self.transceiver.transact(
+                lambda: self._send(BROADCAST_ID, _BULK_READ, parameters),
+                {i: window.size for i, window in windows.items()},
+                windows,
+            )
+        return {i: spans[i].extract(reply, windows[i]) for i, reply in replies.items()}
+
+    def sync_write(self, address: int, data: Mapping[int, bytes]) -> None:
+        """Write to many servos with one packet; there is no reply."""
+        size = len(next(iter(data.values())))
+        rows = b"".join(bytes((servo_id, *row)) for servo_id, row in data.items())
+        parameters = _two_byte_words(address, size) + rows
+        self._port.pending.invalidate(data, MemoryRange(address, size))
+        self.transceiver.transact(lambda: self._send(BROADCAST_ID, _SYNC_WRITE, parameters))
+
+    def bulk_write(self, rows: Mapping[int, tuple[int, bytes]]) -> None:
+        """Write to many servos with one packet, each at its own address; there is no reply."""
+        parameters = b""
+        for servo_id, (address, data) in rows.items():
+            parameters += bytes((servo_id,)) + _two_byte_words(address, len(data)) + data
+            self._port.pending.invalidate((servo_id,), MemoryRange(address, len(data)))
+        self.transceiver.transact(lambda: self._send(BROADCAST_ID, _BULK_WRITE, parameters))
+
+    def reg_write(self, servo_id: int, address: int, data: bytes) -> Reply:
+        """Prepare a write that ``action`` executes."""
+        return self._request_packet(servo_id, _REG_WRITE, _two_byte_words(address) + data)
+
+    def action(self) -> None:
+        """Execute the prepared writes of all servos; a single servo would reply (D10)."""
+        self._port.pending.invalidate(range(BROADCAST_ID))
+        self.transceiver.transact(lambda: self._send(BROADCAST_ID, _ACTION, b""))
+
+    def factory_reset(self, servo_id: int) -> Reply:
+        """Give one servo its factory settings; id and baud rate stay."""
+        self._port.pending.invalidate((servo_id,))
+        return self._request_packet(servo_id, _FACTORY_RESET, _KEEP_ID_AND_RATE)
+
+    def reboot(self, servo_id: int) -> Reply:
+        """Restart one servo; its torque is off afterwards."""
+        self._port.pending.invalidate((servo_id,))
+        return self._request_packet(servo_id, _REBOOT, b"")
+
+    def _request_packet(
+        self,
+        servo_id: int,
+        instruction: int,
+        parameters: bytes,
+        size: int = 0,
+        window: MemoryRange | None = None,
+    ) -> Reply:
+        replies = self.transceiver.transact(
+            lambda: self._send(servo_id, instruction, parameters), {servo_id: size}, window
+        )
+        return replies[servo_id]
+
+    def _send(self, servo_id: int, instruction: int, parameters: bytes) -> int:
+        """Send a packet, by the SDK where it is new; it adds header and CRC. Its result code."""
+        key = (servo_id, instruction, parameters)
+        if (result := self._repeated.send(key)) is not None:
+            return result
+        length = (len(parameters) + 3).to_bytes(2, "little")
+        packet = [0, 0, 0, 0, servo_id, *length, instruction, *parameters, 0, 0]
+        return self._repeated.record_sent(key, self._handler.txPacket(self._port, packet))
+
+
+def _two_byte_words(*numbers: int) -> bytes:
+    return b"".join(word.to_bytes(2, "little") for word in numbers)
+
+
+_REBOOT_1, _BULK_READ_1 = 0x08, 0x92
+
+# Error bits about the request; the others are alarms of the servo itself.
+_DAMAGED = 0x10
+_REFUSALS = {
+    0x02: "reports a goal outside its angle limits",
+    0x08: "reports a value or address out of range",
+    0x40: "does not support the instruction",
+}
+_ALARMS = 0xFF & ~sum(_REFUSALS, _DAMAGED)
+
+
+class _Dynamixel1Codec(Protocol1Codec):
+    """Codec of protocol 1.0: some error bits are refusals, some are alarms."""
+
+    def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
+        alarms = frame.error & _ALARMS
+        if frame.error & _DAMAGED and not frame.data:
+            found = "received a damaged instruction packet"
+            return ReplyFault(frame.servo_id, FaultKind.GARBLED, found, alarms)
+        refusals = [text for bit, text in _REFUSALS.items() if frame.error & bit]
+        if refusals and not frame.data:
+            return ReplyFault(frame.servo_id, FaultKind.REFUSED, " and ".join(refusals), alarms)
+        return Status(frame.servo_id, frame.data, alarms) if len(frame.data) == size else None
+
+
+class Dynamixel1Driver(Protocol1Driver):
+    """AX and MX servos; there is no sync read, and only MX support bulk read.
+
+    Args:
+        port: The port.
+        bulk_ids: The servos that support bulk read.
+    """
+
+    def __init__(self, port: Port, bulk_ids: Collection[int] = ()) -> None:
+        super().__init__(port, Protocol1PacketHandler().txPacket, _Dynamixel1Codec(COMM_TX_ERROR))
+        self._bulk_ids = frozenset(bulk_ids)
+
+    def can_bulk_read(self, servo_ids: Iterable[int]) -> bool:
+        """Whether one request can read these servos, each its own bytes."""
+        return self._bulk_ids.issuperset(servo_ids)
+
+    def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
+        """Read the same bytes of many servos; those that support it with one bulk read."""
+        return self.bulk_read(dict.fromkeys(servo_ids, MemoryRange(address, size)))
+
+    def bulk_read(self, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
+        """Read many servos, each its own bytes; those without bulk read one after the other."""
+        together = {i: span for i, span in spans.items() if i in self._bulk_ids}
+        if len(together) < 2:
+            return super().bulk_read(spans)
+        alone = {i: span for i, span in spans.items() if i not in together}
+        return self._bulk_read(together) | super().bulk_read(alone)
+
+    def _bulk_read(self, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
+        with self._port.lock:
+            windows = {i: self.transceiver.choose_window((i,), span) for i, span in spans.items()}
+            rows = b"".join(bytes((w.size, i, w.address)) for i, w in windows.items())
+            replies = self.transceiver.transact(
+                lambda: self._send(BROADCAST_ID, _BULK_READ_1, b"\0" + rows),
+                {i: window.size for i, window in windows.items()},
+                windows,
+            )
+        return {i: spans[i].extract(reply, windows[i]) for i, reply in replies.items()}
+
+    def factory_reset(self, servo_id: int) -> Reply:
+        """Return a fault: it would become id 1, which another servo may have."""
+        found = "would become id 1 by a factory reset; restore a backup instead"
+        return ReplyFault(servo_id, FaultKind.REFUSED, found)
+
+    def reboot(self, servo_id: int) -> Reply:
+        """Restart one servo; its torque is off afterwards. Old AX do not support it."""
+        self._port.pending.invalidate((servo_id,))
+        return self._request_packet(servo_id, _REBOOT_1, b"")

@@ -1,0 +1,90 @@
+"""Feetech driver, on the vendor's SDK.
+
+The SDK builds and sends every packet. Its reception is not used: it takes late, foreign and
+short packets for replies, stops at false headers and at error bytes above 0x7F, and gives up a
+whole sync read for one silent servo (docs/sdk-defects.md F1, F7, F13, F11, F18, F10). 16-bit values
+are packed by the registers, so the SDK's global byte order (F9) is never used.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from inspect import signature
+
+from ikservo.hardware.packets import (
+    BROADCAST_ID,
+    FaultKind,
+    MemoryRange,
+    Reply,
+    ReplyFault,
+    Status,
+    StatusPacket,
+)
+from ikservo.hardware.port import Port
+from ikservo.hardware.protocols.protocol1 import Protocol1Codec, Protocol1Driver, SendPacket
+from ikservo.hardware.vendor_modules import importing_from
+
+with importing_from("feetech-servo-sdk", "scservo_sdk"):
+    from scservo_sdk.protocol_packet_handler import protocol_packet_handler
+    from scservo_sdk.scservo_def import COMM_TX_ERROR
+
+__all__ = ["FeetechDriver"]
+
+_FACTORY_RESET, _SYNC_READ = 0x06, 0x82
+
+
+def _packet_sender() -> SendPacket:
+    """Return the SDK's ``txPacket`` as a function of port and packet.
+
+    Two packages bring the module: in feetech-servo-sdk ``txPacket`` is given the port, in
+    ftservo-python-sdk the handler that it belongs to.
+    """
+    if "port" in signature(protocol_packet_handler.txPacket).parameters:
+        return protocol_packet_handler().txPacket
+    return lambda port, packet: protocol_packet_handler(port, 0).txPacket(packet)
+
+
+class _FeetechCodec(Protocol1Codec):
+    """Feetech codec: the error byte is an alarm, the data beside it are valid."""
+
+    def interpret(self, frame: StatusPacket, size: int) -> Reply | None:
+        if len(frame.data) == size:
+            return Status(frame.servo_id, frame.data, frame.error)
+        if frame.data or not frame.error:
+            return None  # a reply to some other request
+        return ReplyFault(frame.servo_id, FaultKind.REFUSED, "answered without data", frame.error)
+
+
+class FeetechDriver(Protocol1Driver):
+    """STS, SMS and HLS servos; SCS servos with ``can_sync_read=False`` (F16)."""
+
+    def __init__(self, port: Port, *, can_sync_read: bool = True) -> None:
+        super().__init__(port, _packet_sender(), _FeetechCodec(COMM_TX_ERROR))
+        self.can_sync_read = can_sync_read
+
+    def sync_read(self, servo_ids: Sequence[int], address: int, size: int) -> dict[int, Reply]:
+        """Read the same bytes of many servos; each has its own reply."""
+        if not self.can_sync_read:
+            return super().sync_read(servo_ids, address, size)
+        span = MemoryRange(address, size)
+        with self._port.lock:
+            window = self.transceiver.choose_window(tuple(servo_ids), span)
+            parameters = bytes((window.address, window.size, *servo_ids))
+            replies = self.transceiver.transact(
+                lambda: self._send(BROADCAST_ID, _SYNC_READ, parameters),
+                dict.fromkeys(servo_ids, window.size),
+                window,
+            )
+        if window is span:
+            return replies
+        return {servo_id: span.extract(reply, window) for servo_id, reply in replies.items()}
+
+    def factory_reset(self, servo_id: int) -> Reply:
+        """Give one servo its factory settings; the id stays, the baud rate does not."""
+        self._port.pending.invalidate((servo_id,))
+        return self._request_packet(servo_id, _FACTORY_RESET, b"")
+
+    def reboot(self, servo_id: int) -> Reply:
+        """Return a fault: this family has no such instruction."""
+        found = "does not support reboot; switch its power off and on instead"
+        return ReplyFault(servo_id, FaultKind.REFUSED, found)

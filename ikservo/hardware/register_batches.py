@@ -1,0 +1,344 @@
+"""Group registers into as few sync and bulk reads and writes as possible."""
+
+from __future__ import annotations
+
+import operator
+from collections import defaultdict
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from math import isfinite
+from struct import Struct
+from typing import Any
+
+from ikservo.errors import BadValueError, RegisterAccessError, UnknownNameError
+from ikservo.hardware.packets import MemoryRange, Reply
+from ikservo.hardware.protocols.driver import ProtocolDriver
+from ikservo.hardware.servo import ServoSpec
+from ikservo.registers import Access, Area, Family, Register, RegisterName, TwosComplement, Unsigned
+
+__all__ = [
+    "MAX_GAP_BYTES",
+    "ReadBatch",
+    "ReadPlan",
+    "RegisterRef",
+    "ReplyLayout",
+    "WriteTarget",
+    "batch_read",
+    "batch_write",
+    "batches",
+    "contiguous_runs",
+    "encode_value",
+    "is_goal",
+    "join_bytes",
+    "plan_reads",
+    "plan_writes",
+    "resolve_register",
+    "tracks_state",
+]
+
+
+MAX_GAP_BYTES = 8
+"""Bytes between two registers that cost no more than a second request to six servos."""
+
+
+def contiguous_runs(registers: Iterable[Register], gap: int = 0) -> list[list[Register]]:
+    """Return the registers in runs, each of which one read covers.
+
+    Args:
+        registers: Of one servo.
+        gap: Maximum number of unused bytes between two of a run. Static registers and others are
+            not combined then, for static ones are read twice on a bad line.
+    """
+    rows = list(registers)
+    if len(rows) == 1:
+        return [rows]
+    runs: list[list[Register]] = []
+    for register in sorted(set(rows), key=lambda r: r.address):
+        if runs and _extends_run(runs[-1][-1], register, gap):
+            runs[-1].append(register)
+        else:
+            runs.append([register])
+    return runs
+
+
+def _extends_run(last: Register, register: Register, gap: int) -> bool:
+    between = register.address - last.end
+    return between == 0 or (0 < between <= gap and last.steady is register.steady)
+
+
+def batches(
+    own: Mapping[int, Collection[Register]], gap: int = 0
+) -> Iterator[dict[int, list[Register]]]:
+    """Yield for each request the run of registers to read of each servo.
+
+    Args:
+        own: The registers to read of each servo, by id.
+        gap: See ``contiguous_runs``.
+    """
+    runs = {servo_id: contiguous_runs(registers, gap) for servo_id, registers in own.items()}
+    for k in range(max((len(r) for r in runs.values()), default=0)):
+        yield {servo_id: r[k] for servo_id, r in runs.items() if k < len(r)}
+
+
+def join_bytes(data: Mapping[Register, bytes], run: Sequence[Register]) -> bytes:
+    """Join the bytes of one write to a run of registers."""
+    return b"".join(data[register] for register in run)
+
+
+RegisterRef = Register | RegisterName
+"""A register of any table, or a name that every table has."""
+
+
+def resolve_register(servo: ServoSpec, ref: RegisterRef) -> Register:
+    """Find the servo's own register.
+
+    Raises:
+        UnknownNameError: Its table has none of that name.
+    """
+    try:
+        return servo.table.find(ref)
+    except UnknownNameError as error:
+        error.add_note(f"while talking to {servo}")
+        raise
+
+
+def encode_value(servo: ServoSpec, register: Register, value: float, *, raw: bool) -> bytes:
+    """Encode the bytes that write a value.
+
+    Args:
+        servo: Whose register it is, for messages.
+        register: The servo's own register.
+        value: In the register's unit, or its integer.
+        raw: The value is the integer.
+
+    Raises:
+        RegisterAccessError: The register is read-only or the value does not fit.
+    """
+    if register.access is Access.RO:
+        raise RegisterAccessError(str(servo), register.name, "it is read-only")
+    number = (
+        _to_raw_integer(servo, register, value) if raw else _require_count(servo, register, value)
+    )
+    lower, upper = register.range
+    if not lower <= number <= upper:
+        raise RegisterAccessError(
+            str(servo), register.name, f"{number} is outside {lower} to {upper}"
+        )
+    return register.encode(number)
+
+
+def _to_raw_integer(servo: ServoSpec, register: Register, value: float) -> int:
+    try:
+        return operator.index(value)  # pyright: ignore[reportArgumentType] (checked here)
+    except TypeError:
+        raise BadValueError(f"The raw {register} of {servo}", value, "an integer") from None
+
+
+def _require_count(servo: ServoSpec, register: Register, value: float) -> int:
+    if not isfinite(value):
+        raise RegisterAccessError(str(servo), register.name, f"{value} is not a number")
+    return register.to_raw(value)
+
+
+_LETTERS = {1: "B", 2: "H", 4: "I"}
+
+
+class ReplyLayout:
+    """Position of one servo's registers in the bytes of one reply.
+
+    Args:
+        servo: The servo.
+        refs: Its own register for each key of the caller.
+        run: Those in one reply, by address; the first at its beginning, the last at its end.
+
+    Attributes:
+        registers: The register of each key.
+        state_registers: Those of them that contain torque state or alarms.
+    """
+
+    def __init__(
+        self, servo: ServoSpec, refs: Mapping[RegisterRef, Register], run: Sequence[Register]
+    ) -> None:
+        self.registers = {key: register for key, register in refs.items() if register in run}
+        self.state_registers = {k: r for k, r in self.registers.items() if tracks_state(servo, r)}
+        self._places = [(key, run.index(register)) for key, register in self.registers.items()]
+        self._unpack = Struct(_struct_format(run)).unpack
+        self._coded = [(at, register) for at, register in enumerate(run) if _needs_codec(register)]
+
+    def decode_raw(self, block: bytes) -> dict[Any, int]:
+        """Decode the raw number of each key in a reply."""
+        numbers = list(self._unpack(block))
+        for at, register in self._coded:
+            numbers[at] = register.codec.to_number(numbers[at], register.size)
+        return {key: numbers[at] for key, at in self._places}
+
+
+def tracks_state(servo: ServoSpec, register: Register) -> bool:
+    """Check whether a register contains torque state or alarms."""
+    table = servo.table
+    if register is table.torque_enable:
+        return True
+    return RegisterName.ALARMS not in table.missing and register is table.alarms
+
+
+def is_goal(servo: ServoSpec, register: Register) -> bool:
+    """Check whether a register is the goal position, which can switch torque on."""
+    return register is servo.table.goal_position
+
+
+def _struct_format(run: Sequence[Register]) -> str:
+    """Return the ``struct`` format of these registers; the bytes between them are skipped."""
+    at, letters = run[0].address, ">" if run[0].byte_order == "big" else "<"
+    for register in run:
+        letter = _LETTERS[register.size]
+        signed = isinstance(register.codec, TwosComplement)
+        letters += f"{register.address - at}x{letter.lower() if signed else letter}"
+        at = register.end
+    return letters
+
+
+def _needs_codec(register: Register) -> bool:
+    """Check whether ``struct`` does not support the register's encoding."""
+    return not isinstance(register.codec, Unsigned | TwosComplement)
+
+
+@dataclass(frozen=True, slots=True)
+class ReadBatch:
+    """What can be read with one request for each family.
+
+    Attributes:
+        servos: The servos to read.
+        spans: The memory range, by id.
+        layouts: The layout of the reply, by id.
+        description: For error messages.
+        is_static: No value changes by itself.
+        groups: The spans of each family, which has its own request.
+    """
+
+    servos: Sequence[ServoSpec]
+    spans: Mapping[int, MemoryRange]
+    layouts: Mapping[int, ReplyLayout]
+    description: str
+    is_static: bool
+    groups: Mapping[Family, Mapping[int, MemoryRange]]
+
+    def restricted_to(self, servos: Sequence[ServoSpec]) -> ReadBatch:
+        """Return the same for some of the servos."""
+        groups = _group_by_family(servos, self.spans)
+        return ReadBatch(servos, self.spans, self.layouts, self.description, self.is_static, groups)
+
+
+@dataclass(frozen=True, slots=True)
+class ReadPlan:
+    """All batches of a reading, and its servos."""
+
+    servo_ids: Sequence[int]
+    batches: Sequence[ReadBatch]
+
+
+@dataclass(frozen=True, slots=True)
+class WriteTarget:
+    """One servo's own register of a group write.
+
+    Attributes:
+        tracks_state: See ``tracks_state``.
+        plain: Any integer in its range may be written at any time, goals apart.
+    """
+
+    servo: ServoSpec
+    register: Register
+    tracks_state: bool
+    plain: bool
+
+
+def plan_writes(servos: Iterable[ServoSpec], ref: RegisterRef) -> list[WriteTarget]:
+    """Find the servos' own registers for a group write.
+
+    Raises:
+        UnknownNameError: A servo has no such register.
+    """
+    own = [(servo, resolve_register(servo, ref)) for servo in servos]
+    return [
+        WriteTarget(servo, r, tracks_state(servo, r), r.access is Access.RW and r.area is Area.RAM)
+        for servo, r in own
+    ]
+
+
+def plan_reads(refs: Mapping[ServoSpec, Sequence[RegisterRef]]) -> ReadPlan:
+    """Plan how to read each servo's own registers.
+
+    Raises:
+        UnknownNameError: A servo has no such register.
+    """
+    own = {
+        servo.id: {key: resolve_register(servo, key) for key in keys}
+        for servo, keys in refs.items()
+    }
+    servos = {servo.id: servo for servo in refs}
+    runs_of_batches = batches({i: row.values() for i, row in own.items()}, MAX_GAP_BYTES)
+    return ReadPlan(tuple(servos), [_make_batch(servos, own, runs) for runs in runs_of_batches])
+
+
+def _make_batch(
+    servos: Mapping[int, ServoSpec],
+    own: Mapping[int, Mapping[RegisterRef, Register]],
+    runs: Mapping[int, Sequence[Register]],
+) -> ReadBatch:
+    first, description = next(iter(runs.values())), [servos[i] for i in runs]
+    spans = {i: _cached_range(run[0].address, run[-1].end) for i, run in runs.items()}
+    return ReadBatch(
+        servos=description,
+        spans=spans,
+        layouts={i: ReplyLayout(servos[i], own[i], run) for i, run in runs.items()},
+        description=f"read {', '.join(register.name for register in first)}",
+        is_static=all(register.steady for run in runs.values() for register in run),
+        groups=_group_by_family(description, spans),
+    )
+
+
+@cache
+def _cached_range(address: int, end: int) -> MemoryRange:
+    """Return the same object for equal ranges: they are compared every cycle."""
+    return MemoryRange(address, end - address)
+
+
+def _group_by_family(
+    servos: Iterable[ServoSpec], spans: Mapping[int, MemoryRange]
+) -> Mapping[Family, Mapping[int, MemoryRange]]:
+    groups: dict[Family, dict[int, MemoryRange]] = {}
+    for servo in servos:
+        groups.setdefault(servo.table.family, {})[servo.id] = spans[servo.id]
+    return groups
+
+
+def batch_read(driver: ProtocolDriver, spans: Mapping[int, MemoryRange]) -> dict[int, Reply]:
+    """Read each servo's own range of memory.
+
+    One sync read if all ranges are equal, else one bulk read if the family supports it, else a
+    sync read for each range, or one servo after the other.
+    """
+    first = next(iter(spans.values()))
+    if driver.can_sync_read and all(s is first or s == first for s in spans.values()):
+        return driver.sync_read(tuple(spans), first.address, first.size)
+    groups: dict[MemoryRange, list[int]] = defaultdict(list)
+    for servo_id, span in spans.items():
+        groups[span].append(servo_id)
+    if len(groups) > 1 and (driver.can_bulk_read(spans) or not driver.can_sync_read):
+        return driver.bulk_read(spans)
+    replies: dict[int, Reply] = {}
+    for span, servo_ids in groups.items():
+        replies |= driver.sync_read(servo_ids, span.address, span.size)
+    return replies
+
+
+def batch_write(driver: ProtocolDriver, rows: Mapping[int, tuple[int, bytes]]) -> None:
+    """Write to each servo at its own address, with one packet if possible."""
+    groups: dict[tuple[int, int], dict[int, bytes]] = defaultdict(dict)
+    for servo_id, (address, data) in rows.items():
+        groups[address, len(data)][servo_id] = data
+    if len(groups) > 1 and driver.can_bulk_write:
+        driver.bulk_write(rows)
+        return
+    for (address, _), data_by_id in groups.items():
+        driver.sync_write(address, data_by_id)

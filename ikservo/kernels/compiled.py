@@ -1,0 +1,134 @@
+"""The compiled kernels: whether they are there and current, and the way in for Python.
+
+Kernels are plain Python. Where a C compiler was available at installation, an extension module has
+the same functions as machine code; otherwise, and where a source was changed since, they run as
+Python, with the same results in about a thousand times the time.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib
+import os
+import shutil
+import warnings
+from collections.abc import Callable, Sequence
+from functools import cache, partial, wraps
+from pathlib import Path
+from typing import ParamSpec, Protocol, TypeVar, cast
+
+import numpy as np
+from platformdirs import user_cache_path
+
+from ikservo.kinematics.arrays import Matrix
+
+__all__ = ["bind", "entry", "is_compiled", "uncompiled", "vectorised"]
+
+P = ParamSpec("P")
+R = TypeVar("R")
+
+uncompiled: dict[str, Callable[..., object]] = {}
+"""The entries as Python functions, by name, whether or not there are compiled ones."""
+
+_ARRAYS = {
+    "Vector": ("float64", 1),
+    "Matrix": ("float64", 2),
+    "IntVector": ("int64", 1),
+    "IntMatrix": ("int64", 2),
+}
+_SWITCH = "IKSERVO_COMPILED"  # 0: run the kernels as Python
+_PACKAGE = Path(__file__).parents[2]
+
+
+class _Extension(Protocol):
+    """The extension module, see tools/kernel/extension.c."""
+
+    SOURCES: str
+    DIGEST: str
+
+    def bind(self, name: str, /, *arguments: object) -> Callable[..., object]:
+        """Return a kernel with its first arguments."""
+        ...
+
+
+def entry(check: Callable[P, bool]) -> Callable[[Callable[P, R]], Callable[P, R]]:
+    """Mark a kernel that Python calls; it raises ValueError where its check returns False.
+
+    Args:
+        check: A kernel with the same parameters that returns whether the arrays have the shapes,
+            and indices in them the ranges, that the kernel relies on. The types of the arrays are
+            checked besides: they raise TypeError.
+    """
+
+    def decorate(function: Callable[P, R]) -> Callable[P, R]:
+        name, extension = function.__name__, _extension()
+        kinds = [_ARRAYS.get(str(kind)) for kind in function.__annotations__.values()]
+
+        @wraps(function)
+        def run(*arguments: P.args, **named: P.kwargs) -> R:
+            _check_types(name, kinds, arguments)
+            if not check(*arguments, **named):
+                raise ValueError(f"{name}: the arrays do not fit together")
+            with np.errstate(all="ignore"):  # as in C
+                return function(*arguments, **named)
+
+        uncompiled[name] = run
+        return run if extension is None else cast("Callable[P, R]", extension.bind(name))
+
+    return decorate
+
+
+def vectorised(function: Callable[P, R]) -> Callable[P, R]:
+    """Mark a kernel whose loops are long enough that C computes several rounds at once."""
+    return function
+
+
+def _check_types(
+    name: str, kinds: Sequence[tuple[str, int] | None], arguments: Sequence[object]
+) -> None:
+    """Raise TypeError where an argument is no array of the type that its parameter has."""
+    for kind, argument in zip(kinds, arguments, strict=False):
+        if kind is None:
+            continue
+        array = cast("Matrix", argument)
+        if not isinstance(argument, np.ndarray) or (array.dtype.name, array.ndim) != kind:
+            raise TypeError(f"{name}: no array of {kind[0]} with {kind[1]} dimension(s)")
+
+
+def bind(name: str, *arguments: object) -> Callable[..., object]:
+    """Return the entry of that name with its first arguments, which are examined only once."""
+    extension = _extension()
+    if extension is None:
+        return partial(uncompiled[name], *arguments)
+    return extension.bind(name, *arguments)
+
+
+def is_compiled() -> bool:
+    """Check whether the kernels run as machine code."""
+    return _extension() is not None
+
+
+@cache
+def _extension() -> _Extension | None:
+    """Return the extension module; None if there is none, or it is older than its sources."""
+    _remove_numba_caches()
+    if os.environ.get(_SWITCH) == "0":
+        return None
+    try:
+        found = cast("_Extension", importlib.import_module("ikservo.kernels._compiled"))
+    except ImportError:
+        return None
+    digest = hashlib.sha256()
+    for source in found.SOURCES.split():
+        digest.update((_PACKAGE.parent / source).read_bytes())
+    if digest.hexdigest() == found.DIGEST:
+        return found
+    text = "The kernels were changed since they were compiled and run as Python. Try: make build"
+    warnings.warn(text, RuntimeWarning, stacklevel=2)
+    return None
+
+
+def _remove_numba_caches() -> None:
+    """Remove what versions that compiled at the first use left in the user's cache directory."""
+    for folder in user_cache_path("ikservo").glob("kernels-*"):
+        shutil.rmtree(folder, ignore_errors=True)

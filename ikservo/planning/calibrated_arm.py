@@ -1,0 +1,407 @@
+"""The model of one particular arm: arm file, calibration file, check against its servos."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from enum import Enum
+from pathlib import Path
+
+import numpy as np
+
+from ikservo.calibration import JointMap, Limits
+from ikservo.calibration.calibration_file import load_calibration, read_calibration
+from ikservo.calibration.joint_map import Encoder, encoder_of, unwrap_near
+from ikservo.calibration.paths import calibration_path, calibrations_of, journal_path
+from ikservo.calibration.records import CalibratedGeometry, CalibratedJoint, Calibration
+from ikservo.calibration.servo_config import (
+    raise_on_mismatch,
+    read_servo_config,
+    register_mismatches,
+)
+from ikservo.calibration.transaction import recover
+from ikservo.control.feedback import read_register
+from ikservo.errors import CalibrationError
+from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.port_names import is_simulated, serial_number_of
+from ikservo.hardware.serial_ports import is_pseudo_terminal
+from ikservo.kinematics import Chain, Dynamics
+from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.bending import Bending
+from ikservo.kinematics.geometric_errors import GeometricErrors, apply_geometric_errors
+from ikservo.model import Model, ModelJoint, load_model
+from ikservo.model.link_masses import link_masses
+from ikservo.registers import MODELS, RegisterName, control_table_for_number
+
+__all__ = [
+    "MAX_UNCALIBRATED_STEP_RAD",
+    "CalibratedArm",
+    "CalibratedModel",
+    "ZeroSource",
+    "bent_chain",
+    "calibrated_limits",
+    "calibrated_model",
+    "check_calibration_matches",
+    "check_joints_match",
+    "check_servo_models",
+    "geometric_errors_of",
+    "known_bending",
+    "limit_to_one_turn",
+    "load_calibration_for",
+    "own_chain",
+    "registers_allow",
+]
+
+MAX_UNCALIBRATED_STEP_RAD = math.radians(10.0)
+"""How far an uncalibrated joint may be moved at once, as its horn turns."""
+
+_HINT = (
+    "Calibrate it: ikservo calibrate {arm}. Until then: ikservo joints, at most 10° at a time "
+    "(or --uncalibrated, if the horns are mounted exactly as in the arm file)."
+)
+
+
+class ZeroSource(Enum):
+    """Where the zeros of an arm's joints come from."""
+
+    CALIBRATED = "this arm's own"
+    VENDOR = "the maker's"
+    SIMULATED = "the simulator's"
+    ACCEPTED = "the arm file's, as the person said"
+    UNKNOWN = "the arm file's"
+
+    @property
+    def are_known(self) -> bool:
+        """Whether joint positions are calibrated."""
+        return self is not ZeroSource.UNKNOWN
+
+    def require_known(self, arm: str) -> None:
+        """Refuse what needs calibrated joint positions.
+
+        Raises:
+            CalibrationError: The arm is not calibrated.
+        """
+        if not self.are_known:
+            raise CalibrationError(f"{arm} is not calibrated.", _HINT.format(arm=arm))
+
+    def check_small_steps(
+        self, arm: str, start: Vector, goal: Vector, steps: Mapping[str, float]
+    ) -> None:
+        """Refuse long motions of single joints where zeros are unknown.
+
+        Args:
+            arm: Its name.
+            start: The joints (n,), rad or m.
+            goal: Their goals (n,).
+            steps: The longest motion of each joint, in the order of the vectors.
+
+        Raises:
+            CalibrationError: A joint would go further.
+        """
+        if self.are_known:
+            return
+        for (name, step), distance in zip(steps.items(), abs(goal - start), strict=True):
+            if distance > step * (1.0 + 1e-6):
+                raise CalibrationError(
+                    f"{arm} is not calibrated, and {name} would move by more than 10°.",
+                    _HINT.format(arm=arm),
+                )
+
+
+def check_calibration_matches(
+    calibration: Calibration, model: Model, usb_serial_number: str
+) -> None:
+    """Compare a calibration with the arm file and the adapter.
+
+    Raises:
+        CalibrationError: It is another arm's, or the arm file has changed since.
+    """
+    path = calibration_path(model.name, usb_serial_number)
+    own = (calibration.arm, calibration.usb_serial_number)
+    if own != (model.name, usb_serial_number):
+        raise CalibrationError(
+            f"{path} belongs to {own[0]} on adapter {own[1] or 'without a number'}.",
+            "If it is the same arm: ikservo calibration adopt. Otherwise: ikservo calibrate",
+        )
+    check_joints_match(calibration, model, str(path))
+
+
+def check_joints_match(calibration: Calibration, model: Model, path: str) -> None:
+    """Compare the joints of a calibration with the arm file's.
+
+    Raises:
+        CalibrationError: The arm file has other servos or another chain.
+    """
+    filed = {joint.name: _describe_calibrated(joint) for joint in calibration.joints}
+    expected = {joint.name: _describe_expected(joint) for joint in model.joints}
+    for name in filed.keys() | expected.keys():
+        if filed.get(name) != expected.get(name):
+            raise CalibrationError(
+                f"{name} is {filed.get(name, 'unknown')} in {path} and "
+                f"{expected.get(name, 'unknown')} in the arm file.",
+                "Choose the right arm with --arm, or calibrate again: ikservo calibrate",
+            )
+    _check_origins(calibration, model)
+
+
+def _check_origins(calibration: Calibration, model: Model) -> None:
+    known = {step.joint.name for step in model.chain.joints_to()}
+    for origin in calibration.geometry.origins if calibration.geometry else ():
+        if origin.joint not in known:
+            raise CalibrationError(
+                f"The touch-off moved {origin.joint}, which is not between base and tip.",
+                "The arm file has changed since. Repeat the touch-off: ikservo calibrate --touch",
+            )
+
+
+def _describe_calibrated(joint: CalibratedJoint) -> str:
+    return _format_servos([(servo.id, servo.model) for servo in joint.servos], joint.gear)
+
+
+def _describe_expected(joint: ModelJoint) -> str:
+    servos = [(servo.id, servo.model) for servo in (joint.servo, *joint.shadows)]
+    return _format_servos(servos, joint.joint_map.gear)
+
+
+def _format_servos(servos: list[tuple[int, str]], gear: float) -> str:
+    """Format servos as ``XM430-W350 (id 2)``."""
+    listed = " and ".join(f"{model} (id {servo_id})" for servo_id, model in servos)
+    return listed if abs(gear - 1.0) < 1e-9 else f"{listed} with gear {gear:.6g}"
+
+
+class CalibratedArm:
+    """The joints of the arm on a bus, with this arm's zeros and ranges.
+
+    Attributes:
+        zeros: Where its zeros come from.
+        calibration: Its calibration file, or None.
+    """
+
+    def __init__(
+        self, bus: ServoBus, model: Model, zeros: ZeroSource, calibration: Calibration | None
+    ) -> None:
+        self._bus, self._model = bus, model
+        self.zeros, self.calibration = zeros, calibration
+
+    def joint_map(self, joint: ModelJoint) -> JointMap:
+        """Return the map from the ticks that the servo reports at present to the joint."""
+        own = self._calibrated_joint(joint)
+        if own is None:
+            return joint.joint_map
+        return self._map_for_present_turn(own, own.joint_map(joint.joint_map))
+
+    def limits(self, joint: ModelJoint, joint_map: JointMap) -> Limits:
+        """Return the joint's range within arm file, calibration and servo registers.
+
+        Raises:
+            CalibrationError: They have no common range; names the two that exclude it.
+        """
+        own, registers = self._calibrated_joint(joint), self._position_limits(joint)
+        if own is None or self.calibration is None:
+            in_servo = _limits_from_registers(joint_map, registers) if registers else joint.limits
+            return joint.limits.intersect(in_servo) if self.zeros.are_known else in_servo
+        limits = calibrated_limits(self.calibration, own, joint)
+        if own.extended or not registers or registers_allow(joint_map, limits, registers):
+            return limits
+        return limits.intersect(_limits_from_registers(joint_map, registers))
+
+    def chain(self) -> Chain:
+        """Return the arm's chain with its own links, base and bending, as far as calibrated."""
+        chain = self._model.chain
+        return chain if self.calibration is None else own_chain(self._model, self.calibration)
+
+    def _calibrated_joint(self, joint: ModelJoint) -> CalibratedJoint | None:
+        return self.calibration.joint(joint.name) if self.calibration else None
+
+    def _position_limits(self, joint: ModelJoint) -> tuple[int, int] | None:
+        """Read the position limits of the servo; None where they are no limits."""
+        low = self._bus.read(joint.servo.id, RegisterName.MIN_POSITION_LIMIT, raw=True)
+        high = self._bus.read(joint.servo.id, RegisterName.MAX_POSITION_LIMIT, raw=True)
+        return None if low == high == 0 else (low, high)  # Feetech: several revolutions, no limits
+
+    def _map_for_present_turn(self, own: CalibratedJoint, joint_map: JointMap) -> JointMap:
+        """Compute the map for the revolution on which a multi-turn servo started this time."""
+        if not own.extended:
+            return joint_map
+        turn = round(self._bus.servos[own.servo.id].table.ticks_per_turn)
+        present = self._bus.read(own.servo.id, RegisterName.PRESENT_POSITION, raw=True)
+        low, high = own.travel_ticks
+        turns = unwrap_near((low + high) // 2, present, turn) - present
+        return joint_map.with_mounting(joint_map.sign, joint_map.zero_tick - turns)
+
+
+def own_chain(model: Model, calibration: Calibration) -> Chain:
+    """Return the chain of an arm with the links, the base and the bending of its calibration."""
+    filed, chain = calibration.geometry, model.chain
+    if filed is not None:
+        chain = apply_geometric_errors(chain, geometric_errors_of(filed))
+    return bent_chain(model, chain, calibration)
+
+
+def bent_chain(model: Model, chain: Chain, calibration: Calibration) -> Chain:
+    """Return a chain of an arm that gives way as its calibration says; the same if it is rigid."""
+    bending = known_bending(model, chain, calibration)
+    if not (bending.compliance.any() or bending.half_play.any()):
+        return chain
+    return replace(chain, link_joints=bending.link_joints)
+
+
+def known_bending(model: Model, chain: Chain, calibration: Calibration | None) -> Bending:
+    """Return how a chain's links give way as a calibration says; they do not without one."""
+    found = [calibration and calibration.joint(name) for name in chain.names]
+    compliance = np.array([joint.compliance if joint else 0.0 for joint in found])
+    half_play = np.radians([joint.play_deg / 2.0 if joint else 0.0 for joint in found])
+    dynamics = Dynamics.from_masses(chain, link_masses(model, chain))
+    return Bending(dynamics, compliance, half_play)
+
+
+def load_calibration_for(
+    bus: ServoBus, model: Model, *, uncalibrated: bool = False
+) -> CalibratedArm:
+    """Load the calibration of the arm on a bus.
+
+    Args:
+        bus: Its servos.
+        model: The arm file's model.
+        uncalibrated: Whether the user accepts the arm file's zeros.
+
+    Raises:
+        CalibrationError: The calibration contradicts the servos or the arm file, or its last write
+            was interrupted.
+        FileFormatError: The calibration is malformed.
+    """
+    if is_simulated(bus.port.name):
+        return CalibratedArm(bus, model, ZeroSource.SIMULATED, None)
+    serial = serial_number_of(bus.port.name)
+    recover(bus, journal_path(model.name, serial))
+    calibration = load_calibration(model.name, serial)
+    if calibration is None:
+        served = is_pseudo_terminal(bus.port.name)
+        zeros = ZeroSource.SIMULATED if served else _nominal_zeros(model, uncalibrated)
+        return CalibratedArm(bus, model, zeros, None)
+    check_calibration_matches(calibration, model, serial)
+    servos = [servo.id for joint in calibration.joints for servo in joint.servos]
+    facts = {i: read_servo_config(bus, i) for i in servos}
+    raise_on_mismatch(register_mismatches(calibration, facts))
+    return CalibratedArm(bus, model, ZeroSource.CALIBRATED, calibration)
+
+
+def check_servo_models(bus: ServoBus) -> None:
+    """Compare the servos' models with the arm file's.
+
+    Raises:
+        CalibrationError: A servo is of another model.
+        BusError: A servo does not answer; names all that do not.
+    """
+    numbers = read_register(bus, bus.servos, RegisterName.MODEL_NUMBER)
+    for servo_id, number in numbers.items():
+        servo = bus.servos[servo_id]
+        if number != servo.table.number:
+            other = control_table_for_number(servo.table.family, number)
+            found = f"{other.model_name} ({number})" if other else f"model {number}"
+            raise CalibrationError(
+                f"{servo} is a {found}, the arm file says {servo.table.model_name}.",
+                "Another arm (choose it with --arm), or two swapped ids.",
+            )
+
+
+def geometric_errors_of(filed: CalibratedGeometry) -> GeometricErrors:
+    """Return how an arm's links and base differ from its description, in SI units."""
+    return GeometricErrors(
+        base_m=np.array(filed.base_moved_mm) / 1000.0,
+        base_rad=np.radians(filed.base_turned_deg),
+        origins_m={row.joint: np.array(row.moved_mm) / 1000.0 for row in filed.origins},
+    )
+
+
+def _nominal_zeros(model: Model, accepted: bool) -> ZeroSource:
+    if all(joint.zero_from == "vendor" for joint in model.joints):
+        return ZeroSource.VENDOR
+    return ZeroSource.ACCEPTED if accepted else ZeroSource.UNKNOWN
+
+
+def _limits_from_registers(joint_map: JointMap, registers: tuple[int, int]) -> Limits:
+    lower, upper = sorted(joint_map.position_clamped(tick) for tick in registers)
+    return Limits.of(joint_map.joint, lower, upper, "servo register", joint_map.unit)
+
+
+def registers_allow(joint_map: JointMap, limits: Limits, registers: tuple[int, int]) -> bool:
+    """Check whether a servo's own limits leave every whole tick of a range free."""
+    low, high = joint_map.ticks_inside(limits.lower.value, limits.upper.value)
+    return registers[0] <= low and high <= registers[1]
+
+
+def calibrated_limits(calibration: Calibration, own: CalibratedJoint, joint: ModelJoint) -> Limits:
+    """Return the range within arm file, calibration and the user's limits.
+
+    Raises:
+        CalibrationError: They have no common range; names the two that exclude it.
+    """
+    encoder = encoder_of(MODELS[own.servo.model])
+    return calibration.narrow_limits(own, limit_to_one_turn(joint.limits, joint.joint_map, encoder))
+
+
+def limit_to_one_turn(limits: Limits, joint_map: JointMap, encoder: Encoder) -> Limits:
+    """Limit a joint to one revolution where the arm file gives a joint none."""
+    if math.isfinite(limits.upper.value - limits.lower.value):
+        return limits
+    half = (encoder.ticks / 2 - 2) * joint_map.unit_per_tick
+    turn = Limits.of(limits.joint, -half, half, "one turn of its servo", limits.unit)
+    return limits.intersect(turn)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CalibratedModel:
+    """An arm as its files describe it.
+
+    Attributes:
+        model: With this arm's links, its chain and joints inside this arm's ranges.
+        file: The calibration these come from; None where the arm file is all there is.
+        others: Older calibrations of arms of this kind, on other adapters.
+    """
+
+    model: Model
+    file: Path | None = None
+    others: tuple[Path, ...] = ()
+
+
+def calibrated_model(model: Model) -> CalibratedModel:
+    """Read the calibrations of an arm and return it with the newest; opens no bus.
+
+    A URDF without an arm file has no servos, and therefore no calibration.
+
+    Raises:
+        FileFormatError: A calibration is malformed.
+        CalibrationError: The newest is of other servos or another chain than the arm file's, or
+            leaves a joint no range.
+    """
+    read = {path: read_calibration(path) for path in calibrations_of(model.name) if model.joints}
+    if not read:
+        return CalibratedModel(model)
+    newest = max(read, key=lambda path: read[path].written)
+    calibration = read[newest]
+    # The chain to its own tip identifies the arm, whatever tip the given model has.
+    check_calibration_matches(calibration, load_model(model.path), calibration.usb_serial_number)
+    others = tuple(path for path in read if path != newest)
+    return CalibratedModel(_with_calibration(model, calibration), newest, others)
+
+
+def _with_calibration(model: Model, calibration: Calibration) -> Model:
+    chain = own_chain(model, calibration)
+    joints = [_narrow_joint(joint, calibration) for joint in model.joints]
+    return replace(model, chain=_chain_within_ranges(chain, joints), joints=tuple(joints))
+
+
+def _narrow_joint(joint: ModelJoint, calibration: Calibration) -> ModelJoint:
+    own = calibration.joint(joint.name)
+    return replace(joint, limits=calibrated_limits(calibration, own, joint)) if own else joint
+
+
+def _chain_within_ranges(chain: Chain, joints: Sequence[ModelJoint]) -> Chain:
+    """Return the chain inside the joints' ranges; joints that mimic may have narrowed its own."""
+    ranges = {joint.name: joint.limits for joint in joints}
+    own = [ranges.get(name) for name in chain.names]
+    lower = [-np.inf if limits is None else limits.lower.value for limits in own]
+    upper = [np.inf if limits is None else limits.upper.value for limits in own]
+    return chain.with_limits(np.maximum(chain.lower_rad, lower), np.minimum(chain.upper_rad, upper))

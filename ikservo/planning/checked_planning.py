@@ -1,0 +1,506 @@
+"""Plans checked before they run: from the start position, within limits, free of collisions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from contextlib import suppress
+from dataclasses import replace
+from itertools import chain, islice
+from math import radians
+from time import perf_counter
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.arguments import parse_all_positions
+from ikservo.errors import (
+    BadValueError,
+    BlockedError,
+    CollisionError,
+    OrientationError,
+    RefusedError,
+    UnreachableError,
+)
+from ikservo.ik import in_millimetres
+from ikservo.kinematics import finite_array, finite_vector
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.motion.avoidance import can_search
+from ikservo.planning.calibrated_arm import MAX_UNCALIBRATED_STEP_RAD
+from ikservo.planning.context import ArmContext
+from ikservo.planning.motion_plan import (
+    RETRACT_POSES,
+    MotionPlan,
+    PoseWithinLimits,
+    clamp_pose,
+    clamp_positions,
+    via_pose_plan,
+)
+from ikservo.planning.motions import (
+    Draw,
+    LookAt,
+    Lower,
+    MotionValue,
+    MoveJoints,
+    MovePose,
+    MoveThrough,
+    MoveTo,
+    MoveToRest,
+    TipMotion,
+)
+from ikservo.planning.path_constraint import UNCONSTRAINED, PathConstraint
+from ikservo.planning.plan_by_kind import plan_motion
+from ikservo.planning.planner import PointGoal
+from ikservo.planning.poses import PoseLibrary
+from ikservo.planning.ways_around import BLENDS_RAD, HOW_TO_SEARCH, postures_nearby, ways_around
+
+__all__ = ["MotionStart", "PlannedStart", "PreflightPlanner"]
+
+# A gripper's goal leads it by more than this at the horn where it presses on something.
+_PRESSING_LAG_RAD = 0.05
+# Where the whole path to the rest pose is not free, these fractions of it are tried.
+_PATH_FRACTIONS = (0.8, 0.6, 0.4, 0.2)
+# From where ways around are looked for; and how many postures are tried for that.
+_EXITS, _NEARBY = 3, 300
+# A point is suggested at these fractions of the line from the nearest one back to the tip.
+_STEPS_BACK = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
+
+
+class MotionStart(Protocol):
+    """Where a motion would start, and how fast it may be; ``MotionRunner`` knows it of now."""
+
+    def start_position(self) -> Vector:
+        """Return where it would start (n,), rad or m."""
+        ...
+
+    def allowed_speed(self, speed: str) -> str:
+        """Return the speed class in which it would run."""
+        ...
+
+    def enable(self) -> None:
+        """Switch torque on, so that the arm stays there."""
+        ...
+
+
+class PlannedStart:
+    """Where a motion will start that is only planned so far.
+
+    Args:
+        joints: All joints (n,).
+        allowed: The speed class in which it would run; that of the motion if empty.
+    """
+
+    def __init__(self, joints: Vector, allowed: str = "") -> None:
+        self.joints, self._allowed = joints, allowed
+
+    def start_position(self) -> Vector:
+        """Return the planned joints (n,)."""
+        return self.joints
+
+    def allowed_speed(self, speed: str) -> str:
+        """Return the speed class in which it would run."""
+        return self._allowed or speed
+
+    def enable(self) -> None:
+        """Do nothing: a plan moves nothing."""
+
+
+class PreflightPlanner:
+    """Plans the motions of an arm and checks their paths; moves nothing.
+
+    Args:
+        context: The arm.
+        runner: Knows where a motion would start, and how fast it may be.
+        poses: The poses of the arm.
+    """
+
+    def __init__(self, context: ArmContext, runner: MotionStart, poses: PoseLibrary) -> None:
+        self._context, self._runner, self._poses = context, runner, poses
+        self._model, self._planner, self._servos = context.model, context.planner, context.servos
+
+    def plan(self, motion: MotionValue[Any]) -> MotionPlan:
+        """Plan a motion of the tip or of joints from the start position and check its path.
+
+        It is planned among what is around the arm now, whatever changes meanwhile. A folded arm
+        touches itself on nearly every path: it leaves that contact first, unless the motion starts
+        at the tip.
+
+        Raises:
+            UnreachableError: A point is out of reach; nothing has moved.
+            RefusedError: The arm would touch itself, the table or a box, leave its limits, or break
+                a constraint.
+            StoppedError: The arm was stopped meanwhile.
+            CalibrationError: The arm is not calibrated.
+            BadValueError: The motion has no plan: it is none of the tip or of joints.
+        """
+        since_s = perf_counter()
+        with self._servos.stop_request.requested():
+            now = PreflightPlanner(self._context.at_present(), self._runner, self._poses)
+            plan = now._plan_checked(motion)
+        plan = replace(plan, motion=motion, planning_s=perf_counter() - since_s)
+        return plan if self._servos.torque.is_on else replace(plan, limp_arm=self._context)
+
+    def _plan_checked(self, motion: MotionValue[Any]) -> MotionPlan:
+        match motion:
+            case MoveTo():
+                return self._plan_to_point(motion)
+            case LookAt():
+                plan = self._plan_tip(motion)
+                goals = self._context.index.by_name(plan.goal)
+                return replace(plan, requested={n: goals[n] for n in self._context.chain.names})
+            case _ if isinstance(motion, TipMotion):
+                return self._plan_tip(motion)
+            case MoveJoints():
+                return self._plan_joints(motion)
+            case MovePose():
+                inside = self.pose_within_limits(motion.name)
+                to_pose = MoveJoints(
+                    inside.positions,
+                    speed=motion.speed,
+                    straight=motion.straight,
+                    within=motion.within,
+                )
+                return replace(self._plan_joints(to_pose), clamped=inside.changed)
+            case MoveToRest():
+                return self._plan_rest()
+            case Lower():
+                return self._plan_lowering()
+            case _:
+                expected = "a motion of the tip or of joints, such as MoveTo((0.25, 0.0, 0.15))"
+                raise BadValueError("The motion to plan", str(motion), expected)
+
+    def _plan_tip(self, motion: TipMotion | LookAt) -> MotionPlan:
+        self._context.require_zeros()
+        start = self._runner.start_position()
+        if not motion.starts_at_tip:
+            return self._plan_clear_or_via(motion, start)
+        allowed = self._runner.allowed_speed(motion.speed)
+        plan = plan_motion(self._planner, motion, start, allowed)
+        try:
+            return self._check_clear(plan, motion.speed, _within(motion))
+        except CollisionError as error:
+            self._plan_around(motion, start, plan.goal, allowed, error)
+            raise
+
+    def _plan_to_point(self, motion: MoveTo) -> MotionPlan:
+        """Plan a motion to a point; where it is out of reach, name a point that is accepted."""
+        try:
+            return self._plan_tip(motion)
+        except OrientationError:
+            raise
+        except UnreachableError as error:
+            instead_m = self._find_accepted_point(motion, np.array(error.nearest_m))
+            better = UnreachableError(error.target_m, error.nearest_m, error.binding, instead_m)
+        meant = in_millimetres(self._context.chain, better.target_m)
+        if meant:
+            better.command_hint = f"Did you mean millimetres? Try: ikservo move {meant}"
+        raise better
+
+    def _find_accepted_point(self, motion: MoveTo, nearest_m: Vector) -> list[float] | None:
+        """Find a point (3,) in whole millimetres, from the edge of the workspace to the tip."""
+        tip_m = self._planner.tip(self._runner.start_position())
+        for fraction in _STEPS_BACK:
+            point_m = np.round(nearest_m + fraction * (tip_m - nearest_m), 3)
+            with suppress(UnreachableError, RefusedError):
+                self._plan_tip(replace(motion, position_m=point_m, straight=True))
+                return point_m.tolist()
+        return None
+
+    def _plan_joints(self, motion: MoveJoints) -> MotionPlan:
+        start, zeros, goals = self._runner.start_position(), self._context.zeros, motion.positions
+        plan = plan_motion(self._planner, motion, start, self._runner.allowed_speed(motion.speed))
+        zeros.check_small_steps(self._model.name, start, plan.goal, self._max_steps())
+        try:
+            self._servos.check_goal(plan.goal, start)
+        except RefusedError as error:
+            error.python_hint = self._ask_about_degrees(goals)
+            raise
+        if zeros.are_known and set(self._context.chain.names) <= set(goals):  # the whole arm
+            plan = self._plan_clear_or_via(motion, start, plan)
+        else:
+            plan = self._check_clear(plan, motion.speed, motion.within)
+        return replace(plan, requested=goals)
+
+    def _ask_about_degrees(self, goals: Mapping[str, float]) -> str:
+        """Give a hint where goals in radians are outside the limits and as degrees are inside."""
+        driven_joints = {driven.joint: driven for driven in self._servos.driven_joints}
+        for name, goal in goals.items():
+            lower, upper = (
+                driven_joints[name].limits.lower.value,
+                driven_joints[name].limits.upper.value,
+            )
+            turned = driven_joints[name].limits.unit == "rad" and not lower <= goal <= upper
+            was_typed = goal == round(goal, 3)  # 900° of a program file are 15.70796… rad
+            if turned and was_typed and lower <= radians(goal) <= upper:
+                meant = f"math.radians({goal:g}), which is {radians(goal):.4g}"
+                return f"Positions are radians. Did you mean {goal:g} degrees? Give {meant}."
+        return ""
+
+    def pose_within_limits(self, pose: str, start: Vector | None = None) -> PoseWithinLimits:
+        """Clamp a named pose to this arm's limits; see ``Arm.pose_within_limits``."""
+        if start is None and pose == "rest":
+            return self.rest_pose()
+        positions = self._poses.get_pose(pose)
+        if start is None:
+            start = self._runner.start_position()
+        else:
+            start = finite_array(start, (len(self._servos.names),), "The start")
+        return clamp_pose(pose, positions, self._servos.driven_joints, start)
+
+    def clearance_m(self, positions: Mapping[str, float] | ArrayLike) -> float:
+        """Compute the smallest distance of the body [m]; see ``Arm.clearance_m``."""
+        names, index = self._servos.names, self._context.index
+        by_name = parse_all_positions(positions, names)
+        complete = len(by_name) == len(names)
+        joints = np.zeros(len(names)) if complete else self._servos.measure_positions()
+        for name, position in by_name.items():
+            joints[index.column(name)] = position
+        return self._context.clearance_m(finite_vector(joints, len(names), "The joints"))
+
+    def _plan_rest(self) -> MotionPlan:
+        """Plan the slow motion to the rest pose, by another pose where the path is not free."""
+        rest = self.rest_pose()
+        motion = MoveJoints(rest.positions, speed="slow", straight=True)
+        try:
+            plan = self._plan_joints(motion)
+        except RefusedError as error:
+            start = self._runner.start_position()
+            found = self._plan_via_pose(motion, start, "slow")
+            if found is None and isinstance(error, CollisionError):
+                goal = plan_motion(self._planner, motion, start, "slow").goal
+                around = replace(motion, straight=False)
+                found = self._plan_around(around, start, goal, "slow", error)
+            if found is None:
+                raise
+            plan = found
+        return replace(plan, requested=rest.positions, clamped=rest.changed)
+
+    def _plan_lowering(self) -> MotionPlan:
+        """Plan the slow motion to the rest pose, or as much of it as is free.
+
+        Raises:
+            CalibrationError: The arm is not calibrated.
+            RefusedError: No part of it is free.
+            ServoAlarmError: A servo reports what would end the motion at once.
+        """
+        with self._servos.tolerate_heat():
+            self._servos.check_health()
+        try:
+            return self._plan_rest()
+        except RefusedError:
+            rest = self.rest_pose()
+            start = self._context.index.by_name(self._runner.start_position())
+            for fraction in _PATH_FRACTIONS:
+                part = {
+                    name: start[name] + fraction * (goal - start[name])
+                    for name, goal in rest.positions.items()
+                }
+                with suppress(RefusedError):
+                    plan = self._plan_joints(MoveJoints(part, speed="slow", straight=True))
+                    return replace(plan, requested=rest.positions, clamped=rest.changed)
+            raise
+
+    def rest_pose(self) -> PoseWithinLimits:
+        """Return the rest pose within the limits, without a gripper that presses on something."""
+        rest, gripper = dict(self._model.pose("rest")), self._model.gripper
+        start = self._runner.start_position()
+        if gripper is not None and self._is_pressing(gripper.joint, start):
+            del rest[gripper.joint]
+        return clamp_pose("rest", rest, self._servos.driven_joints, start)
+
+    def plan_from_held(self, motion: MotionValue[Any]) -> MotionPlan:
+        """Plan from where the arm holds: a limp one may sink before its torque is on."""
+        plan = self.plan(motion)
+        if self._servos.torque.is_on:
+            return plan
+        self._runner.enable()
+        held = np.array_equal(plan.start, self._servos.reference())
+        return plan if held else self.plan(motion)
+
+    def _is_pressing(self, joint: str, start: Vector) -> bool:
+        column = self._context.index.column(joint)
+        joint_map = self._servos.driven_joints[column].joint_map
+        lag = abs(start[column] - self._servos.measure_positions()[column])
+        return lag / joint_map.unit_per_horn_rad > _PRESSING_LAG_RAD
+
+    def _max_steps(self) -> dict[str, float]:
+        """Compute the longest motion of each joint of an uncalibrated arm, rad or m."""
+        joints = [self._model.joint(name) for name in self._servos.names]
+        return {
+            joint.name: MAX_UNCALIBRATED_STEP_RAD * joint.travel_per_turn / math.tau
+            for joint in joints
+        }
+
+    def _plan_clear_or_via(
+        self,
+        motion: TipMotion | MoveJoints | LookAt,
+        start: Vector,
+        direct: MotionPlan | None = None,
+    ) -> MotionPlan:
+        """Make a plan whose path is free: direct, or one that leaves a contact first.
+
+        Args:
+            motion: The motion.
+            start: Where it begins (n,).
+            direct: Its direct plan; made here if None.
+
+        Raises:
+            RefusedError: The arm would touch itself, the table or a box, or break a constraint.
+        """
+        tool = self._planner.constrained_tool(_within(motion), start)
+        if tool is not None:
+            tool.check(self._context.index.chain_joints(start)[None])
+        allowed, goal = self._runner.allowed_speed(motion.speed), start
+        try:
+            plan = direct or plan_motion(self._planner, motion, start, allowed)
+            goal = plan.goal
+            return self._check_clear(plan, motion.speed, _within(motion))
+        except RefusedError as error:
+            found, blocked = None, error if isinstance(error, BlockedError) else None
+            touches = self._context.clearance_m(start) < 0.0
+            if blocked is not None and not touches:
+                found = self._plan_around(motion, start, goal, allowed, blocked)
+            if found is None and self._context.is_in_contact(start):
+                found = self._plan_via_pose(motion, start, allowed)
+            if found is None and blocked is not None and touches:
+                found = self._plan_around(motion, start, goal, allowed, blocked)
+            if found is None:
+                raise
+            return found
+
+    def _plan_via_pose(
+        self, motion: TipMotion | MoveJoints | LookAt, start: Vector, allowed: str
+    ) -> MotionPlan | None:
+        """Make a plan that leaves a contact first; None where there is no free path."""
+        for pose, first in self._ways_out(start, allowed):
+            with suppress(RefusedError):
+                then = plan_motion(self._planner, motion, first.goal, allowed)
+                joined = self._join(first, then, pose)
+                return self._check_clear(joined, motion.speed, _within(motion))
+        return None
+
+    def _plan_around(
+        self,
+        motion: TipMotion | MoveJoints | LookAt,
+        start: Vector,
+        goal: Vector,
+        allowed: str,
+        blocked: BlockedError,
+    ) -> MotionPlan | None:
+        """Make a plan of the joints around what blocks the straight one; None without any.
+
+        For a line the error says that the joints can go around, where they can.
+        """
+        within = _within(motion)
+        if isinstance(motion, MoveTo | MoveJoints):
+            if motion.straight:
+                return None
+            if not can_search():
+                blocked.command_hint += f" {HOW_TO_SEARCH}"
+        elif isinstance(motion, Draw | LookAt) or (
+            isinstance(motion, MoveThrough) and not motion.line
+        ):
+            return None
+        if not can_search():
+            return None
+        goals, points = [goal], list[PointGoal]()
+        if isinstance(motion, MoveTo):
+            tool = self._planner.constrained_tool(within, start)
+            points = self._planner.goals_at(start, motion.position_m, motion.stance, tool)
+            goals = [point.joints for point in points]
+        if not goals:
+            return None
+        for tried in self._ways_around(start, np.array(goals), allowed, within):
+            with suppress(RefusedError):
+                plan = self._check_clear(tried, motion.speed, within)
+                if isinstance(motion, MoveTo | MoveJoints):
+                    for point in points:
+                        if np.allclose(point.joints, plan.goal):
+                            plan = point.reached_by(plan)
+                    return replace(plan, around=blocked.cause)
+                to = " ".join(f"{x:.3f}" for x in plan.tip_m.tolist())
+                blocked.command_hint += f" The joints can go around it: ikservo move {to}."
+                return None
+        return None
+
+    def _ways_around(
+        self, start: Vector, goals: Matrix, allowed: str, within: PathConstraint
+    ) -> Iterator[MotionPlan]:
+        """Yield plans around things to one of some goals (m, n), the roundest first.
+
+        An arm that touches something leaves that first.
+        """
+        load_factor = self._planner.dynamic_load_factor(allowed)
+        exits = self._exits(start, allowed, load_factor)
+        for first in chain([None], islice(exits, _EXITS)):
+            begin = start if first is None else first.goal
+            tool = self._planner.constrained_tool(within, start)
+            if tool is not None:
+                tool.admit(self._context.index.chain_joints(goals))
+            for way in ways_around(self._context, begin, goals, load_factor, tool):
+                for blend in BLENDS_RAD if len(way) > 2 else BLENDS_RAD[:1]:
+                    plan = self._planner.plan_along(begin, list(way[1:]), allowed, blend)
+                    yield plan if first is None else self._join(first, plan, "")
+
+    def _exits(self, start: Vector, allowed: str, load_factor: float) -> Iterator[MotionPlan]:
+        """Yield short motions, whose paths are free, from a contact to where nothing is touched."""
+        if not self._context.is_in_contact(start, load_factor, 0.0):
+            return
+        nearest = self._context.nearest_free_joints(start)
+        nearby = postures_nearby(self._context, start, load_factor)
+        for free in chain([] if nearest is None else [nearest], islice(nearby, _NEARBY)):
+            first = self._planner.plan_to_joints(start, self._context.index.by_name(free), allowed)
+            with suppress(RefusedError):
+                yield self._check_clear(first, allowed)
+
+    def _ways_out(self, start: Vector, allowed: str) -> Iterator[tuple[str, MotionPlan]]:
+        """Yield motions out of a contact, and the retract poses where they end ("" for none).
+
+        The first moves just as far as the arm needs to touch nothing.
+        """
+        free = self._context.nearest_free_joints(start)
+        out = free is not None and self._planner.plan_to_joints(
+            start, self._context.index.by_name(free), allowed
+        )
+        if out:
+            yield "", out
+        for pose in RETRACT_POSES:
+            yield pose, self._plan_to_pose(pose, start, allowed)
+            if out:
+                then = self._plan_to_pose(pose, out.goal, allowed)
+                yield pose, self._join(out, then, "")
+
+    def _plan_to_pose(self, pose: str, start: Vector, allowed: str) -> MotionPlan:
+        positions = self._model.pose(pose)
+        named = {name: positions[name] for name in self._context.chain.names}
+        inside = clamp_positions(named, self._servos.driven_joints, start, max_rad=math.inf)
+        return self._planner.plan_to_joints(start, inside.positions, allowed)
+
+    def _join(self, first: MotionPlan, then: MotionPlan, pose: str) -> MotionPlan:
+        change_rad = self._planner.rotation_between(first.start, then.goal)
+        return via_pose_plan(first, then, pose, change_rad)
+
+    def _check_clear(
+        self, plan: MotionPlan, requested: str, within: PathConstraint = UNCONSTRAINED
+    ) -> MotionPlan:
+        """Return the plan if its path is free, with what else is known of it.
+
+        Args:
+            plan: The plan.
+            requested: The speed class that was asked for.
+            within: What the tool keeps to.
+
+        Raises:
+            RefusedError: Something would be touched, or a constraint broken.
+            StoppedError: The arm was stopped meanwhile.
+        """
+        self._servos.stop_request.check_request()
+        kept = self._planner.check_constraint(within, plan.trajectory, plan.speed)
+        clearance_m = self._context.check_streamed_path(plan.trajectory, plan.speed)
+        reduced = plan.speed != requested
+        return replace(plan, kept=kept, clearance_m=clearance_m, speed_reduced=reduced)
+
+
+def _within(motion: TipMotion | MoveJoints | LookAt) -> PathConstraint:
+    return UNCONSTRAINED if isinstance(motion, LookAt) else motion.within

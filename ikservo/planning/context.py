@@ -1,0 +1,275 @@
+"""The data that every function of an arm works on: model, chain, servos, planner, collision."""
+
+from __future__ import annotations
+
+import math
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ikservo.control.loop import ControlCycle, OnCycle
+from ikservo.control.servo_group import ServoGroup
+from ikservo.errors import CollisionError, RefusedError
+from ikservo.guard import CollisionChecker, nearest_free_posture, sample_line, sample_path
+from ikservo.hardware.port import Port
+from ikservo.hardware.port_names import serial_number_of
+from ikservo.ik import Solver
+from ikservo.kinematics import Chain, JointIndex
+from ikservo.kinematics.arrays import Matrix, Vector, read_only
+from ikservo.model import Model
+from ikservo.motion import RuckigMotion, Trajectory
+from ikservo.planning.calibrated_arm import ZeroSource
+from ikservo.planning.planner import Planner
+from ikservo.planning.reports import MotionProgress, OnProgress
+from ikservo.planning.surroundings import Surroundings
+
+__all__ = ["ArmContext"]
+
+# Nearer than this a part counts as lying on something.
+_CONTACT_M = 0.005
+_JAW_TOUCH_M = 0.004  # omx_f's jaws need 2.9 mm where its arm has sunk out of its rest pose
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArmContext:
+    """What an arm is made of; its functions take this and a ``MotionRunner``.
+
+    Attributes:
+        model: The arm's model.
+        chain: Base to tip, inside this arm's limits.
+        servos: Its servos.
+        port: The serial port they are on.
+        planner: Plans motions; reads no servo.
+        surroundings: What is around it.
+        zeros: Where the zeros of its joints come from.
+        index: Which column of a vector of all joints (n,) is which.
+        serial_number: Of the USB adapter; empty where there is none.
+    """
+
+    model: Model
+    chain: Chain
+    servos: ServoGroup
+    port: Port
+    planner: Planner
+    surroundings: Surroundings
+    zeros: ZeroSource
+    index: JointIndex
+    serial_number: str
+
+    @classmethod
+    def build(
+        cls,
+        model: Model,
+        chain: Chain,
+        servos: ServoGroup,
+        port: Port,
+        collision: CollisionChecker | None = None,
+        zeros: ZeroSource = ZeroSource.SIMULATED,
+    ) -> ArmContext:
+        """Build the context of an arm on an open port."""
+        with_gripper = collision is not None and collision.dof > chain.dof
+        gripper = model.gripper.joint if model.gripper and with_gripper else None
+        index = JointIndex.from_names(servos.names, chain.names, gripper)
+        return cls(
+            model=model,
+            chain=chain,
+            servos=servos,
+            port=port,
+            planner=Planner(model, chain, index),
+            surroundings=Surroundings(collision),
+            zeros=zeros,
+            index=index,
+            serial_number=serial_number_of(port.name),
+        )
+
+    def at_present(self) -> ArmContext:
+        """Return the arm in what is around it now, whatever changes there afterwards.
+
+        Raises:
+            RefusedError: Another arm that it can reach moves, or where that is is not known.
+        """
+        self.surroundings.look()
+        return replace(self, surroundings=Surroundings(self.collision))
+
+    @property
+    def collision(self) -> CollisionChecker | None:
+        """What checks paths of the body; None where they are not checked."""
+        return self.surroundings.checker
+
+    @property
+    def checked_collision(self) -> CollisionChecker | None:
+        """The collision checker; None where paths are not checked or positions are not known."""
+        return self.collision if self.zeros.are_known else None
+
+    def now_s(self) -> float:
+        """Return the time of the port's clock."""
+        return self.servos.clock.now_s()
+
+    def require_zeros(self) -> None:
+        """Refuse what needs calibrated joint positions.
+
+        Raises:
+            CalibrationError: The arm is not calibrated.
+        """
+        self.zeros.require_known(self.model.name)
+
+    def limits(self) -> tuple[Vector, Vector]:
+        """Return the lowest and the highest positions (n,) in whole ticks, read-only."""
+        low, high = zip(
+            *(driven.position_range for driven in self.servos.driven_joints), strict=True
+        )
+        return read_only(low), read_only(high)
+
+    def progress(self, cycle: ControlCycle) -> MotionProgress:
+        """Return the progress of a motion in one control cycle."""
+        return MotionProgress(
+            cycle.time_s,
+            cycle.duration_s,
+            self.planner.tip(cycle.measured),
+            cycle.measured.copy(),
+            cycle.reference.copy(),
+            self.servos.names,
+        )
+
+    def progress_reporter(self, on_progress: OnProgress | None) -> OnCycle | None:
+        """Return what calls ``on_progress`` in every control cycle; None for None."""
+        return on_progress and (lambda cycle: on_progress(self.progress(cycle)))
+
+    def warm_up(self) -> None:
+        """Load what solving and checking need: in a control loop that takes too long."""
+        q = self.chain.clip(np.zeros(self.chain.dof))
+        Solver(self.chain, "position").track(self.chain.forward(q), q)
+        if self.collision is not None:
+            joints = np.zeros(self.collision.dof)
+            with suppress(RefusedError):
+                self.collision.check_path([joints, joints])
+
+    def clearance_m(self, joints: Vector) -> float:
+        """Compute the smallest distance of the body [m] to itself, the table and the boxes.
+
+        Args:
+            joints: All joints (n,).
+
+        Returns:
+            Infinite where paths are not checked or positions are not known.
+        """
+        checker = self.checked_collision
+        if checker is None:
+            return math.inf
+        return float(checker.distances([self.index.body_joints(joints)]).min())
+
+    def is_in_contact(
+        self, joints: Vector, load: float = 1.0, distance_m: float = _CONTACT_M
+    ) -> bool:
+        """Check whether the body touches itself, the table or a box at joints (n,), or nearly.
+
+        An arm that would touch if it sagged counts, too.
+
+        Args:
+            joints: All joints.
+            load: Multiple of gravity under which it sags.
+            distance_m: Nearer than this counts as nearly.
+        """
+        if self.checked_collision is None:
+            return False
+        body = self.index.body_joints(joints)[None]
+        return float(self.checked_collision.distances_with_sag(body, load).min()) < distance_m
+
+    def nearest_free_joints(self, joints: Vector) -> Vector | None:
+        """Find joints (n,) near ``joints`` (n,) where the body touches nothing.
+
+        The gripper, which may hold something, keeps its position.
+
+        Returns:
+            None where no step frees the arm, or where paths are not checked.
+        """
+        checker = self.checked_collision
+        if checker is None:
+            return None
+        lower, upper = (
+            self.index.body_joints(self.index.with_chain(joints, self.index.chain_joints(limit)))
+            for limit in self.limits()
+        )
+        q = nearest_free_posture(checker, self.index.body_joints(joints), lower, upper)
+        return None if q is None else self.index.with_chain(joints, q[: self.chain.dof])
+
+    def check_streamed_path(self, trajectory: Trajectory, speed: str) -> float:
+        """Check the path of a trajectory as it will be streamed.
+
+        Returns:
+            The smallest distance of the body [m] on it; see ``clearance_m``.
+
+        Raises:
+            RefusedError: Something would be touched.
+        """
+        if self.checked_collision is None:
+            return math.inf
+        path = self.index.body_joints(self.planner.sample_trajectory(trajectory, speed))
+        return self.checked_collision.check_path(path, self.planner.dynamic_load_factor(speed))
+
+    def check_trajectory(self, move: RuckigMotion) -> None:
+        """Check the path of an online trajectory, braking and reversing included.
+
+        Raises:
+            RefusedError: Something would be touched.
+        """
+        if self.checked_collision is not None:
+            self._check_path(sample_path(move.at, move.duration_s, move.top_speed))
+
+    def check_straight_path(self, start: Vector, goal: Vector) -> None:
+        """Check the straight path of the joints (n,) between two positions.
+
+        Raises:
+            RefusedError: Something would be touched.
+        """
+        if self.checked_collision is not None:
+            self._check_path(self.interpolate_joints(start, goal))
+
+    def check_gripper_path(self, start: Vector, goal: Vector) -> None:
+        """Check the straight path of the jaws alone between two positions of the joints (n,).
+
+        Capsules are thicker than jaws, and a limp arm has sunk on its table and itself. Jaws have
+        little force and stop at what they meet, so they may come as near as that; what the arm
+        touches where it stands forbids no motion of the jaws.
+
+        Raises:
+            RefusedError: Something would be touched.
+        """
+        checker = self.checked_collision
+        if checker is None:
+            return
+        samples = list(self.index.body_joints(self.interpolate_joints(start, goal)))
+        distance_m = checker.distances(samples)
+        touch_m = [0.0 if thing in checker.things else -_JAW_TOUCH_M for _, thing in checker.pairs]
+        if (distance_m < np.minimum(touch_m, distance_m[0])).any():
+            checker.check_path(samples)
+
+    def interpolate_joints(self, start: Vector, goal: Vector) -> Matrix:
+        """Compute the straight path (k, n) between joints (n,), dense enough for checks."""
+        joints = [self.model.joint(name) for name in self.servos.names]
+        units = np.array([joint.travel_per_turn / math.tau for joint in joints])
+        return sample_line(start, goal, units)
+
+    def check_recorded_path(self, start: Vector, recorded: Matrix) -> None:
+        """Check the path of the joints to a recorded path (k, n), and along it.
+
+        What the arm touches at ``start`` (n,) it may touch again, as deep; but not a box that the
+        recording begins in, which may have been added later.
+
+        Raises:
+            RefusedError: Something would be touched.
+        """
+        checker = self.checked_collision
+        if checker is None:
+            return
+        first_m = checker.distances([self.index.body_joints(recorded[0])])[0]
+        for pair, gap_m in zip(checker.pairs, first_m.tolist(), strict=True):
+            if pair[1] in checker.things and gap_m < 0.0:
+                raise CollisionError(pair, -gap_m, 0.0)
+        path = np.vstack([self.interpolate_joints(start, recorded[0]), recorded[1:]])
+        checker.check_path(self.index.body_joints(path), may_touch_again=True)
+
+    def _check_path(self, path: Matrix) -> None:
+        if self.checked_collision is not None:
+            self.checked_collision.check_path(self.index.body_joints(path))

@@ -1,0 +1,376 @@
+"""A motion plan and its preview: path, duration, limits that come close, start conditions."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ikservo.arguments import parse_number
+from ikservo.errors import RefusedError
+from ikservo.guard import DrivenJoint
+from ikservo.ik import Result
+from ikservo.kinematics import Chain
+from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
+from ikservo.model.model import near_distance
+from ikservo.motion import ConcatenatedTrajectory, JointMove, KinematicLimits, Trajectory
+from ikservo.motion.sampled_trajectory import SampledTrajectory, sample_trajectory
+from ikservo.planning.motions import MotionValue
+from ikservo.planning.tool_speed import ToolSpeed
+
+__all__ = [
+    "RETRACT_POSES",
+    "MotionPlan",
+    "NearLimit",
+    "PoseWithinLimits",
+    "clamp_pose",
+    "clamp_positions",
+    "has_moved",
+    "near_limits",
+    "path_length_m",
+    "rebase_trajectory",
+    "sample_states",
+    "time_limiting_joints",
+    "via_pose_plan",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class NearLimit:
+    """A joint that comes close to one of its limits along the path.
+
+    Attributes:
+        joint: Its name.
+        side: ``lower`` or ``upper``.
+        margin: How far inside the limit it stays, rad or m.
+        unit: ``rad`` or ``m``.
+    """
+
+    joint: str
+    side: str
+    margin: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionPlan:
+    """A motion that could start now.
+
+    Attributes:
+        start: Where all joints would begin (n,), rad or m.
+        goal: Where all joints would end (n,).
+        trajectory: All joints over time; what was checked is what is streamed.
+        tip_m: Where the goal puts the tip (3,), metres.
+        path_m: The length of the tip's path.
+        duration_s: How long it takes.
+        speed: slow, normal or fast.
+        time_limiting_joints: The joints that set the time, at their top speed or
+            acceleration.
+        near_limits: The joints that come close to a limit, the closest first.
+        target_m: The point it goes to (3,); None for a motion of joints.
+        solution: The solver's result; None for a motion of joints.
+        orientation_error_rad: The largest angle between the tool and its requested orientation.
+        orientation_requested: Whether an orientation of the tool was requested.
+        orientation_change_rad: The angle between the tool's orientations at start and goal.
+        speed_reduced: Whether it is slower than requested: the first motion with torque is slow.
+        is_cartesian: Whether the tip goes along straight lines or arcs.
+        cartesian_s: For how long it does, up to the end of the trajectory.
+        tool_speed: The speed of the tip along them; None where none was requested.
+        via_pose: The retract pose in between; empty where the path is direct.
+        around: What would touch what on the straight path, which this one goes around; else empty.
+        kept: What the tool keeps to all the way, and how much of it is used, described.
+        clearance_m: The least distance of the body on the path to itself, the table and the boxes;
+            infinite where paths are not checked.
+        planning_s: How long it took to plan.
+        names: The joints, in the order of ``start`` and ``goal``.
+        units: ``rad`` or ``m`` for each joint.
+        motion: What was requested.
+        requested: The goals of the joints that were requested, rad or m by name; empty for a
+            motion of the tip.
+        clamped: The joints that stop at a limit short of the requested pose, described.
+        limp_arm: The context of the arm for which it was made while that was limp; None where the
+            arm held. It may sink until its torque comes on: then the plan is made again.
+    """
+
+    start: Vector
+    goal: Vector
+    trajectory: Trajectory
+    tip_m: Vector
+    path_m: float
+    duration_s: float
+    speed: str
+    time_limiting_joints: tuple[str, ...] = ()
+    near_limits: tuple[NearLimit, ...] = ()
+    target_m: Vector | None = None
+    solution: Result | None = None
+    orientation_error_rad: float = 0.0
+    orientation_requested: bool = False
+    orientation_change_rad: float = 0.0
+    speed_reduced: bool = False
+    is_cartesian: bool = False
+    cartesian_s: float = 0.0
+    tool_speed: ToolSpeed | None = None
+    via_pose: str = ""
+    around: str = ""
+    kept: tuple[str, ...] = ()
+    clearance_m: float = math.inf
+    planning_s: float = 0.0
+    names: tuple[str, ...] = ()
+    units: tuple[str, ...] = ()
+    motion: MotionValue[Any] | None = None
+    requested: Mapping[str, float] = field(default_factory=dict[str, float])
+    clamped: tuple[str, ...] = ()
+    limp_arm: object | None = None
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+    def sample(self, dt_s: float = 0.01) -> SampledTrajectory:
+        """Sample the motion as arrays: times (k,), positions and velocities (k, n).
+
+        Args:
+            dt_s: Between two samples; the last is at the motion's end.
+
+        Raises:
+            BadValueError: ``dt_s`` is not above 0, or makes more than a million samples.
+        """
+        dt_s = parse_number("The time between two samples", dt_s)
+        return sample_trajectory(self.trajectory, dt_s, self.names, self.units)
+
+    def to_csv(
+        self, path: Path | str | None = None, dt_s: float = 0.01, *, overwrite: bool = False
+    ) -> str:
+        """Format the sampled motion as CSV, and write it to a file where a path is given.
+
+        Raises:
+            BadValueError: See ``sample``; or the file exists and ``overwrite`` is false.
+            FileWriteError: It cannot be written.
+        """
+        return self.sample(dt_s).to_csv(path, overwrite=overwrite)
+
+    def __repr__(self) -> str:
+        """Show goal, length of the tip's path and duration."""
+        ends = zip(self.names, self.goal.tolist(), strict=True)
+        goal = ", ".join(f"{name}: {at:.4f}" for name, at in ends)
+        return (
+            f"Plan({self.duration_s:.2f} s, {self.speed}, tip {self.path_m:.3f} m to "
+            f"({', '.join(f'{x:z.3f}' for x in self.tip_m)}), goal={{{goal}}})"
+        )
+
+
+_SAMPLES = 200
+# A joint that uses this fraction of a limit at some instant is one that sets the time.
+_FULL = 0.98
+
+
+def sample_states(trajectory: Trajectory) -> tuple[Matrix, Matrix, Matrix]:
+    """Sample positions, velocities and accelerations (k, n) along a trajectory."""
+    times_s = np.linspace(0.0, trajectory.duration_s, _SAMPLES)
+    states = [trajectory.state(time_s) for time_s in times_s]
+    return (
+        np.array([state.position for state in states]),
+        np.array([state.velocity for state in states]),
+        np.array([state.acceleration for state in states]),
+    )
+
+
+def path_length_m(chain: Chain, joints: Matrix) -> float:
+    """Compute the length of the tip's path along the chain's joints (k, dof)."""
+    tips = chain.forward(joints)[:, :3, 3]
+    return float(np.linalg.norm(np.diff(tips, axis=0), axis=1).sum())
+
+
+def time_limiting_joints(
+    velocity: Matrix, acceleration: Matrix, limits: Sequence[KinematicLimits], names: Sequence[str]
+) -> list[str]:
+    """Describe the joints that reach their top speed or acceleration at some instant.
+
+    Args:
+        velocity: Along the path (k, n).
+        acceleration: Along the path (k, n).
+        limits: The kinematic limits of each joint.
+        names: Their names.
+    """
+    texts: list[str] = []
+    for i, (name, limit) in enumerate(zip(names, limits, strict=True)):
+        if float(np.abs(velocity[:, i]).max()) >= _FULL * limit.speed_rad_s:
+            texts.append(f"{name} at its top speed")
+        elif float(np.abs(acceleration[:, i]).max()) >= _FULL * limit.acceleration_rad_s2:
+            texts.append(f"{name} at its top acceleration")
+    return texts
+
+
+def near_limits(
+    joints: Matrix, lower: Vector, upper: Vector, names: Sequence[str], units: Sequence[str]
+) -> tuple[NearLimit, ...]:
+    """Return the joints that come near a limit, closest first; see ``near_limit``.
+
+    Args:
+        joints: Along the path (k, n), rad or m.
+        lower: The lower limits (n,); infinite where there is none.
+        upper: The upper limits (n,).
+        names: Their names.
+        units: ``rad`` or ``m`` for each.
+    """
+    found: list[tuple[float, NearLimit]] = []
+    for i, (name, unit) in enumerate(zip(names, units, strict=True)):
+        span = float(upper[i] - lower[i])
+        if not 0.0 < span < math.inf:  # a continuous joint, or a fixed one
+            continue
+        below, above = (
+            float((joints[:, i] - lower[i]).min()),
+            float((upper[i] - joints[:, i]).min()),
+        )
+        margin, side = min((below, "lower"), (above, "upper"))
+        if margin <= near_distance(float(lower[i]), float(upper[i]), unit):
+            found.append((margin / span, NearLimit(name, side, margin, unit)))
+    return tuple(near for _, near in sorted(found, key=lambda each: each[0]))
+
+
+# What a joint travels in this time at its top speed: a tick or two, which the guard passes as one
+# step; and what a limp arm may have sagged by between planning and moving (an elbow of XL330 that
+# falls freely: 5.5°, or 0.22 s of its planned top speed).
+_STEP_S, _SAG_TOLERANCE_S = 0.005, 0.25
+
+
+def rebase_trajectory(
+    plan: MotionPlan, goals: Vector, limits: Sequence[KinematicLimits], names: Sequence[str]
+) -> Trajectory:
+    """Compute the plan's trajectory, started from the goals (n,) that the servos hold.
+
+    They are the plan's start but for a tick, or a little inside where a limp joint was outside its
+    limits. A motion of joints then starts there; a line is preceded by a motion to its start.
+
+    Raises:
+        RefusedError: The arm has been moved since it was planned, or the plan is another arm's.
+    """
+    if plan.names != tuple(names):
+        raise RefusedError(
+            f"The plan moves {', '.join(plan.names)}, this arm has {', '.join(names)}.",
+            "Nothing was sent. Plan it with this arm.",
+        )
+    apart_s = _time_apart_s(plan, goals, limits)
+    if apart_s.max() > _SAG_TOLERANCE_S:
+        raise RefusedError(
+            f"{names[int(apart_s.argmax())]} is not at the start of the plan.",
+            "Nothing was sent. Plan again from the present position.",
+        )
+    if not has_moved(plan, goals, limits):
+        return plan.trajectory
+    if isinstance(plan.trajectory, JointMove):
+        return JointMove(goals, plan.goal, limits)
+    return ConcatenatedTrajectory(JointMove(goals, plan.start, limits), plan.trajectory)
+
+
+def has_moved(plan: MotionPlan, goals: Vector, limits: Sequence[KinematicLimits]) -> bool:
+    """Check whether the goals (n,) are further than a tick or two from the start of a plan."""
+    return bool(_time_apart_s(plan, goals, limits).max() > _STEP_S)
+
+
+def _time_apart_s(plan: MotionPlan, goals: Vector, limits: Sequence[KinematicLimits]) -> Vector:
+    return np.abs(goals - plan.start) / np.array([limit.speed_rad_s for limit in limits])
+
+
+RETRACT_POSES = ("home", "rest")
+"""The poses that are tried, in this order; every arm file has them."""
+
+
+def via_pose_plan(
+    first: MotionPlan, then: MotionPlan, pose: str, orientation_change_rad: float
+) -> MotionPlan:
+    """Return a plan that goes to a pose, stops there, and continues from it.
+
+    Args:
+        first: To the pose.
+        then: From the pose.
+        pose: Its name.
+        orientation_change_rad: From the start of the first to the goal of the second.
+    """
+    return replace(
+        then,
+        start=first.start,
+        orientation_change_rad=orientation_change_rad,
+        trajectory=ConcatenatedTrajectory(first.trajectory, then.trajectory),
+        path_m=first.path_m + then.path_m,
+        duration_s=first.duration_s + then.duration_s,
+        time_limiting_joints=tuple(
+            dict.fromkeys(first.time_limiting_joints + then.time_limiting_joints)
+        ),
+        via_pose=pose,
+    )
+
+
+# A joint that was on its end stop when a pose was taught is this far beyond its limit at most.
+_END_STOP_RAD = math.radians(6.0)
+
+
+@dataclass(frozen=True, slots=True)
+class PoseWithinLimits:
+    """A pose clamped to the limits of an arm.
+
+    Attributes:
+        positions: By joint, rad or m.
+        changed: The joints that stop at a limit short of the pose, described.
+    """
+
+    positions: dict[str, float]
+    changed: tuple[str, ...]
+
+
+def clamp_positions(
+    positions: Mapping[str, float],
+    driven_joints: Sequence[DrivenJoint],
+    start: Vector,
+    max_rad: float = _END_STOP_RAD,
+) -> PoseWithinLimits:
+    """Clamp joint positions that are a little beyond the limits.
+
+    A clamped joint stays as far inside its limit as friction may keep it short of a goal there.
+
+    Args:
+        positions: By joint, rad or m; joints that are not named keep theirs.
+        driven_joints: The joints, in the order of ``start``.
+        start: The present joints (n,). One that is beyond its limit need not come inside.
+        max_rad: A joint further beyond, at the horn, is left there for the guard to refuse.
+    """
+    clamped, changed = dict(positions), list[str]()
+    for driven, at in zip(driven_joints, start.tolist(), strict=True):
+        if driven.joint not in positions or driven.limits.contains(positions[driven.joint]):
+            continue
+        requested, (low, high) = positions[driven.joint], driven.position_range
+        joint_map = driven.joint_map
+        beyond = max(low - requested, requested - high)
+        if beyond > joint_map.unit_per_tick:  # less is rounding
+            low, high = driven.settled_range
+        inside = min(max(requested, min(low, at)), max(high, at))
+        beyond_rad = beyond / joint_map.unit_per_horn_rad
+        if inside != requested and beyond_rad <= max_rad:
+            clamped[driven.joint] = inside
+            if joint_map.format(inside) != joint_map.format(requested):  # else it is rounding
+                changed.append(_describe_clamped(driven, requested, inside))
+    return PoseWithinLimits(clamped, tuple(changed))
+
+
+def clamp_pose(
+    name: str, pose: Mapping[str, float], driven_joints: Sequence[DrivenJoint], start: Vector
+) -> PoseWithinLimits:
+    """Clamp a named pose to the limits; see ``clamp_positions``.
+
+    The rest pose is clamped however far it is beyond: an arm must always be able to come down.
+    Another pose is where its joints are on their end stops, just beyond a limit.
+    """
+    max_rad = math.inf if name == "rest" else _END_STOP_RAD
+    return clamp_positions(pose, driven_joints, start, max_rad)
+
+
+def _describe_clamped(driven: DrivenJoint, requested: float, inside: float) -> str:
+    limits, text = driven.limits, driven.joint_map.format
+    limit = limits.upper if requested > inside else limits.lower
+    return (
+        f"{driven.joint} goes to {text(inside)}, not to {text(requested)}: "
+        f"its limit is {text(limit.value)} ({limit.source})"
+    )

@@ -1,0 +1,633 @@
+"""Motions as values: what an arm can be asked to do, and the one form of it in JSON and TOML.
+
+A motion is frozen and checked when it is made; points are metres in the arm's base frame. It is
+planned by ``Arm.plan``, made by ``Arm.execute``, and started in the background by ``Arm.start``.
+The methods of ``Arm`` (``move_to``, ``gripper``, …) make it of their arguments.
+
+As JSON or TOML a motion is a table with one key, its kind; fields that have their default are left
+out::
+
+    {"move_line": {"position_m": [0.25, 0.05, 0.15], "tool_speed_m_s": 0.05}}
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import KW_ONLY, MISSING, dataclass, fields, is_dataclass, replace
+from functools import cache
+from os import fspath
+from pathlib import Path
+from typing import Annotated, Any, ClassVar, Generic, TypeVar, cast, get_args, get_type_hints
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.arguments import (
+    check_choice,
+    parse_joint_positions,
+    parse_number,
+    parse_path,
+    parse_points,
+)
+from ikservo.errors import BadValueError, InputError, format_point
+from ikservo.ik import Posture
+from ikservo.ik.problem import check_position
+from ikservo.kinematics.arrays import Vector, finite_vector, finite_vectors
+from ikservo.motion import ToolPath, arc_about_axis, arc_through_points, straight_lines
+from ikservo.planning.path_constraint import UNCONSTRAINED, PathConstraint
+from ikservo.planning.reports import GraspResult, JointMoveResult, MoveResult, ReplayResult
+from ikservo.planning.tool_orientation import KEEP_BEST_EFFORT, ToolOrientation, check_orientation
+
+__all__ = [
+    "KINDS",
+    "SPEEDS",
+    "Draw",
+    "LookAt",
+    "Lower",
+    "MotionValue",
+    "MoveArc",
+    "MoveGripper",
+    "MoveJoints",
+    "MoveLine",
+    "MovePose",
+    "MoveThrough",
+    "MoveTo",
+    "MoveToRest",
+    "Replay",
+    "TipMotion",
+    "Wait",
+    "check_motion",
+    "motion_fields",
+    "parse_motion",
+]
+
+SPEEDS = ("slow", "normal", "fast")
+"""The speed classes of every arm file."""
+
+R = TypeVar("R")
+Point = tuple[float, float, float]
+
+_MAX_WAIT_S = 3600.0
+_PLAIN = (str, bool, float, tuple)
+_SHOWN = 100  # characters of a value in an error
+
+
+def _vector(what: str) -> Callable[[object], Point]:
+    return lambda value: tuple(finite_vector(cast("ArrayLike", value), 3, what).tolist())
+
+
+def _target(what: str) -> Callable[[object], Point]:
+    return lambda value: tuple(check_position(cast("ArrayLike", value), what).tolist())
+
+
+def _number(what: str) -> Callable[[object], float]:
+    return lambda value: parse_number(what, value)
+
+
+def _flag(what: str) -> Callable[[object], bool]:
+    def parse(value: object) -> bool:
+        if not isinstance(value, bool | np.bool_):
+            raise BadValueError(what, repr(value), "True or False")
+        return bool(cast("object", value))
+
+    return parse
+
+
+def _choice(what: str, choices: Sequence[str]) -> Callable[[object], str]:
+    return lambda value: check_choice(
+        what, value if isinstance(value, str) else repr(value), choices
+    )
+
+
+def _parse_tool_speed(value: object) -> float:
+    speed_m_s = parse_number("The speed of the tool", value)
+    if not 0.0 < speed_m_s < math.inf:
+        raise BadValueError("The speed of the tool", f"{speed_m_s:g} m/s", "more than 0 m/s")
+    return speed_m_s
+
+
+def _parse_targets(values: object) -> tuple[Point, ...]:
+    return tuple(map(_target("The target position"), parse_points(values)))
+
+
+def _parse_strokes(values: object) -> tuple[tuple[Point, ...], ...]:
+    strokes = [finite_vectors(each, 3, "A stroke of the drawing") for each in parse_points(values)]
+    return tuple(tuple((x, y, z) for x, y, z in each.reshape(-1, 3).tolist()) for each in strokes)
+
+
+def _parse_constraint(value: object) -> PathConstraint:
+    if not isinstance(value, PathConstraint):
+        raise BadValueError(
+            "within", repr(value), "a PathConstraint, such as PathConstraint(upright_rad=0.2)"
+        )
+    return value
+
+
+def _parse_name(value: object) -> str:
+    if not isinstance(value, str):
+        raise BadValueError("The name of the pose", repr(value), "text")
+    return value
+
+
+def _parse_file(value: object) -> str:
+    return fspath(parse_path(value))
+
+
+# Fields that several motions have. What checks a field is written with its type, here or there.
+TargetPoint = Annotated[ArrayLike, _target("The target position")]
+ToolSpeed = Annotated[float | None, _parse_tool_speed]
+Speed = Annotated[str, _choice("speed", SPEEDS)]
+Stance = Annotated[ToolOrientation, check_orientation]
+Straight = Annotated[bool, _flag("straight")]
+Within = Annotated[PathConstraint, _parse_constraint]
+
+
+@dataclass(frozen=True)
+class MotionValue(Generic[R]):
+    """A motion whose result is an ``R``: the common part of all kinds.
+
+    Attributes:
+        kind: The name of its kind in JSON and TOML, such as ``move_to``.
+        starts_at_tip: Whether its path begins where the tip is, so that an arm that is folded
+            cannot first unfold.
+    """
+
+    kind: ClassVar[str]
+    starts_at_tip: ClassVar[bool] = False
+
+    def __init_subclass__(cls) -> None:
+        cls.kind = re.sub(r"(?<!^)(?=[A-Z])", "_", cls.__name__).lower()
+
+    def __post_init__(self) -> None:
+        parsers = _parsers_of(type(self))
+        for each in fields(cast("type[Any]", type(self))):
+            value = getattr(self, each.name)
+            if not (value is None and each.default is None):
+                object.__setattr__(self, each.name, parsers[each.name](value))
+        self._check()
+
+    @property
+    def has_speed(self) -> bool:
+        """Whether it has a speed class."""
+        return hasattr(self, "speed")
+
+    def with_speed(self, speed: str) -> MotionValue[R]:
+        """Return it at a speed class: slow, normal or fast; itself where it has none."""
+        return replace(self, speed=speed) if self.has_speed else self  # pyright: ignore[reportCallIssue]
+
+    def _check(self) -> None:
+        """Refuse fields that contradict each other."""
+
+    def __str__(self) -> str:
+        """Return what it does, in a few words."""
+        return self._words()
+
+    def _words(self) -> str:
+        return self.kind.replace("_", " ")
+
+
+@cache
+def _parsers_of(kind: type[MotionValue[Any]]) -> Mapping[str, Callable[[object], object]]:
+    """Return what checks each field of a kind of motion: it is written with the field's type."""
+    hints = get_type_hints(kind, include_extras=True)
+    return {each.name: hints[each.name].__metadata__[0] for each in fields(cast("Any", kind))}
+
+
+@dataclass(frozen=True)
+class MoveTo(MotionValue[MoveResult]):
+    """The tip moves to a point, as the joints come there soonest.
+
+    Attributes:
+        position_m: The point (3,), metres, base frame.
+        speed: The speed class of the arm file: slow, normal or fast. The first motion after torque
+            comes on is slow.
+        stance: The orientation of the tool at the end. By default the arm keeps the present one as
+            well as it can.
+        straight: Whether the joints move straight or not at all; else they go around what is in
+            the way.
+        within: What the tool keeps to all the way.
+    """
+
+    position_m: TargetPoint
+    _: KW_ONLY
+    speed: Speed = "normal"
+    stance: Stance = KEEP_BEST_EFFORT
+    straight: Straight = False
+    within: Within = UNCONSTRAINED
+
+    def _words(self) -> str:
+        return f"joints to {_format_point(self.position_m)}"
+
+
+@dataclass(frozen=True)
+class MoveLine(MotionValue[MoveResult]):
+    """The tip moves to a point on a straight line; the tool turns evenly along it.
+
+    Attributes:
+        position_m: The point (3,), metres, base frame.
+        tool_speed_m_s: The speed of the tip, constant but for the ramps at both ends, as far as
+            the joints and the speed class (0.1, 0.25 or 0.5 m/s) allow; the plan's ``tool_speed``
+            says what is reached. None: the fastest.
+        speed: As of ``MoveTo``.
+        stance: As of ``MoveTo``.
+        within: As of ``MoveTo``.
+    """
+
+    position_m: TargetPoint
+    _: KW_ONLY
+    tool_speed_m_s: ToolSpeed = None
+    speed: Speed = "normal"
+    stance: Stance = KEEP_BEST_EFFORT
+    within: Within = UNCONSTRAINED
+
+    def path_from(self, tip_m: Vector) -> ToolPath:
+        """Return the path from where the tip (3,) [m] is."""
+        return straight_lines(tip_m, [self.position_m])
+
+    def _words(self) -> str:
+        return f"line to {_format_point(self.position_m)}"
+
+
+@dataclass(frozen=True)
+class MoveArc(MotionValue[MoveResult]):
+    """The tip moves on an arc from where it is: through a point to an end, or about a centre.
+
+    Attributes:
+        via_m: A point (3,) [m] that the arc passes.
+        end_m: Its end (3,) [m].
+        full_circle: Whether the circle through the tip, the via point and the end is closed.
+        center_m: The centre (3,) [m] of a circle about which the tip goes, instead of a via point
+            and an end.
+        normal: The direction (3,) of that circle's axis, against which it is counter-clockwise.
+        angle_rad: How far the tip goes about it, negative for clockwise.
+        tool_speed_m_s: As of ``MoveLine``.
+        speed: As of ``MoveTo``.
+        stance: As of ``MoveTo``.
+        within: As of ``MoveTo``.
+
+    Raises:
+        BadValueError: Neither a via point with an end nor a centre is given, or both.
+    """
+
+    starts_at_tip = True
+
+    via_m: Annotated[ArrayLike | None, _vector("The via point of the arc")] = None
+    end_m: Annotated[ArrayLike | None, _vector("The end of the arc")] = None
+    _: KW_ONLY
+    full_circle: Annotated[bool, _flag("full_circle")] = False
+    center_m: Annotated[ArrayLike | None, _vector("The centre of the circle")] = None
+    normal: Annotated[ArrayLike, _vector("The normal of the circle")] = (0.0, 0.0, 1.0)
+    angle_rad: Annotated[float, _number("The angle of the arc")] = math.tau
+    tool_speed_m_s: ToolSpeed = None
+    speed: Speed = "normal"
+    stance: Stance = KEEP_BEST_EFFORT
+    within: Within = UNCONSTRAINED
+
+    def _check(self) -> None:
+        given = {"a via point": self.via_m, "an end": self.end_m, "a centre": self.center_m}
+        names = [name for name, value in given.items() if value is not None]
+        through_points = names == ["a via point", "an end"]
+        about_axis = names == ["a centre"] and not self.full_circle
+        if not (through_points or about_axis):
+            raise BadValueError(
+                "The arc",
+                f"given by {' and '.join(names) or 'nothing'}",
+                "a via point and an end, or a centre alone",
+            )
+
+    def path_from(self, tip_m: Vector) -> ToolPath:
+        """Return the path from where the tip (3,) [m] is."""
+        if self.center_m is not None:
+            return arc_about_axis(tip_m, self.center_m, self.normal, self.angle_rad)
+        via_m, end_m = cast("Any", self.via_m), cast("Any", self.end_m)
+        return arc_through_points(tip_m, via_m, end_m, full_circle=self.full_circle)
+
+    def _words(self) -> str:
+        if self.center_m is not None:
+            angle_deg = math.degrees(self.angle_rad)
+            return f"arc of {angle_deg:.0f}° about {_format_point(self.center_m)}"
+        end_m = _format_point(cast("Point", self.end_m))
+        return f"{'circle' if self.full_circle else 'arc'} to {end_m}"
+
+
+@dataclass(frozen=True)
+class MoveThrough(MotionValue[MoveResult]):
+    """The tip moves through points without a stop, to rest at the last.
+
+    Attributes:
+        points_m: The points (k, 3), metres, base frame.
+        blend_m: Within which distance the tip passes each point but the last.
+        line: Whether the tip moves on straight lines, else the joints do.
+        tool_speed_m_s: As of ``MoveLine``, on lines only.
+        speed: As of ``MoveTo``.
+        stance: As of ``MoveTo``, at the last point.
+        within: As of ``MoveTo``.
+    """
+
+    points_m: Annotated[Iterable[ArrayLike], _parse_targets]
+    _: KW_ONLY
+    blend_m: Annotated[float, _number("The blend")] = 0.02
+    line: Annotated[bool, _flag("line")] = False
+    tool_speed_m_s: ToolSpeed = None
+    speed: Speed = "normal"
+    stance: Stance = KEEP_BEST_EFFORT
+    within: Within = UNCONSTRAINED
+
+    def _check(self) -> None:
+        if not self.points_m:
+            raise BadValueError("The list of points", "empty", "at least one point")
+        if not 0.0 < self.blend_m < math.inf:
+            raise BadValueError("The blend", f"{self.blend_m} m", "a positive distance")
+        if self.tool_speed_m_s is not None and not self.line:
+            raise BadValueError(
+                "The speed of the tool",
+                "given for a motion of the joints",
+                "a straight line, or the speed of the joints: slow, normal, fast",
+            )
+
+    def path_from(self, tip_m: Vector) -> ToolPath:
+        """Return the lines from where the tip (3,) [m] is, their corners rounded."""
+        return straight_lines(tip_m, list(self.points_m), self.blend_m)
+
+    def _words(self) -> str:
+        points = cast("tuple[Point, ...]", self.points_m)
+        path = "lines" if self.line else "joints"
+        return f"{path} through {len(points)} points to {_format_point(points[-1])}"
+
+
+@dataclass(frozen=True)
+class Draw(MotionValue[MoveResult]):
+    """The tip moves along strokes, lifted between them.
+
+    Attributes:
+        strokes_m: The points (k, 3) of each stroke, metres, base frame.
+        lift_m: How far above a stroke the tip goes before the first, between two and after the
+            last.
+        tool_speed_m_s: As of ``MoveLine``, along a stroke.
+        speed: As of ``MoveTo``.
+        stance: As of ``MoveTo``.
+        within: As of ``MoveTo``.
+    """
+
+    strokes_m: Annotated[Iterable[ArrayLike], _parse_strokes]
+    _: KW_ONLY
+    lift_m: Annotated[float, _number("The lift of the tool")] = 0.01
+    tool_speed_m_s: ToolSpeed = None
+    speed: Speed = "normal"
+    stance: Stance = KEEP_BEST_EFFORT
+    within: Within = UNCONSTRAINED
+
+    def _check(self) -> None:
+        if not self.strokes_m or not all(cast("tuple[tuple[Point, ...], ...]", self.strokes_m)):
+            raise BadValueError("The drawing", "empty", "at least one stroke with a point")
+        if not 0.0 <= self.lift_m < math.inf:
+            raise BadValueError("The lift of the tool", f"{self.lift_m:g} m", "0 m or more")
+
+    def _words(self) -> str:
+        count = len(cast("tuple[object, ...]", self.strokes_m))
+        return f"drawing of {count} stroke{'s' if count > 1 else ''}"
+
+
+TipMotion = MoveTo | MoveLine | MoveArc | MoveThrough | Draw
+"""Motions of the tip. One with ``path_from`` needs nothing else to be planned."""
+
+
+@dataclass(frozen=True)
+class MoveJoints(MotionValue[JointMoveResult]):
+    """Some joints move, the others stay.
+
+    Attributes:
+        positions: The goals by joint, rad or m.
+        speed: As of ``MoveTo``.
+        straight: As of ``MoveTo``; where joints of the chain stay, they always move straight.
+        within: As of ``MoveTo``.
+    """
+
+    positions: Annotated[Mapping[str, float], parse_joint_positions]
+    _: KW_ONLY
+    speed: Speed = "normal"
+    straight: Straight = False
+    within: Within = UNCONSTRAINED
+
+    def __hash__(self) -> int:
+        """Return a hash; a mapping has none of its own."""
+        return hash((tuple(self.positions.items()), self.speed, self.straight, self.within))
+
+    def _words(self) -> str:
+        return ", ".join(f"{name} {value:.4g}" for name, value in self.positions.items())
+
+
+@dataclass(frozen=True)
+class MovePose(MotionValue[JointMoveResult]):
+    """The joints move to a pose, clamped to the limits.
+
+    Attributes:
+        name: Of a pose of the arm file, or of a taught one.
+        speed: As of ``MoveTo``.
+        straight: As of ``MoveTo``.
+        within: As of ``MoveTo``.
+    """
+
+    name: Annotated[str, _parse_name]
+    _: KW_ONLY
+    speed: Speed = "normal"
+    straight: Straight = False
+    within: Within = UNCONSTRAINED
+
+    def _words(self) -> str:
+        return f"pose {self.name}"
+
+
+@dataclass(frozen=True)
+class MoveToRest(MotionValue[JointMoveResult]):
+    """The joints move slowly to the rest pose, by another pose where the path is not free."""
+
+
+@dataclass(frozen=True)
+class LookAt(MotionValue[JointMoveResult]):
+    """The tool axis comes to point at a point, wherever the tip is then: for cameras and pan-tilts.
+
+    Attributes:
+        point_m: The point (3,), metres, base frame.
+        speed: As of ``MoveTo``.
+    """
+
+    point_m: Annotated[ArrayLike, _target("The point to look at")]
+    _: KW_ONLY
+    speed: Speed = "normal"
+
+    def _words(self) -> str:
+        return f"look at {_format_point(self.point_m)}"
+
+
+@dataclass(frozen=True)
+class Lower(MotionValue[JointMoveResult]):
+    """The joints move slowly to the rest pose, or as far as the path there is free."""
+
+
+@dataclass(frozen=True)
+class MoveGripper(MotionValue[GraspResult]):
+    """The jaws open, close, or move to a width; they stop at an object and hold it.
+
+    Attributes:
+        to: open or close; None where a width is given.
+        width_m: The distance between the jaws, metres.
+        force: The fraction of the servo's torque that it may use, to 1; None for 0.3. The least is
+            what overcomes the friction of its gears: 0.05, of an STS3215 for 7.4 V 0.1.
+    """
+
+    to: Annotated[str | None, _choice("motion of the gripper", ("open", "close"))] = None
+    _: KW_ONLY
+    width_m: Annotated[float | None, _number("The width")] = None
+    force: Annotated[float | None, _number("The force")] = None
+
+    def _check(self) -> None:
+        if (self.to is None) == (self.width_m is None):
+            raise BadValueError("The motion of the gripper", "not clear", "open, close or a width")
+
+    def _words(self) -> str:
+        return f"gripper {self.to if self.width_m is None else f'{self.width_m:g} m'}"
+
+
+@dataclass(frozen=True)
+class Replay(MotionValue[ReplayResult]):
+    """The joints move to the first pose of a recording of this arm, then along it.
+
+    Attributes:
+        path: The file.
+        speed: The speed class within which it is as fast as it was recorded.
+    """
+
+    path: Annotated[Path | str, _parse_file]
+    _: KW_ONLY
+    speed: Speed = "normal"
+
+    def _words(self) -> str:
+        return f"recording {self.path}"
+
+
+@dataclass(frozen=True)
+class Wait(MotionValue[None]):
+    """The arm holds for a time.
+
+    Attributes:
+        duration_s: For how long, above 0 and at most an hour.
+    """
+
+    duration_s: Annotated[float, _number("The wait")]
+
+    def _check(self) -> None:
+        if not 0.0 < self.duration_s <= _MAX_WAIT_S:
+            raise BadValueError("The wait", f"{self.duration_s:g} s", "above 0 and at most 3600 s")
+
+    def _words(self) -> str:
+        return f"wait {self.duration_s:g} s"
+
+
+KINDS: Mapping[str, type[MotionValue[Any]]] = {
+    each.kind: each
+    for each in get_args(
+        TipMotion
+        | (MoveJoints | MovePose | LookAt | MoveToRest | Lower | MoveGripper | Replay | Wait)
+    )
+}
+"""All kinds of motions by their names in JSON and TOML."""
+
+
+def check_motion(motion: MotionValue[R]) -> MotionValue[R]:
+    """Check that a value is a motion, and return it.
+
+    Raises:
+        BadValueError: It is none.
+    """
+    if not isinstance(cast("object", motion), MotionValue):
+        raise BadValueError("The motion", repr(motion), "such as MoveTo((0.25, 0.0, 0.15))")
+    return motion
+
+
+def motion_fields(motion: MotionValue[Any]) -> dict[str, dict[str, Any]]:
+    """Return a motion as JSON values: its kind, and the fields that differ from their default."""
+    return {motion.kind: _fields_of(motion)}
+
+
+def parse_motion(value: object) -> MotionValue[Any]:
+    """Parse the motion that ``motion_fields`` made these JSON values of.
+
+    Raises:
+        InputError: It is no table with one known kind, or a field is missing, unknown, or refused
+            by the motion itself, with the same error as for a program.
+    """
+    is_table = isinstance(value, Mapping)
+    table = dict(cast("Mapping[object, object]", value)) if is_table else {}
+    if len(table) != 1:
+        raise BadValueError("The motion", _shorten(value), f"a table of one of {', '.join(KINDS)}")
+    ((kind, fields_of_kind),) = table.items()
+    kind = str(check_choice("motion", kind, [*KINDS]))
+    return cast("MotionValue[Any]", _from_fields(kind, KINDS[kind], fields_of_kind))
+
+
+def _fields_of(value: Any) -> dict[str, Any]:  # noqa: ANN401  # a dataclass
+    found: dict[str, Any] = {}
+    for each in fields(value):
+        at, default = getattr(value, each.name), cast("object", each.default)
+        if at is None or at is default or (isinstance(default, _PLAIN) and at == default):
+            continue
+        found[each.name] = _fields_of(at) if is_dataclass(at) else _as_json(at)
+    return found
+
+
+def _as_json(value: object) -> object:
+    if isinstance(value, Mapping):
+        return dict(cast("Mapping[object, object]", value))
+    if isinstance(value, np.ndarray):
+        return cast("object", value.tolist())
+    if isinstance(value, tuple):
+        return [_as_json(each) for each in cast("tuple[object, ...]", value)]
+    return value
+
+
+def _shorten(value: object) -> str:
+    text = repr(value)
+    return text if len(text) <= _SHOWN else f"{text[:_SHOWN]}…"
+
+
+def _from_fields(what: str, kind: Callable[..., object], given: object) -> object:
+    """Return a dataclass from its fields as JSON values."""
+    if not isinstance(given, Mapping):
+        raise BadValueError(what, _shorten(given), "a table of its fields")
+    values = in_american(cast("Mapping[str, object]", given))
+    known = fields(cast("type[Any]", kind))
+    names = [each.name for each in known]
+    for name in values:
+        if name not in names:
+            close = difflib.get_close_matches(str(name), names, n=1)
+            hint = f"Did you mean {close[0]}? " if close else ""
+            listed = ", ".join(names) or "none"
+            raise InputError(f"{what} has no field {str(name)!r}.", f"{hint}Fields: {listed}.")
+    for each in known:
+        if each.name not in values and each.default is MISSING:
+            raise InputError(f"{what} has no {each.name}.", f"Fields: {', '.join(names)}.")
+    for name, nested in _NESTED.items():
+        if values.get(name) is not None and name in names:
+            values[name] = _from_fields(name, nested, values[name])
+    return kind(**values)
+
+
+def in_american(given: Mapping[str, R]) -> dict[str, R]:
+    """Return fields or options by their names, which may be given in British spelling, too."""
+    return {"center_m" if name == "centre_m" else name: value for name, value in given.items()}
+
+
+_NESTED: Mapping[str, Callable[..., object]] = {
+    "stance": ToolOrientation,
+    "posture": Posture,
+    "within": PathConstraint,
+}
+"""The fields that are dataclasses."""
+
+
+def _format_point(point_m: ArrayLike) -> str:
+    return format_point(cast("Point", point_m))

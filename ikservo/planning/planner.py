@@ -1,0 +1,544 @@
+"""Plans motions of one arm: to a point, along a line, through points, of single joints."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.errors import (
+    AimError,
+    BadValueError,
+    CartesianPathError,
+    OrientationError,
+    UnreachableError,
+)
+from ikservo.guard import MAX_TRAVEL_RAD, sample_path
+from ikservo.ik import Result, Target, solve_sight
+from ikservo.kinematics import Chain, JointIndex
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.inertia import GRAVITY_M_S2
+from ikservo.kinematics.se3 import log_so3
+from ikservo.model import Model
+from ikservo.model.joint_drive import nominal_parameters
+from ikservo.model.stopping_times import stopping_times_s
+from ikservo.model.tool import tool_frame
+from ikservo.motion import (
+    CartesianTrajectory,
+    JointMove,
+    JointWaypointTrajectory,
+    KinematicLimits,
+    SubsetTrajectory,
+    ToolPath,
+    Trajectory,
+    straight_lines,
+)
+from ikservo.planning.loaded_limits import limits_under_load
+from ikservo.planning.motion_plan import (
+    MotionPlan,
+    near_limits,
+    path_length_m,
+    sample_states,
+    time_limiting_joints,
+)
+from ikservo.planning.path_constraint import ConstrainedTool, PathConstraint
+from ikservo.planning.tool_orientation import (
+    KEEP_BEST_EFFORT,
+    OrientationSolution,
+    ToolOrientation,
+    check_orientation_error,
+    solve_with_orientation,
+)
+from ikservo.planning.tool_speed import ToolSpeed, sample_times_s, tool_speed_between
+
+__all__ = ["Planner", "PointGoal", "unreachable_error"]
+
+
+def unreachable_error(target: Target, solution: Result) -> UnreachableError:
+    """Return the error with the point nearest to a target that the arm can reach."""
+    return UnreachableError(
+        target.position.tolist(),
+        solution.nearest_m.tolist(),
+        [str(limit) for limit in solution.binding],
+    )
+
+
+# No servo's joint goes further, many revolutions included.
+_MAX_JOINT_STEP_RAD = 1000.0
+# Checks sample a motion evenly: a longer one would take minutes, and all memory.
+_LONGEST_S = 3600.0
+# Top speed of the tip on a line; 0.25 m/s is what safety standards call reduced speed.
+_TIP_M_S = {"slow": 0.1, "normal": 0.25, "fast": 0.5}
+# Random starts from which a point is solved; solutions that differ by less are the same.
+_STARTS, _MISSES, _SAME_GOAL = 24, 4, 0.05
+# The fraction of a blend by which a waypoint is passed; see ``BlendedPath``.
+_PASSED = 0.375
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointGoal:
+    """Joints with the tip at a point.
+
+    Attributes:
+        joints: All joints (n,), rad or m.
+        target: The point.
+        solved: How the tool is oriented there.
+        stance: How it was to be.
+    """
+
+    joints: Vector
+    target: Target
+    solved: OrientationSolution
+    stance: ToolOrientation
+
+    def reached_by(self, plan: MotionPlan) -> MotionPlan:
+        """Return a plan that ends here with its target and how the tool is oriented there."""
+        return _with_target(plan, self.target, self.solved, self.stance)
+
+
+class Planner:
+    """Plans motions of one arm; pure, it reads no servo.
+
+    Args:
+        model: The arm's model.
+        chain: Base to tool inside this arm's limits.
+        index: The joints in the order of the vectors (n,) that plans are made of.
+    """
+
+    def __init__(self, model: Model, chain: Chain, index: JointIndex) -> None:
+        self._model, self._chain, self._index = model, chain, index
+        self._tool = tool_frame(model)
+        self._joints = [model.joint(name) for name in index.names]
+        self._units = tuple(joint.joint_map.unit for joint in self._joints)
+        self._parameters = nominal_parameters(model, chain)
+        times_s = stopping_times_s(model, chain)
+        self._top_speeds_rad_s = [
+            MAX_TRAVEL_RAD / times_s[name] if name in times_s else math.inf for name in index.names
+        ]
+
+    def plan_to_point(
+        self,
+        start: Vector,
+        position_m: ArrayLike,
+        speed: str,
+        stance: ToolOrientation = KEEP_BEST_EFFORT,
+    ) -> MotionPlan:
+        """Plan a motion of the tip from the joints ``start`` (n,) to a point (3,) [m].
+
+        Raises:
+            UnreachableError: No joints inside the limits reach it; carries the nearest point.
+            OrientationError: The tool cannot have the requested orientation there.
+            BadValueError: Not three finite numbers.
+            UnknownNameError: No such speed.
+        """
+        limits, target = self.motion_limits(speed), Target(position_m)
+        solved = self._solve_orientation(start, target, stance)
+        goal = self._index.with_chain(start, solved.solution.q)
+        plan = self._make_plan(start, JointMove(start, goal, limits), speed)
+        return _with_target(plan, target, solved, stance)
+
+    def plan_linear(
+        self,
+        start: Vector,
+        points_m: Sequence[ArrayLike],
+        speed: str,
+        blend_m: float = 0.02,
+        stance: ToolOrientation = KEEP_BEST_EFFORT,
+        tool_speed_m_s: float | None = None,
+    ) -> MotionPlan:
+        """Plan straight lines of the tip through points (k, 3) [m], their corners rounded.
+
+        See ``plan_path``.
+
+        Raises:
+            BadValueError: As of ``plan_path``.
+        """
+        path = straight_lines(self.path_start(start), points_m, blend_m)
+        return self.plan_path(start, path, speed, stance, tool_speed_m_s)
+
+    def plan_path(
+        self,
+        start: Vector,
+        path: ToolPath,
+        speed: str,
+        stance: ToolOrientation = KEEP_BEST_EFFORT,
+        tool_speed_m_s: float | None = None,
+    ) -> MotionPlan:
+        """Plan a motion of the tip from the joints ``start`` (n,) along a path.
+
+        Args:
+            start: All joints.
+            path: The path, from ``path_start`` on.
+            speed: slow, normal or fast.
+            stance: The orientation of the tool at the end.
+            tool_speed_m_s: The constant speed of the tip; as fast as the speed class allows if
+                None.
+
+        Raises:
+            UnreachableError: The end, or a point on the way, is out of reach; says where.
+            OrientationError: The tool cannot have the requested orientation.
+            BadValueError: There is no such path, a preferred posture was requested, or the motion
+                would take more than an hour at that speed of the tool.
+            UnknownNameError: No such speed.
+        """
+        if stance.posture is not None:
+            raise BadValueError("The stance on a line", "a posture", "a tool orientation, or none")
+        start = self._clip_to_limits(start)
+        q = self._index.chain_joints(start)
+        target = Target(path.at(path.length)[0])
+        solved = self._solve_orientation(start, target, replace(stance, keep=False))
+        end = solved.solution.q if stance.constrains_more_than_keep else None
+        line = self._follow_under_load(q, path, speed, tool_speed_m_s, end, strict=stance.keep)
+        solution = replace(
+            solved.solution, q=line.goal, nearest_m=self._chain.forward(line.goal)[:3, 3]
+        )
+        error_rad = float(line.orientation_error_rad.max())
+        if stance.constrains_more_than_keep:
+            error_rad = check_orientation_error(self._chain, self._tool, target, stance, solution)
+        trajectory = SubsetTrajectory(line, list(self._index.chain), start)
+        plan = replace(
+            self._make_plan(start, trajectory, speed),
+            is_cartesian=True,
+            cartesian_s=trajectory.duration_s,
+        )
+        if tool_speed_m_s is not None:
+            if plan.duration_s > _LONGEST_S:
+                raise BadValueError(
+                    "The speed of the tool",
+                    f"{tool_speed_m_s:g} m/s",
+                    "one at which the motion takes an hour at most",
+                )
+            plan = replace(plan, tool_speed=self._tool_speed(plan, tool_speed_m_s))
+        return _with_target(plan, target, OrientationSolution(solution, error_rad), stance)
+
+    def plan_waypoints(
+        self,
+        start: Vector,
+        points_m: Sequence[ArrayLike],
+        speed: str,
+        blend_m: float,
+        stance: ToolOrientation = KEEP_BEST_EFFORT,
+    ) -> MotionPlan:
+        """Plan a motion of the joints that passes points (k, 3) [m] without a stop.
+
+        Raises:
+            UnreachableError: A point is out of reach.
+            OrientationError: The tool cannot have the requested orientation at the last.
+            UnknownNameError: No such speed.
+        """
+        limits, target = self.motion_limits(speed), Target(points_m[-1])
+        start = self._clip_to_limits(start)
+        goals, blends, at = list[Vector](), list[float](), start
+        for point_m in points_m[:-1]:
+            solved = self._solve_orientation(at, Target(point_m), KEEP_BEST_EFFORT)
+            at = self._index.with_chain(start, solved.solution.q)
+            goals.append(at)
+            blends.append(self._joint_blend(at, blend_m))
+        solved = self._solve_orientation(at, target, stance)
+        goals.append(self._index.with_chain(start, solved.solution.q))
+        plan = self._make_plan(start, JointWaypointTrajectory(start, goals, limits, blends), speed)
+        return _with_target(plan, target, solved, stance)
+
+    def plan_along(
+        self, start: Vector, points: Sequence[Vector], speed: str, blend: float
+    ) -> MotionPlan:
+        """Plan a motion of the joints through points (n,), their corners rounded; rests at the end.
+
+        Args:
+            start: All joints.
+            points: The points, the last one being the goal.
+            speed: slow, normal or fast.
+            blend: How far before a point the straight path is left, rad or m.
+        """
+        trajectory = JointWaypointTrajectory(start, points, self.motion_limits(speed), blend)
+        return self._make_plan(start, trajectory, speed)
+
+    def constrained_tool(self, within: PathConstraint, start: Vector) -> ConstrainedTool | None:
+        """Return the tool as a constraint keeps it from joints (n,) on; None without one."""
+        if not within.constrains:
+            return None
+        q = self._index.chain_joints(start)
+        return ConstrainedTool(within, self._chain, self._tool.approach_axis, q)
+
+    def check_constraint(
+        self, within: PathConstraint, trajectory: Trajectory, speed: str
+    ) -> tuple[str, ...]:
+        """Check what the tool keeps to along a trajectory; return how much of it is used.
+
+        Raises:
+            ConstraintError: It is broken; says how far and where.
+        """
+        tool = self.constrained_tool(within, trajectory.state(0.0).position)
+        if tool is None:
+            return ()
+        return tool.check(self._index.chain_joints(self.sample_trajectory(trajectory, speed)))
+
+    def goals_at(
+        self,
+        start: Vector,
+        position_m: ArrayLike,
+        stance: ToolOrientation,
+        tool: ConstrainedTool | None = None,
+    ) -> list[PointGoal]:
+        """Solve all joints (n,) with the tip at a point (3,) [m] from many starts.
+
+        Where ``tool`` is constrained, the solutions are inside of that.
+
+        Returns:
+            Solutions that differ, the one that is found from ``start`` (n,) first, then by their
+            distance; empty where there is none.
+        """
+        target, q0 = Target(position_m), self._index.chain_joints(start)
+        if stance.keep:
+            stance = ToolOrientation(orientation=self.tip_pose(start)[:3, :3])
+        lower = np.maximum(self._chain.lower_rad, -math.pi)
+        upper = np.minimum(self._chain.upper_rad, math.pi)
+        random = np.random.default_rng(len(q0))
+        tried = random.uniform(lower, upper, (_STARTS, len(q0)))
+        found, misses = list[PointGoal](), 0
+        for q in (q0, *sorted(tried, key=lambda each: float(np.linalg.norm(each - q0)))):
+            if misses == _MISSES and not found:
+                break  # each of them was a search from many starts
+            wanted = stance.varied(random) if found else stance
+            solved = self._solve_variation(target, wanted, stance, q)
+            if solved is None:
+                misses += 1
+                continue
+            if tool is not None and not tool.keeps(solved.solution.q[None])[0]:
+                inside = tool.project(solved.solution.q, target.position)
+                if inside is None or stance.is_constrained:
+                    continue
+                solved = replace(solved, solution=replace(solved.solution, q=inside))
+            joints = self._index.with_chain(start, solved.solution.q)
+            apart = [float(np.abs(joints - each.joints).max()) for each in found]
+            if min(apart, default=1.0) > _SAME_GOAL:
+                found.append(PointGoal(joints, target, solved, stance))
+        return found[:1] + sorted(
+            found[1:], key=lambda each: float(np.linalg.norm(each.joints - start))
+        )
+
+    def plan_to_joints(
+        self, start: Vector, positions: Mapping[str, float], speed: str
+    ) -> MotionPlan:
+        """Plan a motion of some joints, each to its position in rad (m for a prismatic one).
+
+        Raises:
+            BadValueError: No joint is named, or a position is not finite.
+            UnknownNameError: No such joint or speed.
+        """
+        if not positions:
+            raise BadValueError("The list of joints", "empty", "at least one joint")
+        goal = start.copy()
+        for name, position in positions.items():
+            if not abs(position) <= _MAX_JOINT_STEP_RAD:
+                raise BadValueError(f"The goal of {name}", position, "a number of at most 1000")
+            goal[self._index.column(name)] = position
+        return self._make_plan(start, JointMove(start, goal, self.motion_limits(speed)), speed)
+
+    def plan_to_look(self, start: Vector, point_m: ArrayLike, speed: str) -> MotionPlan:
+        """Plan a motion after which the tool axis points at a point (3,) [m].
+
+        Raises:
+            AimError: No joints inside the limits were found that point there.
+        """
+        now = self._index.chain_joints(start)
+        sight = solve_sight(self._chain, point_m, now, self._tool.approach_axis)
+        if not sight.reached:
+            point = np.asarray(point_m, dtype=float).tolist()
+            raise AimError(point, sight.error_rad, [str(limit) for limit in sight.binding])
+        goals = dict(zip(self._chain.names, sight.q.tolist(), strict=True))
+        return self.plan_to_joints(start, goals, speed)
+
+    def sample_trajectory(self, trajectory: Trajectory, speed: str) -> Matrix:
+        """Sample all joints (k, n) along a trajectory, close enough for collision checks."""
+        fastest = max(limits.speed_rad_s for limits in self.motion_limits(speed))
+        return sample_path(
+            lambda time_s: trajectory.state(time_s).position, trajectory.duration_s, fastest
+        )
+
+    def dynamic_load_factor(self, speed: str) -> float:
+        """Compute the load in multiples of the arm's weight where it brakes at a speed class."""
+        reach_m = max(
+            float(np.linalg.norm(self._chain.forward(self._model.chain_pose(pose))[:2, 3]))
+            for pose in self._model.poses
+        )
+        return 1.0 + self._model.speed(speed).rad_s2 * reach_m / GRAVITY_M_S2
+
+    def reach(self, start: Vector, point_m: ArrayLike) -> Vector:
+        """Return all joints (n,) with the tip at a point (3,) [m], near the joints ``start`` (n,).
+
+        Raises:
+            UnreachableError: No joints inside the limits reach it; carries the nearest point.
+        """
+        solved = self._solve_orientation(start, Target(point_m), KEEP_BEST_EFFORT)
+        return self._index.with_chain(start, solved.solution.q)
+
+    def path_start(self, start: Vector) -> Vector:
+        """Compute the tip (3,) [m] where a path begins for the joints ``start`` (n,).
+
+        Joints of the chain that are outside their limits begin at these.
+        """
+        return self.tip(self._clip_to_limits(start))
+
+    def tip(self, joints: Vector) -> Vector:
+        """Return the tip (3,) [m] for the joints (n,)."""
+        return self.tip_pose(joints)[:3, 3]
+
+    def tips(self, joints: Matrix) -> Matrix:
+        """Return the tips (k, 3) [m] for joints (k, n)."""
+        return self._chain.forward(self._index.chain_joints(joints))[:, :3, 3]
+
+    def tip_pose(self, joints: Vector) -> Matrix:
+        """Return T_base_tip (4, 4) for the joints (n,)."""
+        return self._chain.forward(self._index.chain_joints(joints))
+
+    def rotation_between(self, a: Vector, b: Vector) -> float:
+        """Compute the angle between the tool's orientations at joints ``a`` and ``b`` (n,), rad."""
+        R_a, R_b = (self.tip_pose(joints)[:3, :3] for joints in (a, b))
+        return float(np.linalg.norm(log_so3(R_b @ R_a.T)))
+
+    def motion_limits(self, speed: str) -> list[KinematicLimits]:
+        """Return the kinematic limits of each joint; a slide goes as fast as its horn turns it.
+
+        A joint is not so fast that it would travel further than ``guard.MAX_TRAVEL_RAD`` once
+        nobody sends goals any more, however fast the speed class is.
+
+        Raises:
+            UnknownNameError: No such speed.
+        """
+        horn = self._model.speed(speed)
+        return [
+            KinematicLimits(min(horn.rad_s, top_rad_s), horn.rad_s2, horn.rad_s3).scale_units(
+                joint.travel_per_turn / math.tau
+            )
+            for joint, top_rad_s in zip(self._joints, self._top_speeds_rad_s, strict=True)
+        ]
+
+    def _solve_orientation(
+        self, start: Vector, target: Target, stance: ToolOrientation
+    ) -> OrientationSolution:
+        q = self._index.chain_joints(start)
+        solved = solve_with_orientation(self._chain, self._tool, target, stance, q)
+        if not solved.solution.reached:
+            raise unreachable_error(target, solved.solution)
+        return solved
+
+    def _solve_variation(
+        self, target: Target, wanted: ToolOrientation, stance: ToolOrientation, q: Vector
+    ) -> OrientationSolution | None:
+        """Solve for one orientation within those of ``stance``; None where there is no solution."""
+        try:
+            solved = solve_with_orientation(self._chain, self._tool, target, wanted, q)
+            if wanted is not stance:
+                arguments = (self._chain, self._tool, target, stance, solved.solution)
+                solved = replace(solved, error_rad=check_orientation_error(*arguments))
+        except OrientationError:
+            return None
+        return solved if solved.solution.reached else None
+
+    def _clip_to_limits(self, joints: Vector) -> Vector:
+        """Return all joints (n,) with those of the chain inside its limits."""
+        return self._index.with_chain(joints, self._chain.clip(self._index.chain_joints(joints)))
+
+    def _joint_blend(self, joints: Vector, blend_m: float) -> float:
+        """Compute the blend of the joints with which the tip passes a point within a distance."""
+        J = self._chain.jacobian(self._index.chain_joints(joints))[:3]
+        return blend_m / (_PASSED * float(np.linalg.norm(J, axis=0).sum()))
+
+    def _follow_under_load(
+        self,
+        q: Vector,
+        path: ToolPath,
+        speed: str,
+        tool_speed_m_s: float | None,
+        end: Vector | None,
+        *,
+        strict: bool,
+    ) -> CartesianTrajectory:
+        """Follow a path inside limits that leave room for the goals which move the arm along it.
+
+        See ``CartesianTrajectory`` for ``q``, ``path``, ``tool_speed_m_s``, ``end``, ``strict``.
+
+        Raises:
+            CartesianPathError: The path cannot be followed; says so where the load is the cause.
+        """
+        limits = self.motion_limits(speed)
+
+        def follow(chain: Chain) -> CartesianTrajectory:
+            return CartesianTrajectory(
+                chain,
+                q,
+                path,
+                [limits[column] for column in self._index.chain],
+                speed_m_s=_TIP_M_S[speed],
+                tool_speed_m_s=tool_speed_m_s,
+                end=end,
+                strict=strict,
+            )
+
+        line = follow(self._chain)
+        if self._parameters is None:
+            return line
+        joints = sample_states(line)[0]
+        for friction in (True, False):  # that it stays short by friction only is no refusal
+            loaded = limits_under_load(self._chain, self._parameters, joints, friction=friction)
+            if loaded is None:
+                return line
+            try:
+                return follow(loaded)
+            except CartesianPathError as found:
+                error = found
+        cause = "a joint that holds the arm's weight stays short of its limit"
+        binding = [*error.binding, cause]
+        raise CartesianPathError(
+            error.along_m, error.target_m, error.nearest_m, binding, error.shape
+        ) from error
+
+    def _tool_speed(self, plan: MotionPlan, requested_m_s: float) -> ToolSpeed:
+        times_s = sample_times_s(plan.trajectory)
+        joints = np.array([plan.trajectory.state(at_s).position for at_s in times_s])
+        found = tool_speed_between(self.tips(joints), times_s[1], requested_m_s)
+        return found.with_reasons(plan.time_limiting_joints, plan.speed, _TIP_M_S[plan.speed])
+
+    def _make_plan(self, start: Vector, trajectory: Trajectory, speed: str) -> MotionPlan:
+        position, velocity, acceleration = sample_states(trajectory)
+        goal, chain, names = position[-1], self._chain, self._index.names
+        q = self._index.chain_joints(position)
+        return MotionPlan(
+            start=start,
+            goal=goal,
+            trajectory=trajectory,
+            tip_m=self.tip(goal),
+            path_m=path_length_m(chain, q),
+            duration_s=trajectory.duration_s,
+            speed=speed,
+            time_limiting_joints=tuple(
+                time_limiting_joints(velocity, acceleration, self.motion_limits(speed), names)
+            ),
+            near_limits=near_limits(
+                q,
+                chain.lower_rad,
+                chain.upper_rad,
+                chain.names,
+                [self._units[column] for column in self._index.chain],
+            ),
+            orientation_change_rad=self.rotation_between(start, goal),
+            names=names,
+            units=self._units,
+        )
+
+
+def _with_target(
+    plan: MotionPlan, target: Target, solved: OrientationSolution, stance: ToolOrientation
+) -> MotionPlan:
+    """Return the plan with its target and how the tool is oriented there."""
+    return replace(
+        plan,
+        target_m=target.position,
+        solution=solved.solution,
+        orientation_error_rad=solved.error_rad,
+        orientation_requested=stance.is_constrained,
+    )

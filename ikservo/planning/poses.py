@@ -1,0 +1,199 @@
+"""The library of taught poses: one small file for each arm and adapter.
+
+``poses/so101-58FA083.toml`` in the user's configuration folder has the form of an arm file's poses,
+degrees for joints that turn and metres for those that slide, and may be edited by hand::
+
+    format = 1
+    arm = "so101"
+
+    [poses.cup]
+    deg = { shoulder_pan = 12.3, … }
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Annotated, Literal, cast
+
+import tomli_w
+from pydantic import Field, ValidationError
+
+from ikservo.arguments import check_callable
+from ikservo.arm.motion_runner import MotionRunner
+from ikservo.calibration.paths import calibration_path
+from ikservo.errors import BadValueError, FileFormatError, UnknownNameError
+from ikservo.files.folders import config_dir
+from ikservo.files.reading import read_toml
+from ikservo.files.validation import StrictModel, first_issue, validation_issues
+from ikservo.files.writing import write_atomic
+from ikservo.model import Model
+from ikservo.model.arm_schema import ArmPose
+from ikservo.planning.context import ArmContext
+
+__all__ = ["PoseLibrary", "known_pose_names", "pose_path", "teach"]
+
+_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
+_EXPECTED_NAME = "1 to 64 of the characters A-Z a-z 0-9 _ -"
+_PLACES = 4  # of a degree, and of a tenth of a micrometre
+
+Positions = Mapping[str, float]
+
+
+class _PoseFile(StrictModel):
+    format: Literal[1] = Field(description="1")
+    arm: str = Field(description="the arm's name")
+    poses: Mapping[Annotated[str, Field(pattern=rf"^{_NAME.pattern}$")], ArmPose] = Field(
+        default={}, description=_EXPECTED_NAME
+    )
+
+
+class PoseLibrary:
+    """The poses of one arm: those of its arm file, and the taught ones.
+
+    Args:
+        model: The arm.
+        usb_serial_number: Of its adapter; empty where there is none.
+    """
+
+    def __init__(self, model: Model, usb_serial_number: str) -> None:
+        self._model, self.path = model, pose_path(model.name, usb_serial_number)
+
+    def __repr__(self) -> str:
+        """Show the names of the poses of the arm file."""
+        return f"Poses({', '.join(self._model.poses)}; taught ones: taught())"
+
+    def get_pose(self, name: str) -> Positions:
+        """Look up the joint positions of a pose, rad or m by joint.
+
+        Raises:
+            UnknownNameError: There is no such pose; the closest is offered.
+            FileFormatError: The file of the taught poses is malformed.
+        """
+        if not isinstance(cast("object", name), str):
+            raise UnknownNameError("pose", name, self._model.poses)
+        if name in self._model.poses:
+            return self._model.poses[name]
+        known = self.all_poses()
+        if name not in known:
+            raise UnknownNameError("pose", name, known)
+        return known[name]
+
+    def all_poses(self) -> dict[str, Positions]:
+        """Return every pose by name, the arm file's first.
+
+        Raises:
+            FileFormatError: The file of the taught poses is malformed.
+        """
+        return {**self._model.poses, **self.user_poses()}
+
+    def user_poses(self) -> dict[str, Positions]:
+        """Return the taught poses by name.
+
+        Raises:
+            FileFormatError: Their file is malformed, another arm's, or does not fit the joints.
+        """
+        if not self.path.exists():
+            return {}
+        try:
+            read = _PoseFile.model_validate(read_toml(self.path))
+        except ValidationError as error:
+            raise first_issue(validation_issues(error, _PoseFile), self.path) from None
+        if read.arm != self._model.name:
+            raise FileFormatError(self.path, "arm", f'is "{read.arm}"', f'"{self._model.name}"')
+        return {name: self._positions_of(name, pose) for name, pose in read.poses.items()}
+
+    def check_name(self, name: str) -> str:
+        """Check that a pose can be taught under a name, and return it.
+
+        Raises:
+            BadValueError: It is malformed, or a pose of the arm file.
+        """
+        if not isinstance(cast("object", name), str) or not _NAME.fullmatch(name):
+            raise BadValueError("The name of the pose", repr(name), _EXPECTED_NAME)
+        if name in self._model.poses:
+            raise BadValueError(
+                "The name of the pose", f"{name}, a pose of the arm file", "another name"
+            )
+        return name
+
+    def save(self, name: str, positions: Positions) -> Path:
+        """Save a pose, replacing one of that name; return the file.
+
+        Args:
+            name: See ``check_name``.
+            positions: Every joint, rad or m.
+
+        Raises:
+            BadValueError: The name cannot be used.
+            FileFormatError: The file is malformed; it is left as it is.
+            FileWriteError: The disk is full or not writable; the file is left as it is.
+        """
+        poses = {**self.user_poses(), self.check_name(name): positions}
+        tables = {name: self._pose_tables(pose) for name, pose in sorted(poses.items())}
+        text = tomli_w.dumps({"format": 1, "arm": self._model.name, "poses": tables})
+        write_atomic(self.path, text, keep_old=True)
+        return self.path
+
+    def _pose_tables(self, positions: Positions) -> dict[str, dict[str, float]]:
+        tables: dict[str, dict[str, float]] = {}
+        for joint in self._model.joints:
+            value = positions[joint.name]
+            if joint.joint_map.unit == "m":
+                tables.setdefault("m", {})[joint.name] = round(value, _PLACES + 3)
+            else:
+                tables.setdefault("deg", {})[joint.name] = round(math.degrees(value), _PLACES)
+        return tables
+
+    def _positions_of(self, name: str, pose: ArmPose) -> dict[str, float]:
+        units = {joint.name: joint.joint_map.unit for joint in self._model.joints}
+        wanted = {key: {j for j, unit in units.items() if (unit == "m") == (key == "m")}
+                  for key in ("deg", "m")}  # fmt: skip
+        for key, found in (("deg", set(pose.deg)), ("m", set(pose.m))):
+            for joint in [*sorted(found - wanted[key]), *sorted(wanted[key] - found)]:
+                what = "is not allowed here" if joint in found else "is missing"
+                raise FileFormatError(self.path, f"poses.{name}.{key}.{joint}", what)
+        return {j: math.radians(value) for j, value in pose.deg.items()} | dict(pose.m)
+
+
+def teach(
+    context: ArmContext,
+    runner: MotionRunner,
+    poses: PoseLibrary,
+    name: str,
+    until: Callable[[], object] | None,
+    relax: Callable[[], object],
+    *,
+    hold: bool,
+) -> dict[str, float]:
+    """Save the measured joints as a pose; see ``Arm.teach``."""
+    check_callable("until", until)
+    poses.check_name(name)
+    poses.user_poses()  # a malformed file is found before the arm is moved by hand
+    if until is not None:
+        if any(state.torque for state in context.servos.read_states()):
+            relax()
+        until()
+    positions = context.index.by_name(context.servos.measure_positions())
+    poses.save(name, positions)
+    if hold:
+        runner.enable()
+    return positions
+
+
+def pose_path(arm: str, usb_serial_number: str) -> Path:
+    """Return the path of an arm's taught poses: ``poses/so101-58FA083.toml``."""
+    return config_dir() / "poses" / calibration_path(arm, usb_serial_number).name
+
+
+def known_pose_names(model: Model) -> list[str]:
+    """Return the names of an arm's poses with any adapter, for completion."""
+    stems = [path.stem for path in pose_path(model.name, "").parent.glob("*.toml")]
+    own = [stem for stem in stems if stem == model.name or stem.startswith(f"{model.name}-")]
+    taught = [
+        PoseLibrary(model, stem.removeprefix(model.name).removeprefix("-")).user_poses()
+        for stem in own
+    ]
+    return sorted({*model.poses, *(name for poses in taught for name in poses)})

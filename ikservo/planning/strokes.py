@@ -1,0 +1,128 @@
+"""Plans drawings: strokes of the tip at a constant speed, and the way above them in between."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
+from dataclasses import replace
+from itertools import pairwise
+from typing import cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.errors import UnreachableError
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.motion import BlendedPath, ConcatenatedTrajectory
+from ikservo.planning.motion_plan import MotionPlan
+from ikservo.planning.motions import Draw
+from ikservo.planning.planner import Planner
+from ikservo.planning.tool_speed import ToolSpeed
+
+__all__ = ["plan_drawing"]
+
+# By how much a corner of a stroke may be rounded.
+_CORNER_M = 2e-4
+# A blend passes its corner at this fraction of its length, for each unit that the slope changes.
+_PASSED = 0.1875
+_SAME_POINT_M = 1e-6
+
+
+def plan_drawing(planner: Planner, drawing: Draw, start: Vector, speed: str) -> MotionPlan:
+    """Plan a whole drawing from the joints ``start`` (n,).
+
+    The joints move to above the first point; the tip goes down, along each stroke, up, and above
+    the next one, and ends above the last point.
+
+    Raises:
+        UnreachableError: A point is out of reach; names the first one and its stroke.
+        OrientationError: The tool cannot have the requested orientation there.
+    """
+    strokes = [_distinct_points(np.array(stroke)) for stroke in drawing.strokes_m]
+    stance, up = drawing.stance, np.array([0.0, 0.0, drawing.lift_m])
+    above = replace(stance, keep=False)  # the orientation above the paper is kept
+    with _at("stroke 1"):
+        plans = [planner.plan_to_point(start, strokes[0][0] + up, speed, above)]
+    _check_reach(planner, drawing, plans[0].goal)
+    blend_m = max(0.4 * drawing.lift_m, 1e-3)
+    for number, stroke in enumerate(strokes):
+        way = [stroke[0]]
+        if number:
+            way = [strokes[number - 1][-1] + up, stroke[0] + up, stroke[0]]
+        with _at(f"stroke {number + 1}"):
+            plans.append(planner.plan_linear(plans[-1].goal, way, speed, blend_m, stance))
+            if len(stroke) > 1:
+                path, at = _stroke_path(stroke), plans[-1].goal
+                plans.append(planner.plan_path(at, path, speed, stance, drawing.tool_speed_m_s))
+    with _at(f"stroke {len(strokes)}"):
+        last = [strokes[-1][-1] + up]
+        plans.append(planner.plan_linear(plans[-1].goal, last, speed, blend_m, stance))
+    return _join(plans)
+
+
+def _check_reach(planner: Planner, drawing: Draw, at: Vector) -> None:
+    """Raise for the first point of all strokes that is out of reach, before paths are made."""
+    for number, stroke in enumerate(drawing.strokes_m):
+        for k, point_m in enumerate(cast("Sequence[ArrayLike]", stroke)):
+            with _at(f"point {k + 1} of stroke {number + 1}"):
+                at = planner.reach(at, point_m)
+
+
+@contextmanager
+def _at(place: str) -> Generator[None]:
+    """Say in an error at which place of the drawing it is."""
+    try:
+        yield
+    except UnreachableError as error:
+        error.command_message = f"The drawing, {place}: {error.command_message}"
+        error.command_hint = "Nothing moved. Move the drawing or make it smaller."
+        raise
+
+
+def _distinct_points(stroke: Matrix) -> Matrix:
+    """Return the points (k, 3) without those that are where the one before is."""
+    lengths = np.linalg.norm(np.diff(stroke, axis=0), axis=1)
+    return stroke[np.concatenate([[True], lengths > _SAME_POINT_M])]
+
+
+def _stroke_path(stroke: Matrix) -> BlendedPath:
+    """Compute lines through the points (k, 3), each corner rounded by 0.2 mm at most."""
+    steps = np.diff(stroke, axis=0)
+    slopes = steps / np.linalg.norm(steps, axis=1, keepdims=True)
+    turns = [float(np.linalg.norm(b - a)) for a, b in pairwise(slopes)]
+    return BlendedPath(stroke, [_CORNER_M / max(_PASSED * turn, 1e-6) for turn in turns])
+
+
+def _join(plans: Sequence[MotionPlan]) -> MotionPlan:
+    """Join plans, each of which starts where the one before ends, to one."""
+    trajectory = plans[0].trajectory
+    for plan in plans[1:]:
+        trajectory = ConcatenatedTrajectory(trajectory, plan.trajectory)
+    near = {(each.joint, each.side): each for plan in plans for each in plan.near_limits}
+    speeds = [plan.tool_speed for plan in plans if plan.tool_speed is not None]
+    joints = [text for plan in plans for text in plan.time_limiting_joints]
+    return replace(
+        plans[-1],
+        start=plans[0].start,
+        trajectory=trajectory,
+        path_m=sum(plan.path_m for plan in plans),
+        duration_s=sum(plan.duration_s for plan in plans),
+        cartesian_s=sum(plan.cartesian_s for plan in plans),
+        time_limiting_joints=tuple(dict.fromkeys(joints)),
+        near_limits=tuple(near.values()),
+        tool_speed=_slowest(speeds) if speeds else None,
+        orientation_error_rad=max(plan.orientation_error_rad for plan in plans),
+    )
+
+
+def _slowest(speeds: Sequence[ToolSpeed]) -> ToolSpeed:
+    """Find the speeds of all strokes as one, with how many of them are slower than requested."""
+    slower = [speed for speed in speeds if not speed.is_constant]
+    why = dict.fromkeys(text for speed in slower for text in speed.limited_by)
+    count = f"{len(slower)} of {len(speeds)} strokes are slower"
+    return ToolSpeed(
+        speeds[0].requested_m_s,
+        max(speed.top_m_s for speed in speeds),
+        min(speed.slowest_m_s for speed in speeds),
+        (count, *why) if slower else (),
+    )

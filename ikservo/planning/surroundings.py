@@ -1,0 +1,148 @@
+"""What is around an arm: things, and other arms, of which one moves at a time."""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from threading import Lock
+from typing import Protocol
+
+from ikservo.errors import RefusedError
+from ikservo.guard import CollisionChecker
+from ikservo.guard.sag import Sag
+from ikservo.kinematics.collision_body import CollisionBody
+from ikservo.model.model import Obstacle
+
+__all__ = ["AnotherArm", "Surroundings", "Turn", "other_moves"]
+
+
+class Turn:
+    """Which of two arms moves: one at a time, and none waits for the other."""
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._arm: object = None
+        self._times = 0
+
+    def is_of_other(self, arm: object) -> bool:
+        """Return whether the other one moves."""
+        return self._arm is not None and self._arm is not arm
+
+    @contextmanager
+    def taken(self, arm: object, other: str) -> Generator[None]:
+        """Let an arm move in the block.
+
+        Args:
+            arm: Which of the two.
+            other: The name of the other one.
+
+        Raises:
+            RefusedError: The other one moves.
+        """
+        with self._lock:
+            if self.is_of_other(arm):
+                raise other_moves(other)
+            self._arm, self._times = arm, self._times + 1
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._times -= 1
+                if not self._times:
+                    self._arm = None
+
+
+def other_moves(name: str) -> RefusedError:
+    """Return the refusal of an arm that another one, of that name, would have to make way for."""
+    return RefusedError(
+        f"{name}, which this arm can reach, is moving.",
+        "Only one of the two may move at a time. Wait until it is at rest.",
+    )
+
+
+class AnotherArm(Protocol):
+    """Another arm that an arm can reach."""
+
+    @property
+    def name(self) -> str:
+        """Its name, for messages."""
+        ...
+
+    @property
+    def turn(self) -> Turn:
+        """Which of the two moves."""
+        ...
+
+    def things(self, arm: object) -> Sequence[Obstacle]:
+        """Measure where its links are, in the base frame of an arm, which takes turns with it.
+
+        Raises:
+            RefusedError: It moves, or where it is cannot be measured.
+        """
+        ...
+
+
+@dataclass(slots=True, eq=False)
+class Surroundings:
+    """What is around an arm now.
+
+    Attributes:
+        checker: Checks paths among it; a change puts another one here, and leaves those alone that
+            somebody plans with. None where paths are not checked.
+        others: The other arms that it can reach.
+    """
+
+    checker: CollisionChecker | None
+    others: tuple[AnotherArm, ...] = ()
+    _body: CollisionBody | None = None
+    _things: tuple[Obstacle, ...] = ()
+    _sag: Sag | None = None
+    _seen: tuple[Obstacle, ...] = ()
+
+    def place(self, body: CollisionBody, things: Sequence[Obstacle], sag: Sag | None) -> None:
+        """Put the arm's body among things; other arms are where they were seen last."""
+        self._body, self._things, self._sag = body, tuple(things), sag
+        self._put_among(self._seen)
+
+    def look(self) -> None:
+        """Look where the other arms are now.
+
+        Raises:
+            RefusedError: Another arm moves, or where it is is not known.
+        """
+        if self.others:
+            self._put_among([thing for each in self.others for thing in each.things(self)])
+
+    def set_others(self, others: Sequence[AnotherArm]) -> None:
+        """Change which other arms it can reach; they are looked at before each motion."""
+        self.others = tuple(others)
+        self._put_among([])
+
+    def _put_among(self, seen: Sequence[Obstacle]) -> None:
+        self._seen = tuple(seen)
+        if self.checker is not None and self._body is not None:
+            self.checker = self.checker.in_scene(self._body, [*self._things, *seen], self._sag)
+
+    @contextmanager
+    def in_turn(self) -> Generator[None]:
+        """Let no other arm move in the block.
+
+        Raises:
+            RefusedError: Another arm moves.
+        """
+        with ExitStack() as turns:
+            for other in self.others:
+                turns.enter_context(other.turn.taken(self, other.name))
+            yield
+
+    @contextmanager
+    def undisturbed(self) -> Generator[None]:
+        """Let no other arm move in the block, and keep out of where they are.
+
+        Raises:
+            RefusedError: Another arm moves, or where it is is not known.
+        """
+        with self.in_turn():
+            self.look()
+            yield

@@ -1,0 +1,427 @@
+"""The tool orientation of a motion, and joint positions that have it at a point."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import cast
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ikservo.arguments import parse_number
+from ikservo.errors import BadValueError, OrientationError
+from ikservo.ik import Options, Posture, Result, Solver, Target, solve
+from ikservo.kinematics import Chain
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.kinematics.se3 import exp_so3, log_so3, make_pose
+from ikservo.model.tool import ToolFrame, direction_from_angles
+from ikservo.motion.cartesian import ORIENTATION_TOLERANCE_RAD
+from ikservo.motion.path import ArmPlane
+
+__all__ = [
+    "KEEP_BEST_EFFORT",
+    "KEPT_ORIENTATION_TOLERANCE_RAD",
+    "MAX_HEADING_ITERATIONS",
+    "ORIENTATION_TOLERANCE_RAD",
+    "POSITION_TOLERANCE_M",
+    "ArmPlane",
+    "OrientationSolution",
+    "OrientationSolver",
+    "ToolOrientation",
+    "check_orientation",
+    "check_orientation_error",
+    "keep_orientation",
+    "solve_with_orientation",
+]
+
+
+@dataclass(frozen=True, slots=True)
+class ToolOrientation:
+    """A constraint on the tool's orientation; none by default.
+
+    Without a constraint the tool keeps its orientation as well as the arm can: arms with six joints
+    the whole orientation; arms with four or five its pitch, then its roll, in the plane that their
+    first joint rotates. A constraint must be met within half a degree, or within
+    ``within_rad``, all of which is used only where something is in the way.
+
+    Attributes:
+        pitch_rad: The angle of the tool axis above the horizontal: -π/2 is straight down.
+        roll_rad: The rotation about the tool axis, clockwise from behind the tool; 0 is level.
+        direction: Where the tool axis points (3,), base frame, any length.
+        keep: Whether the orientation of the start is kept in the base frame, all of it.
+        posture: Preferred joint positions instead, where the point leaves freedom (lecture L10).
+        orientation: The whole orientation R_base_tip (3, 3). An arm with fewer than six joints
+            has it at few points only.
+        within_rad: How far the tool may be from the pitch, roll, direction or orientation.
+
+    Raises:
+        BadValueError: They contradict each other, or are no finite numbers.
+    """
+
+    pitch_rad: float | None = None
+    roll_rad: float | None = None
+    direction: ArrayLike | None = None
+    keep: bool = False
+    posture: Posture | None = None
+    orientation: ArrayLike | None = None
+    within_rad: float | None = None
+
+    def __post_init__(self) -> None:
+        if self.within_rad is not None:
+            within_rad = parse_number("The tolerance of the tool orientation", self.within_rad)
+            if not ORIENTATION_TOLERANCE_RAD <= within_rad <= math.pi:
+                given, expected = f"{math.degrees(within_rad):g}°", "0.5° to 180°"
+                raise BadValueError("The tolerance of the tool orientation", given, expected)
+            if not self.constrains_more_than_keep:
+                raise BadValueError(
+                    "The tolerance of the tool orientation", "given alone",
+                    "a pitch, roll, direction or orientation with it",
+                )  # fmt: skip
+        for name, angle, most in (
+            ("pitch", self.pitch_rad, math.pi / 2),
+            ("roll", self.roll_rad, math.tau),
+        ):
+            if angle is not None and not abs(parse_number(f"The {name}", angle)) <= most + 1e-9:
+                raise BadValueError(
+                    f"The {name}",
+                    f"{math.degrees(angle):g}°",
+                    f"at most ±{math.degrees(most):.0f}°",
+                )
+        if not isinstance(cast("object", self.keep), bool | np.bool_):
+            raise BadValueError("keep", repr(self.keep), "True or False")
+        Target((0.0, 0.0, 0.0), direction=self.direction)
+        Target((0.0, 0.0, 0.0), orientation=self.orientation)
+        if self.direction is not None:  # tuples, which can be compared
+            object.__setattr__(self, "direction", tuple(np.asarray(self.direction).tolist()))
+        if self.orientation is not None:
+            rows: list[list[float]] = np.asarray(self.orientation).tolist()
+            object.__setattr__(self, "orientation", tuple(tuple(row) for row in rows))
+        if (
+            self.orientation is not None
+            and replace(self, orientation=None, within_rad=None).is_constrained
+        ):
+            raise BadValueError(
+                "The tool orientation", "given twice", "an orientation, or parts of it"
+            )
+        if self.keep and self.constrains_more_than_keep:
+            raise BadValueError("The tool orientation", "given twice", "keep, or an orientation")
+        if self.direction is not None and self.pitch_rad is not None:
+            raise BadValueError("The tool orientation", "given twice", "a direction, or a pitch")
+        if self.posture is not None and self.is_constrained:
+            raise BadValueError(
+                "The tool orientation", "given twice", "a preferred posture, or an orientation"
+            )
+
+    @property
+    def constrains_more_than_keep(self) -> bool:
+        """Whether there is a constraint other than ``keep``."""
+        parts = (self.pitch_rad, self.roll_rad, self.direction, self.orientation)
+        return any(part is not None for part in parts)
+
+    @property
+    def is_constrained(self) -> bool:
+        """Whether there is a constraint."""
+        return self.keep or self.constrains_more_than_keep
+
+    @property
+    def tolerance_rad(self) -> float:
+        """How far the tool may be from the requested orientation."""
+        return ORIENTATION_TOLERANCE_RAD if self.within_rad is None else self.within_rad
+
+    def varied(self, random: np.random.Generator) -> ToolOrientation:
+        """Return a random orientation within the tolerance; itself without one."""
+        if self.within_rad is None:
+            return self
+        most, axis = self.within_rad, random.normal(size=3)
+        R = exp_so3(axis / np.linalg.norm(axis) * random.uniform(0.0, most))
+        pitch_rad, roll_rad = self.pitch_rad, self.roll_rad
+        if pitch_rad is not None:
+            turned = pitch_rad + random.uniform(-most, most)
+            pitch_rad = min(max(turned, -math.pi / 2), math.pi / 2)
+        if roll_rad is not None:
+            roll_rad = math.remainder(roll_rad + random.uniform(-most, most), math.tau)
+        direction = None if self.direction is None else R @ np.asarray(self.direction)
+        orientation = None if self.orientation is None else R @ np.asarray(self.orientation)
+        return ToolOrientation(pitch_rad, roll_rad, direction, orientation=orientation)
+
+    def __str__(self) -> str:
+        """Describe the constraint."""
+        parts = [
+            f"pitch {math.degrees(self.pitch_rad):.1f}°" if self.pitch_rad is not None else "",
+            f"roll {math.degrees(self.roll_rad):.1f}°" if self.roll_rad is not None else "",
+            "direction " + ",".join(f"{x:g}" for x in np.ravel(self.direction))
+            if self.direction is not None
+            else "",
+            "the present orientation" if self.keep else "",
+            "the given orientation" if self.orientation is not None else "",
+        ]
+        within = "" if self.within_rad is None else f" within {math.degrees(self.within_rad):.1f}°"
+        return " and ".join(part for part in parts if part) + within
+
+
+KEEP_BEST_EFFORT = ToolOrientation()
+"""No constraint."""
+
+
+def check_orientation(stance: object, orientation: ArrayLike | None = None) -> ToolOrientation:
+    """Check the constraint, with the whole orientation (3, 3) where that is given instead.
+
+    Raises:
+        BadValueError: It is no ``ToolOrientation``, or both are given.
+    """
+    if not isinstance(stance, ToolOrientation):
+        raise BadValueError(
+            "The stance", repr(stance), "a ToolOrientation, such as ToolOrientation(pitch_rad=0.0)"
+        )
+    return stance if orientation is None else replace(stance, orientation=orientation)
+
+
+MAX_HEADING_ITERATIONS = 6
+"""How often the heading of the tool is updated from the solution."""
+
+KEPT_ORIENTATION_TOLERANCE_RAD = 3e-4
+POSITION_TOLERANCE_M = 1e-5
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OrientationSolution:
+    """Joints for a point, and the orientation error of the tool there.
+
+    Attributes:
+        solution: The solver's result; ``reached`` and its error are those of the position.
+        error_rad: The angle between the tool and its requested orientation.
+    """
+
+    solution: Result
+    error_rad: float
+
+
+def keep_orientation(
+    chain: Chain, target: Target, start: Vector, plain: Result
+) -> OrientationSolution:
+    """Return the joints near an unconstrained solution that keep the tool's orientation best."""
+    plane = ArmPlane(chain)
+    first = plane.rotation(start).T @ chain.forward(start)[:3, :3]
+    solver = Solver(chain, "pose", options=Options(position_first=True))
+    q, desired = plain.q, first
+    for _ in range(MAX_HEADING_ITERATIONS):
+        before, desired = plane.angle_rad(q), plane.rotation(q) @ first
+        found, _ = solver.track(make_pose(target.position, desired), q)
+        if solver.result.position_error_m > POSITION_TOLERANCE_M:
+            break
+        q = found
+        if abs(plane.angle_rad(q) - before) < KEPT_ORIENTATION_TOLERANCE_RAD:
+            break
+    error = log_so3(desired @ chain.forward(q)[:3, :3].T)
+    return OrientationSolution(_result_at(chain, target, plain, q), float(np.linalg.norm(error)))
+
+
+def _result_at(chain: Chain, target: Target, plain: Result, q: Vector) -> Result:
+    nearest_m = chain.forward(q)[:3, 3]
+    gap_m = float(np.linalg.norm(nearest_m - target.position))
+    return replace(plain, q=q, nearest_m=nearest_m, position_error_m=gap_m)
+
+
+# Few restarts: most of these problems have no exact solution, and each restart fails.
+_RESTARTS = 20
+_NOWHERE_M, _UPRIGHT = 1e-6, 0.99
+_POSE_DOF = 6  # joints for any orientation at a point
+
+
+class OrientationSolver:
+    """Solves one orientation at one point, from the start joints."""
+
+    def __init__(
+        self, chain: Chain, tool: ToolFrame, target: Target, stance: ToolOrientation, start: Vector
+    ) -> None:
+        self._chain, self._tool, self._target = chain, tool, target
+        self._stance, self._start = stance, start
+        self._first = chain.forward(start)[:3, :3]
+
+    def candidates(self, plain: Result) -> Iterator[OrientationSolution]:
+        """Yield solutions, those near the unconstrained one first."""
+        whole = self._target_rotation()
+        if whole is not None:
+            yield from self._solve_target(whole, plain.q)
+        elif self._stance.pitch_rad is None and self._stance.direction is not None:
+            yield from self._solve_direction(plain.q)
+        else:
+            pitch_rad = self._stance.pitch_rad
+            if pitch_rad is None:
+                level = keep_orientation(self._chain, self._target, self._start, plain).solution.q
+                pitch_rad = self._tool.pitch_rad(self._tool_rotation(level))
+            outward = self._outward_rad(plain.q)
+            for heading_rad in (outward, self._heading_rad(plain.q), outward + math.pi):
+                yield from self._solve_pitch(heading_rad, pitch_rad, plain.q)
+
+    def _target_rotation(self) -> Matrix | None:
+        """Return the requested orientation (3, 3); None where only a part of it is constrained."""
+        if self._stance.keep:
+            return self._first
+        return Target((0.0, 0.0, 0.0), orientation=self._stance.orientation).rotation
+
+    def evaluate(self, solution: Result) -> OrientationSolution:
+        """Evaluate the orientation error of a solution."""
+        return OrientationSolution(solution, self._orientation_error_rad(solution.q))
+
+    def check_error(self, solved: OrientationSolution) -> float:
+        """Check that the orientation error is within the tolerance, and return it.
+
+        Raises:
+            OrientationError: It is more than that.
+        """
+        if solved.error_rad > self._stance.tolerance_rad:
+            raise OrientationError(
+                self._target.position.tolist(),
+                str(self._stance),
+                self._describe_orientation(solved.solution.q),
+                solved.error_rad,
+                [str(limit) for limit in solved.solution.binding],
+                self._describe_missing_freedom(),
+            )
+        return solved.error_rad
+
+    def _describe_missing_freedom(self) -> str:
+        """Describe what the arm lacks for a whole orientation; empty where it has six joints."""
+        if self._target_rotation() is None or self._chain.dof >= _POSE_DOF:
+            return ""
+        return (
+            f"{self._chain.dof} joints reach few orientations; a whole pose takes {_POSE_DOF}. "
+            "Ask for a direction or a pitch instead."
+        )
+
+    def _describe_orientation(self, q: Vector) -> str:
+        """Describe the tool's orientation at joints (dof,), in the terms of a constraint."""
+        R = self._tool_rotation(q)
+        roll_rad = self._tool.roll_rad(R, self._outward_rad(q))
+        x, y, z = (R @ self._tool.approach_axis).tolist()
+        parts = [
+            f"pitch {math.degrees(self._tool.pitch_rad(R)):z.1f}°",
+            f"roll {math.degrees(roll_rad):z.1f}°",
+            f"direction {x:z.3f},{y:z.3f},{z:z.3f}",
+        ]
+        return ", ".join(parts)
+
+    def _solve_direction(self, q: Vector) -> Iterator[OrientationSolution]:
+        desired = Target((0, 0, 0), direction=self._stance.direction).target_axis
+        if desired is None or self._stance.roll_rad is None:
+            yield from self._solve_target(desired, q)
+            return
+        upright = math.hypot(desired[0], desired[1]) < math.cos(math.radians(89.5))
+        heading_rad = self._outward_rad(q) if upright else math.atan2(desired[1], desired[0])
+        pitch_rad = math.asin(float(desired[2]))
+        R = self._tool.rotation(heading_rad, pitch_rad, self._stance.roll_rad)
+        yield from self._solve_target(R, q)
+
+    def _solve_pitch(
+        self, heading_rad: float, pitch_rad: float, q: Vector
+    ) -> Iterator[OrientationSolution]:
+        """Yield solutions with a pitch, each with the heading of the one before."""
+        for _ in range(MAX_HEADING_ITERATIONS):
+            if self._stance.roll_rad is None:
+                desired = direction_from_angles(heading_rad, pitch_rad)
+            else:
+                desired = self._tool.rotation(heading_rad, pitch_rad, self._stance.roll_rad)
+            found = list(self._solve_target(desired, q))
+            yield from found
+            if not found or found[0].error_rad < KEPT_ORIENTATION_TOLERANCE_RAD:
+                return
+            q = found[0].solution.q
+            before, heading_rad = heading_rad, self._heading_rad(q)
+            if abs(math.remainder(heading_rad - before, math.tau)) < KEPT_ORIENTATION_TOLERANCE_RAD:
+                return
+
+    def _solve_target(
+        self, desired: Matrix | Vector | None, q: Vector
+    ) -> Iterator[OrientationSolution]:
+        """Yield solutions with the point and an orientation (3, 3) or direction (3,)."""
+        of_axis = desired is None or desired.ndim == 1
+        target = Target(
+            self._target.position,
+            direction=desired if of_axis else None,
+            orientation=None if of_axis else desired,
+            tool_axis=self._tool.approach_axis,
+        )
+        for restarts in (1, _RESTARTS):
+            result = solve(self._chain, target, q, position_first=True, restarts=restarts)
+            if result.position_error_m <= POSITION_TOLERANCE_M:
+                yield self.evaluate(replace(result, reached=True))
+
+    def _orientation_error_rad(self, q: Vector) -> float:
+        """Compute the largest angle to the requested orientation at joints (dof,), rad."""
+        R, stance, errors = self._tool_rotation(q), self._stance, [0.0]
+        if stance.pitch_rad is not None:
+            errors.append(abs(self._tool.pitch_rad(R) - stance.pitch_rad))
+        if stance.roll_rad is not None:
+            roll_rad = self._tool.roll_rad(R, self._outward_rad(q))
+            errors.append(abs(math.remainder(roll_rad - stance.roll_rad, math.tau)))
+        if stance.direction is not None:
+            desired = Target(
+                (0, 0, 0), direction=stance.direction, tool_axis=self._tool.approach_axis
+            )
+            errors.append(float(np.linalg.norm(desired.orientation_error(R))))
+        whole = self._target_rotation()
+        if whole is not None:
+            errors.append(float(np.linalg.norm(log_so3(whole @ R.T))))
+        return max(errors)
+
+    def _tool_rotation(self, q: Vector) -> Matrix:
+        return self._chain.forward(q)[:3, :3]
+
+    def _heading_rad(self, q: Vector) -> float:
+        own = self._tool.heading_rad(self._tool_rotation(q))
+        return self._outward_rad(q) if own is None else own
+
+    def _outward_rad(self, q: Vector) -> float:
+        """Compute the heading from the axis of the first joint to the tip."""
+        T, J = self._chain.forward_and_jacobian(q)
+        away = np.cross(J[:3, 0], J[3:, 0])
+        x, y = (away if abs(float(J[5, 0])) > _UPRIGHT else T[:3, 3])[:2].tolist()
+        return 0.0 if math.hypot(x, y) < _NOWHERE_M else math.atan2(y, x)
+
+
+def solve_with_orientation(
+    chain: Chain, tool: ToolFrame, target: Target, stance: ToolOrientation, start: Vector
+) -> OrientationSolution:
+    """Solve joints for a point: the position exactly, then the orientation as well as possible.
+
+    Args:
+        chain: The arm.
+        tool: Its axes.
+        target: The point.
+        stance: The requested orientation.
+        start: The present joints (dof,): where to start, and what to keep.
+
+    Returns:
+        The solution; where ``solution.reached`` is false, the point is out of reach.
+
+    Raises:
+        OrientationError: The error of a requested orientation is more than its tolerance.
+    """
+    plain = solve(chain, target, start, posture=stance.posture)
+    if not plain.reached or stance.posture is not None:
+        return OrientationSolution(plain, 0.0)
+    if not stance.is_constrained:
+        return keep_orientation(chain, target, start, plain)
+    solver = OrientationSolver(chain, tool, target, stance, start)
+    best = solver.evaluate(plain)
+    for candidate in solver.candidates(plain):
+        best = min(best, candidate, key=lambda each: each.error_rad)
+        if best.error_rad < KEPT_ORIENTATION_TOLERANCE_RAD:
+            break
+    solver.check_error(best)
+    return best
+
+
+def check_orientation_error(
+    chain: Chain, tool: ToolFrame, target: Target, stance: ToolOrientation, solution: Result
+) -> float:
+    """Compute the orientation error of the tool in a solution, rad.
+
+    Raises:
+        OrientationError: It is more than the tolerance.
+    """
+    solver = OrientationSolver(chain, tool, target, stance, solution.q)
+    return solver.check_error(solver.evaluate(solution))

@@ -1,0 +1,85 @@
+"""Marks that ``ikservo stop`` leaves for programs that have not opened their port yet.
+
+A stop counts for every program of this user that was started before it. A program that has an arm
+open is asked through its control socket. One that is still starting finds the mark when it opens
+the port. The times are those of the machine's monotonic clock, which all its programs share.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from ikservo.errors import IkservoError
+from ikservo.serving.control_socket import make_private_directory, socket_path
+
+__all__ = ["forget_marks", "has_mark", "leave_mark"]
+
+_ANY_PORT = "stop://any"
+# A program of the user that opens its first arm later than this was not meant by the stop.
+_MAX_AGE_S = 600.0
+
+
+def leave_mark(device: str = "", arm: str = "") -> None:
+    """Let programs that were started before now move nothing; works without where it cannot.
+
+    Args:
+        device: The port of the arm; every port if empty.
+        arm: The name of the arm; every arm if empty.
+    """
+    path = _mark_path(device, arm)
+    with contextlib.suppress(OSError, IkservoError):
+        make_private_directory(path.parent)
+        for old in path.parent.glob("*.stop"):
+            if not any(_is_recent(at_s) for at_s in _read_mark(old)):
+                old.unlink(missing_ok=True)
+        new = path.with_suffix(f".{os.getpid()}.new")
+        new.write_text(repr(time.monotonic()), "ascii")
+        new.replace(path)
+
+
+def has_mark(device: str, arm: str) -> bool:
+    """Check whether an arm at a port was stopped since this program was started.
+
+    Stops before the last call of ``forget_marks`` do not count.
+    """
+    since_s = max(_started_s(), _forgotten_s)
+    paths = {_mark_path(*key) for key in (("", ""), ("", arm), (device, arm), (device, ""))}
+    return any(since_s <= at_s and _is_recent(at_s) for path in paths for at_s in _read_mark(path))
+
+
+def forget_marks() -> None:
+    """Let stops up to now not count for what this program opens next: it was told of them."""
+    global _forgotten_s  # noqa: PLW0603  # one for the whole program, as its start
+    _forgotten_s = time.monotonic()
+
+
+_imported_s, _forgotten_s = time.monotonic(), 0.0
+
+
+def _started_s() -> float:
+    """Return when this program was started, on the monotonic clock; as exactly as it is known."""
+    try:
+        after_name = Path("/proc/self/stat").read_bytes().rpartition(b")")[2].split()
+        since_boot_s = int(after_name[19]) / os.sysconf("SC_CLK_TCK")
+        asleep_s = time.clock_gettime(time.CLOCK_BOOTTIME) - time.monotonic()
+    except (AttributeError, IndexError, OSError, ValueError):  # not Linux
+        return _imported_s
+    return min(since_boot_s - asleep_s, _imported_s)
+
+
+def _is_recent(at_s: float) -> bool:
+    """Check the age of a mark; one of the time before the machine was restarted may be ahead."""
+    return 0.0 <= time.monotonic() - at_s <= _MAX_AGE_S
+
+
+def _mark_path(device: str, arm: str) -> Path:
+    return socket_path(device or _ANY_PORT, arm).with_suffix(".stop")
+
+
+def _read_mark(path: Path) -> Iterator[float]:
+    with contextlib.suppress(OSError, ValueError):
+        yield float(path.read_text("ascii")[:64])

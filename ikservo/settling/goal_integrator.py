@@ -1,0 +1,246 @@
+"""The goal of one joint while the arm settles: integrated, braked, softened in a swing."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import Enum, auto
+
+from ikservo.calibration import format_source
+from ikservo.guard import DrivenJoint
+from ikservo.settling.swings import SwingDamper
+
+__all__ = ["GoalIntegrator", "Saturation", "SaturationReason"]
+
+# The goal moves by this fraction of the error each second, and no slower than the second number
+# [rad/s at the horn]: stiction must be overcome in good time.
+_FRACTION_PER_S = 4.0
+_MIN_RAD_S = 16 * math.tau / 4096
+# A servo may have less friction than known, by this share of both its directions together.
+_FRICTION_MARGIN = 0.15
+# While it jumps its goal goes back by so much of its speed, over this time, and no further: a joint
+# that swings fast would make it leap.
+_BRAKE_S, _BRAKE_FILTER_S, _MAX_BRAKE_TICKS = 0.05, 0.02, 4.0
+# Once a joint that swung in the play of its gears rests it is corrected again, each time slower
+# [rad/s at the horn], for it must not coast across its play.
+_SWUNG_RAD_S = (0.015, 0.01)
+# It drifts on inside its play when its goal has stopped; turning round there would throw it again.
+_SWUNG_ENOUGH_TICKS = 2
+# Near its target a joint that has just moved is waited for: after stiction it still slides.
+_NEAR_TICKS = 3
+_MIN_WAIT_S = 0.04
+_AT_REST_S = 0.06
+# One without load may be so long where it turns round in its play, and its rotor crosses that
+# after its goal has moved.
+_UNLOADED_REST_S = 0.15
+# Sensor noise is within this.
+_NOISE_TICKS = 1
+
+
+class Saturation(Enum):
+    """What limits the correction of a joint."""
+
+    LOAD = auto()
+    """The goal leads the joint by as much as the guard allows for a joint at rest."""
+    LIMIT = auto()
+    """The goal is at a limit of the joint."""
+
+
+@dataclass(frozen=True, slots=True)
+class SaturationReason:
+    """Why the goal of a joint goes no further.
+
+    Attributes:
+        kind: What limits it.
+        text: The same for the user, with the limit that binds and its source.
+    """
+
+    kind: Saturation
+    text: str
+
+
+class GoalIntegrator:
+    """Integrates the error of a joint into its goal.
+
+    It ends at the target tick. A joint without load sticks and then jumps by a tick or two; when
+    it has crossed the target, or is pressed away from it, one tick beside is as near as it gets,
+    and it is not reversed for that: on the way back it would cross its backlash and jump further.
+    Each time that it jumps over the target again, twice as many ticks beside it are enough. While
+    it moves its goal goes back, against its speed, so that the jump is short. A joint that swings
+    is softened until it rests (``SwingDamper``), and then corrected slowly; where that has begun a
+    swing again and again its goal stays.
+
+    Args:
+        driven: The joint with its servo and limits.
+        goal: The goal, ticks.
+        target: Where the joint should be, ticks; None where it only has to come to rest.
+        acceleration: How fast the goal's speed may change, ticks/s².
+        stuck: Between which leads over the joint friction is expected to keep it, ticks: through
+            them the goal goes fast. Twice the same number where that is not known.
+
+    Attributes:
+        goal: The goal of a joint at rest, ticks with fraction.
+        at: The last measured position, ticks.
+        still_since_s: Since when the joint is within sensor noise of where it was.
+        moved_s: When the position last changed, other than back by noise.
+    """
+
+    def __init__(
+        self,
+        driven: DrivenJoint,
+        goal: int,
+        target: int | None,
+        acceleration: float,
+        stuck: tuple[float, float] = (0.0, 0.0),
+    ) -> None:
+        self.driven, self.goal, self.target = driven, float(goal), target
+        low, high = driven.tick_range
+        self._low, self._high = min(low, goal), max(high, goal)
+        self._acceleration, self._stuck = acceleration, stuck
+        self._slowest = _MIN_RAD_S / driven.joint_map.horn_rad_per_tick
+        self._swung_speeds = [each / driven.joint_map.horn_rad_per_tick for each in _SWUNG_RAD_S]
+        self._lead = driven.max_lead_ticks(0.0)
+        self.at = self._before = self._anchor = goal if target is None else target
+        self.moved_s, self.still_since_s = -math.inf, 0.0
+        self._side, self._furthest, self._enough = 0, 0, 0
+        self._rate = self._brake = 0.0
+        self._filtered: float | None = None
+        self._swing = SwingDamper()
+
+    @property
+    def error_ticks(self) -> int:
+        """The error of the joint in ticks, signed."""
+        return 0 if self.target is None else self.target - self.at
+
+    @property
+    def arrived(self) -> bool:
+        """Whether the joint is as near to its target as it gets."""
+        beside = abs(self.error_ticks)
+        return beside <= self._enough or (beside == 1 and self._would_cross_backlash())
+
+    @property
+    def swings(self) -> bool:
+        """Whether the joint swings, or has done so too often, and is not corrected."""
+        return self._swing.swings
+
+    @property
+    def has_swung(self) -> bool:
+        """Whether the joint swings or has swung, and may do so again."""
+        return self._swing.swings or self._swing.rests > 0
+
+    @property
+    def swing_ticks(self) -> int:
+        """How far the joint went between the last two times that it turned round."""
+        return self._swing.ticks
+
+    def has_swung_at(self, time_s: float) -> bool:
+        """Check whether the joint has swung for so long that it is left swinging."""
+        return self._swing.has_swung_at(time_s)
+
+    @property
+    def saturation_reason(self) -> SaturationReason | None:
+        """Why the goal goes no further; None where it does."""
+        if self._is_lead_limited():
+            return SaturationReason(Saturation.LOAD, "load too high (correction limit reached)")
+        end = self._high if self._side > 0 else self._low
+        if self.arrived or self._side * (end - self.goal) > 0:
+            return None
+        limits = self.driven.limits
+        upper = self.driven.joint_map.sign * self._side > 0
+        limit = limits.upper if upper else limits.lower
+        value, source = self.driven.joint_map.format(limit.value), format_source(limit.source)
+        return SaturationReason(Saturation.LIMIT, f"at its limit {value} ({source})")
+
+    def moves_at(self, time_s: float) -> bool:
+        """Check whether the joint is not at rest at the time of the last update.
+
+        One that friction has just let go may be no further than noise so far.
+        """
+        low, high = self._stuck
+        still_s, last_s = time_s - self.still_since_s, time_s - self.moved_s
+        if low < 0.0 < high and min(still_s, self._swing.steady_s) < _UNLOADED_REST_S:
+            return True
+        return still_s < _AT_REST_S or last_s < _MIN_WAIT_S or self._swing.may_swing(still_s)
+
+    def goal_at(self, after_s: float) -> float:
+        """Compute the goal's tick a time after the last update."""
+        return self._inside(self.goal + self._rate * after_s + self._along - self._brake)
+
+    def update(
+        self, tick: int, time_s: float, elapsed_s: float, *, correcting: bool = True
+    ) -> None:
+        """Take the measured position, and choose the speed of the goal; 0 where not correcting."""
+        self.goal = self._inside(self.goal + self._rate * elapsed_s)
+        self._track_motion(tick, time_s)
+        self._track_swings(tick, time_s, elapsed_s)
+        self._track_speed(tick, elapsed_s)
+        speed = self._desired_speed(time_s) if correcting else 0.0
+        change = self._acceleration * elapsed_s
+        self._rate = min(max(speed, self._rate - change), self._rate + change) if speed else 0.0
+
+    def _track_motion(self, tick: int, time_s: float) -> None:
+        if tick != self.at:
+            if tick != self._before:  # back at the tick before is noise
+                self.moved_s = time_s
+            self._before, self.at = self.at, tick
+        if abs(tick - self._anchor) > _NOISE_TICKS:
+            self._anchor, self.still_since_s = tick, time_s
+        side = (self.error_ticks > 0) - (self.error_ticks < 0)
+        if side * self._side < 0:
+            if self._furthest > self._enough:
+                self._enough = 2 * self._enough or 1
+            self._furthest = 0
+        self._furthest = max(self._furthest, abs(self.error_ticks))
+        self._side = side or self._side
+
+    def _track_swings(self, tick: int, time_s: float, elapsed_s: float) -> None:
+        """Take the position to the damper; from where a swing comes to rest the goal goes on."""
+        moves = bool(self._rate) or abs(self._brake) >= 1.0
+        self._swing.update(tick, time_s, elapsed_s, goal_moves=moves)
+        if self.swings and self._swing.rests < len(_SWUNG_RAD_S) and not self.moves_at(time_s):
+            self.goal = self._inside(self.goal + self._along)  # the torque stays
+            self._swing.rest()
+            self._furthest, self._enough = 0, _SWUNG_ENOUGH_TICKS
+
+    @property
+    def _along(self) -> float:
+        """By how much the goal goes along with a swing; one that is only to rest keeps its goal."""
+        return 0.0 if self.target is None else self._swing.goal_ticks
+
+    def _track_speed(self, tick: int, elapsed_s: float) -> None:
+        """Brake by the speed of the filtered position; not a joint that is only to rest."""
+        filtered = tick if self._filtered is None or self.target is None else self._filtered
+        self._filtered = filtered + min(elapsed_s / _BRAKE_FILTER_S, 1.0) * (tick - filtered)
+        brake = _BRAKE_S / _BRAKE_FILTER_S * (tick - self._filtered)
+        if abs(brake) < 1.0 and not self.swings:  # or goals move when all are at rest
+            brake = 0.0
+        self._brake = min(max(brake, -_MAX_BRAKE_TICKS), _MAX_BRAKE_TICKS)
+
+    def _inside(self, goal: float) -> float:
+        return min(max(goal, self._low), self._high)
+
+    def _desired_speed(self, time_s: float) -> float:
+        """Compute the desired speed of the goal, ticks/s, signed."""
+        if self.arrived or self.swings or self._is_lead_limited():
+            return 0.0
+        if abs(self.error_ticks) <= _NEAR_TICKS and time_s - self.moved_s < _MIN_WAIT_S:
+            return 0.0
+        if self._swing.rests:
+            return math.copysign(self._swung_speeds[self._swing.rests - 1], self.error_ticks)
+        slowly = max(_FRACTION_PER_S * abs(self.error_ticks), self._slowest)
+        return math.copysign(max(slowly, self._speed_while_stuck()), self.error_ticks)
+
+    def _would_cross_backlash(self) -> bool:
+        """Check whether gears without load have to change their flank on the way to the target."""
+        low, high = self._stuck
+        return low < 0.0 < high and self._side * (self.goal - self.at) < 0.0
+
+    def _speed_while_stuck(self) -> float:
+        """Compute the speed with which the goal comes to rest before friction lets the joint go."""
+        low, high = self._stuck
+        lead = self._side * (self.goal - self.at)
+        end = max(self._side * low, self._side * high) - _FRICTION_MARGIN * (high - low)
+        return math.sqrt(2.0 * self._acceleration * max(end - lead, 0.0))
+
+    def _is_lead_limited(self) -> bool:
+        return not self.arrived and self._side * (self.goal - self.at) >= self._lead

@@ -1,0 +1,319 @@
+"""Settling after a motion: measure, correct and integrate until the joints are at their goals."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ikservo.arm.motion_runner import MotionRunner
+from ikservo.control.loop import ControlCycle, ControlLoop
+from ikservo.control.servo_group import ServoGroup
+from ikservo.guard import DrivenJoint
+from ikservo.kinematics.arrays import Vector, freeze_arrays
+from ikservo.motion import JointMove, KinematicLimits, TrajectoryPoint
+from ikservo.planning.context import ArmContext
+from ikservo.settling.goal_integrator import GoalIntegrator
+from ikservo.settling.tick_rounding import SettlingTarget, chain_ticks
+
+__all__ = [
+    "SettlingResult",
+    "SettlingTrajectory",
+    "settle",
+    "settle_at",
+]
+
+
+def _never(_measured: Vector) -> bool:
+    return False
+
+
+# A joint that friction keeps does not move with its goal, however slow its speed class is.
+_MIN_RAD_S2 = 4.0
+_MAX_DURATION_S = 5.0
+# A joint that friction lets go just before that comes to rest at its goal within this time.
+_MAX_COAST_S = 0.5
+# A swing that a last correction began comes to rest within this time.
+_MAX_SWING_S = 2.5
+# A swing further than this, at the horn, is more than worn gears explain: something is loose.
+_MAX_PLAY_SWING_RAD = math.radians(4.0)
+# An error is reported where it exceeds sensor noise.
+_RESIDUAL_TICKS = 2
+
+
+class SettlingTrajectory:
+    """A trajectory from the arm's goals that ends when all joints have arrived and are at rest.
+
+    Args:
+        driven_joints: The joints, each with its servo, limits and speed.
+        goals: Their goals (n,), ticks.
+        targets: Where the joints should be, ticks; None for one that keeps its goal.
+        limits: The kinematic limits of each.
+        stuck: The lowest and the highest leads of goals (n,) with which friction keeps the joints.
+        is_reached: Whether the arm is where it should be with its joints as measured (n,), though
+            not each joint is: goals then stay, and it ends when all joints are at rest.
+    """
+
+    def __init__(
+        self,
+        driven_joints: Sequence[DrivenJoint],
+        goals: Sequence[int],
+        targets: Sequence[int | None],
+        limits: Sequence[KinematicLimits],
+        stuck: tuple[Vector, Vector] | None = None,
+        is_reached: Callable[[Vector], bool] = _never,
+    ) -> None:
+        low, high = stuck or (np.zeros(len(driven_joints)), np.zeros(len(driven_joints)))
+        rows = zip(driven_joints, goals, targets, limits, low, high, strict=True)
+        self._joints = [
+            GoalIntegrator(
+                driven,
+                goal,
+                target,
+                _goal_acceleration(driven, limit),
+                _lead_ticks(driven, float(lowest), float(highest)),
+            )
+            for driven, goal, target, limit, lowest, highest in rows
+        ]
+        self._is_reached, self._reached = is_reached, False
+        self._updated_s = 0.0
+        self._end_s = math.inf
+
+    @property
+    def duration_s(self) -> float:
+        """When it ended; infinite until all joints have settled."""
+        return self._end_s
+
+    def state(self, time_s: float) -> TrajectoryPoint:
+        """Compute the goals (n,) at a time since the last update."""
+        after_s = max(0.0, min(time_s, self._end_s) - self._updated_s)
+        return TrajectoryPoint.at_rest(
+            np.array([j.driven.joint_map.position(j.goal_at(after_s)) for j in self._joints])
+        )
+
+    def update(self, time_s: float, measured: Vector, *, end: bool = False) -> None:
+        """Take the measured joints (n,); ends the trajectory when they have arrived.
+
+        Args:
+            time_s: The time.
+            measured: The joints.
+            end: Correct no further, and end as soon as the joints are at rest.
+        """
+        self._reached = self._is_reached(measured)
+        correcting = time_s < _MAX_DURATION_S and not (self._reached or end)
+        for joint, position in zip(self._joints, measured, strict=True):
+            tick = joint.driven.joint_map.tick(float(position))
+            joint.update(tick, time_s, time_s - self._updated_s, correcting=correcting)
+        self._updated_s = time_s
+        ended = not correcting or all(_has_ended(j) for j in self._joints)
+        rests = all(j.has_swung_at(time_s) or not j.moves_at(time_s) for j in self._joints)
+        swung = any(j.has_swung for j in self._joints)
+        most_s = _MAX_DURATION_S + (_MAX_SWING_S if swung else _MAX_COAST_S)
+        if (ended and rests) or time_s >= most_s:
+            self._end_s = min(self._end_s, time_s)
+
+    @property
+    def moving_joints(self) -> tuple[str, ...]:
+        """The joints that are not at rest."""
+        return tuple(j.driven.joint for j in self._joints if j.moves_at(self._updated_s))
+
+    @property
+    def unsettled_joints(self) -> tuple[str, ...]:
+        """The joints that move by more than the play of gears explains."""
+        return tuple(j.driven.joint for j in self._joints if not _is_trusted(j, self._updated_s))
+
+    @property
+    def measured(self) -> Vector:
+        """The last measured joints (n,), rad or m."""
+        return np.array([j.driven.joint_map.position(j.at) for j in self._joints])
+
+    @property
+    def saturated(self) -> tuple[str, ...]:
+        """The joints that did not arrive and whose goals go no further."""
+        return tuple(j.driven.joint for j in self._missed if j.saturation_reason is not None)
+
+    @property
+    def residuals(self) -> tuple[str, ...]:
+        """Describe the joints that did not arrive, by how much and why."""
+        return tuple(_describe_residual(j, self._updated_s) for j in self._missed)
+
+    @property
+    def _missed(self) -> list[GoalIntegrator]:
+        if self._reached:
+            return []
+        return [
+            j
+            for j in self._joints
+            if abs(j.error_ticks) >= _RESIDUAL_TICKS or _still_swings(j, self._updated_s)
+        ]
+
+
+def _goal_acceleration(driven: DrivenJoint, limits: KinematicLimits) -> float:
+    """Compute how fast the speed of a joint's goal changes, ticks/s²."""
+    usual = limits.acceleration_rad_s2 / driven.joint_map.unit_per_tick
+    return max(usual, _MIN_RAD_S2 / driven.joint_map.horn_rad_per_tick)
+
+
+def _lead_ticks(driven: DrivenJoint, lowest: float, highest: float) -> tuple[float, float]:
+    """Compute two leads of a goal, rad or m, in ticks, the lower one first."""
+    per_unit = driven.joint_map.sign / driven.joint_map.unit_per_tick
+    low, high = sorted((lowest * per_unit, highest * per_unit))
+    return low, high
+
+
+def _has_ended(joint: GoalIntegrator) -> bool:
+    return joint.arrived or joint.swings or joint.saturation_reason is not None
+
+
+def _still_swings(joint: GoalIntegrator, time_s: float) -> bool:
+    return joint.has_swung and joint.moves_at(time_s)
+
+
+def _is_trusted(joint: GoalIntegrator, time_s: float) -> bool:
+    """Check whether a joint rests, or swings no further than the play of its gears explains."""
+    swing_rad = joint.swing_ticks * joint.driven.joint_map.horn_rad_per_tick
+    return not joint.moves_at(time_s) or (joint.has_swung and swing_rad <= _MAX_PLAY_SWING_RAD)
+
+
+def _describe_residual(joint: GoalIntegrator, time_s: float) -> str:
+    reason, joint_map = joint.saturation_reason, joint.driven.joint_map
+    missing = joint_map.format(abs(joint.error_ticks) * joint_map.unit_per_tick)
+    if not (joint.swings or _still_swings(joint, time_s)):
+        why = (
+            reason.text
+            if reason
+            else "its friction would make it overshoot"
+            if joint.arrived
+            else "timeout"
+        )
+        return f"{joint_map.joint} is {missing} short: {why}"
+    swing = joint_map.format(joint.swing_ticks * joint_map.unit_per_tick)
+    verb = "swings" if joint.moves_at(time_s) else "swung"
+    return f"{joint_map.joint} {verb} by {swing} and is {missing} off: no load presses its gears"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SettlingResult:
+    """Where a motion ended.
+
+    Attributes:
+        measured: The joints (n,), rad or m.
+        residuals: The joints that did not arrive, by how much and why.
+        motion_s: How long the motion took up to its planned end, with the preload before it.
+        settling_s: How long settling took after that.
+        unsettled: The joints that still move by more than the play of gears explains.
+    """
+
+    measured: Vector
+    residuals: tuple[str, ...]
+    motion_s: float
+    settling_s: float
+    unsettled: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+    @property
+    def duration_s(self) -> float:
+        """The time from the first goal to rest."""
+        return self.motion_s + self.settling_s
+
+
+def settle(
+    loop: ControlLoop,
+    servos: ServoGroup,
+    target: SettlingTarget,
+    limits: Sequence[KinematicLimits],
+    speed_rad_s: float,
+    motion_s: float,
+    below: Vector | None = None,
+) -> SettlingResult:
+    """Correct the goals until the joints are at their target, as near as they can.
+
+    Where a joint can go no further the others compensate for it, once.
+
+    Args:
+        loop: Streams to the servos.
+        servos: The servos, at the end of a motion.
+        target: The ticks at which the joints should be.
+        limits: The kinematic limits of each joint.
+        speed_rad_s: The motion's top speed at the horns.
+        motion_s: How long the motion took.
+        below: Goals (n,) to which joints with known backlash go first, see ``backlash_approach``.
+
+    Raises:
+        StoppedError, RefusedError, BusError, ServoAlarmError: See ``ControlLoop.run``.
+    """
+    started_s = servos.clock.now_s()
+    if below is not None:
+        approach = JointMove(servos.goals(), below, limits)
+        loop.run(approach, speed_rad_s=speed_rad_s, compensated=False)
+    first = last = _run_settling(loop, servos, target.ticks, limits, speed_rad_s, target.is_reached)
+    instead = target.retarget_without(first.saturated, first.measured) if first.saturated else None
+    if instead is not None and not first.unsettled_joints:
+        last = _run_settling(loop, servos, instead, limits, speed_rad_s, target.is_reached)
+    settling_s = servos.clock.now_s() - started_s
+    residuals = tuple(dict.fromkeys(first.residuals + last.residuals))
+    return SettlingResult(last.measured, residuals, motion_s, settling_s, last.unsettled_joints)
+
+
+def settle_at(
+    context: ArmContext,
+    runner: MotionRunner,
+    goal: Vector,
+    speed: str,
+    is_over: Callable[[ControlCycle], bool] | None = None,
+    *,
+    by_tip: bool = False,
+) -> Vector:
+    """Correct the arm's goals until its joints are at ``goal`` (n,), as near as they can.
+
+    A gripper keeps its goal: it may hold something.
+
+    Args:
+        context: The arm.
+        runner: Runs the correction as a motion; the goals are near there.
+        goal: The positions of the joints, rad or m.
+        speed: slow, normal or fast.
+        is_over: Called in each control cycle; returns whether to end as soon as the joints rest.
+        by_tip: Whether the ticks nearest to the tip at ``goal`` are wanted, as after a motion to a
+            point; else those nearest to each joint's position.
+
+    Returns:
+        The measured joints (n,) of the last control cycle.
+    """
+    ticks = chain_ticks(
+        context.chain, context.index, context.servos.driven_joints, goal, by_tip=by_tip
+    )
+    limits, horn_rad_s = context.planner.motion_limits(speed), context.model.speed(speed).rad_s
+    with runner.motion():
+        return _run_settling(
+            runner.loop, context.servos, ticks, limits, horn_rad_s, is_over=is_over
+        ).measured
+
+
+def _run_settling(
+    loop: ControlLoop,
+    servos: ServoGroup,
+    ticks: Sequence[int | None],
+    limits: Sequence[KinematicLimits],
+    speed_rad_s: float,
+    is_reached: Callable[[Vector], bool] = _never,
+    is_over: Callable[[ControlCycle], bool] | None = None,
+) -> SettlingTrajectory:
+    goals = [
+        driven.tick(float(goal))
+        for driven, goal in zip(servos.driven_joints, servos.goals(), strict=True)
+    ]
+    stuck = servos.compensator.stuck_offsets(servos.reference())
+    trajectory = SettlingTrajectory(servos.driven_joints, goals, ticks, limits, stuck, is_reached)
+
+    def update(cycle: ControlCycle) -> None:
+        over = is_over is not None and is_over(cycle)
+        trajectory.update(cycle.time_s, cycle.measured, end=over)
+
+    loop.run(trajectory, update, speed_rad_s=speed_rad_s, compensated=False)
+    servos.set_reference(trajectory.measured)
+    return trajectory

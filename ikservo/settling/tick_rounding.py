@@ -1,0 +1,335 @@
+"""Round goals to whole ticks: best tool position, compensation, approach against backlash."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Collection, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ikservo.calibration import Limits
+from ikservo.guard import DrivenJoint
+from ikservo.kinematics import Chain, JointIndex
+from ikservo.kinematics.arrays import Matrix, Vector
+from ikservo.planning.motion_plan import MotionPlan
+
+__all__ = [
+    "ROTATION_WEIGHT_M",
+    "SettlingTarget",
+    "backlash_approach",
+    "chain_ticks",
+    "compensate",
+    "round_to_ticks",
+]
+
+
+ROTATION_WEIGHT_M = 0.01
+"""A rotation error of one radian weighs as much as this position error: 0.17 mm a degree."""
+
+# A joint does not leave the solver's result by a tick for a gain of less than this: the motion is
+# there when it ends, and a joint that friction holds does not move by just a tick.
+_TICK_WEIGHT_M = 3e-5
+# This many combinations are evaluated in half a millisecond.
+_MAX_COMBINATIONS = 20_000
+_MAX_TICKS = 8
+# For the best by the Jacobian, this many, the tool's pose is computed exactly.
+_FINALISTS = 16
+
+
+def round_to_ticks(
+    chain: Chain, target_m: Vector, q: Vector, driven_joints: Sequence[DrivenJoint]
+) -> tuple[int, ...]:
+    """Compute the whole ticks near ``q`` with the smallest error of the tool.
+
+    Every joint's rounding moves the tool a little; a few ticks more in one joint compensate
+    another's. The search is for the whole numbers d with the least ``|E - A d|²``, where A is how
+    the tool moves with a tick of each joint: three rows for its position, three for its
+    rotation away from the one at ``q``, these weighted by ``ROTATION_WEIGHT_M``. All combinations
+    within some ticks are tried but for the joint that moves the tool most: its best tick follows
+    from theirs.
+
+    Args:
+        chain: Base to tool.
+        target_m: The target of the tip (3,), metres.
+        q: The solver's result (dof,), rad or m.
+        driven_joints: The joints of the chain, in its order.
+
+    Returns:
+        Ticks by joint, inside the limits, and never worse than the nearest ones.
+    """
+    start = np.array(
+        [_nearest_tick_inside(driven, float(v)) for driven, v in zip(driven_joints, q, strict=True)]
+    )
+    steps = _best_steps(chain, target_m, q, driven_joints, start)
+    rounded = _positions_at(driven_joints, start + steps)
+    rotation = ROTATION_WEIGHT_M * (rounded - q) @ chain.jacobian(q)[3:].T
+    position = chain.forward(rounded)[:, :3, 3] - target_m
+    costs = (
+        _squared_norms(position)
+        + _squared_norms(rotation)
+        + _TICK_WEIGHT_M**2 * _squared_norms(steps)
+    )
+    return tuple(int(tick) for tick in start + steps[int(np.argmin(costs))])
+
+
+def chain_ticks(
+    chain: Chain,
+    index: JointIndex,
+    driven_joints: Sequence[DrivenJoint],
+    goal: Vector,
+    *,
+    by_tip: bool,
+) -> list[int | None]:
+    """Compute the ticks of a goal of all joints (n,); None for those besides the chain.
+
+    Args:
+        chain: Base to tool.
+        index: The columns of the chain's joints.
+        driven_joints: The joints, each with its servo, limits and speed.
+        goal: The positions, rad or m.
+        by_tip: Whether the tip is to be nearest to its goal, see ``round_to_ticks``; otherwise
+            each joint is.
+    """
+    q, own = index.chain_joints(goal), [driven_joints[column] for column in index.chain]
+    found = [driven.tick(at) for driven, at in zip(own, q.tolist(), strict=True)]
+    if by_tip:
+        found = round_to_ticks(chain, chain.forward(q)[:3, 3], q, own)
+    ticks = dict(zip(index.chain, found, strict=True))
+    return [ticks.get(column) for column in range(len(driven_joints))]
+
+
+def _best_steps(
+    chain: Chain, target_m: Vector, q: Vector, driven_joints: Sequence[DrivenJoint], start: Vector
+) -> Matrix:
+    """Find the most promising steps (k, dof) from the nearest ticks, no step at all the first."""
+    nearest = _positions_at(driven_joints, start[None])[0]
+    T, J = chain.forward_and_jacobian(nearest)
+    weights = np.array([1.0, 1.0, 1.0, ROTATION_WEIGHT_M, ROTATION_WEIGHT_M, ROTATION_WEIGHT_M])
+    A = weights[:, None] * J * _tick_units(driven_joints, start)
+    E = np.concatenate([target_m - T[:3, 3], ROTATION_WEIGHT_M * J[3:] @ (q - nearest)])
+    low, high = (
+        np.array(ends) - start
+        for ends in zip(*(driven.tick_range for driven in driven_joints), strict=True)
+    )
+    steps = _step_grid(A, low, high)
+    lead = int(np.argmax(_squared_norms(A.T)))
+    residual = E - steps @ A.T
+    best = np.rint(residual @ A[:, lead] / (A[:, lead] @ A[:, lead]))
+    steps[:, lead] = np.clip(best, low[lead], high[lead])
+    residual -= steps[:, lead : lead + 1] * A[:, lead]
+    costs = _squared_norms(residual) + _TICK_WEIGHT_M**2 * _squared_norms(steps)
+    finalists = np.argsort(costs, kind="stable")[:_FINALISTS]
+    return np.vstack([np.zeros(len(start)), steps[finalists]])
+
+
+def _step_grid(A: Matrix, low: Vector, high: Vector) -> Matrix:
+    """Compute all steps (k, dof) of all joints but the one that moves the tool most."""
+    order = np.argsort(-_squared_norms(A.T), kind="stable")[1:]
+    axes = [np.zeros(1)] * A.shape[1]
+    span, tried = _search_span(len(order))
+    for joint in order[:tried].tolist():
+        axes[joint] = np.arange(max(float(low[joint]), -span), min(float(high[joint]), span) + 1.0)
+    return np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
+
+
+def _search_span(joints: int) -> tuple[int, int]:
+    """Find how many ticks to each side are tried, and in how many of so many joints."""
+    for tried in range(joints, 0, -1):
+        for span in range(_MAX_TICKS, 0, -1):
+            if (2 * span + 1) ** tried <= _MAX_COMBINATIONS:
+                return span, tried
+    return 0, 0
+
+
+def _nearest_tick_inside(driven: DrivenJoint, position: float) -> int:
+    low, high = driven.tick_range
+    return min(max(driven.tick(position), low), high)
+
+
+def _tick_units(driven_joints: Sequence[DrivenJoint], ticks: Vector) -> Vector:
+    """Compute by how much one tick moves each joint (dof,), rad or m, signed."""
+    return np.array(
+        [
+            driven.joint_map.position(t + 0.5) - driven.joint_map.position(t - 0.5)
+            for driven, t in zip(driven_joints, ticks.tolist(), strict=True)
+        ]
+    )
+
+
+def _positions_at(driven_joints: Sequence[DrivenJoint], ticks: Matrix) -> Matrix:
+    """Compute the joints (k, dof) at ticks (k, dof)."""
+    return np.array(
+        [
+            [driven.joint_map.position(t) for driven, t in zip(driven_joints, row, strict=True)]
+            for row in ticks.tolist()
+        ]
+    )
+
+
+def _squared_norms(rows: Matrix) -> Vector:
+    return np.sum(rows * rows, axis=1)
+
+
+_ITERATIONS = 4
+# Near a singularity a step would be large and of no use.
+_DAMPING_M = 0.01
+# A joint compensates for another by no more than this: a tool that tilts by more is another pose.
+_MAX_STEP_RAD = 0.05
+
+
+def compensate(chain: Chain, target_m: Vector, q: Vector, held: Collection[str]) -> Vector | None:
+    """Compute joints (dof,) near ``q`` that bring the tip to its target while some are held.
+
+    Damped least squares (lecture L8) with the columns of the held joints left out: the smallest
+    step of the others.
+
+    Args:
+        chain: Base to tool.
+        target_m: The target of the tip (3,), metres.
+        q: Where the joints are (dof,), rad or m.
+        held: Names of the joints that stay.
+
+    Returns:
+        The joints, or None where the others cannot halve the error.
+    """
+    free = np.array([name not in held for name in chain.names])
+    low, high = chain.clip(q - _MAX_STEP_RAD), chain.clip(q + _MAX_STEP_RAD)
+    found = q
+    for _ in range(_ITERATIONS):
+        T, J = chain.forward_and_jacobian(found)
+        J = J[:3] * free
+        normal = J @ J.T + _DAMPING_M**2 * np.eye(3)
+        step = J.T @ np.linalg.solve(normal, target_m - T[:3, 3])
+        found = np.where(free, np.clip(found + step, low, high), q)
+    before, after = (float(np.linalg.norm(chain.forward(x)[:3, 3] - target_m)) for x in (q, found))
+    return found if after < 0.5 * before else None
+
+
+# A tool is where it should be if each joint is within two ticks of it, sensor noise included, and
+# the tool no further off than twice the error (rms) that the joints' ticks hide. With one tick, a
+# joint that hardly moves the tool made others move, which then were a tick beside their targets.
+_REACHED_TICKS, _REACHED_ERRORS = 2.2, 2.0
+
+
+class SettlingTarget:
+    """The ticks at which a motion should end.
+
+    Joints of the chain that a motion of joints leaves alone keep their measured position: their
+    goals lead it by the sag under load, which changes with the arm's configuration.
+
+    Args:
+        chain: Base to tool.
+        index: The columns of the chain's joints.
+        driven_joints: The joints, each with its servo, limits and speed.
+        plan: The motion.
+        measured: The joints before it (n,), rad or m.
+
+    Attributes:
+        ticks: The tick of each joint; None for one besides the chain that is left alone: a
+            gripper keeps its goal and presses on.
+    """
+
+    def __init__(
+        self,
+        chain: Chain,
+        index: JointIndex,
+        driven_joints: Sequence[DrivenJoint],
+        plan: MotionPlan,
+        measured: Vector,
+    ) -> None:
+        self._chain, self._index, self._driven_joints = chain, index, driven_joints
+        self._target_m = plan.target_m
+        self._goal = index.chain_joints(plan.goal)
+        self._tick = np.array(
+            [driven_joints[column].joint_map.unit_per_tick for column in index.chain]
+        )
+        steps = chain.jacobian(self._goal)[:3] * self._tick
+        self._hidden_m = float(np.linalg.norm(steps)) / math.sqrt(12.0)
+        joints = zip(driven_joints, plan.start, plan.goal, strict=True)
+        self.ticks = [
+            None if start == goal else driven.tick(float(goal)) for driven, start, goal in joints
+        ]
+        for column in index.chain:
+            if self.ticks[column] is None:
+                self.ticks[column] = driven_joints[column].tick(float(measured[column]))
+        if plan.target_m is not None:
+            q = index.chain_joints(plan.goal)
+            self.ticks = self._round_to_nearest(plan.target_m, q, ())
+
+    def is_reached(self, measured: Vector) -> bool:
+        """Check whether the tool is where it should be, as far as the joints' sensors tell.
+
+        Never for a motion of joints: they have targets of their own.
+
+        Args:
+            measured: All joints (n,), rad or m.
+        """
+        if self._target_m is None:
+            return False
+        q = self._index.chain_joints(measured)
+        if np.any(np.abs(q - self._goal) > _REACHED_TICKS * self._tick):
+            return False
+        error_m = float(np.linalg.norm(self._chain.forward(q)[:3, 3] - self._target_m))
+        return error_m <= _REACHED_ERRORS * self._hidden_m
+
+    def retarget_without(self, held: Collection[str], measured: Vector) -> list[int | None] | None:
+        """Compute the ticks of all joints when some can go no further; None if that is no help.
+
+        Args:
+            held: The joints that stay where they are.
+            measured: All joints (n,), rad or m.
+        """
+        if self._target_m is None or not set(held) & set(self._chain.names):
+            return None
+        q = compensate(self._chain, self._target_m, self._index.chain_joints(measured), held)
+        return None if q is None else self._round_to_nearest(self._target_m, q, held)
+
+    def _round_to_nearest(
+        self, target_m: Vector, q: Vector, held: Collection[str]
+    ) -> list[int | None]:
+        driven_joints = [self._driven_joints[column] for column in self._index.chain]
+        narrowed = [
+            replace(driven, limits=Limits.of(driven.joint, float(x), float(x), "held"))
+            if driven.joint in held
+            else driven
+            for driven, x in zip(driven_joints, q, strict=True)
+        ]
+        ticks = list(self.ticks)
+        found = round_to_ticks(self._chain, target_m, q, narrowed)
+        for column, tick in zip(self._index.chain, found, strict=True):
+            ticks[column] = tick
+        return ticks
+
+
+# This far below its goal a joint has certainly crossed its backlash.
+_MARGIN_TICKS = 3
+
+
+def backlash_approach(
+    goals: Vector, moved: NDArray[np.bool_], backlash: Vector, driven_joints: Sequence[DrivenJoint]
+) -> Vector | None:
+    """Compute goals (n,) from which each joint with known backlash approaches its goal from below.
+
+    On which flank of its backlash a joint comes to rest depends on the direction it came from and
+    on how it braked: the same reading at positions a backlash apart. So it goes below its goal by
+    its backlash, then up.
+
+    Args:
+        goals: The servos' goals at the end of a motion (n,), rad or m.
+        moved: Whether each joint took part in it (n,).
+        backlash: Of each joint (n,) and what friction keeps it from its goal, both ways together,
+            rad or m; 0 where backlash is not known.
+        driven_joints: Each of them.
+
+    Returns:
+        The goals, inside the limits; None where no joint with known backlash has moved.
+    """
+    chosen = moved & (backlash > 0.0)
+    if not chosen.any():
+        return None
+    margin = np.array([_MARGIN_TICKS * driven.joint_map.unit_per_tick for driven in driven_joints])
+    lowest = np.array([driven.position_range[0] for driven in driven_joints])
+    below = np.maximum(goals - backlash - margin, np.minimum(lowest, goals))
+    return np.where(chosen, below, goals)

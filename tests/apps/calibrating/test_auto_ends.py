@@ -1,0 +1,35 @@
+"""What is said of joints whose end stops cannot be looked for."""
+
+import math
+
+import pytest
+
+from ikservo.apps.calibrating.auto_calibration import nearly_a_turn, unreached
+from ikservo.apps.calibrating.range_tracker import JointUnderCalibration
+from tests.calibration.mounted_arms import load_model
+
+FLOOR = "gripper would touch the table by 9 mm in the best posture found"
+
+
+@pytest.fixture
+def shoulder():
+    joint = load_model("px100").joint("shoulder")
+    return JointUnderCalibration(joint.joint_map, 4096, joint.limits, 0.0)
+
+
+def test_one_end_is_named_with_its_reason_and_the_other_with_where_it_is(shoulder):
+    assert unreached(shoulder, math.radians(-110.0), FLOOR) == (
+        f"cannot search its end stop near 107.0° ({FLOOR}); the limit of the arm file is used "
+        "there; the other is at -110.0°."
+    )
+
+
+def test_two_ends_are_both_named(shoulder):
+    assert unreached(shoulder, "no room", FLOOR) == (
+        f"cannot search its end stop near -111.0° (no room), nor its end stop near 107.0° "
+        f"({FLOOR}); both limits of the arm file are used there."
+    )
+
+
+def test_a_joint_with_hardly_any_stops_is_named_with_its_range(shoulder):
+    assert "not searched: its range in the arm file, -111.0° to 107.0°" in nearly_a_turn(shoulder)

@@ -1,0 +1,60 @@
+"""Before a joint is driven to its stop the others stand so that nothing is in the way."""
+
+import numpy as np
+import pytest
+
+from ikservo.apps.calibrating.auto_calibration_setup import PosturePlanner
+from ikservo.errors import RefusedError
+from ikservo.model.collision_model import collision_body
+from tests.calibration.mounted_arms import load_model
+
+
+@pytest.fixture(scope="module")
+def so101():
+    model = load_model("so101")
+    return model, PosturePlanner(model)
+
+
+def towards(so101, joint, end):
+    model, postures = so101
+    column = model.chain.names.index(joint)
+    return postures.path_to_clear(column, 0.0, end, model.chain_pose("rest"))
+
+
+def test_the_way_to_the_posture_touches_nothing(so101):
+    model, postures = so101
+    way = towards(so101, "wrist_flex", 1.7)
+    here = model.chain_pose("rest")
+    for posture in way:
+        postures.space.check_path(list(np.linspace(here, posture, 30)))
+        here = posture
+
+
+def test_in_the_posture_the_joint_goes_to_its_end_above_the_table(so101):
+    model, _ = so101
+    posture = towards(so101, "elbow_flex", -1.75)[-1]
+    rows = np.tile(posture, (30, 1))
+    rows[:, 2] = np.linspace(0.0, -1.75, 30)
+    heights = model.chain.forward(rows)[:, 2, 3]
+    assert (heights > 0.0).all()
+
+
+def test_joints_whose_ends_are_known_may_stand_near_them_and_a_long_arm_gets_to_its_end(so101):
+    model = so101[0]
+    postures = PosturePlanner(model)
+    for joint in ("wrist_flex", "elbow_flex"):
+        limits = model.joint(joint).limits
+        column = model.chain.names.index(joint)
+        postures.learn(column, limits.lower.value, limits.upper.value)
+    posture = towards((model, postures), "shoulder_lift", 1.8)[-1]
+    rows = np.tile(posture, (30, 1))
+    rows[:, 1] = np.linspace(0.0, 1.8, 30)
+    around = len(collision_body(model).pairs)
+    assert postures.space.distances(rows)[:, around:].min() >= 0.0
+
+
+def test_an_end_that_lies_below_the_table_in_every_posture_is_refused_with_what_touches():
+    model = load_model("wx250s")
+    column = model.chain.names.index("shoulder")
+    with pytest.raises(RefusedError, match=r"upper_arm would touch the table by \d+ mm"):
+        PosturePlanner(model).path_to_clear(column, 0.0, 2.0, model.chain_pose("rest"))

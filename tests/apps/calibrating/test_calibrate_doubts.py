@@ -1,0 +1,225 @@
+"""What a calibration by hand found and the arm file contradicts is doubted, not saved silently."""
+
+import math
+from contextlib import nullcontext
+
+import pytest
+
+from ikservo.apps.calibrating.calibration_dialogue import check_zeros
+from ikservo.apps.calibrating.calibration_procedure import CalibrationStage, CalibrationState
+from ikservo.apps.calibrating.calibration_session import TorqueOffArm
+from ikservo.apps.calibrating.range_tracker import JointUnderCalibration, RangeTracker
+from ikservo.calibration import JointMap, Limits
+from ikservo.calibration.calibration_file import read_calibration
+from ikservo.calibration.paths import calibration_path
+from ikservo.cli.direction_prompt import check_new_signs
+from ikservo.cli.terminal_dialogue import Operator
+from ikservo.errors import CalibrationError
+from ikservo.maintenance.direction_check import directions_confirmed
+from tests.calibration.mounted_arms import load_model
+from tests.calibration.scripted_operator import schedule_operator
+from tests.cli.fixtures_mounted_arm import PORT, SERIAL, connect_arm, write_calibration
+
+NAME = "planar2"
+WORDS = f"calibrate {NAME} --port {PORT} --pose home --margin 0.3"
+
+
+@pytest.fixture(autouse=True)
+def _home(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
+
+
+@pytest.fixture
+def mount_arm(monkeypatch):
+    """Return a function that mounts an arm that an operator moves by hand."""
+
+    def mounted_arm(moved=(), off_deg=0.0, **how):
+        arm = connect_arm(monkeypatch, NAME, spoiled=False, **how)
+        for name, position in load_model(NAME).pose("home").items():
+            arm.world.place(name, position + math.radians(off_deg))
+        with arm.open_bus() as bus:
+            subjects = TorqueOffArm(load_model(NAME), bus).make_subjects("home", only=moved)
+        schedule_operator(arm, subjects)
+        return arm
+
+    return mounted_arm
+
+
+def saved():
+    path = calibration_path(NAME, SERIAL)
+    return read_calibration(path) if path.exists() else None
+
+
+def answering(monkeypatch, **answers):
+    """Let a person answer questions by their first word; return the questions."""
+    asked = []
+
+    def read_answer(prompt):
+        asked.append(prompt)
+        return answers.get(prompt.split()[0], "y")
+
+    monkeypatch.setattr("ikservo.cli.terminal.read_answer", read_answer)
+    return asked
+
+
+# --- signs ---
+
+
+def test_signs_as_in_the_arm_file_need_no_test_motion(mount_arm, run_cli):
+    mount_arm(sign=1)
+    done = run_cli(f"{WORDS} --yes")
+    assert done.code == 0, done.err
+    assert "opposite" not in done.err
+    assert directions_confirmed(load_model(NAME), PORT)
+
+
+def test_an_opposite_sign_is_measured_twice_named_and_left_to_a_test_motion(mount_arm, run_cli):
+    mount_arm(sign=-1)
+    done = run_cli(f"{WORDS} --yes")
+    assert done.code == 0, done.err
+    assert "joint1: sign is opposite to the arm file. Was it first moved the wrong" in done.err
+    assert "Move joint1 again so that the tool goes to the right" in done.err
+    assert "joint1: sign is opposite to the arm file, measured twice" in done.err
+    assert f"ikservo calibrate {NAME} --wiggle" in done.err
+    assert [joint.sign for joint in saved().joints] == [-1, -1]
+    assert not directions_confirmed(load_model(NAME), PORT)
+
+
+def check_with_answers(monkeypatch, **answers):
+    """Calibrate an arm with opposite signs; return what asks for the test motion."""
+    arm = connect_arm(monkeypatch, NAME, spoiled=False, sign=-1)
+    write_calibration(arm)
+    monkeypatch.setattr("sys.stdin.isatty", lambda: True)
+    asked = answering(monkeypatch, **answers)
+    operator = Operator(None, yes=False, interactive=True)
+    return asked, lambda: check_new_signs(load_model(NAME), PORT, ["joint1"], operator)
+
+
+@pytest.mark.full
+def test_the_test_motion_is_offered_at_once_and_moves_the_joint_in_doubt_alone(monkeypatch, capsys):
+    asked, check = check_with_answers(monkeypatch)
+    assert check() is True
+    assert [prompt.split()[0] for prompt in asked] == ["Make", "Did"]
+    assert "joint1 moves so that the tool goes" in capsys.readouterr().err
+
+
+def test_a_test_motion_that_goes_the_wrong_way_is_an_error(monkeypatch):
+    _, check = check_with_answers(monkeypatch, Did="n")
+    with pytest.raises(CalibrationError, match="joint1 does not move as"):
+        check()
+
+
+def test_a_test_motion_that_is_put_off_stays_to_be_done(monkeypatch, capsys):
+    _, check = check_with_answers(monkeypatch, Make="n")
+    assert check() is False
+    assert "The first motion begins with it" in capsys.readouterr().err
+
+
+# --- zeros ---
+
+
+@pytest.mark.parametrize("off_deg", [-28.0, 28.0])
+def test_a_pose_that_was_not_the_anchor_pose_is_refused_without_a_prompt(
+    mount_arm, run_cli, off_deg
+):
+    arm = mount_arm(sign=1, off_deg=off_deg)
+    before = [servo.memory.eeprom_writes for servo in arm.world.servos]
+    done = run_cli(f"{WORDS} --yes")
+    assert done.code == 6
+    assert "the zero seems to be off by 2" in done.err
+    assert 'The arm was not in the pose "home"' in done.err
+    assert saved() is None
+    assert [servo.memory.eeprom_writes for servo in arm.world.servos] == before
+
+
+def shifted_state(name="joint1"):
+    """Return a conversation at its review whose first joint was swept 28° off."""
+    joint_map = JointMap.revolute(name, 1, 1, 2048, 4096)
+    subject = JointUnderCalibration(joint_map, 4096, Limits.of(name, -1.0, 1.0, "arm file"), 0.0)
+    track = RangeTracker(4096, 0, -652 + 319, 652 + 319, 0.0)
+    return CalibrationState(
+        (subject,),
+        0.0,
+        CalibrationStage.REVIEW,
+        {1: track},
+        reference_ticks={1: 0.0},
+        signs={name: 1},
+    )
+
+
+@pytest.mark.parametrize("answer", ["y", "n"])
+def test_an_implausible_zero_is_a_question_to_a_person(monkeypatch, capsys, answer):
+    asked = answering(monkeypatch, Was=answer)
+    refused = nullcontext() if answer == "y" else pytest.raises(CalibrationError, match="pose")
+    with refused:
+        Operator(None, yes=False, interactive=True).run(check_zeros(shifted_state(), "home", NAME))
+    assert asked == ['Was joint1 exactly as in the pose "home" at step 1? [y/n]: ']
+    assert "the zero seems to be off by 28.0°" in capsys.readouterr().err
+
+
+# --- one joint again ---
+
+
+@pytest.fixture
+def calibrated(mount_arm, monkeypatch):
+    """Return a calibrated arm whose first joint the hands hold in the pose, then show and sweep."""
+    arm = mount_arm(moved=["joint1"], sign=1)
+    write_calibration(arm)
+    return arm
+
+
+def test_one_joint_is_calibrated_again_and_the_other_is_kept(calibrated, run_cli):
+    before = saved()
+    done = run_cli(f"{WORDS} --joint joint1 --yes")
+    assert done.code == 0, done.err
+    assert 'Step 1 of 4: Put joint1 at 45.0° (pose "home")' in done.err
+    after = saved()
+    assert after.joint("joint2") == before.joint("joint2")
+    assert (
+        after.joint("joint1").recorded_range()[0] < before.joint("joint1").recorded_range()[0] - 0.5
+    )
+
+
+def test_a_joint_again_needs_a_calibration_of_the_others(mount_arm, run_cli):
+    arm = mount_arm(moved=["joint1"], sign=1)
+    arm.line.servos[1].write("torque_enable", 1)
+    done = run_cli(f"{WORDS} --joint joint1 --yes")
+    assert (done.code, "is not calibrated" in done.err) == (6, True)
+    assert arm.register(1, "torque_enable") == 1
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        ("--joint joint9 --yes", "joint1, joint2"),
+        ("--joint joint1 --touch --yes", "--joint goes with a calibration by hand"),
+        ("--joint joint1 --auto --yes", "--joint goes with a calibration by hand"),
+    ],
+)
+def test_a_wrong_use_of_joint_is_one_clear_error(calibrated, run_cli, words, message):
+    done = run_cli(f"{WORDS} {words}")
+    assert (done.code, message in done.err) == (2, True), done.err
+
+
+# --- Ctrl-C ---
+
+
+@pytest.mark.parametrize("at_s", [0.3, 1.5, 4.0])
+def test_ctrl_c_says_that_nothing_was_saved_and_torque_is_off(
+    mount_arm, run_cli, monkeypatch, at_s
+):
+    arm = mount_arm(sign=1)
+    arm.line.servos[1].write("torque_enable", 1)
+    read = TorqueOffArm.read_ticks
+
+    def interrupted(limp_arm):
+        if limp_arm.bus.clock.now_s() > at_s:
+            raise KeyboardInterrupt
+        return read(limp_arm)
+
+    monkeypatch.setattr(TorqueOffArm, "read_ticks", interrupted)
+    done = run_cli(f"{WORDS} --yes")
+    assert (done.code, done.err.splitlines()[-1]) == (
+        130, "Stopped: nothing was saved; torque is off.")  # fmt: skip
+    assert saved() is None
+    assert arm.register(1, "torque_enable") == 0

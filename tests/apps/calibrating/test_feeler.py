@@ -1,0 +1,134 @@
+"""A stop is where a joint stands, behind its goal, pressing: none of the three alone."""
+
+import math
+
+import pytest
+
+from ikservo.apps.calibrating.range_tracker import ContactState, EndStopDetector
+
+AHEAD, LOUD = 0.13, 28.0  # rad that the goal leads, and percent of 30
+FAR = 0.12  # rad from which a servo presses as hard as it may
+
+
+def after(samples, most_percent=30.0):
+    """Return what a feeler says after looks (s, rad, goal, percent)."""
+    feeler = EndStopDetector(most_percent, FAR)
+    for sample in samples:
+        feeler = feeler.update_with_load(*sample)
+    return feeler.contact
+
+
+def standing(seconds, goal=AHEAD, load=LOUD):
+    return [(0.02 * k, 0.0, goal, load) for k in range(int(seconds / 0.02) + 1)]
+
+
+def test_a_joint_that_stands_and_presses_behind_its_goal_has_met_something():
+    assert after(standing(0.3)) is ContactState.STOP
+
+
+def test_it_must_stand_for_a_quarter_of_a_second():
+    assert after(standing(0.2)) is ContactState.MOVING
+
+
+def test_a_joint_that_creeps_on_under_load_is_not_stopped():
+    creeping = [(0.02 * k, 0.001 * k, AHEAD + 0.001 * k, LOUD) for k in range(100)]
+    assert after(creeping) is ContactState.MOVING
+
+
+def test_a_joint_that_is_at_its_goal_stands_against_nothing():
+    assert after(standing(1.0, goal=0.01)) is ContactState.MOVING
+
+
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_direction_of_pressing_does_not_matter(sign):
+    assert after(standing(0.3, goal=sign * AHEAD, load=sign * LOUD)) is ContactState.STOP
+
+
+def test_a_joint_that_friction_holds_until_it_presses_harder_is_not_stopped():
+    stuck = [(0.02 * k, 0.0, min(0.01 * k, 0.11), LOUD) for k in range(50)]
+    assert after(stuck) is ContactState.MOVING
+
+
+def test_a_joint_that_stands_without_pressing_is_no_stop_but_a_fault():
+    assert after(standing(1.0, load=2.0)) is ContactState.MOVING
+    assert after(standing(1.6, load=2.0)) is ContactState.NO_CONTACT
+
+
+def test_how_loud_is_loud_depends_on_how_hard_it_may_press():
+    assert after(standing(0.3, load=14.0), most_percent=60.0) is ContactState.MOVING
+    assert after(standing(0.3, load=14.0), most_percent=30.0) is ContactState.STOP
+
+
+def test_a_trembling_of_a_tick_is_standing():
+    trembling = [(0.02 * k, math.tau / 4096 * (k % 2), AHEAD, LOUD) for k in range(20)]
+    assert after(trembling) is ContactState.STOP
+
+
+def samples(*rows, most_percent=64.0):
+    """Return a feeler after looks (s, rad) at a joint that presses with half of what it may."""
+    feeler = EndStopDetector(most_percent, FAR)
+    for at_s, at_rad in rows:
+        feeler = feeler.update_with_load(at_s, at_rad, at_rad + AHEAD, 32.0)
+    return feeler
+
+
+@pytest.mark.parametrize(
+    ("last_s", "touch"), [(5.25, ContactState.STOP), (5.24, ContactState.MOVING)]
+)
+def test_the_quarter_of_a_second_begins_where_it_last_moved(last_s, touch):
+    assert samples((4.0, 0.0), (5.0, 1.0), (last_s, 1.0)).contact is touch
+
+
+def test_a_first_look_decides_nothing():
+    assert not EndStopDetector(30.0, FAR).may_be_blocked(7.0, 0.0, 1.0)
+    assert samples((7.0, 0.0)).contact is ContactState.MOVING
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize(("step_rad", "stands"), [(0.00401, False), (0.004, True), (0.0039, True)])
+def test_less_than_three_ticks_are_no_motion(way, step_rad, stands):
+    seen = samples((0.0, 0.0), (0.25, way * step_rad))
+    assert (seen.contact is ContactState.STOP) is stands
+    assert samples((0.0, 1.0), (0.25, 1.0 + way * 0.01)).at_rad == 1.0 + way * 0.01
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize(("behind_rad", "stop"), [(0.12, True), (0.1199, False)])
+def test_it_must_be_so_far_behind_its_goal(way, behind_rad, stop):
+    feeler = (
+        EndStopDetector(64.0, FAR)
+        .update_with_load(0.0, 0.0, 0.0, 0.0)
+        .update_with_load(0.25, 0.0, way * behind_rad, 32.0)
+    )
+    assert (feeler.contact is ContactState.STOP) is stop
+
+
+def test_behind_is_counted_from_where_it_stands():
+    feeler = (
+        EndStopDetector(64.0, FAR)
+        .update_with_load(0.0, 1.0, 1.02, 32.0)
+        .update_with_load(0.25, 1.0, 1.02, 32.0)
+    )
+    assert feeler.contact is ContactState.MOVING
+
+
+@pytest.mark.parametrize(("load", "stop"), [(25.6, True), (25.5, False), (-25.6, True)])
+def test_two_fifths_of_what_it_may_press_are_loud(load, stop):
+    feeler = (
+        EndStopDetector(64.0, FAR)
+        .update_with_load(0.0, 0.0, 1.0, load)
+        .update_with_load(0.25, 0.0, 1.0, load)
+    )
+    assert (feeler.contact is ContactState.STOP) is stop
+
+
+@pytest.mark.parametrize(
+    ("stood_s", "touch"), [(1.5, ContactState.NO_CONTACT), (1.49, ContactState.MOVING)]
+)
+def test_a_joint_that_stands_a_second_and_a_half_without_pressing_is_slack(stood_s, touch):
+    feeler = (
+        EndStopDetector(64.0, FAR)
+        .update_with_load(4.0, 0.0, 1.0, 0.0)
+        .update_with_load(4.0 + stood_s, 0.0, 1.0, 0.0)
+    )
+    assert feeler.contact is touch

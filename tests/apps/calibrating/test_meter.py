@@ -1,0 +1,58 @@
+"""What is shown of each joint while it is moved."""
+
+import math
+
+import pytest
+
+from ikservo.apps.calibrating.calibration_procedure import JointProgress, joint_readouts
+from ikservo.calibration.homing import TickRange
+from tests.apps.calibrating.test_sweep import TURN, Hand, subject
+
+
+def shown(hand):
+    """Return the one meter of a hand's one joint."""
+    (meter,) = joint_readouts(hand.state)
+    return meter
+
+
+@pytest.mark.parametrize(
+    ("ticks", "state"), [(49, JointProgress.UNMOVED), (50, JointProgress.MOVING)]
+)
+def test_a_joint_counts_as_moved_from_fifty_ticks_on(ticks, state):
+    assert shown(Hand(subject()).rest().accept().move(ticks, step=1)).state is state
+
+
+@pytest.mark.parametrize(
+    ("ticks", "state"),
+    [
+        (1564, JointProgress.MOVING),
+        (1565, JointProgress.COMPLETE),
+        (4050, JointProgress.COMPLETE),
+        (4074, JointProgress.FREE),
+    ],
+)
+def test_a_joint_is_complete_over_four_fifths_of_the_arm_files_range_and_free_after_a_turn(
+    ticks, state
+):
+    # 3 rad are 1955.7 ticks; a turn less two degrees is 4073.2
+    assert shown(Hand(subject()).rest().accept().move(ticks, step=1)).state is state
+
+
+def test_a_joint_that_was_measured_before_is_known():
+    assert (
+        shown(Hand(subject(known=TickRange(0, 2000))).rest().accept()).state is JointProgress.KNOWN
+    )
+
+
+def test_a_joint_that_is_said_to_be_free_is_free_at_once():
+    hand = Hand(subject()).rest().accept().say("continuous elbow")
+    assert shown(hand).state is JointProgress.FREE
+
+
+def test_a_meter_shows_where_the_joint_is_and_has_been():
+    hand = Hand(subject(pose=0.5)).rest().accept().move(1000).move(-1500)
+    meter = shown(hand)
+    rad = math.tau / TURN
+    assert (meter.low, meter.high) == pytest.approx((0.5 - 500 * rad, 0.5 + 1000 * rad))
+    assert meter.position == pytest.approx(0.5 - 500 * rad)
+    assert meter.name == "elbow"

@@ -1,0 +1,115 @@
+"""What keeps a sweep from ending, and what is told of it, at the bounds."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from ikservo.apps.calibrating.calibration_procedure import (
+    blocking_issues,
+    is_full_turn,
+    range_complete,
+    warnings,
+)
+from tests.apps.calibrating.test_sweep import TURN, Hand, subject
+
+
+def swept(one, up, down=0, **more):
+    """Return a state whose one joint was moved by so many ticks, tick for tick."""
+    hand = Hand(one, **more).rest().accept().move(up, step=1)
+    return (hand.move(-down, step=1) if down else hand).state
+
+
+def messages_of(state):
+    return [issue.message for issue in blocking_issues(state)]
+
+
+@pytest.mark.parametrize(("ticks", "round_"), [(4073, False), (4074, True)])
+def test_a_turn_less_two_degrees_goes_round(ticks, round_):
+    one = subject(lower=-3.1, upper=3.1)
+    assert is_full_turn(swept(one, ticks), one) is round_
+
+
+def test_a_turn_of_360_ticks_goes_round_two_ticks_before_its_end():
+    one = replace(subject(), ticks_per_turn=360)
+    state = Hand(one, start=0).rest().accept().state
+    for width, round_ in ((357, False), (358, True)):
+        tracks = {1: replace(state.tracks[1], low=0, high=width)}
+        assert is_full_turn(replace(state, tracks=tracks), one) is round_
+
+
+def test_a_sensor_without_a_seam_never_goes_round():
+    one = replace(subject(), ticks_per_turn=0)
+    assert not is_full_turn(swept(one, 100), one)
+
+
+@pytest.mark.parametrize(("width_deg", "reported"), [(299.5, True), (300.5, False)])
+def test_a_whole_turn_is_no_surprise_where_the_arm_file_allows_300_degrees(width_deg, reported):
+    half = math.radians(width_deg) / 2
+    messages = messages_of(swept(subject(lower=-half, upper=half), 4100))
+    assert any("was turned by a whole turn" in each for each in messages) is reported
+
+
+def test_a_joint_that_was_measured_before_or_is_free_is_complete():
+    hand = Hand(subject()).rest().accept()
+    assert range_complete(hand.state, hand.state.subjects[0]) is False
+    hand.say("continuous elbow")
+    assert range_complete(hand.state, hand.state.subjects[0]) is True
+
+
+@pytest.mark.parametrize(("ticks", "reported"), [(249, True), (250, False)])
+def test_a_joint_must_move_by_fifty_ticks_and_both_margins(ticks, reported):
+    margin_rad = 100 * math.tau / TURN
+    messages = messages_of(swept(subject(), ticks, margin_rad=margin_rad))
+    assert any(f"was moved by only {ticks} ticks" in each for each in messages) is reported
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize(("apart", "reported"), [(40, False), (41, True)])
+def test_servos_of_one_joint_may_differ_by_forty_ticks(way, apart, reported):
+    hand = Hand(subject(shadow_ids=(2,)), start=700).rest().accept()
+    hand.move(900, 1, 2).move(way * apart, 2, step=1)
+    messages = messages_of(hand.state)
+    assert any("report different motions" in each for each in messages) is reported
+
+
+def test_findings_tell_how_much_of_a_range_was_swept_and_nothing_of_a_whole_one():
+    half = swept(subject(), 489, 978)
+    assert [*warnings(half)] == ["elbow was swept over 50% of the arm file's range."]
+    assert [*warnings(swept(subject(), 900, 1900))] == []
+
+
+def swept_deg(lower_deg, upper_deg, low_deg, high_deg):
+    """Return a state whose one joint has this range in its arm file and was swept over that."""
+    one = subject(lower=math.radians(lower_deg), upper=math.radians(upper_deg))
+    state = Hand(one, start=0).rest().accept().state
+    low, high = (round(end_deg / 360 * TURN) for end_deg in (low_deg, high_deg))
+    return replace(state, tracks={1: replace(state.tracks[1], low=low, high=high)})
+
+
+def is_reported_mirrored(state):
+    return any("the sign or the pose is wrong" in each for each in messages_of(state))
+
+
+@pytest.mark.parametrize(("apart_deg", "reported"), [(14.5, False), (15.5, True)])
+def test_a_mirrored_range_is_reported_where_both_ends_together_are_off_by_30_degrees(
+    apart_deg, reported
+):
+    near_deg, far_deg = 60.0, 60.0 + apart_deg
+    assert is_reported_mirrored(swept_deg(-near_deg, far_deg, -far_deg, near_deg)) is reported
+
+
+@pytest.mark.parametrize(("short_deg", "reported"), [(29.0, True), (31.0, False)])
+def test_a_range_is_mirrored_where_that_fits_three_times_as_well(short_deg, reported):
+    # off by 120 less what is missing of the sweep; mirrored only by what is missing
+    assert is_reported_mirrored(swept_deg(-40, 100, short_deg - 100, 40)) is reported
+
+
+def test_a_range_that_lies_off_the_arm_files_is_reported_with_both():
+    lopsided = subject(pose=-1.4, lower=-1.5, upper=1.5)
+    hand = Hand(lopsided).rest().accept()
+    hand.move(-400).move(400).move(-400).move(400).move(1900)  # both times the wrong way
+    (messages,) = [
+        each for each in messages_of(hand.state) if "the sign or the pose is wrong" in each
+    ]
+    assert messages.startswith("elbow: swept -247.2° to -45.1°, arm file -85.9° to 85.9°;")

@@ -1,0 +1,69 @@
+"""A zero that is shifted shows in ends beyond the arm file's, for turns and slides."""
+
+import math
+from dataclasses import replace
+
+import pytest
+
+from ikservo.apps.calibrating.calibration_result import find_shifted_zeros
+from ikservo.calibration import JointMap, Limits
+from tests.apps.calibrating.test_sweep import TURN, Hand, subject
+
+TICKS_PER_M = TURN / 0.1
+SLIDE = replace(
+    subject(),
+    joint_map=JointMap.prismatic("elbow", 1, 1, 0, TURN, 0.1),
+    expected=Limits.of("elbow", -0.02, 0.02, "arm file", "m"),
+)
+
+
+def shifts_of(one, *ticks):
+    """Return the shifts [rad or m] that are told after a joint was swept to these ticks."""
+    hand = Hand(one, start=0).rest().accept()
+    tracks = {1: replace(hand.state.tracks[1], low=min(ticks), high=max(ticks))}
+    return [found.shift for found in find_shifted_zeros(replace(hand.state, tracks=tracks))]
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize(("shift_m", "reported"), [(0.0039, False), (0.0041, True)])
+def test_a_slide_may_be_off_by_four_millimetres(way, shift_m, reported):
+    ends = [round((way * shift_m + end) * TICKS_PER_M) for end in (-0.0205, 0.0205)]
+    found = shifts_of(SLIDE, *ends)
+    assert found == ([pytest.approx(-way * shift_m, abs=1e-4)] if reported else [])
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize(("shift_m", "reported"), [(0.0009, False), (0.0011, True)])
+def test_slide_of_same_width_may_be_off_by_a_millimetre(way, shift_m, reported):
+    ends = [round((way * shift_m + end) * TICKS_PER_M) for end in (-0.02, 0.02)]
+    assert len(shifts_of(SLIDE, *ends)) == reported
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize(("shift_deg", "reported"), [(2.3, False), (2.7, True), (7.1, True)])
+def test_turn_of_same_width_may_be_off_by_two_and_a_half_degrees(way, shift_deg, reported):
+    ends = [round(way * shift_deg / 360 * TURN + end / math.tau * TURN) for end in (-1.5, 1.5)]
+    found = [math.degrees(shift) for shift in shifts_of(subject(), *ends)]
+    assert found == ([pytest.approx(-way * shift_deg, abs=0.1)] if reported else [])
+
+
+@pytest.mark.parametrize("way", [1, -1])
+@pytest.mark.parametrize(("shift_deg", "reported"), [(9.9, False), (10.1, True)])
+def test_a_turn_may_be_off_by_ten_degrees(way, shift_deg, reported):
+    ends = [round(way * shift_deg / 360 * TURN + end / math.tau * TURN) for end in (-1.53, 1.53)]
+    found = [math.degrees(shift) for shift in shifts_of(subject(), *ends)]
+    assert found == ([pytest.approx(-way * shift_deg, abs=0.1)] if reported else [])
+
+
+@pytest.mark.parametrize("way", [1, -1])
+def test_how_far_a_zero_seems_to_be_off_is_reported_without_a_sign(way):
+    hand = Hand(subject(), start=0).rest().accept()
+    shifted = [round(way * 20 / 360 * TURN + end / math.tau * TURN) for end in (-1.5, 1.5)]
+    tracks = {1: replace(hand.state.tracks[1], low=shifted[0], high=shifted[1])}
+    (found,) = find_shifted_zeros(replace(hand.state, tracks=tracks))
+    assert str(found).endswith("the zero seems to be off by 20.0°.")
+
+
+def test_a_joint_that_was_not_swept_has_no_ends_to_judge_its_zero_by():
+    hand = Hand(subject("a", 1), subject("b", 2)).rest().accept().say("skip a").move(1500, 2)
+    assert [found.subject.name for found in find_shifted_zeros(hand.state)] == ["b"]

@@ -1,0 +1,62 @@
+"""An arm is still where nothing has moved for half a second, and no sooner."""
+
+import pytest
+
+from ikservo.apps.calibrating.range_tracker import StillnessDetector
+
+
+def after(readings):
+    """Return what is known after readings (s, ticks of servo 1, ticks of servo 2)."""
+    stillness = StillnessDetector()
+    for at_s, one, other in readings:
+        stillness = stillness.add_reading(at_s, {1: one, 2: other})
+    return stillness
+
+
+@pytest.mark.parametrize(("until_s", "still"), [(0.25, False), (0.375, False), (0.5, True)])
+def test_it_takes_half_a_second_to_be_still(until_s, still):
+    times = [0.125 * k for k in range(1 + int(until_s / 0.125))]
+    assert after([(at_s, 7, 9) for at_s in times]).is_at_rest() is still
+
+
+@pytest.mark.parametrize(("step_s", "still"), [(0.164, False), (0.168, True)])
+def test_the_half_second_is_counted_from_whenever_it_began(step_s, still):
+    assert after([(9.0 + step_s * k, 7, 9) for k in range(4)]).is_at_rest() is still
+
+
+def test_two_readings_are_too_few():
+    assert not after([(0.0, 7, 9), (0.5, 7, 9)]).is_at_rest()
+    assert after([(0.0, 7, 9), (0.25, 7, 9), (0.5, 7, 9)]).is_at_rest()
+
+
+@pytest.mark.parametrize(("most", "still"), [(4, True), (5, False)])
+@pytest.mark.parametrize("servo", [1, 2])
+def test_a_servo_may_tremble_by_four_ticks(most, still, servo):
+    ticks = [(0, most)[k % 2] for k in range(5)]
+    rows = [(0.125 * k, *((t, 0) if servo == 1 else (0, t))) for k, t in enumerate(ticks)]
+    assert after(rows).is_at_rest() is still
+
+
+def test_what_happened_more_than_half_a_second_ago_is_forgotten():
+    moved = after([(0.0, 900, 0), (0.125, 100, 0), *((0.125 * k, 7, 9) for k in range(2, 7))])
+    assert moved.is_at_rest()
+    assert moved.mean_ticks() == {1: 7.0, 2: 9.0}
+    assert moved.readings[0][0] == 0.25
+
+
+def test_the_reading_that_began_the_half_second_is_kept():
+    rare = after([(0.0, 7, 9), (0.375, 7, 9), (0.75, 7, 9)])
+    assert [at_s for at_s, _ in rare.readings] == [0.0, 0.375, 0.75]
+    assert rare.is_at_rest()
+
+
+def test_the_middle_is_the_mean_of_the_readings():
+    assert after([(0.0, 10, 0), (0.25, 11, 2), (0.5, 15, 4)]).mean_ticks() == {1: 12.0, 2: 2.0}
+
+
+def test_a_restarted_detector_waits_for_another_half_second():
+    still = after([(0.0, 7, 9), (0.25, 7, 9), (0.5, 7, 9)]).restarted()
+    assert not still.add_reading(0.6, {1: 7, 2: 9}).is_at_rest()
+    for at_s in (0.6, 0.85, 1.1):
+        still = still.add_reading(at_s, {1: 7, 2: 9})
+    assert still.is_at_rest()

@@ -1,0 +1,97 @@
+import re
+
+import numpy as np
+import pytest
+
+from ikservo.apps.cameras.board import DEFAULT_BOARD, Board
+from ikservo.errors import BadValueError, CalibrationError
+
+cv2 = pytest.importorskip("cv2")
+
+from ikservo.apps.cameras.pictures import Intrinsics, board_pose, find_board  # noqa: E402
+from servosim import read_arm_file  # noqa: E402
+from servosim.assembly import make_arm_world  # noqa: E402
+from servosim.camera import SimulatedCamera  # noqa: E402
+from tests.oracle import CONFIGS  # noqa: E402
+
+BOARD = Board.named(DEFAULT_BOARD)
+LENS = Intrinsics(
+    np.array([[900.0, 0, 480], [0, 900.0, 360], [0, 0, 1]]),
+    np.array([-0.12, 0.04, 0, 0, 0]),
+    (960, 720),
+)
+
+
+@pytest.fixture
+def camera():
+    world = make_arm_world(read_arm_file(CONFIGS / "so101" / "arm.toml"), "home")
+    return SimulatedCamera(world, BOARD.opencv())
+
+
+def drawn(svg, pixels_per_mm=10):
+    """Draw the rectangles of an SVG; return the picture."""
+    width, height = map(float, re.search(r'viewBox="0 0 (\S+) (\S+)"', svg).groups())
+    picture = np.full((round(height * pixels_per_mm), round(width * pixels_per_mm)), 255, np.uint8)
+    for row in re.findall(r'<rect x="(\S+)" y="(\S+)" width="(\S+)" height="(\S+)"/>', svg):
+        x, y, w, h = (float(each) * pixels_per_mm for each in row)
+        picture[round(y) : round(y + h), round(x) : round(x + w)] = 0
+    return picture
+
+
+def test_names_say_what_a_board_is():
+    assert Board(5, 7, 0.012, "4x4") == BOARD
+    assert Board.named("7x9-15.5mm-6x6").name == "7x9-15.5mm-6x6"
+
+
+@pytest.mark.parametrize("name", ["", "5x7", "5x7-12mm-8x8", "2x7-12mm-4x4", "5x7-12mm-4x5",
+                                  "5x7-0mm-4x4", "50x50-5mm-4x4", "5x7-12mm-4x4 "])  # fmt: skip
+def test_what_is_no_board_is_refused(name):
+    with pytest.raises(BadValueError, match="board"):
+        Board.named(name)
+
+
+@pytest.mark.parametrize("name", [DEFAULT_BOARD, "6x5-20mm-5x5"])
+def test_what_is_printed_is_what_opencv_finds(name):
+    board = Board.named(name)
+    view = find_board(board, drawn(board.svg()))
+    assert len(view.ids) == (board.columns - 1) * (board.rows - 1)
+    across = view.pixels - view.pixels.mean(axis=0)
+    expected = (board.corners_m()[view.ids] * 10_000)[:, :2]
+    np.testing.assert_allclose(across, expected - expected.mean(axis=0), atol=0.7)
+
+
+def test_the_pdf_has_the_same_rectangles_as_the_svg():
+    pdf, svg = BOARD.pdf().decode("ascii"), BOARD.svg()
+    boxes = re.findall(r"^(\S+) \S+ (\S+) (\S+) re$", pdf, re.MULTILINE)
+    drawn_svg = re.findall(r'<rect x="(\S+)" y="\S+" width="(\S+)" height="(\S+)"/>', svg)
+    np.testing.assert_allclose(np.array(boxes, float), np.array(drawn_svg, float), atol=1e-3)
+    start = int(re.search(r"startxref\n(\d+)", pdf).group(1))
+    assert pdf[start:].startswith("xref")
+    for number, at in enumerate(re.findall(r"^(\d{10}) 00000 n", pdf, re.MULTILINE), start=1):
+        assert pdf[int(at) :].startswith(f"{number} 0 obj")
+
+
+def test_the_simulated_camera_shows_the_board_where_it_is(camera):
+    found = board_pose(BOARD, find_board(BOARD, camera.take()), LENS)
+    off = np.linalg.inv(camera.T_camera_board()) @ found
+    assert np.abs(off[:3, 3]).max() < 2e-4
+    np.testing.assert_allclose(off[:3, :3], np.eye(3), atol=3e-3)
+
+
+@pytest.mark.parametrize(
+    ("spoil", "message"),
+    [
+        (lambda p: np.ascontiguousarray(p[:, ::-1]), "is mirrored"),
+        (lambda p: cv2.GaussianBlur(p, (0, 0), 9), "is blurred"),
+        (lambda p: np.full_like(p, 120), "is not seen"),
+        (lambda p: p[:, : p.shape[1] // 2 - 40], "too little of the board"),
+    ],
+)
+def test_pictures_that_show_no_board_say_why(camera, spoil, message):
+    with pytest.raises(CalibrationError, match=message):
+        find_board(BOARD, spoil(camera.take()))
+
+
+def test_another_board_is_named(camera):
+    with pytest.raises(CalibrationError, match=r"another one than 7x5"):
+        find_board(Board.named("7x5-12mm-4x4"), camera.take())

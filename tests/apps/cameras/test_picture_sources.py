@@ -1,0 +1,87 @@
+"""The name of a source of pictures, and what may not be in it."""
+
+import numpy as np
+import pytest
+
+from ikservo.apps.cameras.capture import public_source
+from ikservo.errors import InputError, PictureError
+
+SECRET = "swordfish"
+WITH_SECRETS = {
+    "user and password": (f"rtsp://admin:{SECRET}@cam.lan:554/live/1", "rtsp://…@cam.lan:554/live/1"),
+    "a user only": (f"http://{SECRET}@cam.lan/", "http://…@cam.lan/"),
+    "an @ in the password": (f"rtsp://admin:{SECRET}@{SECRET}@cam/1", "rtsp://…@cam/1"),
+    "a slash in the password": (f"rtsp://admin:a/{SECRET}@cam/1", "rtsp://…@cam/1"),
+    "a # in the password": (f"rtsp://admin:#{SECRET}@cam/1", "rtsp://…@cam/1"),
+    "a ? in the password": (f"rtsp://admin:?{SECRET}@cam/1", "rtsp://…@cam/1"),
+    "a token": (f"http://cam/video?channel=2&token={SECRET}", "http://cam/video?channel=2&…"),
+    "a bare token": (f"http://cam/video?{SECRET}", "http://cam/video?…"),
+    "a fragment": (f"http://cam/video#{SECRET}", "http://cam/video#…"),
+    "a password in the path": (
+        f"rtsp://cam/user=admin_password={SECRET}_channel=1.sdp", "rtsp://cam/…",
+    ),
+    "an invalid port": (f"rtsp://admin:{SECRET}", "rtsp://…"),
+    "an invalid address": (f"http://[{SECRET}", "http://…"),
+    "no scheme": (f"admin:{SECRET}@cam.lan/1", "…@cam.lan/1"),
+    "a pipeline": (f"rtspsrc user-pw={SECRET} location=rtsp://cam/1", "…://cam/1"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("source", "name"), WITH_SECRETS.values(), ids=WITH_SECRETS)
+def test_public_source_leaves_out_secrets(source, name):
+    assert public_source(source) == name
+    assert public_source(name) == name
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "0",
+        "sim",
+        "/dev/video0",
+        "board@home.png",
+        "http://[::1]:8080/?action=stream",
+        "rtsp://cam/1",
+    ],
+)
+def test_public_source_keeps_what_holds_no_secret(source):
+    assert public_source(source) == source
+
+
+class SilentCamera:
+    """A camera that opens and delivers nothing."""
+
+    def isOpened(self):  # noqa: N802
+        return True
+
+    def grab(self):
+        return False
+
+    def read(self):
+        return False, None
+
+
+def test_errors_of_a_camera_hide_its_password(monkeypatch):
+    pytest.importorskip("cv2")
+    from ikservo.apps.cameras import pictures
+
+    address = f"rtsp://admin:{SECRET}@127.0.0.1:1/live"
+    with pytest.raises(InputError, match=r"There is no camera rtsp://…@127.0.0.1:1/live") as error:
+        pictures.LiveCamera(address)
+    assert SECRET not in repr(error.value)
+    with pytest.raises(InputError, match=r"password of rtsp://…@127.0.0.1:1/live is not stored"):
+        pictures.LiveCamera(public_source(address))
+    monkeypatch.setattr(pictures, "open_capture", lambda _: SilentCamera())
+    with pytest.raises(PictureError, match=r"rtsp://…@127.0.0.1:1/live gives no picture"):
+        pictures.LiveCamera(address).take()
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_picture_file_is_read_as_often_as_asked(tmp_path, suffix):
+    cv2 = pytest.importorskip("cv2")
+    from ikservo.apps.cameras.pictures import LiveCamera
+
+    path = tmp_path / f"board{suffix}"
+    cv2.imwrite(str(path), np.full((48, 64, 3), 128, np.uint8))
+    camera = LiveCamera(str(path))
+    assert [camera.take().shape for _ in range(3)] == 3 * [(48, 64, 3)]

@@ -1,0 +1,102 @@
+"""`--save-pictures` and `--from-pictures`: a calibration is repeated without the arm."""
+
+import re
+
+import pytest
+
+from ikservo.apps.cameras.camera_calibration import CameraCalibration
+from ikservo.apps.cameras.picture_folder import PictureFolder, PictureIndex
+from ikservo.calibration.calibration_file import read_calibration
+from ikservo.calibration.paths import calibration_path
+from ikservo.files.folders import config_dir
+from tests.apps.cameras.test_camera_by_hand import Person
+from tests.calibration.mounted_arms import load_model
+from tests.cli.fixtures_mounted_arm import PORT, SERIAL
+
+pytest.importorskip("cv2")
+
+from tests.apps.cameras.hidden_arms import hidden_arm
+
+REPEAT = "calibrate so101 --yes --json --from-pictures"
+
+
+@pytest.fixture(autouse=True)
+def home(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
+
+
+@pytest.mark.full
+@pytest.mark.timeout(600)
+def test_the_same_is_found_again_and_damage_is_reported(tmp_path, monkeypatch, run_cli):
+    arm, camera = hidden_arm(monkeypatch, "so101", 0)
+    person = Person(arm, camera)
+    monkeypatch.setattr("ikservo.apps.cameras.camera_sources.LiveCamera", lambda _: person)
+    folder, path = tmp_path / "pictures", calibration_path("so101", SERIAL)
+    words = f"calibrate so101 --port {PORT} --camera 0 --by-hand --pictures 12 --yes --json"
+    first = run_cli(f"{words} --save-pictures {folder}")
+    assert first.code == 0, first.err
+    found = read_calibration(path)
+    assert run_cli(f"calibration undo so101 --port {PORT}").code == 0
+
+    monkeypatch.setattr(
+        "ikservo.apps.cameras.camera_sources.LiveCamera", None
+    )  # neither camera nor arm
+    monkeypatch.setattr("ikservo.hardware.port.open_transport", None)
+    undone = path.read_bytes()
+    unasked = run_cli(f"calibrate so101 --json --from-pictures {folder}")
+    assert (unasked.code, unasked.json["path"]) == (0, None)
+    assert path.read_bytes() == undone
+    again = run_cli(f"{REPEAT} {folder}")
+    assert again.code == 0, again.err
+    assert again.json["estimated"] == first.json["estimated"]
+    assert again.json["after_m"] == pytest.approx(first.json["after_m"], rel=1e-4)
+    repeated = read_calibration(path)
+    assert [j.name for j in repeated.joints] == [j.name for j in found.joints]
+    assert repeated.camera.at_mm == pytest.approx(found.camera.at_mm, abs=0.01)
+    assert repeated.camera.turned_deg == pytest.approx(found.camera.turned_deg, abs=0.01)
+
+    before = path.read_bytes()
+    refused = run_cli(f"{words} --save-pictures {folder}")
+    assert (refused.code, "is not empty" in refused.err) == (2, True)
+    assert "is of so101" in run_cli(f"calibrate koch --yes --from-pictures {folder}").err
+    (folder / "picture-003.png").write_bytes(b"no picture")
+    damaged = run_cli(f"{REPEAT} {folder}")
+    assert (damaged.code, "picture-003.png" in damaged.err) == (2, True)
+    assert path.read_bytes() == before
+
+
+def test_a_folder_whose_pictures_are_none_is_refused(tmp_path, run_cli):
+    index = PictureIndex(arm="so101", source="0", camera_name="", board="5x7-12mm-4x4",
+                         by_hand=True, joints=load_model("so101").chain.names)  # fmt: skip
+    PictureFolder(tmp_path / "pictures", index, None)
+    done = run_cli(f"{REPEAT} {tmp_path / 'pictures'}")
+    assert (done.code, "is in no picture" in done.err) == (6, True)
+
+
+def test_a_folder_without_pictures_or_with_other_options_is_refused(tmp_path, run_cli):
+    missing = run_cli(f"{REPEAT} {tmp_path}")
+    assert (missing.code, "pictures.toml" in missing.err) == (2, True)
+    assert "Leave the others out" in run_cli(f"{REPEAT} {tmp_path} --camera 0").err
+    assert "moves nothing" in run_cli(f"{REPEAT} {tmp_path} --touch").err
+
+
+@pytest.mark.full
+@pytest.mark.timeout(600)
+def test_stopped_calibration_keeps_its_pictures(monkeypatch, run_cli):
+    keep, taken = CameraCalibration._keep, []
+
+    def interrupted(self, picture):
+        taken.append(picture)
+        if len(taken) == 12:
+            raise KeyboardInterrupt
+        keep(self, picture)
+
+    monkeypatch.setattr(CameraCalibration, "_keep", interrupted)
+    words = "calibrate so101 --port sim:?pose=home --camera sim --pictures 13 --yes"
+    stopped = run_cli(words)
+    assert stopped.code == 130
+    assert re.search(r"picture 9 of 13, about \d+ s left", stopped.err)
+    (again,) = re.findall(r"To calibrate by them: ikservo (.*)", stopped.err)
+    (folder,) = (config_dir() / "pictures").iterdir()
+    assert again == f"calibrate so101 --from-pictures {folder}"
+    assert run_cli(f"{again} --yes").code == 0

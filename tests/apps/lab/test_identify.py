@@ -1,0 +1,195 @@
+"""``ikservo identify``, ``sim --as-identified`` and ``gripper --weigh``."""
+
+import json
+import signal
+
+import pytest
+
+import ikservo
+import servosim
+from ikservo.apps.lab.arm_identification import IdentificationRun
+from ikservo.calibration.identified_file import load_identified, read_identified, save_identified
+from ikservo.calibration.paths import identified_path
+from ikservo.cli.commands import sim
+from ikservo.errors import (
+    CalibrationError,
+    FileFormatError,
+    InputError,
+    RefusedError,
+    StoppedError,
+)
+from ikservo.model import find_arm, load_model
+from ikservo.model.identified_drives import identified_parameters
+from ikservo.model.joint_drive import nominal_parameters
+from tests.arm.simulated import servo_group
+from tests.cli.fixtures_mounted_arm import PORT, connect_arm
+from tests.cli.fixtures_ports import run_arguments
+
+pytestmark = pytest.mark.full  # most need an identified arm, which takes six seconds
+
+ARM = "open_manipulator_x"
+MODEL = load_model(ARM)
+
+
+@pytest.fixture(scope="module")
+def identified(tmp_path_factory):
+    """Return what the command printed for an arm with hidden masses, and its user folder."""
+    home = tmp_path_factory.mktemp("home")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("IKSERVO_HOME", str(home))
+        words = ["identify", "--arm", ARM, "--port", "sim:?mass_scale=1.2", "--quick"]
+        result = run_arguments([*words, "--json"])
+    return result, home
+
+
+@pytest.fixture
+def home(identified, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(identified[1]))
+    return identified[1]
+
+
+@pytest.mark.full
+def test_it_reports_and_saves_what_it_found(identified, home):
+    result = identified[0]
+    assert result.code == 0, result.err
+    assert "slow motions" in result.err
+    answer = json.loads(result.out)
+    lift = next(joint for joint in answer["joints"] if joint["name"] == "joint2")
+    assert lift["mass_scale"]["value"] == pytest.approx(1.2, rel=0.1)
+    assert lift["stiffness_nm_rad"]["determined"]
+    assert read_identified(home / "identified" / answer["path"].split("/")[-1]).arm == ARM
+
+
+@pytest.mark.full
+def test_the_parameters_of_the_arm_follow_the_file(home):
+    found = load_identified(ARM, "sim")
+    own = identified_parameters(MODEL, MODEL.chain, found)
+    usual = nominal_parameters(MODEL, MODEL.chain)
+    q = MODEL.chain_pose("home")
+    ratio = own.dynamics.gravity_torques(q)[2] / usual.dynamics.gravity_torques(q)[2]
+    assert ratio == pytest.approx(1.2, rel=0.05)
+    joint = found.joint("joint2")
+    assert own.drives[1].stiffness_nm_rad == pytest.approx(joint.stiffness_nm_rad)
+    assert own.drives[1].friction.coulomb_nm == pytest.approx(joint.coulomb_nm)
+
+
+@pytest.mark.full
+def test_an_identified_arm_is_moved_by_its_own_parameters(home):
+    joint = load_identified(ARM, "sim").joint("joint2")
+    with ikservo.open_arm(ARM, port="sim") as arm:
+        own = servo_group(arm).compensator.feed_forward.parameters
+    assert own.drives[1].stiffness_nm_rad == pytest.approx(joint.stiffness_nm_rad)
+
+
+def test_the_simulator_has_the_masses_and_motors_of_the_file(home, monkeypatch):
+    seen = []
+    monkeypatch.setattr(sim, "_load_server", lambda: lambda args: seen.append(args) or 0)
+    assert run_arguments(["sim", ARM, "--as-identified"]).code == 0
+    (words,) = seen
+    port = servosim.open_port(f"sim:{find_arm(ARM).resolve()}?parameters={words[-1]}")
+    joint = load_identified(ARM, "sim").joint("joint2")
+    motor = port.line.world.joint("joint2").servos[0].motor.parameters
+    assert words[-2] == "--parameters"
+    assert motor.duty_torque_nm == pytest.approx(joint.full_duty_nm)
+    assert motor.friction_nm == pytest.approx(joint.coulomb_nm)
+
+
+@pytest.mark.full
+def test_the_jaws_weigh_what_they_hold(home):
+    words = ["gripper", "--weigh", "--arm", ARM, "--json"]
+    result = run_arguments([*words, "--port", "sim:?mass_scale=1.2&payload_g=80"])
+    answer = json.loads(result.out)
+    assert answer["identified"]
+    assert answer["payload_kg"] == pytest.approx(0.08, abs=0.01)
+
+
+def test_an_arm_that_was_not_identified_cannot_be_simulated_so(monkeypatch, tmp_path):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+    result = run_arguments(["sim", "koch", "--as-identified"])
+    assert result.code == InputError("").exit_code
+    assert "ikservo identify --arm koch" in result.err
+
+
+@pytest.mark.parametrize("words", [["gripper"], ["gripper", "open", "--weigh"]])
+def test_the_gripper_moves_or_weighs(words):
+    assert run_arguments([*words, "--arm", ARM, "--port", "sim"]).code == 2
+
+
+def test_a_damaged_file_is_refused(home):
+    path = identified_path(ARM, "sim")
+    before = path.read_text()
+    try:
+        path.write_text(before.replace("mass_scale", "mass_scala", 1))
+        with pytest.raises(FileFormatError):
+            load_identified(ARM, "sim")
+    finally:
+        path.write_text(before)
+
+
+def test_a_saved_file_is_read_as_it_was(home):
+    found = load_identified(ARM, "sim")
+    assert read_identified(save_identified(found)) == found
+
+
+def files_in(folder):
+    return {path: path.read_bytes() for path in sorted(folder.rglob("*")) if path.is_file()}
+
+
+@pytest.mark.full
+def test_ctrl_c_stops_the_tour_and_leaves_the_file_as_it_was(home, monkeypatch):
+    record, before = IdentificationRun.record, files_in(home / "identified")
+
+    def interrupted(run, _):
+        cycles = iter(range(10**6))
+
+        def interrupt(_):
+            if next(cycles) == 100:
+                signal.raise_signal(signal.SIGINT)
+
+        return record(run, interrupt)
+
+    monkeypatch.setattr(IdentificationRun, "record", interrupted)
+    result = run_arguments(["identify", "--arm", ARM, "--port", "sim", "--quick"])
+    assert result.code == StoppedError("").exit_code
+    assert result.out == ""
+    assert "Ctrl-C" in result.err
+    assert files_in(home / "identified") == before
+
+
+def test_an_arm_without_a_calibration_is_not_moved(monkeypatch, tmp_path):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+    arm = connect_arm(monkeypatch, "so101")
+    result = run_arguments(["identify", "--arm", "so101", "--port", PORT, "--yes"])
+    assert result.code == CalibrationError("").exit_code
+    assert "calibrate" in result.err
+    assert not any(arm.register(i, "torque_enable") for i in range(1, 7))
+    assert not (tmp_path / "identified").exists()
+
+
+def test_an_arm_without_masses_is_refused(home, monkeypatch):
+    monkeypatch.setattr("ikservo.apps.lab.arm_identification.link_masses", lambda *_: [])
+    result = run_arguments(["identify", "--arm", ARM, "--port", "sim"])
+    assert result.code == RefusedError("").exit_code
+    assert "has no masses in its URDF" in result.err
+
+
+def test_a_folder_that_cannot_be_written_is_found_before_the_arm_moves(monkeypatch, tmp_path):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+    (tmp_path / "identified").write_text("a file, not a folder")
+    monkeypatch.setattr(IdentificationRun, "go_to_start", lambda *_: pytest.fail("it moved"))
+    result = run_arguments(["identify", "--arm", ARM, "--port", "sim", "--quick"])
+    assert result.code == 1
+    assert "Traceback" not in result.err
+    assert "identified" in result.err
+
+
+def test_a_damaged_file_stops_every_command_with_one_clear_error(home):
+    path = identified_path(ARM, "sim")
+    before = path.read_text()
+    try:
+        path.write_text(before[:-20])
+        result = run_arguments(["where", "--arm", ARM, "--port", "sim"])
+        assert result.code == FileFormatError(path, "", "").exit_code
+        assert str(path) in result.err
+    finally:
+        path.write_text(before)

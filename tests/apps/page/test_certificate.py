@@ -1,0 +1,177 @@
+"""Beyond this machine the page is served by TLS, with a certificate that is made once and kept."""
+
+import hashlib
+import os
+import ssl
+from datetime import UTC, datetime
+
+import httpx
+import pytest
+import websockets
+from cryptography import x509
+
+from ikservo.apps.page.page_app import ViewApp
+from ikservo.apps.page.served_arms import ArmAtPort
+from ikservo.apps.page.server import certificate as certificates
+from ikservo.apps.page.server.auth import AccessTokens, is_allowed_origin
+from ikservo.apps.page.server.certificate import CertificateError, load_or_make_certificate
+from ikservo.apps.page.server.server import BoundAddress, make_app, serve_in_thread
+from ikservo.clock import RealClock
+from ikservo.errors import BadValueError
+from ikservo.files.writing import FileWriteError
+from ikservo.model import load_model
+from tests.apps.page.socket_clients import RecordingController, SocketClient, arm_channel
+
+ADDRESS = "192.168.0.7"
+
+
+def test_it_is_made_once_and_kept(tmp_path):
+    first = load_or_make_certificate(ADDRESS, tmp_path / "new")
+    again = load_or_make_certificate("10.0.0.1", tmp_path / "new")
+    assert (first.is_new, again.is_new) == (True, False)
+    assert first.fingerprint == again.fingerprint
+    assert first.fingerprint != load_or_make_certificate(ADDRESS, tmp_path).fingerprint
+
+
+def test_its_fingerprint_is_that_of_the_certificate_as_browsers_show_it(tmp_path):
+    made = load_or_make_certificate(ADDRESS, tmp_path)
+    der = ssl.PEM_cert_to_DER_cert(
+        made.path.read_text()[made.path.read_text().index("-----BEGIN CERT") :]
+    )
+    assert made.fingerprint.replace(":", "").lower() == hashlib.sha256(der).hexdigest()
+    assert len(made.fingerprint.split(":")) == 32
+
+
+def test_its_names_are_the_address_and_this_machine(tmp_path):
+    made = load_or_make_certificate("fe80::1%eth0", tmp_path)
+    names = x509.load_pem_x509_certificate(made.path.read_bytes()).extensions
+    names = names.get_extension_for_class(x509.SubjectAlternativeName).value
+    assert {"fe80::1", "127.0.0.1", "::1"} == {
+        str(ip) for ip in names.get_values_for_type(x509.IPAddress)
+    }
+    assert "localhost" in names.get_values_for_type(x509.DNSName)
+
+
+@pytest.mark.skipif(os.name != "posix", reason="modes of files")
+def test_only_its_owner_can_read_it(tmp_path):
+    made = load_or_make_certificate(ADDRESS, tmp_path)
+    assert made.path.stat().st_mode & 0o777 == 0o600
+    made.path.chmod(0o640)
+    with pytest.raises(CertificateError, match="others can read its key"):
+        load_or_make_certificate(ADDRESS, tmp_path)
+
+
+def damage(path, kind):
+    text = path.read_text()
+    private, public = text[: text.index("-----BEGIN CERT")], text[text.index("-----BEGIN CERT") :]
+    other = certificates._make_pem(ADDRESS)
+    damaged = {
+        "empty": "",
+        "garbage": "this is no certificate",
+        "without key": public,
+        "another key": other[: other.index("-----BEGIN CERT")] + public,
+        "cut off": private + public[:200],
+    }
+    path.write_text(damaged[kind])
+
+
+@pytest.mark.parametrize("kind", ["empty", "garbage", "without key", "another key", "cut off"])
+def test_a_damaged_one_is_reported_with_the_way_out_and_is_not_replaced(tmp_path, kind):
+    made = load_or_make_certificate(ADDRESS, tmp_path)
+    damage(made.path, kind)
+    before = made.path.read_bytes()
+    with pytest.raises(CertificateError, match="cannot be used: it holds no") as reported:
+        load_or_make_certificate(ADDRESS, tmp_path)
+    assert "Delete the file" in reported.value.command_hint
+    assert made.path.read_bytes() == before
+
+
+def test_an_expired_one_is_reported(tmp_path, monkeypatch):
+    class Later(datetime):
+        @classmethod
+        def now(cls, tz=UTC):
+            return datetime(2099, 1, 1, tzinfo=tz)
+
+    load_or_make_certificate(ADDRESS, tmp_path)
+    monkeypatch.setattr(certificates, "datetime", Later)
+    with pytest.raises(CertificateError, match="it has expired on 20"):
+        load_or_make_certificate(ADDRESS, tmp_path)
+
+
+def test_a_folder_that_cannot_be_written_is_reported(tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(FileWriteError, match="cannot be written"):
+        load_or_make_certificate(ADDRESS, tmp_path / "file")
+
+
+@pytest.fixture(scope="module")
+def house(tmp_path_factory):
+    made = load_or_make_certificate("127.0.0.1", tmp_path_factory.mktemp("certificate"))
+    keys = AccessTokens.generate()
+    app = make_app([arm_channel(RecordingController())], keys, RealClock())
+    with serve_in_thread(app, BoundAddress("127.0.0.1", 0, made)) as url:
+        yield url, keys, ssl.create_default_context(cafile=made.path)
+
+
+def test_the_page_and_its_socket_come_by_tls(house):
+    url, keys, trust = house
+    assert url.startswith("https://127.0.0.1:")
+    assert "<canvas" in httpx.get(url, verify=trust).text
+    client = SocketClient(url, ssl=trust)
+    assert client.prove(keys.control).receive_kind("scene")
+    client.close()
+
+
+def test_a_page_that_came_by_plain_http_gets_no_socket(house):
+    url, _, trust = house
+    with pytest.raises(websockets.InvalidStatus) as refused:
+        SocketClient(url, ssl=trust, origin=url.replace("https", "http"))
+    assert refused.value.response.status_code == 403
+
+
+def test_plain_http_gets_no_page(house):
+    with pytest.raises(httpx.HTTPError):
+        httpx.get(house[0].replace("https", "http"))
+
+
+def test_who_does_not_know_the_certificate_is_warned(house):
+    with pytest.raises(httpx.ConnectError, match="self-signed"):
+        httpx.get(house[0])
+
+
+@pytest.mark.parametrize(
+    ("origin", "secure", "allowed"),
+    [("https://192.168.0.7", True, True), ("http://192.168.0.7", True, False),
+     ("https://192.168.0.7", False, False)],
+)  # fmt: skip
+def test_the_origin_has_the_scheme_of_the_connection(origin, secure, allowed):
+    headers = [(b"host", b"192.168.0.7"), (b"origin", origin.encode())]
+    local = ("192.168.0.7", 443)
+    assert is_allowed_origin(headers, local, upgrade=True, secure=secure) == allowed
+
+
+@pytest.mark.full
+@pytest.mark.parametrize(("listen", "insecure", "scheme"), [
+    ("127.0.0.1", False, "http"), ("127.0.0.1", True, "http"), (None, False, "https"),
+    (None, True, "http"),
+])  # fmt: skip
+def test_beyond_this_machine_plain_http_has_to_be_asked_for(
+    listen, insecure, scheme, own_address, tmp_path, monkeypatch
+):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+    app = ViewApp(
+        [ArmAtPort(load_model("planar2"), "sim")], listen or own_address, insecure=insecure
+    )
+    with app as urls:
+        assert urls.control.startswith(f"{scheme}://")
+        assert bool(urls.fingerprint) == (scheme == "https")
+        reported = " ".join(urls.warnings)
+    assert ("alter it" in reported) == (listen is None and insecure)
+    assert ("fingerprint" in reported) == (scheme == "https")
+
+
+def test_an_address_that_is_none_makes_no_certificate(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+    with pytest.raises(BadValueError):
+        ViewApp([ArmAtPort(load_model("planar2"), "sim")], "evil.example")
+    assert not list(tmp_path.iterdir())

@@ -1,0 +1,209 @@
+"""The last ten minutes: bounded, whole, in the units that are shown."""
+
+import csv
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ikservo.apps.page.dragging.snapshot import ArmSnapshot
+from ikservo.apps.page.messages.page_messages import BadMessageError, ShowPlots
+from ikservo.apps.page.panels.live_plots import PlotFeed
+from ikservo.apps.page.running.history import Channel, History, csv_lines
+from ikservo.arm import JointState
+from ikservo.hardware.servo import LinkStatistics, ServoStatistics
+
+LINK = LinkStatistics(lost=3, round_trip_s=0.0025)
+
+
+def state(name, **fields):
+    usual = JointState(name, 0.0, -1.0, 1.0, "arm file", 31.0, 12.1, -4.0, torque=True)
+    return replace(usual, **fields)
+
+
+def snapshot(at=0.1, goal=None, **fields):
+    states = (state("pan", **fields), state("slide"))
+    reference = None if goal is None else np.array([goal, 0.02])
+    return ArmSnapshot(*2 * [np.array([at, 0.01])], reference=reference, states=states)
+
+
+def make_history(**options):
+    return History(["pan", "slide"], [False, True], **options)
+
+
+def column(history, quantity, joint="pan"):
+    (channel,) = [c for c in history.channels if (c.quantity, c.joint) == (quantity, joint)]
+    return history.since(-math.inf).select([channel])[:, 0].tolist()
+
+
+def fill(history, count, step_s=0.02, **fields):
+    for row in range(count):
+        history.record(snapshot(at=0.001 * row, **fields), LINK, row * step_s)
+    return history
+
+
+def test_positions_and_goals_are_kept_in_degrees_and_millimetres():
+    history = make_history()
+    history.record(snapshot(at=math.radians(30), goal=math.radians(32)), LINK, 0.0)
+    assert column(history, "position") == pytest.approx([30.0])
+    assert column(history, "goal") == pytest.approx([32.0])
+    assert column(history, "error") == pytest.approx([2.0], abs=1e-4)
+    assert column(history, "error", "slide") == pytest.approx([10.0])
+
+
+def test_what_was_not_measured_is_distinguished_from_zero():
+    history = make_history()
+    history.record(snapshot(load_percent=None), LinkStatistics(0, None), 0.0)
+    for quantity in ("goal", "error", "load", "current"):
+        assert math.isnan(column(history, quantity)[0])
+    assert math.isnan(column(history, "round_trip", "")[0])
+    assert column(history, "losses", "") == [0.0]
+
+
+def test_telemetry_and_the_line_are_kept_beside_positions():
+    history = make_history()
+    history.record(snapshot(current_a=0.25), LINK, 0.0)
+    values = {q: column(history, q)[0] for q in ("load", "current", "temperature", "voltage")}
+    assert values == pytest.approx(
+        {"load": -4, "current": 0.25, "temperature": 31, "voltage": 12.1}
+    )
+    assert column(history, "round_trip", "") == pytest.approx([2.5])
+
+
+def test_a_sample_that_comes_too_soon_is_dropped():
+    history = fill(make_history(), 100, step_s=0.005)
+    assert np.diff(history.since(-math.inf).times_s).min() >= 0.0199
+
+
+def test_its_memory_never_grows_and_the_oldest_samples_go_first():
+    history = make_history(duration_s=1.0)
+    before = history.size_bytes
+    fill(history, 1000)
+    times = history.since(-math.inf).times_s
+    assert history.size_bytes == before
+    assert times[-1] == pytest.approx(999 * 0.02)
+    assert 1.0 <= times[-1] - times[0] < 1.1
+    assert (np.diff(times) > 0).all()
+
+
+def test_ten_minutes_of_seven_joints_stay_below_ten_megabytes():
+    history = History([f"joint{i}" for i in range(7)], [False] * 7)
+    assert history.size_bytes < 10e6
+
+
+def test_only_what_came_after_a_time_is_returned():
+    history = fill(make_history(), 50)
+    assert history.since(0.9).times_s.tolist() == pytest.approx([0.92, 0.94, 0.96, 0.98])
+    assert len(history.since(5.0).times_s) == 0
+
+
+def test_samples_that_are_overwritten_while_they_are_read_are_dropped(monkeypatch):
+    history = fill(make_history(duration_s=1.0), 54)
+    search = np.searchsorted
+
+    def overtake(*args, **options):
+        for row in range(54, 64):
+            history.record(snapshot(), LINK, row * 0.02)
+        return search(*args, **options)
+
+    monkeypatch.setattr("ikservo.apps.page.running.history.np.searchsorted", overtake)
+    times = history.since(-math.inf).times_s
+    assert times[0] == pytest.approx(11 * 0.02)
+    assert (np.diff(times) > 0).all()
+
+
+def test_the_ten_seconds_before_a_stop_stay_as_they_were():
+    history = fill(make_history(), 1000)
+    lost = LinkStatistics(lost=6, round_trip_s=0.02)  # by the cycle that failed
+    history.mark_stop("shoulder hit something", snapshot(), lost, 999 * 0.02 + 0.01)
+    fill(history, 2000)
+    stop = history.last_stop
+    assert stop.reason == "shoulder hit something"
+    assert stop.select([Channel("losses", "")])[-2:, 0].tolist() == [3.0, 6.0]
+    assert stop.times_s[-1] - stop.times_s[0] == pytest.approx(10.0, abs=0.03)
+
+
+def test_the_csv_file_has_units_in_its_names_and_nothing_where_nothing_was_measured():
+    history = fill(make_history(), 250)
+    rows = list(csv.DictReader("".join(csv_lines(history.since(-math.inf))).splitlines()))
+    assert len(rows) == 250
+    assert rows[100]["time_s"] == "2.000"
+    assert float(rows[100]["pan_position_deg"]) == pytest.approx(math.degrees(0.1), rel=1e-5)
+    assert rows[100]["slide_position_mm"] == "10"
+    assert rows[100]["pan_goal_deg"] == ""
+    assert rows[100]["losses"] == "3"
+    assert len(rows[0]) == 1 + len(history.channels)
+
+
+def test_the_link_adds_up_its_servos():
+    one, other = ServoStatistics(lost=2, garbled=1), ServoStatistics(lost=4)
+    one.round_trips_s.extend([0.5, 0.001])
+    other.round_trips_s.append(0.003)
+    assert LinkStatistics.of([one, other]) == LinkStatistics(7, 0.003)
+    assert LinkStatistics.of([ServoStatistics()]).round_trip_s is None
+
+
+def chosen(*quantities, joints=("pan",), **fields):
+    return ShowPlots(
+        kind="show_plots", seq=1, seen=0, quantities=list(quantities), joints=list(joints), **fields
+    )
+
+
+def test_closed_plots_send_nothing():
+    history, feed = fill(make_history(), 100), PlotFeed()
+    assert feed.frames(1, history, 2.0) == []
+    feed.choose(1, chosen("position"), history)
+    assert feed.frames(1, history, 2.0)
+    feed.choose(1, chosen(), history)
+    assert feed.frames(1, history, 3.0) == []
+
+
+def test_first_the_past_is_sent_then_what_is_new_five_times_a_second():
+    history, feed = fill(make_history(), 500), PlotFeed()
+    feed.choose(1, chosen("position", "round_trip", span_s=1), history)
+    (first,) = feed.frames(1, history, 9.98)
+    assert first["series"] == [
+        {"quantity": "position", "unit": "°", "joint": "pan"},
+        {"quantity": "round_trip", "unit": "ms", "joint": ""},
+    ]
+    assert first["times"][0] == pytest.approx(9.0)
+    assert feed.frames(1, history, 10.1) == []
+    history.record(snapshot(at=math.radians(5)), LINK, 10.0)
+    (later,) = feed.frames(1, history, 10.2)
+    assert (later["times"], later["values"]) == ([10.0], [[5.0], [2.5]])
+    assert "series" not in later
+
+
+@pytest.mark.full
+def test_ten_minutes_are_thinned_to_what_a_screen_shows():
+    history, feed = fill(make_history(), 31000), PlotFeed()
+    feed.choose(1, chosen("position", span_s=600), history)
+    (first,) = feed.frames(1, history, 620.0)
+    assert 590 <= len(first["times"]) <= 601
+
+
+def test_the_seconds_before_a_stop_are_sent_once_and_with_the_reason():
+    history, feed = fill(make_history(), 100), PlotFeed()
+    history.mark_stop("low supply", snapshot(), LINK, 2.0)
+    feed.choose(1, chosen("goal", stopped=True), history)
+    (frame,) = feed.frames(1, history, 2.0)
+    assert frame["reason"] == "low supply"
+    assert frame["values"] == [[None] * 101]
+    assert feed.frames(1, history, 3.0) == []
+
+
+@pytest.mark.parametrize(
+    ("message", "words"),
+    [
+        (chosen("position", joints=["nose"]), "no joint 'nose'"),
+        (chosen("position", stopped=True), "Nothing has stopped"),
+    ],
+)
+def test_what_cannot_be_plotted_is_reported(message, words):
+    with pytest.raises(BadMessageError, match=words):
+        PlotFeed().choose(1, message, make_history())
+
+
+def test_channels_of_the_line_have_no_joint():
+    assert make_history().channels[-2:] == (Channel("round_trip", "ms"), Channel("losses", ""))

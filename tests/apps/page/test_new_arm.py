@@ -1,0 +1,124 @@
+"""The dialogue of a new arm on the page: the questions of the command, and nothing without them."""
+
+import time
+
+import pytest
+
+from ikservo.apps.page.messages.page_messages import BadMessageError
+from ikservo.apps.page.panels.new_arm_panel import AnswerNewArm, NewArmPanel, StartNewArm
+from ikservo.model import load_model
+from tests.apps.importing.hidden_arm import hide_arm
+from tests.apps.importing.test_hostile import CHAIN, LINKS, robot
+from tests.oracle import CONFIGS
+
+
+@pytest.fixture
+def panel(tmp_path):
+    panel = NewArmPanel(tmp_path)
+    yield panel
+    panel.close()
+
+
+def start(panel, name="mine", source="", port=""):
+    message = StartNewArm(
+        kind="new_arm", seq=1, seen=0, name=name, source=str(source), port=str(port)
+    )
+    panel.start(message)
+
+
+def answer(panel, text, number=None):
+    number = number or panel.fields()["number"]
+    panel.answer(AnswerNewArm(kind="answer_new_arm", seq=1, seen=0, number=number, answer=text))
+
+
+def wait_for(panel, is_there, within_s=120.0):
+    written, until_s = (), time.monotonic() + within_s
+    while time.monotonic() < until_s:
+        written = written or panel.read()
+        if is_there(panel.fields()):
+            return written
+        time.sleep(0.02)
+    pytest.fail(f"still {panel.fields()}")
+
+
+def asked(text):
+    return lambda fields: text in (fields["question"] or {"text": ""})["text"]
+
+
+def ended(fields):
+    return bool(fields["error"] or fields["folders"])
+
+
+def test_an_arm_is_measured_and_written_only_when_that_was_agreed(panel, tmp_path):
+    start(panel)
+    wait_for(panel, asked("How many joints"))
+    with pytest.raises(BadMessageError):
+        answer(panel, "thirteen")
+    with pytest.raises(BadMessageError):
+        start(panel)
+    answer(panel, "2")
+    for text in ("z", "0.1", "y", "a yard", "0.12"):
+        wait_for(panel, lambda fields: fields["question"])
+        answer(panel, text)
+    wait_for(panel, asked("Write"))
+    answer(panel, "accept", number=1)  # to a question that is no longer asked
+    assert not list(tmp_path.iterdir())
+    answer(panel, "accept")
+    assert wait_for(panel, ended) == (tmp_path / "mine",)
+    assert load_model(tmp_path / "mine").chain.dof == 2
+
+
+def test_a_xacro_runs_nothing_unless_the_page_agrees(panel, tmp_path):
+    source, proof = tmp_path / "arm.xacro", tmp_path / "proof"
+    source.write_text(robot(LINKS.replace("'a'", f"\"${{open('{proof}', 'w')}}\""), CHAIN))
+    start(panel, source=source)
+    wait_for(panel, asked("Run them?"))
+    answer(panel, "no")
+    wait_for(panel, ended)
+    assert "xacro" in panel.fields()["error"]
+    assert not proof.exists()
+
+
+@pytest.mark.parametrize("source", ["/dev/zero", "nothing.urdf", ".."])
+def test_what_is_no_description_is_refused_by_a_sentence(panel, source):
+    start(panel, source=source)
+    wait_for(panel, ended)
+    assert panel.fields()["error"].endswith(".")
+
+
+@pytest.mark.full
+def test_leaving_ends_the_conversion_and_writes_nothing(panel, tmp_path):
+    start(panel, source=CONFIGS / "so101" / "arm.urdf")
+    wait_for(panel, asked("tip"))
+    panel.close()
+    assert panel.fields() is None
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.full
+def test_a_stop_ends_the_search_of_servos_and_writes_nothing(panel, tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
+    port = f"sim:{hide_arm(tmp_path / 'hidden')}?pose=home"
+    start(panel, source=CONFIGS / "so101" / "arm.urdf", port=port)
+    wait_for(panel, asked("Which link is the tip?"))
+    answer(panel, "")
+    wait_for(panel, asked("Move it?"))
+    assert panel.fields()["has_servos"]
+    process = panel._process
+    answer(panel, "accept")
+    wait_for(panel, lambda fields: "moving servo" in fields["progress"])
+    panel.stop_servos()
+    assert "Stopped" in panel.fields()["error"]
+    assert not panel.is_running
+    until_s = time.monotonic() + 30.0
+    while process.exitcode is None and time.monotonic() < until_s:
+        time.sleep(0.02)  # the panel waits for the process, and only one can
+    assert process.exitcode == 0  # by itself, after it has switched off the torque
+    assert not (tmp_path / "mine").exists()
+
+
+def test_a_page_of_another_machine_has_no_file_read(tmp_path):
+    panel = NewArmPanel(tmp_path, is_local=False)
+    with pytest.raises(BadMessageError, match="another machine"):
+        start(panel, source="/etc/passwd")
+    assert not panel.is_running

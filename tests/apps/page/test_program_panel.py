@@ -1,0 +1,388 @@
+"""The page's program in virtual time: captured, edited, kept, checked, played, stopped, resumed."""
+
+import math
+
+import pytest
+
+from ikservo.apps.page.messages import page_messages
+from ikservo.apps.page.messages import program_messages as msg
+from ikservo.apps.page.messages.page_messages import BadMessageError
+from ikservo.apps.page.running.record_job import SUFFIX
+from ikservo.apps.page.server.auth import Permission
+from ikservo.apps.teaching.program import read_program
+from ikservo.planning.motions import MoveJoints, Wait
+from servosim.faults import Fault
+from servosim.joint import Hand, glide
+from tests.apps.page.view_session import ViewSession
+from tests.arm.simulated import line_of, registers, true_joints, true_tip_m
+
+
+@pytest.fixture(autouse=True)
+def own_folder(tmp_path, monkeypatch):
+    monkeypatch.setenv("IKSERVO_HOME", str(tmp_path))
+    return tmp_path / "programs"
+
+
+@pytest.fixture
+def session():
+    with ViewSession() as session:
+        yield session
+
+
+def panel(session):
+    return session.controller._program
+
+
+def add(session, what, **fields):
+    session.send_message(msg.AddStep, what=what, **fields)
+    return panel(session).draft.steps[-1].number
+
+
+def teach_target(session, joint, value, path="joints"):
+    """Add a step that turns one joint, as the target of the preview."""
+    session.send_message(page_messages.SetJoint, joint=joint, value=value)
+    return add(session, "target", path=path)
+
+
+def run(session, action="play", step=None, on_cycle=lambda _count: None):
+    """Let the arm thread carry out a command, with heartbeats; return its state afterwards."""
+    session.send_message(msg.RunProgram, action=action, step=step)
+    arm_thread, count = session.arm_thread, 0
+    before = {name: getattr(arm_thread, name) for name in ("on_progress", "on_idle")}
+
+    def reported(name):
+        def tell(*progress):
+            nonlocal count
+            count += 1
+            session.send_message(page_messages.Heartbeat, visible=True)
+            before[name](*progress)
+            on_cycle(count)
+
+        return tell
+
+    for name in before:
+        setattr(arm_thread, name, reported(name))
+    session.send_message(page_messages.Heartbeat, visible=True)
+    arm_thread.step()
+    for name in before:
+        delattr(arm_thread, name)
+    return panel(session).state_fields()
+
+
+def degrees(session, joint):
+    return math.degrees(true_joints(session.arm)[joint])
+
+
+@pytest.mark.full
+def test_taught_steps_are_played_in_their_order_and_the_gripper_moves(session):
+    teach_target(session, "wrist_roll", 20.0)
+    add(session, "open")
+    add(session, "wait", wait_s=0.3)
+    last = teach_target(session, "wrist_roll", -10.0)
+    session.send_message(msg.MoveStep, step=last, to=0)
+    gripper = true_joints(session.arm)["gripper"]
+    state = run(session)
+    assert (state["phase"], state["reason"]) == ("done", "")
+    assert degrees(session, "wrist_roll") == pytest.approx(20.0, abs=0.5)
+    assert true_joints(session.arm)["gripper"] > gripper + 0.3
+
+
+def test_the_present_pose_is_a_step_by_joints_or_a_line_to_its_tip(session):
+    add(session, "arm")
+    add(session, "arm", path="line")
+    by_joints, by_line = (each.step for each in panel(session).draft.steps)
+    at = true_joints(session.arm)
+    assert set(by_joints.deg) == set(session.arm.chain.names)
+    for joint, value in by_joints.deg.items():
+        assert value == pytest.approx(math.degrees(at[joint]), abs=0.2)
+    assert by_line.tip_m == pytest.approx(true_tip_m(session.arm), abs=0.002)
+    assert by_line.path == "line"
+    shown = [each["text"] for each in panel(session).fields()["steps"]]
+    assert all(
+        text.startswith(words) for text, words in zip(shown, ["to ", "line to "], strict=True)
+    )
+
+
+def test_the_step_that_cannot_be_made_is_named_before_anything_moves(session):
+    teach_target(session, "wrist_roll", 20.0)
+    session.send_message(page_messages.SetJoint, joint="shoulder_lift", value=90.0)
+    session.send_message(page_messages.SetJoint, joint="elbow_flex", value=-20.0)
+    bad = add(session, "target")
+    add(session, "wait")
+    before = registers(session.arm, "goal_position")
+    for action in ("check", "play"):
+        state = run(session, action)
+        assert (state["phase"], state["step"]) == ("bad", bad)
+        (problem,) = state["problems"]
+        assert problem["step"] == bad
+        assert "gripper would touch the table" in problem["reason"]
+    assert registers(session.arm, "goal_position") == before
+    assert session.arm_thread.snapshot.stop_notice is None
+    assert "Step 2 of the program" in session.arm_thread.snapshot.messages[-1].message
+    session.send_message(msg.DeleteStep, step=bad)
+    assert panel(session).state_fields()["phase"] == "idle"
+    assert run(session, "check")["phase"] == "ok"
+    assert registers(session.arm, "goal_position") == before
+
+
+@pytest.mark.full
+def test_a_stop_in_a_step_holds_until_acknowledged_and_then_it_goes_on_from_there(session):
+    teach_target(session, "wrist_roll", 5.0)
+    second = teach_target(session, "wrist_roll", 60.0)
+
+    def stop_in_second(_count):
+        if panel(session).state_fields()["step"] == second and degrees(session, "wrist_roll") > 15:
+            session.send_message(page_messages.Stop)
+
+    state = run(session, on_cycle=stop_in_second)
+    assert (state["phase"], state["step"]) == ("stopped", second)
+    held = degrees(session, "wrist_roll")
+    assert held < 40.0
+    with pytest.raises(BadMessageError, match="was stopped"):
+        session.send_message(msg.RunProgram, action="play")
+    session.arm_thread.step()
+    assert degrees(session, "wrist_roll") == pytest.approx(held, abs=2.0)
+    session.send_message(page_messages.Acknowledge)
+    for _ in range(3):
+        session.arm_thread.step()
+    assert degrees(session, "wrist_roll") == pytest.approx(held, abs=2.0)
+    assert run(session, step=second)["phase"] == "done"
+    assert degrees(session, "wrist_roll") == pytest.approx(60.0, abs=0.5)
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize(
+    ("kind", "words"),
+    [("silent", "does not answer"), ("reset", "does not answer")],
+)
+def test_a_fault_in_the_middle_stops_the_program_in_its_step(session, kind, words):
+    add(session, "wait", wait_s=0.2)
+    turning = teach_target(session, "wrist_roll", 60.0)
+    line, failed = line_of(session.arm), []
+
+    def fail(_count):
+        if degrees(session, "wrist_roll") > 15 and not failed:
+            failed.append(kind)
+            line.faults.add(Fault(kind, id=5, at_s=line.world.time_s))
+
+    state = run(session, on_cycle=fail)
+    assert (state["phase"], state["step"]) == ("stopped", turning)
+    assert words in state["reason"]
+    assert session.arm_thread.snapshot.stop_notice is not None
+
+
+def test_every_step_that_cannot_be_made_is_named_at_once(session):
+    teach_target(session, "wrist_roll", 20.0)
+    folder = panel(session).draft.folder.path
+    folder.mkdir(parents=True, exist_ok=True)
+    bad = []
+    for name in ("one", "two"):
+        (folder / f"{name}{SUFFIX}").write_text("not a recording")
+        bad.append(add(session, "recording", recording=name))
+        add(session, "wait")
+    session.send_message(msg.SetProgram, speed="normal", repeat=2)
+    state = run(session, "check")
+    assert (state["phase"], state["step"]) == ("bad", bad[0])
+    assert [each["step"] for each in state["problems"]] == bad
+    said = [each.message for each in session.arm_thread.snapshot.messages[-2:]]
+    assert [message.partition(" of")[0] for message in said] == ["Step 2", "Step 4"]
+
+
+@pytest.mark.campaign
+def test_pause_ends_after_the_step_and_single_steps_follow_each_other(session):
+    first = teach_target(session, "wrist_roll", 10.0)
+    second = teach_target(session, "wrist_roll", 20.0)
+    third = teach_target(session, "wrist_roll", 30.0)
+    state = run(session, "step")
+    assert (state["phase"], state["step"]) == ("paused", second)
+    assert degrees(session, "wrist_roll") == pytest.approx(10.0, abs=0.5)
+
+    def pause(count):
+        if count == 40:
+            session.send_message(msg.RunProgram, action="pause")
+
+    state = run(session, "play", second, on_cycle=pause)
+    assert (state["phase"], state["step"], state["pausing"]) == ("paused", third, False)
+    assert run(session, "step", third)["phase"] == "done"
+    assert degrees(session, "wrist_roll") == pytest.approx(30.0, abs=0.5)
+    assert panel(session).state_fields()["step"] == first
+
+
+def test_a_page_that_goes_away_stops_the_program(session):
+    teach_target(session, "wrist_roll", 60.0)
+
+    def leave(count):
+        if count == 60:
+            session.controller.disconnect(session.client)
+            session.client = session.connect()
+
+    state = run(session, on_cycle=leave)
+    assert state["phase"] == "stopped"
+    assert degrees(session, "wrist_roll") < 40.0
+    assert "closed" in session.arm_thread.snapshot.stop_notice.message
+
+
+@pytest.mark.full
+def test_while_it_plays_nothing_else_moves_the_arm_and_it_is_not_edited(session):
+    teach_target(session, "wrist_roll", 40.0)
+    refused = []
+
+    def try_all(count):
+        if count != 60:
+            return
+        for kind, fields in [
+            (page_messages.SetJoint, {"joint": "wrist_roll", "value": -40.0}),
+            (page_messages.SetTorque, {"joint": "wrist_roll", "on": False}),
+            (page_messages.SetLive, {"on": True}),
+            (page_messages.CalibrationAnswer, {"action": "start"}),
+            (msg.AddStep, {"what": "wait"}),
+            (msg.RunProgram, {"action": "play"}),
+        ]:
+            with pytest.raises(BadMessageError) as error:
+                session.send_message(kind, **fields)
+            refused.append(error.value.message)
+
+    assert run(session, on_cycle=try_all)["phase"] == "done"
+    assert len(refused) == 6
+    assert degrees(session, "wrist_roll") == pytest.approx(40.0, abs=0.5)
+
+
+def test_a_saved_program_is_the_command_s_file_and_is_loaded_as_it_was(session, own_folder):
+    turn = teach_target(session, "wrist_roll", 20.0)
+    add(session, "pose", pose="home")
+    session.send_message(msg.ChangeStep, step=turn, speed="fast")
+    session.send_message(msg.SetProgram, speed="normal", repeat=3)
+    session.send_message(msg.ProgramFile, action="save", name="tea")
+    saved = read_program(own_folder / "tea.toml")
+    assert (saved.arm, saved.speed, saved.repeat) == ("so101", "normal", 3)
+    assert [step.action for step in saved.steps] == ["joints", "pose"]
+    assert saved.steps[0].speed == "fast"
+    session.send_message(msg.ProgramFile, action="new")
+    assert panel(session).draft.steps == ()
+    session.send_message(msg.ProgramFile, action="load", name="tea")
+    assert panel(session).draft.program() == saved
+    assert panel(session).fields()["names"] == ["tea"]
+
+
+def test_bad_files_and_steps_are_refused_and_the_program_stays(session, own_folder):
+    kept = add(session, "wait")
+    own_folder.mkdir()
+    (own_folder / "broken.toml").write_text('format = 1\narm = "so101"\n[[steps]]\nwait_s = -1.0\n')
+    (own_folder / "other.toml").write_text('format = 1\narm = "koch"\n[[steps]]\nwait_s = 1.0\n')
+    for kind, fields, words in [
+        (msg.ProgramFile, {"action": "load", "name": "broken"}, r"step 1, wait_s"),
+        (msg.ProgramFile, {"action": "load", "name": "other"}, "one for koch"),
+        (msg.ProgramFile, {"action": "load", "name": "none"}, "no program"),
+        (msg.ProgramFile, {"action": "save", "name": "other"}, "There is a program other"),
+        (msg.AddStep, {"what": "target"}, "No target is shown"),
+        (msg.AddStep, {"what": "pose", "pose": "hoem"}, "home"),
+        (msg.AddStep, {"what": "wait", "after": 99}, "That step is gone"),
+        (msg.DeleteStep, {"step": 99}, "That step is gone"),
+        (msg.ChangeStep, {"step": 99}, "That step is gone"),
+        (msg.RunProgram, {"action": "play", "step": 99}, "That step is gone"),
+        (msg.RunProgram, {"action": "pause"}, "No program is being played"),
+    ]:
+        with pytest.raises(BadMessageError, match=words):
+            session.send_message(kind, **fields)
+    assert [each.number for each in panel(session).draft.steps] == [kept]
+    assert (own_folder / "other.toml").read_text().startswith('format = 1\narm = "koch"')
+    session.send_message(msg.DeleteStep, step=kept)
+    with pytest.raises(BadMessageError, match="has no steps"):
+        session.send_message(msg.RunProgram, action="play")
+
+
+def test_a_watcher_sees_the_program_and_cannot_change_it(session):
+    watcher = session.connect(Permission.WATCH)
+    with pytest.raises(BadMessageError, match="watching only"):
+        session.send_message(msg.AddStep, watcher, what="wait")
+    number = add(session, "wait")
+    shown = session.latest_frames(watcher)
+    assert [step["number"] for step in shown["program"]["steps"]] == [number]
+    assert shown["program_state"]["phase"] == "idle"
+    assert "program" not in session.latest_frames(watcher)
+
+
+def record(session, on_cycle, cycles=60):
+    """Record the arm for a number of samples; ``on_cycle`` moves it meanwhile."""
+    session.send_message(msg.RecordStep, on=True)
+    idle, count = session.arm_thread.on_idle, 0
+
+    def reported():
+        nonlocal count
+        count += 1
+        session.send_message(page_messages.Heartbeat, visible=True)
+        idle()
+        on_cycle(count)
+        if count == cycles // 5:
+            session.send_message(msg.RecordStep, on=False)
+
+    session.arm_thread.on_idle = reported
+    session.send_message(page_messages.Heartbeat, visible=True)
+    session.arm_thread.step()
+    session.arm_thread.on_idle = idle
+    return session.latest_frames()
+
+
+@pytest.mark.full
+def test_a_limp_arm_is_recorded_by_hand_and_its_step_plays_what_the_hand_did(session):
+    session.arm.disable_torque()
+    world = line_of(session.arm).world
+    world.grasp("wrist_roll", Hand(glide(0.0, 0.4, speed=0.8), limit=20.0))
+    for joint in ("shoulder_lift", "elbow_flex", "wrist_flex"):  # the other hand
+        at = world.joint(joint).position
+        world.grasp(joint, Hand(lambda _, at=at: (at, 0.0), limit=20.0))
+    record(session, lambda _count: None)
+    world.hands.clear()
+    (step,) = panel(session).draft.steps
+    assert step.step.recording == "recording-1.jsonl"
+    there = degrees(session, "wrist_roll")
+    add(session, "wait", wait_s=0.1)
+    first = teach_target(session, "wrist_roll", 0.0)
+    session.send_message(msg.MoveStep, step=first, to=0)
+    state = run(session)
+    assert state["phase"] == "done", state
+    assert abs(there) > 10.0
+    assert degrees(session, "wrist_roll") == pytest.approx(there, abs=1.5)
+
+
+def test_an_arm_that_holds_is_not_recorded_and_the_page_says_why(session):
+    record(session, lambda _count: None)
+    assert not panel(session).draft.steps
+    assert "Relax or Release it first" in session.arm_thread.snapshot.messages[-1].message
+    assert panel(session).draft.recordings == []
+
+
+@pytest.mark.full
+def test_a_stop_ends_a_recording_without_a_step_and_it_can_be_added_from_the_list(session):
+    session.arm.disable_torque()
+    record(session, lambda count: count == 3 and session.send_message(page_messages.Stop))
+    assert session.arm_thread.snapshot.stop_notice is not None
+    assert not panel(session).draft.steps
+    add(session, "recording", recording="recording-1")
+    assert panel(session).draft.steps[0].step.recording == "recording-1.jsonl"
+    with pytest.raises(BadMessageError, match="no recording"):
+        add(session, "recording", recording="elsewhere")
+
+
+@pytest.mark.full
+def test_steps_of_any_motion_are_loaded_shown_played_and_saved(session, own_folder):
+    own_folder.mkdir(parents=True, exist_ok=True)
+    (own_folder / "mixed.toml").write_text(
+        'format = 1\narm = "so101"\n'
+        "[[steps]]\nmotion.move_joints = { positions = { wrist_roll = 0.3 } }\n"
+        "[[steps]]\nmotion.wait = { duration_s = 0.1 }\n"
+    )
+    session.send_message(msg.ProgramFile, action="load", name="mixed")
+    turn, wait = panel(session).fields()["steps"]
+    assert (turn["text"], turn["has_speed"]) == ("wrist_roll 0.3", True)
+    assert (wait["text"], wait["has_speed"]) == ("wait 0.1 s", False)
+    session.send_message(msg.ChangeStep, step=turn["number"], speed="fast")
+    assert run(session)["phase"] == "done"
+    assert true_joints(session.arm)["wrist_roll"] == pytest.approx(0.3, abs=0.01)
+    session.send_message(msg.ProgramFile, action="save", name="copy")
+    read = read_program(own_folder / "copy.toml").steps
+    assert [each.motion for each in read] == [
+        MoveJoints({"wrist_roll": 0.3}),
+        Wait(0.1),
+    ]
+    assert read[0].speed == "fast"

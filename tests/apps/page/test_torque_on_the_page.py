@@ -1,0 +1,100 @@
+"""What the page says of torque is what the servos say, in motion, at a stop and limp."""
+
+import pytest
+
+from ikservo.apps.page.messages import page_messages
+from ikservo.arm import open_arm
+from ikservo.arm.control_server import command_handler
+from ikservo.arm.service import ArmService
+from ikservo.serving.control_client import Command, Request
+from tests.apps.page.view_session import ViewSession
+from tests.arm.simulated import line_of, servo_id
+
+
+@pytest.fixture
+def session():
+    with ViewSession(open_arm("so101", "sim:?pose=home")) as session:
+        yield session
+
+
+@pytest.fixture
+def limp(session):
+    session.arm.disable_torque()
+    session.arm_thread.step()
+    return session
+
+
+def torque(session):
+    """Return what the page says of each servo's torque."""
+    return [row["torque"] for row in session.latest_frames()["status"]["health"]["joints"]]
+
+
+def go_there(session, on_progress):
+    """Let the arm go to the preview; a function is called in each control cycle of that."""
+    session.send_message(page_messages.SetJoint, joint="wrist_roll", value=40.0)
+    session.go_there()
+    original = session.arm_thread.on_progress
+
+    def seen(progress):
+        original(progress)
+        session.send_message(page_messages.Heartbeat, visible=True)
+        on_progress()
+
+    session.arm_thread.on_progress = seen
+    session.arm_thread.step()
+    session.arm_thread.on_progress = original
+
+
+@pytest.mark.full
+def test_a_limp_arm_that_goes_somewhere_is_shown_as_holding_from_its_first_cycle(limp):
+    said = []
+    go_there(limp, lambda: said or said.append(torque(limp)))
+    assert set(said[0]) == {"on"}
+
+
+def test_a_stop_of_an_arm_that_was_limp_before_its_motion_says_that_it_holds(limp):
+    go_there(limp, lambda: limp.send_message(page_messages.Stop, by="Escape"))
+    notice = limp.arm_thread.snapshot.stop_notice
+    assert notice.message == "Stopped by the Escape key on the page; torque stays on."
+
+
+def test_a_stop_of_a_limp_arm_says_that_it_is_limp(limp):
+    limp.send_message(page_messages.Stop, by="Escape")
+    limp.arm_thread.step()
+    assert limp.arm_thread.snapshot.stop_notice.message.endswith("torque is off, the arm is limp.")
+
+
+def test_a_servo_that_lost_torque_is_named_by_a_stop_in_the_same_instant(session):
+    line = line_of(session.arm)
+    line.servos[servo_id("so101", "wrist_flex")].write("torque_enable", 0)
+    session.send_message(page_messages.Stop, by="button")
+    session.arm_thread.step()
+    assert "the torque of wrist_flex is off" in session.arm_thread.snapshot.stop_notice.message
+
+
+@pytest.mark.full
+def test_an_arm_that_is_guided_by_hand_is_shown_as_limp_after_its_motions(session):
+    go_there(session, lambda: None)
+    session.arm.disable_torque()
+    session.arm_thread.step()
+    for _ in range(3):
+        session.clock.sleep_until(session.clock.now_s() + 0.2)
+        session.arm_thread.on_guided(session.arm_thread.snapshot.measured)
+    assert set(torque(session)) == {"off"}
+
+
+@pytest.mark.parametrize(("on", "says"), [(True, "Stopped from another terminal; torque stays on."),
+                                          (False, "torque is off, the arm is limp.")])  # fmt: skip
+def test_a_stop_from_another_terminal_is_shown_on_an_arm_at_rest(session, on, says):
+    if not on:
+        session.arm.disable_torque()
+    session.arm_thread.step()
+    command_handler(ArmService(session.arm))(Request(Command.STOP))
+    session.arm_thread.step()
+    status = session.latest_frames()["status"]
+    assert status["mode"] == "stopped"
+    assert status["banner"]["message"].endswith(says)
+    session.send_message(page_messages.Acknowledge)
+    session.arm_thread.step()
+    session.arm_thread.step()
+    assert session.latest_frames()["status"]["mode"] == "preview"

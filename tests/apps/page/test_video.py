@@ -1,0 +1,153 @@
+"""The camera's picture: behind the page's keys, read while somebody looks, told when unplugged."""
+
+import asyncio
+import json
+import subprocess
+import sys
+
+import httpx
+import numpy as np
+import pytest
+
+from ikservo.apps.page.page_app import ViewApp
+from ikservo.apps.page.panels.video import VideoSource
+from ikservo.apps.page.served_arms import ArmAtPort
+from ikservo.clock import RealClock
+from ikservo.errors import InputError, PictureError
+from ikservo.model import load_model
+from tests.apps.page.socket_clients import SocketClient
+from tests.apps.page.webcam import Webcam
+from tests.browser.page_operator import until
+
+cv2 = pytest.importorskip("cv2")
+
+
+class SteppedClock(RealClock):
+    """The real time, moved on by a test."""
+
+    ahead_s = 0.0
+
+    def now_s(self):
+        return super().now_s() + self.ahead_s
+
+
+@pytest.fixture
+def film(tmp_path):
+    """A file of two blue pictures."""
+    path = tmp_path / "film.avi"
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter_fourcc(*"MJPG"), 10, (64, 48))
+    for _ in range(2):
+        writer.write(np.full((48, 64, 3), (255, 0, 0), np.uint8))
+    writer.release()
+    return path
+
+
+def picture_of(part):
+    header, _, jpeg = part.partition(b"\r\n\r\n")
+    assert header.startswith(b"--picture\r\nContent-Type: image/jpeg")
+    return cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_COLOR)
+
+
+@pytest.mark.full
+def test_a_page_sees_the_pictures_at_an_address_that_its_key_gives_once(film):
+    app = ViewApp([ArmAtPort(load_model("planar2"), "sim")], cameras=[str(film)])
+    with app as urls, app.serve_in_thread():
+        url = urls.control.partition("/#")[0]
+        client = SocketClient(url, path="/arms").prove(app.keys.watch)
+        assert client.receive_kind("arms")["arms"][0]["camera"] == {
+            "name": "film.avi",
+            "trouble": "",
+            "choices": ["film.avi"],
+            "chosen": "film.avi",
+        }
+        client.send_message("show_camera", arm="planar2")
+        address = f"{url}/{client.receive_kind('camera_url')['url']}"
+        with httpx.stream("GET", address, timeout=20) as answer:
+            assert answer.headers["content-type"].startswith("multipart/x-mixed-replace")
+            assert "default-src 'none'" in answer.headers["content-security-policy"]
+            received = b""
+            for part in answer.iter_bytes():
+                received += part
+                if received.count(b"--picture") > 3:  # the file has two: it is repeated
+                    break
+        assert picture_of(received)[0, 0].tolist() == pytest.approx([255, 0, 0], abs=6)
+        assert httpx.get(address).status_code == 404
+        client.close()
+
+
+def test_a_camera_is_read_only_while_somebody_looks_and_says_when_it_is_unplugged():
+    webcam, clock = Webcam(), SteppedClock()
+    with VideoSource("0", clock, webcam.open) as source:
+        assert (webcam.opened, source.trouble) == (0, "")
+        loop, looking = asyncio.new_event_loop(), source.stream()
+        red = picture_of(loop.run_until_complete(anext(looking)))
+        assert red[0, 0].tolist() == pytest.approx([0, 0, 255], abs=6)
+        assert source.trouble == ""
+        webcam.plugged = False
+        clock.ahead_s = 3.0
+        until(lambda: source.trouble)
+        assert "camera 0" in source.trouble
+        webcam.plugged = True
+        until(lambda: not source.trouble)
+        loop.run_until_complete(looking.aclose())  # as the server does once its page is gone
+        loop.close()
+        until(lambda: webcam.released == webcam.opened)
+
+
+@pytest.mark.parametrize(
+    ("error", "said"),
+    [
+        (PictureError("Camera 0 gives no picture any more."), "gives no picture any more"),
+        (RuntimeError("a driver"), "it has failed: RuntimeError('a driver')"),
+    ],
+)
+def test_a_camera_that_raises_is_reported_and_its_picture_comes_back(error, said):
+    webcam, clock = Webcam(), SteppedClock()
+    with VideoSource("0", clock, webcam.open) as source:
+        loop, looking = asyncio.new_event_loop(), source.stream()
+        loop.run_until_complete(anext(looking))
+        webcam.error = error
+        clock.ahead_s = 3.0
+        until(lambda: said in source.trouble, lambda: source.trouble)
+        assert not source.is_fresh
+        webcam.error = None
+        until(lambda: source.is_fresh and not source.trouble)
+        loop.run_until_complete(looking.aclose())
+        loop.close()
+        until(lambda: webcam.released == webcam.opened)
+
+
+@pytest.mark.parametrize("source", ["/dev/videoNOTHERE", "film.mp4", "", 5000 * "a"])
+def test_a_camera_that_is_not_there_is_refused(source):
+    with pytest.raises(InputError, match=f"no camera or file {source}"):
+        VideoSource(source, RealClock())
+
+
+def test_the_address_of_a_camera_hides_what_may_be_secret_in_it():
+    source = VideoSource("http://user:secret@cam.lan:8080/video?key=secret", RealClock())
+    assert source.name == "…@cam.lan:8080/video?…"
+    assert VideoSource("http://[cam", RealClock()).name == "…"
+
+
+def test_whether_a_camera_is_there_is_found_without_a_word_of_its_driver():
+    pytest.importorskip("cv2")
+    program = """if True:
+        from ikservo.clock import RealClock
+        from ikservo.apps.page.panels.video import VideoSource
+        for source in ("http://[cam", "http://127.0.0.1:1/video", 5000 * "9"):
+            assert not VideoSource(source, RealClock()).can_be_opened()"""
+    run = subprocess.run(  # FFmpeg is told once for each process
+        [sys.executable, "-c", program], capture_output=True, text=True, timeout=60, check=False
+    )
+    assert (run.returncode, run.stdout, run.stderr) == (0, "", "")
+
+
+@pytest.mark.full
+def test_without_a_camera_there_is_none_to_ask_for():
+    app = ViewApp([ArmAtPort(load_model("planar2"), "sim")])
+    with app as urls, app.serve_in_thread():
+        client = SocketClient(urls.control.partition("/#")[0], path="/arms").prove(app.keys.control)
+        assert client.receive_kind("arms")["arms"][0]["camera"] is None
+        client.send_message("show_camera", arm="planar2")
+        assert "no camera" in json.dumps(client.receive_kind("refused"))
+        client.close()

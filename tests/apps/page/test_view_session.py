@@ -1,0 +1,566 @@
+"""The controller and its arm thread in virtual time: who moves the arm, and what holds it."""
+
+import math
+import threading
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ikservo.apps.page.dragging.interaction import Interaction
+from ikservo.apps.page.frames import FrameComposer
+from ikservo.apps.page.messages import page_messages
+from ikservo.apps.page.messages.page_messages import BadMessageError
+from ikservo.apps.page.picking.joint_dials import joint_dials
+from ikservo.apps.page.picking.link_poses import link_poses
+from ikservo.apps.page.picking.viewpoints import Viewpoint
+from ikservo.apps.page.server.auth import Permission
+from ikservo.apps.page.server.page_connection import Client
+from ikservo.arm import StopKind, StopReason, open_arm
+from servosim.faults import Fault
+from tests.apps.page.view_session import ViewSession
+from tests.arm.simulated import line_of, registers, true_tip_m
+from tests.arm.test_first_motion import narrowed
+
+
+@pytest.fixture
+def session():
+    with ViewSession() as session:
+        yield session
+
+
+@pytest.mark.campaign
+def test_a_click_moves_the_simulated_servos_to_its_place(session):
+    session.enable_live()
+    session.click(480, 300)
+    wanted = session.interaction.marker.target_m
+    session.run()
+    assert math.dist(true_tip_m(session.arm), wanted) < 0.002
+
+
+def test_the_target_of_a_grabbed_link_is_called_so(session):
+    session.click(480, 300)
+    assert [name for name, *_ in session.latest_frames()["status"]["tip"]][:2] == ["tip", "target"]
+    session.interaction.marker = replace(session.interaction.marker, frame="gripper")
+    assert "target of gripper" in [name for name, *_ in session.latest_frames()["status"]["tip"]]
+
+
+@pytest.mark.full
+def test_live_without_a_target_moves_nothing(session):
+    session.enable_live().click(480, 300)
+    session.run()  # goals lead the joints from here on
+    before_m = true_tip_m(session.arm)
+    session.enable_live().run(cycles=200)
+    assert math.dist(true_tip_m(session.arm), before_m) < 0.0005
+
+
+@pytest.mark.full
+def test_after_a_cancelled_gesture_the_joints_stay(session):
+    session.enable_live()
+    session.point("down", 480, 300)
+    session.run(cycles=150, on_cycle=lambda number: number == 100 and session.point("cancel", 0, 0))
+    cancelled_m = true_tip_m(session.arm)
+    session.run(cycles=200)
+    assert math.dist(true_tip_m(session.arm), cancelled_m) < 0.002
+
+
+def test_without_live_a_click_moves_nothing(session):
+    before = registers(session.arm, "goal_position")
+    session.click(480, 300)
+    session.run()
+    assert registers(session.arm, "goal_position") == before
+    assert session.interaction.goal is not None
+
+
+@pytest.mark.full
+def test_every_goal_of_a_wild_drag_is_inside_the_limits(session):
+    session.enable_live()
+    session.point("down", 480, 300)
+    seen = []
+
+    def wander(number):
+        session.point("move", 450 + 800 * math.sin(number / 7), 350 + 700 * math.cos(number / 11))
+        seen.append(session.arm_thread.snapshot.reference)
+
+    session.run(cycles=300, on_cycle=wander)
+    chain = session.arm.chain
+    goals = np.array(seen)[:, : chain.dof]
+    assert (goals >= chain.lower_rad - 1e-3).all()
+    assert (goals <= chain.upper_rad + 1e-3).all()
+    assert np.abs(np.diff(goals, axis=0)).max() > 0.0
+
+
+def test_a_silent_page_holds_within_the_dead_man_time(session):
+    session.enable_live()
+    session.send_message(page_messages.SetSpeed, name="slow")
+    session.click(480, 300)
+    sent_s, goals = session.clock.now_s(), []
+    see = session.arm_thread.on_cycle
+    session.arm_thread.on_cycle = lambda cycle: (
+        see(cycle),
+        goals.append((session.clock.now_s(), cycle.goals)),
+    )
+    session.arm_thread.step()
+    moved_s = [s for (s, goal), (_, before) in zip(goals[1:], goals, strict=False)
+               if not np.array_equal(goal, before)]  # fmt: skip
+    braking_s = 0.25 + 0.02  # and two cycles
+    assert 0.2 < moved_s[-1] - sent_s < 0.3 + braking_s
+    assert not session.latest_frames()["status"]["live"]
+
+
+def test_after_silence_only_live_begins_again(session):
+    session.enable_live()
+    session.click(480, 300)
+    session.arm_thread.step()
+    session.arm_thread.step()  # reads the joints: the last goals, which have no reply, have come
+    before = registers(session.arm, "goal_position")
+    session.send_message(page_messages.Heartbeat, visible=True)
+    session.click(480, 300)
+    session.run(cycles=50)
+    assert registers(session.arm, "goal_position") == before
+
+
+def test_a_hidden_page_holds(session):
+    session.enable_live()
+    session.click(480, 300)
+    session.run(
+        on_cycle=lambda n: n == 5 and session.send_message(page_messages.Heartbeat, visible=False)
+    )
+    assert not session.latest_frames()["status"]["live"]
+
+
+def test_a_page_that_leaves_holds(session):
+    session.enable_live()
+    session.click(480, 300)
+    session.controller.disconnect(session.client)
+    assert not session.arm_thread.command.live
+
+
+@pytest.mark.full
+def test_a_gesture_that_is_taken_back_holds_the_arm_where_it_is(session):
+    session.enable_live()
+    start = session.arm_thread.snapshot.measured
+    session.point("down", 480, 300)
+    session.run(on_cycle=lambda n: n == 120 and session.point("cancel", 480, 300))
+    session.run(cycles=200)
+    assert np.abs(session.goals[0] - start).max() > 0.1
+    assert np.ptp(session.measured, axis=0).max() < 0.06  # what a joint lagged while it moved
+    assert np.ptp(session.measured[100:], axis=0).max() < 0.004
+
+
+CUT_S = [0.15 + number * 0.009 for number in range(100)]
+STILL_RAD = 5e-4  # from one goal to the next
+CYCLE_S = 0.02  # until a cycle handles it and goals are sent
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize(("way", "notice_s"), [("closed", 0.0), ("silent", 0.3)])
+@pytest.mark.parametrize(
+    "cuts",
+    [CUT_S[5::50], *(pytest.param(CUT_S[n::5], marks=pytest.mark.campaign) for n in range(5))],
+    ids=lambda cuts: f"{len(cuts)} from {cuts[0]:.3f} s",
+)
+def test_a_line_that_is_cut_in_mid_drag_holds_the_arm_each_time(session, cuts, way, notice_s):
+    for cut_s in cuts:
+        assert held_s(session, cut_s, way) - cut_s < notice_s + CYCLE_S + longest_brake_s(
+            session.arm
+        )
+        assert not session.arm_thread.command.live
+
+
+def longest_brake_s(arm):
+    """Return what it takes at most to come to rest: speed that still grows ends growing first."""
+    pace = arm.model.speed("fast")
+    return pace.rad_s / pace.rad_s2 + 2.0 * pace.rad_s2 / pace.rad_s3
+
+
+def held_s(session, cut_s, way):
+    """Drag until the line is cut; return when the servos were last sent a new goal."""
+    heartbeats_s = []
+
+    def drag(_):
+        heartbeats_s.append(session.clock.now_s())
+        now_s = heartbeats_s[-1] - heartbeats_s[0]
+        if now_s < cut_s:
+            angle = 6.0 * now_s
+            session.point("move", 480 + 90 * math.cos(angle), 300 + 90 * math.sin(angle))
+        elif way == "closed" and session.arm_thread.command.live:
+            session.controller.disconnect(session.client)
+            session.client = session.connect()
+
+    session.enable_live()
+    session.point("down", 570, 300)
+    sent_goals = session.record_goals()
+    session.run(on_cycle=drag, heartbeats=False)
+    session.point("cancel", 480, 300)
+    goals = np.array([goal for _, goal in sent_goals])
+    changed = np.flatnonzero(np.abs(np.diff(goals, axis=0)).max(axis=1) > STILL_RAD) + 1
+    return sent_goals[changed[-1]][0] - heartbeats_s[0]
+
+
+def test_a_stop_after_an_acknowledgement_stands(session):
+    session.send_message(page_messages.Stop)
+    session.arm_thread.step()
+    session.send_message(page_messages.Acknowledge)
+    session.send_message(page_messages.Stop)
+    session.arm_thread.step()
+    assert session.latest_frames()["status"]["mode"] == "stopped"
+
+
+def test_a_fault_of_the_view_itself_is_reported(session):
+    def fail():
+        raise ZeroDivisionError
+
+    session.arm_thread.step = fail
+    with pytest.raises(ZeroDivisionError):
+        session.arm_thread._run_thread()
+    assert "has failed" in session.latest_frames()["status"]["banner"]["message"]
+
+
+def test_the_limits_of_an_arm_that_was_opened_again_are_the_new_ones(session):
+    before = session.interaction
+    session.latest_frames()
+    assert session.interaction is before
+    session.arm_thread.arm = open_arm("so101", "sim:?pose=home")
+    session.latest_frames()
+    assert session.interaction._chain is session.arm_thread.arm.chain
+    session.arm_thread.arm.close()
+
+
+@pytest.mark.full
+def test_a_trigger_opens_the_gripper_and_lifting_it_stops_the_jaws(session):
+    session.enable_live()
+    before = session.arm_thread.snapshot.measured[-1]
+    closing = session.arm.model.gripper.closed - session.arm.model.gripper.open
+
+    def press(number):
+        if number % 5 == 0:
+            session.send_message(
+                page_messages.Gamepad, axes=[0, 0, 0, 0], grip=-1.0 if number < 60 else 0.0
+            )
+
+    session.run(cycles=250, on_cycle=press)
+    goals = np.array(session.goals)
+    assert (goals[-1, -1] - before) * closing < -0.05
+    assert np.ptp(goals[150:, -1]) < 0.02
+    assert np.ptp(goals[:, :-1], axis=0).max() < 0.04
+
+
+def test_live_that_is_thrown_again_while_the_arm_brakes_is_thrown(session):
+    session.enable_live()
+    session.click(480, 300)
+
+    def off_and_on(number):
+        if number == 40:
+            session.send_message(page_messages.SetLive, on=False)
+            session.send_message(page_messages.SetLive, on=True)
+
+    session.run(cycles=200, on_cycle=off_and_on)
+    assert session.latest_frames()["status"]["live"]
+
+
+def test_a_stop_latches(session):
+    session.enable_live()
+    session.click(480, 300)
+    session.run(on_cycle=lambda n: n == 5 and session.send_message(page_messages.Stop))
+    session.arm_thread.step()
+    assert session.latest_frames()["status"]["mode"] == "stopped"
+    with pytest.raises(BadMessageError, match="The arm was stopped"):
+        session.enable_live()
+
+
+def test_a_stop_without_words_is_a_stop(session):
+    session.arm_thread.request_stop(StopReason(StopKind.CLIENT))
+    session.arm_thread.step()
+    assert session.latest_frames()["status"]["mode"] == "stopped"
+    assert session.arm.stop_reason.kind is StopKind.CLIENT
+
+
+@pytest.mark.full
+def test_after_an_acknowledgement_the_arm_moves_again(session):
+    session.send_message(page_messages.Stop)
+    session.arm_thread.step()
+    session.send_message(page_messages.Acknowledge)
+    session.arm_thread.step()
+    session.enable_live()
+    session.click(480, 300)
+    wanted = session.interaction.marker.target_m
+    session.run()
+    assert math.dist(true_tip_m(session.arm), wanted) < 0.002
+
+
+def test_a_silent_servo_is_named_on_the_banner(session):
+    session.enable_live()
+    session.click(480, 300)
+    silent = Fault("silent", id=3, at_s=line_of(session.arm).world.time_s + 0.1)
+    line_of(session.arm).faults.add(silent)
+    session.run()
+    assert "elbow_flex (id 3)" in session.latest_frames()["status"]["banner"]["message"]
+
+
+ASKING = [
+    (page_messages.SetLive, {"on": True}),
+    (page_messages.Stop, {}),
+    (page_messages.Acknowledge, {}),
+    (page_messages.TakeControl, {"on": True}),
+    (page_messages.SetSpeed, {"name": "fast"}),
+    (page_messages.SetSolver, {"name": "ccd"}),
+    (page_messages.GoToPose, {"name": "rest"}),
+    (page_messages.CalibrationAnswer, {"action": "start"}),
+    (page_messages.Key, {"key": "ArrowUp"}),
+    (page_messages.SelectBehind, {"step": 1}),
+    (page_messages.PreferPosture, {"pose": "rest"}),
+    (page_messages.Gamepad, {"axes": [1, 0, 0, 0]}),
+    (page_messages.Wheel, {"x": 480, "y": 300, "notches": 1}),
+    (page_messages.Pointer, {"phase": "down", "x": 480, "y": 300, "button": 0, "pointer": 1}),
+]
+
+
+def pixel_of_hub(session, joint):
+    chain, q = session.arm.chain, session.chain_joints()
+    dial = next(dial for dial in joint_dials(chain, q) if dial.name == joint)
+    return session.camera().project(dial.hub(link_poses(chain, q, {}), q))[0].tolist()
+
+
+def test_what_is_under_the_pointer_is_reported_by_depth(session):
+    session.point("hover", *pixel_of_hub(session, "elbow_flex"))
+    under = session.latest_frames()["status"]["under"]
+    links = [row for row in under if row["depth"]]
+    assert links[0]["name"] in {"upper_arm", "forearm"}
+    assert links[0]["depth"] == "nearest"
+    assert [row["chosen"] for row in under] == [True] + [False] * (len(under) - 1)
+    assert under[len(links)]["name"] == "the tip moves here"
+
+
+def test_the_key_for_behind_chooses_the_next_of_them(session):
+    session.point("hover", *pixel_of_hub(session, "elbow_flex"))
+    first = session.latest_frames()["scene"]["hover"]
+    session.send_message(page_messages.SelectBehind, step=1)
+    sent_goals = session.latest_frames()
+    assert sent_goals["status"]["under"][1]["chosen"]
+    assert sent_goals["scene"]["hover"] != first
+
+
+def test_after_a_tap_the_list_stays_though_a_finger_leaves(session):
+    fields = {"x": 480, "y": 300, "button": 0, "pointer": 1, "touch": True}
+    for phase in ("down", "up", "leave"):
+        session.send_message(page_messages.Pointer, phase=phase, **fields)
+    assert session.latest_frames()["status"]["under"]
+    session.point("leave", 480, 300)
+    assert not session.latest_frames()["status"]["under"]
+
+
+def test_over_nothing_only_the_tip_can_come(session):
+    session.point("hover", 5, 5)
+    assert [row["name"] for row in session.latest_frames()["status"]["under"]] == [
+        "the tip moves here"
+    ]
+
+
+@pytest.mark.full
+@pytest.mark.sample(1)
+@pytest.mark.parametrize("method", ["ccd", "transpose"])
+def test_a_drag_is_answered_by_the_chosen_method_and_goes_on_while_the_pointer_rests(
+    session, method
+):
+    session.send_message(page_messages.SetSolver, name=method)
+    tip_m = session.arm.chain.forward(session.chain_joints())[:3, 3]
+    tip = session.camera().project(tip_m)[0].tolist()
+    session.point("down", *tip)
+    session.point("move", tip[0] + 30, tip[1] - 30)
+    assert session.latest_frames()["status"]["solver"]["text"].startswith(f"{method}: ")
+    for _ in range(200):
+        session.latest_frames()
+    assert session.interaction.marker.gap_m < 2e-3
+
+
+def test_the_preferred_posture_is_reported_and_leans_where_the_tip_leaves_freedom(session):
+    session.send_message(page_messages.PreferPosture, pose="rest", weights={"shoulder_pan": 0.0})
+    session.click(480, 300)
+    leaning, gestures = session.interaction.goal, session.interaction
+    session.send_message(page_messages.PreferPosture, pose="none")
+    gestures.reset()
+    session.click(480, 300)
+    assert gestures.marker.reached
+    assert np.abs(leaning - gestures.goal).max() > 0.05
+    assert session.latest_frames()["status"]["preference"]["pose"] == "none"
+
+
+def test_a_method_without_a_null_space_says_that_it_does_not_lean(session):
+    session.send_message(page_messages.PreferPosture, pose="rest")
+    assert session.latest_frames()["status"]["preference"]["note"] == ""
+    session.send_message(page_messages.SetSolver, name="ccd")
+    assert "does not lean" in session.latest_frames()["status"]["preference"]["note"]
+
+
+@pytest.mark.sample(1)
+@pytest.mark.parametrize(
+    ("fields", "why"),
+    [
+        ({"pose": "nowhere"}, "no pose"),
+        ({"pose": "rest", "weights": {"knee": 1.0}}, "no joint"),
+    ],
+)
+def test_a_preference_that_makes_no_sense_is_refused(session, fields, why):
+    with pytest.raises(BadMessageError, match=why):
+        session.send_message(page_messages.PreferPosture, **fields)
+    assert session.latest_frames()["status"]["preference"]["pose"] == "none"
+
+
+def test_an_iteration_that_ends_at_another_point_does_not_call_it_the_nearest_point(session):
+    session.send_message(page_messages.SetSolver, name="transpose")
+    session.click(60, 60)
+    assert "transpose ended" in session.latest_frames()["status"]["messages"][-1]["message"]
+
+
+def posture_rows(sent_goals):
+    return {name: words for name, words, _ in sent_goals["status"]["posture"]}
+
+
+def later(session, name):
+    """Return words about the posture that take a while to be found out."""
+    for _ in range(500):
+        sent_goals = session.latest_frames()
+        if "status" in sent_goals and name in posture_rows(sent_goals):
+            return posture_rows(sent_goals)[name]
+        threading.Event().wait(0.01)
+    raise AssertionError(f"{name} is never sent")
+
+
+def test_manipulability_is_that_of_the_jacobian(session):
+    q = session.arm_thread.snapshot.measured[:5]
+    J = session.arm.chain.jacobian(q)[:3]
+    value, unit = posture_rows(session.latest_frames())["manipulability"].split(",")[0].split()
+    assert float(value) == pytest.approx(math.sqrt(np.linalg.det(J @ J.T)), rel=0.05)
+    assert unit == "m³"
+
+
+def test_the_nearest_singularity_and_hidden_links_are_reported_once_the_arm_rests(session):
+    assert later(session, "singularity").endswith(("inside the limits", "elbow_flex"))
+    session.send_message(page_messages.SetViewport, w=900, h=700, dpr=1, view="top")
+    assert "shoulder (by " in later(session, "hidden here")
+
+
+def refused_request(session, client, asking, why):
+    """Say that nothing of all that is done, and for which reason."""
+    drag_command = session.arm_thread.command
+    for kind, fields in asking:
+        with pytest.raises(BadMessageError, match=why):
+            session.send_message(kind, client, **fields)
+        assert session.arm_thread.command is drag_command, kind.__name__
+
+
+def test_who_only_watches_changes_nothing(session):
+    asking = [(kind, fields) for kind, fields in ASKING if kind is not page_messages.Stop]
+    refused_request(session, session.connect(Permission.WATCH), asking, "for watching only")
+
+
+def test_watcher_stops_arm_and_cannot_acknowledge(session):
+    watcher = session.connect(Permission.WATCH)
+    session.send_message(page_messages.Stop, watcher)
+    assert session.arm.stop_reason.kind is StopKind.CLIENT
+    with pytest.raises(BadMessageError, match="for watching only"):
+        session.send_message(page_messages.Acknowledge, watcher)
+    assert session.arm.stop_reason
+
+
+def test_who_is_not_in_control_changes_nothing(session):
+    free = (page_messages.Stop, page_messages.Acknowledge, page_messages.TakeControl)
+    asking = [(kind, fields) for kind, fields in ASKING if kind not in free]
+    refused_request(session, session.connect(), asking, "Another page")
+
+
+def test_everybody_with_the_key_may_stop(session):
+    session.send_message(page_messages.Stop, session.connect())
+    session.arm_thread.step()
+    assert session.latest_frames()["status"]["mode"] == "stopped"
+
+
+def test_taking_control_takes_live_off(session):
+    session.enable_live()
+    other = session.connect()
+    session.send_message(page_messages.TakeControl, other, on=True)
+    assert not session.arm_thread.command.live
+    assert session.latest_frames(other)["status"]["controller"] == "you"
+
+
+def test_who_comes_next_begins_slowly(session):
+    session.enable_live()
+    session.controller.disconnect(session.client)
+    assert session.latest_frames(session.connect())["status"]["speed"] == "slow"
+
+
+def test_an_unknown_pose_is_refused_with_the_known_ones(session):
+    for name in ("nowhere", "homes"):
+        with pytest.raises(BadMessageError, match="no pose"):
+            session.send_message(page_messages.GoToPose, name=name)
+
+
+@pytest.mark.parametrize(
+    ("pose", "joint", "upper_deg"), [("rest", "elbow_flex", 80.0), ("home", "wrist_flex", 57.0)]
+)
+def test_a_pose_beyond_narrower_limits_is_gone_to_at_the_limit_and_reported(pose, joint, upper_deg):
+    model = narrowed("so101", **{joint: (-90.0, upper_deg)})
+    with ViewSession(open_arm(model, f"sim:{model.path}?pose=zero")) as session:
+        session.send_message(page_messages.GoToPose, name=pose)
+        goal = dict(zip(session.arm.where().names, session.interaction.goal, strict=True))
+        # as far inside as friction may keep it short of a goal: 0.070 N m on 17.5 N m/rad
+        inside_deg = upper_deg - math.degrees(0.070 / 17.5)
+        assert math.degrees(goal[joint]) == pytest.approx(inside_deg, abs=0.1)
+        assert any(entry.message.startswith(joint) for entry in session.interaction.messages)
+
+
+def test_what_stands_still_is_not_sent_sixty_times_a_second(session):
+    session.latest_frames()
+    assert [frame["kind"] for frame in session.controller.frames(session.client)] == []
+
+
+def test_the_goal_of_a_wheel_is_a_degree_a_notch(session):
+    x, y = pixel_of_hub(session, "elbow_flex")
+    session.send_message(page_messages.Wheel, x=x, y=y, notches=3)
+    turned = session.interaction.goal - session.arm_thread.snapshot.measured
+    assert math.degrees(np.abs(turned).max()) == pytest.approx(3.0, abs=0.3)
+
+
+def test_commands_to_the_arm_thread_are_posted_whole(session):
+    command = replace(session.arm_thread.command, speed="fast")
+    session.arm_thread.post(command)
+    assert session.arm_thread.command is command
+    with pytest.raises(AttributeError):
+        session.arm_thread.command = command
+
+
+def test_a_page_that_has_sent_no_size_has_no_camera(session):
+    client = Client(9, Permission.WATCH, Viewpoint("side"))
+    with pytest.raises(BadMessageError, match="size of its drawing"):
+        FrameComposer(
+            session.arm_thread, Interaction(session.arm, session.clock), session.clock
+        ).camera(client)
+
+
+def test_a_gesture_before_the_size_is_reported_is_no_gesture(session):
+    client = session.controller.connect(Permission.CONTROL)
+    session.send_message(page_messages.TakeControl, client, on=True)
+    session.point("down", 400, 300, client)
+    assert session.arm_thread.command.goal is None
+
+
+PRESSES = {
+    "a click": lambda session: session.click(480, 300),
+    "a wheel": lambda session: session.send_message(page_messages.Wheel, x=480, y=300, notches=1),
+    "a key": lambda session: session.send_message(page_messages.Key, key="ArrowUp"),
+    "a handle": lambda session: session.send_message(
+        page_messages.DragTool, phase="down", shift=(0, 0, 0), turn=(0, 0, 0)
+    ),
+}
+
+
+@pytest.mark.parametrize("press", PRESSES.values(), ids=PRESSES)
+def test_a_press_while_the_arm_goes_to_the_preview_is_refused_with_the_reason(session, press):
+    session.click(480, 300)
+    goal = session.interaction.goal
+    session.go_there()
+    with pytest.raises(BadMessageError, match="busy: Goes to the preview"):
+        press(session)
+    session.point("move", 500, 320)  # no press: nothing to tell
+    assert session.interaction.goal is goal

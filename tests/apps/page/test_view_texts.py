@@ -1,0 +1,68 @@
+"""What the page says beside the picture: numbers with units, in the words of the command line."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from ikservo.apps.page.dragging.labels import (
+    describe_target,
+    format_solve_time,
+    format_supply,
+    health_rows,
+)
+from ikservo.apps.page.dragging.target_marker import TargetMarker
+from ikservo.arm import JointState
+from ikservo.errors import format_point
+from ikservo.ik import ActiveLimit
+from ikservo.model.model import HealthLimits
+
+TIP = np.array([0.2, 0.0, 0.15])
+
+
+def test_the_words_of_a_target_out_of_reach_are_those_of_the_command_line():
+    aim = TargetMarker(
+        TIP + np.array([0.5, 0, 0]),
+        TIP,
+        reached=False,
+        binding=(ActiveLimit("elbow_flex", "upper"),),
+    )
+    assert describe_target(aim) == (
+        "(0.700, 0.000, 0.150) m cannot be reached (elbow_flex at its upper limit). "
+        "Nearest reachable point: (0.200, 0.000, 0.150) m, 500.0 mm away."
+    )
+
+
+@pytest.mark.parametrize(
+    ("volts", "words"), [((7.41, 7.38), "7.4 V"), ((5.0, 12.04), "5.0 – 12.0 V")]
+)
+def test_a_supply_is_a_range_only_where_it_is_one(volts, words):
+    assert format_supply(volts) == words
+
+
+def test_points_and_times_have_units():
+    assert format_point(TIP) == "(0.200, 0.000, 0.150) m"
+    assert format_solve_time(0.000042) == "0.04 ms"
+
+
+@pytest.mark.parametrize(
+    ("messages", "level"),
+    [({}, "good"), ({"temperature_c": 61.0}, "amber"), ({"load_percent": -85.0}, "amber"),
+     ({"temperature_c": 66.0}, "red"), ({"alarms": ("overload",)}, "red")],
+)  # fmt: skip
+def test_a_servos_health_has_a_level(messages, level):
+    state = JointState("elbow_flex", 0.0, -1.0, 1.0, "arm file", 31.0, 12.1, None, torque=True)
+    assert health_rows([replace(state, **messages)], HealthLimits())[0]["level"] == level
+
+
+@pytest.mark.parametrize(("celsius", "level"), [(39.0, "good"), (41.0, "amber"), (46.0, "red")])
+def test_an_arm_with_its_own_limits_is_warm_and_hot_by_those(celsius, level):
+    state = JointState("elbow_flex", 0.0, -1.0, 1.0, "arm file", celsius, 12.1, 4.0, torque=True)
+    limits = HealthLimits(warn_c=40.0, hold_c=45.0, release_c=50.0)
+    assert health_rows([state], limits)[0]["level"] == level
+
+
+def test_health_is_said_in_units():
+    state = JointState("elbow_flex", 0.0, -1.0, 1.0, "arm file", 31.0, 12.1, 4.0, torque=True)
+    row = health_rows([state], HealthLimits())[0]
+    assert (row["temperature"], row["voltage"], row["load"]) == ("31 °C", "12.1 V", "4 %")

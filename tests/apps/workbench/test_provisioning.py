@@ -1,0 +1,120 @@
+"""One servo becomes what it shall be, or says why not; its memory is locked in any case."""
+
+from pathlib import Path
+
+import pytest
+
+from ikservo.apps.workbench.provisioning import ServoSettings, provision
+from ikservo.errors import BadValueError, BusError, CalibrationError
+from ikservo.hardware import ServoSpec, open_port
+from ikservo.hardware.scan import FoundServo
+from ikservo.registers import STS3215, XL330M288, control_table
+
+CONFIGS = Path(__file__).parents[3] / "configs"
+TABLES = {"so101": STS3215, "koch": XL330M288}
+
+
+@pytest.fixture(params=["so101", "koch"])
+def alone(request):
+    """Give a port with only servo 3 plugged in, the servo, and its table."""
+    port = open_port(f"sim:{CONFIGS / request.param / 'arm.toml'}", 1_000_000)
+    line = port.transport.line
+    for servo in line.world.servos:
+        servo.powered = servo.id == 3
+    yield port, line.servos[3], TABLES[request.param]
+    port.close()
+
+
+def found(table, servo_id=3, rate=1_000_000):
+    return FoundServo(servo_id, rate, "", table, table.number)
+
+
+def settings(table, servo_id=7, rate=57_600, **eeprom):
+    return ServoSettings(ServoSpec(servo_id, table, "wrist"), rate, eeprom)
+
+
+def test_id_rate_and_delay_are_set_for_good(alone):
+    port, servo, table = alone
+    provision(port, found(table), settings(table))
+    servo.memory.power_cycle()
+    assert (servo.id, servo.baud, servo.return_delay_s) == (7, 57_600, 0.0)
+    assert port.baudrate == 57_600
+
+
+def test_torque_is_off_afterwards(alone):
+    port, servo, table = alone
+    servo.write("torque_enable", 1)
+    provision(port, found(table), settings(table))
+    assert servo.read("torque_enable") == 0
+
+
+def test_what_holds_already_is_not_written(alone):
+    port, servo, table = alone
+    provision(port, found(table), settings(table))
+    writes = servo.memory.eeprom_writes
+    assert provision(port, found(table, 7, 57_600), settings(table)) == ()
+    assert servo.memory.eeprom_writes == writes
+
+
+def test_settings_of_the_arm_are_written_and_reported(alone):
+    port, servo, table = alone
+    before = servo.read("max_position_limit")
+    written = provision(port, found(table), settings(table, max_position_limit=3000))
+    assert f"max_position_limit {before} → 3000" in written
+    assert servo.read("max_position_limit") == 3000
+
+
+def test_another_model_is_left_alone(alone):
+    port, servo, table = alone
+    writes = servo.memory.eeprom_writes
+    with pytest.raises(CalibrationError, match="must be a XM540-W270, but a"):
+        provision(port, found(table), settings(control_table("XM540-W270")))
+    assert servo.memory.eeprom_writes == writes
+
+
+def test_a_rate_that_the_model_has_not_is_refused_before_anything_is_written(alone):
+    port, servo, table = alone
+    writes = servo.memory.eeprom_writes
+    with pytest.raises(BadValueError, match=r"one of (9600|4800), "):
+        provision(port, found(table), settings(table, rate=123_456))
+    assert servo.memory.eeprom_writes == writes
+
+
+def test_a_register_that_the_model_has_not_is_refused_before_anything_is_written(alone):
+    port, servo, table = alone
+    writes = servo.memory.eeprom_writes
+    with pytest.raises(BadValueError, match="'colour'"):
+        provision(port, found(table), settings(table, colour=3))
+    assert servo.memory.eeprom_writes == writes
+
+
+def test_a_worn_out_memory_is_noticed(alone, monkeypatch):
+    port, servo, table = alone
+    row = servo.table.by_name["id"]
+    keep = servo.memory.write
+
+    def worn(address, data, *, persist=True):
+        if address != row.address:
+            keep(address, data, persist=persist)
+
+    monkeypatch.setattr(servo.memory, "write", worn)
+    with pytest.raises(BusError):
+        provision(port, found(table), settings(table))
+    assert servo.id == 3
+
+
+def test_the_memory_is_locked_even_after_a_failure(monkeypatch):
+    port = open_port(f"sim:{CONFIGS / 'so101' / 'arm.toml'}", 1_000_000)
+    servo = port.transport.line.servos[3]
+    row = servo.table.by_name["max_torque"]
+    keep = servo.memory.write
+
+    def worn(address, data, *, persist=True):
+        if address != row.address:
+            keep(address, data, persist=persist)
+
+    monkeypatch.setattr(servo.memory, "write", worn)
+    with pytest.raises(BusError, match="max_torque"):
+        provision(port, found(STS3215), settings(STS3215, max_torque=500))
+    assert servo.read("lock") == 1
+    port.close()

@@ -1,0 +1,43 @@
+"""An arm that was released lies somewhere; it can be moved there, too."""
+
+import re
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import ikservo
+from ikservo.apps.importing.resting import find_resting_place
+from tests.oracle import CONFIGS
+
+OTHER_ARMS = [pytest.param(name, marks=pytest.mark.full) for name in ("koch", "px150")]
+
+
+@pytest.mark.parametrize("name", ["so101", *OTHER_ARMS])
+def test_an_arm_can_be_moved_from_home_to_where_it_would_sink(name: str):
+    place = find_resting_place(CONFIGS / name)
+    assert place.still
+    with ikservo.open_arm(name, port="sim:?pose=home", uncalibrated=True) as arm:
+        assert arm.move_joints(place.positions).reached
+
+
+def test_it_has_room_to_sag_as_at_normal_speed_and_not_at_rest_only():
+    place = find_resting_place(CONFIGS / "so101")
+    with ikservo.open_arm("so101", port="sim:?pose=home", uncalibrated=True) as arm:
+        joints = [[place.positions[name] for name in arm.context.servos.names]]
+        body = arm.context.index.body_joints(np.array(joints))
+        load = arm.context.planner.dynamic_load_factor("normal")
+        assert arm.context.checked_collision.distances_with_sag(body, load).min() >= 0.006
+
+
+@pytest.mark.full
+def test_what_overlaps_where_a_limp_arm_lies_is_named(tmp_path: Path):
+    folder = tmp_path / "buried"
+    shutil.copytree(CONFIGS / "so101", folder)
+    text = (folder / "arm.toml").read_text().replace('name   = "so101"', 'name   = "buried"')
+    raised = re.sub(r"floor_m\s*=.*", "", text).replace("[surroundings]", "")
+    (folder / "arm.toml").write_text(raised + "\n[surroundings]\nfloor_m = 0.2\n")
+    place = find_resting_place(folder)
+    assert place.gap_m < 0.0
+    assert place.pair[1] == "the table"

@@ -1,9 +1,0 @@
-"""What is said while capsules are fitted to the meshes of a new arm."""
-
-from ikservo.importing.shapes import MeshStep
-from ikservo.maintenance.new_arm import _mesh_progress
-
-
-def test_mesh_progress_says_how_long_the_rest_takes():
-    assert _mesh_progress(MeshStep("a.stl", 0, 17), 0.1) == "mesh 1 of 17: a.stl"
-    assert _mesh_progress(MeshStep("b.stl", 5, 17), 20.0) == "mesh 6 of 17, about 48 s left: b.stl"
