@@ -1,1 +1,24 @@
 """What measures an arm: accuracy after ISO 9283, excitation, identification, benchmarks."""
+
+from ikservo.app import App, Command
+
+APP = App(
+    name="lab",
+    commands={
+        "monitor": Command(
+            "ikservo.apps.lab.monitor_command",
+            "Log the health of the servos, and report what wears.",
+            "Set up",
+        ),
+        "test": Command(
+            "ikservo.apps.lab.test_command",
+            "Measure accuracy and repeatability after ISO 9283.",
+            "Set up",
+        ),
+        "identify": Command(
+            "ikservo.apps.lab.identify_command",
+            "Measure this arm's masses, friction, stiffness; moves slowly.",
+            "Set up",
+        ),
+    },
+)

@@ -1,1 +1,14 @@
 """The web view: drag a link or click a target, and the arm follows."""
+
+from ikservo.app import App, Command
+
+APP = App(
+    name="page",
+    commands={
+        "view": Command(
+            "ikservo.apps.page.view_command",
+            "Open the browser panel: drag the arm with the mouse.",
+            "Move",
+        ),
+    },
+)

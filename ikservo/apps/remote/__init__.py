@@ -1,1 +1,24 @@
 """Arms on other machines: addresses, sessions, messages, the server beside the arm, its clients."""
+
+from ikservo.app import App, Command
+
+APP = App(
+    name="remote",
+    commands={
+        "serve": Command(
+            "ikservo.apps.remote.serve_command",
+            "Serve an arm to programs on other machines.",
+            "Other machines",
+        ),
+        "fleet": Command(
+            "ikservo.apps.remote.fleet_command",
+            "List the arms of other machines: state, operator, health.",
+            "Other machines",
+        ),
+        "net": Command(
+            "ikservo.apps.remote.net_command",
+            "Make certificates for other machines; acknowledge a stop.",
+            "Other machines",
+        ),
+    },
+)

@@ -1,1 +1,44 @@
 """Teach, record, replay and follow; programs and drawings."""
+
+from ikservo.app import App, Command
+
+APP = App(
+    name="teaching",
+    commands={
+        "export": Command(
+            "ikservo.apps.teaching.export_command",
+            "Export a calibration to LeRobot, or a recording to CSV.",
+            "Set up",
+        ),
+        "draw": Command(
+            "ikservo.apps.teaching.draw_command",
+            "Draw the strokes of an SVG or CSV file.",
+            "Move",
+        ),
+        "teach": Command(
+            "ikservo.apps.teaching.teach_command",
+            "Save the pose of an arm moved by hand.",
+            "Teach and replay",
+        ),
+        "record": Command(
+            "ikservo.apps.teaching.record_command",
+            "Record a motion to a file; show it live in Foxglove.",
+            "Teach and replay",
+        ),
+        "replay": Command(
+            "ikservo.apps.teaching.replay_command",
+            "Replay a recorded motion.",
+            "Teach and replay",
+        ),
+        "program": Command(
+            "ikservo.apps.teaching.program_command",
+            "Write, check and run a file of steps.",
+            "Teach and replay",
+        ),
+        "follow": Command(
+            "ikservo.apps.teaching.follow_command",
+            "Follow another arm that is guided by hand.",
+            "Teach and replay",
+        ),
+    },
+)

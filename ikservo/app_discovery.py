@@ -1,0 +1,158 @@
+"""Find the apps of ikservo and of other distributions, and what they offer."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import pkgutil
+import re
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
+from importlib import import_module
+from pathlib import Path
+from typing import Any, cast
+
+from ikservo.app import App, Command
+from ikservo.core import CORE
+from ikservo.errors import InputError
+
+APP_GROUP = "ikservo.apps"
+"""Entry point group: each entry is the `App` of another distribution."""
+
+_COMMAND_NAME = re.compile(r"[a-z][a-z0-9-]*( [a-z][a-z0-9-]*)?")
+
+
+@cache
+def built_in_apps() -> tuple[App, ...]:
+    """Return the core, then the apps of ``ikservo.apps`` by name; reads no entry points."""
+    try:
+        folder = import_module("ikservo.apps")
+    except ModuleNotFoundError:  # somebody has deleted all of them
+        return (CORE,)
+    names = sorted(each.name for each in pkgutil.iter_modules(folder.__path__) if each.ispkg)
+    apps = (cast("App", import_module(f"ikservo.apps.{name}").APP) for name in names)
+    return (CORE, *apps)
+
+
+@cache
+def installed_apps() -> tuple[tuple[App, ...], tuple[str, ...]]:
+    """Return the apps of other distributions, and one sentence for each that cannot be used.
+
+    An app that fails or prints while it is imported, or that takes a name of another one, is left
+    out and does not affect the others.
+    """
+    if not other_packages_have(APP_GROUP):
+        return (), ()
+    from importlib.metadata import entry_points  # noqa: PLC0415  # slow, seldom needed
+
+    found: list[App] = []
+    problems: list[str] = []
+    for point in sorted(entry_points(group=APP_GROUP), key=lambda each: each.name):
+        source = f"The app {point.name!r} of {point.dist.name if point.dist else point.value}"
+        printed = io.StringIO()
+        try:
+            with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(printed):
+                app: object = point.load()
+        except (Exception, SystemExit) as error:  # whatever it does at import
+            problems.append(f"{source} cannot be imported: {type(error).__name__}: {error}")
+            continue
+        problem = _find_problem(app, (*built_in_apps(), *found))
+        if printed.getvalue():
+            problem = problem or "prints while it is imported"
+        if problem:
+            problems.append(f"{source} cannot be used: it {problem}.")
+        else:
+            found.append(cast("App", app))
+    return tuple(found), tuple(" ".join(each.split()) for each in problems)
+
+
+def all_apps() -> tuple[App, ...]:
+    """Return the built-in apps, then those of other distributions."""
+    return (*built_in_apps(), *installed_apps()[0])
+
+
+def load_place(place: str) -> Any:  # noqa: ANN401  # whatever an app offers
+    """Import ``package.module:name``, and return what it names."""
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name)
+
+
+def find_part(name: str) -> Any:  # noqa: ANN401  # whatever an app offers
+    """Return what an app offers to the commands of others under a name.
+
+    Raises:
+        InputError: No app that is installed has it.
+    """
+    for app in all_apps():
+        if name in app.parts:
+            return load_place(app.parts[name])
+    raise InputError(f"{name} needs an app that is not installed.", "Install all of ikservo.")
+
+
+def other_packages_have(group: str) -> bool:
+    """Check whether another distribution has entry points of a group.
+
+    ``importlib.metadata`` would say so, but takes longer to load than an arm takes to brake.
+    """
+    return f"[{group}]" in _entry_points_of_others()
+
+
+@cache
+def _entry_points_of_others() -> str:
+    return "\n".join(_read_entry_points())
+
+
+def _read_entry_points() -> Iterator[str]:
+    for folder in filter(None, sys.path):
+        for path in Path(folder).glob("*.dist-info/entry_points.txt"):
+            if not path.parent.name.startswith("ikservo-"):
+                with contextlib.suppress(OSError, ValueError):
+                    yield path.read_text("utf-8")
+
+
+def _find_problem(app: object, others: Sequence[App]) -> str:
+    """Return why an app cannot be used; empty if it can."""
+    if not isinstance(app, App):
+        return "is not an ikservo.app.App"
+    try:
+        return next(_problems(app, others), "")
+    except (AttributeError, TypeError, ValueError) as error:
+        return f"has a field of the wrong type ({error})"
+
+
+def _problems(app: App, others: Sequence[App]) -> Iterator[str]:
+    for name, command in app.commands.items():
+        if not isinstance(cast("object", command), Command) or not _COMMAND_NAME.fullmatch(name):
+            yield f"has a command {name!r} that is not a Command with a plain name"
+        if any(name in other.commands for other in others):
+            yield f"has a command {name!r}, which exists already"
+    for what in ("names", "arm_methods", "arm_values", "motions", "networks", "parts"):
+        places: Mapping[str, str] = getattr(app, what)
+        for name, place in places.items():
+            if not re.fullmatch(r"[\w.]+:\w+", place):
+                yield f"has {place!r} in {what}, which is not a package.module:name"
+            if any(name in getattr(other, what) for other in others):
+                yield f"has {name!r} in {what}, which exists already"
+
+
+def member_of_arms(arm: object, name: str) -> Any:  # noqa: ANN401  # whatever an app offers
+    """Return a method or an attribute that an app gives to every open arm.
+
+    Raises:
+        AttributeError: No app has one of this name.
+    """
+    for app in all_apps():
+        if name in app.arm_values:
+            value = load_place(app.arm_values[name])(arm)
+            vars(arm)[name] = value  # from now on found without this function
+            return value
+        if name in app.arm_methods:
+            return load_place(app.arm_methods[name]).__get__(arm)
+    kind = type(arm).__name__
+    raise AttributeError(f"{kind!r} object has no attribute {name!r}", name=name, obj=arm)
+
+
+def member_names() -> list[str]:
+    """Return the names of all methods and attributes that apps give to open arms."""
+    return [name for app in all_apps() for name in (*app.arm_methods, *app.arm_values)]
