@@ -14,6 +14,7 @@ from typing import Any
 
 _NONE: Mapping[str, Any] = MappingProxyType({})
 
+
 @dataclass(frozen=True, slots=True)
 class Command:
     """A command, listed by ``--help`` before its module is imported.

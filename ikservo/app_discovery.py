@@ -78,16 +78,24 @@ def load_place(place: str) -> Any:  # noqa: ANN401  # whatever an app offers
     return getattr(import_module(module), name)
 
 
+def offered_part(name: str) -> Any | None:  # noqa: ANN401  # whatever an app offers
+    """Return what an app offers to the commands of others under a name; None if none does."""
+    for app in all_apps():
+        if name in app.parts:
+            return load_place(app.parts[name])
+    return None
+
+
 def find_part(name: str) -> Any:  # noqa: ANN401  # whatever an app offers
     """Return what an app offers to the commands of others under a name.
 
     Raises:
         InputError: No app that is installed has it.
     """
-    for app in all_apps():
-        if name in app.parts:
-            return load_place(app.parts[name])
-    raise InputError(f"{name} needs an app that is not installed.", "Install all of ikservo.")
+    found = offered_part(name)
+    if found is None:
+        raise InputError(f"{name} needs an app that is not installed.", "Install all of ikservo.")
+    return found
 
 
 def other_packages_have(group: str) -> bool:

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from ikservo.apps.calibrating.range_tracker import StillnessDetector
 from ikservo.arm.arm_parts import ArmParts
 from ikservo.control.loop import ControlCycle
+from ikservo.control.stillness import StillnessDetector
 from ikservo.errors import BadValueError, IkservoError
 from ikservo.kinematics.arrays import Vector
 from ikservo.model.model import Gripper, Model

@@ -8,8 +8,8 @@ from typing import Any, cast
 
 from pydantic import ValidationError
 
-from ikservo.apps.calibrating.calibration_procedure import MIN_RANGE_TICKS
 from ikservo.calibration.homing import MAX_STS_OFFSET, MAX_X_OFFSET
+from ikservo.calibration.joint_limits import MIN_RANGE_TICKS
 from ikservo.calibration.joint_map import encoder_of
 from ikservo.calibration.paths import calibration_path
 from ikservo.calibration.records import CalibratedJoint, CalibratedServo, Calibration

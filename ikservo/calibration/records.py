@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import Annotated, Literal
@@ -15,6 +15,7 @@ from ikservo.calibration.joint_map import JointMap
 from ikservo.files.reading import MAX_BYTES, parse_toml, read_text
 from ikservo.files.validation import StrictModel, first_issue, validation_issues
 from ikservo.files.writing import strip_checksum, with_checksum
+from ikservo.kinematics.arrays import Vector
 
 __all__ = [
     "CalibratedCamera",
@@ -30,6 +31,7 @@ __all__ = [
     "TipClick",
     "dump_partial",
     "read_partial",
+    "shift_zeros",
 ]
 
 RangeSource = Literal["by hand", "by LeRobot", "by itself", "not swept"]
@@ -304,3 +306,31 @@ def read_partial(path: Path) -> PartialCalibration | None:
         return PartialCalibration.model_validate(table)
     except ValidationError as error:
         raise first_issue(validation_issues(error, PartialCalibration), path) from None
+
+
+def shift_zeros(
+    joints: Sequence[CalibratedJoint], maps: Sequence[JointMap], zeros: Vector
+) -> tuple[CalibratedJoint, ...]:
+    """Return joints with positions that are larger by ``zeros`` (dof,) where there is a map."""
+    shifts = {m.joint: float(z) for m, z in zip(maps, zeros, strict=True)}
+    return tuple(_shift_joint(joint, shifts, maps) for joint in joints)
+
+
+def _shift_joint(
+    joint: CalibratedJoint, shifts: dict[str, float], maps: Sequence[JointMap]
+) -> CalibratedJoint:
+    """Compute a joint whose positions are shifted; its stops do not move.
+
+    Limits of the user are positions of the geometry and do not move.
+    """
+    if joint.name not in shifts:
+        return joint
+    joint_map = next(m for m in maps if m.joint == joint.name)
+    shift = shifts[joint.name]
+    ends = {"lower_deg": math.degrees(shift), "upper_deg": math.degrees(shift)}
+    ends |= {"lower_m": shift, "upper_m": shift}
+    shifted = {
+        key: getattr(joint, key) + by for key, by in ends.items() if getattr(joint, key) is not None
+    }
+    ticks = joint_map.sign * shift / joint_map.unit_per_tick
+    return joint.model_copy(update={"zero_tick": joint.zero_tick - ticks, **shifted})

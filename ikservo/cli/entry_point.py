@@ -98,7 +98,7 @@ def _arm_from_arguments(args: Sequence[str]) -> str:
     if from_option or not args:
         return from_option
     if args[0] not in _ARM_AS_ARGUMENT:
-        from ikservo.cli.app import names_arm  # noqa: PLC0415
+        from ikservo.cli.checked_command import names_arm  # noqa: PLC0415
 
         first = next((word for word in args[1:2] if not word.startswith("-")), "")
         return first if args[0] in _ARM_AS_OPTION and first and names_arm(first) else ""

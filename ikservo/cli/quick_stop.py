@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import os
 import re
-import sys
 import tomllib
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from ikservo.apps.remote.address import SCHEME, listens, parse_host
+from ikservo.app_discovery import offered_part, other_packages_have
 from ikservo.cli.terminal import format_port, print_json, print_lines, print_status
 from ikservo.errors import ExitCode, IkservoError, InputError
 from ikservo.serving.control_client import (
@@ -65,10 +64,9 @@ def _stop_one(arm: str, port: str) -> StopAllResult:
         arm: Its name; empty where it is not known.
         port: As given; empty where it was not.
     """
-    if port.startswith(f"{SCHEME}:"):
-        from ikservo.apps.remote.remote_stop import stop_address  # noqa: PLC0415  # Zenoh
-
-        return StopAllResult((stop_address(port),))
+    remote = offered_part("stop")
+    if remote is not None and port.startswith(f"{remote.scheme}:"):
+        return StopAllResult((remote.stop_address(port),))
     if not arm or ":" in port or port == "sim":
         return StopAllResult()
     if not port:
@@ -147,45 +145,31 @@ def _read_options(args: Sequence[str]) -> Mapping[str, str] | None:
 
 def _others_may_be_open() -> bool:
     """Check whether a machine is listed, or an arm served here, perhaps by another user."""
-    listed = os.environ.get("IKSERVO_FLEET") or ":" in os.environ.get("IKSERVO_PORT", "")
-    return bool(listed) or listens(parse_host("127.0.0.1"))
+    remote = offered_part("stop")
+    on_other_machine = ":" in os.environ.get("IKSERVO_PORT", "")
+    return on_other_machine or (remote is not None and remote.may_find_arms())
 
 
 def _stop_others() -> StopAllResult:
-    own = os.environ.get("IKSERVO_PORT", "")
-    if _has_other_networks() or (":" in own and not own.startswith(f"{SCHEME}:")):
+    own, remote = os.environ.get("IKSERVO_PORT", ""), offered_part("stop")
+    is_own = remote is not None and own.startswith(f"{remote.scheme}:")
+    if other_packages_have(_NETWORKS) or (":" in own and not is_own):
         from ikservo.arm.other_process import stop_remote_arms  # noqa: PLC0415  # NumPy, pydantic
 
         return stop_remote_arms()
-    from ikservo.apps.remote.remote_stop import stop_address, stop_listed_machines  # noqa: PLC0415
+    if remote is None:
+        return StopAllResult()
 
     def stop_own() -> StopAllResult:
         try:
-            return StopAllResult((stop_address(own),) if own.startswith(f"{SCHEME}:") else ())
+            return StopAllResult((remote.stop_address(own),) if is_own else ())
         except IkservoError as error:
             return StopAllResult(errors=(error,))
 
     with ThreadPoolExecutor(1) as pool:  # one without a reply must not delay the others
         first = pool.submit(stop_own)
-        others = stop_listed_machines()
+        others = remote.stop_listed_machines()
         return StopAllResult.joined((first.result(), others))
-
-
-def _has_other_networks() -> bool:
-    """Check whether another package opens arms on other machines, too.
-
-    ``importlib.metadata`` would say so, but takes longer to load than an arm takes to brake.
-    """
-    for folder in filter(None, sys.path):
-        for path in Path(folder).glob("*.dist-info/entry_points.txt"):
-            if path.parent.name.startswith("ikservo-"):
-                continue
-            try:
-                if f"[{_NETWORKS}]" in path.read_text("utf-8"):
-                    return True
-            except (OSError, ValueError):
-                continue
-    return False
 
 
 def _error_fields(error: IkservoError) -> dict[str, object]:

@@ -16,7 +16,6 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
-from ikservo.apps.calibrating.calibration_procedure import JointProgress, JointReadout
 from ikservo.calibration.joint_map import JointUnit
 from ikservo.cli.options import YesOption
 from ikservo.cli.terminal import Keys, confirm, print_status, printable, read_answer, read_keys
@@ -26,6 +25,8 @@ from ikservo.maintenance.dialogue import (
     Entry,
     EntryDialogue,
     HandRequest,
+    JointProgress,
+    JointReadout,
     Notice,
     Progress,
     Question,

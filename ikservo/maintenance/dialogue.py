@@ -16,7 +16,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TypeAlias, TypeVar
 
-from ikservo.apps.calibrating.calibration_procedure import JointReadout
+from ikservo.calibration.uncalibrated_joint import JointUnderCalibration
 from ikservo.errors import CalibrationError, FileFormatError, IkservoError
 from ikservo.files.reading import read_text
 
@@ -27,6 +27,8 @@ __all__ = [
     "Entry",
     "EntryDialogue",
     "HandRequest",
+    "JointProgress",
+    "JointReadout",
     "Notice",
     "Progress",
     "Question",
@@ -40,6 +42,36 @@ ACCEPT = "accept"
 
 _MAX_SCRIPT_BYTES = 64 * 1024
 _TIMEOUT_S = 60.0
+
+
+class JointProgress(Enum):
+    """Progress of a joint."""
+
+    UNMOVED = "not moved yet"
+    MOVING = ""
+    COMPLETE = "✓"
+    FREE = "✓ turns freely"
+    SKIPPED = "skipped"
+    KNOWN = "✓ from LeRobot"
+
+
+@dataclass(frozen=True, slots=True)
+class JointReadout:
+    """Position, recorded range and expected range of one joint.
+
+    Positions are rad or m.
+    """
+
+    subject: JointUnderCalibration
+    state: JointProgress
+    position: float
+    low: float
+    high: float
+
+    @property
+    def name(self) -> str:
+        """The joint's name."""
+        return self.subject.name
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,15 +17,12 @@ from ikservo.apps.calibrating.auto_calibration_setup import (
 from ikservo.apps.calibrating.calibration_procedure import CalibrationState
 from ikservo.apps.calibrating.calibration_result import measure_joint
 from ikservo.apps.calibrating.calibration_session import TorqueOffArm
-from ikservo.apps.calibrating.range_tracker import (
-    ContactState,
-    EndStopDetector,
-    JointUnderCalibration,
-)
+from ikservo.apps.calibrating.range_tracker import ContactState, EndStopDetector
 from ikservo.arm.arm import Arm
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.calibration import Limit, Limits
 from ikservo.calibration.homing import TickRange
+from ikservo.calibration.uncalibrated_joint import JointUnderCalibration
 from ikservo.control.feedback import load_percent
 from ikservo.control.loop import ControlCycle
 from ikservo.control.stop_requests import REQUEST_HINT

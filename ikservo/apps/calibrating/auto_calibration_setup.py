@@ -22,7 +22,6 @@ import numpy as np
 from ikservo.apps.calibrating.calibration_procedure import CalibrationState
 from ikservo.apps.calibrating.calibration_result import CalibrationResult, measure_joint
 from ikservo.apps.calibrating.calibration_session import TorqueOffArm
-from ikservo.apps.calibrating.range_tracker import JointUnderCalibration
 from ikservo.calibration import Limits
 from ikservo.calibration.homing import TickRange
 from ikservo.calibration.records import (
@@ -33,6 +32,7 @@ from ikservo.calibration.records import (
 )
 from ikservo.calibration.servo_config import ServoConfig
 from ikservo.calibration.transaction import commit, plan_changes, read_journal, roll_back
+from ikservo.calibration.uncalibrated_joint import JointUnderCalibration
 from ikservo.control.servo_group import ServoGroup
 from ikservo.errors import BusError, CalibrationError, FileFormatError, RefusedError
 from ikservo.files.writing import remove_durably, write_atomic

@@ -30,10 +30,10 @@ from ikservo.apps.calibrating.calibration_session import (
     rest_pose_violations,
 )
 from ikservo.apps.calibrating.calibration_table import calibration_lines, difference_lines
-from ikservo.apps.calibrating.range_tracker import JointUnderCalibration
 from ikservo.calibration import Limits
 from ikservo.calibration.calibration_file import load_calibration_file
 from ikservo.calibration.records import Calibration
+from ikservo.calibration.uncalibrated_joint import JointUnderCalibration
 from ikservo.errors import (
     BadValueError,
     CalibrationError,

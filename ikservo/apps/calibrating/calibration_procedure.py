@@ -9,23 +9,20 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from enum import Enum, StrEnum
+from enum import StrEnum
 
-from ikservo.apps.calibrating.range_tracker import (
-    JointUnderCalibration,
-    RangeTracker,
-    StillnessDetector,
-)
+from ikservo.apps.calibrating.range_tracker import RangeTracker
+from ikservo.calibration.joint_limits import MIN_RANGE_TICKS
 from ikservo.calibration.joint_map import format_position
+from ikservo.calibration.uncalibrated_joint import JointUnderCalibration
+from ikservo.control.stillness import StillnessDetector
 from ikservo.errors import CalibrationError, UnknownNameError
+from ikservo.maintenance.dialogue import JointProgress, JointReadout
 
 __all__ = [
     "MARGIN_RAD",
-    "MIN_RANGE_TICKS",
     "CalibrationStage",
     "CalibrationState",
-    "JointProgress",
-    "JointReadout",
     "blocking_issues",
     "is_full_turn",
     "joint_readouts",
@@ -34,7 +31,6 @@ __all__ = [
 ]
 
 
-MIN_RANGE_TICKS = 50  # a joint that moves less was not moved
 _MAX_WIDTH_RATIO = (
     300 / 360
 )  # of a revolution: an arm file with such a range means a joint without stops
@@ -407,36 +403,6 @@ class CalibrationState:
 
 def _drop_joint(signs: Mapping[str, int], joint: str) -> dict[str, int]:
     return {name: sign for name, sign in signs.items() if name != joint}
-
-
-class JointProgress(Enum):
-    """Progress of a joint."""
-
-    UNMOVED = "not moved yet"
-    MOVING = ""
-    COMPLETE = "✓"
-    FREE = "✓ turns freely"
-    SKIPPED = "skipped"
-    KNOWN = "✓ from LeRobot"
-
-
-@dataclass(frozen=True, slots=True)
-class JointReadout:
-    """Position, recorded range and expected range of one joint.
-
-    Positions are rad or m.
-    """
-
-    subject: JointUnderCalibration
-    state: JointProgress
-    position: float
-    low: float
-    high: float
-
-    @property
-    def name(self) -> str:
-        """The joint's name."""
-        return self.subject.name
 
 
 def joint_readouts(state: CalibrationState) -> Iterator[JointReadout]:

@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from datetime import datetime
 
 from ikservo.apps.calibrating.calibration_procedure import CalibrationState, is_full_turn
-from ikservo.apps.calibrating.range_tracker import JointUnderCalibration
 from ikservo.calibration.homing import MAX_X_OFFSET, Homing, TickRange, choose_homing
 from ikservo.calibration.joint_limits import Limits
 from ikservo.calibration.joint_map import JointMap, encoder_of, unwrap_near, wrapped_difference
 from ikservo.calibration.records import CalibratedJoint, CalibratedServo, Calibration, RangeSource
 from ikservo.calibration.servo_config import ServoConfig, expected_registers, is_multi_turn
+from ikservo.calibration.uncalibrated_joint import JointUnderCalibration
 from ikservo.errors import CalibrationError
 from ikservo.registers import Family
 

@@ -38,6 +38,7 @@ from ikservo.calibration.servo_config import (
     same_direction,
 )
 from ikservo.calibration.transaction import commit, plan_changes, recover
+from ikservo.calibration.uncalibrated_joint import JointUnderCalibration
 from ikservo.errors import CalibrationError, FileFormatError
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.port_names import serial_number_of

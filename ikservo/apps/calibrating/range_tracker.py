@@ -8,20 +8,15 @@ rest for a while, well behind its goal, with its servo near its maximum load, th
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 
-from ikservo.calibration.homing import TickRange
-from ikservo.calibration.joint_limits import Limits
-from ikservo.calibration.joint_map import JointMap, unwrap
+from ikservo.calibration.joint_map import unwrap
 
 __all__ = [
     "ContactState",
     "EndStopDetector",
-    "JointUnderCalibration",
     "RangeTracker",
-    "StillnessDetector",
 ]
 
 
@@ -89,111 +84,6 @@ class RangeTracker:
         """Return the track at its present tick with the range of an earlier one."""
         lost = self.lost or earlier.lost
         return replace(self, low=earlier.low, high=earlier.high, lost=lost)
-
-
-_WINDOW_S = 0.5
-_NOISE_TICKS = 4
-
-
-@dataclass(frozen=True, slots=True)
-class StillnessDetector:
-    """The positions of the last while, by servo or joint: unwrapped ticks, rad or m.
-
-    Attributes:
-        window_s: For how long nothing may move.
-        tolerance: By how much positions may vary at rest.
-        readings: Times and positions within the window, and the last ones before it.
-    """
-
-    window_s: float = _WINDOW_S
-    tolerance: float = _NOISE_TICKS
-    readings: tuple[tuple[float, Mapping[int, float]], ...] = ()
-
-    def add_reading(self, at_s: float, positions: Mapping[int, float]) -> StillnessDetector:
-        """Add one more reading, without those that are too old."""
-        start_s = at_s - self.window_s
-        recent = [row for row in self.readings if row[0] > start_s]
-        before = [row for row in self.readings if row[0] <= start_s][-1:]
-        return replace(self, readings=(*before, *recent, (at_s, positions)))
-
-    def restarted(self) -> StillnessDetector:
-        """Return it without readings."""
-        return replace(self, readings=())
-
-    def is_at_rest(self) -> bool:
-        """Check whether nothing has moved within the window."""
-        if len(self.readings) < 3 or self.readings[-1][0] - self.readings[0][0] < self.window_s:
-            return False
-        return all(max(column) - min(column) <= self.tolerance for column in self._columns())
-
-    def mean_ticks(self) -> dict[int, float]:
-        """Compute the mean position of each servo over the window."""
-        means = (sum(column) / len(column) for column in self._columns())
-        return dict(zip(self.readings[-1][1], means, strict=True))
-
-    def _columns(self) -> list[list[float]]:
-        return [[positions[i] for _, positions in self.readings] for i in self.readings[-1][1]]
-
-
-_MIN_MOTION_DEG = 15.0
-
-
-@dataclass(frozen=True, slots=True)
-class JointUnderCalibration:
-    """What is known of a joint before its calibration.
-
-    Attributes:
-        joint_map: Scale and sign of the arm file; its zero tick is not used.
-        ticks_per_turn: Ticks after which the servo's count wraps around; 0 if it never does.
-        expected: The arm file's range.
-        pose: Its position in the reference pose, rad or m.
-        shadow_ids: Servos that drive the joint together with the first.
-        known: Its travel in bare ticks if that was measured before; it is then not recorded.
-    """
-
-    joint_map: JointMap
-    ticks_per_turn: int
-    expected: Limits
-    pose: float
-    shadow_ids: tuple[int, ...] = ()
-    known: TickRange | None = None
-
-    @property
-    def name(self) -> str:
-        """The joint's name."""
-        return self.joint_map.joint
-
-    @property
-    def servo_id(self) -> int:
-        """The id of the joint's first servo."""
-        return self.joint_map.servo_id
-
-    @property
-    def free_direction(self) -> int:
-        """The direction, +1 or -1, with the larger range from the reference pose."""
-        above = self.expected.upper.value - self.pose
-        return 1 if above >= self.pose - self.expected.lower.value else -1
-
-    @property
-    def expected_ticks(self) -> float:
-        """How many ticks wide the arm file's range is."""
-        low, high = self.expected.lower.value, self.expected.upper.value
-        return abs(self.joint_map.ticks_from_zero(high) - self.joint_map.ticks_from_zero(low))
-
-    @property
-    def min_motion_ticks(self) -> float:
-        """How far the joint must move to show its direction."""
-        return min(
-            _MIN_MOTION_DEG / 360.0 * (self.ticks_per_turn or 1229), 0.25 * self.expected_ticks
-        )
-
-    def zero_tick(self, sign: int, anchor_tick: float) -> float:
-        """Compute the tick at position zero, given the tick in the reference pose."""
-        return anchor_tick - self.joint_map.with_mounting(sign, 0.0).ticks_from_zero(self.pose)
-
-    def with_mounting(self, sign: int, anchor_tick: float) -> JointMap:
-        """Return the joint's map, given the servo's sign and its tick in the reference pose."""
-        return self.joint_map.with_mounting(sign, self.zero_tick(sign, anchor_tick))
 
 
 _BLOCKED_S = 0.25

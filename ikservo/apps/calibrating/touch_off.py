@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from datetime import datetime
 from pathlib import Path
@@ -16,9 +15,9 @@ from ikservo.calibration import JointMap
 from ikservo.calibration.calibration_file import save_calibration
 from ikservo.calibration.records import (
     CalibratedGeometry,
-    CalibratedJoint,
     CalibratedOrigin,
     Calibration,
+    shift_zeros,
 )
 from ikservo.calibration.servo_config import raise_on_mismatch, register_mismatches
 from ikservo.ik import Target, solve
@@ -32,7 +31,10 @@ from ikservo.planning.calibrated_arm import (
     check_calibration_matches,
 )
 
-__all__ = ["TouchOffSession", "apply_touch_off", "shift_zeros"]
+__all__ = [
+    "TouchOffSession",
+    "apply_touch_off",
+]
 
 # A point that the model reaches this closely can be reached by hand, whatever its errors.
 _REACHED_M = 0.01
@@ -106,34 +108,6 @@ def apply_touch_off(
     return calibration.model_copy(
         update={"joints": joints, "geometry": geometry, "written": written}
     ).with_cameras({})
-
-
-def shift_zeros(
-    joints: Sequence[CalibratedJoint], maps: Sequence[JointMap], zeros: Vector
-) -> tuple[CalibratedJoint, ...]:
-    """Return joints with positions that are larger by ``zeros`` (dof,) where there is a map."""
-    shifts = {m.joint: float(z) for m, z in zip(maps, zeros, strict=True)}
-    return tuple(_shift_joint(joint, shifts, maps) for joint in joints)
-
-
-def _shift_joint(
-    joint: CalibratedJoint, shifts: dict[str, float], maps: Sequence[JointMap]
-) -> CalibratedJoint:
-    """Compute a joint whose positions are shifted; its stops do not move.
-
-    Limits of the user are positions of the geometry and do not move.
-    """
-    if joint.name not in shifts:
-        return joint
-    joint_map = next(m for m in maps if m.joint == joint.name)
-    shift = shifts[joint.name]
-    ends = {"lower_deg": math.degrees(shift), "upper_deg": math.degrees(shift)}
-    ends |= {"lower_m": shift, "upper_m": shift}
-    shifted = {
-        key: getattr(joint, key) + by for key, by in ends.items() if getattr(joint, key) is not None
-    }
-    ticks = joint_map.sign * shift / joint_map.unit_per_tick
-    return joint.model_copy(update={"zero_tick": joint.zero_tick - ticks, **shifted})
 
 
 def _calibrated_geometry(found: CalibrationEstimate, written: datetime) -> CalibratedGeometry:

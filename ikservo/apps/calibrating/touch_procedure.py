@@ -18,8 +18,8 @@ from ikservo.apps.calibrating.parameter_selection import (
     CalibrationEstimate,
     select_and_fit,
 )
-from ikservo.apps.calibrating.range_tracker import StillnessDetector
 from ikservo.calibration import JointMap
+from ikservo.control.stillness import StillnessDetector
 from ikservo.errors import CalibrationError
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector, freeze_arrays

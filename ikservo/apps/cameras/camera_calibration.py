@@ -11,7 +11,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ikservo.apps.calibrating.touch_off import shift_zeros
 from ikservo.apps.cameras.board import Board
 from ikservo.apps.cameras.camera_file import SIMULATED, CameraFile, camera_names, save_camera
 from ikservo.apps.cameras.capture import public_source
@@ -37,7 +36,7 @@ from ikservo.apps.cameras.pose_choice import choose_postures, is_visible
 from ikservo.arm.arm import Arm
 from ikservo.calibration import JointMap
 from ikservo.calibration.calibration_file import load_calibration, save_calibration
-from ikservo.calibration.records import CalibratedCamera, Calibration, SeenBoard
+from ikservo.calibration.records import CalibratedCamera, Calibration, SeenBoard, shift_zeros
 from ikservo.errors import CalibrationError, PictureError, RefusedError
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.bending import Bending

@@ -17,14 +17,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo.apps.calibrating.touch_off import shift_zeros
 from ikservo.apps.cameras.arm_camera import known_camera
 from ikservo.apps.cameras.camera_calibration import ArmBefore, chain_maps, seen_board
 from ikservo.apps.cameras.camera_check import stored_pose
 from ikservo.apps.cameras.camera_model import CameraModel
 from ikservo.arm.arm import Arm
 from ikservo.calibration.calibration_file import save_calibration
-from ikservo.calibration.records import CalibratedCamera, Calibration, TipClick
+from ikservo.calibration.records import CalibratedCamera, Calibration, TipClick, shift_zeros
 from ikservo.errors import CalibrationError
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.chain import Chain

@@ -10,6 +10,11 @@ APP = App(
             "Serve an arm to programs on other machines.",
             "Other machines",
         ),
+        "ros": Command(
+            "ikservo.apps.remote.ros_command",
+            "Connect an arm to ROS 2, without ROS on this machine.",
+            "Other machines",
+        ),
         "fleet": Command(
             "ikservo.apps.remote.fleet_command",
             "List the arms of other machines: state, operator, health.",
@@ -21,4 +26,5 @@ APP = App(
             "Other machines",
         ),
     },
+    parts={"stop": "ikservo.apps.remote.remote_stopper:REMOTE_STOPPER"},
 )

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from ikservo.apps.calibrating.auto_calibration import nearly_a_turn, unreached
-from ikservo.apps.calibrating.range_tracker import JointUnderCalibration
+from ikservo.calibration.uncalibrated_joint import JointUnderCalibration
 from tests.calibration.mounted_arms import load_model
 
 FLOOR = "gripper would touch the table by 9 mm in the best posture found"

@@ -8,10 +8,11 @@ import pytest
 from ikservo.apps.calibrating.calibration_dialogue import check_zeros
 from ikservo.apps.calibrating.calibration_procedure import CalibrationStage, CalibrationState
 from ikservo.apps.calibrating.calibration_session import TorqueOffArm
-from ikservo.apps.calibrating.range_tracker import JointUnderCalibration, RangeTracker
+from ikservo.apps.calibrating.range_tracker import RangeTracker
 from ikservo.calibration import JointMap, Limits
 from ikservo.calibration.calibration_file import read_calibration
 from ikservo.calibration.paths import calibration_path
+from ikservo.calibration.uncalibrated_joint import JointUnderCalibration
 from ikservo.cli.direction_prompt import check_new_signs
 from ikservo.cli.terminal_dialogue import Operator
 from ikservo.errors import CalibrationError

@@ -2,7 +2,7 @@
 
 import pytest
 
-from ikservo.apps.calibrating.range_tracker import StillnessDetector
+from ikservo.control.stillness import StillnessDetector
 
 
 def after(readings):

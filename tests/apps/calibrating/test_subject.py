@@ -4,8 +4,8 @@ import math
 
 import pytest
 
-from ikservo.apps.calibrating.range_tracker import JointUnderCalibration
 from ikservo.calibration import JointMap, Limits
+from ikservo.calibration.uncalibrated_joint import JointUnderCalibration
 
 TURN = 4096
 

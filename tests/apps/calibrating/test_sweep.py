@@ -13,16 +13,15 @@ from ikservo.apps.calibrating.calibration_dialogue import (
 from ikservo.apps.calibrating.calibration_procedure import (
     CalibrationStage,
     CalibrationState,
-    JointProgress,
     joint_readouts,
     warnings,
 )
 from ikservo.apps.calibrating.calibration_result import find_shifted_zeros
-from ikservo.apps.calibrating.range_tracker import JointUnderCalibration
 from ikservo.calibration import JointMap, Limits
 from ikservo.calibration.homing import TickRange
+from ikservo.calibration.uncalibrated_joint import JointUnderCalibration
 from ikservo.errors import BadValueError, CalibrationError, FileFormatError, UnknownNameError
-from ikservo.maintenance.dialogue import ScriptedAnswers
+from ikservo.maintenance.dialogue import JointProgress, ScriptedAnswers
 
 TURN = 4096
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from ikservo.apps.calibrating.touch_off import shift_zeros
 from ikservo.apps.cameras.camera_calibration import chain_maps, seen_board
 from ikservo.calibration.calibration_file import load_calibration, save_calibration
+from ikservo.calibration.records import shift_zeros
 from tests.apps.cameras.hidden_arms import BOARD, hidden_arm
 from tests.apps.cameras.saved_camera import calibrated_camera
 from tests.calibration.mounted_arms import load_model

@@ -11,11 +11,7 @@ from ikservo.apps.calibrating.calibration_dialogue import (
     calibrate_by_hand,
     switch_torque_off,
 )
-from ikservo.apps.calibrating.calibration_procedure import (
-    CalibrationStage,
-    JointProgress,
-    JointReadout,
-)
+from ikservo.apps.calibrating.calibration_procedure import CalibrationStage
 from ikservo.apps.calibrating.calibration_session import TorqueOffArm, open_torque_off
 from ikservo.apps.page.dragging.snapshot import CalibrationView
 from ikservo.maintenance.dialogue import (
@@ -23,6 +19,8 @@ from ikservo.maintenance.dialogue import (
     Choice,
     Dialogue,
     HandRequest,
+    JointProgress,
+    JointReadout,
     Notice,
     Progress,
     Question,
