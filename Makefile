@@ -77,7 +77,7 @@ vendor:  ## three.js and uPlot of the page anew, from npm at the versions of too
 	cd $(PAGE) && sha256sum uplot.min.js uplot.min.css > uplot.min.js.sha256
 
 clean:
-	rm -rf $(VENV) .venv-lerobot build dist site mutants ikservo/ik/kernel/_compiled.*
+	rm -rf $(VENV) .venv-lerobot build dist site mutants ikservo/kernels/_compiled.*
 
 $(VENV)/bin/pip:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { echo "ikservo needs Python 3.11 or newer; try: make PYTHON=python3.12"; exit 1; }

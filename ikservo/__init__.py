@@ -13,12 +13,12 @@ Positions are metres in the arm's base frame, joints radians (metres for prismat
 Names are imported when they are first used, so that the command line starts at once.
 """
 
-from importlib import import_module
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
+
+from ikservo.app_discovery import all_apps, load_place
 
 if TYPE_CHECKING:
     __version__: str
-    from ikservo.apps.page.picking.visibility import visible_from
     from ikservo.arm import (
         Arm,
         MotionPlan,
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
         PathConstraint,
         ToolOrientation,
         open_arm,
-        read_recording,
     )
     from ikservo.errors import (
         AimError,
@@ -116,10 +115,8 @@ __all__ = [
     "load_model",
     "open_arm",
     "read_drawing",
-    "read_recording",
     "solve",
     "solve_batch",
-    "visible_from",
 ]
 
 _HOMES = {
@@ -171,23 +168,29 @@ _HOMES = {
     "load_model": "model",
     "open_arm": "arm",
     "read_drawing": "files.drawing",
-    "read_recording": "arm",
     "solve": "ik",
     "solve_batch": "ik",
-    "visible_from": "view.visibility",
 }
 
 
-def __getattr__(name: str) -> object:
+def __getattr__(name: str) -> Any:  # noqa: ANN401  # apps add names
     if name == "__version__":
         from importlib.metadata import version  # noqa: PLC0415  # takes longer than --help may
 
         return version("ikservo")
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name)
-    value = globals()[name] = getattr(import_module(f"ikservo.{_HOMES[name]}"), name)
+    value = globals()[name] = load_place(_place_of(name))
     return value  # from now on found without this function
 
 
+def _place_of(name: str) -> str:
+    if name in _HOMES:
+        return f"ikservo.{_HOMES[name]}:{name}"
+    if not name.startswith("_"):
+        for app in all_apps():
+            if name in app.names:
+                return app.names[name]
+    raise AttributeError(f"module {__name__!r} has no attribute {name!r}", name=name)
+
+
 def __dir__() -> list[str]:
-    return sorted(__all__)
+    return sorted([*__all__, *(name for app in all_apps() for name in app.names)])

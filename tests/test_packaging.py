@@ -110,7 +110,7 @@ def test_the_wheel_carries_the_compiled_kernels_and_says_for_which_machine(wheel
     ]
     assert tag.startswith("Tag: cp311-abi3-")
     module = [name for name in wheel.namelist() if name.endswith((".so", ".pyd"))]
-    assert module == [f"ikservo/ik/kernel/{Path(module[0]).name}"]
+    assert module == [f"ikservo/kernels/{Path(module[0]).name}"]
 
 
 def test_without_a_compiler_the_wheel_is_pure_python(tmp_path):

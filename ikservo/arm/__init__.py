@@ -8,8 +8,6 @@ from importlib import import_module
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from ikservo.apps.teaching.recorder import read_recording
-    from ikservo.apps.teaching.recording import Recording
     from ikservo.arguments import OnExit
     from ikservo.arm.arm import Arm
     from ikservo.arm.arm_protocol import OpenArm
@@ -19,7 +17,6 @@ if TYPE_CHECKING:
     from ikservo.arm.setpoint_stream import SetpointStream
     from ikservo.control.feedback import JointState
     from ikservo.guard import DEAD_MAN_TIMEOUT_S, StopKind, StopReason
-    from ikservo.motion.sampled_trajectory import SampledTrajectory
     from ikservo.planning.calibrated_arm import ZeroSource
     from ikservo.planning.motion_plan import MotionPlan
     from ikservo.planning.path_constraint import PathConstraint
@@ -39,9 +36,7 @@ __all__ = [
     "OnExit",
     "OpenArm",
     "PathConstraint",
-    "Recording",
     "RunningMotion",
-    "SampledTrajectory",
     "SetpointStream",
     "StopKind",
     "StopReason",
@@ -49,33 +44,29 @@ __all__ = [
     "ZeroSource",
     "check_followed_goal",
     "open_arm",
-    "read_recording",
 ]
 
 _HOMES = {
     "Arm": "arm.arm",
-    "ArmState": "arm.reports",
+    "ArmState": "planning.reports",
     "DEAD_MAN_TIMEOUT_S": "guard",
-    "JointMoveResult": "arm.reports",
+    "JointMoveResult": "planning.reports",
     "JointState": "control.feedback",
     "Motion": "arm.background_motion",
-    "MotionPlan": "arm.motion_plan",
-    "MotionProgress": "arm.reports",
-    "MoveResult": "arm.reports",
-    "OnExit": "arm.arguments",
+    "MotionPlan": "planning.motion_plan",
+    "MotionProgress": "planning.reports",
+    "MoveResult": "planning.reports",
+    "OnExit": "arguments",
     "OpenArm": "arm.arm_protocol",
-    "Recording": "recording.recording",
     "RunningMotion": "arm.background_motion",
-    "SampledTrajectory": "recording.sampled_trajectory",
     "SetpointStream": "arm.setpoint_stream",
     "StopKind": "guard",
     "StopReason": "guard",
-    "PathConstraint": "arm.path_constraint",
-    "ToolOrientation": "arm.tool_orientation",
-    "ZeroSource": "arm.calibrated_arm",
+    "PathConstraint": "planning.path_constraint",
+    "ToolOrientation": "planning.tool_orientation",
+    "ZeroSource": "planning.calibrated_arm",
     "check_followed_goal": "arm.following",
     "open_arm": "arm.opening",
-    "read_recording": "arm.recorder",
 }
 
 

@@ -4,12 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any, Self, TypeVar
 
-from ikservo.apps.cameras.arm_camera import ArmCamera
-from ikservo.apps.teaching import replaying
-from ikservo.apps.teaching.recorder import RecordResult, RecordSettings, record_arm
 from ikservo.arguments import OnExit, check_exit
 from ikservo.arm import following, jogging, leader_following
 from ikservo.arm.background_motion import Background
@@ -67,7 +63,6 @@ class Arm(MotionMethods):
         poses: The poses of its arm file, and the taught ones.
         joint_index: Which column of vectors of all joints (n,) is which.
         scene: The things around it, and what its gripper holds.
-        camera: The calibrated camera before it: points of the table from pixels.
         preflight: Plans its motions, and checks them; for functions of this package.
         background: Runs the motions that the program does not wait for; for functions of this
             package.
@@ -94,7 +89,6 @@ class Arm(MotionMethods):
         self.joint_index: JointIndex = context.index
         self.poses = PoseLibrary(context.model, context.serial_number)
         self.scene = Scene(context, runner)
-        self.camera = ArmCamera(context, self.scene)
         self.preflight = PreflightPlanner(context, runner, self.poses)
         self.background = Background(runner, context.servos.stop_request)
         runner.on_overheat = self._lower
@@ -289,44 +283,11 @@ class Arm(MotionMethods):
         return run_motion(self, motion, on_progress)
 
     # These are functions of an arm, in the modules of what they do.
-    load_replay = replaying.load_replay
     jog = jogging.jog
     follow = following.follow
     follow_arm = leader_following.follow_arm
     follow_goals = following.follow_goals
     stream = open_stream
-
-    def record(
-        self,
-        path: Path | str,
-        *,
-        duration_s: float | None = None,
-        until: Callable[[], bool] | None = None,
-        period_s: float = 0.02,
-        overwrite: bool = False,
-        foxglove_port: int | None = None,
-    ) -> RecordResult:
-        """Write the measured joints to a file at a fixed rate; torque stays as it is.
-
-        Ctrl-C ends it; the file is complete up to then.
-
-        Args:
-            path: A new file: a header, then one line of JSON for each sample; or, where it ends
-                in ``.mcap``, messages of ROS 2, with goals, link poses and health.
-            duration_s: How long; for as long as ``until`` says if None.
-            until: Called at each sample; ends the recording by returning True.
-            period_s: Between two samples.
-            overwrite: Whether an existing file may be replaced.
-            foxglove_port: Where the same messages are served to Foxglove, on this machine; None
-                for nowhere.
-
-        Raises:
-            BadValueError: The file exists, or a number is out of its range.
-            FileWriteError: It cannot be written.
-            ServoSilentError: A servo does not answer; the samples before are kept.
-        """
-        settings = RecordSettings(path, duration_s, until, period_s, overwrite, foxglove_port)
-        return record_arm(self._context, self._runner, settings)
 
     def teach(
         self, name: str, until: Callable[[], object] | None = None, *, hold: bool = False

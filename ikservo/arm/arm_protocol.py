@@ -8,15 +8,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
-from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
 from numpy.typing import ArrayLike
 
-from ikservo.apps.teaching.recorder import RecordResult
-from ikservo.apps.teaching.recording import Recording
-from ikservo.apps.teaching.replaying import RecordedTrajectory
 from ikservo.arm.following import FollowResult
 from ikservo.arm.jogging import JogResult, KeepGoing
 from ikservo.arm.motion_methods import MotionMethods, Positions
@@ -161,7 +157,7 @@ class OpenArm(MotionMethods, Protocol):
     def acknowledge(self) -> None:
         """End a stop: the cause is gone, and the arm may be moved again; nothing moves yet."""
 
-    # poses, goals and recordings
+    # poses and goals
 
     def pose_within_limits(self, pose: str, start: Vector | None = None) -> PoseWithinLimits:
         """Clamp a named pose to this arm's limits, which may be narrower than the pose."""
@@ -218,23 +214,4 @@ class OpenArm(MotionMethods, Protocol):
 
     def stream(self, *, speed: str = "normal", rate_hz: float | None = None) -> GoalStream:
         """Open a stream of setpoints, which the program sends at its own rate."""
-        ...
-
-    def load_replay(
-        self, path: Path | str, *, speed: str = "normal"
-    ) -> tuple[Recording, RecordedTrajectory]:
-        """Read a recording, and what ``replay`` would play; refused on another machine."""
-        ...
-
-    def record(
-        self,
-        path: Path | str,
-        *,
-        duration_s: float | None = None,
-        until: Callable[[], bool] | None = None,
-        period_s: float = 0.02,
-        overwrite: bool = False,
-        foxglove_port: int | None = None,
-    ) -> RecordResult:
-        """Write the measured joints to a file of this machine at a fixed rate."""
         ...

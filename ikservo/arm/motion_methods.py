@@ -10,11 +10,11 @@ import difflib
 from abc import abstractmethod
 from collections.abc import Iterable, Mapping
 from dataclasses import fields
-from pathlib import Path
 from typing import Any, Literal, Protocol, TypedDict, TypeVar, Unpack, cast, overload
 
 from numpy.typing import ArrayLike
 
+from ikservo.app_discovery import member_names, member_of_arms
 from ikservo.arguments import OnExit, check_callable, parse_all_positions
 from ikservo.arm.background_motion import Background, RunningMotion
 from ikservo.arm.method_options import with_options
@@ -35,7 +35,6 @@ from ikservo.planning.motions import (
     MoveThrough,
     MoveTo,
     MoveToRest,
-    Replay,
     check_motion,
     in_american,
 )
@@ -45,7 +44,6 @@ from ikservo.planning.reports import (
     JointMoveResult,
     MoveResult,
     OnProgress,
-    ReplayResult,
 )
 from ikservo.planning.tool_orientation import KEEP_BEST_EFFORT, ToolOrientation, check_orientation
 
@@ -304,7 +302,7 @@ class MotionMethods(Protocol):
         """
         on_progress = options.pop("on_progress", None)
         motion = MoveTo(position_m, **_fields(MoveTo, options))
-        return self._run(motion, on_progress, wait=wait)
+        return self.execute_or_start(motion, on_progress, wait=wait)
 
     @overload
     def move_line(
@@ -328,7 +326,7 @@ class MotionMethods(Protocol):
         """
         on_progress = options.pop("on_progress", None)
         motion = MoveLine(position_m, **_fields(MoveLine, options))
-        return self._run(motion, on_progress, wait=wait)
+        return self.execute_or_start(motion, on_progress, wait=wait)
 
     @overload
     def move_arc(
@@ -370,7 +368,7 @@ class MotionMethods(Protocol):
         """
         on_progress = options.pop("on_progress", None)
         motion = MoveArc(via_m, end_m, **_fields(MoveArc, options))
-        return self._run(motion, on_progress, wait=wait)
+        return self.execute_or_start(motion, on_progress, wait=wait)
 
     @overload
     def move_through(
@@ -394,7 +392,7 @@ class MotionMethods(Protocol):
         """
         on_progress = options.pop("on_progress", None)
         motion = MoveThrough(points_m, **_fields(MoveThrough, options))
-        return self._run(motion, on_progress, wait=wait)
+        return self.execute_or_start(motion, on_progress, wait=wait)
 
     @overload
     def draw(
@@ -428,7 +426,7 @@ class MotionMethods(Protocol):
         """
         on_progress = options.pop("on_progress", None)
         motion = Draw(strokes_m, **_fields(Draw, options))
-        return self._run(motion, on_progress, wait=wait)
+        return self.execute_or_start(motion, on_progress, wait=wait)
 
     @overload
     def move_joints(
@@ -459,7 +457,7 @@ class MotionMethods(Protocol):
         motion = MoveJoints(
             parse_all_positions(positions, self.joint_names), **_fields(MoveJoints, options)
         )
-        return self._run(motion, on_progress, wait=wait)
+        return self.execute_or_start(motion, on_progress, wait=wait)
 
     @overload
     def pose(
@@ -486,7 +484,7 @@ class MotionMethods(Protocol):
         """
         on_progress = options.pop("on_progress", None)
         motion = MovePose(name, **_fields(MovePose, options))
-        return self._run(motion, on_progress, wait=wait)
+        return self.execute_or_start(motion, on_progress, wait=wait)
 
     @overload
     def look_at(
@@ -509,7 +507,7 @@ class MotionMethods(Protocol):
         """
         on_progress = options.pop("on_progress", None)
         motion = LookAt(point_m, **_fields(LookAt, options))
-        return self._run(motion, on_progress, wait=wait)
+        return self.execute_or_start(motion, on_progress, wait=wait)
 
     @overload
     def gripper(
@@ -537,33 +535,7 @@ class MotionMethods(Protocol):
         """
         on_progress = options.pop("on_progress", None)
         motion = _grip(to, _fields(MoveGripper, options))
-        return self._run(motion, on_progress, wait=wait)
-
-    @overload
-    def replay(
-        self, path: Path | str, *, wait: Literal[True] = True, **options: Unpack[JointOptions]
-    ) -> ReplayResult: ...
-
-    @overload
-    def replay(
-        self, path: Path | str, *, wait: Literal[False], **options: Unpack[JointOptions]
-    ) -> RunningMotion[ReplayResult]: ...
-
-    @with_options(Replay, JointOptions)
-    def replay(
-        self, path: Path | str, *, wait: bool = True, **options: Unpack[JointOptions]
-    ) -> ReplayResult | RunningMotion[ReplayResult]:
-        """Move to the first pose of a recording of this arm, then along it.
-
-        It is as fast as recorded where that is within the speed class, else slowed down as a whole.
-
-        Raises:
-            FileFormatError: It is malformed, or another arm's; says in which line.
-            RefusedError: It leaves this arm's limits, or something is in the way; nothing moved.
-        """
-        on_progress = options.pop("on_progress", None)
-        motion = Replay(path, **_fields(Replay, options))
-        return self._run(motion, on_progress, wait=wait)
+        return self.execute_or_start(motion, on_progress, wait=wait)
 
     @with_options(MoveTo, PointOptions, takes_point=True)
     def plan_to(self, position_m: ArrayLike, **options: Unpack[PointOptions]) -> MotionPlan:
@@ -625,7 +597,19 @@ class MotionMethods(Protocol):
         """Plan the slow motion to the rest pose, or as much of it as is free."""
         return self.plan(Lower())
 
-    def _run(
+    def __getattr__(self, name: str) -> Any:  # noqa: ANN401  # whatever an app offers
+        """Return a method or an attribute that an app gives to open arms.
+
+        Raises:
+            AttributeError: No app has one of this name.
+        """
+        return member_of_arms(self, name)
+
+    def __dir__(self) -> list[str]:
+        """List the names of the class and those that apps add."""
+        return sorted({*super().__dir__(), *member_names()})
+
+    def execute_or_start(
         self, motion: MotionValue[R], on_progress: OnProgress | None, *, wait: bool
     ) -> R | RunningMotion[R]:
         """Execute a motion, or start it.

@@ -7,20 +7,16 @@ from concurrent.futures import ThreadPoolExecutor
 
 from pydantic import JsonValue
 
-from ikservo.apps.teaching.recorder import RecordResult, RecordSettings, describe_arm, record
-from ikservo.apps.teaching.recording import ArmSample
 from ikservo.arm.networks import find_network, installed_networks
 from ikservo.arm.opening import open_bus, resolve_port
 from ikservo.arm.result_json import decode_as
-from ikservo.calibration.paths import calibration_path
 from ikservo.clock import Clock, RealClock
 from ikservo.control.stop_requests import StopOutcome, hold_servos
 from ikservo.errors import IkservoError, PortBusyError
 from ikservo.guard import DrivenJoint
-from ikservo.hardware.port_names import is_simulated, serial_number_of
+from ikservo.hardware.port_names import is_simulated
 from ikservo.model import Model
 from ikservo.model.load_lag import LoadLag, load_lags
-from ikservo.planning.calibrated_arm import ZeroSource
 from ikservo.planning.reports import ArmState, JointMoveResult
 from ikservo.serving.control_client import (
     Command,
@@ -32,7 +28,6 @@ from ikservo.serving.control_client import (
 
 __all__ = [
     "query_state",
-    "record_remote",
     "request_relax",
     "stop_arm",
     "stop_remote_arms",
@@ -126,34 +121,6 @@ def request_relax(model: Model, port: str | None) -> JointMoveResult | None:
     if reply is None:
         return None
     return decode_as(JointMoveResult, reply)
-
-
-def record_remote(
-    model: Model,
-    port: str | None,
-    settings: RecordSettings,
-) -> RecordResult | None:
-    """Record an arm that another program moves, by state requests; None where none has its port.
-
-    Raises:
-        IkservoError: That program has ended, or the file cannot be written.
-    """
-    if query_state(model, port) is None:
-        return None
-
-    def measure() -> ArmSample:
-        state = query_state(model, port)
-        if state is None:
-            raise IkservoError(
-                "The program that moved the arm has ended.", "The recording up to then is kept."
-            )
-        return ArmSample.of_states(state.joints)
-
-    serial = serial_number_of(resolve_port(model, port))
-    known = calibration_path(model.name, serial).exists()
-    zeros = ZeroSource.CALIBRATED if known else ZeroSource.UNKNOWN
-    arm = describe_arm(model, model.chain, settings.period_s, zeros, serial)
-    return record(measure, RealClock(), arm, settings)
 
 
 def _request(model: Model, device: str, command: Command, timeout_s: float) -> JsonValue:

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
-from ikservo.apps.teaching.replaying import plan_replay, run_replay
 from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.gripper import plan_gripper, run_gripper
+from ikservo.arm.own_motion import OwnMotion
 from ikservo.arm.plan_execution import plan_and_execute
 from ikservo.kinematics.arrays import Vector
 from ikservo.planning.checked_planning import PreflightPlanner
 from ikservo.planning.context import ArmContext
-from ikservo.planning.motions import MotionValue, MoveGripper, MoveJoints, MovePose, Replay, Wait
+from ikservo.planning.motions import MotionValue, MoveGripper, MoveJoints, MovePose, Wait
 from ikservo.planning.reports import OnProgress
 
 __all__ = ["end_of_motion", "run_motion", "wait"]
@@ -27,9 +27,9 @@ def run_motion(arm: ArmParts, motion: MotionValue[R], on_progress: OnProgress | 
         case MoveGripper() as gripper:
             with arm.runner.undisturbed():
                 result: object = run_gripper(arm, gripper, on_progress)
-        case Replay() as replay:
+        case OwnMotion() as own:
             with arm.runner.undisturbed():
-                result = run_replay(arm, replay, on_progress)
+                result = own.run(arm, on_progress)
         case Wait() as pause:
             result = wait(arm.context, pause, watch_health=arm.context.servos.torque.is_on)
         case planned:
@@ -56,8 +56,8 @@ def end_of_motion(
             return start
         case MoveGripper():
             return plan_gripper(context, motion, start)
-        case Replay():
-            return plan_replay(context, motion, start)
+        case OwnMotion() as own:
+            return own.end(context, start)
         case MovePose():
             inside = preflight.pose_within_limits(motion.name, start)
             return preflight.plan(MoveJoints(inside.positions, speed=motion.speed)).goal

@@ -49,29 +49,41 @@ def _in_order(commands: Mapping[str, Command]) -> Mapping[str, Command]:
 
 
 class LazyCommandGroup(TyperGroup):
-    """Imports the module of a command when that command is run."""
+    """Imports the module of a command when that command is run.
 
+    Attributes:
+        prefix: What the names of its commands begin with: "" or such as "import ".
+    """
+
+    prefix = ""
     _listing = False
 
     def list_commands(self, ctx: Any) -> list[str]:  # noqa: ANN401  # typer hides click's types
         """List the names in the order of the help."""
-        return [name for name in all_commands() if " " not in name]
+        names = [name for name in all_commands() if name.startswith(self.prefix)]
+        return [name for name in (each[len(self.prefix) :] for each in names) if " " not in name]
 
     def get_command(self, ctx: Any, cmd_name: str) -> Any:  # noqa: ANN401
         """Get the command, or only its name and help while the list is printed."""
-        found = find_command(cmd_name)
+        full_name = self.prefix + cmd_name
+        found = find_command(full_name)
         if found is None:
             return None
         if self._listing:
-            return TyperCommand(cmd_name, help=found.help, rich_help_panel=found.panel)
-        return _load_command(cmd_name, found)
+            panel = None if self.prefix else found.panel
+            return TyperCommand(cmd_name, help=found.help, rich_help_panel=panel)
+        if not found.module:
+            group = LazyCommandGroup(name=cmd_name, help=found.help, no_args_is_help=True)
+            group.prefix = f"{full_name} "
+            return group
+        return _load_command(full_name, found)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401
         """Find the named command; suggest the closest name if there is none."""
         if len(args) > 1 and find_command(" ".join(args[:2])) is not None:
             args = [" ".join(args[:2]), *args[2:]]
-        if args and not args[0].startswith("-") and find_command(args[0]) is None:
-            matches = difflib.get_close_matches(args[0].lower(), all_commands(), n=1)
+        if args and not args[0].startswith("-") and find_command(self.prefix + args[0]) is None:
+            matches = difflib.get_close_matches(args[0].lower(), self.list_commands(ctx), n=1)
             suggestion = f" Did you mean {matches[0]}?" if matches else ""
             ctx.fail(f"No such command {args[0]!r}.{suggestion}")
         return super().resolve_command(ctx, args)

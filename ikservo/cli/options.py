@@ -311,3 +311,9 @@ def _halves(option: str, text: str) -> tuple[str, str]:
     if not colon:
         raise typer.BadParameter(f"{option} has two parts with a colon between, not {text!r}.")
     return first, second
+
+
+PointsOption = Annotated[
+    Path | None,
+    typer.Option("--points", metavar="FILE", help="Points to touch, one NAME X Y Z per line."),
+]

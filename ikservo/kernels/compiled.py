@@ -37,7 +37,7 @@ _ARRAYS = {
     "IntMatrix": ("int64", 2),
 }
 _SWITCH = "IKSERVO_COMPILED"  # 0: run the kernels as Python
-_PACKAGE = Path(__file__).parents[2]
+_PACKAGE = Path(__file__).parents[1]
 
 
 class _Extension(Protocol):

@@ -18,27 +18,25 @@ import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import KW_ONLY, MISSING, dataclass, fields, is_dataclass, replace
 from functools import cache
-from os import fspath
-from pathlib import Path
 from typing import Annotated, Any, ClassVar, Generic, TypeVar, cast, get_args, get_type_hints
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from ikservo.app_discovery import all_apps, load_place
 from ikservo.arguments import (
     check_choice,
     parse_joint_positions,
     parse_number,
-    parse_path,
     parse_points,
 )
-from ikservo.errors import BadValueError, InputError, format_point
+from ikservo.errors import BadValueError, InputError, UnknownNameError, format_point
 from ikservo.ik import Posture
 from ikservo.ik.problem import check_position
 from ikservo.kinematics.arrays import Vector, finite_vector, finite_vectors
 from ikservo.motion import ToolPath, arc_about_axis, arc_through_points, straight_lines
 from ikservo.planning.path_constraint import UNCONSTRAINED, PathConstraint
-from ikservo.planning.reports import GraspResult, JointMoveResult, MoveResult, ReplayResult
+from ikservo.planning.reports import GraspResult, JointMoveResult, MoveResult
 from ikservo.planning.tool_orientation import KEEP_BEST_EFFORT, ToolOrientation, check_orientation
 
 __all__ = [
@@ -56,11 +54,12 @@ __all__ = [
     "MoveThrough",
     "MoveTo",
     "MoveToRest",
-    "Replay",
     "TipMotion",
     "Wait",
     "check_motion",
     "motion_fields",
+    "motion_kind",
+    "motion_names",
     "parse_motion",
 ]
 
@@ -130,10 +129,6 @@ def _parse_name(value: object) -> str:
     if not isinstance(value, str):
         raise BadValueError("The name of the pose", repr(value), "text")
     return value
-
-
-def _parse_file(value: object) -> str:
-    return fspath(parse_path(value))
 
 
 # Fields that several motions have. What checks a field is written with its type, here or there.
@@ -493,23 +488,6 @@ class MoveGripper(MotionValue[GraspResult]):
 
 
 @dataclass(frozen=True)
-class Replay(MotionValue[ReplayResult]):
-    """The joints move to the first pose of a recording of this arm, then along it.
-
-    Attributes:
-        path: The file.
-        speed: The speed class within which it is as fast as it was recorded.
-    """
-
-    path: Annotated[Path | str, _parse_file]
-    _: KW_ONLY
-    speed: Speed = "normal"
-
-    def _words(self) -> str:
-        return f"recording {self.path}"
-
-
-@dataclass(frozen=True)
 class Wait(MotionValue[None]):
     """The arm holds for a time.
 
@@ -530,11 +508,29 @@ class Wait(MotionValue[None]):
 KINDS: Mapping[str, type[MotionValue[Any]]] = {
     each.kind: each
     for each in get_args(
-        TipMotion
-        | (MoveJoints | MovePose | LookAt | MoveToRest | Lower | MoveGripper | Replay | Wait)
+        TipMotion | (MoveJoints | MovePose | LookAt | MoveToRest | Lower | MoveGripper | Wait)
     )
 }
-"""All kinds of motions by their names in JSON and TOML."""
+"""The kinds of motions of the core, by their names in JSON and TOML."""
+
+
+def motion_names() -> list[str]:
+    """Return the names of all kinds of motions in JSON and TOML, those of apps too."""
+    return [*KINDS, *(name for app in all_apps() for name in app.motions)]
+
+
+def motion_kind(name: str) -> type[MotionValue[Any]]:
+    """Return the kind of motion of a name.
+
+    Raises:
+        UnknownNameError: There is none.
+    """
+    if name in KINDS:
+        return KINDS[name]
+    for app in all_apps():
+        if name in app.motions:
+            return cast("type[MotionValue[Any]]", load_place(app.motions[name]))
+    raise UnknownNameError("motion", name, motion_names())
 
 
 def check_motion(motion: MotionValue[R]) -> MotionValue[R]:
@@ -563,10 +559,12 @@ def parse_motion(value: object) -> MotionValue[Any]:
     is_table = isinstance(value, Mapping)
     table = dict(cast("Mapping[object, object]", value)) if is_table else {}
     if len(table) != 1:
-        raise BadValueError("The motion", _shorten(value), f"a table of one of {', '.join(KINDS)}")
+        raise BadValueError(
+            "The motion", _shorten(value), f"a table of one of {', '.join(motion_names())}"
+        )
     ((kind, fields_of_kind),) = table.items()
-    kind = str(check_choice("motion", kind, [*KINDS]))
-    return cast("MotionValue[Any]", _from_fields(kind, KINDS[kind], fields_of_kind))
+    kind = str(check_choice("motion", kind, motion_names()))
+    return cast("MotionValue[Any]", _from_fields(kind, motion_kind(kind), fields_of_kind))
 
 
 def _fields_of(value: Any) -> dict[str, Any]:  # noqa: ANN401  # a dataclass

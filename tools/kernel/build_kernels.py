@@ -25,7 +25,7 @@ from translate import translate
 __all__ = ["FOLDER", "BuildError", "build"]
 
 ROOT = Path(__file__).parents[2]
-FOLDER = Path("ikservo", "ik", "kernel")
+FOLDER = Path("ikservo", "kernels")
 """Where the module is, in the tree and in the wheel."""
 
 _NAME = "ikservo.kernels._compiled"

@@ -15,10 +15,19 @@ APP = App(
             "Compare a calibration with the servos: diff, push, pull.",
             "Set up",
         ),
-        "import": Command(
+        "import": Command("", "Import a calibration from LeRobot or a recording.", "Set up"),
+        "import lerobot": Command(
             "ikservo.apps.calibrating.import_command",
-            "Import a calibration from LeRobot or a recording.",
+            "Import ids and ranges from LeRobot.",
             "Set up",
         ),
+        "import recording": Command(
+            "ikservo.apps.calibrating.import_recording_command",
+            "Import the calibration with which a recording was made.",
+            "Set up",
+        ),
+    },
+    parts={
+        "test --touch": "ikservo.apps.calibrating.accuracy_by_touch:measure_by_touch",
     },
 )

@@ -11,10 +11,9 @@ from ikservo.apps.calibrating.calibration_session import open_torque_off
 from ikservo.apps.calibrating.kinematic_calibration import TouchPoint
 from ikservo.apps.calibrating.touch_dialogue import touch_points
 from ikservo.apps.calibrating.touch_off import TouchOffSession
-from ikservo.apps.calibrating.touched_accuracy import touched_poses
-from ikservo.apps.lab.accuracy_test import PoseResult
 from ikservo.cli.terminal_dialogue import Operator
 from ikservo.errors import CalibrationError, IkservoError
+from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
 
 __all__ = ["TouchedPoints", "measure_by_touch"]
@@ -24,12 +23,13 @@ class TouchedPoints:
     """The touches of a test, kept also where it is stopped.
 
     Attributes:
-        poses: The touched points, with where the tip was by the arm's joints.
+        tips: For each touch of a known point its name, the point (3,), and where the tip was (3,)
+            by the arm's joints; metres, base frame.
         stopped: Why it ended early; None where it did not.
     """
 
     def __init__(self) -> None:
-        self.poses: list[PoseResult] = []
+        self.tips: list[tuple[str, Vector, Vector]] = []
         self.stopped: BaseException | None = None
 
 
@@ -63,9 +63,13 @@ def measure_by_touch(
             operator.run(touch_points(limp_arm, state, touches))
         except (IkservoError, KeyboardInterrupt) as error:
             found.stopped = error
-        found.poses = touched_poses(session.present, touches)
-    if not found.poses and found.stopped is not None:
+        found.tips = [
+            (touch.point, touch.position_m, session.present.forward(touch.q)[:3, 3])
+            for touch in touches
+            if touch.position_m is not None
+        ]
+    if not found.tips and found.stopped is not None:
         raise found.stopped
-    if not found.poses:
+    if not found.tips:
         raise CalibrationError("No point was touched; there is nothing to report.")
     return found

@@ -7,17 +7,14 @@ from typing import Annotated
 
 import typer
 
+from ikservo.app_discovery import find_part
 from ikservo.apps.calibrating.calibrate_auto import calibrate_auto
 from ikservo.apps.calibrating.calibrate_by_hand import calibrate, parse_limits
 from ikservo.apps.calibrating.calibrate_touch import TouchOffOptions, run_touch_off
 from ikservo.apps.calibrating.calibration_dialogue import CalibrationOptions, read_script
 from ikservo.apps.calibrating.touch_dialogue import read_touch_script
-from ikservo.apps.cameras.calibrate_camera import (
-    CameraOptions,
-    calibrate_by_camera,
-    calibrate_from_pictures,
-)
 from ikservo.arm.opening import require_own_port
+from ikservo.cli.camera_options import CameraOptions
 from ikservo.cli.direction_prompt import check_directions
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import JsonOption, MotionOptions, NamedServoConnection, UncalibratedOption
@@ -128,10 +125,12 @@ def command(
             raise InputError("--from-pictures moves nothing.", "Leave the other ways out.")
         model = model_from_option(connection.arm)
         operator = answers.operator(read_script)
-        calibrate_from_pictures(model, camera.from_pictures, operator, json=json)
+        from_pictures = find_part("calibrate --from-pictures")
+        from_pictures(model, camera.from_pictures, operator, json=json)
         return
     if seen:
-        calibrate_by_camera(connection, camera, answers.operator(read_script), json=json)
+        by_camera = find_part("calibrate --camera")
+        by_camera(connection, camera, answers.operator(read_script), json=json)
         return
     if camera != CameraOptions():
         raise InputError(

@@ -16,6 +16,7 @@ from ikservo.apps.calibrating.calibration_session import find_lost_camera, open_
 from ikservo.apps.calibrating.touch_dialogue import estimate_fields, estimate_geometry
 from ikservo.apps.calibrating.touch_off import TouchOffSession
 from ikservo.apps.calibrating.touch_procedure import TouchTarget, place_sheet
+from ikservo.cli.options import PointsOption
 from ikservo.cli.quantities import parse_length_m
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.cli.terminal_dialogue import Operator
@@ -23,7 +24,7 @@ from ikservo.errors import FileFormatError
 from ikservo.files.reading import read_text
 from ikservo.model import Model
 
-__all__ = ["PointsOption", "TouchOffOptions", "make_targets", "read_points", "run_touch_off"]
+__all__ = ["TouchOffOptions", "make_targets", "read_points", "run_touch_off"]
 
 
 _MAX_BYTES = 64 * 1024
@@ -54,12 +55,6 @@ def _parse_target(path: Path, where: str, fields: list[str]) -> TouchTarget:
 
 
 _REPEATS = 20
-
-
-PointsOption = Annotated[
-    Path | None,
-    typer.Option("--points", metavar="FILE", help="Points to touch, one NAME X Y Z per line."),
-]
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,4 +1,4 @@
-"""``ikservo import``: a calibration of another program or a recording becomes this arm's."""
+"""``ikservo import lerobot``: a calibration of LeRobot becomes this arm's."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import math
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -17,7 +16,6 @@ from ikservo.apps.calibrating.calibrate_by_hand import (
     reporting_unchanged_state,
 )
 from ikservo.apps.calibrating.calibrate_command import Margin, Pose
-from ikservo.apps.calibrating.calibration_command import import_recorded
 from ikservo.apps.calibrating.calibration_dialogue import (
     check_zeros,
     confirm_saving,
@@ -38,41 +36,27 @@ from ikservo.apps.calibrating.lerobot_import import (
     lerobot_travels,
     with_lerobot_homing,
 )
-from ikservo.apps.teaching.dataset import DatasetOptions, import_dataset
 from ikservo.calibration.lerobot import LerobotJoint, find_lerobot, read_lerobot
-from ikservo.cli.completion import complete_from
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import JsonOption, ServoConnection
 from ikservo.cli.terminal_dialogue import AnswerOptions
-from ikservo.errors import UnknownNameError
 from ikservo.maintenance.dialogue import Dialogue, Notice
 
-__all__ = ["Kind", "check_kind", "command"]
+__all__ = ["command"]
 
-KINDS = ("lerobot", "recording", "dataset")
-Kind = Annotated[
-    str,
-    typer.Argument(
-        metavar="lerobot|recording|dataset",
-        autocompletion=complete_from(*KINDS),
-        help="LeRobot's calibration, a recording's, or the episodes of a LeRobotDataset.",
-    ),
-]
 Source = Annotated[
     str,
-    typer.Argument(metavar="ID|FILE|FOLDER", help="LeRobot's id of the arm, a file, a data set."),
+    typer.Argument(metavar="ID|FILE", help="LeRobot's id of the arm, or a file."),
 ]
 
 
 def command(
-    kind: Kind,
     source: Source,
     *,
     connection: ServoConnection,
     pose: Pose = "rest",
     margin: Margin = 2.0,
     answers: AnswerOptions,
-    dataset: DatasetOptions,
     json: JsonOption = False,
 ) -> None:
     """Import ids and ranges from LeRobot; zeros and signs are then measured in a pose.
@@ -80,19 +64,8 @@ def command(
     LeRobot's zero is the middle of the swept range, not the zero of the URDF.
 
     ikservo import lerobot my_arm --arm so101
-
-    ikservo import recording wave.mcap --arm so101     the calibration it was recorded with
-
-    ikservo import dataset FOLDER --arm so101 --to DIR    each episode becomes a recording
     """
-    check_kind(kind)
     model, port = model_from_option(connection.arm), connection.port
-    if kind == "recording":
-        import_recorded(model, port, Path(source), yes=answers.yes, json=json)
-        return
-    if kind == "dataset":
-        import_dataset(model, Path(source), dataset, json=json)
-        return
     joints = read_lerobot(find_lerobot(source))
     model.pose(pose)
     operator = answers.operator(read_script)
@@ -105,16 +78,6 @@ def command(
             state, outcome = operator.run(dialogue)
             saved = limp_arm.save(outcome)
     print_result(outcome, state, saved, json=json)
-
-
-def check_kind(kind: str) -> None:
-    """Check the name of the format.
-
-    Raises:
-        UnknownNameError: It is none of the three.
-    """
-    if kind not in KINDS:
-        raise UnknownNameError("format", kind, KINDS)
 
 
 def _measure_and_review(

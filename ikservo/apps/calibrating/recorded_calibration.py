@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from ikservo.app_discovery import find_part
 from ikservo.apps.calibrating.calibration_session import TorqueOffArm, find_mismatches
-from ikservo.apps.teaching.mcap_recording import CALIBRATION_FILE, read_attachment
 from ikservo.calibration.calibration_file import parse_calibration
 from ikservo.calibration.records import Calibration
 from ikservo.errors import CalibrationError
@@ -20,7 +20,7 @@ def read_recorded_calibration(path: Path) -> Calibration:
         CalibrationError: It has none.
         FileFormatError: It is not an MCAP file, or the calibration is malformed.
     """
-    text = read_attachment(path, CALIBRATION_FILE)
+    text: str | None = find_part("import recording")(path)
     if text is None:
         raise CalibrationError(
             f"No calibration is attached to {path}.",

@@ -4,6 +4,7 @@ from ikservo.app import App, Command
 
 APP = App(
     name="cameras",
+    arm_values={"camera": "ikservo.apps.cameras.arm_camera:camera_of"},
     commands={
         "camera": Command(
             "ikservo.apps.cameras.camera_command",
@@ -15,5 +16,9 @@ APP = App(
             "Find the point that a pixel of the camera sees; move there.",
             "Move",
         ),
+    },
+    parts={
+        "calibrate --from-pictures": "ikservo.apps.cameras.calibrate_camera:calibrate_from_pictures",
+        "calibrate --camera": "ikservo.apps.cameras.calibrate_camera:calibrate_by_camera",
     },
 )

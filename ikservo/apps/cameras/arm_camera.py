@@ -7,15 +7,18 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ikservo.apps.cameras.board import DEFAULT_BOARD, Board
+from ikservo.apps.cameras.board import Board
 from ikservo.apps.cameras.camera_file import SIMULATED, CameraFile, camera_names, load_camera
 from ikservo.apps.cameras.camera_model import CameraModel
 from ikservo.apps.cameras.camera_sources import open_source
 from ikservo.apps.cameras.capture import public_source
 from ikservo.apps.cameras.pictures import Intrinsics, Picture, PictureSource
 from ikservo.arguments import parse_number
+from ikservo.arm.arm_protocol import OpenArm
+from ikservo.arm.opening import require_own_port
 from ikservo.arm.scene import Scene
 from ikservo.calibration.records import CalibratedCamera
+from ikservo.cli.camera_options import DEFAULT_BOARD
 from ikservo.errors import CalibrationError, InputError, UnknownNameError
 from ikservo.kinematics.arrays import Vector, finite_vector, freeze_arrays
 from ikservo.kinematics.rays import Ray
@@ -161,6 +164,16 @@ class ArmCamera:
     def _ray(self, u: float, v: float) -> Ray:
         u, v = parse_number("The pixel's u", u), parse_number("The pixel's v", v)
         return self.model().ray(u, v)
+
+
+def camera_of(arm: OpenArm) -> ArmCamera:
+    """Return the calibrated camera before an open arm: points of the table from pixels.
+
+    Raises:
+        RefusedError: The arm is on another machine.
+    """
+    own = require_own_port(arm)
+    return ArmCamera(own.context, own.scene)
 
 
 def camera_key(context: ArmContext) -> str:

@@ -7,14 +7,10 @@ import shlex
 import shutil
 from collections.abc import Generator, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Annotated
 
-import typer
-
-from ikservo.apps.cameras.board import DEFAULT_BOARD, Board, require_opencv
+from ikservo.apps.cameras.board import Board, require_opencv
 from ikservo.apps.cameras.camera_by_hand import HandCalibration
 from ikservo.apps.cameras.camera_calibration import (
     PRINTED_COMPLIANCE,
@@ -25,8 +21,6 @@ from ikservo.apps.cameras.camera_calibration import (
     save_camera_result,
 )
 from ikservo.apps.cameras.camera_command import (
-    BoardOption,
-    CameraNameOption,
     check_camera_name,
     open_camera,
 )
@@ -35,6 +29,7 @@ from ikservo.apps.cameras.picture_folder import PictureFolder, PictureIndex, rea
 from ikservo.apps.cameras.pictures import find_board
 from ikservo.arm.opening import require_own_port
 from ikservo.calibration.paths import pictures_path
+from ikservo.cli.camera_options import CameraOptions
 from ikservo.cli.options import MotionOptions, NamedServoConnection
 from ikservo.cli.session import open_from_options, second_interrupt_lowers
 from ikservo.cli.terminal import print_json, print_lines, print_status
@@ -43,48 +38,7 @@ from ikservo.errors import CalibrationError, IkservoError
 from ikservo.maintenance.dialogue import Question, Unasked
 from ikservo.model import Model
 
-__all__ = ["CameraOptions", "calibrate_by_camera", "calibrate_from_pictures"]
-
-
-@dataclass(frozen=True, kw_only=True)
-class CameraOptions:
-    """The camera of a calibration, and the board before it."""
-
-    camera: Annotated[
-        str | None,
-        typer.Option(
-            "--camera",
-            metavar="SOURCE",
-            help="Show a printed board to this camera: a number, a device, an address, or sim.",
-        ),
-    ] = None
-    board: BoardOption = DEFAULT_BOARD
-    pictures: Annotated[
-        int, typer.Option("--pictures", min=10, max=100, help="How many pictures to take.")
-    ] = 30
-    camera_name: CameraNameOption = ""
-    save_pictures: Annotated[
-        Path | None,
-        typer.Option(
-            "--save-pictures",
-            metavar="FOLDER",
-            help="Keep the pictures and joint readings in this new folder.",
-        ),
-    ] = None
-    from_pictures: Annotated[
-        Path | None,
-        typer.Option(
-            "--from-pictures",
-            metavar="FOLDER",
-            help="Repeat the calibration of such a folder; needs no arm and no camera.",
-        ),
-    ] = None
-    by_hand: Annotated[
-        bool,
-        typer.Option(
-            "--by-hand", help="With --camera: you move the limp arm in front of the camera."
-        ),
-    ] = False
+__all__ = ["calibrate_by_camera", "calibrate_from_pictures"]
 
 
 def calibrate_by_camera(

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from ikservo.apps.cameras.board import DEFAULT_BOARD, Board
+from ikservo.apps.cameras.board import Board
+from ikservo.cli.camera_options import DEFAULT_BOARD, BoardOption, CameraNameOption
 from ikservo.cli.completion import complete_from
 from ikservo.cli.options import JsonOption, OverwriteOption, ServoPortOption
 from ikservo.cli.quantities import parse_length_m, parse_pixels
@@ -45,14 +46,6 @@ File = Annotated[
         metavar="[FILE|ARM]",
         help="For board: a file of type .pdf or .svg. Otherwise: the arm in front of the camera.",
     ),
-]
-BoardOption = Annotated[
-    str,
-    typer.Option("--board", metavar="NAME", help="COLUMNSxROWS-SQUAREmm-FAMILY of the board."),
-]
-CameraNameOption = Annotated[
-    str,
-    typer.Option("--camera-name", metavar="NAME", help="Which, where an arm has several cameras."),
 ]
 CameraOption = Annotated[
     str | None,

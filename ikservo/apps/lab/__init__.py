@@ -21,4 +21,7 @@ APP = App(
             "Set up",
         ),
     },
+    parts={
+        "gripper --weigh": "ikservo.apps.lab.weighing:weigh_held_object",
+    },
 )

@@ -10,8 +10,7 @@ from typing import Annotated, Any
 import typer
 
 from ikservo import __version__
-from ikservo.apps.calibrating.accuracy_by_touch import measure_by_touch
-from ikservo.apps.calibrating.calibrate_touch import PointsOption
+from ikservo.app_discovery import find_part
 from ikservo.apps.lab.accuracy_report import (
     accuracy_fields,
     accuracy_page,
@@ -20,11 +19,12 @@ from ikservo.apps.lab.accuracy_report import (
     touched_fields,
 )
 from ikservo.apps.lab.accuracy_test import PARTS, AccuracyTest, TestSettings
+from ikservo.apps.lab.touched_accuracy import touched_poses
 from ikservo.arm import OpenArm, ZeroSource
 from ikservo.cli.direction_prompt import check_directions_once
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.option_groups import Without
-from ikservo.cli.options import ArmConnection, MotionOptions, NamedArmConnection
+from ikservo.cli.options import ArmConnection, MotionOptions, NamedArmConnection, PointsOption
 from ikservo.cli.quantities import parse_time_s
 from ikservo.cli.session import confirm_motion, open_from_options
 from ikservo.cli.terminal import (
@@ -169,10 +169,10 @@ def _test_by_touch(
     model, started = model_from_option(connection.arm), datetime.now(UTC)
     path = report.page_path(model.name, started)
     operator = Operator.of(None, yes=options.yes)
-    found = measure_by_touch(model, connection.port, points, touches, operator)
+    found = find_part("test --touch")(model, connection.port, points, touches, operator)
     why = "" if found.stopped is None else str(getattr(found.stopped, "message", "") or "Ctrl-C")
     head = _head(model, started, report.note, why, simulated=False)
-    fields = head | touched_fields(found.poses)
+    fields = head | touched_fields(touched_poses(found.tips))
     write_atomic(path, accuracy_page(fields))
     _print(fields, path, json=options.json)
     if found.stopped is not None:

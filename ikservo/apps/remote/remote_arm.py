@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any, Self, TypeVar, cast
 
 from numpy.typing import ArrayLike
@@ -14,9 +13,6 @@ from ikservo.apps.remote.motion_calls import MotionCalls
 from ikservo.apps.remote.plan_fields import RemoteTrajectory
 from ikservo.apps.remote.remote_description import RemotePoses, describe, described_chain
 from ikservo.apps.remote.remote_stream import RemoteStream, goal_fields, next_items
-from ikservo.apps.teaching.recorder import RecordResult, RecordSettings, describe_arm, record
-from ikservo.apps.teaching.recording import ArmSample, Recording
-from ikservo.apps.teaching.replaying import RecordedTrajectory
 from ikservo.arguments import (
     OnExit,
     check_callable,
@@ -291,34 +287,9 @@ class RemoteArm(MotionMethods):
         with self._connection.subscribed("state", keep):
             yield published_positions(take, joints, period_s, until)
 
-    def load_replay(
-        self, path: Path | str, *, speed: str = "normal"
-    ) -> tuple[Recording, RecordedTrajectory]:
-        """Refuse: a recording is replayed beside the arm.
-
-        Raises:
-            RefusedError: Always.
-        """
-        raise self._not_here(f"Replaying {path}")
-
     def stream(self, *, speed: str = "normal", rate_hz: float | None = None) -> RemoteStream:
         """Open a stream of setpoints; see ``Arm.stream``."""
         return RemoteStream(self, self._connection, self._calls, speed, rate_hz)
-
-    def record(
-        self,
-        path: Path | str,
-        *,
-        duration_s: float | None = None,
-        until: Callable[[], bool] | None = None,
-        period_s: float = 0.02,
-        overwrite: bool = False,
-        foxglove_port: int | None = None,
-    ) -> RecordResult:
-        """Write the measured joints to a file of this machine; see ``Arm.record``."""
-        settings = RecordSettings(path, duration_s, until, period_s, overwrite, foxglove_port)
-        arm = describe_arm(self.model, self.chain, period_s, self.zeros)
-        return record(lambda: ArmSample.of_states(self.where().joints), self.clock, arm, settings)
 
     def teach(
         self, name: str, until: Callable[[], object] | None = None, *, hold: bool = False

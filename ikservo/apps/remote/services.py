@@ -9,10 +9,11 @@ from typing import Annotated, Any
 from pydantic import BaseModel, ConfigDict, Field, JsonValue, ValidationError
 
 from ikservo.arm import Arm
+from ikservo.arm.own_motion import OwnMotion
 from ikservo.arm.result_json import FloatArray
 from ikservo.errors import InputError, RefusedError
 from ikservo.files.validation import first_mistake
-from ikservo.planning.motions import MotionValue, Replay, parse_motion
+from ikservo.planning.motions import MotionValue, parse_motion
 from ikservo.serving.replies import SAME_VERSION
 
 __all__ = ["MOTIONS", "STREAMED", "WATCH", "Arguments", "AtSpeed", "Jog", "OfMotion", "OfPlan",
@@ -55,10 +56,8 @@ class OfMotion(Arguments):
             RefusedError: It would read a file of this machine.
         """
         motion = parse_motion(self.motion)
-        if isinstance(motion, Replay):
-            raise RefusedError(
-                f"Replaying {motion.path} is possible beside the arm only.", "Run it there."
-            )
+        if isinstance(motion, OwnMotion):
+            raise RefusedError(f"{motion}: this is possible beside the arm only.", "Run it there.")
         return motion
 
 

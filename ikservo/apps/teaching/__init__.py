@@ -4,7 +4,19 @@ from ikservo.app import App, Command
 
 APP = App(
     name="teaching",
+    names={"read_recording": "ikservo.apps.teaching.recorder:read_recording"},
+    arm_methods={
+        "record": "ikservo.apps.teaching.recorder:record_open_arm",
+        "replay": "ikservo.apps.teaching.replaying:replay",
+        "load_replay": "ikservo.apps.teaching.replaying:load_replay",
+    },
+    motions={"replay": "ikservo.apps.teaching.replaying:Replay"},
     commands={
+        "import dataset": Command(
+            "ikservo.apps.teaching.import_dataset_command",
+            "Import the episodes of a LeRobotDataset, each as a recording.",
+            "Set up",
+        ),
         "export": Command(
             "ikservo.apps.teaching.export_command",
             "Export a calibration to LeRobot, or a recording to CSV.",
@@ -40,5 +52,8 @@ APP = App(
             "Follow another arm that is guided by hand.",
             "Teach and replay",
         ),
+    },
+    parts={
+        "import recording": "ikservo.apps.teaching.mcap_recording:read_calibration_text",
     },
 )

@@ -14,9 +14,8 @@ from ikservo.apps.teaching.dataset_reading import Dataset, read_dataset
 from ikservo.apps.teaching.dataset_writing import write_dataset
 from ikservo.apps.teaching.lerobot_positions import positions_of_lerobot
 from ikservo.apps.teaching.lerobot_values import JointValues
-from ikservo.apps.teaching.recorder import recording_header
+from ikservo.apps.teaching.recorder import read_recording, recording_header
 from ikservo.apps.teaching.recording import RecordingWriter
-from ikservo.arm import read_recording
 from ikservo.calibration.calibration_file import read_calibration
 from ikservo.calibration.lerobot import find_lerobot, read_lerobot
 from ikservo.calibration.paths import calibrations_of

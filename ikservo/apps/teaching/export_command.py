@@ -9,7 +9,7 @@ from typing import Annotated
 import typer
 
 from ikservo.apps.teaching.dataset import export_dataset
-from ikservo.arm import read_recording
+from ikservo.apps.teaching.recorder import read_recording
 from ikservo.calibration.calibration_file import read_calibration
 from ikservo.calibration.lerobot import dump_lerobot, lerobot_joints, lost_in_lerobot
 from ikservo.calibration.paths import calibration_path, calibrations_of

@@ -296,6 +296,15 @@ class RosRecordingWriter:
 # reading
 
 
+def read_calibration_text(path: Path) -> str | None:
+    """Return the calibration that is attached to a recording; None if it has none.
+
+    Raises:
+        FileFormatError: It is not an MCAP file.
+    """
+    return read_attachment(path, CALIBRATION_FILE)
+
+
 def read_attachment(path: Path, name: str) -> str | None:
     """Read the text of an attachment of an MCAP file; None where it has none.
 

@@ -41,6 +41,7 @@ from typing import Annotated, Any, Literal, Self, cast
 import tomli_w
 from pydantic import Field, PlainSerializer, PlainValidator, ValidationError, model_validator
 
+from ikservo.apps.teaching.replaying import Replay
 from ikservo.errors import BadValueError, FileFormatError
 from ikservo.files.reading import read_toml
 from ikservo.files.validation import Location, StrictModel, format_key_path, validation_issues
@@ -48,7 +49,6 @@ from ikservo.files.writing import write_atomic
 from ikservo.model import Model
 from ikservo.model.arm_schema import Name
 from ikservo.planning.motions import (
-    KINDS,
     MotionValue,
     MoveArc,
     MoveGripper,
@@ -56,9 +56,9 @@ from ikservo.planning.motions import (
     MoveLine,
     MovePose,
     MoveTo,
-    Replay,
     Wait,
     motion_fields,
+    motion_names,
     parse_motion,
 )
 
@@ -121,7 +121,7 @@ class ProgramStep(StrictModel):
         default=None, description="m/s, of a line or an arc"
     )
     motion: StepMotion | None = Field(
-        default=None, description=f"the fields of one of {', '.join(KINDS)}"
+        default=None, description=f"the fields of one of {', '.join(motion_names())}"
     )
 
     @property

@@ -8,11 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from ikservo.apps.teaching.program import Program, ProgramStep
+from ikservo.apps.teaching.replaying import Replay
 from ikservo.arm.arm_parts import ArmParts
 from ikservo.arm.run_by_kind import end_of_motion, run_motion, wait
 from ikservo.errors import BadValueError, IkservoError
 from ikservo.planning.checked_planning import PlannedStart, PreflightPlanner
-from ikservo.planning.motions import MotionValue, Replay, Wait
+from ikservo.planning.motions import MotionValue, Wait
 from ikservo.planning.poses import PoseLibrary
 from ikservo.planning.reports import (
     GraspResult,

@@ -10,9 +10,8 @@ from typing import Annotated
 import typer
 
 from ikservo.apps.teaching.live_view import FOXGLOVE_PORT
-from ikservo.apps.teaching.recorder import RecordResult, RecordSettings
+from ikservo.apps.teaching.recorder import RecordResult, RecordSettings, record_other_process
 from ikservo.arm import OpenArm
-from ikservo.arm.other_process import record_remote
 from ikservo.cli.model_options import model_from_option
 from ikservo.cli.options import (
     ArmConnection,
@@ -80,7 +79,7 @@ def command(
     until = _first_sample_announcer() if duration is None else None
     live = foxglove_port if foxglove else None
     settings = RecordSettings(file, duration, until, period, overwrite, live)
-    report = record_remote(model, connection.port, settings)
+    report = record_other_process(model, connection.port, settings)
     if report is None:
         with open_from_options(connection, MotionOptions(uncalibrated=uncalibrated)) as machine:
             _offer_release(machine)

@@ -28,11 +28,17 @@ from ikservo.apps.teaching.recording import (
     read_json_lines,
 )
 from ikservo.arguments import check_callable, parse_number, parse_path
+from ikservo.arm.arm import Arm
+from ikservo.arm.arm_protocol import OpenArm
 from ikservo.arm.motion_runner import MotionRunner
+from ikservo.arm.opening import resolve_port
+from ikservo.arm.other_process import query_state
 from ikservo.calibration.calibration_file import dump_calibration, load_calibration
-from ikservo.clock import Clock, Rate
-from ikservo.errors import BadValueError, FileFormatError
+from ikservo.calibration.paths import calibration_path
+from ikservo.clock import Clock, Rate, RealClock
+from ikservo.errors import BadValueError, FileFormatError, IkservoError
 from ikservo.files.reading import require_file
+from ikservo.hardware.port_names import serial_number_of
 from ikservo.kinematics import Chain
 from ikservo.model import Model
 from ikservo.planning.calibrated_arm import ZeroSource
@@ -45,6 +51,8 @@ __all__ = [
     "read_recording",
     "record",
     "record_arm",
+    "record_open_arm",
+    "record_other_process",
     "recording_header",
 ]
 
@@ -69,7 +77,7 @@ class RecordResult:
 
 @dataclass(frozen=True, slots=True)
 class RecordSettings:
-    """What the caller of ``Arm.record`` has chosen; see there."""
+    """What the caller of ``arm.record`` has chosen; see `record_open_arm`."""
 
     path: Path | str
     duration_s: float | None = None
@@ -142,8 +150,44 @@ def describe_arm(
     return RecordedArm(header, model, chain, zeros.value, text)
 
 
+def record_open_arm(
+    arm: OpenArm,
+    path: Path | str,
+    *,
+    duration_s: float | None = None,
+    until: Callable[[], bool] | None = None,
+    period_s: float = 0.02,
+    overwrite: bool = False,
+    foxglove_port: int | None = None,
+) -> RecordResult:
+    """Write the measured joints to a file at a fixed rate; torque stays as it is.
+
+    Ctrl-C ends it; the file is complete up to then.
+
+    Args:
+        path: A new file: a header, then one line of JSON for each sample; or, where it ends
+            in ``.mcap``, messages of ROS 2, with goals, link poses and health.
+        duration_s: How long; for as long as ``until`` says if None.
+        until: Called at each sample; ends the recording by returning True.
+        period_s: Between two samples.
+        overwrite: Whether an existing file may be replaced.
+        foxglove_port: Where the same messages are served to Foxglove, on this machine; None
+            for nowhere.
+
+    Raises:
+        BadValueError: The file exists, or a number is out of its range.
+        FileWriteError: It cannot be written.
+        ServoSilentError: A servo does not answer; the samples before are kept.
+    """
+    settings = RecordSettings(path, duration_s, until, period_s, overwrite, foxglove_port)
+    if isinstance(arm, Arm):
+        return record_arm(arm.context, arm.runner, settings)
+    described = describe_arm(arm.model, arm.chain, period_s, arm.zeros)
+    return record(lambda: ArmSample.of_states(arm.where().joints), arm.clock, described, settings)
+
+
 def record_arm(context: ArmContext, runner: MotionRunner, settings: RecordSettings) -> RecordResult:
-    """Record an arm on a port of this process; see ``Arm.record``."""
+    """Record an arm on a port of this process; see `record_open_arm`."""
     arm = describe_arm(
         context.model, context.chain, settings.period_s, context.zeros, context.serial_number
     )
@@ -199,6 +243,34 @@ def record(
         except KeyboardInterrupt:  # ends the recording; every sample that was written is complete
             pass
     return RecordResult(path, writer.samples, last_s)
+
+
+def record_other_process(
+    model: Model,
+    port: str | None,
+    settings: RecordSettings,
+) -> RecordResult | None:
+    """Record an arm that another program moves, by state requests; None where none has its port.
+
+    Raises:
+        IkservoError: That program has ended, or the file cannot be written.
+    """
+    if query_state(model, port) is None:
+        return None
+
+    def measure() -> ArmSample:
+        state = query_state(model, port)
+        if state is None:
+            raise IkservoError(
+                "The program that moved the arm has ended.", "The recording up to then is kept."
+            )
+        return ArmSample.of_states(state.joints)
+
+    serial = serial_number_of(resolve_port(model, port))
+    known = calibration_path(model.name, serial).exists()
+    zeros = ZeroSource.CALIBRATED if known else ZeroSource.UNKNOWN
+    arm = describe_arm(model, model.chain, settings.period_s, zeros, serial)
+    return record(measure, RealClock(), arm, settings)
 
 
 def _is_ros(settings: RecordSettings) -> bool:

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import KW_ONLY, dataclass, replace
 from os import fspath
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
@@ -15,19 +15,23 @@ from ikservo.apps.teaching.recorder import read_recording, recording_header
 from ikservo.apps.teaching.recording import Recording
 from ikservo.arguments import parse_path
 from ikservo.arm.arm_parts import ArmParts
+from ikservo.arm.arm_protocol import OpenArm
+from ikservo.arm.background_motion import RunningMotion
+from ikservo.arm.opening import require_own_port
+from ikservo.arm.own_motion import OwnMotion
 from ikservo.errors import FileFormatError, RefusedError
 from ikservo.guard import thin_path
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion import JointMove, KinematicLimits, TrajectoryPoint
 from ikservo.planning.context import ArmContext
-from ikservo.planning.motions import Replay
+from ikservo.planning.motions import Speed
 from ikservo.planning.reports import OnProgress, ReplayResult
 from ikservo.settling.settling import settle_at
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-__all__ = ["RecordedTrajectory", "load_replay", "plan_replay", "run_replay"]
+__all__ = ["RecordedTrajectory", "Replay", "load_replay", "replay"]
 
 
 _GRID_S = 0.02
@@ -147,30 +151,12 @@ def _required_slowdown(
     return slowdown
 
 
+def _parse_file(value: object) -> str:
+    return fspath(parse_path(value))
+
+
 # By hand, joints are pushed a little beyond their limits.
 _LIMIT_TOLERANCE_RAD = math.radians(3.0)
-
-
-def load_replay(
-    arm: ArmParts, path: Path | str, *, speed: str = "normal"
-) -> tuple[Recording, RecordedTrajectory]:
-    """Read a recording, and what ``replay`` would play after its first pose; nothing moves.
-
-    Raises:
-        FileFormatError, RefusedError, CalibrationError: As ``replay``.
-    """
-    motion = Replay(fspath(parse_path(path)), speed=speed)
-    return _load(arm.context, motion, arm.runner.start_position())
-
-
-def plan_replay(context: ArmContext, motion: Replay, start: Vector) -> Vector:
-    """Compute the joints (n,) after a replay from ``start`` (n,); nothing moves.
-
-    Raises:
-        IkservoError: As ``run_replay``.
-    """
-    _, trajectory = _load(context, motion, start)
-    return trajectory.state(trajectory.duration_s).position
 
 
 def _load(
@@ -187,31 +173,88 @@ def _load(
     return recording, trajectory
 
 
-def run_replay(arm: ArmParts, motion: Replay, on_progress: OnProgress | None) -> ReplayResult:
-    """Move to the first pose of a recording, then along it; see ``Arm.replay``."""
-    context, runner, speed = arm.context, arm.runner, motion.speed
-    recording, trajectory = _load(context, motion, runner.start_position())
-    approach_speed = runner.allowed_speed(speed)
-    limits = context.planner.motion_limits(approach_speed)
-    started_s = context.now_s()
+@dataclass(frozen=True)
+class Replay(OwnMotion[ReplayResult]):
+    """The joints move to the first pose of a recording of this arm, then along it.
 
-    def approach(start: Vector) -> JointMove:
-        context.check_recorded_path(start, trajectory.sample_path())
-        return JointMove(start, trajectory.start, limits)
+    Attributes:
+        path: The file.
+        speed: The speed class within which it is as fast as it was recorded.
+    """
 
-    reporter = context.progress_reporter(on_progress)
-    runner.run(approach, reporter, approach_speed)
-    runner.run(lambda _: trajectory, reporter, speed)
-    goal = trajectory.state(trajectory.duration_s).position
-    measured = settle_at(context, runner, goal, speed)
-    return ReplayResult(
-        samples=len(recording.times_s),
-        duration_s=context.now_s() - started_s,
-        slowdown=trajectory.slowdown,
-        error_rad=float(np.abs(measured - goal).max()),
-        measured_rad=context.index.by_name(measured),
-        measured_tip_m=context.planner.tip(measured),
-    )
+    path: Annotated[Path | str, _parse_file]
+    _: KW_ONLY
+    speed: Speed = "normal"
+
+    def _words(self) -> str:
+        return f"recording {self.path}"
+
+    def run(self, arm: ArmParts, on_progress: OnProgress | None) -> ReplayResult:
+        """Move to the first pose of the recording, then along it; see `replay`."""
+        context, runner, speed = arm.context, arm.runner, self.speed
+        recording, trajectory = _load(context, self, runner.start_position())
+        approach_speed = runner.allowed_speed(speed)
+        limits = context.planner.motion_limits(approach_speed)
+        started_s = context.now_s()
+
+        def approach(start: Vector) -> JointMove:
+            context.check_recorded_path(start, trajectory.sample_path())
+            return JointMove(start, trajectory.start, limits)
+
+        reporter = context.progress_reporter(on_progress)
+        runner.run(approach, reporter, approach_speed)
+        runner.run(lambda _: trajectory, reporter, speed)
+        goal = trajectory.state(trajectory.duration_s).position
+        measured = settle_at(context, runner, goal, speed)
+        return ReplayResult(
+            samples=len(recording.times_s),
+            duration_s=context.now_s() - started_s,
+            slowdown=trajectory.slowdown,
+            error_rad=float(np.abs(measured - goal).max()),
+            measured_rad=context.index.by_name(measured),
+            measured_tip_m=context.planner.tip(measured),
+        )
+
+    def end(self, context: ArmContext, start: Vector) -> Vector:
+        """Compute the joints (n,) after a replay from ``start`` (n,); nothing moves.
+
+        Raises:
+            IkservoError: As `run`.
+        """
+        _, trajectory = _load(context, self, start)
+        return trajectory.state(trajectory.duration_s).position
+
+
+def replay(
+    arm: OpenArm,
+    path: Path | str,
+    *,
+    speed: str = "normal",
+    on_progress: OnProgress | None = None,
+    wait: bool = True,
+) -> ReplayResult | RunningMotion[ReplayResult]:
+    """Move to the first pose of a recording of this arm, then along it.
+
+    It is as fast as recorded where that is within the speed class, else slowed down as a whole.
+
+    Raises:
+        FileFormatError: It is malformed, or another arm's; says in which line.
+        RefusedError: It leaves this arm's limits, or something is in the way; nothing moved.
+    """
+    motion = Replay(path, speed=speed)
+    return arm.execute_or_start(motion, on_progress, wait=wait)
+
+
+def load_replay(
+    arm: OpenArm, path: Path | str, *, speed: str = "normal"
+) -> tuple[Recording, RecordedTrajectory]:
+    """Read a recording, and what ``replay`` would play after its first pose; nothing moves.
+
+    Raises:
+        FileFormatError, RefusedError, CalibrationError: As ``replay``; the arm is not here.
+    """
+    motion, own = Replay(fspath(parse_path(path)), speed=speed), require_own_port(arm)
+    return _load(own.context, motion, own.runner.start_position())
 
 
 def _of_this_arm(context: ArmContext, recording: Recording, path: Path) -> Recording:

@@ -6,17 +6,15 @@ from typing import Annotated
 
 import typer
 
-from ikservo.apps.lab.arm_identification import IdentificationRun
-from ikservo.apps.lab.identify_command import announce_tour
+from ikservo.app_discovery import find_part
 from ikservo.arm import OpenArm
-from ikservo.arm.opening import require_own_port
 from ikservo.cli.completion import complete_from
 from ikservo.cli.option_groups import Without
 from ikservo.cli.options import ArmConnection, MotionOptions
 from ikservo.cli.quantities import parse_length_m
 from ikservo.cli.results import Field, Fields, print_fields
 from ikservo.cli.session import confirm_motion, motion_progress_bar, open_from_options
-from ikservo.cli.terminal import format_port, print_json, print_lines, print_status
+from ikservo.cli.terminal import format_port, print_status
 from ikservo.errors import ExitCode, InputError
 from ikservo.planning.motions import MoveGripper
 from ikservo.planning.reports import GraspResult
@@ -69,7 +67,7 @@ def command(
             "Give open, close, a width like 30mm, or --weigh.",
         )
     if to is None:
-        _weigh(connection, options)
+        find_part("gripper --weigh")(connection, options)
         return
     width_m = None if to.isalpha() else parse_length_m(to)
     motion = MoveGripper(to if width_m is None else None, width_m=width_m, force=force)
@@ -81,31 +79,6 @@ def command(
     print_fields("gripper", report, _fields(machine), json=options.json, order=_LINES)
     if not (report.reached or report.grasped):
         raise typer.Exit(ExitCode.FAILED)
-
-
-def _weigh(connection: ArmConnection, options: MotionOptions) -> None:
-    with open_from_options(connection) as machine:
-        run = IdentificationRun.plan_weighing(require_own_port(machine))
-        announce_tour(run, options)
-        with motion_progress_bar() as on_progress:
-            recording = run.record(on_progress)
-        result = run.weigh(recording)
-    payload = result.payload
-    if options.json:
-        print_json(
-            "weigh",
-            payload_kg=payload.value,
-            error_kg=payload.error,
-            determined=payload.determined,
-            identified=result.with_identified,
-        )
-        return
-    if not result.with_identified:
-        print_status(
-            "This arm was not identified: its own masses are those of the arm file. "
-            f"With empty jaws: ikservo identify --arm {machine.model.name}"
-        )
-    print_lines([f"payload  {1000 * payload.value:.0f} ± {1000 * payload.error:.0f} g"])
 
 
 _LINES = "grasped position_rad reached duration_s"

@@ -8,7 +8,7 @@ import math
 import sys
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated, Any
 
 import numpy as np
 import typer
@@ -17,6 +17,7 @@ from rich.live import Live
 from rich.table import Table
 from rich.text import Text
 
+from ikservo.app_discovery import find_part
 from ikservo.arm import ArmState, JointState
 from ikservo.arm.other_process import query_state
 from ikservo.calibration import format_source
@@ -37,9 +38,6 @@ from ikservo.errors import IkservoError, InputError, format_point
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
 from ikservo.model.model import HealthLimits, limit_distance, near_limit
-
-if TYPE_CHECKING:
-    from ikservo.apps.page.picking.visibility import LinkVisibility
 
 __all__ = ["command", "heat_colour", "limit_colour", "position_bar", "watch_arm"]
 
@@ -104,14 +102,13 @@ def command(
 
 def _find_visible_links(
     model: Model, here: ArmState, eye_m: tuple[float, float, float]
-) -> tuple[LinkVisibility, ...]:
-    from ikservo.apps.page.picking.visibility import visible_from  # noqa: PLC0415  # rarely used
-
+) -> tuple[Any, ...]:
+    visible_from = find_part("where --visible-from")
     return visible_from(model, here.positions, eye_m)
 
 
 def _visibility_fields(
-    eye_m: tuple[float, float, float], links: Sequence[LinkVisibility]
+    eye_m: tuple[float, float, float], links: Sequence[Any]
 ) -> dict[str, object]:
     listed = [
         {
@@ -124,12 +121,12 @@ def _visibility_fields(
     return {"eye_m": eye_m, "links": listed}
 
 
-def _print_visibility(eye_m: tuple[float, float, float], links: Sequence[LinkVisibility]) -> None:
+def _print_visibility(eye_m: tuple[float, float, float], links: Sequence[Any]) -> None:
     print_lines(["", f"seen from {format_point(eye_m)}"])
     print_table(["link", "visible", "hidden by"], [_visibility_row(each) for each in links])
 
 
-def _visibility_row(link: LinkVisibility) -> list[str]:
+def _visibility_row(link: Any) -> list[str]:
     visible = f"{link.visible_fraction:.0%}" if link.is_visible else "hidden"
     return [link.link, visible, ", ".join(link.hidden_by)]
 

@@ -1,0 +1,270 @@
+"""``ikservo arms new``: make the folder of a new arm."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, TypeVar
+
+import typer
+
+from ikservo.apps.importing.building import ImportOptions
+from ikservo.apps.importing.draft import ArmDraft, DraftServo
+from ikservo.apps.importing.folder import write_drafts
+from ikservo.apps.importing.new_arm import NewArm, draft_new_arm
+from ikservo.apps.importing.ruler import RulerJoint, parse_measured
+from ikservo.cli.options import JsonOption
+from ikservo.cli.terminal import print_json, print_lines, print_status
+from ikservo.cli.terminal_dialogue import Operator
+from ikservo.control.stop_requests import exiting_on_signals
+from ikservo.errors import BadValueError, InputError
+
+Name = Annotated[str, typer.Argument(metavar="NAME", help="Name of the new arm.")]
+From = Annotated[
+    Path | None,
+    typer.Option("--from", metavar="PATH", help="URDF, xacro or MJCF, or a folder with one."),
+]
+File = Annotated[str | None, typer.Option("--file", help="Which description of the folder.")]
+Joint = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--joint",
+        metavar="NAME=AXIS:METRES",
+        help="Without --from: a joint, base to tip; its axis (z, y, x) while the arm stands "
+        "upright, and the length behind it. Repeatable.",
+    ),
+]
+Tip = Annotated[
+    list[str] | None,
+    typer.Option("--tip", metavar="LINK", help="The tool; repeated: one arm for each."),
+]
+Base = Annotated[
+    str | None, typer.Option("--base", metavar="LINK", help="Leave out what does not hang on it.")
+]
+BaseFrame = Annotated[
+    str | None,
+    typer.Option("--base-frame", metavar="WORDS", help="Place the base: rotate 90, raise 0.05"),
+]
+GripperJoint = Annotated[
+    str | None,
+    typer.Option("--gripper", metavar="JOINT", help="The joint of the jaws; none for none."),
+]
+ServoOf = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--servo",
+        metavar="JOINT=ID[:MODEL]",
+        help="A servo; -ID if it counts against the axis. Repeatable.",
+    ),
+]
+ServoModel = Annotated[
+    str | None, typer.Option("--servo-model", metavar="MODEL", help="Model of all other servos.")
+]
+JointLimits = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--limits", metavar="JOINT=LOW:HIGH", help="Its range, degrees or mm. Repeatable."
+    ),
+]
+Slide = Annotated[
+    list[str] | None,
+    typer.Option("--m-per-turn", metavar="JOINT=METRES", help="Of a slide's servo. Repeatable."),
+]
+Package = Annotated[
+    list[str] | None,
+    typer.Option("--package", metavar="NAME=FOLDER", help="Where a package is. Repeatable."),
+]
+XacroArgument = Annotated[
+    list[str] | None,
+    typer.Option("--xacro-arg", metavar="NAME:=VALUE", help="Argument of a xacro. Repeatable."),
+]
+AllowXacro = Annotated[
+    bool, typer.Option("--allow-xacro", help="Run the expressions of a xacro that you trust.")
+]
+NewPort = Annotated[
+    str | None,
+    typer.Option(
+        "--port",
+        metavar="PORT",
+        help="Find the servos on this port; each that --servo does not name moves a little.",
+    ),
+]
+Folder = Annotated[Path, typer.Option("--folder", help="Make the arm's folder in this one.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files of an existing arm.")]
+DryRun = Annotated[bool, typer.Option("--dry-run", help="Print what would be written.")]
+
+
+def command(  # one option each
+    name: Name,
+    *,
+    source: From = None,
+    file: File = None,
+    joint: Joint = None,
+    tip: Tip = None,
+    base: Base = None,
+    base_frame: BaseFrame = None,
+    gripper: GripperJoint = None,
+    servo: ServoOf = None,
+    servo_model: ServoModel = None,
+    limits: JointLimits = None,
+    m_per_turn: Slide = None,
+    package: Package = None,
+    xacro_arg: XacroArgument = None,
+    allow_xacro: AllowXacro = False,
+    port: NewPort = None,
+    folder: Folder = Path(),
+    overwrite: Overwrite = False,
+    dry_run: DryRun = False,
+    json: JsonOption = False,
+) -> None:
+    """Make the folder of a new arm, from a description or from measured joints.
+
+    ikservo arms new mine --from robot.urdf        converts it once; mine/import.md says how
+
+    ikservo arms new mine --joint pan=z:0.05 --joint lift=y:0.12     measured with a ruler
+    """
+    of_descriptions: dict[str, object] = {"--file": file, "--package": package}
+    of_descriptions |= {"--xacro-arg": xacro_arg, "--allow-xacro": allow_xacro}
+    if joint:
+        _refuse_given(of_descriptions, "--joint", "ikservo arms new NAME --from FILE")
+
+    options = ImportOptions(
+        base=base,
+        tips=tuple(tip or ()),
+        gripper="" if gripper == "none" else gripper,
+        base_frame=base_frame,
+        limits=dict(_parse_pairs("--limits", limits, _parse_range, "elbow=-90:90")),
+        servos=_parse_servos(servo or []),
+        servo_model=servo_model,
+        m_per_turn=dict(_parse_pairs("--m-per-turn", m_per_turn, _parse_positive, "slide=0.04")),
+    )
+    new = NewArm(
+        name,
+        folder,
+        source,
+        file,
+        _parse_joints(joint or []),
+        dict(_parse_pairs("--package", package, Path, "NAME=FOLDER")),
+        dict(_parse_pairs("--xacro-arg", xacro_arg, str, "NAME:=VALUE", ":=")),
+        allow_xacro,
+        overwrite,
+        options,
+        port,
+    )
+    with exiting_on_signals():  # a servo that is moved goes limp
+        drafts = Operator.of(None, yes=False, no_input=json).run(draft_new_arm(new))
+    written = [] if dry_run else write_drafts(drafts, folder)
+    _print_drafts(drafts, written, folder, json=json)
+
+
+def _refuse_given(options: Mapping[str, object], beside: str, usage: str) -> None:
+    """Refuse options that would be ignored.
+
+    Raises:
+        InputError: One is given.
+    """
+    given = [name for name, value in options.items() if value]
+    if given:
+        raise InputError(f"{', '.join(given)} cannot be given with {beside}.", f"Use: {usage}")
+
+
+_Value = TypeVar("_Value")
+
+
+def _parse_pairs(
+    option: str,
+    texts: Sequence[str] | None,
+    parse: Callable[[str], _Value],
+    example: str,
+    sign: str = "=",
+) -> Iterator[tuple[str, _Value]]:
+    """Parse options like ``NAME=VALUE``.
+
+    Raises:
+        BadValueError: One is nothing like the example.
+    """
+    for text in texts or ():
+        name, found, value = text.partition(sign)
+        try:
+            if not (name and found and value):
+                raise ValueError
+            yield name.strip(), parse(value)
+        except ValueError:
+            raise BadValueError(option, text, f"such as {example}") from None
+
+
+def _parse_range(text: str) -> tuple[float, float]:
+    low, high = (float(part) for part in text.split(":"))
+    if not (math.isfinite(low) and math.isfinite(high)):
+        raise ValueError
+    return low, high
+
+
+def _parse_positive(text: str) -> float:
+    value = float(text)
+    if not 0.0 < value < math.inf:
+        raise ValueError
+    return value
+
+
+def _parse_joints(texts: Sequence[str]) -> tuple[RulerJoint, ...]:
+    """Parse ``NAME=AXIS:METRES``, each name once."""
+    joints = tuple(parse_measured(text) for text in texts)
+    names = [joint.name for joint in joints]
+    for name in names:
+        if names.count(name) > 1:
+            raise BadValueError("--joint", f"{name} twice", "each name once")
+    return joints
+
+
+def _parse_servos(texts: Sequence[str]) -> dict[str, tuple[DraftServo, ...]]:
+    """Parse ``JOINT=[-]ID[:MODEL]``; further servos of a joint drive it together."""
+    found: dict[str, tuple[DraftServo, ...]] = {}
+    for name, servo in _parse_pairs("--servo", texts, _parse_servo, "elbow=3:STS3215 or elbow=-3"):
+        if any(servo.id == other.id for servos in found.values() for other in servos):
+            raise BadValueError("--servo", f"the id {servo.id} twice", "each id once")
+        found[name] = (*found.get(name, ()), servo)
+    return found
+
+
+def _parse_servo(text: str) -> DraftServo:
+    number, _, model = text.partition(":")
+    servo_id = int(number)
+    if not 0 < abs(servo_id) < 253:
+        raise ValueError
+    return DraftServo(abs(servo_id), model, -1 if servo_id < 0 else 1)
+
+
+def _print_drafts(
+    drafts: Sequence[ArmDraft], written: Sequence[Path], folder: Path, *, json: bool
+) -> None:
+    if json:
+        arms = [
+            {
+                "name": draft.name,
+                "folder": str(folder / draft.name),
+                "tip": draft.tip,
+                "joints": [joint.name for joint in draft.joints],
+                "decisions": draft.decisions,
+                "left_out": draft.dropped,
+                "files": {name: len(content) for name, content in draft.files().items()},
+            }
+            for draft in drafts
+        ]
+        print_json("arms-new", written=[str(path) for path in written], arms=arms)
+        return
+    for draft in drafts:
+        if written:
+            print_lines([f"{draft.name}: {len(draft.joints)} joints, tip {draft.tip}"])
+            for line in (*draft.decisions, *draft.dropped):
+                print_status(f"  {line}")
+        else:
+            for name, content in draft.files().items():
+                size = f"{len(content):,} bytes"
+                print_lines([f"--- {folder / draft.name / name}, {size}"])
+                if not name.startswith("meshes/"):
+                    print_lines(content.decode().splitlines())
+    for path in written:
+        print_lines([f"Written to {path}/; {path / 'import.md'} has every decision."])
+        print_status(f"Try it: ikservo view --arm {path}/ --port sim")

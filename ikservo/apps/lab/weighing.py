@@ -1,0 +1,40 @@
+"""``ikservo gripper --weigh``: weigh what the gripper holds."""
+
+from __future__ import annotations
+
+from ikservo.apps.lab.arm_identification import IdentificationRun
+from ikservo.apps.lab.identify_command import announce_tour
+from ikservo.arm.opening import require_own_port
+from ikservo.cli.options import ArmConnection, MotionOptions
+from ikservo.cli.session import motion_progress_bar, open_from_options
+from ikservo.cli.terminal import print_json, print_lines, print_status
+
+
+def weigh_held_object(connection: ArmConnection, options: MotionOptions) -> None:
+    """Weigh what the gripper holds by a short tour of the arm, and print it.
+
+    Raises:
+        IkservoError: The arm cannot make the tour, or the user declined.
+    """
+    with open_from_options(connection) as machine:
+        run = IdentificationRun.plan_weighing(require_own_port(machine))
+        announce_tour(run, options)
+        with motion_progress_bar() as on_progress:
+            recording = run.record(on_progress)
+        result = run.weigh(recording)
+    payload = result.payload
+    if options.json:
+        print_json(
+            "weigh",
+            payload_kg=payload.value,
+            error_kg=payload.error,
+            determined=payload.determined,
+            identified=result.with_identified,
+        )
+        return
+    if not result.with_identified:
+        print_status(
+            "This arm was not identified: its own masses are those of the arm file. "
+            f"With empty jaws: ikservo identify --arm {machine.model.name}"
+        )
+    print_lines([f"payload  {1000 * payload.value:.0f} ± {1000 * payload.error:.0f} g"])
