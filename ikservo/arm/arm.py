@@ -304,8 +304,10 @@ class Arm(MotionMethods):
             BadValueError: The name cannot be used; nothing has moved.
             FileWriteError: The pose cannot be saved.
         """
-        arm = (self._context, self._runner)
-        return teach(*arm, self.poses, name, until, self.relax, hold=hold)
+        positions = teach(self._context, self.poses, name, until, self.relax)
+        if hold:
+            self.enable()
+        return positions
 
     def target_period_s(self) -> float:
         """Return the time between two control cycles; for functions of this package."""

@@ -88,7 +88,8 @@ def follow_goals(
         runner.run(controller.start_trajectory, controller.on_cycle, speed)
         while controller.stands and controller.settled_goal is not None:
             goal, is_over = controller.settled_goal, controller.is_settling_over
-            settle_at(context, runner, goal, speed, is_over, by_tip=by_tip())
+            with runner.motion():
+                settle_at(context, runner.loop, goal, speed, is_over, by_tip=by_tip())
             if controller.has_ended:
                 break
             runner.run(controller.start_trajectory, controller.on_cycle, speed)
@@ -346,7 +347,8 @@ def follow_targets(
         if goal is None:
             measured = context.servos.measure_positions()
         else:
-            measured = settle_at(context, arm.runner, goal, speed)
+            with arm.runner.motion():
+                measured = settle_at(context, arm.runner.loop, goal, speed)
     return FollowResult(
         setpoints=follower.count,
         unreached=follower.unreached,

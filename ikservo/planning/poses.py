@@ -22,7 +22,6 @@ import tomli_w
 from pydantic import Field, ValidationError
 
 from ikservo.arguments import check_callable
-from ikservo.arm.motion_runner import MotionRunner
 from ikservo.calibration.paths import calibration_path
 from ikservo.errors import BadValueError, FileFormatError, UnknownNameError
 from ikservo.files.folders import config_dir
@@ -160,13 +159,10 @@ class PoseLibrary:
 
 def teach(
     context: ArmContext,
-    runner: MotionRunner,
     poses: PoseLibrary,
     name: str,
     until: Callable[[], object] | None,
     relax: Callable[[], object],
-    *,
-    hold: bool,
 ) -> dict[str, float]:
     """Save the measured joints as a pose; see ``Arm.teach``."""
     check_callable("until", until)
@@ -178,8 +174,6 @@ def teach(
         until()
     positions = context.index.by_name(context.servos.measure_positions())
     poses.save(name, positions)
-    if hold:
-        runner.enable()
     return positions
 
 

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ikservo.arm.motion_runner import MotionRunner
 from ikservo.control.loop import ControlCycle, ControlLoop
 from ikservo.control.servo_group import ServoGroup
 from ikservo.guard import DrivenJoint
@@ -261,7 +260,7 @@ def settle(
 
 def settle_at(
     context: ArmContext,
-    runner: MotionRunner,
+    loop: ControlLoop,
     goal: Vector,
     speed: str,
     is_over: Callable[[ControlCycle], bool] | None = None,
@@ -274,7 +273,7 @@ def settle_at(
 
     Args:
         context: The arm.
-        runner: Runs the correction as a motion; the goals are near there.
+        loop: Runs the correction, as a part of a motion; the goals are near there.
         goal: The positions of the joints, rad or m.
         speed: slow, normal or fast.
         is_over: Called in each control cycle; returns whether to end as soon as the joints rest.
@@ -288,10 +287,7 @@ def settle_at(
         context.chain, context.index, context.servos.driven_joints, goal, by_tip=by_tip
     )
     limits, horn_rad_s = context.planner.motion_limits(speed), context.model.speed(speed).rad_s
-    with runner.motion():
-        return _run_settling(
-            runner.loop, context.servos, ticks, limits, horn_rad_s, is_over=is_over
-        ).measured
+    return _run_settling(loop, context.servos, ticks, limits, horn_rad_s, is_over=is_over).measured
 
 
 def _run_settling(

@@ -205,7 +205,8 @@ class Replay(OwnMotion[ReplayResult]):
         runner.run(approach, reporter, approach_speed)
         runner.run(lambda _: trajectory, reporter, speed)
         goal = trajectory.state(trajectory.duration_s).position
-        measured = settle_at(context, runner, goal, speed)
+        with runner.motion():
+            measured = settle_at(context, runner.loop, goal, speed)
         return ReplayResult(
             samples=len(recording.times_s),
             duration_s=context.now_s() - started_s,
