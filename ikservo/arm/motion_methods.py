@@ -168,7 +168,8 @@ class MotionMethods(Protocol):
     _on_exit: OnExit
 
     def __dir__(self) -> list[str]:
-        return [name for name in super().__dir__() if name not in _PARTS]
+        own = (name for name in super().__dir__() if name not in _PARTS)
+        return sorted({*own, *member_names()})
 
     def __exit__(self, kind: object, error: object, trace: object) -> None:
         self.close(self._on_exit if error is None else "hold")
@@ -604,10 +605,6 @@ class MotionMethods(Protocol):
             AttributeError: No app has one of this name.
         """
         return member_of_arms(self, name)
-
-    def __dir__(self) -> list[str]:
-        """List the names of the class and those that apps add."""
-        return sorted({*super().__dir__(), *member_names()})
 
     def execute_or_start(
         self, motion: MotionValue[R], on_progress: OnProgress | None, *, wait: bool

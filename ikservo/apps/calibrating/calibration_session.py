@@ -15,7 +15,6 @@ from ikservo.apps.calibrating.calibration_result import (
     CalibrationResult,
     build_calibration,
 )
-from ikservo.apps.calibrating.range_tracker import JointUnderCalibration
 from ikservo.apps.cameras.capture import public_source
 from ikservo.arm.opening import open_bus
 from ikservo.calibration import Limits
