@@ -6,8 +6,6 @@ import time
 from collections.abc import Iterator
 from typing import Protocol
 
-__all__ = ["Clock", "Rate", "RealClock"]
-
 
 class Clock(Protocol):
     """The clock of all code that waits; a simulated bus has its own virtual one."""

@@ -15,8 +15,6 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-__all__ = ["in_page", "in_python", "install_command", "install_hint", "pip_command"]
-
 _PACKAGE = "ikservo"
 _NEEDED_EXTRA = re.compile(r"needs the extra (\w+)")
 

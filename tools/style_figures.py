@@ -6,6 +6,7 @@ The check fails on a class name that is defined twice in a package, on a class t
 through more than two classes of the project, and on a private word in a name of any kind, in tests
 and tools, too: words that mean something else in robotics, control, serial protocols or the web,
 or nothing at all. The words of ``tools/odd_words.txt`` may not stand in docstrings and strings.
+The structure may not exceed the bounds of ``pyproject.toml`` (`structure.py`).
 """
 
 from __future__ import annotations
@@ -19,6 +20,8 @@ from collections import Counter, defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+
+import structure
 
 ROOT = Path(__file__).parent.parent
 TREES = {"ikservo": ROOT / "ikservo", "servosim": ROOT / "sim" / "servosim"}
@@ -265,6 +268,7 @@ def main() -> int:
     if options.check:
         forbidden = _words("private_words.txt")
         found = [line for tree in trees for line in drift(tree)]
+        found += structure.exceeded(TREES["ikservo"])
         for tree in trees + beside:
             found += [f"private word in {place}" for place in private_words(tree, forbidden)]
         print(*found, sep="\n") if found else None
@@ -274,6 +278,8 @@ def main() -> int:
         return 0
     for tree in trees:
         print(tree.name, *(f"  {what:<46}{how_much}" for what, how_much in figures(tree)), sep="\n")
+    for what, how_much in structure.figures(TREES["ikservo"]).items():
+        print(f"  {what.replace('_', ' '):<46}{how_much}")
     for tree in beside:
         print(tree.name, f"  {'lines':<46}{sum(tree.lengths)}", sep="\n")
     print(

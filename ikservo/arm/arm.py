@@ -31,8 +31,6 @@ from ikservo.planning.motions import MotionValue, check_motion
 from ikservo.planning.poses import PoseLibrary, teach
 from ikservo.planning.reports import ArmState, JointMoveResult, MoveResult, OnProgress
 
-__all__ = ["Arm"]
-
 R = TypeVar("R")
 
 
@@ -48,8 +46,9 @@ class Arm(MotionMethods):
     Motions (``move_to``, ``gripper``, …) block until the arm is at rest. With ``wait=False`` they
     run in the background, after the ones before, and return a ``RunningMotion`` with ``done``,
     ``wait`` and ``cancel``; its ``wait`` returns the result and raises the errors. Closing the arm
-    cancels it. Each makes a motion of its arguments (``ikservo.planning.motions``, where the options
-    are explained), which ``plan``, ``execute`` and ``start`` take as well.
+    cancels it. Each makes a motion of its arguments (``ikservo.planning.motions`` explains the
+    options), which ``plan``, ``execute`` and ``start`` take as well. Apps add methods such as
+    ``record`` and ``replay``, and the attribute ``camera``.
 
     Args:
         context: What the arm is made of.

@@ -10,8 +10,6 @@ from ikservo.arm.scene import Scene
 from ikservo.planning.checked_planning import PreflightPlanner
 from ikservo.planning.context import ArmContext
 
-__all__ = ["ArmParts"]
-
 
 @runtime_checkable
 class ArmParts(Protocol):

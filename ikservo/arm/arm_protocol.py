@@ -1,7 +1,8 @@
 """What every open arm can do, with its servos on a port of this machine or on another machine.
 
-``Arm`` and ``RemoteArm`` (``ikservo.apps.remote``) implement it. Code that takes either names it as the
-type; code that needs the servos takes an ``Arm``, see ``ikservo.arm.opening.require_own_port``.
+``Arm`` and ``RemoteArm`` (``ikservo.apps.remote``) implement it. Code that takes either names it as
+the type; code that needs the servos takes an ``Arm``, see ``require_own_port`` in
+``ikservo.arm.opening``.
 """
 
 from __future__ import annotations
@@ -26,8 +27,6 @@ from ikservo.planning.calibrated_arm import ZeroSource
 from ikservo.planning.motion_plan import PoseWithinLimits
 from ikservo.planning.poses import PoseLibrary
 from ikservo.planning.reports import ArmState, JointMoveResult, MotionProgress, OnProgress
-
-__all__ = ["GoalStream", "OpenArm"]
 
 
 class GoalStream(Protocol):

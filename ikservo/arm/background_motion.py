@@ -20,9 +20,6 @@ from ikservo.control.stop_requests import StopRequest, stop_on_signals
 from ikservo.errors import IkservoError, NotSettledError, RefusedError, StoppedError
 from ikservo.guard import StopKind, StopReason
 
-__all__ = ["CANCELLED", "Background", "Motion", "RunningMotion", "Stoppable", "check_not_forked"]
-
-
 CANCELLED = StopReason(StopKind.CANCELLED, "Cancelled by the program; torque stays on.")
 # Braking takes 0.3 s; a busy machine is given more.
 _BRAKE_TIMEOUT_S = 5.0

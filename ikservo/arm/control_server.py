@@ -26,14 +26,6 @@ from ikservo.serving.control_client import (
 from ikservo.serving.control_socket import ListeningSocket, connect, open_socket, socket_path
 from ikservo.serving.replies import error_fields
 
-__all__ = [
-    "ControlServer",
-    "RequestHandler",
-    "command_handler",
-    "serve",
-]
-
-
 RequestHandler = Callable[[Request], object]
 """Executes a request and returns the result, JSON values; called in threads of its own."""
 

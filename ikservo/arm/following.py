@@ -23,15 +23,6 @@ from ikservo.planning.context import ArmContext
 from ikservo.planning.reports import OnProgress
 from ikservo.settling.settling import settle_at
 
-__all__ = [
-    "FollowResult",
-    "GoalSource",
-    "check_followed_goal",
-    "follow",
-    "follow_goals",
-    "follow_targets",
-]
-
 # The first motion after torque comes on is slow until it is as near as this to its goal.
 _TOLERANCE_RAD = 0.05
 

@@ -17,9 +17,6 @@ from ikservo.planning.context import ArmContext
 from ikservo.planning.motions import MoveGripper
 from ikservo.planning.reports import GraspResult, OnProgress
 
-__all__ = ["GripperMotion", "plan_gripper", "run_gripper"]
-
-
 _SPEED_FRACTION = 0.65  # of the speed class
 # A jaw that has not moved for this time while its goal is ahead is blocked.
 _AT_REST_S = 0.08

@@ -19,8 +19,6 @@ from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.motion import KinematicLimits, OnlineTrajectory
 from ikservo.planning.context import ArmContext
 
-__all__ = ["JOG_DIRECTIONS", "NO_LONGER_REQUESTED", "JogResult", "KeepGoing", "jog"]
-
 JOG_DIRECTIONS = {
     "x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0),
     "-x": (-1.0, 0.0, 0.0), "-y": (0.0, -1.0, 0.0), "-z": (0.0, 0.0, -1.0),

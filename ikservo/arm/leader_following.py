@@ -13,8 +13,6 @@ from ikservo.model import Model
 from ikservo.planning.context import ArmContext
 from ikservo.planning.reports import OnProgress
 
-__all__ = ["follow_arm", "leader_positions", "published_positions", "shared_joints"]
-
 
 def follow_arm(
     arm: OpenArm,

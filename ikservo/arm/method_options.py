@@ -12,8 +12,6 @@ from typing import Any, TypeVar, cast
 from ikservo.errors import BadValueError
 from ikservo.planning.motions import MotionValue
 
-__all__ = ["with_options"]
-
 F = TypeVar("F", bound=Callable[..., Any])
 
 

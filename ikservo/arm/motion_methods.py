@@ -47,8 +47,6 @@ from ikservo.planning.reports import (
 )
 from ikservo.planning.tool_orientation import KEEP_BEST_EFFORT, ToolOrientation, check_orientation
 
-__all__ = ["GripperCommand", "JawGoal", "MotionMethods", "Points", "Positions"]
-
 R = TypeVar("R")
 
 Positions = Mapping[str, float] | ArrayLike

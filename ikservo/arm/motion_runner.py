@@ -37,8 +37,6 @@ from ikservo.motion import JointMove, Trajectory
 from ikservo.planning.context import ArmContext
 from ikservo.planning.reports import ArmState
 
-__all__ = ["MotionRunner", "TrajectoryFactory"]
-
 _CLOSED = (
     StopReason(StopKind.CLOSED, "The program closed the arm during a motion."),
     "It holds. Open it again to move it.",

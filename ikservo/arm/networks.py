@@ -16,8 +16,6 @@ if TYPE_CHECKING:
     from ikservo.arm.arm_protocol import OpenArm
     from ikservo.serving.control_client import StopAllResult, StopResult
 
-__all__ = ["ArmNetwork", "find_network", "installed_networks"]
-
 _VARIABLE = "IKSERVO_PORT"
 
 

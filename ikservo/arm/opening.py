@@ -55,18 +55,6 @@ from ikservo.planning.calibrated_arm import (
 from ikservo.planning.context import ArmContext
 from ikservo.registers import control_table
 
-__all__ = [
-    "disable_torque_unchecked",
-    "make_collision_checker",
-    "make_collision_filter",
-    "open_arm",
-    "open_bus",
-    "open_own_arm",
-    "require_own_port",
-    "resolve_port",
-    "servo_specs",
-]
-
 
 def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> ServoBus:
     """Open the port of an arm's servos; nothing is sent yet.

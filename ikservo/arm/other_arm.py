@@ -14,8 +14,6 @@ from ikservo.model.scene_file import KeepOutShape, PlacedArm, capsule_shape, tur
 from ikservo.planning.context import ArmContext
 from ikservo.planning.surroundings import Turn, other_moves
 
-__all__ = ["OtherArm"]
-
 # Play and bent links, which its sensors do not see, and how far it drifts while this arm moves.
 _ROOM_M = 0.02
 _ANSWER_S = 1.0  # reading an arm takes milliseconds, and so does what else may hold its lock

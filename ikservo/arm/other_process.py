@@ -26,13 +26,6 @@ from ikservo.serving.control_client import (
     send_command,
 )
 
-__all__ = [
-    "query_state",
-    "request_relax",
-    "stop_arm",
-    "stop_remote_arms",
-]
-
 _RELAX_TIMEOUT_S = 120.0
 # Between opening a port and listening a program reads all of its servos.
 _START_TIMEOUT_S, _RETRY_PERIOD_S = 3.0, 0.02

@@ -33,17 +33,6 @@ from ikservo.settling.settling import SettlingResult, settle
 from ikservo.settling.swings import MotionSwings
 from ikservo.settling.tick_rounding import SettlingTarget, backlash_approach
 
-__all__ = [
-    "ExecutedMotion",
-    "MoveReport",
-    "check_plan",
-    "execute",
-    "lower",
-    "plan_and_execute",
-    "relax",
-    "run_plan",
-]
-
 # Servos of this class come to rest within one or two ticks of 0.09° of their goals.
 _POSITION_TOLERANCE_M = 0.002
 _JOINT_TOLERANCE_RAD = radians(0.5)

@@ -33,9 +33,6 @@ from ikservo.planning.reports import (
 from ikservo.serving.control_client import StopResult
 from ikservo.serving.replies import other_version_error
 
-__all__ = ["RESULT_TYPES", "FloatArray", "decode_as", "decode_fields", "decode_value",
-           "encode_fields", "encode_value"]  # fmt: skip
-
 RESULT_TYPES: Mapping[str, type] = {
     kind.__name__: kind
     for kind in (

@@ -15,8 +15,6 @@ from ikservo.planning.context import ArmContext
 from ikservo.planning.motions import MotionValue, MoveGripper, MoveJoints, MovePose, Wait
 from ikservo.planning.reports import OnProgress
 
-__all__ = ["end_of_motion", "run_motion", "wait"]
-
 R = TypeVar("R")
 _LONGEST_SLEEP_S = 0.05  # a wait notices a stop within this time
 

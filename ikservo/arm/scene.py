@@ -38,8 +38,6 @@ from ikservo.model.scene_file import (
 from ikservo.planning.context import ArmContext
 from ikservo.planning.surroundings import Turn
 
-__all__ = ["InScene", "Scene", "arm_sag"]
-
 _LARGEST_M = 0.5  # half of a side of what a gripper holds
 _NAME = "The name of the thing"
 _WAIT_S = 0.5  # for a reading to end, not for a motion

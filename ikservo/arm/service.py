@@ -3,8 +3,8 @@
 Anybody may stop the arm and read its state. One operator at a time moves it, under the lease; an
 operator who is not heard any more loses it, and the arm holds until somebody acknowledges that.
 
-A transport (``control_server`` for this machine, ``apps/remote/arm_server.py`` for others) knows who
-comes, parses what they send, calls this, and encodes what it returns.
+A transport (``control_server`` for this machine, ``apps/remote/arm_server.py`` for others) knows
+who comes, parses what they send, calls this, and encodes what it returns.
 """
 
 from __future__ import annotations
@@ -26,8 +26,6 @@ from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.planning.reports import JointMoveResult
 from ikservo.serving.control_client import BRAKE_TIMEOUT_S, StopResult
 from ikservo.serving.lease import IDLE_TIMEOUT_S, ArmLease, Holder
-
-__all__ = ["ArmDescription", "ArmService", "ServableArm"]
 
 _WATCH_PERIOD_S = 0.05
 

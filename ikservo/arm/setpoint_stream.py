@@ -22,9 +22,6 @@ from ikservo.ik import Target
 from ikservo.kinematics.arrays import Vector
 from ikservo.planning.reports import MotionProgress
 
-__all__ = ["SetpointMailbox", "SetpointStream", "open_stream"]
-
-
 _POLL_PERIOD_S = 0.1  # how soon a waiting sender notices that the control loop has ended
 
 

@@ -13,9 +13,6 @@ from ikservo.hardware.port_names import is_simulated
 from ikservo.serving.control_client import Command, Request, StopResult
 from ikservo.serving.stop_marks import forget_marks, has_mark
 
-__all__ = ["StopListener", "stoppable"]
-
-
 _EARLY = "Stopped from another terminal before the port was opened."
 _STOPPED = "Stopped from another terminal."
 

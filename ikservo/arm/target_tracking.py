@@ -14,8 +14,6 @@ from ikservo.kinematics import Chain, JointIndex, finite_array
 from ikservo.kinematics.arrays import Matrix, Vector, as_floats
 from ikservo.kinematics.se3 import exp_so3
 
-__all__ = ["CartesianOrJointTarget", "TargetTracker", "parse_setpoint", "parse_target"]
-
 CartesianOrJointTarget = Target | Mapping[str, float] | ArrayLike
 """A ``Target``, a point (3,) [m], a pose (4, 4) of the tip, or positions by joint [rad or m]."""
 

@@ -20,19 +20,6 @@ from ikservo.files.validation import Location, ValidationIssue, first_issue, val
 from ikservo.files.writing import BACKUP_SUFFIX, strip_checksum, with_checksum, write_atomic
 from ikservo.registers import MODELS, Family
 
-__all__ = [
-    "dump_calibration",
-    "inconsistencies",
-    "load_calibration",
-    "load_calibration_file",
-    "parse_calibration",
-    "read_calibration",
-    "restore_calibration",
-    "save_calibration",
-    "undo_calibration",
-    "ways_out",
-]
-
 
 def inconsistencies(calibration: Calibration) -> Iterator[ValidationIssue]:
     """Yield each contradiction between values, in the order of the file."""

@@ -19,8 +19,6 @@ from ikservo.calibration.joint_map import Encoder, wrapped_difference
 from ikservo.errors import CalibrationError
 from ikservo.registers import Family
 
-__all__ = ["MAX_STS_OFFSET", "MAX_X_OFFSET", "Homing", "TickRange", "choose_homing", "encoder_tick"]
-
 MAX_STS_OFFSET = 2047  # sign and 11 bits
 MAX_X_OFFSET = 1024  # more is ignored in position mode (e-manual, Homing Offset(20))
 _MIN_CLEARANCE = 64  # ticks between the wrap-around and the travel, if possible

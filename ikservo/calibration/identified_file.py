@@ -16,15 +16,6 @@ from ikservo.files.reading import MAX_BYTES, parse_toml, quote, read_text
 from ikservo.files.validation import StrictModel, first_issue, validation_issues
 from ikservo.files.writing import strip_checksum, with_checksum, write_atomic
 
-__all__ = [
-    "IdentifiedArm",
-    "IdentifiedJoint",
-    "dump_identified",
-    "load_identified",
-    "read_identified",
-    "save_identified",
-]
-
 _HEADER = """\
 # Masses and motors of one arm, written by `ikservo identify`. `ikservo sim --as-identified`
 # simulates this arm; the figures of a joint are those of each of its servos, at the horn.

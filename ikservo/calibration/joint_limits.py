@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from ikservo.calibration.joint_map import JointUnit, format_position
 from ikservo.errors import CalibrationError
 
-__all__ = ["MIN_RANGE_TICKS", "Limit", "Limits"]
-
 MIN_RANGE_TICKS = 50
 """The smallest range of a calibrated joint [tick]; a joint that moves less was not moved."""
 

@@ -9,19 +9,6 @@ from typing import Literal
 from ikservo.errors import BadValueError
 from ikservo.registers import ControlTable
 
-__all__ = [
-    "Crank",
-    "Encoder",
-    "JointMap",
-    "JointUnit",
-    "encoder_of",
-    "format_position",
-    "format_source",
-    "unwrap",
-    "unwrap_near",
-    "wrapped_difference",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class Crank:

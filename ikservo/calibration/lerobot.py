@@ -19,18 +19,6 @@ from ikservo.calibration.records import CalibratedJoint, Calibration
 from ikservo.errors import FileFormatError, InputError, UnknownNameError
 from ikservo.files.reading import parse_json, read_text
 
-__all__ = [
-    "LerobotJoint",
-    "dump_lerobot",
-    "find_lerobot",
-    "lerobot_joints",
-    "lerobot_roots",
-    "lost_in_lerobot",
-    "parse_lerobot",
-    "read_lerobot",
-]
-
-
 _MAX_BYTES = 64 * 1024
 _KEYS = ("id", "drive_mode", "homing_offset", "range_min", "range_max")
 _MAX_DIGITS = 100

@@ -8,20 +8,6 @@ from pathlib import Path
 
 from ikservo.files.folders import config_dir
 
-__all__ = [
-    "calibration_path",
-    "calibrations_of",
-    "camera_path",
-    "confirmation_path",
-    "identified_of",
-    "identified_path",
-    "journal_path",
-    "journals_of",
-    "partial_path",
-    "pictures_path",
-]
-
-
 _UNSAFE_CHARS = re.compile(r"[^A-Za-z0-9]+")
 _MAX_NAME_CHARS = 64
 

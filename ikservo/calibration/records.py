@@ -17,23 +17,6 @@ from ikservo.files.validation import StrictModel, first_issue, validation_issues
 from ikservo.files.writing import strip_checksum, with_checksum
 from ikservo.kinematics.arrays import Vector
 
-__all__ = [
-    "CalibratedCamera",
-    "CalibratedGeometry",
-    "CalibratedJoint",
-    "CalibratedOrigin",
-    "CalibratedServo",
-    "Calibration",
-    "PartialCalibration",
-    "RangeSource",
-    "SeenBoard",
-    "StoredJointMeasurement",
-    "TipClick",
-    "dump_partial",
-    "read_partial",
-    "shift_zeros",
-]
-
 RangeSource = Literal["by hand", "by LeRobot", "by itself", "not swept"]
 
 _HEADER = "# What `ikservo calibrate --auto` has measured so far. The next run goes on from here.\n"

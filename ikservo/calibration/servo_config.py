@@ -19,20 +19,6 @@ from ikservo.registers import (
     RegisterName,
 )
 
-__all__ = [
-    "RegisterMismatch",
-    "ServoConfig",
-    "calibration_registers",
-    "expected_registers",
-    "is_multi_turn",
-    "raise_on_mismatch",
-    "read_servo_config",
-    "register_mismatches",
-    "registers_differ",
-    "same_direction",
-]
-
-
 _ROLES = (
     RegisterName.HOMING_OFFSET,
     RegisterName.OPERATING_MODE,

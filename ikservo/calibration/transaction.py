@@ -30,21 +30,6 @@ from ikservo.hardware.eeprom import register_differences, update_eeprom
 from ikservo.hardware.register_batches import RegisterRef
 from ikservo.registers import RegisterName
 
-__all__ = [
-    "EepromChange",
-    "Journal",
-    "TransactionProgress",
-    "commit",
-    "dump_journal",
-    "plan_changes",
-    "progress",
-    "read_journal",
-    "recover",
-    "resume",
-    "roll_back",
-]
-
-
 _HEADER = "# What ikservo is writing into servos. It goes away when that is done.\n"
 _Memory = Mapping[Annotated[str, Field(max_length=64)], int]
 

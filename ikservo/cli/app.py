@@ -21,7 +21,7 @@ from ikservo.errors import ExitCode
 
 @cache
 def built_in_commands() -> Mapping[str, Command]:
-    """Return the commands of the core and of the built-in apps by name, in the order of the help."""
+    """Return the commands of the core and the built-in apps by name, in the order of the help."""
     return _in_order({name: each for app in built_in_apps() for name, each in app.commands.items()})
 
 
@@ -76,7 +76,7 @@ class LazyCommandGroup(TyperGroup):
             group = LazyCommandGroup(name=cmd_name, help=found.help, no_args_is_help=True)
             group.prefix = f"{full_name} "
             return group
-        return _load_command(full_name, found)
+        return load_command(full_name, found)
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401
         """Find the named command; suggest the closest name if there is none."""
@@ -97,7 +97,8 @@ class LazyCommandGroup(TyperGroup):
             self._listing = False
 
 
-def _load_command(name: str, found: Command) -> Any:  # noqa: ANN401
+def load_command(name: str, found: Command) -> Any:  # noqa: ANN401
+    """Import the module of a command, and return the command as click runs it."""
     from ikservo.cli.option_groups import with_options_of_groups  # noqa: PLC0415
 
     module = import_module(found.module)

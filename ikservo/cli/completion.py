@@ -9,16 +9,6 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from ikservo.model import Model
 
-__all__ = [
-    "complete_arms",
-    "complete_from",
-    "complete_jogs",
-    "complete_joints",
-    "complete_methods",
-    "complete_poses",
-]
-
-
 _DIRECTIONS = ("x", "y", "z", "up", "down")
 
 

@@ -19,8 +19,6 @@ from ikservo.maintenance.direction_check import (
 )
 from ikservo.model import Model
 
-__all__ = ["check_directions", "check_directions_once", "check_new_signs"]
-
 
 def check_directions_once(machine: OpenArm, options: MotionOptions) -> bool:
     """Run the test motion of all joints if the present files were never confirmed with it.

@@ -18,9 +18,6 @@ from typing import NoReturn
 from ikservo.cli.terminal import print_json, print_status
 from ikservo.errors import ExitCode, IkservoError
 
-__all__ = ["COMMAND", "console", "main", "with_connection_options"]
-
-
 COMMAND = re.compile(r"\bikservo ([a-z]+)((?: (?!ikservo\b)[^\s,;()`]*[^\s,;()`.:?])*)")
 """A command in a sentence: its name, and its arguments up to punctuation."""
 

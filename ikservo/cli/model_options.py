@@ -20,16 +20,6 @@ from ikservo.kinematics import Chain, JointType
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model, arm_names, load_model
 
-__all__ = [
-    "LEANING",
-    "PostureOptions",
-    "calibrated_model_from_option",
-    "describe_limit",
-    "limit_sources",
-    "model_from_option",
-    "report_missing_freedom",
-]
-
 _ARM_FILE = "arm file"
 
 _RANK_M = 1e-9  # metres per radian below which a joint does not move the tip in a direction

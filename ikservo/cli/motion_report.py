@@ -20,8 +20,6 @@ from ikservo.errors import ExitCode, format_point
 from ikservo.model import Model
 from ikservo.planning.motion_plan import NearLimit
 
-__all__ = ["make_tip_motion", "print_move_report", "print_plan"]
-
 
 def print_plan(
     plan: MotionPlan,

@@ -7,8 +7,6 @@ from collections.abc import Callable, Iterator
 from dataclasses import fields, is_dataclass
 from typing import Annotated, Any, get_args, get_origin, get_type_hints
 
-__all__ = ["Without", "with_options_of_groups"]
-
 
 class Without:
     """Says which options of a group a command does not offer: they keep their defaults.

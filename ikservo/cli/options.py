@@ -23,28 +23,6 @@ if TYPE_CHECKING:
     from ikservo.planning.path_constraint import PathConstraint
     from ikservo.planning.tool_orientation import ToolOrientation
 
-__all__ = [
-    "ArmConnection",
-    "ArmOption",
-    "CountOption",
-    "DurationOption",
-    "JsonOption",
-    "Length",
-    "MotionOptions",
-    "NamedArmConnection",
-    "NamedServoConnection",
-    "OverwriteOption",
-    "PathOptions",
-    "ServoConnection",
-    "SpeedOption",
-    "StraightOption",
-    "TipOption",
-    "ToolOptions",
-    "ToolSpeedOption",
-    "UncalibratedOption",
-    "YesOption",
-]
-
 SpeedOption = Annotated[
     str,
     typer.Option(

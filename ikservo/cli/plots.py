@@ -27,20 +27,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.gridspec import SubplotSpec
 
-__all__ = [
-    "arm_polyline",
-    "axis_names",
-    "check_plot_file",
-    "label_length_axes",
-    "line_styles",
-    "new_figure",
-    "plot_error_curves",
-    "plot_solution",
-    "plot_workspace",
-    "save_figure",
-    "square_axes",
-]
-
 # matplotlib leaves the types of its keywords open.
 # pyright: reportUnknownMemberType=false, reportUnknownVariableType=false
 

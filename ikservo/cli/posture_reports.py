@@ -17,15 +17,6 @@ from ikservo.kinematics import (
 )
 from ikservo.kinematics.arrays import Vector
 
-__all__ = [
-    "joint_lines",
-    "posture_fields",
-    "posture_lines",
-    "result_fields",
-    "result_lines",
-    "torque_lines",
-]
-
 
 def joint_lines(positions: Mapping[str, tuple[float, JointUnit]]) -> list[str]:
     """Return a line for each joint, from its position [rad or m] and unit by name."""

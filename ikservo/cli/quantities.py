@@ -7,18 +7,6 @@ import re
 
 import typer
 
-__all__ = [
-    "parse_angle_rad",
-    "parse_axis",
-    "parse_coordinate_m",
-    "parse_force_n",
-    "parse_length_m",
-    "parse_point_m",
-    "parse_time_s",
-    "parse_tool_speed_m_s",
-]
-
-
 _NUMBER = re.compile(r"([-+]?(?:\d+\.?\d*|\.\d+)(?:e[-+]?\d+)?)\s*([a-z°]*)", re.IGNORECASE)
 _METRES = {"": 1.0, "m": 1.0, "cm": 0.01, "mm": 0.001}
 _TOOL_SPEEDS = {"": 0.001, "mm": 0.001, "cm": 0.01, "m": 1.0}

@@ -24,8 +24,6 @@ from ikservo.serving.control_client import (
     stop_own_programs,
 )
 
-__all__ = ["quick_stop", "report_stop", "stop_every_arm"]
-
 _VALUES, _FLAGS = ("--arm", "--port"), ("--all", "--json")
 _ARM_NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _MAX_ARM_FILE_BYTES = 1_000_000

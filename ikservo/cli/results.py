@@ -9,8 +9,6 @@ from typing import Generic, TypeVar
 
 from ikservo.cli.terminal import print_json, print_lines, print_table
 
-__all__ = ["Field", "Fields", "json_values", "print_fields", "print_records"]
-
 Record = TypeVar("Record")
 
 

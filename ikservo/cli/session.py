@@ -21,17 +21,6 @@ from ikservo.kernels.compiled import is_compiled
 from ikservo.model import load_model
 from ikservo.model.scene_file import PlacedArm, with_scene_and_arms
 
-__all__ = [
-    "announce",
-    "announce_lowering",
-    "confirm_motion",
-    "motion_progress_bar",
-    "open_from_options",
-    "second_interrupt_lowers",
-    "warn_uncompiled",
-]
-
-
 # How long to wait for a second Ctrl-C: longer for a user than for a script.
 _KEY_TIMEOUT_S, _SIGNAL_TIMEOUT_S = 2.0, 1.0
 

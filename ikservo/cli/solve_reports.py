@@ -27,22 +27,6 @@ from ikservo.kinematics import Chain, JointType, joint_torques
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
 
-__all__ = [
-    "AnalyticSolutions",
-    "MethodResult",
-    "all_solutions",
-    "ask_about_millimetres",
-    "compare_methods",
-    "explain_unreachable",
-    "format_joints",
-    "joint_units",
-    "print_comparison",
-    "print_result",
-    "print_solutions",
-    "print_traces",
-    "trace_errors",
-]
-
 _SAMPLES, _FLAT_M = 64, 1e-6
 
 

@@ -18,25 +18,6 @@ from contextlib import contextmanager
 from dataclasses import asdict, is_dataclass
 from typing import Any, TextIO
 
-__all__ = [
-    "Keys",
-    "Show",
-    "confirm",
-    "fold",
-    "fold_for_stream",
-    "format_port",
-    "print_json",
-    "print_lines",
-    "print_status",
-    "print_table",
-    "printable",
-    "progress_bar",
-    "read_answer",
-    "read_keys",
-    "terminal_width",
-    "wait_for_enter",
-]
-
 # A command starts at `ikservo` or another program's name and ends at punctuation.
 _COMMAND = re.compile(r"(?:ikservo|sudo|pip|xacro)\s")
 _ENDS = (".", ",", ";", ":", ")", "?")

@@ -35,8 +35,6 @@ from ikservo.maintenance.dialogue import (
     Unasked,
 )
 
-__all__ = ["AnswerOptions", "Operator"]
-
 _MAX_BAR_CHARS, _MIN_BAR_CHARS = 24, 8
 _OTHER_COLUMNS = 64  # characters of a row without its bar
 _NARROW = _OTHER_COLUMNS + _MIN_BAR_CHARS  # below this width the arm file's range is omitted

@@ -14,8 +14,6 @@ from ikservo.hardware.servo import ServoSpec
 from ikservo.kinematics.arrays import Matrix
 from ikservo.registers import Register, RegisterName
 
-__all__ = ["DriveReader"]
-
 
 class DriveReader:
     """Reads duty, current and supply of the servos of some joints.

@@ -24,9 +24,6 @@ from ikservo.model.joint_drive import ArmParameters, JointDrive
 from ikservo.model.servo_torque import GearFriction
 from ikservo.motion import TrajectoryPoint
 
-__all__ = ["FeedForward"]
-
-
 # Weight of more than so many times the dry friction presses the gears, whatever part of that is on
 # the output, and although masses are not known well; of twice that for sure.
 _PRESSING, _TINY_NM = 3.0, 1e-6

@@ -17,18 +17,6 @@ from ikservo.hardware.servo import Readings, ServoSpec
 from ikservo.kinematics.arrays import Vector
 from ikservo.registers import Register, RegisterName
 
-__all__ = [
-    "Feedback",
-    "JointState",
-    "load_percent",
-    "read_alarm_names",
-    "read_joint_states",
-    "read_register",
-    "read_registers",
-    "with_retries",
-]
-
-
 _ATTEMPTS = 4
 # A busy machine or a disturbed adapter is given this much more time after each attempt.
 _PAUSE_S = 0.02

@@ -14,8 +14,6 @@ from ikservo.guard import DrivenJoint
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion import TrajectoryPoint
 
-__all__ = ["GoalCompensator"]
-
 # The offset that is in force when a motion begins fades to the computed one in this time.
 _FADE_S = 0.2
 _TINY = 1e-9

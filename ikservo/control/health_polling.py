@@ -20,8 +20,6 @@ from ikservo.hardware.register_batches import contiguous_runs
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Register, RegisterName
 
-__all__ = ["HealthPoller", "read_supply_ranges", "read_trip_c"]
-
 # Between two reads; where cycles are shorter than this, not every cycle has one.
 _PERIOD_S = 0.008
 # No more of a cycle counts towards the age of telemetry: a delayed program could read nothing.

@@ -15,17 +15,6 @@ from ikservo.guard import StopReason
 from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.motion import Rate, Trajectory, TrajectoryPoint
 
-__all__ = [
-    "BRAKE_S",
-    "ControlCycle",
-    "ControlLoop",
-    "OnCycle",
-    "SetpointSampler",
-    "TimeScaler",
-    "measure_cycle_time_s",
-]
-
-
 BRAKE_S = 0.25
 """How long a motion takes from full speed to a stop, and from a stop to full speed."""
 

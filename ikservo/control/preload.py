@@ -6,8 +6,6 @@ import numpy as np
 
 from ikservo.kinematics.arrays import Vector
 
-__all__ = ["Preload"]
-
 # By so much more than friction goals lead at the horn, and how fast that comes: inside its play a
 # rotor then turns slowly enough for its link to stay with it when they meet.
 _LEAD_RAD, _LEAD_RAD_S = 0.002, 0.04

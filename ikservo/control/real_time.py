@@ -16,8 +16,6 @@ from contextlib import contextmanager
 
 from ikservo.clock import Clock, RealClock
 
-__all__ = ["allowed_priority", "steady_timing"]
-
 # Above every ordinary program, below the kernel's own threads for devices (50).
 _PRIORITY = 20
 

@@ -12,9 +12,6 @@ from ikservo.hardware.servo import ServoSpec
 from ikservo.model.servo_torque import GRIPPER_P_GAINS, find_servo_torque
 from ikservo.registers import Register
 
-__all__ = ["raise_gains", "read_gain_shares"]
-
-
 # The XL330's P gain is in use for the elbows of Koch and OMX arms, and needs a D gain. The XL430
 # has one as delivered; its P gain is the one that ROBOTIS sets in the OMX-F.
 _XL330_GAINS: Mapping[str, int] = MappingProxyType(

@@ -50,15 +50,6 @@ from ikservo.hardware.torque import (
 from ikservo.kinematics.arrays import Vector
 from ikservo.registers import RegisterName
 
-__all__ = [
-    "ServoGroup",
-    "hold_ticks",
-    "verify_goals",
-    "wait_until_settled",
-    "wait_until_still",
-]
-
-
 # How long an arm may sink, in all, before a motion is planned.
 _SINK_TIME_S = 0.5
 # How often an arm that fell past its hold positions gets new ones.

@@ -14,14 +14,6 @@ from ikservo.hardware.servo import ServoSpec
 from ikservo.model.servo_torque import find_servo_torque, nominal_supply_v
 from ikservo.registers import Alarm, OperatingMode, Register, RegisterName
 
-__all__ = [
-    "ServoRamLimits",
-    "limit_torque",
-    "read_overload_rule",
-    "read_torque_share",
-    "torque_limit_registers",
-]
-
 
 def limit_torque(bus: ServoBus, servo_id: int, fraction: float) -> None:
     """Limit a servo's torque to a fraction (0 to 1) of the maximum of its own settings.

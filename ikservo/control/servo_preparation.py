@@ -9,8 +9,6 @@ from ikservo.control.health_polling import HealthPoller
 from ikservo.control.servo_limits import ServoRamLimits
 from ikservo.errors import HeldUpError
 
-__all__ = ["prepare_servos"]
-
 # Watchdogs are armed in less than this, or armed again this many times.
 _WATCHDOG_DELAY_S, _ATTEMPTS = 0.08, 10
 

@@ -38,9 +38,6 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.motion import TrajectoryPoint
 from ikservo.registers import RegisterName
 
-__all__ = ["STALL_S", "StreamedServos"]
-
-
 # A joint that lags its goal by more than its load explains presses against something.
 _PRESSING_LAG_RAD = math.radians(8.0)  # at the horn
 # A resting joint further from its reference, at the horn, was moved by something else.

@@ -18,8 +18,6 @@ from enum import Enum, auto
 
 from ikservo.errors import RefusedError
 
-__all__ = ["TorqueState", "TorqueStateMachine"]
-
 
 class TorqueState(Enum):
     """The torque of an arm's servos, as far as it is known."""

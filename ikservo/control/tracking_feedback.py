@@ -8,9 +8,6 @@ from numpy.typing import NDArray
 from ikservo.control.turn_counter import TurnCounter
 from ikservo.kinematics.arrays import Vector
 
-__all__ = ["TrackingFeedback"]
-
-
 # A servo is a spring to its goal, so these two act like a stiffness and a damping of the joint. A
 # light joint is softened and a heavy one stiffened, so that each would swing at the first number
 # without damping [rad/s], and its damping takes the second number of its speed [1/s]. The ranges

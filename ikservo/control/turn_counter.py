@@ -7,8 +7,6 @@ from numpy.typing import NDArray
 
 from ikservo.kinematics.arrays import Vector
 
-__all__ = ["TurnCounter"]
-
 
 class TurnCounter:
     """Counts turns of errors in quick succession: a joint that swings has many.

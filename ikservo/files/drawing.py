@@ -21,8 +21,6 @@ from ikservo.remedies import install_command
 if TYPE_CHECKING:
     from svgelements import PathSegment
 
-__all__ = ["Drawing", "read_drawing"]
-
 Matrix = NDArray[np.float64]
 
 _MAX_BYTES = 4 * 1024 * 1024

@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-__all__ = ["config_dir"]
-
 
 def config_dir() -> Path:
     """Return the folder of the user's own files: ``IKSERVO_HOME``, or the system's default."""

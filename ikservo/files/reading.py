@@ -14,18 +14,6 @@ from typing import Any, NoReturn, cast
 
 from ikservo.errors import BadValueError, FileFormatError
 
-__all__ = [
-    "parse_json",
-    "parse_path",
-    "parse_toml",
-    "path_inside",
-    "quote",
-    "read_text",
-    "read_toml",
-    "require_file",
-]
-
-
 _OUTWARD = ("\\", ":", "\0")  # other separators, drives and schemes such as package:// or http://
 _MAX_NAME_CHARS = 1024
 

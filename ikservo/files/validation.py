@@ -14,17 +14,6 @@ from pydantic_core import ErrorDetails
 from ikservo.errors import FileFormatError
 from ikservo.files.reading import quote
 
-__all__ = [
-    "Location",
-    "StrictModel",
-    "ValidationIssue",
-    "first_issue",
-    "first_mistake",
-    "format_key_path",
-    "validation_issues",
-]
-
-
 Location = tuple[int | str, ...]
 
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")

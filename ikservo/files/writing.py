@@ -18,20 +18,6 @@ from pathlib import Path
 
 from ikservo.errors import FileFormatError, IkservoError
 
-__all__ = [
-    "BACKUP_SUFFIX",
-    "FileWriteError",
-    "check_writable",
-    "exclusive_access",
-    "make_folder",
-    "remove_durably",
-    "strip_checksum",
-    "with_checksum",
-    "write_all_atomic",
-    "write_atomic",
-]
-
-
 BACKUP_SUFFIX = ".bak"
 _PROBE_BYTES = 64 * 1024  # more than a calibration and its journal
 _NEW_FILE = os.O_WRONLY | os.O_CREAT | os.O_EXCL | getattr(os, "O_BINARY", 0)

@@ -14,8 +14,6 @@ from ikservo.kernels.compiled import bind
 from ikservo.kinematics.arrays import Matrix, Vector, finite_vectors
 from ikservo.kinematics.packed import CAPSULE_WIDTH, END, LINK, RADIUS, START, PackedBody
 
-__all__ = ["ClearSpace"]
-
 # The links of an arm that gives way are followed straight between postures so far apart. Torques
 # are sines of sums of joints: where three joints turn together and one gives way by 0.1 rad, the
 # links are at most about 0.001 rad beside that.

@@ -18,15 +18,6 @@ from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.packed import LINK, RADIUS, SHAPE_WIDTH
 from ikservo.model.model import Obstacle
 
-__all__ = [
-    "MAX_SAMPLE_STEP_RAD",
-    "CollisionChecker",
-    "refine_path",
-    "sample_line",
-    "sample_path",
-    "thin_path",
-]
-
 MAX_SAMPLE_STEP_RAD = 0.05
 """No joint moves further than this between two samples of a path checked for collisions."""
 

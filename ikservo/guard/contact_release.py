@@ -7,8 +7,6 @@ import numpy as np
 from ikservo.guard.collision import CollisionChecker
 from ikservo.kinematics.arrays import Vector
 
-__all__ = ["nearest_free_posture"]
-
 _STEP, _DIFFERENCE = 0.03, 1e-4  # of each joint in one iteration and in one difference, rad or m
 _MAX_STEPS = 60
 _NEAR_M = 0.06  # pairs that are nearer than this may not come into contact in the next step

@@ -9,9 +9,6 @@ from functools import cached_property
 from ikservo.calibration import JointMap, JointUnit, Limits, format_position, format_source
 from ikservo.errors import RefusedError
 
-__all__ = ["MAX_TRAVEL_RAD", "DrivenJoint", "require_int_tick"]
-
-
 MAX_TRAVEL_RAD = 60 * math.tau / 4096
 """How far a horn may travel after its program has died: 60 ticks of 4096."""
 

@@ -13,8 +13,6 @@ from ikservo.errors import LatchedStopError, RefusedError
 from ikservo.guard.driven_joint import DrivenJoint, require_int_tick
 from ikservo.guard.joint_gate import MAX_ELAPSED_S, JointGate
 
-__all__ = ["Gate", "StopKind", "StopLatch", "StopReason"]
-
 
 class StopKind(Enum):
     """Why an arm was stopped; control flow depends on this only."""

@@ -7,9 +7,6 @@ import math
 from ikservo.errors import RefusedError
 from ikservo.guard.driven_joint import DrivenJoint, require_int_tick
 
-__all__ = ["MAX_ELAPSED_S", "JointGate", "RateLimiter"]
-
-
 # After a stall of the program goals may not jump by what the joint could have moved meanwhile.
 MAX_ELAPSED_S = 0.05
 # A measurement older than this is stale.

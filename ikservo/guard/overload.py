@@ -8,8 +8,6 @@ from dataclasses import dataclass
 
 from ikservo.guard.driven_joint import DrivenJoint
 
-__all__ = ["OverloadMonitor", "OverloadRule"]
-
 
 @dataclass(frozen=True, slots=True)
 class OverloadRule:

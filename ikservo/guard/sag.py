@@ -15,8 +15,6 @@ from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.inertia import GRAVITY_M_S2, LinkMass
 
-__all__ = ["GravitySag", "Sag", "Weight", "sag_of"]
-
 Sag = Callable[[Matrix], Matrix]
 """Returns how far gravity moves the joints (n, dof) from goals (n, dof), rad or m."""
 

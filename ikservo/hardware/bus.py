@@ -28,9 +28,6 @@ from ikservo.hardware.requester import silence_hint
 from ikservo.hardware.servo import Readings, ServoSpec
 from ikservo.registers import Family, Register, RegisterName
 
-__all__ = ["ServoBus"]
-
-
 _MAX_CACHED_PLANS = (
     64  # more than a program repeats; a program that never repeats must not fill memory
 )

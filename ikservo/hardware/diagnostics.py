@@ -19,16 +19,6 @@ from ikservo.hardware.port import Port
 from ikservo.hardware.scan import FoundServo, candidate_baud_rates, identify
 from ikservo.hardware.servo import ServoSpec
 
-__all__ = [
-    "DUPLICATE_ID_HINT",
-    "detecting_duplicate_ids",
-    "explaining_silence",
-    "find_duplicate_ids",
-    "find_unexpected_servos",
-    "raise_on_duplicate_ids",
-]
-
-
 DUPLICATE_ID_HINT = (
     "Several servos may share one id. Give each its own, one at a time: ikservo setup ARM"
 )

@@ -30,23 +30,6 @@ from ikservo.hardware.register_batches import RegisterRef, resolve_register
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import MODELS, Area, ControlTable, Register, RegisterName
 
-__all__ = [
-    "Backup",
-    "RegisterDifference",
-    "back_up_once",
-    "backup_path",
-    "backup_text",
-    "eeprom_registers",
-    "lock_eeprom",
-    "parse_backup",
-    "read_backup",
-    "read_eeprom",
-    "refuse_under_torque",
-    "register_differences",
-    "update_eeprom",
-    "write_backup",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class RegisterDifference:

@@ -8,8 +8,6 @@ from ikservo.errors import RefusedError
 from ikservo.hardware.bus import ServoBus
 from ikservo.registers import RegisterName
 
-__all__ = ["write_goals"]
-
 
 def _nowhere(_: int) -> Iterable[int]:
     return ()

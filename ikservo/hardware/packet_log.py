@@ -24,8 +24,6 @@ from ikservo.files.reading import require_file
 from ikservo.files.writing import FileWriteError
 from ikservo.hardware.transport import Transport
 
-__all__ = ["LoggedBytes", "read_packet_log", "recorded_transport"]
-
 _VARIABLE = "IKSERVO_PACKETS"
 _SECTION, _INTERFACE, _PACKET = 0x0A0D0D0A, 1, 6
 _BYTE_ORDER_MAGIC, _LINK_USER0 = 0x1A2B3C4D, 147

@@ -7,19 +7,6 @@ from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Protocol
 
-__all__ = [
-    "BROADCAST_ID",
-    "MAX_RETURN_DELAY_S",
-    "FaultKind",
-    "MemoryRange",
-    "PacketCodec",
-    "Reply",
-    "ReplyFault",
-    "ScanResult",
-    "Status",
-    "StatusPacket",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class Status:

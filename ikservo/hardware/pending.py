@@ -14,9 +14,6 @@ from dataclasses import dataclass
 
 from ikservo.hardware.packets import MemoryRange
 
-__all__ = ["MAX_REPLY_DELAY_S", "AdaptiveTimeout", "ByteRateCheck", "LineHealth", "PendingReplies"]
-
-
 _AT_FIRST, _PER_EVENT, _MAX_SUSPICION = (
     50,
     300,

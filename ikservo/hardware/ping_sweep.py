@@ -19,9 +19,6 @@ from ikservo.hardware.port import Port
 from ikservo.hardware.protocols import protocol1 as protocol_1
 from ikservo.registers import MODELS, Family
 
-__all__ = ["FRAMINGS", "Framing", "PingResults", "framing_of", "ping_ids"]
-
-
 _PING = 0x01
 
 

@@ -19,9 +19,6 @@ from ikservo.hardware.packet_log import recorded_transport
 from ikservo.hardware.pending import AdaptiveTimeout, ByteRateCheck, LineHealth, PendingReplies
 from ikservo.hardware.transport import Transport, abandon_in_forked_children, open_transport
 
-__all__ = ["Port", "SdkPort", "open_port"]
-
-
 # The camelCase names are the vendors': their packet handlers call them.
 # ruff: noqa: N802
 

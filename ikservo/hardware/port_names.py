@@ -24,16 +24,6 @@ from ikservo.hardware.port import Port
 from ikservo.hardware.serial_ports import find_adapter, list_adapters
 from ikservo.hardware.transport import open_transport
 
-__all__ = [
-    "is_simulated",
-    "real_time_port",
-    "reconnect",
-    "remember_serial_number",
-    "remembered_serial_number",
-    "serial_number_of",
-]
-
-
 _FILE = "ports.toml"
 _FORMAT = 1
 

@@ -15,8 +15,6 @@ from ikservo.hardware.requester import Requester
 from ikservo.hardware.servo import PingResult, ServoSpec, ServoStatistics
 from ikservo.registers import Alarm, Area, Register, RegisterName
 
-__all__ = ["MAX_ENABLING_TICKS", "RegisterAccess"]
-
 MAX_ENABLING_TICKS = 170
 """The furthest goal from a servo's position with which its torque is switched on.
 

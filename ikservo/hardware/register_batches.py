@@ -17,27 +17,6 @@ from ikservo.hardware.protocols.driver import ProtocolDriver
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Access, Area, Family, Register, RegisterName, TwosComplement, Unsigned
 
-__all__ = [
-    "MAX_GAP_BYTES",
-    "ReadBatch",
-    "ReadPlan",
-    "RegisterRef",
-    "ReplyLayout",
-    "WriteTarget",
-    "batch_read",
-    "batch_write",
-    "batches",
-    "contiguous_runs",
-    "encode_value",
-    "is_goal",
-    "join_bytes",
-    "plan_reads",
-    "plan_writes",
-    "resolve_register",
-    "tracks_state",
-]
-
-
 MAX_GAP_BYTES = 8
 """Bytes between two registers that cost no more than a second request to six servos."""
 

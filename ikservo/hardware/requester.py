@@ -13,9 +13,6 @@ from ikservo.hardware.register_batches import ReadBatch, batch_read
 from ikservo.hardware.servo import ServoSpec, ServoStatistics
 from ikservo.registers import Alarm, Family
 
-__all__ = ["Requester", "SilenceBackoff", "make_driver", "silence_hint"]
-
-
 _UNRESPONSIVE_AFTER = 3  # losses in a row
 _PROBE_PERIOD_S = 0.25
 

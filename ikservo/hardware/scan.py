@@ -14,19 +14,6 @@ from ikservo.hardware.requester import make_driver
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import MODELS, ControlTable, Family, RegisterName, control_table_for_number
 
-__all__ = [
-    "FoundServo",
-    "OnScanStep",
-    "ScanProgress",
-    "candidate_baud_rates",
-    "firmware_version",
-    "identify",
-    "scan",
-    "scan_rate",
-    "scan_servo",
-]
-
-
 _MAX_RETRIES = 8  # pings of one id; two servos rarely send equal replies so often
 _DUPLICATE_REPLIES = 2  # replies damaged or doubled; one may be chance
 _READS = 4

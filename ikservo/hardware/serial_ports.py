@@ -21,24 +21,6 @@ from ikservo.hardware.vendor_modules import importing_from
 with importing_from("pyserial", "serial"):
     from serial.tools import list_ports
 
-__all__ = [
-    "RULES_FILE",
-    "AdapterEvent",
-    "SerialAdapter",
-    "chip_name",
-    "find_adapter",
-    "has_udev",
-    "installed_rules",
-    "is_pseudo_terminal",
-    "list_adapters",
-    "list_devices",
-    "open_error",
-    "process_using",
-    "read_rules",
-    "watch_adapters",
-]
-
-
 _PROCESSES = Path("/proc")  # Linux only; elsewhere no process is named
 
 

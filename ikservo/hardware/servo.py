@@ -11,8 +11,6 @@ from ikservo.errors import BusError, ServoSilentError
 from ikservo.hardware.packets import FaultKind, Reply, ReplyFault
 from ikservo.registers import Alarm, ControlTable
 
-__all__ = ["LinkStatistics", "PingResult", "Readings", "ServoSpec", "ServoStatistics"]
-
 
 @dataclass(frozen=True, slots=True)
 class ServoSpec:

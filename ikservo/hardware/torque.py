@@ -11,17 +11,6 @@ from ikservo.hardware.register_access import MAX_ENABLING_TICKS
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import ControlTable, Family, RegisterName
 
-__all__ = [
-    "accepted_goal_range",
-    "check_kept_goal",
-    "check_supply_voltage",
-    "goal_range_registers",
-    "nearest_goal",
-    "read_goal_range",
-    "torque_off",
-    "torque_on",
-]
-
 
 def torque_on(bus: ServoBus, servo_id: int) -> int:
     """Enable torque of a servo where it is; return that tick.

@@ -32,19 +32,6 @@ with importing_from("pyserial", "serial"):
     import serial
     from serial import rfc2217
 
-__all__ = [
-    "ENTRY_POINT_GROUP",
-    "NETWORK_GROUP",
-    "FileDescriptorPort",
-    "PortLock",
-    "Transport",
-    "abandon_in_forked_children",
-    "acquire_lock",
-    "has_descriptor",
-    "open_transport",
-    "refuse_other_machines",
-]
-
 
 class _ForkAware(Protocol):
     """An object with open files that a forked child must not keep."""

@@ -13,8 +13,6 @@ from importlib.metadata import packages_distributions
 from ikservo.errors import IkservoError
 from ikservo.remedies import pip_command
 
-__all__ = ["importing_from"]
-
 
 @contextmanager
 def importing_from(distribution: str, module: str) -> Generator[None]:

@@ -10,9 +10,6 @@ from ikservo.errors import BadValueError
 from ikservo.kinematics import Chain
 from ikservo.model.model import Model
 
-__all__ = ["ArmLike", "chain_and_start"]
-
-
 ArmLike = Chain | Model | str | Path
 """The arm, or its model, its name, or the path of its file."""
 

@@ -34,8 +34,6 @@ from ikservo.kernels.layout import (
 from ikservo.kinematics import Chain, finite_array
 from ikservo.kinematics.arrays import Matrix, Vector, as_floats, freeze_arrays
 
-__all__ = ["BatchResult", "solve_batch"]
-
 # Large enough that handing out work costs nothing, small enough that all cores end together.
 _CHUNK = 256
 

@@ -36,13 +36,6 @@ from ikservo.kernels.layout import (
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector
 
-__all__ = [
-    "bounded",
-    "problem_for_target",
-    "target_kind_of",
-    "unpack_result",
-]
-
 
 def unpack_result(
     chain: Chain, answer: Vector, method: str, trace: tuple[Vector, ...] = ()

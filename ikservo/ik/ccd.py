@@ -18,8 +18,6 @@ from ikservo.ik.result import Result
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector
 
-__all__ = ["MAX_STEP", "best_rotation", "best_translation", "ccd", "clamp_angle_to_range"]
-
 MAX_STEP = math.radians(5.0)
 """The maximum motion of a joint in one sweep, else the last joints curl up before the first have
 moved; for a prismatic joint as many metres (87 mm)."""

@@ -21,19 +21,6 @@ from ikservo.ik.wrist import candidate_orientations, solve_direction, solve_pose
 from ikservo.kinematics import Chain, finite_vector
 from ikservo.kinematics.arrays import Matrix, Vector
 
-__all__ = [
-    "analytic_seeds",
-    "approximate_solutions",
-    "closed_form",
-    "closest_solution",
-    "direction_intervals",
-    "initial_joints",
-    "rank_by_distance",
-    "refine_newton",
-    "solutions",
-]
-
-
 _STEPS = 6
 _CONVERGED = 1e-10
 # Singular values this much below the largest belong to rotations that move nothing.

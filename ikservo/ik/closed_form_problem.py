@@ -27,15 +27,6 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import make_pose
 
-__all__ = [
-    "AnalyticProblem",
-    "AxisConstraint",
-    "Candidate",
-    "axis_constraints",
-    "make_problem",
-    "tool_at_zero",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class AxisConstraint:

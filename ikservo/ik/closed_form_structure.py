@@ -19,9 +19,6 @@ from ikservo.kinematics import Chain, JointType
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import exp_so3, make_pose
 
-__all__ = ["ArmStructure", "PlanarSubchain", "RevoluteAxis", "recognise_structure"]
-
-
 # Deviations [rad or m] this small are rounding.
 _EXACT = 1e-9
 

@@ -16,8 +16,6 @@ from ikservo.ik.problem import Target
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 
-__all__ = ["MAX_DROOP_STEPS", "Droop"]
-
 MAX_DROOP_STEPS = 12
 _SAME_M, _SAME_RAD = 1e-8, 1e-7
 _STEADY_M, _STEADY_RAD = 1e-4, 1e-3  # what is left counts as reached

@@ -26,27 +26,6 @@ from ikservo.kinematics import Chain, finite_vector
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import skew
 
-__all__ = [
-    "EPSILON",
-    "MAX_STEP_RAD",
-    "ORIENTATION_LEVER_M",
-    "Linearisation",
-    "ResidualFunction",
-    "Step",
-    "active_limits",
-    "backtrack",
-    "gradient_torque",
-    "iterate",
-    "limited_step",
-    "nullspace_step",
-    "pinv",
-    "pseudo_inverse",
-    "scale_step",
-    "step_length",
-    "transpose",
-]
-
-
 ORIENTATION_LEVER_M = 0.1
 """One radian weighs like this many metres, about half of a small arm."""
 

@@ -23,8 +23,6 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.conditioning import ordinary_postures
 
-__all__ = ["nearest_solution", "solution_set"]
-
 # Singular values below this fraction of the largest are zero, in general and at a solution.
 _RANK, _SINGULAR = 1e-7, 1e-6
 # To test whether a solution has neighbours it is left by so much [rad] and solved again nearby: an

@@ -26,23 +26,6 @@ from itertools import product
 
 from ikservo.ik.subproblems import FULL_TURN_RAD, clamped_acos, nearest_equivalent_angle, wrap_angle
 
-__all__ = [
-    "Angles",
-    "DirectionArc",
-    "DirectionInterval",
-    "Limits",
-    "allowed_arcs",
-    "elbow_solutions",
-    "nearest_direction",
-    "nearest_on_direction_arcs",
-    "nearest_planar_angles",
-    "planar_tip",
-    "solve_planar_2r",
-    "solve_planar_3r",
-    "within_limits",
-]
-
-
 Angles = tuple[float, ...]
 Limits = Sequence[tuple[float, float]]
 

@@ -38,24 +38,6 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.conditioning import ordinary_postures
 from ikservo.kinematics.packed import COLUMN, FIRST_INDEPENDENT, POSITION, ROTATION, rotation_z_to
 
-__all__ = [
-    "HOMOGENEOUS_ROW",
-    "IdleJoint",
-    "PackedProblem",
-    "SolverBuffers",
-    "TargetKind",
-    "TargetKindName",
-    "check_homogeneous_row",
-    "check_options",
-    "load_kernel",
-    "pack_problem",
-    "pack_settings",
-    "prepare_seeds",
-    "quasi_random_points",
-    "seeds",
-    "target_kind",
-]
-
 
 def prepare_seeds(
     chain: Chain,

@@ -23,17 +23,6 @@ from ikservo.kinematics.arrays import (
 )
 from ikservo.kinematics.se3 import log_so3
 
-__all__ = [
-    "DEFAULT_RESTARTS",
-    "Options",
-    "Posture",
-    "Target",
-    "Tolerance",
-    "check_position",
-    "normalise",
-]
-
-
 _TOOL_AXIS = (0.0, 0.0, 1.0)
 _TOOL_AXIS_ARRAY = read_only(_TOOL_AXIS)
 

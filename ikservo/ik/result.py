@@ -20,16 +20,6 @@ from ikservo.kinematics import (
 )
 from ikservo.kinematics.arrays import Matrix, Vector, read_only
 
-__all__ = [
-    "NOT_LIMITED",
-    "ActiveLimit",
-    "Result",
-    "SolutionSet",
-    "SolvedProblem",
-    "evaluate",
-    "is_closer",
-]
-
 NOT_LIMITED = "link lengths or number of joints"
 """What limits the reach of an arm where no joint limit does."""
 

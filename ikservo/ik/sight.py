@@ -15,8 +15,6 @@ from ikservo.kinematics import Chain, finite_vector
 from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.kinematics.joints import JointType
 
-__all__ = ["Sight", "solve_sight"]
-
 _NEAREST_M = 0.001  # a point nearer to the tip than this has no direction from there
 _REACHED_RAD = 1e-4
 

@@ -25,9 +25,6 @@ from ikservo.kernels.layout import MAX_ANGLE_RAD
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector, bounded_vector
 
-__all__ = ["METHODS", "Method", "get_method", "in_millimetres", "solve"]
-
-
 Method = Callable[[Chain, Target, Vector, Options], Result]
 """Chain, target, start (dof,) anywhere, options: a result inside the limits."""
 

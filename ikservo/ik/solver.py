@@ -39,9 +39,6 @@ from ikservo.kernels.layout import (
 from ikservo.kinematics import finite_array, finite_vector
 from ikservo.kinematics.arrays import Vector
 
-__all__ = ["BranchMemory", "Solver"]
-
-
 PoseKernel = Callable[[ArrayLike, ArrayLike], int]
 """Pose (4, 4) and start (dof,): see ``kernel.single``."""
 

@@ -25,24 +25,6 @@ import numpy as np
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import exp_so3, skew
 
-__all__ = [
-    "FULL_TURN_RAD",
-    "LIMIT_TOLERANCE_RAD",
-    "NO_FREEDOM",
-    "ROUNDED",
-    "AxisRotation",
-    "CircleTrace",
-    "EulerAngles",
-    "clamped_acos",
-    "nearest_equivalent_angle",
-    "plane_frame",
-    "refine_angle_pair",
-    "solve_acos_bsin",
-    "solve_yaw_roll",
-    "wrap_angle",
-]
-
-
 FULL_TURN_RAD = 2.0 * math.pi
 # Rounding may move a solution at a limit past it by this much [rad]; it is clamped,
 # which moves the tool by less than a nanometre.

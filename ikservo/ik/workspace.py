@@ -16,8 +16,6 @@ from ikservo.ik.workspace_grid import Cells, VoxelGrid, boundary_polygons, grid_
 from ikservo.kinematics import Chain, finite_vector
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 
-__all__ = ["Clear", "Workspace", "quasi_random_joints", "tip_positions", "workspace"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Workspace:

@@ -13,18 +13,6 @@ from ikservo.kinematics import Chain, JointType
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.se3 import make_pose
 
-__all__ = [
-    "Cells",
-    "VoxelGrid",
-    "boundary_polygons",
-    "front_plane",
-    "grid_around",
-    "side_plane",
-    "slice_around",
-    "top_plane",
-]
-
-
 Cells = NDArray[np.intp]
 """Integer indices (n, 3) of cells in a grid."""
 

@@ -35,18 +35,6 @@ from ikservo.kinematics.packed import (
     START,
 )
 
-__all__ = [
-    "add_gravity_torques",
-    "gravity_torques_kernel",
-    "is_tree",
-    "min_distances",
-    "place_capsules",
-    "place_links",
-    "point_shape_distance",
-    "segment_distance",
-    "segment_shape_distance",
-]
-
 _TINY = 1e-30
 _HALVINGS = 30  # the rest of a segment of one metre is then 1 nm
 

@@ -22,8 +22,6 @@ from platformdirs import user_cache_path
 
 from ikservo.kinematics.arrays import Matrix
 
-__all__ = ["bind", "entry", "is_compiled", "uncompiled", "vectorised"]
-
 P = ParamSpec("P")
 R = TypeVar("R")
 

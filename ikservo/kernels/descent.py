@@ -30,17 +30,6 @@ from ikservo.kernels.linear_algebra import least_norm, least_squares, newton_ste
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.packed import DOF, FULL_TURN, LOWER, STEPS, UPPER
 
-__all__ = [
-    "descent_step",
-    "has_negative_curvature",
-    "mark_active_limits",
-    "minimise",
-    "set_bounds",
-    "update_free_set",
-    "wrap_full_turns",
-]
-
-
 # A curvature below -_FLAT of the largest is negative; above it is rounding in a flat direction.
 _FLAT = 1e-7
 # The joints' steps add up to no more than this [rad]: the tip of a long chain whose joints turn a

@@ -37,9 +37,6 @@ from ikservo.kinematics.packed import (
     STEPS,
 )
 
-__all__ = ["converged", "evaluate", "forward_kinematics", "residual_rows", "sincos"]
-
-
 # A quarter turn in two parts: the first has so few digits that whole multiples of it are exact.
 _QUARTER, _REST = 1.57079632673412561417, 6.07710050650619224932e-11
 _QUARTERS = 2.0 / math.pi

@@ -25,8 +25,6 @@ from ikservo.kernels.compiled import entry
 from ikservo.kinematics.arrays import IntVector, Matrix, Vector
 from ikservo.kinematics.packed import CAPSULE_WIDTH, LINK, RADIUS, SHAPE_WIDTH
 
-__all__ = ["FREE", "first_contact", "free_postures"]
-
 FREE = 2.0
 """What ``first_contact`` returns where there is none."""
 

@@ -20,8 +20,6 @@ from ikservo.kernels.layout import (
 )
 from ikservo.kinematics.arrays import Matrix, Vector
 
-__all__ = ["hessian", "ldl_factor", "ldl_solve", "least_norm", "least_squares", "newton_step"]
-
 
 def ldl_factor(work: Matrix, A: int, n: int, damping: float) -> bool:
     """Replace the lower triangle of A + damping I = L D Lᵀ by L D; False if not positive.

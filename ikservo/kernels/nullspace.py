@@ -28,8 +28,6 @@ from ikservo.kernels.linear_algebra import ldl_factor, ldl_solve
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.packed import DOF
 
-__all__ = ["nullspace_descent"]
-
 _MAX_ITERATIONS, _MAX_STALLED_STEPS, _RADIUS = 30, 4, 0.5
 # Steps [rad] for a chord of one, and shares of its square, too small for another iteration.
 _STEP_END, _GAIN_END = 1e-4, 1e-6

@@ -55,20 +55,6 @@ from ikservo.kernels.seeding import (
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.packed import COLUMN, DOF, STEPS, WIDTH
 
-__all__ = [
-    "all_within",
-    "attempt",
-    "distance_from",
-    "fits",
-    "is_better",
-    "is_packed_chain",
-    "is_rotation",
-    "solve_all",
-    "solve_rows",
-    "write_result",
-]
-
-
 # Results whose errors differ by less are equally good: the one nearer the start is taken.
 _SAME_M, _SAME_CHORD = 1e-7, 1e-6
 

@@ -39,20 +39,6 @@ from ikservo.kernels.layout import (
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.packed import COLUMN, POSITION
 
-__all__ = [
-    "MORE",
-    "QUICK",
-    "THOROUGH",
-    "align_first_joint",
-    "best_seed",
-    "hops_between",
-    "puts_position_first",
-    "record_end",
-    "reset_scores",
-    "score_seeds",
-    "start_attempt",
-]
-
 
 @vectorised
 def score_seeds(

@@ -26,8 +26,6 @@ from ikservo.kernels.layout import (
 from ikservo.kernels.search import all_within, fits, is_rotation, solve_rows
 from ikservo.kinematics.arrays import Matrix, Vector
 
-__all__ = ["NAME", "is_target", "solve_pose"]
-
 NAME = "solve_pose"
 """For ``bind``."""
 

@@ -15,8 +15,6 @@ from ikservo.kernels.search import is_packed_chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.packed import DOF, LOWER, STEPS, UPPER
 
-__all__ = ["project_tool", "tool_poses"]
-
 # A limit: 1 for an angle and 0 for a plane; the largest chord or distance; an axis of the tool or
 # the outward normal (3,); the direction near which the axis stays, or a point of the plane (3,).
 _IS_ANGLE, _MOST, _OWN, _WORLD, _WIDTH = 0, 1, 2, 5, 8

@@ -12,23 +12,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from ikservo.errors import BadValueError
 
-__all__ = [
-    "LARGEST",
-    "IntMatrix",
-    "IntVector",
-    "Matrix",
-    "Vector",
-    "array_of_shape",
-    "as_floats",
-    "bounded_vector",
-    "finite_array",
-    "finite_vector",
-    "finite_vectors",
-    "freeze_arrays",
-    "read_only",
-]
-
-
 Vector = NDArray[np.float64]
 Matrix = NDArray[np.float64]
 IntVector = NDArray[np.int64]

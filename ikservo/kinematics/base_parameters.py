@@ -27,8 +27,6 @@ from ikservo.kinematics.arrays import (
 from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.dynamics import Dynamics
 
-__all__ = ["TYPICAL_PARAMETERS", "BaseParameters", "base_parameters", "independent_columns"]
-
 # Effect on the torques, of the largest one, below which a parameter has none. On the arms of the
 # catalogue, at rest or at 0.3 rad/s and more, those that matter have more than 5e-4, and angles
 # that are rounded in a file (1.5708) make less than 3e-6 of the others.

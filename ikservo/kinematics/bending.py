@@ -16,8 +16,6 @@ from numpy.typing import ArrayLike
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.dynamics import Dynamics
 
-__all__ = ["Bending"]
-
 # A torque that presses a joint to one side of its play; below it the side is not certain.
 _SIDE_NM = 0.05
 # Each step makes the error smaller by compliance times stiffness of gravity: by a tenth or less of

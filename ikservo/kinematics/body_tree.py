@@ -18,8 +18,6 @@ from ikservo.kinematics.arrays import Matrix, read_only
 from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.joints import ChainJoint, JointType
 
-__all__ = ["BASE", "BodyTree"]
-
 BASE = -1
 
 

@@ -8,8 +8,6 @@ import numpy as np
 
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 
-__all__ = ["Capsule", "segment_box_distance", "segment_distance"]
-
 _TINY = 1e-30
 _GOLDEN = (5**0.5 - 1) / 2
 

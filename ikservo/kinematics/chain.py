@@ -30,8 +30,6 @@ from ikservo.kinematics.joints import (
 )
 from ikservo.kinematics.se3 import make_pose
 
-__all__ = ["Chain", "joint_torques"]
-
 
 @dataclass(frozen=True, eq=False)
 class Chain:

@@ -15,8 +15,6 @@ from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.joints import ChainJoint, JointType
 from ikservo.kinematics.packed import PackedBody, pack_capsules, pack_links
 
-__all__ = ["CollisionBody", "LinkTravelBounds", "PairDistances"]
-
 # An arm is never in a named pose to the tick.
 _MARGIN_M = 0.004
 

@@ -17,16 +17,6 @@ from numpy.typing import ArrayLike
 from ikservo.kinematics.arrays import Matrix, Vector, finite_vector, freeze_arrays
 from ikservo.kinematics.chain import Chain
 
-__all__ = [
-    "Conditioning",
-    "Singularity",
-    "conditioning",
-    "distance_to_limits",
-    "manipulability",
-    "nearest_singularity",
-    "ordinary_postures",
-]
-
 
 def manipulability(J: Matrix) -> Vector:
     """Return Yoshikawa's measure ``sqrt(det(J Jᵀ))`` (), or (n,) for many Jacobians.

@@ -46,8 +46,6 @@ from ikservo.kinematics.inertia import (
     pseudo_inertias,
 )
 
-__all__ = ["Dynamics"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Dynamics:

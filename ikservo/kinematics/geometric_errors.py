@@ -18,13 +18,6 @@ from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.joints import JointType
 from ikservo.kinematics.se3 import exp_so3, make_pose, skew
 
-__all__ = [
-    "GeometricErrors",
-    "apply_geometric_errors",
-    "calibration_jacobian",
-    "identifiable_origins",
-]
-
 
 def _no_correction() -> Vector:
     return np.zeros(3)

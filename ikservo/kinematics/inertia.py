@@ -19,15 +19,6 @@ import numpy as np
 from ikservo.errors import BadValueError
 from ikservo.kinematics.arrays import Matrix, Vector, finite_array, finite_vector, read_only
 
-__all__ = [
-    "GRAVITY_M_S2",
-    "PARAMETERS",
-    "LinkMass",
-    "parameters_of",
-    "pseudo_inertia",
-    "pseudo_inertias",
-]
-
 GRAVITY_M_S2 = 9.81
 
 PARAMETERS = ("m", "mx", "my", "mz", "ixx", "ixy", "ixz", "iyy", "iyz", "izz")

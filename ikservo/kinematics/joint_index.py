@@ -10,8 +10,6 @@ import numpy as np
 from ikservo.errors import UnknownNameError
 from ikservo.kinematics.arrays import Matrix, Vector
 
-__all__ = ["JointIndex"]
-
 _Columns = np.ndarray[tuple[int], np.dtype[np.intp]]
 
 

@@ -13,16 +13,6 @@ from ikservo.errors import InputError, UnknownNameError
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays, read_only
 from ikservo.kinematics.se3 import make_pose, skew
 
-__all__ = [
-    "ChainJoint",
-    "Joint",
-    "JointType",
-    "Mimic",
-    "effective_limits",
-    "joints_to_each_link",
-    "make_chain_joint",
-]
-
 
 class JointType(Enum):
     """Type of a joint; URDF's continuous joint is REVOLUTE without limits."""

@@ -19,48 +19,6 @@ from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.joints import ChainJoint, JointType
 from ikservo.kinematics.se3 import make_pose, skew
 
-__all__ = [
-    "AXIS",
-    "CAPSULE_WIDTH",
-    "CENTRE",
-    "COLUMN",
-    "DOF",
-    "END",
-    "FIRST_INDEPENDENT",
-    "FULL_TURN",
-    "HALF",
-    "IS_ALIGNED",
-    "IS_CYLINDER",
-    "IS_PRISMATIC",
-    "IS_REVOLUTE",
-    "LINK",
-    "LINK_POSE",
-    "LINK_WIDTH",
-    "LOWER",
-    "MIMIC_COLUMN",
-    "MIMIC_OFFSET",
-    "MIMIC_SCALE",
-    "ORIGIN",
-    "PARENT",
-    "POSITION",
-    "RADIUS",
-    "ROTATION",
-    "ROUNDING",
-    "SCALE",
-    "SHAPE_WIDTH",
-    "SHIFT",
-    "START",
-    "STEPS",
-    "UPPER",
-    "WIDTH",
-    "PackedBody",
-    "pack_capsules",
-    "pack_chain",
-    "pack_links",
-    "rotation_z_to",
-]
-
-
 WIDTH = 17
 # fmt: off
 STEPS, DOF, FIRST_INDEPENDENT = 0, 1, 2  # header: how many joint rows and limit rows; 1 where q of

@@ -10,8 +10,6 @@ import numpy as np
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.packed import IS_CYLINDER, ROUNDING
 
-__all__ = ["Ray"]
-
 _LEVEL = 1e-3  # a ray as level as that meets a level plane anywhere
 _PARALLEL_TO_PLANE, _PARALLEL = 1e-9, 1e-12
 _TOUCHES_M, _MOST_STEPS = 1e-7, 500

@@ -7,8 +7,6 @@ from itertools import pairwise
 
 from ikservo.model import Model
 
-__all__ = ["ascii_sketch"]
-
 _COLUMNS, _ROWS = 46, 13
 _ASPECT = 2.0  # a character is twice as high as it is wide
 _MARK, _JOINT, _LINK = "@", "o", "."

@@ -2,8 +2,9 @@
 
 A dialogue is a generator. It yields a `Notice`, a `Progress`, a `Question`, a `HandRequest`
 or an `Entry`, and receives a word such as ``accept``, or None as long as there is no answer. It
-has every text, and it knows of no terminal, page or file: a terminal (`ikservo.cli.terminal_dialogue`), the
-page (`ikservo.apps.page.running.calibration_panel`) and a script (`ScriptedAnswers`) answer the same values.
+has every text, and it knows of no terminal, page or file: a terminal
+(`ikservo.cli.terminal_dialogue`), the page (`ikservo.apps.page.running.calibration_panel`) and a
+script (`ScriptedAnswers`) answer the same values.
 """
 
 from __future__ import annotations
@@ -19,24 +20,6 @@ from typing import TypeAlias, TypeVar
 from ikservo.calibration.uncalibrated_joint import JointUnderCalibration
 from ikservo.errors import CalibrationError, FileFormatError, IkservoError
 from ikservo.files.reading import read_text
-
-__all__ = [
-    "ACCEPT",
-    "Choice",
-    "Dialogue",
-    "Entry",
-    "EntryDialogue",
-    "HandRequest",
-    "JointProgress",
-    "JointReadout",
-    "Notice",
-    "Progress",
-    "Question",
-    "Result",
-    "ScriptedAnswers",
-    "Unasked",
-    "read_answers",
-]
 
 ACCEPT = "accept"
 

@@ -22,21 +22,6 @@ from ikservo.maintenance.dialogue import ACCEPT, Dialogue, Notice, Question, Una
 from ikservo.model import Model, ModelJoint
 from ikservo.model.tool import describe_direction
 
-__all__ = [
-    "DirectionCheck",
-    "check_clearance_m",
-    "check_each_joint",
-    "confirm_directions",
-    "directions_confirmed",
-    "execute_lift",
-    "plan_clearance",
-    "plan_direction_check",
-    "plan_lift",
-    "run_direction_check",
-    "show_directions",
-]
-
-
 CHECK_ANGLE_RAD = math.radians(5.0)
 """How far the horn turns."""
 

@@ -13,8 +13,6 @@ from ikservo.hardware.servo import ServoSpec
 from ikservo.hardware.torque import read_goal_range, torque_on
 from ikservo.registers import Alarm, Family, RegisterName
 
-__all__ = ["RecoveryResult", "recover", "wait_for_boot"]
-
 _BOOT_S = 3.0  # the longest time until a servo replies again
 _BOOT_STEP_S = 0.05
 _REBOOTING = (Family.DYNAMIXEL_2,)  # keep an alarm until they restart

@@ -11,21 +11,6 @@ from pydantic import BeforeValidator, Field, PrivateAttr
 from ikservo.files.validation import StrictModel
 from ikservo.model.model import HealthLimits
 
-__all__ = [
-    "ArmBus",
-    "ArmCalibration",
-    "ArmCrank",
-    "ArmFile",
-    "ArmGripper",
-    "ArmHealth",
-    "ArmJoint",
-    "ArmPose",
-    "ArmServo",
-    "ArmShadow",
-    "ArmSpeed",
-    "ArmSpeeds",
-]
-
 
 def _require_integer(value: object) -> object:
     if type(value) is not int:  # a Literal alone lets true and 1.0 pass for 1

@@ -13,8 +13,6 @@ from ikservo.kinematics.arrays import Matrix
 from ikservo.kinematics.se3 import exp_so3, make_pose, rotation_rpy
 from ikservo.model.urdf_types import Shape, Urdf, UrdfJoint, UrdfLink
 
-__all__ = ["moved_shape", "parse_frame", "pose_origin", "pose_rpy", "turn_base"]
-
 _BASE_WORDS: Mapping[str, tuple[float, float, float]] = {
     "forward": (1.0, 0.0, 0.0),
     "left": (0.0, 1.0, 0.0),

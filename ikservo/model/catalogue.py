@@ -7,8 +7,6 @@ from pathlib import Path
 
 from ikservo.errors import UnknownNameError
 
-__all__ = ["arm_names", "catalogue_name", "find_arm"]
-
 ARM_FILE = "arm.toml"
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")

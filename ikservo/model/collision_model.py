@@ -18,8 +18,6 @@ from ikservo.model.model_loading import build_chain
 from ikservo.model.urdf_types import Box, Cylinder, Mesh, Shape, Sphere, Surface
 from ikservo.model.urdf_xml import import_command
 
-__all__ = ["bounding_capsules", "capsules_of", "collision_body", "collision_body_with_gripper"]
-
 
 def collision_body(model: Model) -> CollisionBody:
     """Return the arm's capsules and the pairs of links that its named poses keep apart."""

@@ -15,8 +15,6 @@ from ikservo.model.joint_drive import ArmParameters, JointDrive, nominal_paramet
 from ikservo.model.model import Model
 from ikservo.model.servo_torque import GearFriction, find_servo_torque
 
-__all__ = ["body_joints", "identified_parameters", "with_mass_scales"]
-
 
 def identified_parameters(
     model: Model, chain: Chain, identified: IdentifiedArm

@@ -12,9 +12,6 @@ from ikservo.model.link_masses import link_masses
 from ikservo.model.model import Model, ModelJoint
 from ikservo.model.servo_torque import GearFriction, ServoTorque, find_servo_torque
 
-__all__ = ["ArmParameters", "JointDrive", "joint_drive", "nominal_parameters"]
-
-
 # A goal is on the wire, and waits for the servo's next loop.
 _DELAY_S = 0.0025
 

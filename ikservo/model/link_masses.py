@@ -14,8 +14,6 @@ from ikservo.model.model import Model, ModelJoint, ModelServo
 from ikservo.model.servo_torque import find_servo_torque
 from ikservo.model.urdf_types import UrdfLink
 
-__all__ = ["joint_compliances", "link_masses", "stall_error"]
-
 _FEETECH_GAIN = 32  # the P gain as delivered
 
 

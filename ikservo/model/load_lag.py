@@ -13,15 +13,6 @@ from ikservo.model.joint_drive import JointDrive, nominal_parameters
 from ikservo.model.model import Model
 from ikservo.model.servo_torque import GearFriction, ServoTorque
 
-__all__ = [
-    "LoadLag",
-    "can_lift",
-    "lifting_torque_nm",
-    "load_lags",
-    "spread_postures",
-    "sustained_lag",
-]
-
 _POSTURES = 64
 # The heaviest posture may be between those that are tried, servos differ by a tenth, their supply
 # sags under load, and a joint is to be set in motion in a fraction of a second.

@@ -8,9 +8,6 @@ from urllib.parse import unquote, urlsplit
 
 from ikservo.files.reading import path_inside
 
-__all__ = ["resolve_mesh_path"]
-
-
 _PACKAGE, _FILE = "package://", "file://"
 
 

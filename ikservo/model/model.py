@@ -19,21 +19,6 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.model.urdf_types import Urdf
 from ikservo.registers import MODELS, Family
 
-__all__ = [
-    "Gripper",
-    "HealthLimits",
-    "KeepOutBox",
-    "Model",
-    "ModelJoint",
-    "ModelServo",
-    "SpeedClass",
-    "at_distance",
-    "at_limit",
-    "limit_distance",
-    "near_distance",
-    "near_limit",
-]
-
 _NEAR = {"rad": math.radians(5.0), "m": 0.005}
 _AT = {"rad": math.radians(0.3), "m": 0.0003}
 _NEAR_FRACTION = 1 / 20  # of a range that is short: else a gripper's jaws would always be near

@@ -31,9 +31,6 @@ from ikservo.model.urdf_types import Mesh, Urdf, UrdfJoint, UrdfJointType
 from ikservo.model.urdf_xml import import_command, is_mjcf
 from ikservo.registers import MODELS, ControlTable, Family
 
-__all__ = ["build_chain", "check_size", "description_text", "load_model", "read_description"]
-
-
 _KINDS = {
     UrdfJointType.FIXED: JointType.FIXED,
     UrdfJointType.REVOLUTE: JointType.REVOLUTE,

@@ -25,23 +25,6 @@ from ikservo.model.collision_model import bounding_capsules
 from ikservo.model.model import Model, Obstacle
 from ikservo.model.urdf_types import Box
 
-__all__ = [
-    "FURTHEST_BASE_M",
-    "KINDS",
-    "NEAREST_BASE_M",
-    "KeepOutShape",
-    "PlacedArm",
-    "capsule_shape",
-    "describe_thing",
-    "make_shape",
-    "read_scene",
-    "read_scene_with_arms",
-    "scene_text",
-    "turned_deg",
-    "with_scene",
-    "with_scene_and_arms",
-]
-
 _Z = np.array([0.0, 0.0, 1.0])
 _FAR_M = 10.0  # half the sides of the box that stands for a half-space
 

@@ -7,15 +7,6 @@ from dataclasses import dataclass
 from math import sqrt
 from types import MappingProxyType
 
-__all__ = [
-    "GRIPPER_P_GAINS",
-    "SERVO_TORQUES",
-    "GearFriction",
-    "ServoTorque",
-    "find_servo_torque",
-    "nominal_supply_v",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class GearFriction:

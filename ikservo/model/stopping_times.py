@@ -23,8 +23,6 @@ from ikservo.model.load_lag import spread_postures
 from ikservo.model.model import Model, ModelJoint
 from ikservo.model.servo_torque import GRIPPER_P_GAINS, find_servo_torque
 
-__all__ = ["stopping_times_s"]
-
 # Servos differ in torque and damping by a twentieth, and the joints of an arm push each other: with
 # 1.05, 2 of 24 killed programs of a wx250s let a joint go on by 63 ticks instead of 60.
 _MARGIN = 1.15

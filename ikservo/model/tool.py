@@ -11,9 +11,6 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.model.model import Model, ModelJoint
 
-__all__ = ["ToolFrame", "describe_direction", "tool_frame", "view_axes"]
-
-
 _SWINGS_M_PER_RAD = 0.03
 # Nearer to upright than this a tool has no heading, as solved to a tenth of a milliradian.
 _VERTICAL = 0.01

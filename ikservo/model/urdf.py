@@ -33,18 +33,6 @@ from ikservo.model.urdf_xml import (
     parse_xml,
 )
 
-__all__ = [
-    "FindMesh",
-    "find_root",
-    "lint_urdf",
-    "parse_joint",
-    "parse_link",
-    "read_urdf",
-    "read_urdf_text",
-    "urdf_from_xml",
-]
-
-
 _MIN_AXIS_LENGTH = 1e-6
 
 

@@ -13,21 +13,6 @@ if TYPE_CHECKING:  # reading a URDF needs no numpy
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = [
-    "Box",
-    "Cylinder",
-    "Mesh",
-    "Shape",
-    "Sphere",
-    "Surface",
-    "Triple",
-    "Urdf",
-    "UrdfJoint",
-    "UrdfJointType",
-    "UrdfLink",
-    "UrdfMimic",
-]
-
 Triple = tuple[float, float, float]
 
 

@@ -17,9 +17,6 @@ from ikservo.errors import FileFormatError
 from ikservo.files.reading import quote
 from ikservo.model.urdf_types import Triple
 
-__all__ = ["XmlElement", "import_command", "is_mjcf", "parse_origin", "parse_xml"]
-
-
 _NUMBER = re.compile(r"[+-]?(\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _MAX_NAME_CHARS = 128
 LARGEST_NUMBER = 1e6

@@ -11,8 +11,6 @@ from ikservo.errors import BadValueError, format_point
 from ikservo.kinematics import finite_vector
 from ikservo.kinematics.arrays import Vector
 
-__all__ = ["ArcPath", "arc_about_axis", "arc_through_points"]
-
 _MIN_RADIUS_M, _SAME_POINT_M = 1e-4, 1e-4
 # Three points are on one line where none is further from the others' line: half of a servo's tick
 # at 0.3 m, by which the start is not known.

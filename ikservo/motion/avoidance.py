@@ -21,8 +21,6 @@ from numpy.typing import NDArray
 
 from ikservo.kinematics.arrays import Matrix, Vector
 
-__all__ = ["MotionSpace", "can_search", "find_way", "path_length"]
-
 # Cuts tried on a path, and how many in a row may fail.
 _CUTS, _FAILED_CUTS = 60, 15
 _HALVED = 8  # corners of longer paths are left out by so large a part of the rest

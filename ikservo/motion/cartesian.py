@@ -24,15 +24,6 @@ from ikservo.motion.path_ik import track_path
 from ikservo.motion.time_scaling import PathTrajectory
 from ikservo.motion.trajectory import KinematicLimits
 
-__all__ = [
-    "ORIENTATION_TOLERANCE_RAD",
-    "CartesianJointPath",
-    "CartesianTrajectory",
-    "solve_cartesian_path",
-    "straight_lines",
-]
-
-
 ORIENTATION_TOLERANCE_RAD = math.radians(0.5)
 """Maximum angle between the tool's orientation and the desired one that counts as reached."""
 

@@ -14,8 +14,6 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.motion.point_to_point import JointMove, RuckigMotion, stop_trajectory
 from ikservo.motion.trajectory import KinematicLimits, TrajectoryPoint
 
-__all__ = ["OnlineTrajectory"]
-
 # By how much rounding may put a position outside its limits, rad or m; a tick is 10⁻³.
 _ROUNDING = 1e-7
 

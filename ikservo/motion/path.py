@@ -15,8 +15,6 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import exp_so3, log_so3
 
-__all__ = ["ArmPlane", "BlendedPath", "OrientationInterpolation", "Path", "SplinePath", "ToolPath"]
-
 
 class Path(Protocol):
     """A smooth curve of n values over a distance, in metres, radians or another measure."""

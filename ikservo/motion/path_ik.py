@@ -10,8 +10,6 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion.path import OrientationInterpolation, ToolPath
 
-__all__ = ["track_path"]
-
 # So small that the third difference of points every half millimetre is no noise.
 _TIGHT = Tolerance(1e-7, 1e-6)
 _REACHED_M = 1e-6

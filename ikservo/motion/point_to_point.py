@@ -23,8 +23,6 @@ from ikservo.kinematics import finite_vector
 from ikservo.kinematics.arrays import Vector, read_only
 from ikservo.motion.trajectory import KinematicLimits, TrajectoryPoint
 
-__all__ = ["JointMove", "RuckigMotion", "position_bounds", "stop_trajectory"]
-
 
 def position_bounds(trajectory: Trajectory) -> tuple[Vector, Vector]:
     """Compute the lowest and the highest positions (n,) of a trajectory.

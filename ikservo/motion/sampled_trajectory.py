@@ -14,8 +14,6 @@ from ikservo.files.writing import write_atomic
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.motion import Trajectory
 
-__all__ = ["SampledTrajectory", "sample_trajectory"]
-
 _MAX_SAMPLES = 1_000_000
 
 

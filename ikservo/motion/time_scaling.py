@@ -19,9 +19,6 @@ from ikservo.motion.path import BlendedPath, Path
 from ikservo.motion.point_to_point import JointMove
 from ikservo.motion.trajectory import KinematicLimits, TrajectoryPoint
 
-__all__ = ["JointWaypointTrajectory", "PathTrajectory", "TimeScaling"]
-
-
 # Fractions of the speed limit by bends and twists that are tried; the rest is left for
 # acceleration along the curve.
 _SPEED_FRACTIONS = (0.4, 0.6, 0.85)

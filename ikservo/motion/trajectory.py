@@ -12,14 +12,6 @@ from numpy.typing import ArrayLike
 from ikservo.errors import BadValueError
 from ikservo.kinematics.arrays import Vector, freeze_arrays
 
-__all__ = [
-    "ConcatenatedTrajectory",
-    "KinematicLimits",
-    "SubsetTrajectory",
-    "Trajectory",
-    "TrajectoryPoint",
-]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrajectoryPoint:

@@ -34,25 +34,6 @@ from ikservo.model import Model, ModelJoint, load_model
 from ikservo.model.link_masses import link_masses
 from ikservo.registers import MODELS, RegisterName, control_table_for_number
 
-__all__ = [
-    "MAX_UNCALIBRATED_STEP_RAD",
-    "CalibratedArm",
-    "CalibratedModel",
-    "ZeroSource",
-    "bent_chain",
-    "calibrated_limits",
-    "calibrated_model",
-    "check_calibration_matches",
-    "check_joints_match",
-    "check_servo_models",
-    "geometric_errors_of",
-    "known_bending",
-    "limit_to_one_turn",
-    "load_calibration_for",
-    "own_chain",
-    "registers_allow",
-]
-
 MAX_UNCALIBRATED_STEP_RAD = math.radians(10.0)
 """How far an uncalibrated joint may be moved at once, as its horn turns."""
 

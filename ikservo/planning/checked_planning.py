@@ -55,8 +55,6 @@ from ikservo.planning.planner import PointGoal
 from ikservo.planning.poses import PoseLibrary
 from ikservo.planning.ways_around import BLENDS_RAD, HOW_TO_SEARCH, postures_nearby, ways_around
 
-__all__ = ["MotionStart", "PlannedStart", "PreflightPlanner"]
-
 # A gripper's goal leads it by more than this at the horn where it presses on something.
 _PRESSING_LAG_RAD = 0.05
 # Where the whole path to the rest pose is not free, these fractions of it are tried.

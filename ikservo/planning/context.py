@@ -24,8 +24,6 @@ from ikservo.planning.planner import Planner
 from ikservo.planning.reports import MotionProgress, OnProgress
 from ikservo.planning.surroundings import Surroundings
 
-__all__ = ["ArmContext"]
-
 # Nearer than this a part counts as lying on something.
 _CONTACT_M = 0.005
 _JAW_TOUCH_M = 0.004  # omx_f's jaws need 2.9 mm where its arm has sunk out of its rest pose

@@ -8,8 +8,6 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model.joint_drive import ArmParameters, JointDrive
 
-__all__ = ["goal_leads", "limits_under_load"]
-
 # A goal that would be this far outside, rad or m, is as good as one at the limit.
 _TOLERANCE = 0.003
 # The friction of a servo, as a multiple of its model's: servos of one model differ that much.

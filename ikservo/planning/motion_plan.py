@@ -22,22 +22,6 @@ from ikservo.motion.sampled_trajectory import SampledTrajectory, sample_trajecto
 from ikservo.planning.motions import MotionValue
 from ikservo.planning.tool_speed import ToolSpeed
 
-__all__ = [
-    "RETRACT_POSES",
-    "MotionPlan",
-    "NearLimit",
-    "PoseWithinLimits",
-    "clamp_pose",
-    "clamp_positions",
-    "has_moved",
-    "near_limits",
-    "path_length_m",
-    "rebase_trajectory",
-    "sample_states",
-    "time_limiting_joints",
-    "via_pose_plan",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class NearLimit:

@@ -39,30 +39,6 @@ from ikservo.planning.path_constraint import UNCONSTRAINED, PathConstraint
 from ikservo.planning.reports import GraspResult, JointMoveResult, MoveResult
 from ikservo.planning.tool_orientation import KEEP_BEST_EFFORT, ToolOrientation, check_orientation
 
-__all__ = [
-    "KINDS",
-    "SPEEDS",
-    "Draw",
-    "LookAt",
-    "Lower",
-    "MotionValue",
-    "MoveArc",
-    "MoveGripper",
-    "MoveJoints",
-    "MoveLine",
-    "MovePose",
-    "MoveThrough",
-    "MoveTo",
-    "MoveToRest",
-    "TipMotion",
-    "Wait",
-    "check_motion",
-    "motion_fields",
-    "motion_kind",
-    "motion_names",
-    "parse_motion",
-]
-
 SPEEDS = ("slow", "normal", "fast")
 """The speed classes of every arm file."""
 

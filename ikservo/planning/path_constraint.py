@@ -18,8 +18,6 @@ from ikservo.kinematics.arrays import Matrix, Vector, finite_vector, read_only
 from ikservo.kinematics.joints import JointType
 from ikservo.kinematics.packed import pack_chain
 
-__all__ = ["UNCONSTRAINED", "ConstrainedTool", "PathConstraint"]
-
 Point = tuple[float, float, float]
 
 _UP = read_only(np.array([0.0, 0.0, 1.0]))

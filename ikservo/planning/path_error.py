@@ -12,8 +12,6 @@ from ikservo.kinematics.arrays import IntMatrix, Matrix, Vector
 from ikservo.motion import Trajectory
 from ikservo.planning.planner import Planner
 
-__all__ = ["PathDeviation", "PathRecorder", "path_deviations_m"]
-
 # Distance between two samples of the commanded path, in time: 0.06 mm of a circle of 5 cm at
 # 0.25 m/s.
 _STEP_S = 0.01

@@ -8,8 +8,6 @@ from ikservo.planning.motions import Draw, LookAt, MoveJoints, MoveThrough, Move
 from ikservo.planning.planner import Planner
 from ikservo.planning.strokes import plan_drawing
 
-__all__ = ["plan_motion"]
-
 
 def plan_motion(
     planner: Planner, motion: TipMotion | MoveJoints | LookAt, start: Vector, speed: str

@@ -54,8 +54,6 @@ from ikservo.planning.tool_orientation import (
 )
 from ikservo.planning.tool_speed import ToolSpeed, sample_times_s, tool_speed_between
 
-__all__ = ["Planner", "PointGoal", "unreachable_error"]
-
 
 def unreachable_error(target: Target, solution: Result) -> UnreachableError:
     """Return the error with the point nearest to a target that the arm can reach."""

@@ -32,8 +32,6 @@ from ikservo.model import Model
 from ikservo.model.arm_schema import ArmPose
 from ikservo.planning.context import ArmContext
 
-__all__ = ["PoseLibrary", "known_pose_names", "pose_path", "teach"]
-
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _EXPECTED_NAME = "1 to 64 of the characters A-Z a-z 0-9 _ -"
 _PLACES = 4  # of a degree, and of a tenth of a micrometre

@@ -12,17 +12,6 @@ from ikservo.control.feedback import JointState
 from ikservo.errors import UnknownNameError, format_point
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 
-__all__ = [
-    "ArmState",
-    "GraspResult",
-    "JointMoveResult",
-    "MotionProgress",
-    "MoveResult",
-    "OnProgress",
-    "ReplayResult",
-    "describe_torque",
-]
-
 
 def _unknown_pose() -> Matrix:
     return np.full((3, 3), np.nan)

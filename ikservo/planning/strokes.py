@@ -19,8 +19,6 @@ from ikservo.planning.motions import Draw
 from ikservo.planning.planner import Planner
 from ikservo.planning.tool_speed import ToolSpeed
 
-__all__ = ["plan_drawing"]
-
 # By how much a corner of a stroke may be rounded.
 _CORNER_M = 2e-4
 # A blend passes its corner at this fraction of its length, for each unit that the slope changes.

@@ -14,8 +14,6 @@ from ikservo.guard.sag import Sag
 from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.model.model import Obstacle
 
-__all__ = ["AnotherArm", "Surroundings", "Turn", "other_moves"]
-
 
 class Turn:
     """Which of two arms moves: one at a time, and none waits for the other."""

@@ -10,8 +10,6 @@ import numpy as np
 from ikservo.kinematics.arrays import Matrix
 from ikservo.motion import Trajectory
 
-__all__ = ["ToolSpeed", "sample_times_s", "tool_speed_between"]
-
 # In a motion of minutes the step is longer, so that planning takes seconds.
 _STEP_S, _MIN_SAMPLES, _MAX_SAMPLES = 0.005, 200, 20_000
 # Speeds that differ by less are equal: corners that are hardly any are passed a little slower.

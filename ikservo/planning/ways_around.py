@@ -15,8 +15,6 @@ from ikservo.motion.avoidance import find_way
 from ikservo.planning.context import ArmContext
 from ikservo.planning.path_constraint import ConstrainedTool
 
-__all__ = ["BLENDS_RAD", "HOW_TO_SEARCH", "postures_nearby", "ways_around"]
-
 BLENDS_RAD = (0.3, 0.1, 0.03, 0.01, 0.003)
 """How far before a corner the joints may begin to turn, from the roundest way to the closest."""
 

@@ -9,16 +9,6 @@ from typing import ClassVar
 from ikservo.errors import UnknownNameError
 from ikservo.registers.register import ByteOrder, Register
 
-__all__ = [
-    "Alarm",
-    "ControlTable",
-    "Family",
-    "FeetechMode",
-    "OperatingMode",
-    "RegisterName",
-    "decode_alarms",
-]
-
 
 class Alarm(StrEnum):
     """An alarm that a servo reports; the value is its text for the user."""

@@ -10,8 +10,6 @@ from collections.abc import Mapping
 from ikservo.registers.control_table import ControlTable
 from ikservo.registers.register import Register
 
-__all__ = ["delivered_value"]
-
 
 def delivered_value(table: type[ControlTable], register: Register) -> int | None:
     """Return the raw number of a writable register as delivered; None where it is not listed."""

@@ -25,8 +25,6 @@ from ikservo.registers.units import (
     US_2,
 )
 
-__all__ = ["AX12A", "MX28", "TABLES", "XL320"]
-
 RO, RW = Access.RO, Access.RW
 EEP, RAM = Area.EEPROM, Area.RAM
 UINT, SINT, SIGN10 = Unsigned(), TwosComplement(), SignMagnitude(10)

@@ -22,8 +22,6 @@ from ikservo.registers.units import (
     US_2,
 )
 
-__all__ = ["TABLES", "XL330M077", "XL330M288", "XL430W250", "XM430W350", "XM540W270"]
-
 RO, RW = Access.RO, Access.RW
 EEP, RAM = Area.EEPROM, Area.RAM
 UINT, SINT = Unsigned(), TwosComplement()

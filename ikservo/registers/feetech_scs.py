@@ -23,8 +23,6 @@ from ikservo.registers.units import (
     US_2,
 )
 
-__all__ = ["SCS0009", "SCS15", "TABLES"]
-
 RO, RW = Access.RO, Access.RW
 EEP, RAM = Area.EEPROM, Area.RAM
 UINT = Unsigned()

@@ -26,8 +26,6 @@ from ikservo.registers.units import (
     US_2,
 )
 
-__all__ = ["STS3215", "STS3250", "TABLES"]
-
 RO, RW = Access.RO, Access.RW
 EEP, RAM = Area.EEPROM, Area.RAM
 UINT, SIGN10, SIGN11, SIGN15 = Unsigned(), SignMagnitude(10), SignMagnitude(11), SignMagnitude(15)

@@ -8,8 +8,6 @@ from ikservo.errors import UnknownNameError
 from ikservo.registers import dynamixel_1, dynamixel_x, feetech_scs, feetech_sts
 from ikservo.registers.control_table import ControlTable, Family
 
-__all__ = ["MODELS", "control_table", "control_table_for_number"]
-
 _TABLES = (*feetech_sts.TABLES, *feetech_scs.TABLES, *dynamixel_x.TABLES, *dynamixel_1.TABLES)
 MODELS: Mapping[str, type[ControlTable]] = {table.model_name: table for table in _TABLES}
 """Every known model by its name."""

@@ -8,17 +8,6 @@ from typing import Literal, Protocol
 
 from ikservo.registers.units import Unit
 
-__all__ = [
-    "Access",
-    "Area",
-    "ByteOrder",
-    "Codec",
-    "Register",
-    "SignMagnitude",
-    "TwosComplement",
-    "Unsigned",
-]
-
 
 class Codec(Protocol):
     """Encodes a number as an unsigned word in memory, and decodes it."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 from dataclasses import dataclass
 from math import radians, tau
 
-__all__ = ["NUMBER", "Unit"]
-
 
 @dataclass(frozen=True, slots=True)
 class Unit:

@@ -14,9 +14,6 @@ from ikservo.model import Model
 from ikservo.ros_messages.link_transforms import LinkTransforms, quaternions
 from ikservo.ros_messages.message_types import encode, make
 
-__all__ = ["DESCRIPTION", "DIAGNOSTICS", "GOAL", "JOINT_STATES", "TF", "ArmMessages", "RosMessage",
-           "Topic"]  # fmt: skip
-
 
 @dataclass(frozen=True, slots=True)
 class Topic:

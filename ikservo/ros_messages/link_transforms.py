@@ -10,8 +10,6 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.joints import ChainJoint
 
-__all__ = ["LinkTransforms", "quaternions"]
-
 
 class LinkTransforms:
     """Computes the pose of every link but the base in its parent.

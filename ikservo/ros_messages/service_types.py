@@ -13,8 +13,6 @@ if TYPE_CHECKING:
     from rosbags.interfaces import Nodetype
     from rosbags.interfaces.typing import FieldDesc, Typesdict
 
-__all__ = ["CANCEL_GOAL", "EVENT_INFO", "FOLLOW", "TRIGGER", "service_types"]
-
 TRIGGER = "std_srvs/srv/Trigger"
 CANCEL_GOAL = "action_msgs/srv/CancelGoal"
 FOLLOW = "control_msgs/action/FollowJointTrajectory"

@@ -26,25 +26,6 @@ from ikservo.serving.control_socket import connect, socket_path, socket_paths
 from ikservo.serving.replies import other_version_error, result_in
 from ikservo.serving.stop_marks import leave_mark
 
-__all__ = [
-    "BRAKE_TIMEOUT_S",
-    "MAX_REPLY_BYTES",
-    "MAX_REQUEST_BYTES",
-    "Command",
-    "Request",
-    "StopAllResult",
-    "StopResult",
-    "broadcast_command",
-    "decode_reply",
-    "decode_request",
-    "encode_reply",
-    "encode_request",
-    "request_stop",
-    "request_stop_of",
-    "send_command",
-    "stop_own_programs",
-]
-
 BRAKE_TIMEOUT_S = 3.0
 _WHO_TIMEOUT_S = 1.0
 

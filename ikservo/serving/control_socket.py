@@ -21,17 +21,6 @@ from pathlib import Path
 
 from ikservo.errors import IkservoError
 
-__all__ = [
-    "HAS_UNIX_SOCKETS",
-    "ListeningSocket",
-    "connect",
-    "make_private_directory",
-    "open_socket",
-    "socket_path",
-    "socket_paths",
-]
-
-
 # What fits into an address on every system: 104 bytes on macOS, 108 on Linux.
 _MAX_PATH_CHARS = 100
 

@@ -13,8 +13,6 @@ from ikservo.clock import Clock
 from ikservo.errors import LeaseLostError, RefusedError
 from ikservo.guard import DEAD_MAN_TIMEOUT_S
 
-__all__ = ["IDLE_TIMEOUT_S", "ArmLease", "Holder", "is_fresh"]
-
 IDLE_TIMEOUT_S = 3.0
 """An operator who moves nothing and is not heard for so long has lost the lease."""
 

@@ -15,8 +15,6 @@ from typing import Any, cast
 
 from ikservo.errors import ExitCode, IkservoError
 
-__all__ = ["SAME_VERSION", "error_fields", "error_of", "other_version_error", "result_in"]
-
 SAME_VERSION = "Install the same version of this program at both ends."
 
 _MAX_CHARS = 4096

@@ -16,8 +16,6 @@ from pathlib import Path
 from ikservo.errors import IkservoError
 from ikservo.serving.control_socket import make_private_directory, socket_path
 
-__all__ = ["forget_marks", "has_mark", "leave_mark"]
-
 _ANY_PORT = "stop://any"
 # A program of the user that opens its first arm later than this was not meant by the stop.
 _MAX_AGE_S = 600.0

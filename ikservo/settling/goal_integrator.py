@@ -10,8 +10,6 @@ from ikservo.calibration import format_source
 from ikservo.guard import DrivenJoint
 from ikservo.settling.swings import SwingDamper
 
-__all__ = ["GoalIntegrator", "Saturation", "SaturationReason"]
-
 # The goal moves by this fraction of the error each second, and no slower than the second number
 # [rad/s at the horn]: stiction must be overcome in good time.
 _FRACTION_PER_S = 4.0

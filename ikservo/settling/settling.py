@@ -17,13 +17,6 @@ from ikservo.planning.context import ArmContext
 from ikservo.settling.goal_integrator import GoalIntegrator
 from ikservo.settling.tick_rounding import SettlingTarget, chain_ticks
 
-__all__ = [
-    "SettlingResult",
-    "SettlingTrajectory",
-    "settle",
-    "settle_at",
-]
-
 
 def _never(_measured: Vector) -> bool:
     return False

@@ -11,8 +11,6 @@ from ikservo.control.loop import ControlCycle
 from ikservo.control.turn_counter import TurnCounter
 from ikservo.guard import DrivenJoint
 
-__all__ = ["MotionSwings", "SwingDamper"]
-
 # In motion a joint swings whose error turns round so often, each time by more than this at the horn
 # and within this time of the turn before.
 _MIN_MOTION_TURNS, _MOTION_SWING_RAD, _MOTION_TURN_S = 6, 0.012, 0.4

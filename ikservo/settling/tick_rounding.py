@@ -15,16 +15,6 @@ from ikservo.kinematics import Chain, JointIndex
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.planning.motion_plan import MotionPlan
 
-__all__ = [
-    "ROTATION_WEIGHT_M",
-    "SettlingTarget",
-    "backlash_approach",
-    "chain_ticks",
-    "compensate",
-    "round_to_ticks",
-]
-
-
 ROTATION_WEIGHT_M = 0.01
 """A rotation error of one radian weighs as much as this position error: 0.17 mm a degree."""
 

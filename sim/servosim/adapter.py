@@ -7,9 +7,6 @@ from dataclasses import dataclass
 
 from servosim.errors import SimulatorError
 
-__all__ = ["AdapterOptions", "ReceiveBuffer", "UsbAdapter"]
-
-
 GRACE = 1e-6  # of a byte: sums of byte times are not exact
 
 

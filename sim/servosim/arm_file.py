@@ -12,8 +12,6 @@ from servosim.errors import ArmFileError
 from servosim.joint import DIRECT, CrankAndRod, Ratio, Transmission
 from servosim.own_files import read_toml
 
-__all__ = ["JointEntry", "ServoEntry", "SimulatedArmFile", "read_arm_file"]
-
 
 @dataclass(frozen=True, slots=True)
 class ServoEntry:

@@ -21,8 +21,6 @@ from servosim.specimen import Specimen
 from servosim.surroundings import Cube, Surroundings
 from servosim.world import ExternalDynamics, PowerSupply, World
 
-__all__ = ["BenchServo", "make_arm_world", "make_bench_world"]
-
 STOP_MARGIN_RAD = math.radians(2.0)  # hard stops are this far beyond the URDF's limits
 STOP_MARGIN_M = 0.0005
 MAX_PLAY_DEG = 10.0

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from servosim.stage import Stage
 
-__all__ = ["SimulatedCamera", "SimulatedView"]
-
 PIXELS_PER_SQUARE = 40  # of the board's picture
 MARGIN_PX, MARGIN_SHARE = 4.0, 0.1  # around where its outline is seen
 IN_FRONT_M = 0.002  # what hides the board is so much nearer at least

@@ -6,8 +6,6 @@ import time
 from collections.abc import Callable
 from typing import Protocol
 
-__all__ = ["Clock", "PacedClock", "RealClock", "VirtualClock"]
-
 MIN_SLEEP_S = 0.001
 
 

@@ -10,8 +10,6 @@ import numpy as np
 from servosim.mass_tree import MassTree, MimicDrive
 from servosim.urdf import BoxShape, Matrix, MovingJoint
 
-__all__ = ["Contacts"]
-
 # Of the impulse that would end an overlap, or its growth, within one interval; a soft contact.
 _STIFFNESS, _DAMPING = 0.05, 1.0
 # Deeper than this the force does not increase: the arm was put there.

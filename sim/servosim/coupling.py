@@ -13,8 +13,6 @@ from servosim.joint import STEP_S, Hand, SimulatedJoint
 from servosim.motor import JointStep, solve_velocity
 from servosim.urdf import Matrix
 
-__all__ = ["CoupledJoints"]
-
 MAX_SWEEPS = 30
 NO_HANDS: Mapping[int, Hand] = MappingProxyType({})
 EXACT_RAD_S = 2e-4  # a change of a velocity by a sweep that is small enough

@@ -15,8 +15,6 @@ from servosim.mass_tree import LocalDynamics, MassTree, MimicDrive
 from servosim.specimen import Specimen
 from servosim.urdf import Matrix, MovingJoint, read_joints, read_link_frame, read_shapes
 
-__all__ = ["Tip"]
-
 NEAR_M = 1e-5  # a tick of a servo moves the tip of an arm ten times as far
 ITERATIONS = 200
 DAMPING_M = 0.01  # of the least-squares steps: keeps them short near singular postures

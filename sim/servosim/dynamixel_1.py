@@ -12,9 +12,6 @@ from servosim.motor import Motor
 from servosim.register import ServoTable, SimulatedArea, SimulatedRegister
 from servosim.servo import AlarmBits, BusProtocol, HornMounting, InstructionError, Servo
 
-__all__ = ["ANGLE", "HEAT", "OVERLOAD", "VOLTAGE", "Dynamixel1", "Dynamixel1Protections"]
-
-
 VOLTAGE, ANGLE, HEAT, OVERLOAD = 0x01, 0x02, 0x04, 0x20
 OVERLOAD_AFTER_S = 2.0  # assumed: the sheets say "persistent"
 OVERLOAD_FRACTION = 0.9  # assumed fraction of the largest output that counts as overload

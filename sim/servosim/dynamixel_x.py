@@ -12,16 +12,6 @@ from servosim.motor import Motor
 from servosim.register import ServoTable
 from servosim.servo import BusProtocol, HornMounting, InstructionError, Servo
 
-__all__ = [
-    "PWM_FULL",
-    "VELOCITY_RAD_S",
-    "DriveMapper",
-    "SimulatedDynamixelX",
-    "live_registers",
-    "write_effects",
-]
-
-
 VELOCITY_RAD_S = 0.229 * 2.0 * math.pi / 60.0
 ACCELERATION_RAD_S2 = 214.577 * 2.0 * math.pi / 3600.0
 PWM_FULL = 885  # 0.113 % each

@@ -7,9 +7,6 @@ from collections.abc import Callable
 from servosim.register import SimulatedArea, SimulatedRegister
 from servosim.servo import InstructionError, Servo
 
-__all__ = ["AccessRules", "ControlTableBackup", "DynamixelXProtections"]
-
-
 _LIMIT_OF = {
     "goal_pwm": "pwm_limit",
     "goal_current": "current_limit",

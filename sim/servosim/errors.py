@@ -4,15 +4,6 @@ from __future__ import annotations
 
 from pathlib import Path
 
-__all__ = [
-    "ArmFileError",
-    "FaultError",
-    "LogFileError",
-    "PortClosedError",
-    "SimulatorError",
-    "UnknownModelError",
-]
-
 
 class SimulatorError(ValueError):
     """Base of errors in the set-up of a simulated bus: what it was given cannot be used."""

@@ -10,8 +10,6 @@ from types import MappingProxyType
 
 from servosim.parameters import MotorParameters, in_an_arm
 
-__all__ = ["FAMILY", "FamilyMember"]
-
 FAMILY: Mapping[str, tuple[float, float]] = MappingProxyType(
     {
         "backlash_deg": (0.2, 2.0),

@@ -17,19 +17,6 @@ if TYPE_CHECKING:
     from servosim.servo import Servo
     from servosim.world import World
 
-__all__ = [
-    "EVENTS",
-    "LOST",
-    "REPLY_FAULTS",
-    "Arrival",
-    "Fault",
-    "FaultScript",
-    "FaultyLine",
-    "Undo",
-    "read_faults",
-]
-
-
 _INTEGER_KEYS = ("id", "bytes", "bits")
 _RANGES = {
     "id": (0, 253),

@@ -10,9 +10,6 @@ from servosim.motor import Motor
 from servosim.register import ServoTable
 from servosim.servo import AlarmBits, BusProtocol, HornMounting, InstructionError, Servo
 
-__all__ = ["BAUDS", "Feetech", "FeetechProtections", "FeetechSeries"]
-
-
 VOLTAGE, ENCODER, HEAT, CURRENT, OVERLOAD = 0x01, 0x02, 0x04, 0x08, 0x20
 CURRENT_UNIT_A = 0.0065
 AT_REST_RAD_S = 0.1  # assumed: a shaft that moves faster than this is not blocked

@@ -9,9 +9,6 @@ from servosim.control import ControlMode
 from servosim.feetech import BAUDS, Feetech, FeetechSeries
 from servosim.servo import HornMounting
 
-__all__ = ["ScsSeries", "StsSeries"]
-
-
 CURRENT_UNIT_A = 0.0065
 _FROM_EEPROM = {  # what an HLS copies into its RAM at power-up
     "goal_torque": "protection_current", "kp": "p_gain", "kd": "d_gain", "ki": "i_gain",

@@ -9,19 +9,6 @@ from functools import lru_cache
 from struct import Struct
 from typing import ClassVar
 
-__all__ = [
-    "Dynamixel1Reader",
-    "Dynamixel2Reader",
-    "Frame",
-    "FrameReader",
-    "checksum",
-    "crc16",
-    "encode1",
-    "encode2",
-    "stuff",
-    "unstuff",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class Frame:

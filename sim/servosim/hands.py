@@ -18,8 +18,6 @@ from servosim.line import Line
 from servosim.servo import Servo
 from servosim.world import World
 
-__all__ = ["HANDS", "CalibrationHands", "RangeSweep", "add_hands"]
-
 HANDS = ("sweep", "calibrate")
 """The kinds of hands."""
 

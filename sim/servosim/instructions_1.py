@@ -8,9 +8,6 @@ from typing import NamedTuple
 from servosim.frames import Frame, encode1
 from servosim.servo import BusProtocol, InstructionError, Servo
 
-__all__ = ["BROADCAST", "Reply", "ReplySlot", "respond", "servos_by_id", "single_slot"]
-
-
 BROADCAST = 0xFE
 
 

@@ -9,21 +9,6 @@ from servosim.frames import HEADER, MAX_FRAME_BYTES, Frame, crc16, encode2
 from servosim.instructions_1 import BROADCAST, Reply, ReplySlot, servos_by_id, single_slot
 from servosim.servo import InstructionError, Servo
 
-__all__ = [
-    "LEVELS",
-    "TO_MANY",
-    "Outcome",
-    "answer",
-    "execute_instruction",
-    "execute_ping",
-    "execute_write",
-    "read_at",
-    "read_uint16",
-    "status_packet",
-    "touches_eeprom",
-]
-
-
 PING, READ, WRITE, REG_WRITE, ACTION, FACTORY_RESET, REBOOT = 1, 2, 3, 4, 5, 6, 8
 CLEAR, BACKUP, STATUS = 0x10, 0x20, 0x55
 

@@ -11,8 +11,6 @@ from typing import Protocol
 from servosim.motor import OUTPUT_INERTIA_KG_M2
 from servosim.servo import Servo
 
-__all__ = ["DIRECT", "STEP_S", "CrankAndRod", "Ratio", "SimulatedJoint", "Transmission"]
-
 
 class Transmission(Protocol):
     """Between the angle of a horn [rad] and the coordinate of its joint [rad or m]."""

@@ -19,8 +19,6 @@ from servosim.servo import BusProtocol, Servo
 from servosim.traffic import FrameListener
 from servosim.world import World
 
-__all__ = ["Line", "LineOptions", "resolve_collision"]
-
 ANSWERS: dict[BusProtocol, Callable[[Frame, Sequence[Servo]], list[ReplySlot]]] = {
     BusProtocol.DYNAMIXEL_2: dynamixel2.answer,
     BusProtocol.DYNAMIXEL_1: dynamixel1.respond,

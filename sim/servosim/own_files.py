@@ -7,9 +7,6 @@ import tomllib
 from pathlib import Path
 from typing import Any
 
-__all__ = ["MAX_BYTES", "MAX_DOTS", "parse_json", "read_text", "read_toml"]
-
-
 MAX_BYTES = 256 * 1024
 MAX_DOTS = 64
 """Of a line of TOML: tomllib takes time and memory in the square of the dots in a key."""

@@ -16,8 +16,6 @@ from servosim.line import Line, LineOptions
 from servosim.specimen import Specimen, read_specimen
 from servosim.surroundings import parse_cubes
 
-__all__ = ["SimulatedPort", "open_port"]
-
 POLL_S = 10e-6  # virtual time that a poll of the buffer costs, so that no polling loop hangs
 
 

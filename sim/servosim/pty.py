@@ -19,8 +19,6 @@ from servosim.errors import SimulatorError
 from servosim.frames import FrameReader
 from servosim.line import Line
 
-__all__ = ["PtyBus", "line_speed", "point_link", "remove_link"]
-
 
 def point_link(link: Path, port: Path) -> None:
     """Make a symbolic link to a port; an older link is replaced, anything else is not.

@@ -10,16 +10,6 @@ from functools import partial
 from struct import Struct
 from typing import Literal
 
-__all__ = [
-    "Memory",
-    "Order",
-    "ServoTable",
-    "Sign",
-    "SimulatedArea",
-    "SimulatedFamily",
-    "SimulatedRegister",
-]
-
 Order = Literal["little", "big"]
 
 

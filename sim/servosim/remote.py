@@ -28,8 +28,6 @@ from servosim.line import Line
 from servosim.own_files import MAX_BYTES, parse_json
 from servosim.servo import Servo
 
-__all__ = ["RemoteControl", "joint_state", "servo_state"]
-
 
 def servo_state(joint: SimulatedJoint, servo: Servo) -> dict[str, Any]:
     """Return a servo's registers and motor state; positions in ticks of its registers."""

@@ -27,9 +27,6 @@ from servosim.servo_models import TABLES
 from servosim.specimen import Specimen, read_specimen
 from servosim.traffic import Audit, TrafficLog
 
-__all__ = ["ServerOptions", "StatusScreen", "parse_options", "serve"]
-
-
 EPILOG = """examples:
   ikservo sim so101 --link /tmp/arm
   ikservo sim --servo 1-3:xl430-w250 --servo 4-6:xl330-m288 --baud 1000000

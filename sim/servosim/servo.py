@@ -13,9 +13,6 @@ from servosim.frames import Dynamixel1Reader, Dynamixel2Reader, FrameReader
 from servosim.motor import Motor
 from servosim.register import Memory, ServoTable, SimulatedRegister
 
-__all__ = ["AlarmBits", "BusProtocol", "HornMounting", "InstructionError", "Servo"]
-
-
 TURN_RAD = 2.0 * math.pi
 
 

@@ -16,13 +16,6 @@ from servosim.servo import HornMounting, Servo
 from servosim.tables_dynamixel import DYNAMIXEL_1, DYNAMIXEL_X
 from servosim.tables_feetech import FEETECH_SCS, FEETECH_STS
 
-__all__ = [
-    "TABLES",
-    "baud_code",
-    "make_servo",
-    "table_for",
-]
-
 TABLES: dict[str, ServoTable] = {
     table.model: table for table in (*DYNAMIXEL_X, *DYNAMIXEL_1, *FEETECH_STS, *FEETECH_SCS)
 }

@@ -16,8 +16,6 @@ from servosim.own_files import read_toml
 from servosim.parameters import MotorParameters
 from servosim.urdf import Mass, Matrix, MovingJoint
 
-__all__ = ["Specimen", "read_specimen"]
-
 MAX_SCALE, MAX_PAYLOAD_KG, MAX_COMPLIANCE = 10.0, 20.0, 1.0
 
 # Keys of a joint's table that are figures of its motors, and the parameter of each.

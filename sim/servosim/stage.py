@@ -17,8 +17,6 @@ from servosim.errors import ArmFileError, SimulatorError
 from servosim.surroundings import COLOURS, CUBE_HALF_M, Surroundings
 from servosim.urdf import Matrix, base_pose, read_joints
 
-__all__ = ["MountedBoard", "Stage", "StageCamera"]
-
 _TABLE_HALF_M, _SQUARE_M = 0.6, 0.05
 _TABLE_LIGHT, _TABLE_DARK = (0.80, 0.77, 0.72), (0.75, 0.72, 0.67)
 _WALL_ABOVE, _WALL_BELOW = (0.80, 0.84, 0.88), (0.62, 0.65, 0.68)

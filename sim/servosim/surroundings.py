@@ -9,8 +9,6 @@ from types import MappingProxyType
 from servosim.arm_file import SimulatedArmFile
 from servosim.errors import SimulatorError
 
-__all__ = ["COLOURS", "CUBE_HALF_M", "Cube", "Surroundings", "parse_cubes"]
-
 COLOURS = MappingProxyType(
     {
         "red": (0.80, 0.10, 0.08),

@@ -8,9 +8,6 @@ from dataclasses import dataclass, fields
 
 from servosim.register import ServoTable, Sign, SimulatedArea, SimulatedFamily, SimulatedRegister
 
-__all__ = ["DYNAMIXEL_1", "DYNAMIXEL_X"]
-
-
 _EEPROM_1, _RAM_1 = SimulatedArea.EEPROM, SimulatedArea.RAM
 _U1, _S1, _B10 = Sign.NONE, Sign.TWOS, Sign.BIT10
 _Row = tuple[int, int, str, str, SimulatedArea, int, int, int, Sign]

@@ -11,9 +11,6 @@ from collections.abc import Iterator
 
 from servosim.register import ServoTable, Sign, SimulatedArea, SimulatedFamily, SimulatedRegister
 
-__all__ = ["FEETECH_SCS", "FEETECH_STS"]
-
-
 _SCS_EEPROM, _SCS_RAM = SimulatedArea.EEPROM, SimulatedArea.RAM
 _SCS_U, _SCS_B10, _SCS_B15 = Sign.NONE, Sign.BIT10, Sign.BIT15
 _ScsColumn = int | tuple[int | None, ...]

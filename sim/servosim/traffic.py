@@ -12,8 +12,6 @@ from servosim.errors import LogFileError
 from servosim.frames import HEADER, Dynamixel2Reader, Frame, FrameReader
 from servosim.servo import BusProtocol, Servo
 
-__all__ = ["Audit", "FrameListener", "TrafficLog"]
-
 
 @dataclass(slots=True)
 class ServoAudit:

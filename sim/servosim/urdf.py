@@ -18,9 +18,6 @@ from numpy.typing import NDArray
 
 from servosim.errors import ArmFileError
 
-__all__ = ["BoxShape", "Matrix", "base_pose", "link_shapes", "read_numbers", "read_origin"]
-
-
 Matrix = NDArray[np.float64]
 
 

@@ -21,8 +21,6 @@ from servosim.servo import Servo
 from servosim.surroundings import Surroundings
 from servosim.urdf import Matrix
 
-__all__ = ["ExternalDynamics", "World"]
-
 
 @dataclass(slots=True)
 class PowerSupply:

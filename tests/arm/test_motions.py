@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 import ikservo
 from ikservo.apps.teaching.program import Program, ProgramStep, read_program, write_program
 from ikservo.apps.teaching.program_run import ProgramRun
+from ikservo.apps.teaching.replaying import Replay
 from ikservo.arm import ToolOrientation
 from ikservo.errors import BadValueError, InputError
 from ikservo.ik import Posture
@@ -30,7 +31,6 @@ from ikservo.planning.motions import (
     MoveThrough,
     MoveTo,
     MoveToRest,
-    Replay,
     Wait,
     motion_fields,
     parse_motion,

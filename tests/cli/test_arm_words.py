@@ -3,7 +3,7 @@
 import pytest
 import typer
 
-from ikservo.cli.app import COMMANDS, app
+from ikservo.cli.app import all_commands, app
 
 NEEDED = {
     "solve": "0.2 0 0.1", "move": "0.2 0 0.1", "arc": "0.2 0 0.1", "look": "3 4",
@@ -25,7 +25,7 @@ def parsed(name, words):
     return arm if isinstance(arm, str | None) else arm[0]
 
 
-@pytest.mark.parametrize("name", sorted(set(COMMANDS) - WITHOUT_ARM))
+@pytest.mark.parametrize("name", sorted(set(all_commands()) - WITHOUT_ARM))
 def test_command_takes_arm_by_option(name, monkeypatch):
     monkeypatch.setenv("IKSERVO_ARM", "px100")
     words = NEEDED.get(name, "")
@@ -33,7 +33,7 @@ def test_command_takes_arm_by_option(name, monkeypatch):
     assert parsed(name, f"--arm=so101 {words}") == "so101"
 
 
-@pytest.mark.parametrize("name", sorted(set(COMMANDS) - WITHOUT_ARM - {"view", *AS_ARGUMENT}))
+@pytest.mark.parametrize("name", sorted(set(all_commands()) - WITHOUT_ARM - {"view", *AS_ARGUMENT}))
 def test_command_takes_arm_by_bare_name(name):
     words = NEEDED.get(name, "")
     assert parsed(name, f"so101 {words}") == "so101"

@@ -17,7 +17,7 @@ import pytest
 
 import ikservo
 from ikservo.apps.teaching.recorder import read_recording
-from ikservo.cli.app import COMMANDS
+from ikservo.cli.app import all_commands
 
 SIM = "--arm so101 --port sim"
 RECORDING = f"record {{}} --duration 2 {SIM}"
@@ -84,7 +84,7 @@ BYTES = 4096
 
 def file_parameters():
     """Yield command and name of each option and argument that is a path."""
-    for name in COMMANDS:
+    for name in all_commands():
         module = import_module(f"ikservo.cli.{'import_' if name == 'import' else name}")
         for parameter in path_parameters(module.command):
             yield name, parameter
@@ -106,8 +106,8 @@ def test_every_option_with_a_file_is_tried_on_broken_disks_or_only_read():
 # What writes without files/writing.py: folders of sockets, a page in a folder of this process,
 # the null device, and pictures that are drawn into memory.
 WRITERS = {
-    "files/writing.py", "serving/control_socket.py", "apps/page/view_command.py", "cli/entry_point.py",
-    "cli/plots.py",
+    "files/writing.py", "serving/control_socket.py", "apps/page/view_command.py",
+    "cli/entry_point.py", "cli/plots.py",
 }  # fmt: skip
 WRITING_CALLS = {"write_text", "write_bytes", "mkdir", "touch", "savefig", "NamedTemporaryFile"}
 

@@ -6,7 +6,7 @@ import re
 import pytest
 
 from ikservo.cli import main
-from ikservo.cli.app import COMMANDS
+from ikservo.cli.app import all_commands
 from ikservo.cli.terminal import fold
 from tests.cli.fixtures_ports import PortInfo, set_ports
 
@@ -79,7 +79,7 @@ def test_no_row_is_wider_than_the_terminal_and_no_word_is_broken(shown, words):
         assert names(narrow) <= names(shown(words))
 
 
-@pytest.mark.parametrize("word", sorted(set(COMMANDS) - {"sim"}))
+@pytest.mark.parametrize("word", sorted(set(all_commands()) - {"sim"}))
 def test_help_fits_80_columns(shown, word):
     assert too_long(shown(f"{word} --help", 80)) == []
 

@@ -6,13 +6,14 @@ import sys
 import pytest
 
 import ikservo
-from ikservo.cli.app import COMMANDS, FORMER_OPTIONS, PANELS
+from ikservo.cli.app import all_commands
+from ikservo.core import PANELS
 from ikservo.errors import ExitCode
 
 
 def test_help_lists_every_command(run_cli):
     out = run_cli("--help").out
-    assert all(word in out for word in COMMANDS)
+    assert all(word in out for word in all_commands() if " " not in word)
 
 
 def test_help_lists_every_exit_code(run_cli):
@@ -20,7 +21,7 @@ def test_help_lists_every_exit_code(run_cli):
     assert all(f"{code.value} {code.meaning}" in out for code in ExitCode)
 
 
-@pytest.mark.parametrize("word", sorted(set(COMMANDS) - {"sim"}))
+@pytest.mark.parametrize("word", sorted(set(all_commands()) - {"sim"}))
 def test_every_command_explains_itself(run_cli, word):
     result = run_cli(f"{word} --help")
     assert result.code == 0
@@ -30,22 +31,6 @@ def test_every_command_explains_itself(run_cli, word):
 def test_the_simulator_explains_itself_and_names_a_wrong_option(run_cli):
     assert run_cli("sim --help").code == 0
     assert run_cli("sim --servo 1:sts3215 --no-such").code == ExitCode.USAGE
-
-
-FORMER = [(command, *pair) for command, names in FORMER_OPTIONS.items() for pair in names.items()]
-
-
-@pytest.mark.parametrize(("command", "former", "current"), FORMER)
-def test_a_former_option_is_accepted_and_not_listed(run_cli, command, former, current):
-    listed = run_cli(f"{command} --help").out.split()
-    assert (former in listed, current in listed) == (False, True)
-    result = run_cli(f"{command} {former}")
-    assert (result.code, f"'{current}'" in result.err) == (2, True)  # its value is missing
-
-
-def test_a_former_option_takes_its_value_after_an_equals_sign(run_cli):
-    result = run_cli("bench bus --cycles=0 --arm so101 --port sim")
-    assert (result.code, "Invalid value for '--count'" in result.err) == (2, True)
 
 
 def test_no_words_at_all_print_the_help(run_cli):
@@ -89,7 +74,7 @@ def test_a_command_imports_only_what_it_uses(words, allowed):
     assert done.stderr.strip().splitlines()[-1] == "[]"
 
 
-@pytest.mark.parametrize("word", ["", *sorted(set(COMMANDS) - {"sim"})])
+@pytest.mark.parametrize("word", ["", *sorted(set(all_commands()) - {"sim"})])
 def test_h_is_help_everywhere(run_cli, word):
     result = run_cli(f"{word} -h")
     assert (result.code, "Usage: ikservo" in result.out) == (0, True)
@@ -118,7 +103,8 @@ def test_help_groups_the_commands(run_cli):
     assert places == sorted(places)
     for panel, after in zip(PANELS, [*list(PANELS)[1:], None], strict=True):
         part = out[out.index(f" {panel} ") : out.index(f" {after} ") if after else None]
-        assert all(f" {word} " in part for word in PANELS[panel])
+        words = [name for name, each in all_commands().items() if each.panel == panel]
+        assert all(f" {word} " in part for word in words if " " not in word)
 
 
 @pytest.mark.parametrize(

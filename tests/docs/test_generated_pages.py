@@ -9,7 +9,7 @@ import typer
 import ikservo
 from ikservo import errors
 from ikservo.cli import main
-from ikservo.cli.app import COMMANDS, app
+from ikservo.cli.app import all_commands, app
 from ikservo.errors import ExitCode, IkservoError
 from ikservo.model.arm_schema import ArmFile
 from ikservo.registers.models import MODELS
@@ -38,7 +38,7 @@ def test_every_generated_page_is_in_the_navigation():
     assert [path for path in GENERATED if f": {path}\n" not in navigation] == []
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@pytest.mark.parametrize("name", all_commands())
 def test_every_option_of_a_command_is_listed(pages, name):
     text = section(pages["reference/commands.md"], f"ikservo {name}", 3)
     command = typer.main.get_command(app).get_command(None, name)

@@ -88,7 +88,7 @@ _WHOLE = {  # arguments that depend on each other: their names and the command l
 @cache
 def commands():
     """Return the name of every command of the program."""
-    return tuple(app.COMMANDS)
+    return tuple(app.all_commands())
 
 
 @cache

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-import typer
-
-from ikservo.cli.app import PANELS, app
+from ikservo.cli.app import built_in_commands, load_command
+from ikservo.core import PANELS
 from ikservo.errors import ExitCode
 from pages.markdown import code, table
 
@@ -26,10 +25,10 @@ Exit codes are explained in [Troubleshooting](../troubleshooting.md#exit-codes).
 def commands_page() -> str:
     """Return the page as Markdown: one section for each command, in the order of the help."""
     parts = [_INTRODUCTION, _exit_codes()]
-    group: Any = typer.main.get_command(app)
-    for panel, commands in PANELS.items():
+    for panel in PANELS:
         parts.append(f"## {panel}")
-        parts += [_section(group.get_command(None, name)) for name in commands]
+        listed = [item for item in built_in_commands().items() if item[1].panel == panel]
+        parts += [_section(load_command(*item)) for item in listed if item[1].module]
     return "\n\n".join(parts) + "\n"
 
 

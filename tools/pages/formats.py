@@ -39,9 +39,8 @@ _PROTOCOL = """# Protocol of the page
 
 The page of `ikservo view` and its server exchange JSON texts over two websockets: `/live/ARM` for
 the arm that is shown, `/live` for the first, and `/arms` for the list of arms. This page is made
-from the models that check the messages (`ikservo/apps/page/messages/page_messages.py`, `ikservo/apps/page/arm_list.py`,
-`ikservo/apps/page/panels/servo_bench.py`).
-Everything else is refused, and nothing changes.
+from the models that check the messages (`messages/page_messages.py`, `arm_list.py` and
+`panels/servo_bench.py` in `ikservo/apps/page`). Everything else is refused, and nothing changes.
 
 ## From the connection to the first scene
 

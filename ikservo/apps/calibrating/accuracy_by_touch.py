@@ -16,8 +16,6 @@ from ikservo.errors import CalibrationError, IkservoError
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
 
-__all__ = ["TouchedPoints", "measure_by_touch"]
-
 
 class TouchedPoints:
     """The touches of a test, kept also where it is stopped.

@@ -36,22 +36,6 @@ from ikservo.motion import KinematicLimits, OnlineTrajectory
 from ikservo.planning.context import ArmContext
 from ikservo.registers import RegisterName
 
-__all__ = [
-    "AutoCalibration",
-    "ContactResult",
-    "RangeEnd",
-    "check_auto_allowed",
-    "early_contact_error",
-    "horn_to_joint",
-    "is_end_stop",
-    "missing_stop_error",
-    "nearly_a_turn",
-    "probe_end_stop",
-    "range_ends",
-    "unreached",
-]
-
-
 _SPEED_FRACTION = 0.45  # than slow
 _BACK_OFF_RAD = math.radians(4.0)  # the horn's angle
 _ARRIVED_RAD = math.radians(1.5)

@@ -45,18 +45,6 @@ from ikservo.planning.calibrated_arm import CalibratedArm, ZeroSource
 from ikservo.planning.context import ArmContext
 from ikservo.registers import RegisterName
 
-__all__ = [
-    "SEARCH_MARGIN_RAD",
-    "MeasuredRanges",
-    "PosturePlanner",
-    "can_probe",
-    "configure_encoders",
-    "limited_context",
-    "restore_encoders",
-    "with_known_ranges",
-]
-
-
 SEARCH_MARGIN_RAD = math.radians(20.0)
 """How far past its expected end a joint may search its stop, the horn's angle."""
 

@@ -28,8 +28,6 @@ from ikservo.maintenance.dialogue import ACCEPT, Dialogue, Notice, Question, Una
 from ikservo.maintenance.direction_check import confirm_directions
 from ikservo.model import Model
 
-__all__ = ["calibrate_auto"]
-
 _WARNING = (
     "The arm will drive every joint to its stops, slowly and with little force, and end in its "
     "rest pose. Clear its whole reach. Ctrl-C stops it; it then holds."

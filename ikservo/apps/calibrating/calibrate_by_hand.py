@@ -32,14 +32,6 @@ from ikservo.maintenance.arm_sketch import ascii_sketch
 from ikservo.maintenance.direction_check import confirm_directions, directions_confirmed
 from ikservo.model import Model
 
-__all__ = [
-    "calibrate",
-    "parse_limits",
-    "print_result",
-    "print_servos",
-    "reporting_unchanged_state",
-]
-
 
 def calibrate(
     model: Model,

@@ -22,9 +22,6 @@ from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal_dialogue import AnswerOptions
 from ikservo.errors import InputError
 
-__all__ = ["Margin", "Pose", "command"]
-
-
 Pose = Annotated[str, typer.Option("--pose", help="Named pose in which you hold the arm at first.")]
 Margin = Annotated[
     float,

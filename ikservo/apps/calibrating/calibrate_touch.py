@@ -24,9 +24,6 @@ from ikservo.errors import FileFormatError
 from ikservo.files.reading import read_text
 from ikservo.model import Model
 
-__all__ = ["TouchOffOptions", "make_targets", "read_points", "run_touch_off"]
-
-
 _MAX_BYTES = 64 * 1024
 _EXPECTED = "NAME X Y Z, in metres or like 120mm, the arm's base frame"
 

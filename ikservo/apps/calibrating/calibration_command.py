@@ -43,8 +43,6 @@ from ikservo.hardware.transport import refuse_other_machines
 from ikservo.maintenance.dialogue import Question, Unasked
 from ikservo.model import Model
 
-__all__ = ["command", "import_recorded"]
-
 ACTIONS = ("show", "diff", "push", "pull", "adopt", "restore", "undo", "resume", "revert")
 Action = Annotated[
     str,

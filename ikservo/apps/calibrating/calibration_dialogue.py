@@ -55,19 +55,6 @@ from ikservo.maintenance.dialogue import (
 from ikservo.model import Model
 from ikservo.model.tool import describe_direction
 
-__all__ = [
-    "CalibrationOptions",
-    "apply_answer",
-    "calibrate_by_hand",
-    "check_zeros",
-    "confirm_saving",
-    "possible_answers",
-    "read_script",
-    "record_ranges",
-    "review",
-    "switch_torque_off",
-]
-
 ANSWERS = (ACCEPT, "undo", "remeasure JOINT", "skip JOINT", "continuous JOINT")
 _FORMER_VERBS = {"again": "remeasure", "free": "continuous"}
 

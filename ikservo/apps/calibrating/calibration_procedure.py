@@ -19,18 +19,6 @@ from ikservo.control.stillness import StillnessDetector
 from ikservo.errors import CalibrationError, UnknownNameError
 from ikservo.maintenance.dialogue import JointProgress, JointReadout
 
-__all__ = [
-    "MARGIN_RAD",
-    "CalibrationStage",
-    "CalibrationState",
-    "blocking_issues",
-    "is_full_turn",
-    "joint_readouts",
-    "range_complete",
-    "warnings",
-]
-
-
 _MAX_WIDTH_RATIO = (
     300 / 360
 )  # of a revolution: an arm file with such a range means a joint without stops

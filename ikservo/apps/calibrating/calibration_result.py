@@ -22,17 +22,6 @@ from ikservo.calibration.uncalibrated_joint import JointUnderCalibration
 from ikservo.errors import CalibrationError
 from ikservo.registers import Family
 
-__all__ = [
-    "CalibrationMetadata",
-    "CalibrationResult",
-    "MeasuredJoint",
-    "RegisterValues",
-    "ShiftedZero",
-    "build_calibration",
-    "find_shifted_zeros",
-    "measure_joint",
-]
-
 # The largest shift of the zero that is not doubted, by unit: where the range differs from the arm
 # file's, and where it is as wide, so that its stops are known to be those of the arm file.
 _MAX_SHIFT = {"rad": math.radians(10.0), "m": 0.004}

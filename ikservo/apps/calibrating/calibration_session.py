@@ -15,7 +15,6 @@ from ikservo.apps.calibrating.calibration_result import (
     CalibrationResult,
     build_calibration,
 )
-from ikservo.apps.cameras.capture import public_source
 from ikservo.arm.opening import open_bus
 from ikservo.calibration import Limits
 from ikservo.calibration.calibration_file import (
@@ -39,6 +38,7 @@ from ikservo.calibration.servo_config import (
 from ikservo.calibration.transaction import commit, plan_changes, recover
 from ikservo.calibration.uncalibrated_joint import JointUnderCalibration
 from ikservo.errors import CalibrationError, FileFormatError
+from ikservo.files.public_source import public_source
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.port_names import serial_number_of
 from ikservo.hardware.torque import torque_off
@@ -52,25 +52,6 @@ from ikservo.planning.calibrated_arm import (
     registers_allow,
 )
 from ikservo.registers import Family, RegisterName
-
-__all__ = [
-    "TorqueOffArm",
-    "adopt_calibration",
-    "base_calibration",
-    "find_adoptable",
-    "find_lost_camera",
-    "find_mismatches",
-    "find_replaced_zeros",
-    "load_own_calibration",
-    "lost_geometry_warning",
-    "merge_outcome",
-    "open_torque_off",
-    "pull",
-    "push",
-    "register_differences",
-    "rest_pose_violations",
-]
-
 
 READ_PERIOD_S = 0.02
 _MAX_FAILURES = 25

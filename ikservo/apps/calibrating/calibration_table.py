@@ -7,8 +7,6 @@ from collections.abc import Iterator
 from ikservo.calibration import format_position
 from ikservo.calibration.records import CalibratedJoint, Calibration
 
-__all__ = ["COLUMNS", "calibration_lines", "calibration_row", "difference_lines"]
-
 COLUMNS = ("joint", "servo", "zero", "sign", "range", "measured")
 
 

@@ -42,8 +42,6 @@ from ikservo.cli.options import JsonOption, ServoConnection
 from ikservo.cli.terminal_dialogue import AnswerOptions
 from ikservo.maintenance.dialogue import Dialogue, Notice
 
-__all__ = ["command"]
-
 Source = Annotated[
     str,
     typer.Argument(metavar="ID|FILE", help="LeRobot's id of the arm, or a file."),

@@ -24,21 +24,6 @@ from ikservo.kinematics.geometric_errors import (
     identifiable_origins,
 )
 
-__all__ = [
-    "TOUCH_M",
-    "CalibrationFit",
-    "LeastSquaresProblem",
-    "Mask",
-    "Parameter",
-    "ParameterSet",
-    "ParameterVector",
-    "TouchPoint",
-    "fit_parameters",
-    "fit_robustly",
-    "joint_matrix",
-    "unknown_points",
-]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TouchPoint:

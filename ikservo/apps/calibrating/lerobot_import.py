@@ -14,8 +14,6 @@ from ikservo.errors import CalibrationError
 from ikservo.model import Model
 from ikservo.registers import Family
 
-__all__ = ["check_lerobot_joints", "lerobot_mismatches", "lerobot_travels", "with_lerobot_homing"]
-
 
 def check_lerobot_joints(joints: Sequence[LerobotJoint], model: Model, loose: TorqueOffArm) -> None:
     """Compare LeRobot's joints with the arm's.

@@ -22,8 +22,6 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector
 from ikservo.kinematics.geometric_errors import GeometricErrors
 
-__all__ = ["MIN_TOUCHES", "CalibrationEstimate", "select_and_fit"]
-
 MIN_TOUCHES = 5
 _FOLDS = 5
 _BETTER = 0.95  # more parameters are estimated only if that reduces the error by a twentieth

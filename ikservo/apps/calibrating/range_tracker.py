@@ -13,13 +13,6 @@ from enum import Enum
 
 from ikservo.calibration.joint_map import unwrap
 
-__all__ = [
-    "ContactState",
-    "EndStopDetector",
-    "RangeTracker",
-]
-
-
 # Between two readings a hand moves a joint far less than a quarter revolution. After a longer
 # interval the count is ambiguous if the joint could have moved the other way round meanwhile.
 _MAX_STEP = 1024

@@ -10,8 +10,6 @@ from ikservo.calibration.calibration_file import parse_calibration
 from ikservo.calibration.records import Calibration
 from ikservo.errors import CalibrationError
 
-__all__ = ["check_adoptable", "read_recorded_calibration"]
-
 
 def read_recorded_calibration(path: Path) -> Calibration:
     """Read the calibration that is attached to a recording.

@@ -30,8 +30,6 @@ from ikservo.maintenance.dialogue import (
     read_answers,
 )
 
-__all__ = ["estimate_fields", "estimate_geometry", "read_touch_script", "touch_points"]
-
 TOUCH_ANSWERS = ("touch", "skip", "undo", ACCEPT)
 _DETERMINED = 0.5  # of the prior deviation: a parameter counts as identified from here on
 

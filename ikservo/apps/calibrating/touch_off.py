@@ -31,11 +31,6 @@ from ikservo.planning.calibrated_arm import (
     check_calibration_matches,
 )
 
-__all__ = [
-    "TouchOffSession",
-    "apply_touch_off",
-]
-
 # A point that the model reaches this closely can be reached by hand, whatever its errors.
 _REACHED_M = 0.01
 

@@ -26,19 +26,6 @@ from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.model.model import Model
 from ikservo.model.tool import view_axes
 
-__all__ = [
-    "COLUMNS",
-    "EDGE_M",
-    "HIGH_M",
-    "ROWS",
-    "STEP_M",
-    "WIDE_M",
-    "TouchOffState",
-    "TouchTarget",
-    "grid_points",
-    "place_sheet",
-]
-
 WIDE_M, HIGH_M = 0.297, 0.210  # A4, its long edge before the arm
 EDGE_M = 0.030  # from the near edge to the first row
 STEP_M = 0.050

@@ -18,7 +18,9 @@ APP = App(
         ),
     },
     parts={
-        "calibrate --from-pictures": "ikservo.apps.cameras.calibrate_camera:calibrate_from_pictures",
+        "calibrate --from-pictures": (
+            "ikservo.apps.cameras.calibrate_camera:calibrate_from_pictures"
+        ),
         "calibrate --camera": "ikservo.apps.cameras.calibrate_camera:calibrate_by_camera",
     },
 )

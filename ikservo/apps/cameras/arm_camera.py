@@ -11,7 +11,6 @@ from ikservo.apps.cameras.board import Board
 from ikservo.apps.cameras.camera_file import SIMULATED, CameraFile, camera_names, load_camera
 from ikservo.apps.cameras.camera_model import CameraModel
 from ikservo.apps.cameras.camera_sources import open_source
-from ikservo.apps.cameras.capture import public_source
 from ikservo.apps.cameras.pictures import Intrinsics, Picture, PictureSource
 from ikservo.arguments import parse_number
 from ikservo.arm.arm_protocol import OpenArm
@@ -20,6 +19,7 @@ from ikservo.arm.scene import Scene
 from ikservo.calibration.records import CalibratedCamera
 from ikservo.cli.camera_options import DEFAULT_BOARD
 from ikservo.errors import CalibrationError, InputError, UnknownNameError
+from ikservo.files.public_source import public_source
 from ikservo.kinematics.arrays import Vector, finite_vector, freeze_arrays
 from ikservo.kinematics.rays import Ray
 from ikservo.kinematics.se3 import exp_so3, make_pose
@@ -27,9 +27,6 @@ from ikservo.model import Model
 from ikservo.model.model import Obstacle
 from ikservo.planning.calibrated_arm import ZeroSource
 from ikservo.planning.context import ArmContext
-
-__all__ = ["ArmCamera", "SeenPoint", "camera_key", "camera_model", "first_seen", "known_camera",
-           "moved_error", "size_error", "table_m"]  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,9 +17,6 @@ from ikservo.remedies import install_command
 if TYPE_CHECKING:
     from cv2.aruco import CharucoBoard
 
-__all__ = ["Board", "require_opencv"]
-
-
 _NAME = re.compile(r"(\d{1,2})x(\d{1,2})-(\d{1,3}(?:\.\d)?)mm-([4-7]x[4-7])")
 _EXPECTED = "COLUMNSxROWS-SQUAREmm-FAMILY, such as 5x7-12mm-4x4"
 _MARKER_SHARE = 0.75  # of a square

@@ -24,7 +24,6 @@ from ikservo.apps.cameras.camera_command import (
     check_camera_name,
     open_camera,
 )
-from ikservo.apps.cameras.capture import public_source
 from ikservo.apps.cameras.picture_folder import PictureFolder, PictureIndex, read_pictures
 from ikservo.apps.cameras.pictures import find_board
 from ikservo.arm.opening import require_own_port
@@ -35,10 +34,9 @@ from ikservo.cli.session import open_from_options, second_interrupt_lowers
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.cli.terminal_dialogue import Operator
 from ikservo.errors import CalibrationError, IkservoError
+from ikservo.files.public_source import public_source
 from ikservo.maintenance.dialogue import Question, Unasked
 from ikservo.model import Model
-
-__all__ = ["calibrate_by_camera", "calibrate_from_pictures"]
 
 
 def calibrate_by_camera(

@@ -23,8 +23,6 @@ from ikservo.arm.arm import Arm
 from ikservo.errors import CalibrationError, PictureError
 from ikservo.kinematics.arrays import Vector
 
-__all__ = ["HandCalibration"]
-
 _STILL_S, _STILL_RAD, _STILL_PX = 0.3, math.radians(0.3), 0.7
 _APART_RAD = math.radians(8.0)  # at least one joint, from every picture that there is
 _WAIT_S = 60.0  # for the next picture

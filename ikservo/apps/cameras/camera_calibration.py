@@ -13,7 +13,6 @@ import numpy as np
 
 from ikservo.apps.cameras.board import Board
 from ikservo.apps.cameras.camera_file import SIMULATED, CameraFile, camera_names, save_camera
-from ikservo.apps.cameras.capture import public_source
 from ikservo.apps.cameras.estimation import (
     BoardSample,
     CameraEstimate,
@@ -38,6 +37,7 @@ from ikservo.calibration import JointMap
 from ikservo.calibration.calibration_file import load_calibration, save_calibration
 from ikservo.calibration.records import CalibratedCamera, Calibration, SeenBoard, shift_zeros
 from ikservo.errors import CalibrationError, PictureError, RefusedError
+from ikservo.files.public_source import public_source
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.bending import Bending
 from ikservo.kinematics.chain import Chain
@@ -46,10 +46,6 @@ from ikservo.kinematics.se3 import log_so3
 from ikservo.model import Model
 from ikservo.planning.calibrated_arm import ZeroSource, known_bending, own_chain
 from ikservo.planning.reports import ArmState
-
-__all__ = ["HAND_EXTENTS", "LEAST_SHARE", "PRINTED_COMPLIANCE", "ArmBefore", "BoardPictures",
-           "CameraCalibration", "CameraResult", "chain_maps", "measured_joints",
-           "save_camera_result", "seen_board"]  # fmt: skip
 
 HAND_EXTENTS = (Extent.CAMERA, Extent.ZEROS)
 """What is estimated by hand."""

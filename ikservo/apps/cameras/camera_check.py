@@ -19,8 +19,6 @@ from ikservo.errors import CalibrationError, PictureError
 from ikservo.kinematics.arrays import Matrix
 from ikservo.kinematics.se3 import exp_so3, log_so3, make_pose
 
-__all__ = ["BoardPlace", "check_camera", "compare_place", "remember_board", "stored_pose"]
-
 _OFF_MM, _OFF_DEG = 3.0, 1.5  # what a picture's noise does not reach
 _ON_GRIPPER_MM, _ON_GRIPPER_DEG = 30.0, 10.0  # of a board that was pushed there, or a moved camera
 _GRIPPER_DEG = 1.0  # by which joints may tilt a board besides

@@ -15,8 +15,6 @@ from ikservo.files.reading import MAX_BYTES, parse_toml, read_text
 from ikservo.files.validation import StrictModel, first_issue, validation_issues
 from ikservo.files.writing import strip_checksum, with_checksum, write_atomic
 
-__all__ = ["SIMULATED", "CameraCheck", "CameraFile", "camera_names", "load_camera", "save_camera"]
-
 SIMULATED = "sim"
 """Stands for the serial number of a simulated arm's adapter."""
 

@@ -17,8 +17,6 @@ from ikservo.errors import BadValueError
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.rays import Ray
 
-__all__ = ["CameraModel"]
-
 _WIDEST = 3.0  # tangent of the angle to the axis up to which a lens is believed
 _NEAR_FOLD = 0.95  # of the radius at which its polynomial turns back
 _MIN_DEPTH_M = 1e-3

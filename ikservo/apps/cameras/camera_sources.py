@@ -11,8 +11,6 @@ from ikservo.apps.cameras.pictures import LiveCamera, PictureSource
 from ikservo.errors import InputError
 from ikservo.remedies import install_hint
 
-__all__ = ["SIMULATED_SOURCE", "open_source"]
-
 SIMULATED_SOURCE = "sim"
 _GROUP = "ikservo.cameras"
 

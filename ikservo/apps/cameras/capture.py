@@ -3,27 +3,17 @@
 from __future__ import annotations
 
 import os
-import re
 from typing import TYPE_CHECKING, Any, Protocol, cast
-from urllib.parse import urlsplit
 
 from ikservo.errors import InputError
+from ikservo.files.public_source import HIDDEN
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-__all__ = ["Capture", "open_capture", "public_source"]
-
 _URL_TIMEOUT_MS = 3000
 _LARGEST = 2**31 - 1  # number that OpenCV takes; no camera has it
-_HIDDEN = "…"
-_PUBLIC_QUERY = re.compile(
-    r"(action|camera|channel|fps|height|profile|quality|resolution|stream|subtype|width)"
-    r"=[\w.x-]{1,12}",
-    re.ASCII | re.IGNORECASE,
-)
-"""Parts of a query that say which picture is meant; any other part may be a password."""
 
 
 class Capture(Protocol):
@@ -46,41 +36,13 @@ class Capture(Protocol):
         ...
 
 
-def public_source(source: str) -> str:
-    """Return the name of a source of pictures without passwords.
-
-    Every message, page and file names a source by this. Of an address it keeps scheme, host, port,
-    path, and those parts of the query that are known to be harmless; "…" stands for what it leaves
-    out. A public name is its own public name.
-    """
-    scheme, separator, rest = source.rpartition("://") if "://" in source else ("", "", source)
-    if not separator:
-        user, at, place = source.rpartition("@")  # an address whose scheme was forgotten
-        return f"{_HIDDEN}@{place}" if at and ":" in user else source
-    user, at, place = rest.rpartition("@")  # the last one: passwords may contain "@", "/" and "?"
-    try:
-        parts = urlsplit(f"//{place}")
-        host, port = parts.hostname or "", f":{parts.port}" if parts.port else ""
-    except ValueError:  # no valid port or address
-        host, port, parts = _HIDDEN, "", urlsplit("")
-    path = "/".join(_HIDDEN if "=" in part else part for part in parts.path.split("/"))
-    query = "&".join(
-        part if _PUBLIC_QUERY.fullmatch(part) else _HIDDEN for part in parts.query.split("&")
-    )
-    return (
-        f"{scheme if re.fullmatch(r'[A-Za-z0-9+.-]+', scheme) else _HIDDEN}://"
-        f"{f'{_HIDDEN}@' if at else ''}{f'[{host}]' if ':' in host else host}{port}{path}"
-        f"{f'?{query}' if parts.query else ''}{f'#{_HIDDEN}' if parts.fragment else ''}"
-    )
-
-
 def open_capture(source: str) -> Capture:
     """Open a camera; OpenCV prints nothing of its own about one that is not there.
 
     Raises:
         InputError: The source is a public name from which the password was left out.
     """
-    if _HIDDEN in source and "://" in source:
+    if HIDDEN in source and "://" in source:
         raise InputError(
             f"The password of {source} is not stored.", "Give the whole address of the camera."
         )

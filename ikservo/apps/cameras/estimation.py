@@ -27,19 +27,6 @@ from ikservo.kinematics.bending import Bending
 from ikservo.kinematics.joints import JointType
 from ikservo.kinematics.se3 import exp_so3, log_so3, make_pose, skew
 
-__all__ = [
-    "MIN_SAMPLES",
-    "BoardSample",
-    "CameraEstimate",
-    "CameraFit",
-    "Extent",
-    "FittedParameter",
-    "LensTerms",
-    "estimate_camera",
-    "fit_camera",
-    "picture_information",
-]
-
 MIN_SAMPLES = 6
 _Mask = NDArray[np.bool_]
 

@@ -24,8 +24,6 @@ from ikservo.cli.terminal import print_json, print_lines
 from ikservo.errors import BadValueError, format_point
 from ikservo.planning.motions import MoveTo
 
-__all__ = ["command"]
-
 Pixel = Annotated[
     float, typer.Argument(parser=parse_pixels, help="Pixels, from the top left corner.")
 ]

@@ -19,8 +19,6 @@ from ikservo.files.validation import StrictModel, first_issue, validation_issues
 from ikservo.files.writing import strip_checksum, with_checksum, write_atomic
 from ikservo.kinematics.arrays import Vector
 
-__all__ = ["PictureFolder", "PictureIndex", "SavedPicture", "SavedPictures", "read_pictures"]
-
 _INDEX, _CALIBRATION = "pictures.toml", "calibration.toml"
 _HEADER = "# Pictures of a board on the gripper, and the joints of the arm; written by ikservo.\n"
 _MAX_PICTURE_BYTES = 100_000_000

@@ -11,15 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.apps.cameras.board import Board, require_opencv
-from ikservo.apps.cameras.capture import open_capture, public_source
+from ikservo.apps.cameras.capture import open_capture
 from ikservo.apps.cameras.estimation import BoardSample, LensTerms
 from ikservo.errors import CalibrationError, InputError, PictureError
+from ikservo.files.public_source import public_source
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.se3 import exp_so3, make_pose, skew
-
-__all__ = ["BoardView", "Intrinsics", "LiveCamera", "Picture", "PictureSource", "board_pose",
-           "board_sample", "find_board", "guess_intrinsics", "is_mirrored",
-           "lens_terms"]  # fmt: skip
 
 Picture = NDArray[np.uint8]
 """Grey (h, w) or colour (h, w, 3)."""

@@ -12,8 +12,6 @@ from ikservo.apps.cameras.estimation import BoardSample, CameraFit, picture_info
 from ikservo.apps.cameras.pictures import Intrinsics, lens_terms
 from ikservo.kinematics.arrays import Matrix
 
-__all__ = ["choose_postures", "is_visible"]
-
 _MAX_TILT_RAD = math.radians(50.0)
 _MARGIN = 0.04  # of the picture, around the board
 _NEAREST = 2.5  # sides of the board

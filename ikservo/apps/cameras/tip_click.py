@@ -30,8 +30,6 @@ from ikservo.kinematics.chain import Chain
 from ikservo.kinematics.joints import JointType
 from ikservo.kinematics.rays import Ray
 
-__all__ = ["TipZero", "find_tip_zero", "save_tip_zero"]
-
 _MOST_RAD, _STEP_RAD = math.radians(10.0), math.radians(0.05)  # of zeros that are set by eye
 _LEAST_PX = 1.0  # by which a degree has to move the tip in the picture
 _CLICK_PX = 1.5  # standard error of a careful click, each way

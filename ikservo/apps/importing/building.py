@@ -38,8 +38,6 @@ from ikservo.model.servo_torque import find_servo_torque
 from ikservo.model.urdf_types import Urdf, UrdfJoint, UrdfJointType
 from ikservo.registers import control_table
 
-__all__ = ["ImportOptions", "build_drafts"]
-
 _LIFTERS = (("STS3215", 7.4), ("STS3215", 12.0), ("STS3250", None), ("XM540-W270", None))
 """Servos that are assumed, the weakest first."""
 _MAX_SLIDE_M = 1.0  # of a slide whose description has no limits

@@ -7,9 +7,6 @@ from pathlib import Path
 from ikservo.errors import FileFormatError
 from ikservo.model.urdf_xml import XmlElement, parse_xml
 
-__all__ = ["check_collada"]
-
-
 _SURFACES = ("triangles", "polylist", "polygons", "tristrips", "trifans")
 _MAX_LEVELS = 100
 _MAX_CHARS = 32 * 1024 * 1024  # as a file that has everything once

@@ -18,8 +18,6 @@ from ikservo.model.urdf import urdf_from_xml
 from ikservo.model.urdf_types import Urdf
 from ikservo.model.urdf_xml import MAX_URDF_BYTES, XmlElement, is_mjcf, parse_xml
 
-__all__ = ["Description", "choose_description", "read_foreign", "runs_code"]
-
 _MAX_FILES, _MAX_SHOWN = 20_000, 12
 _HEAD_BYTES = 64 * 1024
 

@@ -12,8 +12,6 @@ from ikservo.apps.importing.urdf_text import urdf_text
 from ikservo.model.urdf_types import Urdf, UrdfJoint, UrdfJointType
 from ikservo.registers import MODELS
 
-__all__ = ["ArmDraft", "DraftJoint", "DraftServo"]
-
 _EDGE = 0.001  # of a range
 _USED_TURN = 0.8  # of a servo's turn, by the whole range of a slide whose gear is not known
 _BAUD = {"feetech_sts": 1_000_000, "feetech_scs": 1_000_000, "dynamixel_2": 1_000_000,

@@ -9,8 +9,6 @@ from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.model import Model
 from ikservo.model.collision_model import capsules_of
 
-__all__ = ["propose_home", "table_height_m"]
-
 _TRIES, _BATCH = 600, 20
 _ENOUGH_M, _SHARE, _SPREAD = 0.01, 0.5, 40
 _CLEAR_M = 0.001

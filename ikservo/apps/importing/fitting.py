@@ -11,19 +11,6 @@ from numpy.typing import NDArray
 
 from ikservo.kinematics.arrays import Matrix, Vector
 
-__all__ = [
-    "MAX_CAPSULES",
-    "FittedCapsule",
-    "MeshFit",
-    "Triangles",
-    "allowed_excess_m",
-    "extent_m",
-    "fit_capsules",
-    "merge_vertices",
-    "outermost",
-    "simplify",
-]
-
 Triangles = NDArray[np.float64]
 """Corners (n, 3, 3), metres."""
 

@@ -12,8 +12,6 @@ from ikservo.errors import BadValueError, InputError
 from ikservo.files.writing import write_all_atomic, write_atomic
 from ikservo.model import Model, arm_names, load_model
 
-__all__ = ["check_name", "check_new", "load_draft", "write_drafts"]
-
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 
 

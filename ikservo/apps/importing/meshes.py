@@ -20,9 +20,6 @@ from ikservo.files.reading import path_inside
 from ikservo.model.urdf_types import Mesh
 from ikservo.remedies import install_command
 
-__all__ = ["MAX_TRIANGLES", "mesh_triangles", "read_triangles"]
-
-
 _FORMATS = (".stl", ".obj", ".ply", ".glb", ".gltf", ".dae")
 _MAX_BYTES = 32 * 1024 * 1024
 MAX_TRIANGLES = 300_000

@@ -35,13 +35,6 @@ from ikservo.model.urdf_types import (
 from ikservo.model.urdf_xml import XmlElement, parse_xml
 from ikservo.remedies import install_command
 
-__all__ = [
-    "arm_xml",
-    "body_shapes",
-    "read_mjcf",
-]
-
-
 _MAX_BYTES = 4 * 1024 * 1024
 _MAX_INCLUDES = 32
 _MAX_MESH_BYTES = 32 * 1024 * 1024

@@ -35,8 +35,6 @@ from ikservo.maintenance.dialogue import (
     Unasked,
 )
 
-__all__ = ["NewArm", "draft_new_arm"]
-
 _FREE_M = 0.0
 _MAX_JOINTS = 12
 

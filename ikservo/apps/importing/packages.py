@@ -13,8 +13,6 @@ from urllib.parse import unquote, urlsplit
 from ikservo.errors import FileFormatError
 from ikservo.files.reading import path_inside, quote, read_text
 
-__all__ = ["PackageFolders"]
-
 _LEVELS = 6
 _MAX_MANIFEST_BYTES = 256 * 1024
 _PACKAGE, _FILE, _FIND = "package://", "file://", "$(find "

@@ -14,8 +14,6 @@ from ikservo.arm.opening import open_own_arm
 from ikservo.kinematics.arrays import Matrix
 from ikservo.model.model_loading import load_model
 
-__all__ = ["RestingPlace", "find_resting_place"]
-
 _STEP_S, _MIN_S, _MAX_S = 1.0, 4.0, 60.0
 _STILL = 0.001  # rad or m, in a step
 _ROOM_M = 0.006  # of the arm as it would sag: its way down there is no straight line

@@ -20,8 +20,6 @@ from ikservo.model.urdf_types import (
     UrdfLink,
 )
 
-__all__ = ["AXES", "RulerJoint", "describe_measured", "parse_measured"]
-
 AXES = {"z": (0.0, 0.0, 1.0), "y": (0.0, 1.0, 0.0), "x": (1.0, 0.0, 0.0)}
 """z turns about the upright part, y bends it forwards, x to the side."""
 

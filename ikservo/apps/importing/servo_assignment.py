@@ -28,8 +28,6 @@ from ikservo.maintenance.dialogue import (
 from ikservo.model.servo_torque import nominal_supply_v
 from ikservo.model.tool import describe_direction
 
-__all__ = ["assign_servos"]
-
 _TEST_DEG = 8.0
 _STEPS, _STEP_S, _PAUSE_S = 40, 0.025, 0.5
 _AGAIN, _NOTHING = "again", "nothing"

@@ -38,8 +38,6 @@ from ikservo.model.urdf_types import (
     UrdfLink,
 )
 
-__all__ = ["ContactFit", "MeshStep", "ShapeConversion", "capsule_shapes", "convert_shapes"]
-
 _MAX_SIZE_M = 5.0  # of a mesh; a larger one is in millimetres, without a scale
 _ROD_M = 0.015  # the radius of what stands for a link whose shapes are missing
 MAX_PICTURE_TRIANGLES = 12_000

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from ikservo.errors import FileFormatError
 
-__all__ = ["read_stl", "stl_bytes"]
-
 _HEAD_BYTES = 84
 _MAX_BYTES = 2 * 1024 * 1024
 _ROW = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])

@@ -14,15 +14,6 @@ from ikservo.kinematics.se3 import exp_so3, make_pose, rotation_rpy
 from ikservo.model.base_placement import moved_shape, pose_origin, pose_rpy
 from ikservo.model.urdf_types import Triple, Urdf, UrdfJoint, UrdfJointType, UrdfLink
 
-__all__ = [
-    "Structure",
-    "below",
-    "find_structures",
-    "fix_joints",
-    "lump_base",
-    "rename_joints",
-]
-
 _TIP_WORDS = ("gripper_frame", "tcp", "ee_gripper", "grasp", "end_effector", "tool", "tip", "_ee",
               "ee_", "flange", "hand", "camera_lens")  # fmt: skip
 _GRIPPER_WORDS = re.compile(r"grip|finger|jaw|claw|hand|pinc|carriage", re.IGNORECASE)

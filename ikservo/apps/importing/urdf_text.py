@@ -19,8 +19,6 @@ from ikservo.model.urdf_types import (
     UrdfLink,
 )
 
-__all__ = ["urdf_text"]
-
 _UNLIMITED = 1e6  # N m or rad/s: other readers refuse limits without both
 
 

@@ -16,8 +16,6 @@ from ikservo.errors import FileFormatError
 from ikservo.model.urdf_xml import MAX_URDF_BYTES, XmlElement
 from ikservo.remedies import install_command
 
-__all__ = ["expand_xacro", "needs_xacro"]
-
 _NAMESPACE = "xacro}"  # how it ends; files spell the rest in several ways
 _HARMLESS = ("property", "arg")  # elements that change nothing where no expression uses them
 

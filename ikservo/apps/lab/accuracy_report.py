@@ -20,8 +20,6 @@ from ikservo.apps.lab.accuracy_test import (
 )
 from ikservo.kinematics.arrays import Matrix
 
-__all__ = ["accuracy_fields", "accuracy_page", "statements", "summary_rows", "touched_fields"]
-
 Fields = Mapping[str, Any]
 
 MEASURED_BY = (

@@ -23,16 +23,6 @@ from ikservo.errors import BadValueError, UnknownNameError
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.planning.motions import MoveArc, MoveLine
 
-__all__ = [
-    "PARTS",
-    "AccuracyTest",
-    "DirectionResult",
-    "DriftResult",
-    "PathResult",
-    "PoseResult",
-    "TestSettings",
-]
-
 PARTS = ("poses", "directions", "paths", "drift")
 """The parts of the test, in their order."""
 

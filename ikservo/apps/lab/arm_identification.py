@@ -32,14 +32,6 @@ from ikservo.model.link_masses import link_masses
 from ikservo.model.servo_torque import find_servo_torque, nominal_supply_v
 from ikservo.planning.reports import OnProgress
 
-__all__ = [
-    "QUICK_TOUR",
-    "IdentificationRun",
-    "WeighResult",
-    "identified_arm",
-    "known_identification",
-]
-
 START_POSE = "home"
 QUICK_TOUR = TourOptions(postures=3, slow_postures=0, swings=0)
 

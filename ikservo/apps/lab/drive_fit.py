@@ -19,18 +19,6 @@ from ikservo.apps.lab.drive_recording import Cube, DriveRecording, SteadyWindows
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model.servo_torque import ServoTorque
 
-__all__ = [
-    "JointPrior",
-    "LoopFit",
-    "MotorConstants",
-    "Winding",
-    "fit_backlash",
-    "fit_loop",
-    "fit_motors",
-    "mean_duties",
-    "sign_currents",
-]
-
 # Errors of a window's volts: counts of the duty, and steps of the supply's reading, which windows
 # alike share: they count as no more than this many.
 _VOLTS, _SUPPLY_VOLTS, _MIN_WINDOWS = 0.01, 0.03, 10

@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 
-__all__ = ["Cube", "DriveRecording", "SteadyWindows", "smooth_samples", "steady_windows"]
-
 Cube = NDArray[np.float64]
 """Three axes: samples, joints, servos of each joint."""
 

@@ -24,8 +24,6 @@ from ikservo.apps.lab.drive_fit import JointPrior, MotorConstants
 from ikservo.apps.lab.drive_recording import Cube, SteadyWindows
 from ikservo.kinematics.arrays import Matrix, Vector
 
-__all__ = ["COMMON_SCALE", "JOINT_PARAMETERS", "DutyModel", "ParameterPrior", "nominal_prior"]
-
 JOINT_PARAMETERS = (
     "full_duty_nm",
     "damping_nm_s",

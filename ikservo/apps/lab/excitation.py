@@ -23,8 +23,6 @@ from ikservo.motion import JointMove, KinematicLimits
 from ikservo.motion.trajectory import TrajectoryPoint
 from ikservo.planning.context import ArmContext
 
-__all__ = ["Excitation", "ExcitationLeg", "TourOptions", "plan_excitation", "record_excitation"]
-
 _CANDIDATES, _MAX_DRAWS = 12, 400
 _SEED = 1
 _CLEARANCE_M = 0.02

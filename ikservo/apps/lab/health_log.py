@@ -28,19 +28,6 @@ from ikservo.files.writing import exclusive_access, write_atomic
 from ikservo.hardware.bus import ServoBus
 from ikservo.registers import RegisterName
 
-__all__ = [
-    "Change",
-    "HealthRecord",
-    "JointHealth",
-    "append_record",
-    "changes_of",
-    "health_path",
-    "identified_health",
-    "latest_health",
-    "measure_health",
-    "read_records",
-]
-
 MAX_RECORDS = 2000
 _MAX_BYTES = 8 * 1024 * 1024
 

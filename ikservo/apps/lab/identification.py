@@ -43,15 +43,6 @@ from ikservo.errors import CalibrationError
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.dynamics import Dynamics
 
-__all__ = [
-    "Identification",
-    "ParameterEstimate",
-    "Validation",
-    "gravity_columns",
-    "identify",
-    "identify_payload",
-]
-
 _N, _LOGARITHMIC = len(JOINT_PARAMETERS), (0, len(JOINT_PARAMETERS) - 1)
 _DETERMINED = 0.5
 """A parameter is determined where its standard error is below this share of that before."""

@@ -37,8 +37,6 @@ from ikservo.cli.terminal import (
 from ikservo.files.writing import check_writable
 from ikservo.model.identified_drives import body_joints
 
-__all__ = ["announce_tour", "command"]
-
 Quick = Annotated[
     bool, typer.Option("--quick", help="Use three postures instead of eight; determines less.")
 ]

@@ -15,16 +15,6 @@ from numpy.typing import ArrayLike
 from ikservo.errors import BadValueError
 from ikservo.kinematics.arrays import Matrix, Vector
 
-__all__ = [
-    "largest_drift",
-    "multidirectional_variation",
-    "path_accuracy",
-    "path_crossings",
-    "path_repeatability",
-    "pose_accuracy",
-    "pose_repeatability",
-]
-
 
 def pose_accuracy(attained: ArrayLike, commanded: ArrayLike) -> float:
     """Compute the positioning accuracy AP_P of ISO 9283.

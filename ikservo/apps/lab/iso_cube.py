@@ -16,8 +16,6 @@ from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.model.tool import tool_frame
 from ikservo.planning.tool_orientation import KEEP_BEST_EFFORT, solve_with_orientation
 
-__all__ = ["EDGES_M", "IsoCube", "place_cube"]
-
 EDGES_M = (0.25, 0.2, 0.16, 0.125, 0.1, 0.08, 0.063, 0.05, 0.04)
 """The edges that are tried, the largest first; the standard's smallest cube has 250 mm."""
 

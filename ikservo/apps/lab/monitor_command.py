@@ -29,8 +29,6 @@ from ikservo.cli.terminal import print_lines, print_status
 from ikservo.hardware.port_names import serial_number_of
 from ikservo.model import Model
 
-__all__ = ["command"]
-
 Duration = Annotated[
     float | None,
     typer.Option("--duration", parser=parse_time_s, help="How long to read; default: 2s."),

@@ -40,8 +40,6 @@ from ikservo.errors import BadValueError, IkservoError, InputError, format_point
 from ikservo.files.writing import FileWriteError, check_writable, write_atomic
 from ikservo.model import Model
 
-__all__ = ["command"]
-
 _ALL_PARTS = ",".join(PARTS)
 
 Cycles = Annotated[int, typer.Option("--cycles", help="Cycles of poses; 30 in the standard.")]

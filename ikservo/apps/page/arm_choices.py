@@ -15,8 +15,6 @@ from ikservo.hardware.discovery import SerialAdapter, list_adapters
 from ikservo.hardware.port_names import remembered_serial_number
 from ikservo.model import Model, arm_names, load_model
 
-__all__ = ["ArmChoices", "ChoiceFinder", "find_choices"]
-
 _SIMULATED = "sim"
 
 

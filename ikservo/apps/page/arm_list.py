@@ -25,17 +25,6 @@ from ikservo.apps.page.server.downloads import Download, DownloadOffers
 from ikservo.apps.page.server.server import Frame
 from ikservo.clock import Clock
 
-__all__ = [
-    "ArmList",
-    "ArmListMessage",
-    "CloseArm",
-    "FindChoices",
-    "OpenChoice",
-    "ShowCamera",
-    "StopArms",
-    "read_arm_list_message",
-]
-
 _PERIOD_S = 0.1  # between two frames
 Choice = Annotated[str, Field(min_length=1, max_length=512)]
 

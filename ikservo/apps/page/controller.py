@@ -41,8 +41,6 @@ from ikservo.arm import StopKind, StopReason
 from ikservo.clock import Clock
 from ikservo.errors import IkservoError
 
-__all__ = ["SessionController"]
-
 _ORBIT_RAD_PX = 0.008
 _AWAY_TEXT = "Stopped: the page that controls was hidden, closed or replaced."
 _HARMLESS = ("up", "cancel", "hover", "leave")  # of a pointer: no new target

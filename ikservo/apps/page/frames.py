@@ -51,17 +51,6 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
 from ikservo.model.model import HealthLimits, at_limit, near_limit
 
-__all__ = [
-    "FrameComposer",
-    "arm_frame",
-    "banner",
-    "health",
-    "joint_readouts",
-    "messages",
-    "mode",
-    "status_frame",
-]
-
 _MAX_STATUS_MESSAGES = 12
 
 _STATUS_PERIOD_S, _HEARTBEAT_PERIOD_S = 0.066, 0.1

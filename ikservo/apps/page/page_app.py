@@ -37,9 +37,6 @@ from ikservo.errors import BadValueError
 from ikservo.hardware.transport import refuse_other_machines
 from ikservo.model import Model
 
-__all__ = ["ViewApp", "ViewUrls", "low_jitter"]
-
-
 # The control loop must not wait long for the drawing thread, nor the page for either.
 _SWITCH_S = 0.0005
 

@@ -30,15 +30,6 @@ from ikservo.model import Model
 from ikservo.model.scene_file import PlacedArm
 from ikservo.planning.reports import describe_torque
 
-__all__ = [
-    "ArmAtPort",
-    "ServedArm",
-    "ServedArmState",
-    "ServedArms",
-    "ViewSettings",
-    "page_names",
-]
-
 _MAX_ARMS = 8
 # Where another arm is put from the page, before its place is typed.
 _OPPOSITE_M, _FACING_DEG = (0.5, 0.0, 0.0), (0.0, 0.0, 180.0)

@@ -35,8 +35,6 @@ if TYPE_CHECKING:
     from ikservo.apps.page.page_app import ViewApp, ViewUrls
     from ikservo.apps.page.served_arms import ArmAtPort
 
-__all__ = ["command"]
-
 _NEEDS = ("starlette", "uvicorn", "websockets")
 _TLS_NEEDS = ("cryptography", "segno")
 _LISTEN_HELP = (

@@ -10,19 +10,6 @@ from typing import Literal
 
 from ikservo.errors import BadValueError, InputError
 
-__all__ = [
-    "DEFAULT_PORT",
-    "SCHEME",
-    "ArmAddress",
-    "Endpoint",
-    "check_arm_name",
-    "check_host",
-    "listens",
-    "parse_address",
-    "parse_host",
-    "parse_listen",
-]
-
 SCHEME = "zenoh"
 DEFAULT_PORT = 7448
 """Beside 7447, at which ROS 2's own Zenoh router listens."""

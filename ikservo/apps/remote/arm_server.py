@@ -42,8 +42,6 @@ from ikservo.serving.replies import SAME_VERSION
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = ["ArmServer"]
-
 _PROGRESS_PERIOD_S = 0.05
 _STOP_KINDS = {
     kind.name: kind

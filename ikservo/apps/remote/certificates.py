@@ -23,15 +23,6 @@ if TYPE_CHECKING:
     from cryptography import x509
     from cryptography.hazmat.primitives.asymmetric import ec
 
-__all__ = [
-    "ROLES",
-    "access_control",
-    "client_certificate",
-    "keys_folder",
-    "make_keys",
-    "server_certificate",
-]
-
 Role = Literal["server", "operator", "watcher"]
 ROLES: tuple[Role, ...] = ("server", "operator", "watcher")
 """Who a certificate is for: its common name."""

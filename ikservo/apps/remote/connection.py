@@ -37,8 +37,6 @@ from ikservo.serving.lease import is_fresh
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = ["Connection", "PendingCall"]
-
 _SIGN_OF_LIFE_PERIOD_S = 0.05
 _SYNC_PERIOD_S = 10.0
 _MAX_ROUND_TRIP_S = 0.2  # of the message that compares the clocks

@@ -15,8 +15,6 @@ from ikservo.apps.remote.zenoh_session import ask, on_each_host, open_client, se
 from ikservo.errors import IkservoError
 from ikservo.serving.replies import SAME_VERSION
 
-__all__ = ["FleetArm", "read_fleet"]
-
 _TIMEOUT_S = 5.0
 
 

@@ -22,8 +22,6 @@ from ikservo.cli.terminal import print_json, print_table
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import PortError
 
-__all__ = ["command"]
-
 Hosts = Annotated[
     list[str] | None,
     typer.Argument(metavar="[HOST[:PORT]]…", help="Machines; default: those of IKSERVO_FLEET."),

@@ -15,18 +15,6 @@ from __future__ import annotations
 
 import hashlib
 
-__all__ = [
-    "PREFIX",
-    "drive",
-    "news",
-    "operator",
-    "operator_token",
-    "server",
-    "setpoint",
-    "stop",
-    "watch",
-]
-
 PREFIX = "ikservo"
 
 

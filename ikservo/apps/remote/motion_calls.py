@@ -16,8 +16,6 @@ from ikservo.errors import IkservoError
 from ikservo.planning.motions import MotionValue, motion_fields
 from ikservo.planning.reports import OnProgress
 
-__all__ = ["MotionCalls", "RemoteStopRequest"]
-
 _POLL_S = 0.02
 _STOP_TIMEOUT_S = 5.0
 

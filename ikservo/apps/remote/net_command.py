@@ -15,8 +15,6 @@ from ikservo.cli.options import JsonOption, PortOption
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.errors import InputError, UnknownNameError
 
-__all__ = ["command"]
-
 Action = Literal["keys", "acknowledge"]
 ACTIONS: tuple[Action, ...] = get_args(Action)
 

@@ -19,8 +19,6 @@ from ikservo.motion import TrajectoryPoint
 from ikservo.planning.motions import MotionValue
 from ikservo.serving.replies import other_version_error
 
-__all__ = ["PathSamples", "PlanRegistry", "RemoteTrajectory", "plan_from_fields"]
-
 _MAX_PLANS = 32
 _MAX_SAMPLES = 4000
 _STEP_S = 0.01

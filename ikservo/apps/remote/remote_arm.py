@@ -46,8 +46,6 @@ from ikservo.planning.motions import MotionValue, check_motion, motion_fields
 from ikservo.planning.poses import PoseLibrary
 from ikservo.planning.reports import OnProgress
 
-__all__ = ["RemoteArm"]
-
 R = TypeVar("R")
 
 _TARGET_PERIOD_S = 0.01

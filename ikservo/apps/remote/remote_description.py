@@ -19,8 +19,6 @@ from ikservo.model import Model
 from ikservo.planning.poses import PoseLibrary, Positions
 from ikservo.serving.replies import other_version_error
 
-__all__ = ["RemotePoses", "describe", "described_chain"]
-
 
 def describe(model: Model, connection: Connection) -> ArmDescription:
     """Ask what an arm is, and compare it with the model that this machine has of it.

@@ -30,8 +30,6 @@ from ikservo.serving.replies import other_version_error, result_in
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = ["FLEET_VARIABLE", "stop_address", "stop_listed_machines", "stop_machine"]
-
 FLEET_VARIABLE = "IKSERVO_FLEET"
 
 _ATTEMPTS, _PAUSE_S = 3, 0.1

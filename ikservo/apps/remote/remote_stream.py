@@ -19,8 +19,6 @@ from ikservo.errors import RefusedError
 from ikservo.ik import Target
 from ikservo.kinematics.arrays import Matrix, Vector
 
-__all__ = ["RemoteStream", "goal_fields", "next_items"]
-
 _CLOSE_TIMEOUT_S, _END_PERIOD_S = 10.0, 0.1
 
 

@@ -20,8 +20,6 @@ from ikservo.errors import IkservoError, InputError, RefusedError
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = ["RequestQueue"]
-
 _MAX_PENDING = 16  # requests that wait; more are refused
 _THREADS = 4
 

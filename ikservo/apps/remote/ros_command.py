@@ -22,8 +22,6 @@ from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import format_port, print_json, print_status
 from ikservo.errors import BadValueError
 
-__all__ = ["command"]
-
 _ROUTER_PORT = 7447
 _DOMAIN_VARIABLE = "ROS_DOMAIN_ID"
 

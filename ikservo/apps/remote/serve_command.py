@@ -25,8 +25,6 @@ from ikservo.cli.options import MotionOptions, NamedServoConnection
 from ikservo.cli.terminal import format_port, print_json, print_status
 from ikservo.errors import InputError
 
-__all__ = ["command", "ended_by_signal"]
-
 Listen = Annotated[
     str,
     typer.Option(

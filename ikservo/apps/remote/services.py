@@ -16,9 +16,6 @@ from ikservo.files.validation import first_mistake
 from ikservo.planning.motions import MotionValue, parse_motion
 from ikservo.serving.replies import SAME_VERSION
 
-__all__ = ["MOTIONS", "STREAMED", "WATCH", "Arguments", "AtSpeed", "Jog", "OfMotion", "OfPlan",
-           "Service", "parse_arguments"]  # fmt: skip
-
 Name = Annotated[str, Field(max_length=64)]
 Positions = dict[str, float]
 

@@ -16,8 +16,6 @@ from ikservo.errors import StoppedError
 from ikservo.guard import DEAD_MAN_TIMEOUT_S
 from ikservo.kinematics import finite_array
 
-__all__ = ["SetpointInbox", "run_follow", "run_jog", "run_stream"]
-
 _POLL_S = 0.05
 
 

@@ -16,23 +16,6 @@ from ikservo.ik import Target
 from ikservo.kinematics.arrays import Vector
 from ikservo.serving.replies import SAME_VERSION, error_fields, result_in
 
-__all__ = [
-    "MAX_REPLY_BYTES",
-    "MAX_REQUEST_BYTES",
-    "MAX_SETPOINT_BYTES",
-    "Announcement",
-    "ServiceReply",
-    "ServiceRequest",
-    "Setpoint",
-    "TargetFields",
-    "arguments_of",
-    "decode",
-    "encode",
-    "encode_failure",
-    "encode_result",
-    "result_of",
-]
-
 SCHEMA = "ikservo/net/1"
 MAX_REQUEST_BYTES = 1_000_000
 MAX_REPLY_BYTES = 4_000_000

@@ -13,8 +13,6 @@ from ikservo.arm import OnExit, OpenArm
 from ikservo.model import Model
 from ikservo.serving.control_client import StopAllResult, StopResult
 
-__all__ = ["NETWORK", "ZenohNetwork", "connect", "fleet_hosts"]
-
 
 def connect(address: ArmAddress) -> Connection:
     """Connect to a served arm.

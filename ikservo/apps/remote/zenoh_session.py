@@ -23,18 +23,6 @@ from ikservo.remedies import install_command
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = [
-    "LINK_LEASE_S",
-    "Certificate",
-    "ask",
-    "on_each_host",
-    "open_client",
-    "open_router_client",
-    "open_server",
-    "served_names",
-    "who_asks",
-]
-
 LINK_LEASE_S = 1.0
 """After this time without a sign of the other end a link is closed."""
 

@@ -26,8 +26,6 @@ from ikservo.files.writing import FileWriteError, make_folder
 from ikservo.kinematics.arrays import Matrix
 from ikservo.model import Model
 
-__all__ = ["DatasetOptions", "export_dataset", "import_dataset"]
-
 _OWN_TYPES = ("ikservo",)  # robots whose values have the geometry's zeros
 
 

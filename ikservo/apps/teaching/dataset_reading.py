@@ -16,8 +16,6 @@ from ikservo.files.reading import parse_json, read_text
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.remedies import install_command
 
-__all__ = ["COLUMNS", "Dataset", "Episode", "read_dataset", "require_pyarrow"]
-
 COLUMNS: Mapping[str, str] = {"state": "observation.state", "action": "action"}
 """What of an episode is read: what was measured, or what was commanded."""
 

@@ -21,8 +21,6 @@ from ikservo.model import Model
 if TYPE_CHECKING:
     import pyarrow as pa
 
-__all__ = ["write_dataset"]
-
 _CHUNK = "chunk-000/file-000.parquet"
 _PATTERN = "chunk-{chunk_index:03d}/file-{file_index:03d}"
 _JOINTS = ("observation.state", "action")

@@ -23,8 +23,6 @@ from ikservo.errors import BadValueError, format_point
 from ikservo.files.drawing import Drawing, read_drawing
 from ikservo.planning.motions import Draw
 
-__all__ = ["command"]
-
 File = Annotated[
     Path, typer.Argument(metavar="FILE", help="An .svg, or CSV with x,y or x,y,z in each line.")
 ]

@@ -22,8 +22,6 @@ from ikservo.files.writing import write_atomic
 from ikservo.hardware.port_names import serial_number_of
 from ikservo.model import Model
 
-__all__ = ["command"]
-
 FORMATS = ("lerobot", "csv", "dataset")
 Kind = Annotated[
     str,

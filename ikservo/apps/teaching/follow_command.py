@@ -18,8 +18,6 @@ from ikservo.cli.terminal import format_port, print_status
 from ikservo.errors import format_point
 from ikservo.model import load_model
 
-__all__ = ["command"]
-
 Leader = Annotated[
     str,
     typer.Argument(

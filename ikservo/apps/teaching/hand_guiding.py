@@ -24,8 +24,6 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.motion import TrajectoryPoint
 from ikservo.planning.context import ArmContext
 
-__all__ = ["ANCHOR_RAD", "HandGuiding", "guide_by_hand"]
-
 ANCHOR_RAD = 0.01
 """How far a horn is moved off its anchor before that follows: some ticks more than noise."""
 

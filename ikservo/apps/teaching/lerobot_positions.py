@@ -14,8 +14,6 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model import Model
 from ikservo.registers import MODELS, Family
 
-__all__ = ["positions_of_lerobot"]
-
 _DEGREES_PER_TICK = 360.0 / 4095.0  # as LeRobot counts
 
 

@@ -12,8 +12,6 @@ import numpy as np
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model.model import Model
 
-__all__ = ["JointValue", "JointValues"]
-
 
 @dataclass(frozen=True, slots=True)
 class JointValue:

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from foxglove import Channel
     from foxglove.websocket import ChannelView, Client
 
-__all__ = ["FOXGLOVE_PORT", "FoxgloveServer"]
-
 FOXGLOVE_PORT = 8765
 """Where Foxglove looks for a server."""
 

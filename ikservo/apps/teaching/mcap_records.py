@@ -15,8 +15,6 @@ from ikservo.errors import FileFormatError, IkservoError
 from ikservo.files.reading import require_file
 from ikservo.remedies import install_command
 
-__all__ = ["MAGIC", "MAX_CHUNK_BYTES", "import_mcap", "read_records"]
-
 MAGIC = b"\x89MCAP0\r\n"
 """The first bytes of an MCAP file."""
 

@@ -27,7 +27,7 @@
     [[steps]]
     recording = "wave.jsonl"            # beside the program
 
-    [[steps]]                           # any motion of ``ikservo.planning.motions``, with its fields
+    [[steps]]                           # any motion of `ikservo.planning.motions`, with its fields
     motion.move_through = { points_m = [[0.25, 0.0, 0.1], [0.25, 0.05, 0.15]], blend_m = 0.03 }
 """
 
@@ -61,16 +61,6 @@ from ikservo.planning.motions import (
     motion_names,
     parse_motion,
 )
-
-__all__ = [
-    "ACTIONS",
-    "MAX_STEPS",
-    "Program",
-    "ProgramStep",
-    "Speed",
-    "read_program",
-    "write_program",
-]
 
 ACTIONS = ("pose", "tip_m", "joints", "gripper", "wait_s", "recording", "motion")
 """What a step can do; each step does one of them. ``joints`` are given by ``deg`` and ``m``."""

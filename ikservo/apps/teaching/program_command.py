@@ -24,8 +24,6 @@ from ikservo.cli.terminal import print_json, print_lines, print_status, wait_for
 from ikservo.errors import IkservoError, InputError, UnknownNameError
 from ikservo.model import Model
 
-__all__ = ["command"]
-
 ACTIONS = ("new", "check", "run")
 Action = Annotated[
     str,

@@ -23,8 +23,6 @@ from ikservo.planning.reports import (
     ReplayResult,
 )
 
-__all__ = ["ProgramRun", "StepCheck", "StepResult"]
-
 StepReport = MoveResult | JointMoveResult | GraspResult | ReplayResult
 """How the motion of a step has ended."""
 

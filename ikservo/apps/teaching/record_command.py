@@ -26,8 +26,6 @@ from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import confirm, print_json, print_lines, print_status
 from ikservo.errors import InputError
 
-__all__ = ["command"]
-
 File = Annotated[
     Path, typer.Argument(metavar="FILE", help="New file: .mcap, or any other name for JSON lines.")
 ]

@@ -44,18 +44,6 @@ from ikservo.model import Model
 from ikservo.planning.calibrated_arm import ZeroSource
 from ikservo.planning.context import ArmContext
 
-__all__ = [
-    "RecordResult",
-    "RecordSettings",
-    "describe_arm",
-    "read_recording",
-    "record",
-    "record_arm",
-    "record_open_arm",
-    "record_other_process",
-    "recording_header",
-]
-
 MCAP_SUFFIX = ".mcap"
 _HEALTH_PERIOD_S = 1.0
 
@@ -165,6 +153,7 @@ def record_open_arm(
     Ctrl-C ends it; the file is complete up to then.
 
     Args:
+        arm: The arm; it may be on another machine.
         path: A new file: a header, then one line of JSON for each sample; or, where it ends
             in ``.mcap``, messages of ROS 2, with goals, link poses and health.
         duration_s: How long; for as long as ``until`` says if None.

@@ -32,22 +32,6 @@ from ikservo.files.writing import FileWriteError
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.motion.sampled_trajectory import SampledTrajectory
 
-__all__ = [
-    "MAX_JOINTS",
-    "MAX_SAMPLES",
-    "MAX_SECONDS",
-    "SCHEMA",
-    "ArmSample",
-    "Recording",
-    "RecordingFile",
-    "RecordingHeader",
-    "RecordingWriter",
-    "check_header",
-    "os_error_text",
-    "read_json_lines",
-]
-
-
 SCHEMA = "ikservo/recording/1"
 _PLACES = 6  # of a radian or a metre: a hundredth of a tick
 

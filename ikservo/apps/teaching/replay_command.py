@@ -18,8 +18,6 @@ from ikservo.cli.terminal import format_port, print_json, print_status
 from ikservo.errors import format_point
 from ikservo.planning.reports import ReplayResult
 
-__all__ = ["command"]
-
 File = Annotated[Path, typer.Argument(metavar="FILE", help="File that `ikservo record` wrote.")]
 
 

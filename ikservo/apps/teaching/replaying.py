@@ -31,9 +31,6 @@ from ikservo.settling.settling import settle_at
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-__all__ = ["RecordedTrajectory", "Replay", "load_replay", "replay"]
-
-
 _GRID_S = 0.02
 # Removes quantization and tremor, below a tenth of a second; intended motions are slower.
 _SMOOTH_S = 0.04

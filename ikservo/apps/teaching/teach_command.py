@@ -28,8 +28,6 @@ from ikservo.cli.terminal import (
 )
 from ikservo.errors import InputError
 
-__all__ = ["command"]
-
 Name = Annotated[
     str, typer.Argument(metavar="NAME", help="Name of the pose: 1 to 64 of A-Z a-z 0-9 _ -")
 ]

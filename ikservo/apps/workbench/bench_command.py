@@ -13,8 +13,6 @@ from ikservo.cli.options import JsonOption, ServoConnection
 from ikservo.cli.results import Field, Fields, print_records
 from ikservo.cli.terminal import print_status, progress_bar
 
-__all__ = ["command"]
-
 
 class BenchSubject(StrEnum):
     """What can be measured."""

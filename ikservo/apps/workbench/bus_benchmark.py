@@ -21,8 +21,6 @@ from ikservo.hardware.transport import Transport, open_transport
 from ikservo.model import Model
 from ikservo.registers import Family, RegisterName
 
-__all__ = ["CYCLES", "BusTiming", "benchmark_bus"]
-
 CYCLES = 1000
 _WARM_UP = 50  # cycles in which the adaptive timeout settles
 

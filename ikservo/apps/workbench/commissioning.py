@@ -21,14 +21,6 @@ from ikservo.maintenance.dialogue import ACCEPT, Dialogue, Notice, Progress, Que
 from ikservo.model import Model
 from ikservo.registers import control_table
 
-__all__ = [
-    "ConfiguredServo",
-    "configure_servo",
-    "open_line",
-    "remaining_settings",
-    "wait_for_unplugging",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class ConfiguredServo:

@@ -30,8 +30,6 @@ from ikservo.hardware.serial_ports import (
 from ikservo.hardware.servo import ServoSpec
 from ikservo.model import Model
 
-__all__ = ["READS", "diagnose", "udev_rules"]
-
 READS = 1000
 """How often the positions are read to measure the line quality."""
 

@@ -18,8 +18,6 @@ from ikservo.cli.terminal import print_json, print_lines, print_status, progress
 from ikservo.errors import ExitCode
 from ikservo.model import load_model
 
-__all__ = ["command"]
-
 Rules = Annotated[bool, typer.Option("--rules", help="Print only the udev rule.")]
 WriteEeprom = Annotated[
     bool, typer.Option("--write-eeprom", help="First write the EEPROM values of the arm file.")

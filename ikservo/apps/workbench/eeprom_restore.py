@@ -18,8 +18,6 @@ from ikservo.hardware.register_batches import RegisterRef
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Access, ControlTable, Register, RegisterName
 
-__all__ = ["Restoration", "plan_restoration", "restore"]
-
 _PROTOCOL = "protocol_type"  # with another one the servo would no longer reply on this bus
 
 

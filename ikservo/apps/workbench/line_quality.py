@@ -14,8 +14,6 @@ from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.transport import Transport
 from ikservo.registers import RegisterName
 
-__all__ = ["LineQuality", "MeteredTransport", "measure_line_quality"]
-
 
 @dataclass(frozen=True, slots=True)
 class LineQuality:

@@ -11,8 +11,6 @@ from ikservo.hardware.protocols.protocol1 import checksum
 from ikservo.hardware.protocols.protocol2 import MAX_PACKET_BYTES, crc, split_fast_sync, unstuff
 from ikservo.registers import ControlTable, Register
 
-__all__ = ["DecodedPacket", "decode_packets"]
-
 
 @dataclass(frozen=True, slots=True)
 class DecodedPacket:

@@ -24,16 +24,6 @@ from ikservo.hardware.scan import FoundServo, candidate_baud_rates, identify, sc
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import ControlTable, Register, RegisterName
 
-__all__ = [
-    "ServoSettings",
-    "change_address",
-    "check_address_is_free",
-    "check_model",
-    "provision",
-    "wait_for_servo",
-    "wait_until_unplugged",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class ServoSettings:

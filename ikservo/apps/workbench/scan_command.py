@@ -15,8 +15,6 @@ from ikservo.errors import ExitCode, ServoSilentError
 from ikservo.hardware.discovery import choose_port, scan_port, simulated_port_url
 from ikservo.hardware.scan import FoundServo, OnScanStep, candidate_baud_rates
 
-__all__ = ["command"]
-
 Port = Annotated[str | None, typer.Argument(metavar="[PORT]", help="The same as --port.")]
 AllRates = Annotated[bool, typer.Option("--all", help="Continue after the first rate with servos.")]
 Rates = Annotated[

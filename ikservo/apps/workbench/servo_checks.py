@@ -26,16 +26,6 @@ from ikservo.model import Model, ModelServo
 from ikservo.model.model import HealthLimits
 from ikservo.registers import RegisterName, control_table_for_number
 
-__all__ = [
-    "all_servos",
-    "check_eeprom",
-    "check_servos",
-    "expected_eeprom",
-    "write_eeprom",
-    "zero_return_delay",
-]
-
-
 _CALIBRATED_REGISTERS = {
     "homing_offset",
     "min_position_limit",

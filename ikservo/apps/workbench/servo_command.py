@@ -54,8 +54,6 @@ from ikservo.hardware.port_names import real_time_port
 from ikservo.hardware.servo import ServoSpec
 from ikservo.maintenance.dialogue import Question, Unasked
 
-__all__ = ["command", "restore_backup"]
-
 ACTIONS = (
     "table",
     "read",

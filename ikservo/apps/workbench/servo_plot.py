@@ -18,8 +18,6 @@ from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.hardware.register_batches import Register
 from ikservo.hardware.servo import ServoSpec
 
-__all__ = ["block_curve", "plot"]
-
 _COLUMNS = ("servo", "register", "now", "lowest", "highest", "")
 _BLOCKS = " ▁▂▃▄▅▆▇█"
 _SHORTEST_CURVE, _OTHER_COLUMNS_CHARS = 10, 60

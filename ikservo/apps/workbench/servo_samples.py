@@ -10,8 +10,6 @@ from ikservo.clock import Rate
 from ikservo.hardware.bus import ServoBus
 from ikservo.registers import ControlTable, Register, RegisterName
 
-__all__ = ["Sample", "live_registers", "sample_registers"]
-
 _LIVE = (
     RegisterName.GOAL_POSITION,
     RegisterName.PRESENT_POSITION,

@@ -19,8 +19,6 @@ from ikservo.errors import BadValueError, RefusedError
 from ikservo.kinematics.arrays import Vector, freeze_arrays
 from ikservo.motion import TrajectoryPoint
 
-__all__ = ["FrequencyPoint", "SineMotion", "SineResponse", "measure_sine"]
-
 _LEAST_AMPLITUDE_RAD = np.radians(0.5) - 1e-9
 _FREQUENCIES_HZ = (0.1, 20.0)
 _CYCLES = 8.0  # of a sine of one frequency

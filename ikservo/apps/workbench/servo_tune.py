@@ -25,8 +25,6 @@ from ikservo.errors import BadValueError, InputError
 from ikservo.hardware.register_batches import Register
 from ikservo.hardware.servo import ServoSpec
 
-__all__ = ["tune"]
-
 _FIELDS: Fields[Trial] = (
     Field(
         "gains",

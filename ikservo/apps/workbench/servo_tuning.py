@@ -21,25 +21,6 @@ from ikservo.motion import JointMove, KinematicLimits, Trajectory, TrajectoryPoi
 from ikservo.planning.context import ArmContext
 from ikservo.registers import Register
 
-__all__ = [
-    "REST_S",
-    "StepResponse",
-    "Trial",
-    "best_trial",
-    "find_free_motion",
-    "find_turning_servo",
-    "gain_registers",
-    "keeping_gains",
-    "measure_response",
-    "record_joint",
-    "search_gains",
-    "swing_at_rest",
-    "try_gains",
-    "try_steps",
-    "tunable_registers",
-    "write_gains",
-]
-
 REST_S = 1.0  # after a motion
 _JUDGED_S = 0.5  # the last part of a rest, in which a joint should be still
 _LEAST_STEP_RAD = np.radians(1.0) - 1e-9

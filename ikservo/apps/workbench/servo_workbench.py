@@ -59,24 +59,6 @@ from ikservo.registers import (
 )
 from ikservo.registers.delivered import delivered_value
 
-__all__ = [
-    "RegisterReading",
-    "ServoLine",
-    "find_register",
-    "find_table",
-    "holds_torque",
-    "identify_servo",
-    "open_servos",
-    "parse_register_value",
-    "plan_writes",
-    "read_registers",
-    "register_names",
-    "reset_servo",
-    "restart_servo",
-    "shown_unit",
-    "write_registers",
-]
-
 
 @dataclass(frozen=True, slots=True)
 class ServoLine:

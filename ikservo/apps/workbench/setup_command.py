@@ -26,8 +26,6 @@ from ikservo.errors import IkservoError, InputError
 from ikservo.hardware.eeprom import read_backup
 from ikservo.model import load_model
 
-__all__ = ["command"]
-
 ArmName = Annotated[
     str | None,
     typer.Argument(

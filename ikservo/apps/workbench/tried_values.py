@@ -24,15 +24,6 @@ from ikservo.hardware.port_names import serial_number_of
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import Register
 
-__all__ = [
-    "forget_former",
-    "forget_if_former",
-    "note_former",
-    "read_former",
-    "restore_former",
-    "tried_differences",
-]
-
 _FORMER: TypeAdapter[dict[str, int]] = TypeAdapter(dict[str, int])
 _MOST_BYTES = 10_000
 

@@ -25,8 +25,6 @@ from ikservo.cli.quantities import (
 from ikservo.cli.session import open_from_options
 from ikservo.planning.motions import MoveArc
 
-__all__ = ["command"]
-
 OptionalLength = Annotated[
     float | None,
     typer.Argument(parser=parse_coordinate_m, help="End point: metres, or like 120mm."),
@@ -38,7 +36,9 @@ FullCircle = Annotated[
 ]
 Center = Annotated[
     str | None,
-    typer.Option("--center", metavar="X,Y,Z", help="Centre of the arc, instead of X Y Z."),
+    typer.Option(
+        "--center", "--centre", metavar="X,Y,Z", help="Centre of the arc, instead of X Y Z."
+    ),
 ]
 Normal = Annotated[
     str,

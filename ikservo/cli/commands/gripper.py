@@ -19,8 +19,6 @@ from ikservo.errors import ExitCode, InputError
 from ikservo.planning.motions import MoveGripper
 from ikservo.planning.reports import GraspResult
 
-__all__ = ["command"]
-
 To = Annotated[
     str | None,
     typer.Argument(

@@ -28,8 +28,6 @@ from ikservo.cli.terminal import (
 )
 from ikservo.errors import InputError, format_point
 
-__all__ = ["command"]
-
 _HOLD_S = 0.6  # a held key repeats only after up to half a second
 
 What = Annotated[

@@ -20,8 +20,6 @@ from ikservo.errors import BadValueError, ExitCode, InputError, format_point
 from ikservo.model import Model
 from ikservo.planning.motions import LookAt, MoveJoints
 
-__all__ = ["command", "make_joint_motion", "print_report"]
-
 Goals = Annotated[
     list[str],
     typer.Argument(

@@ -25,8 +25,6 @@ from ikservo.cli.session import open_from_options
 from ikservo.errors import BadValueError
 from ikservo.planning.motions import LookAt, MoveThrough, MoveTo
 
-__all__ = ["command"]
-
 Line = Annotated[bool, typer.Option("--line", help="Move the tip on a straight line.")]
 Via = Annotated[
     list[str] | None,

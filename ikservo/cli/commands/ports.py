@@ -12,8 +12,6 @@ from ikservo.cli.results import Field, Fields, json_values, print_records
 from ikservo.cli.terminal import print_json, print_lines, print_status
 from ikservo.hardware.serial_ports import AdapterEvent, SerialAdapter, list_adapters, watch_adapters
 
-__all__ = ["command"]
-
 Watch = Annotated[
     bool, typer.Option("--watch", help="Report adapters as they are plugged in or unplugged.")
 ]

@@ -28,8 +28,6 @@ from ikservo.model import arm_names, load_model
 from ikservo.planning.motions import MoveJoints
 from ikservo.planning.poses import PoseLibrary
 
-__all__ = ["command"]
-
 Name = Annotated[
     str | None,
     typer.Argument(

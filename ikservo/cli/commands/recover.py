@@ -15,8 +15,6 @@ from ikservo.cli.terminal import confirm, print_status
 from ikservo.errors import ExitCode, IkservoError, InputError
 from ikservo.maintenance.recovery import RecoveryResult, recover
 
-__all__ = ["command"]
-
 Reboot = Annotated[
     bool, typer.Option("--reboot", help="Restart the servos that need it; their torque goes off.")
 ]

@@ -18,8 +18,6 @@ from ikservo.cli.session import announce_lowering, motion_progress_bar, open_fro
 from ikservo.cli.terminal import confirm, print_status
 from ikservo.errors import CalibrationError, FileFormatError, IkservoError
 
-__all__ = ["command"]
-
 
 def command(
     connection: ArmConnection,

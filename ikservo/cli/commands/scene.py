@@ -23,8 +23,6 @@ from ikservo.model.scene_file import (
 if TYPE_CHECKING:
     from ikservo.model import Model
 
-__all__ = ["command"]
-
 ACTIONS = ("check", "show")
 Action = Annotated[
     str,

@@ -15,8 +15,6 @@ from ikservo.errors import IkservoError, InputError
 from ikservo.model import load_model
 from ikservo.remedies import install_command
 
-__all__ = ["CONTEXT_SETTINGS", "command"]
-
 _GROUP = "ikservo.servers"
 _AS_IDENTIFIED = "--as-identified"
 

@@ -34,8 +34,6 @@ from ikservo.model.tool import tool_frame
 if TYPE_CHECKING:
     from ikservo.planning.tool_orientation import ToolOrientation
 
-__all__ = ["command"]
-
 _METHODS = "auto, bounded, closed_form, pseudo_inverse, transpose or ccd."
 
 ToolAxis = Annotated[

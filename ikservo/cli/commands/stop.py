@@ -13,9 +13,6 @@ from ikservo.cli.options import ArmConnection, JsonOption
 from ikservo.cli.quick_stop import report_stop, stop_every_arm
 from ikservo.serving.control_client import StopAllResult, StopResult
 
-__all__ = ["command"]
-
-
 All = Annotated[
     bool, typer.Option("--all", help="Stop every arm of your programs and of IKSERVO_FLEET.")
 ]

@@ -39,9 +39,6 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
 from ikservo.model.model import HealthLimits, limit_distance, near_limit
 
-__all__ = ["command", "heat_colour", "limit_colour", "position_bar", "watch_arm"]
-
-
 Watch = Annotated[bool, typer.Option("--watch", help="Repeat until Ctrl-C, with joints as bars.")]
 Period = Annotated[
     float,
@@ -126,7 +123,7 @@ def _print_visibility(eye_m: tuple[float, float, float], links: Sequence[Any]) -
     print_table(["link", "visible", "hidden by"], [_visibility_row(each) for each in links])
 
 
-def _visibility_row(link: Any) -> list[str]:
+def _visibility_row(link: Any) -> list[str]:  # noqa: ANN401  # a `LinkVisibility` of the page
     visible = f"{link.visible_fraction:.0%}" if link.is_visible else "hidden"
     return [link.link, visible, ", ".join(link.hidden_by)]
 

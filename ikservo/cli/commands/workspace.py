@@ -24,18 +24,6 @@ from ikservo.ik.workspace_grid import front_plane, side_plane, top_plane
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model import Model
 
-__all__ = [
-    "COLLIDES",
-    "Slice",
-    "command",
-    "point_fields",
-    "point_lines",
-    "region_fields",
-    "region_lines",
-    "workspace_title",
-]
-
-
 COLLIDES = "every posture found collides with the arm itself, the table or a box"
 """Why a point within the limits is excluded."""
 

@@ -9,9 +9,6 @@ from typing import Protocol
 from ikservo.hardware.packets import MemoryRange, Reply, ScanResult, Status, StatusPacket
 from ikservo.hardware.protocols.transceiver import Transceiver
 
-__all__ = ["BroadcastPingResult", "ProtocolDriver", "broadcast_ping"]
-
-
 _SLOT_BYTES = 14  # the longest ping reply
 _MAX_PAUSE_S = 0.003  # maximum delay of a servo after the one before it
 _MARGIN = 2.0  # times the measured time per slot

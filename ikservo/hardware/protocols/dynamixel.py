@@ -41,9 +41,6 @@ with importing_from("dynamixel-sdk", "dynamixel_sdk"):
     from dynamixel_sdk.protocol1_packet_handler import Protocol1PacketHandler
     from dynamixel_sdk.robotis_def import COMM_TX_ERROR
 
-__all__ = ["Dynamixel1Driver", "DynamixelDriver"]
-
-
 _PING, _READ, _WRITE, _REG_WRITE, _ACTION, _REBOOT = 0x01, 0x02, 0x03, 0x04, 0x05, 0x08
 _FACTORY_RESET, _KEEP_ID_AND_RATE = 0x06, b"\x02"
 _SYNC_READ, _SYNC_WRITE, _FAST_SYNC_READ = 0x82, 0x83, 0x8A

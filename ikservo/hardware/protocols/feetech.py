@@ -28,8 +28,6 @@ with importing_from("feetech-servo-sdk", "scservo_sdk"):
     from scservo_sdk.protocol_packet_handler import protocol_packet_handler
     from scservo_sdk.scservo_def import COMM_TX_ERROR
 
-__all__ = ["FeetechDriver"]
-
 _FACTORY_RESET, _SYNC_READ = 0x06, 0x82
 
 

@@ -17,16 +17,6 @@ from ikservo.hardware.port import Port
 from ikservo.hardware.protocols.driver import BroadcastPingResult, broadcast_ping
 from ikservo.hardware.protocols.transceiver import RepeatedPackets, Transceiver
 
-__all__ = [
-    "Protocol1Codec",
-    "Protocol1Driver",
-    "checksum",
-    "packet_size",
-    "parse_in_order",
-    "scan_packets",
-]
-
-
 _HEADER = b"\xff\xff"
 _LEN, _ERR, _DATA = 3, 4, 5  # offsets of the bytes
 _AROUND_LEN = 4  # header, id and the length byte itself are not counted in LEN

@@ -18,19 +18,6 @@ from ikservo.hardware.vendor_modules import importing_from
 with importing_from("dynamixel-sdk", "dynamixel_sdk"):
     from dynamixel_sdk.protocol2_packet_handler import Protocol2PacketHandler
 
-__all__ = [
-    "MAX_PACKET_BYTES",
-    "FastSyncCodec",
-    "FixedPacketHandler",
-    "Protocol2Codec",
-    "crc",
-    "fast_sync_size",
-    "split_fast_sync",
-    "stuff",
-    "unstuff",
-]
-
-
 _STUFFED_HEADER = b"\xff\xff\xfd"
 _MARK = 0xFD
 

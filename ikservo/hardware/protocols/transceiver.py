@@ -19,9 +19,6 @@ from ikservo.hardware.packets import (
 )
 from ikservo.hardware.port import Port
 
-__all__ = ["RepeatedPackets", "ReplyReader", "Transceiver"]
-
-
 _MAX_WAITS = 10  # multiple of the reply timeout, as long as bytes keep coming
 
 _NOTHING = ScanResult((), 0, 0)

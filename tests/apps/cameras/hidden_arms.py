@@ -5,9 +5,10 @@ import re
 import numpy as np
 
 from ikservo.apps.cameras.arm_camera import table_m
-from ikservo.apps.cameras.board import DEFAULT_BOARD, Board
+from ikservo.apps.cameras.board import Board
 from ikservo.apps.cameras.tip_click import find_tip_zero, save_tip_zero
 from ikservo.arm.opening import open_own_arm
+from ikservo.cli.camera_options import DEFAULT_BOARD
 from ikservo.errors import CalibrationError, IkservoError
 from servosim.camera import SimulatedCamera, SimulatedView
 from servosim.joint import Hand, hold

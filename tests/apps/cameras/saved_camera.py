@@ -4,10 +4,11 @@ from datetime import UTC, datetime
 
 import numpy as np
 
-from ikservo.apps.cameras.board import DEFAULT_BOARD, Board
+from ikservo.apps.cameras.board import Board
 from ikservo.apps.cameras.camera_calibration import seen_board
 from ikservo.apps.cameras.camera_file import SIMULATED, CameraFile, save_camera
 from ikservo.calibration.records import CalibratedCamera
+from ikservo.cli.camera_options import DEFAULT_BOARD
 from ikservo.kinematics.se3 import log_so3
 from servosim.camera import SimulatedCamera, SimulatedView
 from tests.arm.simulated import line_of

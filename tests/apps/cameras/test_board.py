@@ -3,7 +3,8 @@ import re
 import numpy as np
 import pytest
 
-from ikservo.apps.cameras.board import DEFAULT_BOARD, Board
+from ikservo.apps.cameras.board import Board
+from ikservo.cli.camera_options import DEFAULT_BOARD
 from ikservo.errors import BadValueError, CalibrationError
 
 cv2 = pytest.importorskip("cv2")

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from ikservo.apps.cameras.capture import public_source
 from ikservo.errors import InputError, PictureError
+from ikservo.files.public_source import public_source
 
 SECRET = "swordfish"
 WITH_SECRETS = {

@@ -10,6 +10,7 @@ import ikservo
 from ikservo.apps.remote.connection import Connection
 from ikservo.apps.remote.remote_arm import RemoteArm
 from ikservo.apps.teaching.mcap_recording import CALIBRATION_FILE, read_attachment
+from ikservo.apps.teaching.replaying import Replay
 from ikservo.arm import Arm, OpenArm, StopKind, StopReason, ToolOrientation
 from ikservo.arm.opening import open_own_arm, require_own_port
 from ikservo.arm.result_json import encode_fields
@@ -23,7 +24,7 @@ from ikservo.errors import (
     UnknownNameError,
     UnreachableError,
 )
-from ikservo.planning.motions import MoveArc, MoveGripper, MoveJoints, MovePose, MoveTo, Replay
+from ikservo.planning.motions import MoveArc, MoveGripper, MoveJoints, MovePose, MoveTo
 from tests.apps.remote.conftest import until
 from tests.arm.simulated import call_before, registers
 

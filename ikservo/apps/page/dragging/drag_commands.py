@@ -7,8 +7,6 @@ from dataclasses import dataclass
 from ikservo.ik import Target
 from ikservo.kinematics.arrays import Matrix, Vector
 
-__all__ = ["DragCommand", "DragTarget", "HoldCommand", "JointTarget", "ToolPoseTarget"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DragTarget:

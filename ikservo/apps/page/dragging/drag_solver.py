@@ -34,16 +34,6 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import make_pose
 from ikservo.model import Model
 
-__all__ = [
-    "AUTO",
-    "CURRENT_POSTURE",
-    "MAX_STEP_RAD",
-    "NONE",
-    "DragSolution",
-    "DragSolver",
-    "PosturePreference",
-]
-
 MAX_STEP_RAD = math.radians(8.0)
 """The largest joint step per solve of a drag: larger steps are scaled down as a whole."""
 

@@ -9,8 +9,6 @@ from ikservo.apps.page.dragging.target_marker import TargetMarker
 from ikservo.errors import InputError
 from ikservo.kinematics.arrays import Vector
 
-__all__ = ["GoalHistory", "PastGoal"]
-
 _MAX_GOALS = 100
 _ONE_GESTURE_S = 0.7  # messages of one kind that follow each other sooner are one gesture
 

@@ -29,8 +29,6 @@ from ikservo.planning.motion_plan import sample_states
 from ikservo.planning.motions import MoveJoints, MoveTo
 from ikservo.planning.ways_around import HOW_TO_SEARCH
 
-__all__ = ["GoalPlanner", "PlanRequest", "PlannedPath", "refusal_of"]
-
 _PERIOD_S = 0.04  # between two plans during a drag, whose picture has to be drawn meanwhile
 _POSTURES = 25  # along a path as it is shown
 _NEAR_TICKS = 3.0

@@ -11,9 +11,6 @@ from ikservo.arm import Arm
 from ikservo.ik import Target
 from ikservo.kinematics.arrays import Vector
 
-__all__ = ["GamepadControl", "GripperControl", "gripper_control"]
-
-
 _FULL_TRAVEL_S = 1.5  # from closed to open
 _LEAD_FRACTION = 0.06  # of the range: limits how far goals lead a blocked gripper
 _MAX_GRIP_STEP_S = 0.1  # between two messages; a longer gap counts as released

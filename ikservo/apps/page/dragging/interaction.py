@@ -44,9 +44,6 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.model.collision_model import capsules_of
 from ikservo.model.model import Obstacle
 
-__all__ = ["Interaction"]
-
-
 _STEPS_HZ = 30.0
 _MAX_WARNINGS = 6
 

@@ -19,20 +19,6 @@ if TYPE_CHECKING:
     from ikservo.arm import JointState
     from ikservo.model.model import HealthLimits
 
-__all__ = [
-    "STOP_TEXTS",
-    "candidate_rows",
-    "condition_rows",
-    "describe_stop",
-    "describe_target",
-    "format_solve_time",
-    "format_supply",
-    "health_rows",
-    "insight_rows",
-    "path_rows",
-]
-
-
 STOP_TEXTS: dict[StopInput, str] = {
     "button": "Stopped from the page",
     "Space": "Stopped by the Space key on the page",

@@ -11,15 +11,6 @@ from ikservo.arm import JointState
 from ikservo.kinematics.arrays import Vector
 from ikservo.maintenance.dialogue import HandRequest, Question
 
-__all__ = [
-    "ArmCommand",
-    "ArmSnapshot",
-    "CalibrationView",
-    "GoalRefusal",
-    "LogEntry",
-    "StopNotice",
-]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ArmCommand:

@@ -25,8 +25,6 @@ from ikservo.ik import METHODS, Posture, Result, Target, solve
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 
-__all__ = ["ITERATIVE", "SOLVERS", "SolverTrace", "trace_method"]
-
 SOLVERS: tuple[str, ...] = tuple(METHODS)
 """The methods to choose from."""
 

@@ -10,8 +10,6 @@ from ikservo.arm import ToolOrientation
 from ikservo.ik import ActiveLimit
 from ikservo.kinematics.arrays import Vector
 
-__all__ = ["TargetMarker"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TargetMarker:

@@ -23,8 +23,6 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import exp_so3, log_so3, make_pose
 from ikservo.planning.tool_orientation import ORIENTATION_TOLERANCE_RAD, ArmPlane
 
-__all__ = ["ToolDrag", "ToolHandles", "ToolPoseSolver"]
-
 _SAMPLES = 16  # postures, of which the freest tells what the arm can do
 _RANK = 1e-3  # of the largest singular value
 _ALONG = 0.5  # of the tool axis: below it the tool cannot roll

@@ -17,8 +17,6 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model.tool import tool_frame
 from ikservo.planning.tool_orientation import solve_with_orientation
 
-__all__ = ["JointRanges", "ToolTargets"]
-
 _MM = 1000.0
 _ROUNDING = 0.05  # of limits as they are shown, degrees or mm
 _STAYS = "Nothing was changed."

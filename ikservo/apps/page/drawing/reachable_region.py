@@ -22,15 +22,6 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import make_pose
 
-__all__ = [
-    "ReachableRegion",
-    "ReachableRegionCache",
-    "SlicePlane",
-    "compute_region",
-    "slice_plane",
-]
-
-
 _CELLS, _SAMPLES = 110, 2**14
 _WINDOW, _SAMPLING_STEP = range(-2, 3), 2
 _ROUNDED_M, _RING_DIGITS = 0.01, 4

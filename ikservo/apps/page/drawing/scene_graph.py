@@ -39,8 +39,6 @@ from ikservo.model.collision_model import capsules_of
 from ikservo.model.model import at_distance, near_distance
 from ikservo.model.tool import tool_frame
 
-__all__ = ["SceneGraph"]
-
 _DIGITS = 7  # of positions: at a metre's distance 0.1 µm
 _AXIS_DIGITS = 4
 _SWEPT = slice(4, 24, 4)  # of the postures along a path, those at which the whole arm is drawn

@@ -19,8 +19,6 @@ from ikservo.kinematics.se3 import make_pose, rotation_rpy
 from ikservo.model import Model
 from ikservo.model.urdf_types import Box, Cylinder, Mesh, Shape, Sphere, Surface, Triple, UrdfLink
 
-__all__ = ["Fields", "link_shapes", "row_major"]
-
 Fields = dict[str, object]
 
 

@@ -13,8 +13,6 @@ from ikservo.apps.page.drawing.reachable_region import ReachableRegion
 from ikservo.apps.page.picking.projection import Camera
 from ikservo.kinematics.arrays import Vector
 
-__all__ = ["SceneState"]
-
 _SAME_RAD = 2e-3
 
 

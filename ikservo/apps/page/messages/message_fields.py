@@ -8,8 +8,6 @@ from pydantic import Field
 
 from ikservo.files.validation import StrictModel
 
-__all__ = ["Name", "PageMessage", "StopInput"]
-
 _MAX_SEQ = 2**53 - 1  # the largest whole number that JavaScript counts without gaps
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z0-9_\-]{1,64}$")]

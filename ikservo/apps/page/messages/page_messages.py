@@ -13,51 +13,6 @@ from ikservo.apps.page.messages.thing_messages import SaveThings, ThingMessage
 from ikservo.errors import InputError
 from ikservo.files.validation import StrictModel, first_mistake
 
-__all__ = [
-    "MAX_MESSAGE_BYTES",
-    "Acknowledge",
-    "ArmAction",
-    "BadMessageError",
-    "CalibrationAnswer",
-    "ChooseCamera",
-    "DragTool",
-    "FitView",
-    "FollowArm",
-    "Gamepad",
-    "GoToPose",
-    "Heartbeat",
-    "Hello",
-    "JogJoint",
-    "JogTool",
-    "Key",
-    "MarkTip",
-    "Message",
-    "OrbitCamera",
-    "PointTool",
-    "Pointer",
-    "PreferPosture",
-    "ReadServo",
-    "SaveHistory",
-    "SelectBehind",
-    "SetJoint",
-    "SetLive",
-    "SetSolver",
-    "SetSpeed",
-    "SetTool",
-    "SetTorque",
-    "SetViewport",
-    "ShowPlots",
-    "Stop",
-    "TakeControl",
-    "Undo",
-    "Wheel",
-    "WriteRegister",
-    "read_hello",
-    "read_message",
-    "validate_message",
-]
-
-
 _MessageT = TypeVar("_MessageT")
 
 MAX_MESSAGE_BYTES = 2048

@@ -12,18 +12,6 @@ from pydantic import Field
 from ikservo.apps.page.messages.message_fields import Name, PageMessage
 from ikservo.apps.teaching.program import Speed
 
-__all__ = [
-    "AddStep",
-    "ChangeStep",
-    "DeleteStep",
-    "MoveStep",
-    "ProgramFile",
-    "ProgramMessage",
-    "RecordStep",
-    "RunProgram",
-    "SetProgram",
-]
-
 StepNumber = Annotated[int, Field(ge=1, le=2**31)]
 Place = Annotated[int, Field(ge=0, le=1000)]
 Wait = Annotated[float, Field(gt=0, le=3600, allow_inf_nan=False)]

@@ -8,8 +8,6 @@ from pydantic import Field
 
 from ikservo.apps.page.messages.message_fields import PageMessage
 
-__all__ = ["AddArm", "AddThing", "ChangeThing", "RemoveThing", "SaveThings", "ThingMessage"]
-
 ThingName = Annotated[str, Field(min_length=1, max_length=40)]
 Number = Annotated[float, Field(ge=-1000, le=1000, allow_inf_nan=False)]
 Triple = Annotated[tuple[Number | None, Number | None, Number | None], Field(strict=False)]

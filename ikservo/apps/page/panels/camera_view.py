@@ -17,7 +17,6 @@ from ikservo.apps.cameras.arm_camera import (
 )
 from ikservo.apps.cameras.camera_check import BoardPlace, compare_place
 from ikservo.apps.cameras.camera_file import CameraCheck, save_camera
-from ikservo.apps.cameras.capture import public_source
 from ikservo.apps.cameras.pictures import Picture, find_board, is_mirrored
 from ikservo.apps.cameras.tip_click import TipZero, find_tip_zero
 from ikservo.apps.page.dragging.snapshot import ArmSnapshot
@@ -28,9 +27,8 @@ from ikservo.apps.page.picking.projection import Viewport
 from ikservo.arm import Arm
 from ikservo.clock import Clock
 from ikservo.errors import CalibrationError, IkservoError
+from ikservo.files.public_source import public_source
 from ikservo.kinematics.arrays import Matrix, Vector
-
-__all__ = ["CameraView"]
 
 _CHECK_PERIOD_S = 1.0  # while somebody looks
 _REST_S, _AT_REST_RAD = 0.5, 2e-3  # longer than a picture is on its way

@@ -16,8 +16,6 @@ from ikservo.arm.leader_following import shared_joints
 from ikservo.clock import Clock
 from ikservo.errors import InputError
 
-__all__ = ["FindArm", "FollowPanel"]
-
 _PERIOD_S = 0.4  # between two figures that a person reads
 _FOLLOWED = 0.05  # rad or m; nearer than that nothing is refused any more
 

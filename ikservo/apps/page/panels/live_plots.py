@@ -12,8 +12,6 @@ from ikservo.apps.page.messages.page_messages import BadMessageError, ShowPlots
 from ikservo.apps.page.running.history import Channel, History, HistorySlice
 from ikservo.apps.page.server.server import Frame
 
-__all__ = ["PlotFeed"]
-
 _MAX_POINTS = 600
 _PERIOD_S = 0.2  # between two frames
 _DIGITS = 3

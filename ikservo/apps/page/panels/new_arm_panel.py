@@ -28,8 +28,6 @@ from ikservo.control.stop_requests import exiting_on_signals
 from ikservo.errors import IkservoError
 from ikservo.maintenance.dialogue import ACCEPT, Entry, Notice, Progress, Question, Unasked
 
-__all__ = ["AnswerNewArm", "CancelNewArm", "NewArmPanel", "StartNewArm"]
-
 _MAX_LINES = 200
 _LET_GO_S = 10.0  # for the process to switch off a servo's torque and to close the port
 _NICE = 10

@@ -10,14 +10,12 @@ from ikservo.apps.cameras.arm_camera import camera_key, known_camera
 from ikservo.apps.cameras.board import Board
 from ikservo.apps.cameras.camera_file import camera_names
 from ikservo.apps.cameras.camera_sources import SIMULATED_SOURCE, open_source
-from ikservo.apps.cameras.capture import public_source
 from ikservo.apps.page.panels.video import PictureCapture, VideoSource, source_name
 from ikservo.arm import Arm
 from ikservo.cli.camera_options import DEFAULT_BOARD
 from ikservo.clock import Clock
 from ikservo.errors import IkservoError, UnknownNameError
-
-__all__ = ["ArmCameras", "PageCameras"]
+from ikservo.files.public_source import public_source
 
 
 class PageCameras:

@@ -18,8 +18,6 @@ from ikservo.apps.teaching.program import (
 from ikservo.errors import BadValueError, InputError, UnknownNameError
 from ikservo.files.folders import config_dir
 
-__all__ = ["DraftStep", "ProgramDraft", "ProgramFolder"]
-
 
 @dataclass(frozen=True, slots=True)
 class DraftStep:

@@ -21,8 +21,6 @@ from ikservo.arm import Arm
 from ikservo.errors import InputError
 from ikservo.kinematics.arrays import Vector
 
-__all__ = ["ProgramPanel"]
-
 _DEG_PLACES, _M_PLACES, _TIP_PLACES = 2, 5, 4
 
 

@@ -57,8 +57,6 @@ from ikservo.hardware.servo import ServoSpec
 from ikservo.model import Model
 from ikservo.remedies import in_page
 
-__all__ = ["BenchMessage", "ServoBench", "WorkOnServo", "read_bench_message"]
-
 _PERIOD_S, _SPAN_S = 0.1, 60  # of what is plotted
 _MAX_WAITING = 8
 _POLL_S = 0.1  # so that closing is noticed

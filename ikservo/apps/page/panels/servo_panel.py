@@ -24,8 +24,6 @@ from ikservo.errors import BusError, IkservoError, InputError, PortError, Regist
 from ikservo.hardware.register_batches import Register
 from ikservo.hardware.servo import ServoSpec
 
-__all__ = ["ServoPanel", "table_frame", "write_limp", "write_values"]
-
 # What moves the arm, ends its replies or belongs to its calibration has ways of its own.
 _ELSEWHERE = {
     "torque_enable": "Use the switch beside the joint.",

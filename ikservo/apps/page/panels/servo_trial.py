@@ -22,8 +22,6 @@ from ikservo.errors import BadValueError, InputError, RefusedError
 from ikservo.hardware.register_batches import Register
 from ikservo.hardware.servo import ServoSpec
 
-__all__ = ["describe_trials", "trial_frame", "try_on_joint", "tunable_names"]
-
 _ROWS = 200  # of a plot
 
 

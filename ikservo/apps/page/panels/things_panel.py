@@ -24,8 +24,6 @@ from ikservo.kinematics.se3 import make_pose
 from ikservo.model.model import Obstacle
 from ikservo.model.scene_file import describe_thing, scene_text
 
-__all__ = ["AddOtherArm", "ThingsPanel"]
-
 _DRAWN_M = 5.0  # what is larger, such as a half-space, is not drawn
 _NEW_SIZE_M, _NEW_AWAY_M = 0.06, 0.1  # of a new thing, and of its place from the base
 _MOST = 100  # that a page adds to: each is checked on every path, and sent

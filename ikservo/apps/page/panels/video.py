@@ -14,12 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.apps.cameras.camera_sources import SIMULATED_SOURCE
-from ikservo.apps.cameras.capture import Capture, open_capture, public_source
+from ikservo.apps.cameras.capture import Capture, open_capture
 from ikservo.apps.cameras.pictures import PictureSource
 from ikservo.clock import Clock
 from ikservo.errors import IkservoError, InputError
-
-__all__ = ["VIDEO_TYPE", "Picture", "PictureCapture", "VideoSource", "source_name"]
+from ikservo.files.public_source import public_source
 
 VIDEO_TYPE = "multipart/x-mixed-replace; boundary=picture"
 _PERIOD_S = 1.0 / 15.0  # between two pictures

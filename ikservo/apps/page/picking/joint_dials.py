@@ -11,9 +11,6 @@ import numpy as np
 from ikservo.kinematics import Chain, ChainJoint, JointType
 from ikservo.kinematics.arrays import Matrix, Vector
 
-__all__ = ["JointDial", "joint_dials"]
-
-
 _MIN_ARM_M = 0.005
 
 

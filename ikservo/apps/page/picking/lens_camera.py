@@ -12,8 +12,6 @@ from ikservo.apps.page.picking.projection import Camera, Viewport
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.model.model import Obstacle
 
-__all__ = ["LensCamera", "PictureSurface", "make_lens_camera"]
-
 _AXES = np.array([1.0, -1.0, -1.0])  # OpenCV's y is down, its z ahead
 
 

@@ -9,8 +9,6 @@ import numpy as np
 from ikservo.kinematics import Chain, Joint
 from ikservo.kinematics.arrays import Matrix, Vector
 
-__all__ = ["link_poses", "other_joint_position"]
-
 
 def link_poses(chain: Chain, q: Vector, other_joints: Mapping[str, float]) -> dict[str, Matrix]:
     """Compute T_world_link (4, 4) of every link.

@@ -18,8 +18,6 @@ from ikservo.apps.page.picking.raycast import is_node
 from ikservo.kernels.compiled import entry
 from ikservo.kinematics.arrays import IntMatrix, IntVector, Matrix, Vector
 
-__all__ = ["DEPTH", "OFFSET", "RIGHT", "ROW", "UP", "find_in_square"]
-
 # A result: distance from the pointer (of the larger coordinate), place in the image, depth, row.
 OFFSET, RIGHT, UP, DEPTH, ROW = 0, 1, 2, 3, 4
 

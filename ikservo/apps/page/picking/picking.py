@@ -26,9 +26,6 @@ from ikservo.apps.page.picking.projection import Camera
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 
-__all__ = ["PICK_TOLERANCE_PX", "Hit", "HitTester", "PickCandidate", "Picker", "PointerContext"]
-
-
 PICK_TOLERANCE_PX = 5
 """The side of the square around the pointer, in pixels."""
 

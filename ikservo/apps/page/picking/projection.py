@@ -21,9 +21,6 @@ from ikservo.errors import BadValueError
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.rays import Ray
 
-__all__ = ["NEAR_PLANE_M", "Camera", "Viewport", "view_rotation"]
-
-
 NEAR_PLANE_M = 1e-3
 """Minimum depth of a perspective camera; nearer points are drawn as if at this depth."""
 

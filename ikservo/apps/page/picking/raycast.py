@@ -10,8 +10,6 @@ from ikservo.apps.page.picking.bvh import COUNT, FIRST, LEFT, RIGHT, ROW_WIDTH
 from ikservo.kernels.compiled import entry
 from ikservo.kinematics.arrays import IntMatrix, IntVector, Matrix, Vector
 
-__all__ = ["is_node", "raycast", "raycast_brute_force"]
-
 _MAX_STACK = 64
 _MISS = math.inf
 _MIN_DISTANCE_M = -1e-8  # a shape may touch the face of its box, where the ray meets it

@@ -27,17 +27,6 @@ from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import make_pose
 from ikservo.model import Model
 
-__all__ = [
-    "ArmExtent",
-    "ViewName",
-    "Viewpoint",
-    "arm_extent",
-    "available_views",
-    "home_joints",
-    "make_camera",
-]
-
-
 _SAMPLES = 2000
 _VERTICAL_COSINE, _PARALLEL = 0.99, 1e-3
 _BELOW_TABLE_M = 0.02

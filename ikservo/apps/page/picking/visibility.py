@@ -39,15 +39,6 @@ from ikservo.kinematics.conditioning import (
 from ikservo.model import Model
 from ikservo.model.collision_model import capsules_of
 
-__all__ = [
-    "TABLE",
-    "LinkVisibility",
-    "PostureAnalyser",
-    "PostureAnalysis",
-    "VisibilityChecker",
-    "visible_from",
-]
-
 TABLE = "the table"
 
 _TABLE_M = 3.0

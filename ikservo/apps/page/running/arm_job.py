@@ -12,8 +12,6 @@ from ikservo.arm import Arm, MotionProgress
 from ikservo.errors import RefusedError
 from ikservo.kinematics.arrays import Vector
 
-__all__ = ["ArmJob", "ExecutePath", "JobObserver", "RelaxArm", "ReleaseArm", "SetTipZero"]
-
 
 class JobObserver(Protocol):
     """Shows what the arm does meanwhile, and stops it where the page falls silent."""

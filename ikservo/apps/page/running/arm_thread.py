@@ -48,9 +48,6 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.remedies import in_page
 from ikservo.serving.lease import ArmLease
 
-__all__ = ["JERK_FACTOR", "ArmThread"]
-
-
 JERK_FACTOR = 8.0
 """Of the jerk of a speed class while a pointer is followed: its short ways are all jerk."""
 

@@ -28,9 +28,6 @@ from ikservo.maintenance.dialogue import (
 )
 from ikservo.model import Model
 
-__all__ = ["REFERENCE_POSE", "CalibrationDriver", "calibration_fields"]
-
-
 REFERENCE_POSE = "rest"
 
 

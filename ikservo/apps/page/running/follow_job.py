@@ -15,8 +15,6 @@ from ikservo.arm.following import follow_targets
 from ikservo.errors import RefusedError, StoppedError
 from ikservo.kinematics.arrays import Vector
 
-__all__ = ["FollowLeader"]
-
 
 class FollowLeader:
     """Follows a leader until it is finished (``ArmJob``).

@@ -10,8 +10,6 @@ import numpy as np
 
 from ikservo.kinematics.arrays import Vector
 
-__all__ = ["MAX_LAG_S", "FollowLag", "LagMeter"]
-
 MAX_LAG_S = 0.5
 """Longer ones are not told apart."""
 

@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 from ikservo.apps.page.dragging.snapshot import ArmSnapshot
 from ikservo.hardware.servo import LinkStatistics
 
-__all__ = ["QUANTITIES", "Channel", "History", "HistorySlice", "csv_lines"]
-
 _DURATION_S = 600.0
 _PERIOD_S = 0.02
 _JITTER_S = 0.001  # a cycle that comes so much early counts

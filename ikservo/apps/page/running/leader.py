@@ -11,8 +11,6 @@ from ikservo.clock import Clock, Rate
 from ikservo.errors import BusError, IkservoError, StoppedError
 from ikservo.serving.lease import is_fresh
 
-__all__ = ["LeadArm", "LeaderFeed"]
-
 _SHOWN_EVERY = 3  # samples; what the page shows takes time from the next one
 
 

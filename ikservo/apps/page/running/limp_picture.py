@@ -16,8 +16,6 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.maintenance.dialogue import HandRequest
 from ikservo.model import Model
 
-__all__ = ["LimpPicture", "show_calibration"]
-
 
 class LimpPicture:
     """Positions of the joints during a calibration.

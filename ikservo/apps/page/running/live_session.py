@@ -10,8 +10,6 @@ from ikservo.errors import RefusedError
 from ikservo.kinematics.arrays import Vector
 from ikservo.serving.lease import ArmLease
 
-__all__ = ["CycleObserver", "LiveSession"]
-
 
 class CycleObserver(Protocol):
     """Receives every control cycle and provides the current command."""

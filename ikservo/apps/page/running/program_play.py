@@ -15,8 +15,6 @@ from ikservo.apps.teaching.program_run import ProgramRun
 from ikservo.arm import Arm
 from ikservo.errors import BusError, IkservoError
 
-__all__ = ["PlayState", "ProgramPlay"]
-
 Phase = Literal["idle", "checking", "ok", "playing", "paused", "stopped", "bad", "done"]
 
 

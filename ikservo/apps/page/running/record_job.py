@@ -11,8 +11,6 @@ from ikservo.arm import Arm
 from ikservo.errors import InputError
 from ikservo.files.writing import make_folder
 
-__all__ = ["SUFFIX", "RecordArm"]
-
 SUFFIX = ".jsonl"
 _SHOWN_EVERY = 5  # samples; reading what the page shows takes time on the bus
 

@@ -22,18 +22,6 @@ if TYPE_CHECKING:
     from uvicorn import Config
     from uvicorn.server import ServerState
 
-__all__ = [
-    "MAX_PENDING_CONNECTIONS",
-    "AccessTokens",
-    "ConnectionLimiter",
-    "OriginCheckMiddleware",
-    "Permission",
-    "challenge_response",
-    "is_allowed_origin",
-    "new_nonce",
-]
-
-
 _KEY_BYTES = 24  # 192 bits
 _SINGLE_HEADERS = frozenset(
     {"host", "origin", "sec-fetch-site", "sec-fetch-mode", "sec-fetch-dest"}

@@ -20,8 +20,6 @@ from ikservo.errors import IkservoError, InputError
 from ikservo.files.folders import config_dir
 from ikservo.files.writing import write_atomic
 
-__all__ = ["CertificateError", "PageCertificate", "load_or_make_certificate"]
-
 _FILE_NAME = "view-certificate.pem"
 _VALID_DAYS = 3650
 _OTHERS = stat.S_IRWXG | stat.S_IRWXO

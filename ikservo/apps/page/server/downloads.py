@@ -12,8 +12,6 @@ from starlette.responses import PlainTextResponse, Response, StreamingResponse
 
 from ikservo.clock import Clock
 
-__all__ = ["Download", "DownloadOffers"]
-
 _VALID_S = 30.0
 _MAX_OFFERS = 16
 

@@ -23,16 +23,6 @@ from ikservo.apps.page.picking.projection import Viewport
 from ikservo.apps.page.picking.viewpoints import Viewpoint
 from ikservo.apps.page.server.auth import Permission
 
-__all__ = [
-    "MAX_MESSAGE_AGE_S",
-    "Client",
-    "MessageFilter",
-    "RateLimitError",
-    "StaleMessageError",
-    "StalePressError",
-]
-
-
 _MessageT = TypeVar("_MessageT", bound=PageMessage)
 
 MAX_MESSAGE_AGE_S = 1.0

@@ -48,18 +48,6 @@ from ikservo.remedies import in_page
 if TYPE_CHECKING:
     from ikservo.apps.page.server.certificate import PageCertificate
 
-__all__ = [
-    "BoundAddress",
-    "PageChannel",
-    "SessionBackend",
-    "SessionEndedError",
-    "make_app",
-    "serve",
-    "serve_in_thread",
-    "static_routes",
-]
-
-
 _TYPES = {"html": "text/html", "css": "text/css", "js": "text/javascript", "svg": "image/svg+xml"}
 
 

@@ -18,8 +18,6 @@ from ikservo.ros_messages.arm_messages import RosMessage, Topic
 from ikservo.ros_messages.message_types import encode, make
 from ikservo.ros_messages.service_types import CANCEL_GOAL
 
-__all__ = ["ActionGoal", "ActionServer", "Executor", "GoalStatus", "time_message"]
-
 _STATUS = "action_msgs/msg/GoalStatusArray"
 _MAX_ENDED = 64  # goals whose results are kept
 _NS = 1_000_000_000

@@ -40,8 +40,6 @@ from ikservo.ros_messages.arm_messages import (
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = ["INPUTS", "OUTPUTS", "SERVICES", "RosBridge"]
-
 TRAJECTORY = Topic("/joint_trajectory", "trajectory_msgs/msg/JointTrajectory")
 TWIST = Topic("/servo_twist", "geometry_msgs/msg/TwistStamped")
 POSE = Topic("/target_pose", "geometry_msgs/msg/PoseStamped")

@@ -17,8 +17,6 @@ from ikservo.arm.arm_protocol import GoalStream
 from ikservo.errors import IkservoError, RefusedError
 from ikservo.kinematics.arrays import Vector
 
-__all__ = ["GoalDriver", "GoalEnd", "GoalWatch"]
-
 _PERIOD_S = 0.02
 _STILL_RAD, _STILL_S = 0.002, 0.3  # no joint moved further in this time: it has arrived
 _START_S = 2.0  # until when the arm moves at the latest, its torque being switched on before

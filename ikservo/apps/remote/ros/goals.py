@@ -15,9 +15,6 @@ from ikservo.ik import Target
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.se3 import exp_so3, quaternion_to_matrix
 
-__all__ = ["MotionGoal", "PoseGoal", "TrajectoryGoal", "TwistGoal", "check_age", "pose_goal",
-           "trajectory_goal"]  # fmt: skip
-
 _MAX_POINTS = 10_000
 _MAX_DURATION_S = 3600.0
 _MAX_AHEAD_S = 1.0

@@ -26,8 +26,6 @@ from ikservo.ros_messages.message_types import TRIGGER, decode, encode, make
 if TYPE_CHECKING:
     import zenoh
 
-__all__ = ["Respond", "RosNode"]
-
 _MAX_MESSAGE_BYTES = 1024 * 1024
 _MAX_PENDING = 16
 _MAX_SENDERS = 256

@@ -28,8 +28,6 @@ from ikservo.errors import BadValueError, IkservoError, InputError, RefusedError
 from ikservo.ros_messages.message_types import make
 from ikservo.ros_messages.service_types import FOLLOW
 
-__all__ = ["ACTION", "ErrorCode", "TrajectoryAction"]
-
 ACTION = "/joint_trajectory_controller/follow_joint_trajectory"
 """As the controller of ros2_control names it by default."""
 

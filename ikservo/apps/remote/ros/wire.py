@@ -13,9 +13,6 @@ from enum import Enum
 from ikservo.errors import BadValueError, InputError
 from ikservo.ros_messages.message_types import type_hash
 
-__all__ = ["MAX_DOMAIN", "Attachment", "EndpointKind", "NodeName", "check_namespace", "data_key",
-           "endpoint_token", "node_token"]  # fmt: skip
-
 MAX_DOMAIN = 232
 """The highest domain of ROS 2."""
 

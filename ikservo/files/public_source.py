@@ -1,0 +1,42 @@
+"""Name a source of pictures without the passwords in its address."""
+
+from __future__ import annotations
+
+import re
+from urllib.parse import urlsplit
+
+HIDDEN = "…"
+_PUBLIC_QUERY = re.compile(
+    r"(action|camera|channel|fps|height|profile|quality|resolution|stream|subtype|width)"
+    r"=[\w.x-]{1,12}",
+    re.ASCII | re.IGNORECASE,
+)
+"""Parts of a query that say which picture is meant; any other part may be a password."""
+
+
+def public_source(source: str) -> str:
+    """Return the name of a source of pictures without passwords.
+
+    Every message, page and file names a source by this. Of an address it keeps scheme, host, port,
+    path, and those parts of the query that are known to be harmless; "…" stands for what it leaves
+    out. A public name is its own public name.
+    """
+    scheme, separator, rest = source.rpartition("://") if "://" in source else ("", "", source)
+    if not separator:
+        user, at, place = source.rpartition("@")  # an address whose scheme was forgotten
+        return f"{HIDDEN}@{place}" if at and ":" in user else source
+    user, at, place = rest.rpartition("@")  # the last one: passwords may contain "@", "/" and "?"
+    try:
+        parts = urlsplit(f"//{place}")
+        host, port = parts.hostname or "", f":{parts.port}" if parts.port else ""
+    except ValueError:  # no valid port or address
+        host, port, parts = HIDDEN, "", urlsplit("")
+    path = "/".join(HIDDEN if "=" in part else part for part in parts.path.split("/"))
+    query = "&".join(
+        part if _PUBLIC_QUERY.fullmatch(part) else HIDDEN for part in parts.query.split("&")
+    )
+    return (
+        f"{scheme if re.fullmatch(r'[A-Za-z0-9+.-]+', scheme) else HIDDEN}://"
+        f"{f'{HIDDEN}@' if at else ''}{f'[{host}]' if ':' in host else host}{port}{path}"
+        f"{f'?{query}' if parts.query else ''}{f'#{HIDDEN}' if parts.fragment else ''}"
+    )
