@@ -80,7 +80,7 @@ class LazyCommandGroup(TyperGroup):
 
     def resolve_command(self, ctx: Any, args: list[str]) -> Any:  # noqa: ANN401
         """Find the named command; suggest the closest name if there is none."""
-        if len(args) > 1 and find_command(" ".join(args[:2])) is not None:
+        if len(args) > 1 and " ".join(args[:2]) in built_in_commands():  # such as "arms new"
             args = [" ".join(args[:2]), *args[2:]]
         if args and not args[0].startswith("-") and find_command(self.prefix + args[0]) is None:
             matches = difflib.get_close_matches(args[0].lower(), self.list_commands(ctx), n=1)

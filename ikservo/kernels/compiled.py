@@ -42,7 +42,7 @@ class _Extension(Protocol):
     """The extension module, see tools/kernel/extension.c."""
 
     SOURCES: str
-    DIGEST: str
+    DIGESTS: str
 
     def bind(self, name: str, /, *arguments: object) -> Callable[..., object]:
         """Return a kernel with its first arguments."""
@@ -116,14 +116,17 @@ def _extension() -> _Extension | None:
         found = cast("_Extension", importlib.import_module("ikservo.kernels._compiled"))
     except ImportError:
         return None
-    digest = hashlib.sha256()
-    for source in found.SOURCES.split():
-        digest.update((_PACKAGE.parent / source).read_bytes())
-    if digest.hexdigest() == found.DIGEST:
+    if not any(map(_has_changed, found.SOURCES.split(), found.DIGESTS.split())):
         return found
     text = "The kernels were changed since they were compiled and run as Python. Try: make build"
     warnings.warn(text, RuntimeWarning, stacklevel=2)
     return None
+
+
+def _has_changed(source: str, digest: str) -> bool:
+    """Check whether a source is another one; that of an app that was deleted has not changed."""
+    path = _PACKAGE.parent / source
+    return path.exists() and hashlib.sha256(path.read_bytes()).hexdigest() != digest
 
 
 def _remove_numba_caches() -> None:

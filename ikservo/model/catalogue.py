@@ -1,13 +1,20 @@
-"""The arms that ship with ikservo."""
+"""The arms that ship with ikservo, and those of other distributions."""
 
 from __future__ import annotations
 
 import re
+from contextlib import suppress
+from functools import cache
+from importlib.util import find_spec
 from pathlib import Path
 
+from ikservo.app_discovery import other_packages_have
 from ikservo.errors import UnknownNameError
 
 ARM_FILE = "arm.toml"
+
+ARMS_GROUP = "ikservo.arms"
+"""Entry point group: each entry is a package; a folder of it with an ``arm.toml`` is an arm."""
 
 _NAME = re.compile(r"[A-Za-z0-9_-]{1,64}")
 _SUFFIXES = (".toml", ".urdf", ".xacro", ".xml")
@@ -48,10 +55,25 @@ def catalogue_name(path: Path) -> str | None:
 
 
 def _arm_folders() -> tuple[Path, ...]:
-    """Return the folders that contain one folder per arm."""
+    """Return the folders that contain one folder per arm: ours first, so it keeps its names."""
     package = Path(__file__).absolute().parents[1]
     shipped = package / "_configs"
-    return (shipped if shipped.is_dir() else package.parent / "configs",)
+    return (shipped if shipped.is_dir() else package.parent / "configs", *_folders_of_others())
+
+
+@cache
+def _folders_of_others() -> tuple[Path, ...]:
+    """Return the folders of arms that other distributions name in their entry points."""
+    if not other_packages_have(ARMS_GROUP):
+        return ()
+    from importlib.metadata import entry_points  # noqa: PLC0415  # slow, seldom needed
+
+    found: list[str] = []
+    for point in entry_points(group=ARMS_GROUP):
+        with suppress(Exception):  # a package that cannot be imported has no arms
+            spec = find_spec(point.value)
+            found += spec.submodule_search_locations or () if spec else ()
+    return tuple(map(Path, found))
 
 
 def _arm_names_in(shelf: Path) -> list[str]:

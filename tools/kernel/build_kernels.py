@@ -88,18 +88,23 @@ def build(into: Path, *, sanitize: bool = False) -> Path | None:
 
 def _write_kernels(*, sanitize: bool) -> _Plan:
     """Translate the kernels into one file beside the compiler's own."""
-    code, sources, digest = translate(ROOT, _MODULES)
+    code, sources, digests = translate(ROOT, [name for name in _MODULES if _exists(name)])
     unix = sys.platform != "win32"
     flags = (_UNIX if unix else _WINDOWS) + (_SANITIZE if sanitize else [])
     tools = (Path(__file__).parent / "extension.c").read_bytes() + " ".join(flags).encode()
-    build_id = hashlib.sha256(code.encode() + tools + digest.encode()).hexdigest()
+    build_id = hashlib.sha256(code.encode() + tools + digests.encode()).hexdigest()
     names = " ".join(path.relative_to(ROOT).as_posix() for path in sources)
     kernels = ROOT / "build" / "kernel" / "kernels.c"
     kernels.parent.mkdir(parents=True, exist_ok=True)
-    strings = {"SOURCES": names, "DIGEST": digest, "BUILD_ID": build_id}
+    strings = {"SOURCES": names, "DIGESTS": digests, "BUILD_ID": build_id}
     lines = [f'#define {name} "{value}"' for name, value in strings.items()]
     kernels.write_text("\n".join([*lines, code]), encoding="utf-8")
     return _Plan(kernels, flags, (_SANITIZE if sanitize else []), build_id)
+
+
+def _exists(module: str) -> bool:
+    """Check whether a module is there: its app may have been deleted."""
+    return (ROOT / module.replace(".", "/")).with_suffix(".py").is_file()
 
 
 def _compile(plan: _Plan, into: Path) -> Path | None:

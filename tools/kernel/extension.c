@@ -223,7 +223,7 @@ PyMODINIT_FUNC PyInit__compiled(void) {
     import_array();
     PyObject *module = PyModule_Create(&MODULE);
     if (module == NULL || PyModule_AddStringConstant(module, "SOURCES", SOURCES) < 0 ||
-        PyModule_AddStringConstant(module, "DIGEST", DIGEST) < 0 ||
+        PyModule_AddStringConstant(module, "DIGESTS", DIGESTS) < 0 ||
         PyModule_AddStringConstant(module, "BUILD_ID", BUILD_ID) < 0) {
         Py_XDECREF(module);
         return NULL;

@@ -69,10 +69,10 @@ class Sources:
             raise module.refusal(node, f"{name}() is not known")
         return home
 
-    def digest(self) -> tuple[list[Path], str]:
-        """Return the files that were read, and the digest of all that is in them."""
+    def digests(self) -> tuple[list[Path], str]:
+        """Return the files that were read, and the digest of each, separated by spaces."""
         paths = sorted(module.path for module in self.modules.values())
-        return paths, hashlib.sha256(b"".join(path.read_bytes() for path in paths)).hexdigest()
+        return paths, " ".join(hashlib.sha256(path.read_bytes()).hexdigest() for path in paths)
 
     def _path(self, name: str) -> Path:
         return self._root.joinpath(*name.split(".")).with_suffix(".py")

@@ -384,7 +384,7 @@ def _returns(node: ast.stmt) -> bool:
 
 
 def translate(root: Path, modules: list[str]) -> tuple[str, list[Path], str]:
-    """Return the entries of some modules in C, the files they come from, and those files' digest.
+    """Return the entries of some modules in C, the files they come from, and those files' digests.
 
     Args:
         root: The folder that holds the package.
@@ -397,4 +397,4 @@ def translate(root: Path, modules: list[str]) -> tuple[str, list[Path], str]:
     for name in modules:
         program.add_entries(program.sources.load(name))
     table = ["static const Entry ENTRIES[] = {", *program.table, "    {NULL, NULL, 0, NULL},", "};"]
-    return "\n".join([*program.c, *table, ""]), *program.sources.digest()
+    return "\n".join([*program.c, *table, ""]), *program.sources.digests()

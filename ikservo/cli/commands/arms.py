@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from ikservo.cli.options import JsonOption
-from ikservo.cli.terminal import print_json, print_lines, print_table
+from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
+from ikservo.errors import FileFormatError
 from ikservo.model import Model, ModelServo, arm_names, load_model
 
 _CONVENTION = "x forward, y left, z up, origin on the first axis at the mounting surface"
@@ -16,7 +19,7 @@ def command(*, json: JsonOption = False) -> None:
 
     ikservo arms new mine --from robot.urdf        makes the folder of a new arm
     """
-    models = [load_model(name) for name in arm_names()]
+    models = list(_readable_models())
     if json:
         print_json("arms", arms=[_arm_metadata(model) for model in models])
         return
@@ -35,6 +38,15 @@ def command(*, json: JsonOption = False) -> None:
     frames[:0] = [[model.name, model.base_frame] for model in models if model.base_frame]
     print_lines([""])
     print_table(["name", "base frame"], frames)
+
+
+def _readable_models() -> Iterator[Model]:
+    """Yield all arms; one of another package whose files are damaged is named and left out."""
+    for name in arm_names():
+        try:
+            yield load_model(name)
+        except FileFormatError as error:
+            print_status(f"Warning: {error.command_message}")
 
 
 def _arm_metadata(model: Model) -> dict[str, object]:
