@@ -11,7 +11,7 @@ import pytest
 from ikservo.apps.page.picking import pick_region, raycast
 from ikservo.apps.page.picking.link_poses import link_poses
 from ikservo.apps.page.picking.picking import Picker
-from ikservo.guard import CollisionChecker, clear_space
+from ikservo.guard import CollisionChecker, clear_space, way_search, way_search_kernel
 from ikservo.guard.sag import Weight, sag_of
 from ikservo.ik import Solver, solver
 from ikservo.ik.prepare import TargetKind
@@ -76,6 +76,22 @@ def first_contact(monkeypatch):
         space.contains(np.zeros((2, 4)))
 
 
+def find_way(monkeypatch):
+    def bind(name, *arguments):
+        return lambda *others: getattr(way_search_kernel, name)(*arguments, *others)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(way_search, "bind", bind)
+        patch.setattr(way_search, "_NODES", 50)
+        space = CollisionChecker(every_kind_of_joint(), 0.02, BOXES).clear_space(0.0, load=0.0)
+        found = way_search.WaySearch(space, np.zeros(4), np.ones((1, 4)), -np.ones(4), np.ones(4))
+        found.has_ended = False
+        found._goals = np.ones((1, 4))
+        found._plant()
+        found._grow_trees(0.1, 200)
+        found._shortened(np.array([np.zeros(4), 0.1 * np.ones(4), np.zeros(4)]), 0.1)
+
+
 def project_tool(_):
     model = load_model("so101")
     constraint = PathConstraint(upright_rad=0.2, above_m=(0, 0, 0.1))
@@ -112,6 +128,8 @@ ENTRIES = [
     (collision_kernel, "gravity_torques_kernel", gravity_torques_kernel),
     (free_path_kernel, "first_contact", first_contact),
     (free_path_kernel, "free_postures", first_contact),
+    (way_search_kernel, "grow_trees", find_way),
+    (way_search_kernel, "shorten_way", find_way),
     (raycast, "raycast", cast_rays),
     (raycast, "raycast_brute_force", raycast_brute_force),
     (pick_region, "find_in_square", find_in_square),

@@ -23,6 +23,7 @@ from ikservo.errors import BadValueError
 from ikservo.guard import StopKind, StopReason
 from ikservo.planning.motion_plan import MotionPlan
 from ikservo.planning.motions import (
+    THINK_S,
     Draw,
     LookAt,
     Lower,
@@ -98,6 +99,7 @@ class GoalOptions(JointOptions, total=False):
 
     straight: bool
     within: PathConstraint
+    think_s: float
 
 
 class TipOptions(JointOptions, total=False):
@@ -116,6 +118,7 @@ class PointOptions(TipOptions, total=False):
     """Options of ``move_to``; see ``MoveTo``."""
 
     straight: bool
+    think_s: float
 
 
 class LineOptions(TipOptions, total=False):
@@ -579,10 +582,12 @@ class MotionMethods(Protocol):
         speed: str = "normal",
         straight: bool = False,
         within: PathConstraint = UNCONSTRAINED,
+        think_s: float = THINK_S,
     ) -> MotionPlan:
         """Plan a motion of some joints; see ``move_joints``."""
         goals = parse_all_positions(positions, self.joint_names)
-        return self.plan(MoveJoints(goals, speed=speed, straight=straight, within=within))
+        motion = MoveJoints(goals, speed=speed, straight=straight, within=within, think_s=think_s)
+        return self.plan(motion)
 
     def plan_look(self, point_m: ArrayLike, *, speed: str = "normal") -> MotionPlan:
         """Plan a motion after which the tool axis points at a point (3,) [m]; see ``look_at``."""

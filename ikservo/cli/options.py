@@ -95,6 +95,10 @@ StraightOption = Annotated[
     bool,
     typer.Option("--straight", help="Do not move around what is in the way: refuse."),
 ]
+ThinkOption = Annotated[
+    float,
+    typer.Option("--think", parser=parse_time_s, help="Longest search for a way around things."),
+]
 OverwriteOption = Annotated[bool, typer.Option("--overwrite", help="Replace an existing file.")]
 UncalibratedOption = Annotated[
     bool,

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import signal
 import sys
+import threading
 from collections.abc import Callable, Generator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 from ikservo.arm import Arm, MotionPlan, MotionProgress, OpenArm, StopKind, ZeroSource, open_arm
 from ikservo.arm.opening import open_own_arm, require_own_port
@@ -20,9 +22,11 @@ from ikservo.errors import IkservoError, InputError, StoppedError, format_point
 from ikservo.kernels.compiled import is_compiled
 from ikservo.model import load_model
 from ikservo.model.scene_file import PlacedArm, with_scene_and_arms
+from ikservo.planning.motions import MotionValue
 
 # How long to wait for a second Ctrl-C: longer for a user than for a script.
 _KEY_TIMEOUT_S, _SIGNAL_TIMEOUT_S = 2.0, 1.0
+_SLOW_PLAN_S = 1.0  # after this time the user is told what takes so long
 
 _REPEATABLE = (StopKind.CTRL_C, StopKind.TERMINATED)
 
@@ -142,6 +146,18 @@ def _opened_beside(machine: OpenArm, placed: Sequence[PlacedArm]) -> Generator[N
             opened.enter_context(other)
             scene.add_arm(other, each.name, each.at_m, each.rpy_deg)
         yield
+
+
+def plan_motion(machine: OpenArm, motion: MotionValue[Any]) -> MotionPlan:
+    """Return the plan of a motion; if that takes more than a second, say what is done."""
+    words = "Looking for a way around what is in the path; Ctrl-C ends it."
+    timer = threading.Timer(_SLOW_PLAN_S, print_status, [words])
+    timer.daemon = True
+    timer.start()
+    try:
+        return machine.plan(motion)
+    finally:
+        timer.cancel()
 
 
 def announce(plan: MotionPlan, machine: OpenArm, options: MotionOptions) -> None:

@@ -36,6 +36,11 @@ class ClearSpace:
         load: Multiple of gravity under which it does.
         bends: Returns where the links are (n, dof) from where the joints' sensors are; None for an
             arm that does not give way behind them.
+        sampled_m: The distances (2, pairs) that searches which look at samples keep there; as
+            ``allowed_m`` if None.
+
+    Attributes:
+        sampled: What such searches give to the kernel.
     """
 
     def __init__(
@@ -47,22 +52,27 @@ class ClearSpace:
         sag: GravitySag | None,
         load: float,
         bends: Callable[[Matrix], Matrix] | None = None,
+        sampled_m: Matrix | None = None,
     ) -> None:
         from ikservo.kernels import free_path as free_path_kernel  # noqa: PLC0415  # as the checker's
 
         self._bends = bends
         self._no_contact, self._dof, links = free_path_kernel.FREE, body.dof, len(body.names)
         halves_m, balls = _balls(body)
-        order = np.argsort(body.rows[:, 2], kind="stable")
+        rows = body.rows[np.argsort(body.rows[:, 2], kind="stable")]
+        after = np.searchsorted(rows[:, 2], rows[:, 2], side="right")
+        pairs = np.column_stack([rows, after])
         arguments = (
-            body.links, body.capsules, halves_m, balls, body.rows[order], shapes, floor_m,
+            body.links, body.capsules, halves_m, balls, pairs, shapes, floor_m,
             np.vstack([body.pair_reach_m, body.reach_m]),
             np.zeros((links, 4)) if sag is None else sag.masses,
             np.zeros((3, body.dof)) if sag is None else sag.bounds,
-            np.empty((links, 12)), np.empty((len(body.capsules), 6)), np.empty((links, 6)),
+            np.empty((links, 12)), np.empty((len(body.capsules), 6)), np.empty((links, 4)),
             np.empty((3, body.dof)), np.zeros(len(body.pairs) + links), allowed_m,
             0.0 if sag is None else load,
         )  # fmt: skip
+        sampled_m = allowed_m if sampled_m is None else sampled_m
+        self.sampled = (*arguments[:-2], sampled_m, arguments[-1])
         self._first_contact = bind("first_contact", *arguments)
         self._free_postures = bind("free_postures", *arguments)
 
@@ -91,6 +101,8 @@ def _close_postures(start: Vector, goal: Vector) -> Matrix:
 
 def _balls(body: PackedBody) -> tuple[Vector, Matrix]:
     """Compute half the length of each capsule, and a ball around those of each link."""
+    from ikservo.kernels.free_path import FIRST_CAPSULE, LAST_CAPSULE  # noqa: PLC0415
+
     starts, ends = body.capsules[:, START : START + 3], body.capsules[:, END : END + 3]
     balls = np.zeros((len(body.names), CAPSULE_WIDTH))
     balls[:, LINK] = np.arange(len(body.names))
@@ -99,7 +111,9 @@ def _balls(body: PackedBody) -> tuple[Vector, Matrix]:
         if own.any():
             points = np.vstack([starts[own], ends[own]])
             centre = 0.5 * (points.min(axis=0) + points.max(axis=0))
-            ball[START : START + 3] = ball[END : END + 3] = centre
+            ball[START : START + 3] = centre
+            ball[FIRST_CAPSULE] = first = own.argmax()  # those of a link stand together
+            ball[LAST_CAPSULE] = first + own.sum()
             apart_m = np.linalg.norm(points - centre, axis=1)
             ball[RADIUS] = (apart_m + np.tile(body.capsules[own, RADIUS], 2)).max()
     return 0.5 * np.linalg.norm(ends - starts, axis=1), balls

@@ -25,6 +25,9 @@ _TOUCH_M = 1e-9
 # Between two samples a distance may change unseen by this much; deeper contact is found.
 _MAX_UNCHECKED_M = 0.001
 _MAX_HALVINGS = 12
+# Searches look at samples. These keep more than the distance, by this fraction of what it is above
+# a length, so that motions between them keep it, too.
+_FURTHER, _ABOVE_M = 0.2, 0.001
 # A contact of the start may get this much deeper on the way: an arm that turns a joint while it
 # touches the table. At the end the bodies themselves may not, or many short motions would add up.
 _DEEPER_M, _DEEPER_AT_END_M = 5e-4, 1e-6
@@ -238,16 +241,26 @@ class CollisionChecker:
             load: Multiple of gravity under which an arm that yields keeps the distance, too; 0
                 where that is not looked at.
         """
-        near_m, count = np.full(len(self._pairs_with_sag), margin_m), len(self.pairs)
+        nearest_m = np.full(len(self._pairs_with_sag), np.inf)
         if ends is not None:
-            nearest_m = self.distances_with_sag(ends, load).min(axis=0, initial=margin_m)
-            near_m = np.where(nearest_m < margin_m, 0.5 * np.maximum(nearest_m, 0.0), margin_m)
+            nearest_m = self.distances_with_sag(ends, load).min(axis=0, initial=np.inf)
+        near_m = np.where(nearest_m < margin_m, 0.5 * np.maximum(nearest_m, 0.0), margin_m)
+        sampled_m = near_m + _FURTHER * np.maximum(near_m - _ABOVE_M, 0.0)
+        sampled_m = np.minimum(sampled_m, np.maximum(nearest_m, 0.0))
+        allowed_m, sampled_m = (self._allowed_of_capsules(each) for each in (near_m, sampled_m))
+        sag = self.sag if isinstance(self.sag, GravitySag) and load > 0.0 else None
+        return ClearSpace(
+            self.body, self.shapes, self.floor_m, allowed_m, sag, load, self.bends, sampled_m
+        )
+
+    def _allowed_of_capsules(self, near_m: Vector) -> Matrix:
+        """Return how near capsules may come (2, pairs), sagging below, of the pairs' distances."""
+        count = len(self.pairs)
         allowed_m = np.tile(near_m[:count] - self.overlap_m, (2, 1))
         if self.sag is not None:
             allowed_m[1, len(self.body.pairs) :] = near_m[count:]
         allowed_m[:, ~self.watched] = -np.inf
-        sag = self.sag if isinstance(self.sag, GravitySag) and load > 0.0 else None
-        return ClearSpace(self.body, self.shapes, self.floor_m, allowed_m, sag, load, self.bends)
+        return allowed_m
 
     def distances(self, path: Sequence[Vector] | Matrix) -> Matrix:
         """Compute the distance of each pair (n, pairs) [m] in postures (n, dof)."""

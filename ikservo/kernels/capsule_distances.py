@@ -217,12 +217,9 @@ def place_links(links: Matrix, q: Vector, places: Matrix) -> None:
                 places[i, k] = 1.0 if k % 4 == 0 else 0.0
             continue
         _compose_pose(places, parent, links, i, places, i)
-        _apply_joint_motion(
-            places,
-            i,
-            links,
-            links[i, MIMIC_SCALE] * q[int(links[i, MIMIC_COLUMN])] + links[i, MIMIC_OFFSET],
-        )
+        value = links[i, MIMIC_SCALE] * q[int(links[i, MIMIC_COLUMN])] + links[i, MIMIC_OFFSET]
+        if value != 0.0:  # fixed joints have none
+            _apply_joint_motion(places, i, links, value)
 
 
 def _compose_pose(a: Matrix, i: int, links: Matrix, j: int, out: Matrix, k: int) -> None:
@@ -264,17 +261,22 @@ def _apply_joint_motion(places: Matrix, i: int, links: Matrix, value: float) -> 
 def place_capsules(capsules: Matrix, places: Matrix, ends: Matrix) -> None:
     """Compute both ends of each capsule's segment from the places of the links."""
     for i in range(len(capsules)):
-        link = int(capsules[i, LINK])
-        for r in range(3):
-            x, y, z = places[link, 3 * r], places[link, 3 * r + 1], places[link, 3 * r + 2]
-            for end in range(2):
-                at = START + end * (END - START)
-                ends[i, 3 * end + r] = (
-                    places[link, 9 + r]
-                    + x * capsules[i, at]
-                    + y * capsules[i, at + 1]
-                    + z * capsules[i, at + 2]
-                )
+        place_capsule(capsules, i, places, ends)
+
+
+def place_capsule(capsules: Matrix, i: int, places: Matrix, ends: Matrix) -> None:
+    """Compute both ends of the segment of capsule ``i`` from the places of the links."""
+    link = int(capsules[i, LINK])
+    for r in range(3):
+        x, y, z = places[link, 3 * r], places[link, 3 * r + 1], places[link, 3 * r + 2]
+        for end in range(2):
+            at = START + end * (END - START)
+            ends[i, 3 * end + r] = (
+                places[link, 9 + r]
+                + x * capsules[i, at]
+                + y * capsules[i, at + 1]
+                + z * capsules[i, at + 2]
+            )
 
 
 def segment_distance(ends: Matrix, i: int, j: int) -> float:

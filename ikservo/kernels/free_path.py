@@ -15,7 +15,7 @@ import numpy as np
 from ikservo.kernels.capsule_distances import (
     add_gravity_torques,
     is_tree,
-    place_capsules,
+    place_capsule,
     place_links,
     point_shape_distance,
     segment_distance,
@@ -23,13 +23,18 @@ from ikservo.kernels.capsule_distances import (
 )
 from ikservo.kernels.compiled import entry
 from ikservo.kinematics.arrays import IntVector, Matrix, Vector
-from ikservo.kinematics.packed import CAPSULE_WIDTH, LINK, RADIUS, SHAPE_WIDTH
+from ikservo.kinematics.packed import CAPSULE_WIDTH, END, LINK, RADIUS, SHAPE_WIDTH, START
 
 FREE = 2.0
 """What ``first_contact`` returns where there is none."""
 
+# Where a ball differs from a capsule: it has no other end, but the capsules that are in it.
+FIRST_CAPSULE, LAST_CAPSULE = END, END + 1  # the latter is the one behind them
+_PLACED = 3  # entry of a centre: 1 where the capsules of the link are placed
+
 _TOUCH_M = 1e-9
 _UNSEEN_M = 0.001  # less than this a pair may come nearer unseen than is allowed
+_SAME = 1e-12  # a shorter part of a motion is none
 _STACK = 64
 _MOST = 20000  # postures between two of a path: at a millimetre each, a way of 20 m
 
@@ -59,10 +64,16 @@ def path_fits(
     between = allowed.shape[1] - count * (1 + len(shapes))
     if not is_tree(links, dof) or between < 0 or not _are_capsules(capsules, count):
         return False
-    if len(balls) != count or not _are_capsules(balls, count) or pairs.shape[1] != 3:
+    if len(balls) != count or not _are_capsules(balls, count) or pairs.shape[1] != 4:
         return False
+    for i in range(count):
+        first, last = balls[i, FIRST_CAPSULE], balls[i, LAST_CAPSULE]
+        if not (first >= 0.0 and first <= last <= len(capsules)):
+            return False
     for k in range(len(pairs)):
-        first, second, column = pairs[k, 0], pairs[k, 1], pairs[k, 2]
+        first, second, column, after = pairs[k, 0], pairs[k, 1], pairs[k, 2], pairs[k, 3]
+        if not (k < after <= len(pairs)):
+            return False
         if not (0.0 <= first < len(capsules) and 0.0 <= second < len(capsules)):
             return False
         if not 0.0 <= column < between:
@@ -82,7 +93,7 @@ def path_fits(
         and len(ends) == len(capsules)
         and ends.shape[1] == 6
         and len(centres) == count
-        and centres.shape[1] == 6
+        and centres.shape[1] == 4
         and len(postures) == 3
         and postures.shape[1] == dof
         and len(rates) == between + count
@@ -118,8 +129,9 @@ def first_contact(
         links: One row a link, parents first; see ``kinematics.packed``.
         capsules: One row each, those of a link together.
         halves_m: Half the length of each capsule.
-        balls: (links, 8) a capsule without length around those of each link.
-        pairs: (m, 3) rows of two capsules, and their column, those of a column together.
+        balls: (links, 8) a ball around the capsules of each link; see ``FIRST_CAPSULE``.
+        pairs: (m, 4) rows of two capsules, their column, those of a column together, and the first
+            row of the next column.
         shapes: (k, 17) rows of things.
         floor_m: The height of the table; minus infinity where there is none.
         reach: (pairs of links + links, dof) how far each pair comes nearer, at most, and each link
@@ -128,7 +140,7 @@ def first_contact(
         sag: (3, dof) how far a joint yields for the torque at 1 m/s², and between which ends.
         places: (links, 12), work array.
         ends: (capsules, 6), work array.
-        centres: (links, 6), work array.
+        centres: (links, 4), work array.
         postures: (3, dof), work array.
         rates: (pairs of links + links,), work array.
         allowed: (2, pairs of links + links * (1 + k)) least distances [m]; below, those from things
@@ -143,17 +155,14 @@ def first_contact(
     """
     stack = np.empty((64, 4))
     for n in range(len(path) - 1):
-        fastest = 0.0
         for c in range(len(rates)):
             rates[c] = 0.0
             for j in range(path.shape[1]):
                 rates[c] += reach[c, j] * abs(path[n + 1, j] - path[n, j])
-            fastest = max(fastest, rates[c])
-        shortest = 2.0 * _UNSEEN_M / fastest if fastest > 0.0 else 1.0
         for end in range(2):
             for j in range(path.shape[1]):
                 postures[0, j] = path[n + end, j]
-            stack[0, 1 + 2 * end] = _free_fraction(
+            stack[0, 1 + 2 * end] = free_fraction(
                 links, capsules, halves_m, balls, pairs, shapes, floor_m, masses, sag, places, ends,
                 centres, postures, rates, allowed, load, 1.0,
             )  # fmt: skip
@@ -166,12 +175,12 @@ def first_contact(
             a, free_a, b, free_b = (
                 stack[depth, 0], stack[depth, 1], stack[depth, 2], stack[depth, 3],
             )  # fmt: skip
-            if not b - free_b - (a + free_a) > shortest:
+            if not b - free_b - (a + free_a) > _SAME:
                 continue
             middle = 0.5 * (a + free_a + b - free_b)
             for j in range(path.shape[1]):
                 postures[0, j] = path[n, j] + middle * (path[n + 1, j] - path[n, j])
-            free = _free_fraction(
+            free = free_fraction(
                 links, capsules, halves_m, balls, pairs, shapes, floor_m, masses, sag, places, ends,
                 centres, postures, rates, allowed, load, 1.0,
             )  # fmt: skip
@@ -245,7 +254,7 @@ def free_postures(
     for n in range(len(path)):
         for j in range(path.shape[1]):
             postures[0, j] = path[n, j]
-        found = _free_fraction(
+        found = free_fraction(
             links, capsules, halves_m, balls, pairs, shapes, floor_m, masses, sag, places, ends,
             centres, postures, rates, allowed, load, 0.0,
         )  # fmt: skip
@@ -262,7 +271,7 @@ def _are_capsules(rows: Matrix, links: int) -> bool:
     return True
 
 
-def _free_fraction(
+def free_fraction(
     links: Matrix,
     capsules: Matrix,
     halves_m: Vector,
@@ -286,17 +295,18 @@ def _free_fraction(
     Negative where something is nearer than allowed.
     """
     place_links(links, postures[0], places)
-    place_capsules(capsules, places, ends)
-    place_capsules(balls, places, centres)
+    _place_balls(balls, places, centres)
     count = len(links)
     between = allowed.shape[1] - count * (1 + len(shapes))
     free = _free_of_things(
-        capsules, halves_m, balls, shapes, floor_m, ends, centres, rates, allowed, 0, between,
-        count, most,
+        capsules, halves_m, balls, shapes, floor_m, places, ends, centres, rates, allowed, 0,
+        between, count, most,
     )  # fmt: skip
     if free < 0.0:
         return free
-    free = _free_of_itself(capsules, halves_m, balls, pairs, ends, centres, rates, allowed, free)
+    free = _free_of_itself(
+        capsules, halves_m, balls, pairs, places, ends, centres, rates, allowed, free
+    )
     if free < 0.0 or load <= 0.0:
         return free
     for j in range(postures.shape[1]):
@@ -308,11 +318,10 @@ def _free_fraction(
         pulled = min(max(pulled, min(sag[1, j], at)), max(sag[2, j], at))
         postures[2, j] = at + load * (pulled - at)
     place_links(links, postures[2], places)
-    place_capsules(capsules, places, ends)
-    place_capsules(balls, places, centres)
+    _place_balls(balls, places, centres)
     return _free_of_things(
-        capsules, halves_m, balls, shapes, floor_m, ends, centres, rates, allowed, 1, between,
-        count, free,
+        capsules, halves_m, balls, shapes, floor_m, places, ends, centres, rates, allowed, 1,
+        between, count, free,
     )  # fmt: skip
 
 
@@ -322,6 +331,7 @@ def _free_of_things(
     balls: Matrix,
     shapes: Matrix,
     floor_m: float,
+    places: Matrix,
     ends: Matrix,
     centres: Matrix,
     rates: Vector,
@@ -331,33 +341,32 @@ def _free_of_things(
     count: int,
     free: float,
 ) -> float:
-    for i in range(len(capsules)):
-        link = int(capsules[i, LINK])
-        slack_m = min(ends[i, 2], ends[i, 5]) - capsules[i, RADIUS] - floor_m
-        slack_m -= allowed[row, between + link]
-        free = _shortened(free, slack_m, rates[between + link])
-        if free < 0.0:
-            return free
+    free = _free_of_floor(
+        capsules, balls, floor_m, places, ends, centres, rates, allowed, row, between, free
+    )
+    if free < 0.0:
+        return free
     x, y, z = _middle(balls, centres, 0), _middle(balls, centres, 1), _middle(balls, centres, 2)
     around_m, fastest = _radius_about(balls, centres, x, y, z), 0.0
-    for i in range(count):
-        fastest = max(fastest, rates[between + i])
+    for link in range(count):
+        fastest = max(fastest, rates[between + link])
     for b in range(len(shapes)):
         clear_m = point_shape_distance(x, y, z, shapes, b) - around_m
         clear_m -= free * fastest
         if clear_m > _largest(allowed, row, between + count * (1 + b), count):
             continue
-        link, is_near = -1, False
-        for i in range(len(capsules)):
-            if int(capsules[i, LINK]) != link:
-                link = int(capsules[i, LINK])
-                column, rate = between + count * (1 + b) + link, rates[between + link]
-                slack_m = point_shape_distance(
-                    centres[link, 0], centres[link, 1], centres[link, 2], shapes, b
-                )
-                is_near = slack_m - balls[link, RADIUS] - allowed[row, column] < free * rate
-            if is_near:
-                column, rate = between + count * (1 + b) + link, rates[between + link]
+        for link in range(count):
+            if balls[link, RADIUS] <= 0.0:
+                continue
+            column, rate = between + count * (1 + b) + link, rates[between + link]
+            slack_m = point_shape_distance(
+                centres[link, 0], centres[link, 1], centres[link, 2], shapes, b
+            )
+            if not slack_m - balls[link, RADIUS] - allowed[row, column] < free * rate:
+                continue
+            _place_capsules(capsules, balls, places, ends, centres, link)
+            for i in range(int(balls[link, FIRST_CAPSULE]), int(balls[link, LAST_CAPSULE])):
+                rest_m = capsules[i, RADIUS] + allowed[row, column]
                 slack_m = point_shape_distance(
                     0.5 * (ends[i, 0] + ends[i, 3]),
                     0.5 * (ends[i, 1] + ends[i, 4]),
@@ -365,13 +374,63 @@ def _free_of_things(
                     shapes,
                     b,
                 )
-                rest_m = capsules[i, RADIUS] + allowed[row, column]
                 if slack_m - halves_m[i] - rest_m < free * rate:
-                    slack_m = segment_shape_distance(ends, i, shapes, b)
+                    if halves_m[i] > 0.0:
+                        slack_m = segment_shape_distance(ends, i, shapes, b)
                     free = _shortened(free, slack_m - rest_m, rate)
                     if free < 0.0:
                         return free
     return free
+
+
+def _free_of_floor(
+    capsules: Matrix,
+    balls: Matrix,
+    floor_m: float,
+    places: Matrix,
+    ends: Matrix,
+    centres: Matrix,
+    rates: Vector,
+    allowed: Matrix,
+    row: int,
+    between: int,
+    free: float,
+) -> float:
+    for link in range(len(balls)):
+        rate, radius = rates[between + link], balls[link, RADIUS]
+        rest_m = floor_m + allowed[row, between + link]
+        if radius <= 0.0 or not centres[link, 2] - radius - rest_m < free * rate:
+            continue
+        _place_capsules(capsules, balls, places, ends, centres, link)
+        for i in range(int(balls[link, FIRST_CAPSULE]), int(balls[link, LAST_CAPSULE])):
+            slack_m = min(ends[i, 2], ends[i, 5]) - capsules[i, RADIUS] - rest_m
+            free = _shortened(free, slack_m, rate)
+            if free < 0.0:
+                return free
+    return free
+
+
+def _place_balls(balls: Matrix, places: Matrix, centres: Matrix) -> None:
+    """Compute the centre of each link's ball; its capsules are placed where they are needed."""
+    for i in range(len(balls)):
+        for r in range(3):
+            centres[i, r] = (
+                places[i, 9 + r]
+                + places[i, 3 * r] * balls[i, START]
+                + places[i, 3 * r + 1] * balls[i, START + 1]
+                + places[i, 3 * r + 2] * balls[i, START + 2]
+            )
+        centres[i, _PLACED] = 0.0
+
+
+def _place_capsules(
+    capsules: Matrix, balls: Matrix, places: Matrix, ends: Matrix, centres: Matrix, link: int
+) -> None:
+    """Compute the ends of a link's capsules, unless they are known."""
+    if centres[link, _PLACED] == 0.0:
+        centres[link, _PLACED] = 1.0
+        for i in range(int(balls[link, FIRST_CAPSULE]), int(balls[link, LAST_CAPSULE])):
+            place_capsule(capsules, i, places, ends)
 
 
 def _middle(balls: Matrix, centres: Matrix, axis: int) -> float:
@@ -406,22 +465,42 @@ def _free_of_itself(
     halves_m: Vector,
     balls: Matrix,
     pairs: Matrix,
+    places: Matrix,
     ends: Matrix,
     centres: Matrix,
     rates: Vector,
     allowed: Matrix,
     free: float,
 ) -> float:
-    column, is_near = -1, False
-    for k in range(len(pairs)):
-        i, j = int(pairs[k, 0]), int(pairs[k, 1])
-        if int(pairs[k, 2]) != column:
-            column = int(pairs[k, 2])
-            a, b = int(capsules[i, LINK]), int(capsules[j, LINK])
-            near_m = balls[a, RADIUS] + balls[b, RADIUS] + allowed[0, column]
-            near_m += free * rates[column]
-            is_near = near_m > 0.0 and _centre_distance2(centres, a, b) < near_m * near_m
-        if is_near:
+    k, is_near = 0, False
+    while k < len(pairs):
+        column, after = int(pairs[k, 2]), int(pairs[k, 3])
+        a, b = int(capsules[int(pairs[k, 0]), LINK]), int(capsules[int(pairs[k, 1]), LINK])
+        near_m = balls[a, RADIUS] + balls[b, RADIUS] + allowed[0, column]
+        near_m += free * rates[column]
+        apart2 = 0.0
+        for r in range(3):
+            apart2 += (centres[a, r] - centres[b, r]) * (centres[a, r] - centres[b, r])
+        if not (near_m > 0.0 and apart2 < near_m * near_m):
+            k = after
+            continue
+        _place_capsules(capsules, balls, places, ends, centres, a)
+        _place_capsules(capsules, balls, places, ends, centres, b)
+        capsule = -1
+        while k < after:
+            i, j = int(pairs[k, 0]), int(pairs[k, 1])
+            if i != capsule:  # one of the first link, and the ball of the other
+                capsule = i
+                near_m = capsules[i, RADIUS] + halves_m[i] + balls[b, RADIUS] + allowed[0, column]
+                near_m += free * rates[column]
+                apart2 = 0.0
+                for r in range(3):
+                    apart = 0.5 * (ends[i, r] + ends[i, 3 + r]) - centres[b, r]
+                    apart2 += apart * apart
+                is_near = near_m > 0.0 and apart2 < near_m * near_m
+            k += 1
+            if not is_near:
+                continue
             touch_m = capsules[i, RADIUS] + capsules[j, RADIUS] + allowed[0, column]
             near_m = touch_m + halves_m[i] + halves_m[j] + free * rates[column]
             if near_m > 0.0 and _centre_distance2(ends, i, j) < near_m * near_m:
@@ -444,6 +523,6 @@ def _shortened(free: float, slack_m: float, rate: float) -> float:
     """Return a free part of the way, shortened to what one distance leaves; -1 in contact."""
     if slack_m < -_TOUCH_M:
         return -1.0
-    if rate > 0.0 and slack_m < free * rate:
-        return max(slack_m, 0.0) / rate
+    if slack_m + _UNSEEN_M < free * rate:
+        return (max(slack_m, 0.0) + _UNSEEN_M) / rate
     return free

@@ -108,6 +108,19 @@ def project_tool(
     return False
 
 
+def keeps_limits(arm: Matrix, limits: Matrix, work: Matrix, joints: Vector) -> bool:
+    """Check whether the tool keeps limits (m, 8) at joints (n,)."""
+    n = int(arm[0, DOF])
+    for j in range(n):
+        work[Q, j] = joints[j]
+    forward_kinematics(arm, work)
+    for i in range(len(limits)):
+        beyond = _beyond(limits, i, n, work, 0)
+        if beyond > _TINY:
+            return False
+    return True
+
+
 def _point_rows(target: Vector, aims: bool, n: int, work: Matrix) -> bool:
     """Fill the rows of the point, or with nothing where there is none; return whether it is met."""
     met = True

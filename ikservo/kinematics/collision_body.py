@@ -22,8 +22,8 @@ _MARGIN_M = 0.004
 class LinkTravelBounds:
     """Bounds of the motion of every point of a link's capsules for each unit of a joint.
 
-    A point moves no further than the angle times its distance from the joint's axis, which is no
-    more than the lengths of the links in between.
+    A point moves no further than the angle times its distance from the joint's axis. That is known
+    for the first joint beside the link; for others it is no more than the lengths in between.
 
     Args:
         chain: The arm; its limits bound the slides between.
@@ -31,31 +31,54 @@ class LinkTravelBounds:
     """
 
     def __init__(self, chain: Chain, capsules: Sequence[Capsule]) -> None:
-        self._chain = chain
-        self._size_m: dict[str, float] = {}
+        self._chain, self._points_m = chain, dict[str, Matrix]()
         for capsule in capsules:
-            ends_m = np.linalg.norm([capsule.start_m, capsule.end_m], axis=1)
-            size_m = self._size_m.get(capsule.link, 0.0)
-            self._size_m[capsule.link] = max(size_m, float(ends_m.max()))
+            known_m = self._points_m.get(capsule.link, np.zeros((0, 3)))
+            self._points_m[capsule.link] = np.vstack([known_m, capsule.start_m, capsule.end_m])
 
     def bound_of(self, link: str) -> Vector:
         """Return the bound of a link (dof,), m/rad or m/m."""
-        return self._sum_steps(link, self._chain.joints_to(link))
+        return self._sum_steps(link, self._chain.joints_to(link), ())
 
     def relative_bound(self, a: str, b: str) -> Vector:
-        """Compute the bound of the approach of two links (dof,), without joints that move both."""
+        """Compute the bound of the approach of two links (dof,), without joints that move both.
+
+        Either of them may be taken to stand still.
+        """
         paths = self._chain.joints_to(a), self._chain.joints_to(b)
         common = {step.joint.name for step in paths[0]} & {step.joint.name for step in paths[1]}
-        own = [[step for step in path if step.joint.name not in common] for path in paths]
-        return self._sum_steps(a, own[0]) + self._sum_steps(b, own[1])
+        to_a, to_b = ([s for s in path if s.joint.name not in common] for path in paths)
+        return np.minimum(self._sum_steps(a, to_a, to_b), self._sum_steps(b, to_b, to_a))
 
-    def _sum_steps(self, link: str, steps: Sequence[ChainJoint]) -> Vector:
-        reach_m, length_m = np.zeros(self._chain.dof), self._size_m.get(link, 0.0)
-        for step in reversed(steps):
+    def _sum_steps(
+        self, link: str, inwards: Sequence[ChainJoint], outwards: Sequence[ChainJoint]
+    ) -> Vector:
+        """Sum the bounds of the joints from where a link branches off, and from there to another.
+
+        Args:
+            link: The link whose points are followed.
+            inwards: The joints that lead to it.
+            outwards: Those that lead to the other one.
+        """
+        reach_m, points_m = np.zeros(self._chain.dof), self._points_m.get(link, np.zeros((1, 3)))
+        length_m = float(np.linalg.norm(points_m, axis=1).max())
+        is_known = True  # where the points are in the frame that is reached, beside their distance
+        for step, leads_out in [
+            *((step, False) for step in reversed(inwards)), *((step, True) for step in outwards)
+        ]:  # fmt: skip
+            R, p_m = step.joint.origin[:3, :3], step.joint.origin[:3, 3]
+            if leads_out:
+                points_m = (points_m - p_m) @ R
+                length_m = _farthest(points_m, is_known, length_m + float(np.linalg.norm(p_m)))
             slides = step.joint.kind is JointType.PRISMATIC
-            reach_m[step.column] += abs(step.scale) * (1.0 if slides else length_m)
-            length_m += float(np.linalg.norm(step.joint.origin[:3, 3]))
+            aside_m = np.cross(points_m, step.joint.axis)
+            arm_m = 1.0 if slides else _farthest(aside_m, is_known, length_m)
+            reach_m[step.column] += abs(step.scale) * arm_m
             length_m += self._max_slide_offset_m(step) if slides else 0.0
+            is_known &= step.joint.kind is JointType.FIXED
+            if not leads_out:
+                points_m = points_m @ R.T + p_m
+                length_m = _farthest(points_m, is_known, length_m + float(np.linalg.norm(p_m)))
         return reach_m
 
     def _max_slide_offset_m(self, step: ChainJoint) -> float:
@@ -64,6 +87,10 @@ class LinkTravelBounds:
             return abs(step.shift)
         ends = self._chain.lower_rad[step.column], self._chain.upper_rad[step.column]
         return max(abs(step.scale * float(end) + step.shift) for end in ends)
+
+
+def _farthest(points_m: Matrix, is_known: bool, otherwise_m: float) -> float:
+    return float(np.linalg.norm(points_m, axis=1).max()) if is_known else otherwise_m
 
 
 @dataclass(frozen=True, slots=True, eq=False)

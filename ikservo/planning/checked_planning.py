@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
 from itertools import chain, islice
@@ -26,7 +26,6 @@ from ikservo.errors import (
 from ikservo.ik import in_millimetres
 from ikservo.kinematics import finite_array, finite_vector
 from ikservo.kinematics.arrays import Matrix, Vector
-from ikservo.motion.avoidance import can_search
 from ikservo.planning.calibrated_arm import MAX_UNCALIBRATED_STEP_RAD
 from ikservo.planning.context import ArmContext
 from ikservo.planning.motion_plan import (
@@ -38,6 +37,7 @@ from ikservo.planning.motion_plan import (
     via_pose_plan,
 )
 from ikservo.planning.motions import (
+    THINK_S,
     Draw,
     LookAt,
     Lower,
@@ -53,7 +53,7 @@ from ikservo.planning.path_constraint import UNCONSTRAINED, PathConstraint
 from ikservo.planning.plan_by_kind import plan_motion
 from ikservo.planning.planner import PointGoal
 from ikservo.planning.poses import PoseLibrary
-from ikservo.planning.ways_around import BLENDS_RAD, HOW_TO_SEARCH, postures_nearby, ways_around
+from ikservo.planning.ways_around import BLENDS_RAD, postures_nearby, ways_around
 
 # A gripper's goal leads it by more than this at the horn where it presses on something.
 _PRESSING_LAG_RAD = 0.05
@@ -158,6 +158,7 @@ class PreflightPlanner:
                     speed=motion.speed,
                     straight=motion.straight,
                     within=motion.within,
+                    think_s=motion.think_s,
                 )
                 return replace(self._plan_joints(to_pose), clamped=inside.changed)
             case MoveToRest():
@@ -394,13 +395,9 @@ class PreflightPlanner:
         if isinstance(motion, MoveTo | MoveJoints):
             if motion.straight:
                 return None
-            if not can_search():
-                blocked.command_hint += f" {HOW_TO_SEARCH}"
         elif isinstance(motion, Draw | LookAt) or (
             isinstance(motion, MoveThrough) and not motion.line
         ):
-            return None
-        if not can_search():
             return None
         goals, points = [goal], list[PointGoal]()
         if isinstance(motion, MoveTo):
@@ -409,7 +406,12 @@ class PreflightPlanner:
             goals = [point.joints for point in points]
         if not goals:
             return None
-        for tried in self._ways_around(start, np.array(goals), allowed, within):
+        think_s = motion.think_s if isinstance(motion, MoveTo | MoveJoints) else THINK_S
+        since_s = perf_counter()
+        ways = self._ways_around(
+            start, np.array(goals), allowed, within, lambda: perf_counter() - since_s > think_s
+        )
+        for tried in ways:
             with suppress(RefusedError):
                 plan = self._check_clear(tried, motion.speed, within)
                 if isinstance(motion, MoveTo | MoveJoints):
@@ -420,12 +422,20 @@ class PreflightPlanner:
                 to = " ".join(f"{x:.3f}" for x in plan.tip_m.tolist())
                 blocked.command_hint += f" The joints can go around it: ikservo move {to}."
                 return None
+        if perf_counter() - since_s > think_s:
+            longer = f"--think {3.0 * think_s:g}s searches longer."
+            blocked.command_hint += f" No way around it was found in {think_s:g} s; {longer}"
         return None
 
     def _ways_around(
-        self, start: Vector, goals: Matrix, allowed: str, within: PathConstraint
+        self,
+        start: Vector,
+        goals: Matrix,
+        allowed: str,
+        within: PathConstraint,
+        is_over: Callable[[], bool],
     ) -> Iterator[MotionPlan]:
-        """Yield plans around things to one of some goals (m, n), the roundest first.
+        """Yield plans around things to one of some goals (m, n), the roundest first, until it ends.
 
         An arm that touches something leaves that first.
         """
@@ -436,7 +446,8 @@ class PreflightPlanner:
             tool = self._planner.constrained_tool(within, start)
             if tool is not None:
                 tool.admit(self._context.index.chain_joints(goals))
-            for way in ways_around(self._context, begin, goals, load_factor, tool):
+            ways = ways_around(self._context, begin, goals, load_factor, tool, is_over)
+            for way in ways:
                 for blend in BLENDS_RAD if len(way) > 2 else BLENDS_RAD[:1]:
                     plan = self._planner.plan_along(begin, list(way[1:]), allowed, blend)
                     yield plan if first is None else self._join(first, plan, "")

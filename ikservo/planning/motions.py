@@ -45,6 +45,9 @@ SPEEDS = ("slow", "normal", "fast")
 R = TypeVar("R")
 Point = tuple[float, float, float]
 
+THINK_S = 3.0
+"""Time for the search for a way around things, unless another one is given."""
+
 _MAX_WAIT_S = 3600.0
 _PLAIN = (str, bool, float, tuple)
 _SHOWN = 100  # characters of a value in an error
@@ -84,6 +87,13 @@ def _parse_tool_speed(value: object) -> float:
     return speed_m_s
 
 
+def _parse_think_time(value: object) -> float:
+    think_s = parse_number("The time to look for a way around", value)
+    if not 0.0 < think_s < math.inf:
+        raise BadValueError("The time to look for a way around", f"{think_s:g} s", "above 0 s")
+    return think_s
+
+
 def _parse_targets(values: object) -> tuple[Point, ...]:
     return tuple(map(_target("The target position"), parse_points(values)))
 
@@ -114,6 +124,7 @@ Speed = Annotated[str, _choice("speed", SPEEDS)]
 Stance = Annotated[ToolOrientation, check_orientation]
 Straight = Annotated[bool, _flag("straight")]
 Within = Annotated[PathConstraint, _parse_constraint]
+Think = Annotated[float, _parse_think_time]
 
 
 @dataclass(frozen=True)
@@ -180,6 +191,7 @@ class MoveTo(MotionValue[MoveResult]):
         straight: Whether the joints move straight or not at all; else they go around what is in
             the way.
         within: What the tool keeps to all the way.
+        think_s: Time after which the search for a way around things gives up, s.
     """
 
     position_m: TargetPoint
@@ -188,6 +200,7 @@ class MoveTo(MotionValue[MoveResult]):
     stance: Stance = KEEP_BEST_EFFORT
     straight: Straight = False
     within: Within = UNCONSTRAINED
+    think_s: Think = THINK_S
 
     def _words(self) -> str:
         return f"joints to {_format_point(self.position_m)}"
@@ -375,6 +388,7 @@ class MoveJoints(MotionValue[JointMoveResult]):
         speed: As of ``MoveTo``.
         straight: As of ``MoveTo``; where joints of the chain stay, they always move straight.
         within: As of ``MoveTo``.
+        think_s: As of ``MoveTo``.
     """
 
     positions: Annotated[Mapping[str, float], parse_joint_positions]
@@ -382,10 +396,13 @@ class MoveJoints(MotionValue[JointMoveResult]):
     speed: Speed = "normal"
     straight: Straight = False
     within: Within = UNCONSTRAINED
+    think_s: Think = THINK_S
 
     def __hash__(self) -> int:
         """Return a hash; a mapping has none of its own."""
-        return hash((tuple(self.positions.items()), self.speed, self.straight, self.within))
+        return hash(
+            (tuple(self.positions.items()), self.speed, self.straight, self.within, self.think_s)
+        )
 
     def _words(self) -> str:
         return ", ".join(f"{name} {value:.4g}" for name, value in self.positions.items())
@@ -400,6 +417,7 @@ class MovePose(MotionValue[JointMoveResult]):
         speed: As of ``MoveTo``.
         straight: As of ``MoveTo``.
         within: As of ``MoveTo``.
+        think_s: As of ``MoveTo``.
     """
 
     name: Annotated[str, _parse_name]
@@ -407,6 +425,7 @@ class MovePose(MotionValue[JointMoveResult]):
     speed: Speed = "normal"
     straight: Straight = False
     within: Within = UNCONSTRAINED
+    think_s: Think = THINK_S
 
     def _words(self) -> str:
         return f"pose {self.name}"

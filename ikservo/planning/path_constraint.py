@@ -106,9 +106,9 @@ class _ToolLimit:
     body: Vector  # of an angle: an axis of the tool (3,); of a distance: the outward normal
     world: Vector  # of an angle: the direction (3,); of a distance: a point of the plane
 
-    def row(self) -> Vector:
-        """Return the limit with its distance from it (8,); see ``tool_limits``."""
-        most = self.most - self.inside
+    def row(self, excess: float) -> Vector:
+        """Return the limit exceeded by so much (8,); see ``tool_limits``."""
+        most = self.most + excess
         if self.unit == "°":
             return np.array([1.0, 2.0 * math.sin(0.5 * most), *self.body, *self.world])
         return np.array([0.0, most, *self.body, *self.world])
@@ -128,6 +128,10 @@ class ConstrainedTool:
         chain: The arm.
         approach_axis: The tool axis (3,) in the coordinates of the tip.
         start: The joints (dof,) from which it is kept.
+
+    Attributes:
+        arm: The packed chain.
+        projected: The limits (limits, 8) that ``project`` meets; see ``tool_limits``.
     """
 
     def __init__(
@@ -139,18 +143,26 @@ class ConstrainedTool:
         self._bends = chain.link_joints
         self._limits = tuple(_limits_of(constraint, approach_axis, T[:3, :3].T @ _UP))
         self._inside = np.array([limit.inside for limit in self._limits])
-        self._allowed, self._arm = -0.5 * self._inside, pack_chain(chain)
-        self._rows = np.array([limit.row() for limit in self._limits])
+        self._allowed, self.arm = -0.5 * self._inside, pack_chain(chain)
+        self.projected = self._limit_rows(-self._inside)
         self._work = np.zeros(work_shape(chain.dof, 1))
         self.admit(start[None])
         self._turns, self._travels = _rates(chain)
+
+    @property
+    def kept(self) -> Matrix:
+        """The limits (limits, 8) that ``keeps`` compares with; see ``tool_limits``."""
+        return self._limit_rows(self._allowed)
+
+    def _limit_rows(self, excess: Vector) -> Matrix:
+        return np.array([limit.row(each) for limit, each in zip(self._limits, excess, strict=True)])
 
     def excess(self, joints: Matrix) -> Matrix:
         """Compute how far each limit is exceeded (n, limits) at joints (n, dof), rad or m."""
         if self._bends is not None:
             joints = self._bends(joints)
         poses = np.empty((len(joints), 12))
-        self._kernel.tool_poses(self._arm, self._work, np.ascontiguousarray(joints), poses)
+        self._kernel.tool_poses(self.arm, self._work, np.ascontiguousarray(joints), poses)
         R, tips_m = poses[:, :9].reshape(-1, 3, 3), poses[:, 9:]
         found = np.empty((len(joints), len(self._limits)))
         for i, limit in enumerate(self._limits):
@@ -202,7 +214,7 @@ class ConstrainedTool:
         """
         q, point_m = joints.copy(), np.zeros(3) if target_m is None else target_m
         aims = target_m is not None
-        found = self._kernel.project_tool(self._arm, self._rows, self._work, point_m, aims, q)
+        found = self._kernel.project_tool(self.arm, self.projected, self._work, point_m, aims, q)
         return q if found else None
 
     def _unresolved_intervals(self, path: Matrix, excess: Matrix) -> NDArray[np.intp]:

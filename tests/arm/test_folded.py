@@ -17,7 +17,6 @@ from tests.apps.teaching.test_contact_at_start import (
     set_down,
 )
 from tests.arm.seeds import few_or_many, log
-from tests.arm.test_ways_around import needs_planner
 
 # Motions of which one search looks at most, more than a minute's, and from how many exits.
 LONG, EXITS = 600_000, 8
@@ -43,7 +42,6 @@ def refusal(arm, pose):
     return None
 
 
-@needs_planner
 @pytest.mark.full
 @few_or_many(2, 100)
 @pytest.mark.parametrize("name", ["so101", "koch", "open_manipulator_x", "wx250s"])

@@ -17,7 +17,6 @@ from ikservo.kinematics.se3 import make_pose, rotation_rpy
 from tests.arm.seeds import few_or_many, log
 from tests.arm.simulated import context_of, line_of, motion_runner, servo_group
 from tests.arm.test_faults_in_motion import inject
-from tests.arm.test_ways_around import needs_planner
 
 BESIDE_M, FACING_DEG = (0.45, 0.0, 0.0), (0.0, 0.0, 180.0)
 LEFT, RIGHT, ASIDE = (0.2, 0.15, 0.12), (0.24, -0.12, 0.12), (0.0, 0.15, 0.15)
@@ -74,7 +73,6 @@ def test_where_the_other_arm_is_stops_a_motion_and_is_named(arms):
     assert (arm.scene.names, other.scene.names) == ((), ())
 
 
-@needs_planner
 @pytest.mark.full
 def test_an_arm_goes_around_the_other_one(arms):
     arm, other = arms
@@ -286,7 +284,6 @@ def near_goal(arm, others_links, random):
     return dict(zip(arm.chain.names, arm.joint_index.chain_joints(goal).tolist(), strict=True))
 
 
-@needs_planner
 @pytest.mark.full
 @few_or_many(1, 25)
 @pytest.mark.parametrize("names", [("so101", "koch"), ("open_manipulator_x", "so101")])

@@ -17,7 +17,7 @@ from ikservo.planning.motions import MoveJoints, MoveLine, MoveTo, motion_fields
 from ikservo.planning.path_constraint import ConstrainedTool, PathConstraint
 from ikservo.planning.poses import PoseLibrary
 from tests.arm.simulated import context_of, registers
-from tests.arm.test_ways_around import LEFT, RIGHT, left_of, needs_planner
+from tests.arm.test_ways_around import LEFT, RIGHT, left_of
 from tests.both_ways import needs_extension
 
 UPRIGHT = PathConstraint(upright_rad=math.radians(10.0))
@@ -43,7 +43,6 @@ def tilts_deg(poses):
     return np.degrees(np.arccos(np.clip(up[:, 2], -1.0, 1.0)))
 
 
-@needs_planner
 def test_a_cup_is_carried_upright_over_a_block():
     block = KeepOutBox("the block", (0.15, -0.02, 0.0), (0.30, 0.02, 0.12))
     with left_of(block) as arm:
@@ -57,7 +56,6 @@ def test_a_cup_is_carried_upright_over_a_block():
 
 
 @pytest.mark.full
-@needs_planner
 def test_a_straight_way_out_of_the_box_is_replaced_by_one_inside(ready):
     plan = ready.plan_to(RIGHT, within=NEAR)
     assert "outside the box it stays in" in plan.around
@@ -67,7 +65,6 @@ def test_a_straight_way_out_of_the_box_is_replaced_by_one_inside(ready):
     assert ready.move_to(RIGHT, within=NEAR).reached
 
 
-@needs_planner
 def test_joints_of_unequal_limits_go_a_straight_way_straight_where_only_that_keeps_to_it():
     start = np.array([-0.2515, -1.4615, 0.1516, 0.4753, 0.0])
     goal = MoveJoints(

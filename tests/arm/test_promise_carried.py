@@ -11,7 +11,6 @@ import ikservo
 from ikservo.errors import IkservoError, RefusedError
 from tests.arm.seeds import few_or_many, log
 from tests.arm.simulated import context_of, line_of, servo_group
-from tests.arm.test_ways_around import needs_planner
 
 DEEP_M, ROOM_M, MOTIONS = 0.001, 0.003, 4
 
@@ -79,7 +78,6 @@ def carry(arm, random):
     return plan.around, plan.clearance_m, nearest_m[:own].min(), nearest_m[own:].min()
 
 
-@needs_planner
 @pytest.mark.full
 @few_or_many(1, 25)
 @pytest.mark.parametrize("name", ["so101", "koch", "open_manipulator_x", "wx250s"])

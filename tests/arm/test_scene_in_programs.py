@@ -9,7 +9,7 @@ import ikservo
 from ikservo.errors import BadValueError, CollisionError, FileFormatError, UnknownNameError
 from ikservo.planning import checked_planning
 from tests.arm.simulated import call_before, context_of, motion_runner, registers
-from tests.arm.test_ways_around import LEFT, RIGHT, needs_planner
+from tests.arm.test_ways_around import LEFT, RIGHT
 
 
 @pytest.fixture
@@ -158,7 +158,6 @@ def test_nothing_comes_between_the_check_of_the_jaws_and_their_motion(monkeypatc
     assert arm.scene.names == ("it",)
 
 
-@needs_planner
 @pytest.mark.full
 def test_what_stands_on_the_table_is_lifted_around_things_and_not_pushed_down(arm):
     arm.move_to((0.2, 0.12, 0.06))

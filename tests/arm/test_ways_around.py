@@ -1,8 +1,7 @@
-"""What is in the straight way is gone around, with a planner; without one it is refused."""
+"""What is in the straight way is gone around, unless the motion is to be straight."""
 
-import itertools
 import math
-import sys
+import time
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -12,17 +11,15 @@ import pytest
 import ikservo
 from ikservo.errors import BadValueError, CollisionError, StoppedError
 from ikservo.guard import KeepOutBox
+from ikservo.guard.way_search import WaySearch
 from ikservo.kinematics.se3 import exp_so3
 from ikservo.model.tool import tool_frame
-from ikservo.motion.avoidance import can_search, find_way
-from ikservo.planning import ways_around
 from ikservo.planning.motions import MoveTo, motion_fields, parse_motion
 from tests.apps.teaching.test_contact_at_start import goes_home
 from tests.arm.simulated import call_before, context_of, line_of, registers
 
 POST = KeepOutBox("the post", (0.15, -0.02, 0.0), (0.30, 0.02, 0.25))
 LEFT, RIGHT = (0.2, 0.12, 0.1), (0.2, -0.12, 0.1)
-needs_planner = pytest.mark.skipif(not can_search(), reason="ompl has no wheel here")
 
 
 @contextmanager
@@ -50,7 +47,6 @@ def nearest_m(arm, postures):
     return context.collision.distances(context.index.body_joints(np.array(postures))).min()
 
 
-@needs_planner
 def test_an_arm_goes_around_a_post_and_says_so(beside_post):
     plan = beside_post.plan_to(RIGHT)
     assert "would touch the post" in plan.around
@@ -74,7 +70,6 @@ NARROW_MM = [
 ]  # fmt: skip
 
 
-@needs_planner
 def test_a_way_that_is_free_is_found_however_narrow():
     start = [1.759, -0.326, -1.055, 1.227, 0.339, 0.692]
     goal = [1.579, 1.271, -0.982, -1.422, -0.087, 1.103]
@@ -92,7 +87,6 @@ def test_a_way_that_is_free_is_found_however_narrow():
 
 
 @pytest.mark.full
-@needs_planner
 def test_poses_and_joints_are_reached_around_things(beside_post):
     goal = dict(zip(beside_post.joint_names, beside_post.plan_to(RIGHT).goal.tolist(), strict=True))
     assert beside_post.move_joints(goal).reached
@@ -104,7 +98,6 @@ def test_poses_and_joints_are_reached_around_things(beside_post):
         beside_post.move_joints(others)  # the one that is not named stays
 
 
-@needs_planner
 def test_a_line_stays_a_line_and_the_refusal_offers_the_joints(beside_post):
     before = registers(beside_post, "goal_position")
     with pytest.raises(CollisionError, match=r"would touch the post: .* mm deep") as refused:
@@ -113,23 +106,14 @@ def test_a_line_stays_a_line_and_the_refusal_offers_the_joints(beside_post):
     assert registers(beside_post, "goal_position") == before
 
 
-@needs_planner
 def test_a_goal_in_a_wall_is_refused_soon(beside_post):
     with pytest.raises(CollisionError, match="the post"):
         beside_post.plan_to((0.22, 0.0, 0.1))
 
 
-def test_straight_or_without_a_planner_it_is_refused(monkeypatch, beside_post):
-    with pytest.raises(CollisionError, match="the post") as refused:
-        beside_post.move_to(RIGHT, straight=True)
-    assert "ikservo[plan]" not in refused.value.command_hint
-    for name in ("ompl", "ompl.base"):
-        monkeypatch.setitem(sys.modules, name, None)
-    with pytest.raises(CollisionError, match="the post") as refused:
-        beside_post.move_to(RIGHT)
-    assert "pip install 'ikservo[plan]'" in refused.value.command_hint
+def test_straight_motion_is_refused_at_the_post(beside_post):
     with pytest.raises(CollisionError, match="the post"):
-        beside_post.move_line(RIGHT)
+        beside_post.move_to(RIGHT, straight=True)
 
 
 def test_straight_is_a_field_of_the_motion():
@@ -151,7 +135,6 @@ def test_a_point_has_several_goals_that_reach_it():
         assert max(each.solved.error_rad for each in level) < 0.01
 
 
-@needs_planner
 def test_a_tool_that_may_tilt_reaches_a_point_under_a_lamp():
     straight_down = ikservo.ToolOrientation(pitch_rad=-math.pi / 2)
     tilted = replace(straight_down, within_rad=math.radians(20.0))
@@ -206,77 +189,29 @@ def test_a_tolerance_of_nothing_or_none_is_refused(wrong):
         ikservo.ToolOrientation(**wrong)
 
 
-class Maze:
-    """A square with a wall that has a gap."""
-
-    def __init__(self, half=0.05, gap=0.9):
-        self.half, self.gap = half, gap
-
-    def contains(self, postures):
-        x, y = np.asarray(postures).T
-        return (np.abs(x - 0.5) > self.half) | (np.abs(y - self.gap) < 0.15 - self.half)
-
-    def is_free(self, path):
-        return all(self.contains(np.linspace(a, b, 200)).all() for a, b in itertools.pairwise(path))
-
-
-@needs_planner
-def test_a_way_leads_through_a_gap_to_the_goal_that_can_be_reached():
-    start, goals = np.array([0.1, 0.1]), np.array([[0.9, 0.1], [0.5, 0.2]])
-    way = find_way(Maze(), start, goals, np.zeros(2), np.ones(2))
-    assert Maze(half=0.04).is_free(way)  # looked at between samples, too
-    np.testing.assert_array_equal(way[[0, -1]], [start, goals[0]])
-    assert 1.6 < np.linalg.norm(np.diff(way, axis=0), axis=1).sum() < 2.2
-    np.testing.assert_array_equal(way, find_way(Maze(), start, goals, np.zeros(2), np.ones(2)))
-
-
-@needs_planner
-def test_where_there_is_no_way_there_is_none():
-    walled, start = Maze(), np.array([0.1, 0.1])
-    assert find_way(walled, start, np.array([[0.5, 0.2]]), np.zeros(2), np.ones(2)) is None
-    assert find_way(walled, start, np.array([[0.9, 1.9]]), np.zeros(2), np.ones(2)) is None
-    goals = np.array([[0.9, 0.1]])
-    assert find_way(Maze(gap=5.0), start, goals, np.zeros(2), np.ones(2), most=300) is None
-
-
-@needs_planner
-@pytest.mark.parametrize("projected", [False, True])
-def test_a_search_ends_when_it_is_to_end_and_at_its_bound(projected):
-    looked_at, asked = [], []
-
-    class Counted(Maze):
-        def is_free(self, path):
-            looked_at.append(path)
-            return super().is_free(path)
-
-    def ends_at_the_tenth():
-        asked.append(True)
-        return len(asked) > 9
-
-    start, goals, sides = np.array([0.1, 0.1]), np.array([[0.9, 0.1]]), (np.zeros(2), np.ones(2))
-    project = (lambda q: q) if projected else None
-    walled = Counted(gap=5.0)
-    assert (
-        find_way(walled, start, goals, *sides, project=project, is_over=ends_at_the_tenth) is None
-    )
-    assert 9 < len(asked) < 13
-    assert len(looked_at) < 60
-    looked_at.clear()
-    assert find_way(walled, start, goals, *sides, most=200, project=project) is None
-    assert 200 <= len(looked_at) < 260
-
-
-@needs_planner
-def test_a_stop_ends_the_search_and_nothing_moves(monkeypatch, beside_post):
+def test_stop_ends_search_and_nothing_moves(monkeypatch, beside_post):
     before = registers(beside_post, "goal_position")
-    call_before(ways_around, "find_way", monkeypatch, beside_post.stop)
+    call_before(WaySearch, "find", monkeypatch, beside_post.stop)
     with pytest.raises(StoppedError, match="Stopped by the program"):
         beside_post.move_to(RIGHT)
     beside_post.acknowledge()
     assert registers(beside_post, "goal_position") == before
 
 
-@needs_planner
+def test_refusal_says_how_long_it_searched(monkeypatch, beside_post):
+    monkeypatch.setattr(WaySearch, "find", lambda *_: time.sleep(0.06))
+    with pytest.raises(CollisionError, match="the post") as refused:
+        beside_post.plan_to(RIGHT, think_s=0.05)
+    assert "No way around it was found in 0.05 s; --think 0.15s" in refused.value.command_hint
+
+
+def test_think_time_is_a_field_of_the_motion():
+    motion = MoveTo(LEFT, think_s=10.0)
+    assert parse_motion(motion_fields(motion)) == motion
+    with pytest.raises(BadValueError, match="time to look for a way around"):
+        MoveTo(LEFT, think_s=0.0)
+
+
 @pytest.mark.parametrize(("name", "seed"), [("px100", 12), ("wx250s", 2)])
 def test_a_limp_arm_leaves_a_contact_for_its_home_pose(name, seed):
     assert goes_home(name, seed)

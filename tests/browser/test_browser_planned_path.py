@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from ikservo.apps.page.picking.link_poses import link_poses
-from tests.arm.test_ways_around import needs_planner
 from tests.browser.page_operator import Operator, serve_view, until
 
-pytestmark = [pytest.mark.browser, needs_planner]
+pytestmark = pytest.mark.browser
 
 SCENE = """
 [[box]]

@@ -8,6 +8,7 @@ import pytest
 from ikservo.kinematics import Chain, JointType, Mimic
 from ikservo.kinematics.capsules import Capsule
 from ikservo.kinematics.collision_body import LinkTravelBounds
+from tests.guard.test_collision_kernel import every_kind_of_joint
 from tests.kinematics.chains import joint, planar
 
 
@@ -26,8 +27,10 @@ def test_a_turn_moves_points_by_the_lengths_between_them_and_the_axis():
 
 def test_links_come_nearer_by_the_joints_between_them_only():
     chain = planar(0.3, 0.2, 0.1)
-    reach = LinkTravelBounds(chain, [capsule(f"l{i}", 0.0, 0.1 * i) for i in (1, 2, 3)])
-    np.testing.assert_allclose(reach.relative_bound("l1", "l3"), [0.0, 0.2 + 0.3, 0.3])
+    reach = LinkTravelBounds(
+        chain, [capsule(f"l{i}", 0.0, 0.1 * max(i, 5 - 5 * i)) for i in range(4)]
+    )
+    np.testing.assert_allclose(reach.relative_bound("l1", "l3"), [0.0, 0.3, 0.3])
     np.testing.assert_allclose(reach.relative_bound("l3", "l1"), reach.relative_bound("l1", "l3"))
     np.testing.assert_allclose(reach.relative_bound("l0", "l1"), [0.1, 0.0, 0.0])
 
@@ -77,3 +80,18 @@ def test_no_point_of_a_turned_arm_moves_further_than_its_bound():
     for slide_m in rng.uniform(-0.3, 0.2, 20):
         J = chain.jacobian([rng.uniform(-math.pi, math.pi), slide_m], "tip", at)[:3]
         assert (np.linalg.norm(J, axis=0) <= reach + 1e-12).all()
+
+
+def test_bound_of_a_pair_takes_the_link_that_moves_less():
+    chain = planar(0.3, 0.2, 0.1)
+    reach = LinkTravelBounds(chain, [capsule("l0", 0.0, 0.02), capsule("l3", 0.0, 0.4)])
+    np.testing.assert_allclose(reach.relative_bound("l0", "l3")[:2], [0.02, 0.32])
+
+
+def test_distances_of_pairs_shrink_no_faster_than_their_bound():
+    body, rng = every_kind_of_joint(), np.random.default_rng(4)
+    reach = body.pack().pair_reach_m
+    q = rng.uniform(body.chain.lower_rad, body.chain.upper_rad, (500, body.chain.dof))
+    step = 1e-3 * rng.uniform(-1.0, 1.0, q.shape)
+    change_m = body.link_distances(q + step).gap_m - body.link_distances(q).gap_m
+    assert (np.abs(change_m) <= np.abs(step) @ reach.T + 1e-9).all()

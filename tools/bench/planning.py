@@ -34,15 +34,15 @@ from planning_peers import find_by_ompl, find_by_sscbirrt
 
 from ikservo.arm.opening import open_own_arm
 from ikservo.errors import RefusedError
-from ikservo.guard import CollisionChecker, KeepOutBox
+from ikservo.guard import ClearSpace, CollisionChecker, KeepOutBox
+from ikservo.guard.way_search import WaySearch, path_length
 from ikservo.kinematics import JointIndex
 from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.packed import PackedBody
 from ikservo.kinematics.se3 import exp_so3
 from ikservo.model import load_model
 from ikservo.model.collision_model import capsules_of
-from ikservo.motion.avoidance import MotionSpace, find_way, path_length
-from ikservo.planning import ways_around
+from ikservo.planning import checked_planning, ways_around
 from ikservo.planning.checked_planning import PreflightPlanner
 from ikservo.planning.context import ArmContext
 from ikservo.planning.motion_plan import MotionPlan
@@ -56,6 +56,7 @@ _SETTLED_MARGIN_M = 0.002
 _STEP_M = 0.001
 _MOST_S = 60.0  # other planners may take
 _WALK_RAD = 0.1
+_MOST = 1000000
 _ARMS = ("so101", "koch", "open_manipulator_x", "wx250s")
 
 
@@ -172,6 +173,7 @@ class MuJoCo:
         self._model: Any = spec.compile()
         self._data: Any = mujoco.MjData(self._model)
         self._ignored = ignored
+        self._base = self._model.body(1).name
         self._links = [self._model.body(i).name for i in self._model.geom_bodyid]
 
     def is_free(self, q: Array) -> bool:
@@ -181,26 +183,28 @@ class MuJoCo:
         self._mujoco.mj_collision(self._model, self._data)
         for contact in self._data.contact[: self._data.ncon]:
             one, other = (self._links[i] for i in contact.geom)
-            fixed = {one, other} <= {"world", "panda_link0"}
+            fixed = {one, other} <= {"world", self._base}
             if contact.dist < 0.0 and not fixed and (one, other) not in self._ignored:
                 return False
         return True
 
 
-def panda(folder: Path, urdf: Path, every: int, by: str) -> None:
-    """Solve MotionBenchMaker's problems of the Panda by one of the planners."""
+def problems(folder: Path, urdf: Path, tip: str, every: int, by: str, judged: bool) -> None:
+    """Solve MotionBenchMaker's problems of an arm by one of the planners."""
     yaml: Any = importlib.import_module("yaml")
     total: list[Judged] = []
     fixed = Path(tempfile.mkdtemp()) / "panda.urdf"  # a fixed finger that mimics a fixed one
     fixed.write_text(re.sub(r"<mimic[^>]*>(</mimic>)?", "", urdf.read_text()))
-    urdf, model = fixed, load_model(fixed, tip="panda_hand")
+    urdf, model = fixed, load_model(fixed, tip=tip)
     for kind in sorted(folder.iterdir()):
         found: list[Judged] = []
         for request_file in sorted(kind.glob("request*.yaml"))[::every]:
             request = yaml.load(request_file.read_text(), Loader=yaml.CSafeLoader)
             scene_file = kind / request_file.name.replace("request", "scene")
             scene = yaml.load(scene_file.read_text(), Loader=yaml.CSafeLoader)
-            start_q = np.array(request["start_state"]["joint_state"]["position"][:7])
+            state = request["start_state"]["joint_state"]
+            started = dict(zip(state["name"], state["position"], strict=True))
+            start_q = np.array([started[name] for name in model.chain.names])
             by_name = {
                 each["joint_name"]: each["position"]
                 for each in request["goal_constraints"][0]["joint_constraints"]
@@ -220,7 +224,7 @@ def panda(folder: Path, urdf: Path, every: int, by: str) -> None:
             seconds, free = time.process_time() - began, dict[str, bool]()
             if path is not None:
                 samples = dense(checker.body, path)
-                for judge in (Coal, MuJoCo):
+                for judge in (Coal, MuJoCo) if judged else ():
                     posture = judge(urdf, ignored, things)
                     free[judge.__name__] = all(posture.is_free(q) for q in samples)
             found.append(Judged(seconds, path, free))
@@ -230,10 +234,10 @@ def panda(folder: Path, urdf: Path, every: int, by: str) -> None:
 
 
 def find_by_ikservo(
-    space: MotionSpace, start: Array, goal: Array, lower: Array, upper: Array
+    space: ClearSpace, start: Array, goal: Array, lower: Array, upper: Array
 ) -> Array | None:
     """Return postures (k, n) from a start to a goal; None where none was found."""
-    return find_way(space, start, goal[None], lower, upper)
+    return WaySearch(space, start, goal[None], lower, upper).find(_MOST)
 
 
 PLANNERS: dict[str, Callable[..., Array | None]] = {
@@ -277,6 +281,24 @@ class StandsAt:
         """Do nothing."""
 
 
+class Searches:
+    """Ways around, and the processor time that it took to find and prove them."""
+
+    def __init__(self) -> None:
+        self._find, self.seconds = ways_around.ways_around, 0.0
+
+    def __call__(self, *asked: Any) -> Iterator[Array]:  # noqa: ANN401
+        """Yield the ways of a search."""
+        ways = self._find(*asked)
+        while True:
+            began = time.process_time()
+            way = next(ways, None)
+            self.seconds += time.process_time() - began
+            if way is None:
+                return
+            yield way
+
+
 def arms(names: list[str], scenes: int, upright_deg: float | None, seeds: int, by: str) -> None:
     """Plan from random starts to random goals among one to five random boxes.
 
@@ -291,8 +313,9 @@ def arms(names: list[str], scenes: int, upright_deg: float | None, seeds: int, b
     """
     turned_rad = None if upright_deg is None else math.radians(upright_deg)
     within = PathConstraint(upright_rad=turned_rad)
+    searches = checked_planning.ways_around = Searches()
     for name in names:
-        found, ratios, straight = list[Judged](), list[float](), 0
+        found, ratios, straight, searched_s = list[Judged](), list[float](), 0, list[float]()
         model = load_model(name)
         for seed in range(scenes):
             chance = random.Random(f"{name} {seed}")
@@ -307,7 +330,7 @@ def arms(names: list[str], scenes: int, upright_deg: float | None, seeds: int, b
                 for goal in ends[1:].tolist():
                     goals = dict(zip(arm.joint_names, goal, strict=True))
                     motion = MoveJoints(goals, within=within)
-                    began, plan = time.process_time(), None
+                    began, plan, searches.seconds = time.process_time(), None, 0.0
                     with suppress(RefusedError):
                         plan = preflight.plan(motion)
                     seconds = time.process_time() - began
@@ -318,6 +341,7 @@ def arms(names: list[str], scenes: int, upright_deg: float | None, seeds: int, b
                     continue
                 way = None if plan is None else plan.sample(0.02).positions
                 found.append(Judged(seconds, way, {}))
+                searched_s += [searches.seconds] if plan is not None else []
                 if plan is None:
                     print(f"not solved: {name} {seed}, {seconds:.2f} s", end="", flush=True)
                     print("" if by == "ikservo" else f"; {find_by_other(by, preflight, motion)}")
@@ -325,6 +349,8 @@ def arms(names: list[str], scenes: int, upright_deg: float | None, seeds: int, b
                     ratios.append(joint_length(plan) / best_length(preflight, motion, seeds))
         print(f"{straight} straight")
         report(name, found)
+        middle, most = 1e3 * np.percentile(searched_s or [0.0], (50, 95))
+        print(f"  search and proof: median {middle:.1f} ms, p95 {most:.1f} ms")
         if ratios:
             middle, most = np.percentile(ratios, (50, 95))
             print(f"  length to best of {seeds}: median {middle:.2f}, p95 {most:.2f}", end="")
@@ -335,18 +361,21 @@ def find_by_other(by: str, preflight: PreflightPlanner, motion: MoveJoints) -> s
     """Return what another planner finds where ours finds nothing."""
     paths = list[Array | None]()
 
-    def find(space: MotionSpace, start: Array, goals: Array, *limits: Array, **_: object) -> Any:  # noqa: ANN401
-        paths.append(PLANNERS[by](space, start, goals[0], *limits))
-        return paths[-1]
+    class Other(WaySearch):
+        def find(self, most: int, is_over: Callable[[], bool] = bool) -> Array | None:
+            del most, is_over
+            paths.append(PLANNERS[by](self._space, self._start, self._goals[0], *self._limits))
+            self.has_ended = True
+            return paths[-1]
 
-    own, kept = ways_around.find_way, ways_around._MARGINS_M  # pyright: ignore[reportPrivateUsage]
-    ways_around.find_way, ways_around._MARGINS_M = find, ((0.0, 0),)  # pyright: ignore[reportPrivateUsage]
+    own, kept = ways_around.WaySearch, ways_around.MARGINS_M
+    ways_around.WaySearch, ways_around.MARGINS_M = Other, (0.0, 0.0)
     try:
         with suppress(RefusedError):
             preflight.plan(motion)
             return f"solved by {by}"
     finally:
-        ways_around.find_way, ways_around._MARGINS_M = own, kept  # pyright: ignore[reportPrivateUsage]
+        ways_around.WaySearch, ways_around.MARGINS_M = own, kept
     found = any(path is not None for path in paths)
     return f"{by} finds a way that touches something" if found else f"not by {by} either"
 
@@ -358,14 +387,14 @@ def joint_length(plan: MotionPlan) -> float:
 
 def best_length(preflight: PreflightPlanner, motion: MoveJoints, seeds: int) -> float:
     """Return the length of the shortest of the ways of some seeds, rad."""
-    lengths, own = list[float](), ways_around.find_way
+    lengths, own = list[float](), ways_around.WaySearch
     try:
         for seed in range(1, 1 + seeds):
-            ways_around.find_way = partial(own, seed=seed)
+            ways_around.WaySearch = partial(own, seed=seed)  # pyright: ignore[reportAttributeAccessIssue]
             with suppress(RefusedError):
                 lengths.append(joint_length(preflight.plan(motion)))
     finally:
-        ways_around.find_way = own
+        ways_around.WaySearch = own
     return min(lengths)
 
 
@@ -430,6 +459,8 @@ def main() -> None:
     parser.add_argument("part", choices=["panda", "arms"])
     parser.add_argument("folder", type=Path, nargs="?")
     parser.add_argument("--urdf", type=Path)
+    parser.add_argument("--tip", default="panda_hand", help="the last link of the chain")
+    parser.add_argument("--unjudged", action="store_true", help="no check by Coal and MuJoCo")
     parser.add_argument("--every", type=int, default=1, help="take each n-th problem")
     parser.add_argument("--by", choices=PLANNERS, default="ikservo", help="whose planner")
     parser.add_argument("--scenes", type=int, default=200)
@@ -438,7 +469,7 @@ def main() -> None:
     parser.add_argument("--best-of", type=int, default=0, help="seeds to compare lengths with")
     given = parser.parse_args()
     if given.part == "panda":
-        panda(given.folder, given.urdf, given.every, given.by)
+        problems(given.folder, given.urdf, given.tip, given.every, given.by, not given.unjudged)
     else:
         arms(given.arms, given.scenes, given.upright, given.best_of, given.by)
 

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo.motion.avoidance import MotionSpace
+from ikservo.guard import ClearSpace
 
 Array = NDArray[np.float64]
 
@@ -21,7 +21,7 @@ _SEED = 1
 
 
 def find_by_ompl(
-    space: MotionSpace, start: Array, goal: Array, lower: Array, upper: Array, most_s: float
+    space: ClearSpace, start: Array, goal: Array, lower: Array, upper: Array, most_s: float
 ) -> Array | None:
     """Return postures (k, n) from a start to a goal by RRT-Connect; None where none was found."""
     ob: Any = importlib.import_module("ompl.base")
@@ -65,7 +65,7 @@ def find_by_ompl(
 class _Postures:
     """The robot and the checker that sscbirrt asks for."""
 
-    def __init__(self, space: MotionSpace, lower: Array, upper: Array) -> None:
+    def __init__(self, space: ClearSpace, lower: Array, upper: Array) -> None:
         self._space = space
         self.dof, self.joint_limits = len(lower), (lower, upper)
 
@@ -79,7 +79,7 @@ class _Postures:
 
 
 def find_by_sscbirrt(
-    space: MotionSpace, start: Array, goal: Array, lower: Array, upper: Array, most_s: float
+    space: ClearSpace, start: Array, goal: Array, lower: Array, upper: Array, most_s: float
 ) -> Array | None:
     """Return postures (k, n) from a start to a goal; None where none was found."""
     ss: Any = importlib.import_module("sscbirrt")

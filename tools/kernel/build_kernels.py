@@ -36,6 +36,7 @@ _MODULES = [
     "ikservo.kernels.tool_limits",
     "ikservo.kernels.capsule_distances",
     "ikservo.kernels.free_path",
+    "ikservo.kernels.way_search",
     "ikservo.apps.page.picking.raycast",
     "ikservo.apps.page.picking.pick_region",
 ]

@@ -85,7 +85,7 @@ static inline bool as_bool(const Argument *a) { return a->whole != 0; }
 
 #include "kernels.c"
 
-#define MOST_ARGUMENTS 20
+#define MOST_ARGUMENTS 32
 #define CALL "ikservo.kernels.call"
 
 /* An entry and its first arguments, which stay, and the objects that hold their memory. */

@@ -14,7 +14,7 @@ from ikservo.cli.option_groups import Without
 from ikservo.cli.options import ArmConnection, MotionOptions, PathOptions, SpeedOption
 from ikservo.cli.quantities import parse_angle_rad, parse_length_m
 from ikservo.cli.results import Field, Fields, print_fields
-from ikservo.cli.session import announce, motion_progress_bar, open_from_options
+from ikservo.cli.session import announce, motion_progress_bar, open_from_options, plan_motion
 from ikservo.cli.terminal import print_lines
 from ikservo.errors import BadValueError, ExitCode, InputError, format_point
 from ikservo.model import Model
@@ -53,7 +53,7 @@ def make_joint_motion(
     machine: OpenArm, motion: MoveJoints | LookAt, options: MotionOptions
 ) -> JointMoveResult | None:
     """Announce and execute a motion of joints; a dry run prints its plan, and returns None."""
-    plan = machine.plan(motion)
+    plan = plan_motion(machine, motion)
     announce(plan, machine, options)
     if options.dry_run:
         print_plan(plan, machine.model, plan.requested, json=options.json)

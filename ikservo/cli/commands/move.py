@@ -17,13 +17,14 @@ from ikservo.cli.options import (
     PathOptions,
     SpeedOption,
     StraightOption,
+    ThinkOption,
     ToolOptions,
     ToolSpeedOption,
 )
 from ikservo.cli.quantities import parse_length_m, parse_point_m
-from ikservo.cli.session import open_from_options
+from ikservo.cli.session import open_from_options, plan_motion
 from ikservo.errors import BadValueError
-from ikservo.planning.motions import LookAt, MoveThrough, MoveTo
+from ikservo.planning.motions import THINK_S, LookAt, MoveThrough, MoveTo
 
 Line = Annotated[bool, typer.Option("--line", help="Move the tip on a straight line.")]
 Via = Annotated[
@@ -60,6 +61,7 @@ def command(
     tool: ToolOptions,
     preferred: PostureOptions,
     straight: StraightOption = False,
+    think: ThinkOption = THINK_S,
     path: PathOptions,
     options: MotionOptions,
 ) -> None:
@@ -93,7 +95,7 @@ def command(
         others |= {"--within": tool.within_rad}
         others |= {"--upright": path.upright_rad, "--keep-axis": path.keep_axis}
         others |= {"--keep-in": path.keep_in, "--keep-above": path.keep_above}
-        others |= {"--straight": straight}
+        others |= {"--straight": straight, "--think": think if think != THINK_S else None}
         others |= {"--prefer": preferred.prefer, "--weight": preferred.weight}
         given = [name for name, value in others.items() if value not in (None, False, [])]
         if given:
@@ -113,10 +115,9 @@ def command(
             motion = MoveThrough(points, blend_m=blend, line=line, tool_speed_m_s=tool_speed,
                                  speed=speed, stance=orientation, within=within)  # fmt: skip
         else:
-            motion = MoveTo(
-                (x, y, z), speed=speed, stance=orientation, straight=straight, within=within
-            )
-        plan = machine.plan(motion)
+            motion = MoveTo((x, y, z), speed=speed, stance=orientation, straight=straight,
+                            within=within, think_s=think)  # fmt: skip
+        plan = plan_motion(machine, motion)
         if posture is not None and plan.solution is not None:
             report_missing_freedom(machine.chain, plan.solution.q, directed=False)
         report = make_tip_motion(machine, plan, options)

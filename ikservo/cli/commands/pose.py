@@ -19,13 +19,14 @@ from ikservo.cli.options import (
     PathOptions,
     SpeedOption,
     StraightOption,
+    ThinkOption,
 )
 from ikservo.cli.session import open_from_options
 from ikservo.cli.terminal import print_json, print_lines, print_status, print_table
 from ikservo.errors import NoPortError
 from ikservo.hardware.port_names import remembered_serial_number, serial_number_of
 from ikservo.model import arm_names, load_model
-from ikservo.planning.motions import MoveJoints
+from ikservo.planning.motions import THINK_S, MoveJoints
 from ikservo.planning.poses import PoseLibrary
 
 Name = Annotated[
@@ -42,6 +43,7 @@ def command(
     connection: ArmConnection,
     speed: SpeedOption = "normal",
     straight: StraightOption = False,
+    think: ThinkOption = THINK_S,
     path: PathOptions,
     options: Annotated[MotionOptions, Without("tip")],
 ) -> None:
@@ -58,7 +60,8 @@ def command(
         inside = machine.pose_within_limits(name)
         for words in inside.changed:
             print_status(f"{words}.")
-        motion = MoveJoints(inside.positions, speed=speed, straight=straight, within=path.within())
+        motion = MoveJoints(inside.positions, speed=speed, straight=straight,
+                            within=path.within(), think_s=think)  # fmt: skip
         report = make_joint_motion(machine, motion, options)
     print_report(report, machine.model, json=options.json)
 

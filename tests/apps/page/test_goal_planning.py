@@ -1,7 +1,6 @@
 """The path to a target of the page: planned in the background, shown, then carried out as it is."""
 
 import math
-import sys
 import time
 from contextlib import contextmanager
 from threading import Event
@@ -13,10 +12,10 @@ from ikservo.apps.page.messages import page_messages
 from ikservo.apps.page.messages import thing_messages as things
 from ikservo.apps.page.messages.page_messages import BadMessageError
 from ikservo.arm import StopKind, StopReason
-from ikservo.planning import ways_around
+from ikservo.guard.way_search import WaySearch
 from tests.apps.page.view_session import LOOK_S, LOOKS, ViewSession
 from tests.arm.simulated import line_of, registers, true_joints
-from tests.arm.test_ways_around import POST, left_of, nearest_m, needs_planner
+from tests.arm.test_ways_around import POST, left_of, nearest_m
 
 
 @pytest.fixture
@@ -58,16 +57,16 @@ def run_job(session):
 @contextmanager
 def slow_search(monkeypatch):
     """Yield events: a search has begun, it may find a path; it is withdrawn at any time."""
-    begun, may_end, search = Event(), Event(), ways_around.find_way
+    begun, may_end, search = Event(), Event(), WaySearch.find
 
-    def find_way(*args, is_over, **options):
+    def find(self, most, is_over):
         begun.set()
         while not (may_end.is_set() or is_over()):
             time.sleep(LOOK_S)
-        return search(*args, is_over=is_over, **options)
+        return search(self, most, is_over)
 
     with monkeypatch.context() as patch:
-        patch.setattr(ways_around, "find_way", find_way)
+        patch.setattr(WaySearch, "find", find)
         yield begun, may_end
         may_end.set()
 
@@ -92,7 +91,6 @@ def until_idle(session):
     raise AssertionError("it plans on")
 
 
-@needs_planner
 def test_a_path_around_is_shown_in_words_and_postures_and_carried_out_as_it_is(session):
     aim_right(session)
     frames = session.planned()
@@ -123,20 +121,6 @@ def test_a_straight_path_is_said_to_be_straight(session):
     assert not session.interaction.messages
 
 
-def test_without_a_planner_it_is_refused_with_what_to_install(session, monkeypatch):
-    for name in ("ompl", "ompl.base"):
-        monkeypatch.setitem(sys.modules, name, None)
-    aim_right(session)
-    frames = session.planned()
-    assert frames["scene"]["refusal"].endswith(
-        "would touch the post. To go around it, install a planner: pip install 'ikservo[plan]'."
-    )
-    assert "the post" in frames["scene"]["refused_pair"]
-    assert frames["scene"]["path"] is None
-    with pytest.raises(BadMessageError, match=r"ikservo\[plan\]"):
-        execute(session, session.interaction.path.number)
-
-
 def test_a_bug_of_a_planner_is_a_refusal_and_no_lost_page(session, monkeypatch):
     def fail(*_, **__):
         raise RuntimeError("no such state")
@@ -149,7 +133,6 @@ def test_a_bug_of_a_planner_is_a_refusal_and_no_lost_page(session, monkeypatch):
     assert session.interaction.path.number == number  # the same is not tried again and again
 
 
-@needs_planner
 @pytest.mark.parametrize("by", ["page", "another program"])
 def test_a_stop_while_it_is_planned_ends_that_and_what_was_planned_is_gone(
     session, monkeypatch, by
@@ -182,7 +165,6 @@ def test_a_stop_while_it_is_planned_ends_that_and_what_was_planned_is_gone(
     assert registers(session.arm, "goal_position") == before
 
 
-@needs_planner
 def test_a_newer_target_ends_the_search_for_an_older_one(session, monkeypatch):
     with slow_search(monkeypatch) as (begun, _):
         aim_right(session)
@@ -195,7 +177,6 @@ def test_a_newer_target_ends_the_search_for_an_older_one(session, monkeypatch):
     assert frames["scene"]["path"]["joints"][-1] == pytest.approx(frames["scene"]["goal"], abs=1e-6)
 
 
-@needs_planner
 def test_a_drag_is_looked_at_straight_and_searched_for_once_it_is_released(session, monkeypatch):
     session.send_message(page_messages.SetViewport, w=900, h=700, dpr=1, view="top")
     tip_m = session.arm.where().tip_m
@@ -227,7 +208,6 @@ CHANGES = {
 }
 
 
-@needs_planner
 @pytest.mark.parametrize(("change", "reason"), CHANGES.values(), ids=CHANGES)
 def test_what_has_changed_since_is_not_carried_out_but_planned_again(session, change, reason):
     if reason == "its speed has changed":
@@ -273,7 +253,6 @@ def test_after_a_stop_the_path_that_is_shown_is_carried_out_at_once(session):
     expect_along(plan, run_job(session))
 
 
-@needs_planner
 def test_a_thing_put_into_the_path_that_is_shown_is_avoided_too(session):
     aim_right(session)
     session.planned()
@@ -323,7 +302,6 @@ def expect_along(plan, setpoints):
 LAMP_M = (0.27, 0.0, 0.15)
 
 
-@needs_planner
 def test_a_point_that_another_posture_reaches_is_gone_to_in_that():
     with ViewSession() as session:
         planner = session.arm.context.planner

@@ -11,7 +11,6 @@ from ikservo.apps.teaching.recorder import recording_header
 from ikservo.apps.teaching.recording import RecordingWriter
 from ikservo.errors import CollisionError
 from ikservo.guard import KeepOutBox
-from ikservo.motion.avoidance import can_search
 from tests.arm.simulated import clock_of, context_of, line_of, registers
 
 DOWN_M = np.array([0.0, 0.0, -0.03])
@@ -114,7 +113,7 @@ def test_a_limp_arm_leaves_the_table_for_its_home_pose(seed):
 )
 def test_a_limp_arm_leaves_the_table_from_nearly_every_posture(name):
     homes = [goes_home(name, seed) for seed in range(20)]
-    assert sum(homes) >= 19 if can_search() else sum(homes) >= 8
+    assert sum(homes) >= 19
 
 
 @pytest.fixture

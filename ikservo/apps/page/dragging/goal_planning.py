@@ -27,7 +27,6 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.planning.checked_planning import PlannedStart, PreflightPlanner
 from ikservo.planning.motion_plan import sample_states
 from ikservo.planning.motions import MoveJoints, MoveTo
-from ikservo.planning.ways_around import HOW_TO_SEARCH
 
 _PERIOD_S = 0.04  # between two plans during a drag, whose picture has to be drawn meanwhile
 _POSTURES = 25  # along a path as it is shown
@@ -40,9 +39,8 @@ def refusal_of(goal: Vector, error: IkservoError) -> GoalRefusal:
     """Return the refusal of a goal (n,), in words for a page."""
     if not isinstance(error, BlockedError):
         return GoalRefusal(goal, error.message)
-    hint = f" {HOW_TO_SEARCH}" if error.command_hint.endswith(HOW_TO_SEARCH) else ""
     pair = error.pair if isinstance(error, CollisionError) else ()
-    return GoalRefusal(goal, f"Refused: {error.cause}.{hint}", pair)
+    return GoalRefusal(goal, f"Refused: {error.cause}.", pair)
 
 
 class PlanRequest:

@@ -1,0 +1,279 @@
+"""The search for a way of the joints around what is in their straight way.
+
+The compiled search (``way_search_kernel``) looks at samples. What it finds is shortened, and proven
+free before it is returned. A motion whose proof fails goes back: it is taken out of its tree, the
+samples become closer, and the search goes on. One question has one answer: chance begins at the
+same seed each time, and effort is counted in postures, not in seconds.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from ikservo.guard.clear_space import ClearSpace
+from ikservo.guard.collision import sample_line
+from ikservo.kernels.compiled import bind, is_compiled
+from ikservo.kernels.layout import work_shape
+from ikservo.kinematics.arrays import IntVector, Matrix, Vector
+from ikservo.kinematics.packed import WIDTH
+
+_NODES = 100000  # of a tree
+_STEP_M = 0.1
+_FINEST_M = 0.002  # a shortcut that closer samples find free is not refined any further
+_CHUNK, _CHUNK_IN_PYTHON = 2000, 20  # postures between two looks at whether the search is to end
+# After the first way others are searched, to find a shorter one: how many in all, and for how many
+# times the postures that the first one took, or at least how many.
+_MOST_WAYS = 5
+_SEARCHED_AGAIN = 1
+_LEAST_AGAIN = 1500
+_ROOM = 200  # rows for the corners that shortcuts add
+_SAME = 1e-9
+
+
+class SearchedTool(Protocol):
+    """What a tool keeps to on the way."""
+
+    @property
+    def arm(self) -> Matrix:
+        """The packed chain."""
+        ...
+
+    @property
+    def projected(self) -> Matrix:
+        """Limits (k, 8) that a projection meets; see ``ik.kernel.tool_limits``."""
+        ...
+
+    @property
+    def kept(self) -> Matrix:
+        """Limits (k, 8) that ``keeps`` compares with."""
+        ...
+
+    def keeps(self, joints: Matrix) -> NDArray[np.bool_]:
+        """Return which joints (n, dof) keep the limits (n,)."""
+        ...
+
+
+def path_length(path: Matrix) -> float:
+    """Compute the length of straight motions through postures (k, n), rad."""
+    return float(np.linalg.norm(np.diff(path, axis=0), axis=1).sum())
+
+
+class WaySearch:
+    """A search for straight motions through postures (k, n) from a start to one of some goals.
+
+    Args:
+        space: The space that is free.
+        start: The first posture (n,).
+        goals: Where they may end (m, n).
+        lower: The lowest positions (n,), finite.
+        upper: The highest positions (n,).
+        body: How the joints of the body follow from a posture (dof, 3): the column, or -1; its
+            unit; the position of a joint without a column. None if a posture has all of them.
+        tool: What a tool keeps to on the way; None if it is free.
+        columns: The column and unit of each joint of the tool's chain (dof of the chain, 2).
+        seed: Where chance begins.
+
+    Attributes:
+        has_ended: Whether nothing more will be found: a way was, or there is no free end, or the
+            search has become too large.
+    """
+
+    def __init__(
+        self,
+        space: ClearSpace,
+        start: Vector,
+        goals: Matrix,
+        lower: Vector,
+        upper: Vector,
+        *,
+        body: Matrix | None = None,
+        tool: SearchedTool | None = None,
+        columns: Matrix | None = None,
+        seed: int = 1,
+    ) -> None:
+        from ikservo.guard import way_search_kernel as kernel  # noqa: PLC0415  # as the checker's
+
+        n, self._kernel = len(start), kernel
+        every = np.column_stack([np.arange(n, dtype=np.float64), np.ones(n), np.zeros(n)])
+        self._space, self._tool, self._start = space, tool, start
+        self._body = every if body is None else body
+        self._moved = np.flatnonzero(self._body[:, 0] >= 0.0)
+        self._moved_by = self._body[self._moved, 0].astype(np.intp)
+        self._columns = np.zeros((0, 2)) if columns is None or tool is None else columns
+        inside = (goals >= lower - _SAME).all(axis=1) & (goals <= upper + _SAME).all(axis=1)
+        self._goals = goals[inside]
+        self._goals = self._goals[self._contains(self._goals)] if inside.any() else self._goals
+        self.has_ended = not (len(self._goals) and self._contains(start[None])[0])
+        self._limits = np.array([np.minimum(lower, start), np.maximum(upper, start)])
+        self._step_m, self._chunk = _STEP_M, _CHUNK if is_compiled() else _CHUNK_IN_PYTHON
+        self._nodes, self._parents = np.empty((2 * _NODES, n)), np.empty(2 * _NODES, np.int64)
+        self._state = np.zeros(kernel.STATE_SIZE, np.int64)
+        self._grow_trees = self._bound("grow_trees", self._nodes, self._parents, self._state)
+        chance = np.random.default_rng(seed).integers(1, kernel.CHANCES, 2)
+        self._state[kernel.CHANCE : kernel.CHANCE + 2] = chance
+        if not self.has_ended:
+            self._plant()
+
+    def find(self, most: int, is_over: Callable[[], bool] = bool) -> Matrix | None:
+        """Go on until a way is found that is proven free.
+
+        Args:
+            most: How many postures are looked at.
+            is_over: Whether the search is to end without a way; asked often.
+
+        Returns:
+            The postures (k, n) of the way; None if none was found yet, or the start or all goals
+            are not free.
+        """
+        if self.has_ended:
+            return None
+        for goal in self._goals if self._state[self._kernel.LOOKED] == 0 else ():
+            straight = np.array([self._start, goal])
+            if self._first_unproven(straight) is None:
+                self.has_ended = True
+                return straight
+        at = self._kernel.LOOKED
+        until = self._state[at] + most
+        while self._state[at] < until and not (self.has_ended or is_over()):
+            before = self._state[at]
+            if self._grow_trees(self._step_m, min(until, before + self._chunk)):
+                way = self._proven_way()
+                if way is not None:
+                    self.has_ended = True
+                    return self._shortest(way, is_over)
+            elif self._state[at] == before:  # a tree is full
+                self.has_ended = True
+        return None
+
+    def _bound(
+        self, name: str, nodes: Matrix, parents: IntVector, state: IntVector
+    ) -> Callable[..., object]:
+        """Return an entry of the kernel that still takes the distance of samples and the bound."""
+        tool, dof = self._tool, len(self._columns)
+        nothing = np.zeros((0, 8))
+        return bind(
+            name, *self._space.sampled, self._body, self._limits,
+            np.zeros((0, WIDTH)) if tool is None else tool.arm,
+            nothing if tool is None else tool.projected,
+            nothing if tool is None else tool.kept,
+            self._columns, np.zeros(work_shape(dof, 1)), np.zeros(dof),
+            np.zeros((self._kernel.BUFFER_ROWS, len(self._start))), nodes, parents, state,
+        )  # fmt: skip
+
+    def _plant(self) -> None:
+        """Begin with the roots of both trees."""
+        kernel, goals = self._kernel, len(self._goals)
+        self._nodes[0], self._nodes[_NODES : _NODES + goals] = self._start, self._goals
+        self._parents[0] = self._parents[_NODES : _NODES + goals] = -1
+        self._state[kernel.SIZES : kernel.SIZES + 2] = 1, goals
+        self._state[kernel.MET : kernel.MET + 2] = -1
+
+    def _shortest(self, way: Matrix, is_over: Callable[[], bool]) -> Matrix:
+        """Search again from the beginning, with other chance, and return the shortest way."""
+        looked = self._kernel.LOOKED
+        until = self._state[looked] + max(_SEARCHED_AGAIN * int(self._state[looked]), _LEAST_AGAIN)
+        ways = [way]
+        while self._state[looked] < until and len(ways) < _MOST_WAYS and not is_over():
+            self._plant()
+            if self._grow_trees(self._step_m, until):
+                out, home = self._branches()
+                found = self._nodes[out[::-1] + home[1:]]
+                ways.append(self._shortened(found, self._step_m))
+        for other in sorted(ways, key=path_length):
+            if other is way or self._first_unproven(other) is None:
+                return other
+        return way
+
+    def _proven_way(self) -> Matrix | None:
+        """Shorten the way on which the trees met and prove it; take a motion that is not free out.
+
+        Returns:
+            None if a motion was taken out.
+        """
+        out, home = self._branches()
+        way, step_m = self._nodes[out[::-1] + home[1:]], self._step_m
+        shorter = self._shortened(way, step_m)
+        if self._first_unproven(shorter) is None:
+            return shorter
+        at = self._first_unproven(way)
+        if at is not None:
+            ahead = at < len(out) - 1
+            self._remove_branch(0, out[-2 - at]) if ahead else self._remove_branch(
+                1, home[at - len(out) + 1]
+            )
+            self._state[self._kernel.MET : self._kernel.MET + 2] = -1
+            self._step_m = max(0.5 * step_m, _FINEST_M)
+            return None
+        while step_m > _FINEST_M:
+            step_m *= 0.5
+            shorter = self._shortened(way, step_m)
+            if self._first_unproven(shorter) is None:
+                return shorter
+        return way
+
+    def _branches(self) -> tuple[list[int], list[int]]:
+        """Return the rows from where the trees met to the start, and those to a goal."""
+        found = list[int](), list[int]()
+        for rows, met in zip(found, self._state[self._kernel.MET :], strict=False):
+            row = int(met)
+            while row >= 0:
+                rows.append(row)
+                row = int(self._parents[row])
+        return found
+
+    def _remove_branch(self, tree: int, row: int) -> None:
+        """Remove a node and all that were reached from it."""
+        sizes = self._kernel.SIZES
+        first, size = tree * _NODES, int(self._state[sizes + tree])
+        nodes, parents = self._nodes[first : first + size], self._parents[first : first + size]
+        before = (parents - first).tolist()
+        kept = np.ones(size, dtype=np.bool_)
+        kept[row - first] = False
+        for i in range(row - first + 1, size):
+            kept[i] = before[i] < 0 or kept[before[i]]
+        at = first + np.cumsum(kept) - 1
+        left = parents[kept]
+        left = np.where(left < 0, -1, at[np.maximum(left - first, 0)])
+        nodes[: len(left)], parents[: len(left)] = nodes[kept], left
+        self._state[sizes + tree] = len(left)
+
+    def _shortened(self, way: Matrix, step_m: float) -> Matrix:
+        """Return a way (k, n) without the detours that samples find needless."""
+        room = len(way) + _ROOM
+        nodes, state = np.zeros((2 * room, way.shape[1])), self._state.copy()
+        nodes[: len(way)] = way
+        sizes = self._kernel.SIZES
+        state[sizes : sizes + 2] = len(way), 1
+        self._bound("shorten_way", nodes, np.zeros(2 * room, np.int64), state)(step_m, 0)
+        self._state[self._kernel.LOOKED] = state[self._kernel.LOOKED]
+        return nodes[: state[sizes]].copy()
+
+    def _first_unproven(self, way: Matrix) -> int | None:
+        """Return the first motion of a way (k, n) that is not proven free; None if all are."""
+        for i, (a, b) in enumerate(itertools.pairwise(way)):
+            motion = np.array([a, b])
+            if not self._space.is_free(self._bodies(motion)):
+                return i
+            if self._tool is not None:
+                chains = motion[:, self._columns[:, 0].astype(int)] * self._columns[:, 1]
+                if not self._tool.keeps(sample_line(*chains)).all():
+                    return i
+        return None
+
+    def _contains(self, postures: Matrix) -> NDArray[np.bool_]:
+        free = self._space.contains(self._bodies(postures))
+        if self._tool is not None:
+            chains = postures[:, self._columns[:, 0].astype(int)] * self._columns[:, 1]
+            free &= self._tool.keeps(chains)
+        return free
+
+    def _bodies(self, postures: Matrix) -> Matrix:
+        """Return the joints of the body (k, dof) in postures (k, n)."""
+        bodies = np.tile(self._body[:, 2], (len(postures), 1))
+        bodies[:, self._moved] = postures[:, self._moved_by] * self._body[self._moved, 1]
+        return bodies

@@ -1,0 +1,387 @@
+"""The search for ways around things, compiled: RRT-Connect, or CBiRRT for a constrained tool.
+
+Two trees of straight motions grow, one from the start and one from the goals, until they meet
+(Kuffner and LaValle 2000). Where the tool is constrained, they grow in short steps, each of which
+is projected back to where the constraint is kept (Berenson and others 2009). Motions are looked at
+at samples; ``first_contact`` proves those that are kept.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ikservo.kernels.compiled import entry
+from ikservo.kernels.free_path import free_fraction, path_fits
+from ikservo.kernels.tool_limits import keeps_limits, limits_fit, project_tool
+from ikservo.kinematics.arrays import IntVector, Matrix, Vector
+
+# The entries of ``state``: two numbers of chance, the sizes of both trees, the nodes of both trees
+# at which they met (-1: not yet), and how many postures were looked at.
+CHANCE, SIZES, MET, LOOKED, STATE_SIZE = 0, 2, 4, 6, 7
+# The rows of ``buffer``: the aim, the end of a motion, and a posture on it.
+AIM, NEW, MIDDLE, BUFFER_ROWS = 0, 1, 2, 3
+
+_REACH_RAD = 0.5  # of one motion of a tree
+# One step of a tree that is projected: its length, how much nearer to the aim it must come, as a
+# fraction of it, and how far the projection may move it, as a multiple.
+_STEP_RAD = 0.3
+_NEARER = 0.1
+_FURTHEST = 2.0
+# Aims of such steps lie up to this fraction of the range beyond the limits, and are then moved to
+# the limits: many postures that keep a constraint have a joint there.
+_BEYOND = 0.3
+_CUTS, _FAILED_CUTS = 60, 15  # shortcuts that are tried on a way; how many in a row may fail
+_HALVED = 8  # corners of longer ways are left out by so large a fraction of the rest
+_MOST_SAMPLES = 1e6  # of a motion
+_TURN_RAD = 0.05  # no joint turns further between two samples of a motion with a constrained tool
+# Two generators of chance, which are combined (L'Ecuyer 1988).
+_FACTOR_A, _MODULUS_A = 40014, 2147483563
+_FACTOR_B, CHANCES = 40692, 2147483399  # the latter: where chance may begin is below it
+
+
+def search_fits(
+    links: Matrix, capsules: Matrix, halves_m: Vector, balls: Matrix, pairs: Matrix, shapes: Matrix,
+    floor_m: float, reach: Matrix, masses: Matrix, sag: Matrix, places: Matrix, ends: Matrix,
+    centres: Matrix, postures: Matrix, rates: Vector, allowed: Matrix, load: float, body: Matrix,
+    limits: Matrix, arm: Matrix, projected: Matrix, kept: Matrix, tool: Matrix, work: Matrix,
+    joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector, state: IntVector,
+    step_m: float, most: int,
+) -> bool:  # fmt: skip
+    """Check whether arrays have the shapes that ``grow_trees`` needs, and indices exist."""
+    n, half = nodes.shape[1], len(nodes) // 2
+    point = np.empty(3)
+    if len(buffer) != BUFFER_ROWS or buffer.shape[1] != n or len(state) != STATE_SIZE:
+        return False
+    if body.shape[1] != 3 or tool.shape[1] != 2 or kept.shape[1] != projected.shape[1]:
+        return False
+    for j in range(len(body)):
+        column = body[j, 0]
+        if not -1.0 <= column < n:
+            return False
+    for j in range(len(tool)):
+        column = tool[j, 0]
+        if not 0.0 <= column < n:
+            return False
+    for i in range(2):
+        size, chance = state[SIZES + i], state[CHANCE + i]
+        if not (size >= 1 and size <= half and chance >= 1 and chance < CHANCES):
+            return False
+    if len(projected) > 0 and not (
+        len(joints) == len(tool)
+        and len(kept) == len(projected)
+        and limits_fit(arm, projected, work, point, False, joints)
+    ):
+        return False
+    return (
+        len(body) == postures.shape[1]
+        and len(limits) == 2
+        and limits.shape[1] == n
+        and len(parents) == len(nodes)
+        and 1e-5 <= step_m < math.inf
+        and path_fits(
+            links, capsules, halves_m, balls, pairs, shapes, floor_m, reach, masses, sag, places,
+            ends, centres, postures, rates, allowed, load, postures,
+        )
+    )  # fmt: skip
+
+
+@entry(search_fits)
+def grow_trees(
+    links: Matrix, capsules: Matrix, halves_m: Vector, balls: Matrix, pairs: Matrix, shapes: Matrix,
+    floor_m: float, reach: Matrix, masses: Matrix, sag: Matrix, places: Matrix, ends: Matrix,
+    centres: Matrix, postures: Matrix, rates: Vector, allowed: Matrix, load: float, body: Matrix,
+    limits: Matrix, arm: Matrix, projected: Matrix, kept: Matrix, tool: Matrix, work: Matrix,
+    joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector, state: IntVector,
+    step_m: float, most: int,
+) -> bool:  # fmt: skip
+    """Let two trees grow until they meet.
+
+    The arguments up to ``load`` are those of ``first_contact``. The others:
+
+    body: (dof, 3) how the joints of the body follow from a posture: the column, or -1 for one
+        that does not move; the unit of that column; the position of a joint that does not move.
+    limits: (2, n) the lowest and highest postures, which are looked for between them.
+    arm: The packed chain of a constrained tool.
+    projected: (k, 8) what the tool keeps to where a step is projected; no rows for a free tool.
+    kept: (k, 8) what it keeps to on a motion.
+    tool: (dof of the chain, 2) column and unit of its joints.
+    work: The work array of the chain.
+    joints: (dof of the chain,), work array.
+    buffer: (3, n), work array.
+    nodes: (2 m, n) the postures of the first tree, and from row m on those of the second.
+    parents: (2 m,) the row from which each was reached; -1 for a root.
+    state: (7,) where the search is; see above. What it was before is where it goes on.
+    step_m: No point of the arm moves further than this between two samples of a motion.
+    most: The number of postures after which it returns, at the end of a turn.
+
+    Returns:
+        Whether they met; False, too, where a tree is full.
+    """
+    for c in range(len(rates)):
+        rates[c] = 0.0
+    aim, half = buffer[AIM], len(nodes) // 2
+    wide = _BEYOND if len(projected) > 0 else 0.0
+    while state[MET] < 0 and state[LOOKED] < most:
+        if max(state[SIZES], state[SIZES + 1]) >= half:
+            return False
+        for j in range(nodes.shape[1]):
+            part = _chance(state)
+            low, high = limits[0, j], limits[1, j]
+            aim[j] = min(max(low + (part * (1.0 + 2.0 * wide) - wide) * (high - low), low), high)
+        one = 0 if state[SIZES] <= state[SIZES + 1] else 1  # the smaller tree is next
+        reached = _grow(
+            links, capsules, halves_m, balls, pairs, shapes, floor_m, reach, masses, sag, places,
+            ends, centres, postures, rates, allowed, load, body, limits, arm, projected, kept, tool,
+            work, joints, buffer, nodes, parents, state, step_m, most, one,
+        )  # fmt: skip
+        for j in range(nodes.shape[1]):
+            aim[j] = nodes[reached, j]
+        met = _grow(
+            links, capsules, halves_m, balls, pairs, shapes, floor_m, reach, masses, sag, places,
+            ends, centres, postures, rates, allowed, load, body, limits, arm, projected, kept, tool,
+            work, joints, buffer, nodes, parents, state, step_m, most, 1 - one,
+        )  # fmt: skip
+        if _distance(nodes[met], aim) == 0.0:
+            state[MET + one], state[MET + 1 - one] = reached, met
+    return state[MET] >= 0
+
+
+def _grow(
+    links: Matrix, capsules: Matrix, halves_m: Vector, balls: Matrix, pairs: Matrix, shapes: Matrix,
+    floor_m: float, reach: Matrix, masses: Matrix, sag: Matrix, places: Matrix, ends: Matrix,
+    centres: Matrix, postures: Matrix, rates: Vector, allowed: Matrix, load: float, body: Matrix,
+    limits: Matrix, arm: Matrix, projected: Matrix, kept: Matrix, tool: Matrix, work: Matrix,
+    joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector, state: IntVector,
+    step_m: float, most: int, tree: int,
+) -> int:  # fmt: skip
+    """Let a tree grow towards the aim as far as it is free; return the row that is reached."""
+    aim, new, half = buffer[AIM], buffer[NEW], len(nodes) // 2
+    first = tree * half
+    at, nearest = first, math.inf
+    for i in range(first, first + state[SIZES + tree]):
+        apart = 0.0
+        for j in range(nodes.shape[1]):
+            apart += (nodes[i, j] - aim[j]) * (nodes[i, j] - aim[j])
+        if apart < nearest:
+            at, nearest = i, apart
+    left = math.sqrt(nearest)
+    while left > 0.0 and state[SIZES + tree] < half:
+        start = nodes[at]
+        longest = _STEP_RAD if len(projected) > 0 else _REACH_RAD
+        part = 1.0 if left <= longest else longest / left
+        for j in range(nodes.shape[1]):
+            new[j] = aim[j] if part == 1.0 else start[j] + part * (aim[j] - start[j])
+        if part < 1.0 and len(projected) > 0:
+            state[LOOKED] += 1
+            if not _project(arm, projected, tool, work, joints, new):
+                break
+            if _distance(new, aim) > left - _NEARER * longest:
+                break
+            if _distance(new, start) >= _FURTHEST * longest:
+                break
+        if not _is_motion_free(
+            links, capsules, halves_m, balls, pairs, shapes, floor_m, reach, masses, sag, places,
+            ends, centres, postures, rates, allowed, load, body, limits, arm, projected, kept, tool,
+            work, joints, buffer, nodes, parents, state, step_m, most, start, new,
+        ):  # fmt: skip
+            break
+        row = first + state[SIZES + tree]
+        for j in range(nodes.shape[1]):
+            nodes[row, j] = new[j]
+        parents[row] = at
+        state[SIZES + tree] += 1
+        at, left = row, _distance(new, aim)
+    return at
+
+
+@entry(search_fits)
+def shorten_way(
+    links: Matrix, capsules: Matrix, halves_m: Vector, balls: Matrix, pairs: Matrix, shapes: Matrix,
+    floor_m: float, reach: Matrix, masses: Matrix, sag: Matrix, places: Matrix, ends: Matrix,
+    centres: Matrix, postures: Matrix, rates: Vector, allowed: Matrix, load: float, body: Matrix,
+    limits: Matrix, arm: Matrix, projected: Matrix, kept: Matrix, tool: Matrix, work: Matrix,
+    joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector, state: IntVector,
+    step_m: float, most: int,
+) -> bool:  # fmt: skip
+    """Shorten a way by straight motions between random points of it, and between its corners.
+
+    The way is in the first rows of ``nodes``, as many as the size of the first tree, and is
+    replaced. The other arguments are those of ``grow_trees``. Always returns True.
+    """
+    for c in range(len(rates)):
+        rates[c] = 0.0
+    _cut_corners(
+        links, capsules, halves_m, balls, pairs, shapes, floor_m, reach, masses, sag, places, ends,
+        centres, postures, rates, allowed, load, body, limits, arm, projected, kept, tool, work,
+        joints, buffer, nodes, parents, state, step_m, most,
+    )  # fmt: skip
+    one, other, failed = buffer[AIM], buffer[NEW], 0
+    for _ in range(_CUTS):
+        if state[SIZES] == 2 or failed == _FAILED_CUTS:
+            break
+        total = 0.0
+        for i in range(state[SIZES] - 1):
+            total += _distance(nodes[i], nodes[i + 1])
+        first = _chance(state)
+        second = _chance(state)
+        i = _point_along(nodes, total * min(first, second), one)
+        k = _point_along(nodes, total * max(first, second), other)
+        failed += 1
+        if i < k and state[SIZES] < len(nodes) and _is_motion_free(
+            links, capsules, halves_m, balls, pairs, shapes, floor_m, reach, masses, sag, places,
+            ends, centres, postures, rates, allowed, load, body, limits, arm, projected, kept, tool,
+            work, joints, buffer, nodes, parents, state, step_m, most, one, other,
+        ):  # fmt: skip
+            failed = 0
+            _move_rows(nodes, state, k + 1, i + 3)
+            for j in range(nodes.shape[1]):
+                nodes[i + 1, j], nodes[i + 2, j] = one[j], other[j]
+    _cut_corners(
+        links, capsules, halves_m, balls, pairs, shapes, floor_m, reach, masses, sag, places, ends,
+        centres, postures, rates, allowed, load, body, limits, arm, projected, kept, tool, work,
+        joints, buffer, nodes, parents, state, step_m, most,
+    )  # fmt: skip
+    return True
+
+
+def _cut_corners(
+    links: Matrix, capsules: Matrix, halves_m: Vector, balls: Matrix, pairs: Matrix, shapes: Matrix,
+    floor_m: float, reach: Matrix, masses: Matrix, sag: Matrix, places: Matrix, ends: Matrix,
+    centres: Matrix, postures: Matrix, rates: Vector, allowed: Matrix, load: float, body: Matrix,
+    limits: Matrix, arm: Matrix, projected: Matrix, kept: Matrix, tool: Matrix, work: Matrix,
+    joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector, state: IntVector,
+    step_m: float, most: int,
+) -> None:  # fmt: skip
+    """Remove the corners of a way that straight motions leave out."""
+    i = 0
+    while i < state[SIZES] - 2:
+        k = state[SIZES] - 1
+        while k > i + 1:
+            one, other = nodes[i], nodes[k]
+            if _is_motion_free(
+                links, capsules, halves_m, balls, pairs, shapes, floor_m, reach, masses, sag,
+                places, ends, centres, postures, rates, allowed, load, body, limits, arm, projected,
+                kept, tool, work, joints, buffer, nodes, parents, state, step_m, most, one, other,
+            ):  # fmt: skip
+                break
+            k -= max(1, (k - i) // _HALVED)
+        _move_rows(nodes, state, k, i + 1)
+        i += 1
+
+
+def _point_along(nodes: Matrix, distance: float, point: Vector) -> int:
+    """Fill the point at a distance along a way; return the row before it."""
+    i, length = 0, _distance(nodes[0], nodes[1])
+    while distance > length and i < len(nodes) - 2:
+        distance -= length
+        i += 1
+        length = _distance(nodes[i], nodes[i + 1])
+    part = min(distance / length, 1.0) if length > 0.0 else 0.0
+    for j in range(nodes.shape[1]):
+        point[j] = nodes[i, j] + part * (nodes[i + 1, j] - nodes[i, j])
+    return i
+
+
+def _move_rows(nodes: Matrix, state: IntVector, first: int, to: int) -> None:
+    """Move the rows of a way from ``first`` on so that they begin at another row."""
+    count = state[SIZES] - first
+    for k in range(count):
+        i = k if to < first else count - 1 - k
+        for j in range(nodes.shape[1]):
+            nodes[to + i, j] = nodes[first + i, j]
+    state[SIZES] += to - first
+
+
+def _is_motion_free(
+    links: Matrix, capsules: Matrix, halves_m: Vector, balls: Matrix, pairs: Matrix, shapes: Matrix,
+    floor_m: float, reach: Matrix, masses: Matrix, sag: Matrix, places: Matrix, ends: Matrix,
+    centres: Matrix, postures: Matrix, rates: Vector, allowed: Matrix, load: float, body: Matrix,
+    limits: Matrix, arm: Matrix, projected: Matrix, kept: Matrix, tool: Matrix, work: Matrix,
+    joints: Vector, buffer: Matrix, nodes: Matrix, parents: IntVector, state: IntVector,
+    step_m: float, most: int, start: Vector, end: Vector,
+) -> bool:  # fmt: skip
+    """Look at a straight motion: at its end, its middle, its quarters and so on."""
+    count, gap = _sample_count(links, reach, body, projected, step_m, start, end), 2
+    while gap < 2 * count:
+        gap *= 2
+    at, past = count, count + 1
+    middle = buffer[MIDDLE]
+    while gap > 1:
+        while at < past:
+            for j in range(nodes.shape[1]):
+                middle[j] = start[j] + at / count * (end[j] - start[j])
+            state[LOOKED] += 1
+            if len(projected) > 0 and not _keeps_tool(arm, kept, tool, work, joints, middle):
+                return False
+            for j in range(len(body)):
+                moves = body[j, 0] >= 0.0
+                postures[0, j] = body[j, 1] * middle[int(body[j, 0])] if moves else body[j, 2]
+            free = free_fraction(
+                links, capsules, halves_m, balls, pairs, shapes, floor_m, masses, sag, places, ends,
+                centres, postures, rates, allowed, load, 0.0,
+            )  # fmt: skip
+            if free < 0.0:
+                return False
+            at += gap
+        gap = gap // 2
+        at, past = gap // 2, count
+    return True
+
+
+def _sample_count(
+    links: Matrix, reach: Matrix, body: Matrix, projected: Matrix, step_m: float, start: Vector,
+    end: Vector,
+) -> int:  # fmt: skip
+    """Return into how many steps a motion is divided."""
+    farthest_m, turned_rad = 0.0, 0.0
+    for i in range(len(reach) - len(links), len(reach)):
+        moved_m = 0.0
+        for j in range(len(body)):
+            if body[j, 0] >= 0.0:
+                k = int(body[j, 0])
+                moved_m += reach[i, j] * abs(body[j, 1] * (end[k] - start[k]))
+        farthest_m = max(farthest_m, moved_m)
+    if len(projected) > 0:
+        for j in range(len(start)):
+            turned_rad = max(turned_rad, abs(end[j] - start[j]))
+    return 1 + int(min(max(farthest_m / step_m, turned_rad / _TURN_RAD), _MOST_SAMPLES))
+
+
+def _project(
+    arm: Matrix, projected: Matrix, tool: Matrix, work: Matrix, joints: Vector, q: Vector
+) -> bool:
+    """Move a posture to where the tool keeps its constraint; return whether there is one."""
+    point = np.empty(3)
+    for k in range(3):
+        point[k] = 0.0
+    for i in range(len(tool)):
+        joints[i] = tool[i, 1] * q[int(tool[i, 0])]
+    found = project_tool(arm, projected, work, point, False, joints)
+    for i in range(len(tool)):
+        q[int(tool[i, 0])] = joints[i] / tool[i, 1]
+    return found
+
+
+def _keeps_tool(
+    arm: Matrix, kept: Matrix, tool: Matrix, work: Matrix, joints: Vector, q: Vector
+) -> bool:
+    for i in range(len(tool)):
+        joints[i] = tool[i, 1] * q[int(tool[i, 0])]
+    return keeps_limits(arm, kept, work, joints)
+
+
+def _distance(a: Vector, b: Vector) -> float:
+    total = 0.0
+    for j in range(len(a)):
+        total += (a[j] - b[j]) * (a[j] - b[j])
+    return math.sqrt(total)
+
+
+def _chance(state: IntVector) -> float:
+    """Return the next number of chance, between 0 and 1."""
+    state[CHANCE] = _FACTOR_A * state[CHANCE] % _MODULUS_A
+    state[CHANCE + 1] = _FACTOR_B * state[CHANCE + 1] % CHANCES
+    drawn = state[CHANCE] - state[CHANCE + 1]
+    return (drawn if drawn > 0 else drawn + _MODULUS_A - 1) / _MODULUS_A

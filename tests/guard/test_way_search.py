@@ -1,0 +1,123 @@
+"""The search for ways: a ball on two slides, behind a wall that has a gap."""
+
+import numpy as np
+import pytest
+
+from ikservo.guard import CollisionChecker, KeepOutBox, way_search
+from ikservo.guard.way_search import WaySearch, path_length
+from ikservo.kernels import compiled
+from ikservo.kinematics import Chain, JointType
+from ikservo.kinematics.capsules import Capsule
+from ikservo.kinematics.collision_body import CollisionBody
+from tests.both_ways import needs_extension
+from tests.kinematics.chains import joint
+
+START, GOAL = np.array([0.1, 0.1]), np.array([0.9, 0.1])
+SIDES = np.zeros(2), np.ones(2)
+RADIUS_M = 0.02
+
+
+def maze(gap=0.9, half_m=0.15, margin_m=0.01):
+    """Return the free space of a ball that a wall at x = 0.5 with a gap leaves."""
+    joints = [
+        joint("x", JointType.PRISMATIC, "base", "cart", (0, 0, 0), (1, 0, 0), lower=0.0, upper=1.0),
+        joint("y", JointType.PRISMATIC, "cart", "tip", (0, 0, 0), (0, 1, 0), lower=0.0, upper=1.0),
+    ]
+    chain = Chain.from_joints(joints, "base", "tip")
+    body = CollisionBody(chain, [Capsule("tip", np.zeros(3), np.zeros(3), RADIUS_M)])
+    walls = [
+        KeepOutBox("below", (0.46, -1.0, -0.1), (0.54, gap - half_m, 0.1)),
+        KeepOutBox("above", (0.46, gap + half_m, -0.1), (0.54, 9.0, 0.1)),
+    ]
+    return CollisionChecker(body, None, walls).clear_space(margin_m, np.array([START]), load=0.0)
+
+
+def search(space, goals=(GOAL,), **options):
+    return WaySearch(space, START, np.array(goals), *SIDES, **options)
+
+
+def test_way_leads_through_gap_to_the_goal_that_can_be_reached():
+    goals, most = [GOAL, [0.5, 0.2], [0.9, 1.9]], 20000
+    way = search(maze(), goals).find(most)
+    assert maze().is_free(way)
+    np.testing.assert_array_equal(way[[0, -1]], [START, GOAL])
+    assert 1.6 < path_length(way) < 2.0
+    np.testing.assert_array_equal(way, search(maze(), goals).find(most))
+
+
+def test_search_goes_on_where_it_was_left():
+    parts = search(maze())
+    found = [parts.find(10) for _ in range(200)]
+    way = next(way for way in found if way is not None)
+    np.testing.assert_array_equal(way[[0, -1]], [START, GOAL])
+    assert parts.has_ended
+    assert parts.find(1000) is None
+
+
+def test_search_without_a_free_end_has_ended():
+    assert search(maze(), [[0.5, 0.2]]).has_ended
+    assert search(maze(), [[0.9, 1.9]]).has_ended
+    assert search(maze(), [[0.5, 0.2]]).find(100) is None
+
+
+def test_search_ends_when_it_is_to_end_and_at_its_bound():
+    walled, asked = search(maze(gap=5.0)), []
+
+    def ends_at_the_third():
+        asked.append(True)
+        return len(asked) > 2
+
+    assert walled.find(10**9, ends_at_the_third) is None
+    assert walled.find(3000) is None
+    assert not walled.has_ended
+
+
+def test_gap_that_samples_miss_is_not_taken(monkeypatch):
+    thin = maze(gap=5.0)  # the wall is 80 mm thick, as is the ball with what it keeps
+    monkeypatch.setattr(way_search, "_STEP_M", 0.5)
+    walled = search(thin)
+    assert walled.find(20000) is None
+    assert walled._step_m < 0.5
+
+
+def test_ways_after_the_first_make_it_shorter(monkeypatch):
+    space = maze(gap=0.6, half_m=0.06)
+    lengths = [path_length(search(space, seed=seed).find(20000)) for seed in range(1, 9)]
+    monkeypatch.setattr(way_search, "_MOST_WAYS", 1)
+    first = [path_length(search(space, seed=seed).find(20000)) for seed in range(1, 9)]
+    assert sum(lengths) <= sum(first)
+    assert max(lengths) < 1.25 * min(lengths)
+
+
+@needs_extension
+@pytest.mark.parametrize("name", ["grow_trees", "shorten_way"])
+def test_compiled_search_gives_the_same_bits(monkeypatch, name):
+    pairs = []
+
+    def bind(asked, *arguments):
+        both = compiled.bind(asked, *arguments)
+        if asked != name:
+            return both
+        copies = [each.copy() if isinstance(each, np.ndarray) else each for each in arguments]
+        for one, copy in zip(arguments, copies, strict=True):
+            if isinstance(one, np.ndarray) and one.base is None:
+                copy[...] = one
+
+        def run(*others):
+            for one, copy in zip(arguments, copies, strict=True):
+                if isinstance(one, np.ndarray):
+                    copy[...] = one
+            found = both(*others)
+            assert compiled.uncompiled[name](*copies, *others) == found
+            for one, copy in zip(arguments, copies, strict=True):
+                np.testing.assert_array_equal(one, copy)
+            pairs.append(name)
+            return found
+
+        return run
+
+    monkeypatch.setattr(way_search, "bind", bind)
+    monkeypatch.setattr(way_search, "_NODES", 200)
+    monkeypatch.setattr(way_search, "_MOST_WAYS", 1)
+    assert search(maze(gap=0.8, half_m=0.1)).find(500) is not None
+    assert pairs
