@@ -17,6 +17,15 @@ INSTALL = (
 )
 
 
+TIMEOUT_S = 300  # of a test: several waits, each as patient as ``PATIENCE_S``
+
+
+def pytest_collection_modifyitems(items):
+    for item in items:
+        if item.path.parent.name == "browser" and not item.get_closest_marker("timeout"):
+            item.add_marker(pytest.mark.timeout(TIMEOUT_S))
+
+
 def found():
     return next(filter(None, map(shutil.which, NAMES)), None)
 

@@ -4,6 +4,7 @@ import itertools
 import json
 import math
 import threading
+import time
 from contextlib import contextmanager
 
 import numpy as np
@@ -18,12 +19,29 @@ from ikservo.model.scene_file import with_scene
 from tests.arm.simulated import line_of, registers, true_joints, true_tip_m, without_zeros
 from tests.oracle import pinocchio_model
 
-TIMEOUT_MS = 15_000
+PATIENCE_S = 60.0  # a busy machine needs it; who waits for an event returns with the event
+REPEAT_S = 4.0  # between two presses: longer than until a page says that the first came too late
 SHOWN = "Boolean(window.ikservo?.scene && window.ikservo.status)"
 LOOK_MS = 40  # between two looks at the servos
 STILL = 8  # looks: longer than an arm that sags waits before it lifts itself
 THERE = 4  # looks
 AT_HOME_RAD = 0.012  # more than an arm sags when its torque comes on
+
+
+def attempts(pause, patience_s=PATIENCE_S):
+    """Yield at once, then after each pause, until the patience is over."""
+    end_s = time.monotonic() + patience_s
+    while True:
+        yield
+        if time.monotonic() > end_s:
+            return
+        pause()
+
+
+def patient(page):
+    """Let Playwright's own waits on a page be as patient as those here."""
+    page.set_default_timeout(1000 * PATIENCE_S)
+    return page
 
 
 class ServedView:
@@ -137,7 +155,7 @@ class Operator:
         self.page, self.served = page, served
         self.errors = []
         self.before = served.ticks()
-        page.set_default_timeout(TIMEOUT_MS)
+        patient(page)
         page.on("pageerror", lambda error: self.errors.append(str(error)))
         page.goto((served.urls.watch if watch else served.urls.control) + options)
         self.until(SHOWN)
@@ -151,16 +169,43 @@ class Operator:
 
     def until(self, words):
         """Wait until an expression is true in the page."""
-        for _ in range(TIMEOUT_MS // 20):
+        for _ in attempts(self.look_again):
             if self.page.evaluate(words):
                 return self
-            self.page.wait_for_timeout(20)
-        raise AssertionError(f"never in {TIMEOUT_MS} ms: {words}\n{self.status}")
+        raise AssertionError(f"never in {PATIENCE_S} s: {words}\n{self.status}")
+
+    def look_again(self):
+        self.page.wait_for_timeout(LOOK_MS)
 
     def wait_for(self, words):
         """Wait for an expression over `status`, `scene` and the drawn `items`."""
-        begin = "(() => { const { status, scene, items } = window.ikservo;"
-        return self.until(f"{begin} return Boolean({words}); }})()")
+        return self.until(over_page(words))
+
+    def repeat(self, act, is_done):
+        """Act until it has its effect: a page that draws slowly refuses what comes too late.
+
+        The act must be one that may be done twice, such as typing a number.
+        """
+        for _ in attempts(act, PATIENCE_S):
+            for _ in attempts(self.look_again, REPEAT_S):
+                if is_done():
+                    return self
+        raise AssertionError(f"it never had its effect\n{self.status}")
+
+    def type(self, selector, value, words):
+        """Type into a field until an expression as of `wait_for` is true."""
+
+        def enter():
+            self.page.fill(selector, value)
+            self.page.press(selector, "Enter")
+
+        enter()
+        return self.repeat(enter, lambda: self.page.evaluate(over_page(words)))
+
+    def until_drawn(self, frames=4):
+        """Wait for frames of which the last knows all that was done before: two are under way."""
+        drawn = self.page.evaluate("window.ikservo.drawn")
+        return self.until(f"window.ikservo.drawn >= {drawn + frames}")
 
     def wait_for_picture(self):
         """Wait until what is drawn fits the drawing's size of now."""
@@ -234,8 +279,7 @@ class Operator:
     def until_still(self):
         """Wait until the servos have come to rest, where the page sent them."""
         still, last = 0, None
-        for _ in range(TIMEOUT_MS // LOOK_MS):
-            self.page.wait_for_timeout(LOOK_MS)
+        for _ in attempts(self.look_again):
             now = (self.served.ticks(), self.served.goals())
             still, last = (still + 1 if now == last else 0), now
             if still >= STILL:
@@ -245,8 +289,7 @@ class Operator:
     def until_near(self, place_m, wanted_m, near_mm):
         """Wait until a place of the arm is where it should be, and stays there."""
         there = 0
-        for _ in range(TIMEOUT_MS // LOOK_MS):
-            self.page.wait_for_timeout(LOOK_MS)
+        for _ in attempts(self.look_again):
             there = there + 1 if apart_mm(place_m(), wanted_m) < near_mm else 0
             if there >= THERE:
                 return self
@@ -254,8 +297,7 @@ class Operator:
 
     def until_moving(self):
         """Wait until the servos have moved since the last gesture began."""
-        for _ in range(TIMEOUT_MS // 20):
-            self.page.wait_for_timeout(20)
+        for _ in attempts(self.look_again):
             moved = max(abs(self.served.ticks()[i] - self.before[i]) for i in self.before)
             if moved > 5:
                 return self
@@ -266,12 +308,17 @@ GO_HOME = [{"kind": "set_speed", "name": "fast"}, {"kind": "set_live", "on": Tru
            {"kind": "go_to_pose", "name": "home"}]  # fmt: skip
 
 
+def over_page(words):
+    """Return an expression over `status`, `scene` and the drawn `items` as one of the page."""
+    begin = "(() => { const { status, scene, items } = window.ikservo;"
+    return f"{begin} return Boolean({words}); }})()"
+
+
 def until(true, what=lambda: ""):
     """Wait until something is true; if it never is, tell what is instead."""
-    for _ in range(TIMEOUT_MS // LOOK_MS):
+    for _ in attempts(lambda: threading.Event().wait(LOOK_MS / 1000)):
         if true():
             return
-        threading.Event().wait(LOOK_MS / 1000)
     raise AssertionError(f"it never came true: {what()}")
 
 

@@ -122,9 +122,7 @@ def test_a_drag_takes_the_tip_to_the_pointer(onlooker):
 
 
 def test_a_ghost_that_would_touch_something_turns_red_and_the_pair_is_named(onlooker):
-    onlooker.page.fill("#tool-z", "-40")
-    onlooker.page.keyboard.press("Enter")
-    onlooker.wait_for("scene.refused_pair?.includes('gripper')")
+    onlooker.type("#tool-z", "-40", "scene.refused_pair?.includes('gripper')")
     style = (
         f"(link) => Object.entries({SCENE}.ghostMaterials)"
         f".find(([, each]) => each === {SCENE}.ghost.parts.get(link)[0].material)[0]"

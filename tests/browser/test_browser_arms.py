@@ -9,7 +9,7 @@ from ikservo.apps.page.served_arms import ArmAtPort
 from ikservo.model import load_model
 from tests.apps.page.webcam import Webcam
 from tests.arm.simulated import line_of, registers
-from tests.browser.page_operator import HoldingView, Operator, ServedView, until
+from tests.browser.page_operator import HoldingView, Operator, ServedView, patient, until
 from tests.browser.test_browser_page import CONTRAST, NAMES, SMALL
 
 pytestmark = pytest.mark.browser
@@ -33,8 +33,7 @@ def opened_panel(*places, **options):
 @pytest.fixture
 def page(browser):
     context = browser.new_context(viewport={"width": 1100, "height": 800})
-    page = context.new_page()
-    page.set_default_timeout(15_000)
+    page = patient(context.new_page())
     yield page
     context.close()
 
@@ -136,9 +135,7 @@ def test_space_stops_every_arm_and_a_fault_of_one_is_reported_beside_its_name(pa
     operator.wait_for("status.mode === 'preview'")
 
 
-def test_a_camera_is_shown_beside_the_arm_or_behind_it_and_says_when_it_is_unplugged(
-    page, monkeypatch
-):
+def test_camera_is_beside_drawing_or_large_and_says_when_unplugged(page, monkeypatch):
     pytest.importorskip("cv2")
     webcam = Webcam()
     monkeypatch.setattr(
@@ -150,9 +147,10 @@ def test_a_camera_is_shown_beside_the_arm_or_behind_it_and_says_when_it_is_unplu
         operator.until("document.getElementById('camera-picture').naturalWidth === 32")
         page.wait_for_selector("#camera-note:text-is('camera 0')")
         assert page.evaluate(CONTRAST) == []
-        page.click("#camera-places [value=behind]")
+        page.click("#camera-places [value=large]")
         stage, picture = (page.locator(each).bounding_box() for each in ("#drawing", "#camera"))
         assert picture["width"] == pytest.approx(stage["width"], abs=4)
+        assert page.locator("#drawing").is_hidden()  # it would not fit the picture
         webcam.plugged = False
         page.wait_for_selector("#camera[data-trouble]")
         assert page.inner_text("#camera-note").startswith("camera 0 cannot be opened")

@@ -88,7 +88,7 @@ def test_a_picture_that_is_not_fresh_takes_no_click(operator, monkeypatch):
     monkeypatch.setattr(SimulatedCamera, "take", lambda _: None)  # unplugged
     operator.wait_for("scene.picture_trouble")
     operator.click(lens_of(operator).project([0.25, 0.08, 0.03])[0])
-    operator.page.wait_for_timeout(500)
+    operator.until_drawn()
     assert operator.page.evaluate("window.ikservo.scene.goal") is None
     assert "is it unplugged" in operator.page.inner_text("#camera-note")
 

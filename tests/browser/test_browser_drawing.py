@@ -27,6 +27,7 @@ from ikservo.model.collision_model import capsules_of
 from ikservo.model.model import KeepOutBox
 from tests.apps.page.planar_arm import planar_model
 from tests.apps.page.view_fixtures import VIEWPORT, graph_of, looked_at, model_of, picker, stage
+from tests.browser.page_operator import patient
 from tests.kinematics.chains import crane, planar
 from tests.oracle import ARMS, tip_from_joints
 
@@ -72,7 +73,7 @@ def serve(route):
 def page(browser):
     """A page with the modules of the package and nothing else."""
     context = browser.new_context()
-    page = context.new_page()
+    page = patient(context.new_page())
     page.route(f"{HOST}**", serve)
     page.goto(HOST)
     yield page
@@ -345,18 +346,18 @@ def test_every_joint_shows_its_range_as_an_arc_with_a_needle(canvas):
 
 @pytest.mark.parametrize(
     ("room_deg", "style"),
-    [(0.0, "red"), (0.2, "red"), (0.5, "amber"), (4.9, "amber"), (5.1, "limit")],
+    [(-0.5, "red"), (-0.2, "amber"), (0.0, "amber"), (4.9, "amber"), (5.1, "limit")],
 )
 @pytest.mark.parametrize("side", ["lower_rad", "upper_rad"])
-def test_a_needle_near_its_limit_is_amber_and_at_it_red(canvas, side, room_deg, style):
+def test_needle_at_its_limit_is_amber_and_beyond_it_red(canvas, side, room_deg, style):
     limit = getattr(model_of("so101").chain, side)[2]
     q = at_joints(elbow_flex=limit + math.radians(room_deg) * (1 if side == "lower_rad" else -1))
     assert arc(canvas.items(measured=q), "elbow_flex")["style"] == style
 
 
-def test_a_joint_that_is_sent_to_its_limit_is_red_before_it_gets_there(canvas):
+def test_joint_sent_to_its_limit_is_amber_before_it_gets_there(canvas):
     goal = at_joints(elbow_flex=float(model_of("so101").chain.upper_rad[2]))
-    assert arc(canvas.items(goal=goal), "elbow_flex")["style"] == "red"
+    assert arc(canvas.items(goal=goal), "elbow_flex")["style"] == "amber"
 
 
 def test_the_needle_points_along_the_link_that_the_joint_carries(canvas):
@@ -562,16 +563,6 @@ def test_the_region_is_drawn_in_its_plane(canvas):
     T = plane.T_world_plane
     expected = looked_at("so101", "side").project(np.array(ring) @ T[:3, :2].T + T[:3, 3])[0]
     np.testing.assert_allclose(drawn["rings"][0], expected, atol=0.01)
-
-
-@pytest.mark.parametrize("view", VIEWS)
-def test_over_the_picture_of_a_camera_neither_table_nor_region_is_drawn(canvas, view):
-    plane = slice_plane(stage("so101"), "side", stage("so101").home, lambda: TIP)
-    region = ReachableRegion(([[0.1, 0.0], [0.3, 0.0], [0.3, 0.2]],), plane.T_world_plane)
-    state = SceneState(looked_at("so101", view), stage("so101").home, region=region)
-    graph = graph_of(model_of("so101"))
-    assert canvas.compose(graph, state)["backdrop"]
-    assert canvas.compose(graph, state, bare=True)["backdrop"] == []
 
 
 def test_the_planned_and_the_measured_way_of_the_tip_are_drawn(canvas):

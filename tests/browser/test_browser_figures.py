@@ -5,6 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.browser.page_operator import patient
+
 pytestmark = pytest.mark.browser
 FIGURES = Path(__file__).parents[2] / "docs" / "figures"
 LECTURE = (FIGURES.parent / "lecture.md").read_text("utf-8")
@@ -15,7 +17,7 @@ NAMES = re.findall(r'<figure class="interactive" data-figure="(\w+)"></figure>',
 def page(browser):
     """The figures alone, in the order of the page."""
     context = browser.new_context(viewport={"width": 700, "height": 900})
-    page = context.new_page()
+    page = patient(context.new_page())
     page.route("http://docs.test/**", serve)
     page.goto("http://docs.test/")
     yield page

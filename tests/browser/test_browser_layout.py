@@ -1,8 +1,10 @@
 """Where things stand on the page: what asks for attention covers nothing that is looked at."""
 
+import itertools
+
 import pytest
 
-from tests.browser.page_operator import Operator
+from tests.browser.page_operator import Operator, patient
 
 pytestmark = pytest.mark.browser
 
@@ -35,6 +37,7 @@ def overlap(one, other):
 def test_the_banner_of_a_stop_and_its_plots_cover_neither_the_arm_nor_the_panel(reader):
     reader.page.click("#stop")
     reader.wait_for("status.mode === 'stopped'")
+    reader.page.click("#plots-toggle:has-text('Last stop')")
     reader.page.wait_for_selector("#plots-charts canvas")
     reader.wait_for_picture()
     banner, plots, drawing, panel, mode, tip = boxes(
@@ -98,7 +101,7 @@ def test_a_page_for_which_there_is_no_room_says_so_and_appears_once_there_is(
 ):
     monkeypatch.setattr("ikservo.apps.page.server.server._MAX_CLIENTS", 0)
     context = browser.new_context()
-    page = context.new_page()
+    page = patient(context.new_page())
     page.goto(shared.urls.watch)
     page.wait_for_selector("#banner-message:has-text('16 pages watch this arm already')")
     monkeypatch.undo()
@@ -114,3 +117,26 @@ def test_a_long_message_is_shown_from_its_first_line_on(reader):
     )
     log, message = boxes(reader, "#log", "#log li:last-child")
     assert message["y"] >= log["y"] - 1
+
+
+@pytest.mark.parametrize(("width", "height"), [(390, 844), (820, 900), (1100, 720)])
+def test_state_tools_and_help_do_not_cover_each_other(visit, width, height):
+    operator = visit()
+    page = operator.page
+    page.set_viewport_size({"width": width, "height": height})
+    operator.wait_for_picture()
+    long_text = "Preview – limp: shoulder_pan, shoulder_lift, elbow_flex, wrist_flex, wrist_roll"
+    page.evaluate(
+        "(text) => { Object.defineProperty(document.getElementById('mode'), 'textContent',"
+        "  { get: () => text }); document.getElementById('mode').innerText = text;"
+        "  for (const id of ['rendering', 'mark-tip', 'height-field', 'handles'])"
+        "    document.getElementById(id).hidden = false; }",
+        long_text,
+    )
+    page.evaluate("() => new Promise((done) => requestAnimationFrame(() => setTimeout(done, 50)))")
+    found = boxes(operator, ".mode", ".stage-tools", ".view-tools", ".readout")
+    assert not any(overlap(*pair) for pair in itertools.combinations(found, 2))
+    page.click("#help-button")
+    page.click("#arms-toggle")
+    assert page.is_visible("#arms")
+    assert page.is_hidden("#help")

@@ -1,4 +1,4 @@
-"""Plots: what the simulated servos did, shown by themselves when something stops the arm."""
+"""Plots: what the simulated servos did, also in the ten seconds before a stop."""
 
 import csv
 
@@ -91,11 +91,13 @@ def test_on_a_phone_plots_are_below_the_arm_and_their_curves_before_their_button
 
 
 @OWN
-def test_a_servo_that_falls_silent_shows_the_ten_seconds_before_until_it_is_acknowledged(live):
+def test_plots_show_last_stop_until_it_is_acknowledged(live):
     under_way(live)
     joint = servo_id("so101", "wrist_flex")
     live.served.line.faults.add(Fault("silent", id=joint, at_s=live.served.line.world.time_s))
     live.wait_for("status.mode === 'stopped'")
+    assert live.page.is_hidden("#plots")  # the arm is to be looked at
+    live.page.click("#plots-toggle:has-text('Last stop')")
     live.page.wait_for_selector("[data-quantity=error] canvas")
     live.page.wait_for_selector("#plots-reason:has-text('wrist_flex (id 4)')")
     assert live.page.get_attribute("#plots-spans [value=stop]", "aria-checked") == "true"
@@ -111,4 +113,4 @@ def test_a_servo_that_falls_silent_shows_the_ten_seconds_before_until_it_is_ackn
     assert float(rows[-1]["losses"]) > float(rows[0]["losses"])
     live.served.line.faults.clear()
     live.page.click("#acknowledge")
-    live.page.wait_for_selector("#plots", state="hidden")
+    live.page.wait_for_selector("#plots-spans [value='60'][aria-checked=true]")

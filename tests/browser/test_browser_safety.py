@@ -7,12 +7,13 @@ import numpy as np
 import pytest
 
 from servosim.faults import Fault
-from tests.browser.page_operator import SHOWN
+from tests.browser.page_operator import SHOWN, patient
 
 pytestmark = pytest.mark.browser
 
 OWN = pytest.mark.parametrize("view", [{}], indirect=True, ids=["own"])
 KEYS = ("Space", "Escape", "Space on Live")
+HANG = "(() => { const t = performance.now(); while (performance.now() < t + 900); })()"
 FAR = np.array([60.0, -100.0])  # over nothing, within reach
 
 
@@ -79,11 +80,20 @@ def test_an_adapter_that_is_unplugged_is_reported(live):
 def test_a_page_that_hangs_holds_the_arm(visit):
     operator = visit()
     under_way(operator.enable_live())
-    operator.page.evaluate(
-        "(() => { const t = performance.now(); while (performance.now() < t + 900); })()"
-    )
+    operator.page.evaluate(HANG)
     operator.wait_for("!status.live").until_still()
     assert "does not answer" in operator.status["messages"][-1]["message"]
+
+
+@pytest.mark.parametrize("view", [{"dead_man_s": 0.3}], indirect=True)
+def test_planned_motion_survives_page_that_hangs(operator):
+    operator.page.fill("[data-joint=shoulder_pan] input[type=text]", "60")
+    operator.page.keyboard.press("Enter")
+    operator.page.click("#execute:enabled")
+    operator.until_moving()
+    operator.page.evaluate(HANG)
+    operator.wait_for("status.mode === 'preview'")
+    assert operator.served.joints()["shoulder_pan"] == pytest.approx(np.radians(60), abs=0.03)
 
 
 @pytest.mark.campaign
@@ -152,7 +162,7 @@ CONNECT = """(address) => new Promise((say) => {
 def test_a_page_of_another_origin_is_refused(operator, browser):
     address = operator.served.urls.control.partition("/#")[0].replace("http", "ws") + "/live"
     context = browser.new_context()
-    page = context.new_page()
+    page = patient(context.new_page())
     page.route("http://evil.example/", lambda route: route.fulfill(body="<p>harmless</p>"))
     page.goto("http://evil.example/")
     assert page.evaluate(CONNECT, address) == "refused"
@@ -161,7 +171,7 @@ def test_a_page_of_another_origin_is_refused(operator, browser):
 
 @pytest.mark.campaign
 def test_the_wrong_key_is_reported(operator):
-    page = operator.page.context.new_page()
+    page = patient(operator.page.context.new_page())
     page.goto(operator.served.urls.control.partition("#")[0] + "#token=wrong")
     page.wait_for_selector("#banner:not([hidden])")
     assert "key" in page.inner_text("#banner-message")
@@ -170,7 +180,7 @@ def test_the_wrong_key_is_reported(operator):
 @pytest.mark.campaign
 def test_the_key_leaves_no_trace_in_what_is_sent(browser, view):
     context = browser.new_context()
-    page, seen = context.new_page(), []
+    page, seen = patient(context.new_page()), []
 
     def record_frame(frame):
         seen.append(frame)

@@ -7,7 +7,7 @@ import pytest
 from ikservo.apps.page.page_app import ViewApp
 from ikservo.hardware.eeprom import read_backup
 from ikservo.model import load_model
-from tests.browser.page_operator import until
+from tests.browser.page_operator import patient, until
 from tests.browser.test_browser_page import CONTRAST, NAMES, SMALL
 
 pytestmark = pytest.mark.browser
@@ -26,7 +26,6 @@ class Bench:
 
     def __init__(self, app, page):
         self.app, self.page, self.errors = app, page, []
-        page.set_default_timeout(15_000)
         page.on("pageerror", lambda error: self.errors.append(str(error)))
 
     @property
@@ -71,7 +70,7 @@ def bench(browser, request, tmp_path, monkeypatch):
         context = browser.new_context(
             viewport={"width": 1100, "height": 720}, accept_downloads=True
         )
-        bench = Bench(app, context.new_page())
+        bench = Bench(app, patient(context.new_page()))
         bench.page.goto(urls.control)
         bench.urls = urls
         yield bench
@@ -224,7 +223,7 @@ def test_gains_are_tried_by_slider_plotted_before_and_after_and_only_then_saved(
     assert page.inner_text("#gains label:has(input[name=p_gain]) output") == "64"
     page.click("#try")
     page.click("#try:has-text('sure')")
-    page.wait_for_function("() => window.ikservo.trial()", timeout=40_000)
+    page.wait_for_function("() => window.ikservo.trial()")
     assert page.evaluate("window.ikservo.trial().values.length") == 3
     assert page.locator("#trial-chart canvas").count() == 1
     page.wait_for_selector("#servos-title:has-text('id 5')")

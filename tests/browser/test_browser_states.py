@@ -5,7 +5,7 @@ import pytest
 
 from servosim.faults import Fault
 from tests.arm.simulated import servo_id
-from tests.browser.page_operator import Operator
+from tests.browser.page_operator import Operator, attempts
 from tests.browser.test_browser_safety import FAR, OWN
 
 pytestmark = pytest.mark.browser
@@ -48,8 +48,7 @@ def test_a_press_on_a_picture_too_old_to_act_on_is_answered_with_why_nothing_hap
     page, before = operator.page, operator.served.goals()
     page.evaluate(SLOW_FRAMES, 1300)
     reported = page.locator("#banner-message", has_text="more than 1 s old: nothing was done")
-    for _ in range(5):  # the pictures that were on their way are drawn first
-        page.wait_for_timeout(1300)
+    for _ in attempts(lambda: page.wait_for_timeout(1300)):  # what was on its way is drawn first
         operator.click(operator.tip_px() + FAR / 2)
         if reported.is_visible():
             break

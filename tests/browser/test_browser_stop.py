@@ -106,3 +106,36 @@ def test_a_stop_of_a_limp_arm_does_not_say_that_it_holds(operator):
     operator.page.click("#stop")
     operator.wait_for("status.mode === 'stopped'")
     assert "torque of elbow_flex is off" in operator.page.inner_text("#banner-message")
+
+
+def release(operator):
+    operator.page.click("#release")
+    operator.page.click("#release")  # it falls: sure
+    operator.wait_for("status.health.joints.every((joint) => joint.torque === 'off')")
+    operator.wait_for("status.mode === 'preview'")
+
+
+@OWN
+@pytest.mark.smoke
+def test_escape_closes_help_without_stop_of_limp_arm(operator):
+    release(operator)
+    for opener, opened in (("#help-button", "#help"), ("#arms-toggle", "#arms")):
+        operator.page.click(opener)
+        count = operator.status["stop_count"]
+        operator.page.keyboard.press("Escape")
+        operator.wait_for(f"status.stop_count === {count + 1}")
+        assert operator.page.is_hidden(opened)
+        assert operator.status["mode"] == "preview"
+    assert operator.page.is_hidden("#banner")
+    assert operator.page.is_hidden("#plots")
+    operator.until("document.getElementById('stop-word').textContent === 'Stop'")
+
+
+def test_escape_closes_help_and_stops_what_moves(live):
+    live.page.click("#help-button")
+    live.page.evaluate("document.getElementById('help').style.pointerEvents = 'none'")
+    under_way(live)
+    live.page.keyboard.press("Escape")
+    assert stops_there(live)
+    assert live.page.is_hidden("#help")
+    assert live.page.is_hidden("#plots")

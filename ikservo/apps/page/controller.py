@@ -333,7 +333,7 @@ class SessionController:
         self._require_ready()
         if self._arm_thread.command.live:
             raise BadMessageError("Things stay while the arm follows.", "Switch Live off first.")
-        self._things.handle(message)
+        self._things.handle(message, self._arm_thread.snapshot.measured)
         self._interaction.set_things(self._arm.scene.things)
 
     def _move_thing(self) -> None:

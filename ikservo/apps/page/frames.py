@@ -49,7 +49,7 @@ from ikservo.clock import Clock
 from ikservo.errors import IkservoError, format_point
 from ikservo.kinematics.arrays import Vector
 from ikservo.model import Model
-from ikservo.model.model import HealthLimits, at_limit, near_limit
+from ikservo.model.model import HealthLimits, at_distance, limit_distance, near_limit
 
 _MAX_STATUS_MESSAGES = 12
 
@@ -107,7 +107,8 @@ def health(states: Sequence[JointState], limits: HealthLimits) -> dict[str, obje
 def _joint_meter_fields(model: Model, state: JointState, at: float, to: float) -> dict[str, object]:
     unit = model.joint(state.name).joint_map.unit
     low, high = state.lower_rad, state.upper_rad
-    at_it, near_it = (check(at, low, high, unit) for check in (at_limit, near_limit))
+    is_beyond = limit_distance(at, low, high) < -at_distance(low, high, unit)
+    nearness = "beyond" if is_beyond else "near" if near_limit(at, low, high, unit) else ""
     if not math.isfinite(high - low):
         low, high = at - math.pi, at + math.pi
 
@@ -119,7 +120,7 @@ def _joint_meter_fields(model: Model, state: JointState, at: float, to: float) -
         "text": format_position(at, unit),
         "fraction": fraction(at),
         "goal": fraction(to),
-        "state": "at" if at_it else "near" if near_it else "",
+        "state": nearness,
     }
 
 
@@ -184,6 +185,7 @@ def status_frame(
         "mode": mode(snapshot, live=live),
         "live": live,
         "activity": snapshot.activity,
+        "stop_count": snapshot.stop_count,
         "age_s": math.floor(now_s - snapshot.read_s),
         "controller": controller,
         "speed": arm_thread.command.speed,

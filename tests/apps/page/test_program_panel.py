@@ -356,7 +356,7 @@ def test_an_arm_that_holds_is_not_recorded_and_the_page_says_why(session):
 def test_a_stop_ends_a_recording_without_a_step_and_it_can_be_added_from_the_list(session):
     session.arm.disable_torque()
     record(session, lambda count: count == 3 and session.send_message(page_messages.Stop))
-    assert session.arm_thread.snapshot.stop_notice is not None
+    assert session.arm_thread.snapshot.stop_count == 1
     assert not panel(session).draft.steps
     add(session, "recording", recording="recording-1")
     assert panel(session).draft.steps[0].step.recording == "recording-1.jsonl"

@@ -1,5 +1,6 @@
 """The things around an arm on its page: added, changed, dragged, removed, saved."""
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -60,6 +61,24 @@ def test_new_things_have_names_of_their_own_and_touch_nothing(session, shape):
     first, second = session.arm.scene.names
     assert first[:-1] == second[:-1]
     assert session.arm.clearance_m(session.arm.where().positions) > 0.0
+
+
+@pytest.mark.parametrize("start", ["home", "rest"])
+@pytest.mark.parametrize("name", ["so101", pytest.param("wx250s", marks=pytest.mark.full)])
+def test_new_things_stand_in_front_of_arm_and_apart(name, start):
+    with ViewSession(open_arm(name, f"sim:?pose={start}")) as session:
+        home = dict(session.arm.model.pose("home"))
+        front_m = session.arm.chain.forward(
+            np.array([home[joint] for joint in session.arm.chain.names])
+        )[:2, 3]
+        for _ in range(3):
+            session.send_message(things.AddThing, shape="box")
+        centres = [np.array(each.row[9:12]) for each in session.arm.scene.things]
+        for centre in centres:
+            assert centre[:2] @ front_m > 0.2 * np.linalg.norm(centre[:2]) * np.linalg.norm(front_m)
+        for one, other in itertools.combinations(centres, 2):
+            assert np.abs(one - other).max() > 0.06
+        assert session.arm.plan_to(centres[0] + [0, 0, 0.08]).solution.reached
 
 
 def test_there_is_an_end_to_adding(session):

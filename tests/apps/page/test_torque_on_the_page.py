@@ -3,7 +3,7 @@
 import pytest
 
 from ikservo.apps.page.messages import page_messages
-from ikservo.arm import open_arm
+from ikservo.arm import StopKind, StopReason, open_arm
 from ikservo.arm.control_server import command_handler
 from ikservo.arm.service import ArmService
 from ikservo.serving.control_client import Command, Request
@@ -58,10 +58,36 @@ def test_a_stop_of_an_arm_that_was_limp_before_its_motion_says_that_it_holds(lim
     assert notice.message == "Stopped by the Escape key on the page; torque stays on."
 
 
-def test_a_stop_of_a_limp_arm_says_that_it_is_limp(limp):
+def test_stop_of_limp_arm_at_rest_needs_no_acknowledgement(limp):
     limp.send_message(page_messages.Stop, by="Escape")
     limp.arm_thread.step()
-    assert limp.arm_thread.snapshot.stop_notice.message.endswith("torque is off, the arm is limp.")
+    status = limp.latest_frames()["status"]
+    assert (status["mode"], status["banner"], status["stop_count"]) == ("preview", None, 1)
+    said = status["messages"][-1]
+    assert said["message"].endswith("torque is off, the arm is limp.")
+    assert said["level"] == ""
+    assert limp.arm.stop_reason is None
+
+
+def test_stop_of_limp_arm_drops_what_waited(limp):
+    limp.send_message(page_messages.SetTorque, joint="wrist_roll", on=True)
+    limp.send_message(page_messages.Stop)
+    limp.arm_thread.step()
+    limp.arm_thread.step()
+    assert set(torque(limp)) == {"off"}
+
+
+def test_stop_of_unreadable_arm_is_latched(limp):
+    line_of(limp.arm).plugged = False
+    limp.send_message(page_messages.Stop)
+    limp.arm_thread.step()
+    assert limp.arm_thread.snapshot.stop_notice is not None
+
+
+def test_stop_by_another_program_is_latched_on_limp_arm(limp):
+    limp.arm.request_stop(StopReason(StopKind.PROGRAM, "Stopped by a program."))
+    limp.arm_thread.step()
+    assert limp.arm_thread.snapshot.stop_notice is not None
 
 
 def test_a_servo_that_lost_torque_is_named_by_a_stop_in_the_same_instant(session):

@@ -12,9 +12,11 @@ from ikservo.apps.page.dragging.labels import (
     health_rows,
 )
 from ikservo.apps.page.dragging.target_marker import TargetMarker
+from ikservo.apps.page.frames import _joint_meter_fields
 from ikservo.arm import JointState
 from ikservo.errors import format_point
 from ikservo.ik import ActiveLimit
+from ikservo.model import load_model
 from ikservo.model.model import HealthLimits
 
 TIP = np.array([0.2, 0.0, 0.15])
@@ -66,3 +68,13 @@ def test_health_is_said_in_units():
     state = JointState("elbow_flex", 0.0, -1.0, 1.0, "arm file", 31.0, 12.1, 4.0, torque=True)
     row = health_rows([state], HealthLimits())[0]
     assert (row["temperature"], row["voltage"], row["load"]) == ("31 °C", "12.1 V", "4 %")
+
+
+def test_joint_at_its_limit_is_near_and_only_one_beyond_is_wrong():
+    model = load_model("so101")
+
+    def nearness(at):
+        state = JointState("elbow_flex", at, -1.0, 1.0, "arm file", 25.0, 7.4, None, torque=True)
+        return _joint_meter_fields(model, state, at, at)["state"]
+
+    assert [nearness(at) for at in (0.0, -1.0, 1.0, -1.2)] == ["", "near", "near", "beyond"]

@@ -122,7 +122,7 @@ def condition_rows(
     rows = [(state.name, ", ".join(state.alarms), "bad") for state in states if state.alarms]
     limp = [state.name for state in states if not state.torque]
     if limp and len(limp) < len(states):
-        rows.append(("limp", ", ".join(limp), "bad"))
+        rows.append(("limp", ", ".join(limp), "warn"))
     return [*_supply_rows([state.voltage_v for state in states], supply_v, limits), *rows]
 
 
@@ -174,7 +174,7 @@ def _describe_singularity(analysis: PostureAnalysis) -> tuple[str, str]:
     if found is None:
         return "none inside the limits", ""
     text = f"{math.degrees(found.distance_rad):.1f}° away, mostly by {found.joint}"
-    return text, "bad" if found.distance_rad < _NEAR_RAD else ""
+    return text, "warn" if found.distance_rad < _NEAR_RAD else ""
 
 
 def _describe_hidden(seen: LinkVisibility) -> str:

@@ -102,6 +102,7 @@ class ArmSnapshot:
         reference: Where the joints should be (n,); None while no session runs.
         states: Telemetry of the servos, a little older.
         stop_notice: Why the arm holds; None if it is not stopped.
+        stop_count: Number of stops that were carried out; confirms them to the page.
         ended_session: The last session that has ended.
         refusal: The goal that was refused last in a session; None if there is none.
         messages: Messages for the user, the oldest first.
@@ -115,6 +116,7 @@ class ArmSnapshot:
     reference: Vector | None = None
     states: tuple[JointState, ...] = ()
     stop_notice: StopNotice | None = None
+    stop_count: int = 0
     ended_session: int = 0
     refusal: GoalRefusal | None = None
     messages: tuple[LogEntry, ...] = ()

@@ -105,6 +105,8 @@ class ServoPanel:
 class _ServoJob:
     """Reads a servo, and writes one of its registers before, if one is named (``ArmJob``)."""
 
+    is_planned = False
+
     def __init__(self, panel: ServoPanel, joint: str, name: str, text: str) -> None:
         self._panel, self._joint, self._name, self._text = panel, joint, name, text
         self.title = f"Reads the servo of {joint}"
@@ -118,14 +120,14 @@ class _ServoJob:
         bus = arm.context.servos.bus
         line = ServoLine(bus, f"{arm.model.name}-{arm.context.serial_number}")
         servo = next(each for each in bus.servos.values() if each.name == self._joint)
+        level = ""
         try:
             note = self._write(line, servo) if self._name else ""
         except PortError:
             raise
         except (InputError, RegisterAccessError, BusError) as error:
-            note = f"{error.message} {error.command_hint}".strip()
-        if note:
-            observer.log_message(note)
+            note, level = f"{error.message} {error.command_hint}".strip(), "bad"
+        observer.log_message(note, level)
         self._panel.show(table_frame(line, servo, note, _is_written_here))
 
     def _write(self, line: ServoLine, servo: ServoSpec) -> str:

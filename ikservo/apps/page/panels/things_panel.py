@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
@@ -12,6 +13,7 @@ from ikservo.apps.page.dragging.drag import MovedThing
 from ikservo.apps.page.drawing.scene_shapes import Fields, row_major
 from ikservo.apps.page.messages import thing_messages as msg
 from ikservo.apps.page.panels.follow_panel import FindArm
+from ikservo.apps.page.picking.viewpoints import arm_extent
 from ikservo.apps.page.server.downloads import Download, DownloadOffers
 from ikservo.apps.page.server.page_connection import Client
 from ikservo.apps.page.server.server import Frame
@@ -19,13 +21,16 @@ from ikservo.arm import Arm
 from ikservo.arm.other_arm import OtherArm
 from ikservo.errors import BadValueError
 from ikservo.kinematics.arrays import Vector
+from ikservo.kinematics.capsules import segment_distance
 from ikservo.kinematics.packed import ROUNDING
 from ikservo.kinematics.se3 import make_pose
 from ikservo.model.model import Obstacle
 from ikservo.model.scene_file import describe_thing, scene_text
 
 _DRAWN_M = 5.0  # what is larger, such as a half-space, is not drawn
-_NEW_SIZE_M, _NEW_AWAY_M = 0.06, 0.1  # of a new thing, and of its place from the base
+_NEW_SIZE_M, _NEW_GAP_M = 0.06, 0.03  # of a new thing, and from it to the arm and to other things
+_NEW_AWAY = (0.6, 0.8, 0.45)  # places of a new thing: fractions of how far the arm reaches
+_NEW_TURNS_DEG = (0.0, 25.0, -25.0, 50.0, -50.0, 75.0, -75.0)  # from where the arm faces
 _MOST = 100  # that a page adds to: each is checked on every path, and sent
 _DECIMALS = 2  # of joints, rad or m: what moves less is not drawn anew
 _TITLES = {"box": "box", "cylinder": "can", "sphere": "ball"}
@@ -76,8 +81,12 @@ class ThingsPanel:
         client.sent["things"] = self._frame
         return [self._frame]
 
-    def handle(self, message: msg.ThingMessage) -> None:
+    def handle(self, message: msg.ThingMessage, joints: Vector) -> None:
         """Add, change or remove a thing, while nothing moves.
+
+        Args:
+            message: What to do.
+            joints: Measured joints (n,); a new thing is put where the arm is not.
 
         Raises:
             UnknownNameError: There is no such thing.
@@ -91,7 +100,9 @@ class ThingsPanel:
             case msg.AddThing() if len(scene.names) >= _MOST:
                 raise BadValueError("The number of things", len(scene.names), f"below {_MOST}")
             case msg.AddThing():
-                scene.add(message.shape, self._new_name(message.shape), **self._new(message.shape))
+                scene.add(
+                    message.shape, self._new_name(message.shape), **self._new(message.shape, joints)
+                )
             case msg.AddArm():
                 self._add_other_arm(message.name)
             case msg.ChangeThing():
@@ -154,16 +165,42 @@ class ThingsPanel:
         names = (f"the {_TITLES[shape]} {number}" for number in itertools.count(1))
         return next(name for name in names if name not in taken)
 
-    def _new(self, shape: str) -> dict[str, Any]:
-        """Return place and size of a new thing: on the table, behind the base."""
+    def _new(self, shape: str, joints: Vector) -> dict[str, Any]:
+        """Return place and size of a new thing: on the table, in front of the arm."""
         half_m = 0.5 * _NEW_SIZE_M
-        low_m = self._arm.model.floor_m or 0.0
-        place: dict[str, Any] = {"center_m": (-_NEW_AWAY_M - half_m, 0.0, low_m + half_m)}
+        place: dict[str, Any] = {"center_m": tuple(self._free_place(joints).tolist())}
         if shape == "box":
             return {**place, "size_m": (_NEW_SIZE_M,) * 3}
         if shape == "cylinder":
             return {**place, "radius_m": half_m, "height_m": _NEW_SIZE_M}
         return {**place, "radius_m": half_m}
+
+    def _free_place(self, joints: Vector) -> Vector:
+        """Find a place (3,) for a new thing in front of the arm: free, or else the freest."""
+        extent = arm_extent(self._arm.model)
+        low_m = self._arm.model.floor_m or 0.0
+        reach_m = float(np.abs(extent.box_m[:, :2] - extent.pivot_m[:2]).max())
+        places = list[Vector]()
+        for away, turn_deg in itertools.product(_NEW_AWAY, _NEW_TURNS_DEG):
+            yaw_rad = extent.home_yaw_rad + math.radians(turn_deg)
+            facing = np.array([math.cos(yaw_rad), math.sin(yaw_rad)])
+            x_m, y_m = np.round(extent.pivot_m[:2] + away * reach_m * facing, 2)  # easy to read
+            places.append(np.array([x_m, y_m, low_m + 0.5 * _NEW_SIZE_M]))
+        gaps_m = [self._gap_m(place, joints) for place in places]
+        free = (place for place, gap in zip(places, gaps_m, strict=True) if gap > _NEW_GAP_M)
+        return next(free, places[int(np.argmax(gaps_m))])
+
+    def _gap_m(self, place: Vector, joints: Vector) -> float:
+        """Compute how far a new thing (3,) would be from the arm at joints (n,) and from things."""
+        context, gaps_m = self._arm.context, [math.inf]
+        if context.collision is not None:
+            for each in context.collision.capsules_at(context.index.body_joints(joints)):
+                away_m = float(segment_distance(place, place, each.start_m, each.end_m))
+                gaps_m.append(away_m - each.radius_m)
+        for thing in self._arm.scene.things:
+            beside = np.maximum(np.subtract(thing.low_m, place), np.subtract(place, thing.high_m))
+            gaps_m.append(float(np.linalg.norm(np.maximum(beside, 0.0))))
+        return min(gaps_m) - 0.5 * math.sqrt(3.0) * _NEW_SIZE_M
 
 
 def _links(other: OtherArm, joints: Vector | None) -> Sequence[Obstacle]:

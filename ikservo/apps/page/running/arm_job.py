@@ -44,8 +44,8 @@ class JobObserver(Protocol):
         """Open the arm again, after it was calibrated."""
         ...
 
-    def log_message(self, message: str) -> None:
-        """Append a message for the user."""
+    def log_message(self, message: str, level: str = "bad") -> None:
+        """Append a message for the user; its level is empty if nothing went wrong."""
         ...
 
 
@@ -54,11 +54,18 @@ class ArmJob(Protocol):
 
     Attributes:
         title: What the arm does, in a few words.
+        is_planned: Whether all that moves was planned and checked before it begins. Only such a
+            job goes on through a hiccup of the page; one that follows live goals does not.
     """
 
     @property
     def title(self) -> str:
         """What the arm does, in a few words."""
+        ...
+
+    @property
+    def is_planned(self) -> bool:
+        """Whether all that moves was planned and checked before it begins."""
         ...
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
@@ -74,6 +81,7 @@ class ExecutePath:
     """Carries out the path that the page shows, as it was planned."""
 
     title = "Goes to the preview"
+    is_planned = True
 
     def __init__(self, path: PlannedPath) -> None:
         self._path = path
@@ -104,25 +112,28 @@ class RelaxArm:
     """Lowers the arm to its rest pose and switches torque off."""
 
     title = "Lowers itself to rest, then goes limp"
+    is_planned = True
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
         """Lower the arm, then switch torque off."""
         result = arm.relax(observer.on_progress)
         observer.on_torque_off()
         how = "lowered to its rest pose" if result.reached else "not lowered to its rest pose"
-        observer.log_message(f"The arm was {how}; torque is off.")
+        level = "" if result.reached else "bad"
+        observer.log_message(f"The arm was {how}; torque is off.", level)
 
 
 class ReleaseArm:
     """Switches every servo's torque off where the arm is."""
 
     title = "Goes limp"
+    is_planned = True
 
     def run(self, arm: Arm, observer: JobObserver) -> None:
         """Switch torque off; an arm that is not supported falls."""
         arm.disable_torque()
         observer.on_torque_off()
-        observer.log_message("Torque of all servos switched off from the page.")
+        observer.log_message("Torque of all servos switched off from the page.", "")
 
 
 class SetTipZero:
@@ -133,6 +144,7 @@ class SetTipZero:
     """
 
     title = "Is opened with its new zero"
+    is_planned = True
 
     def __init__(self, found: TipZero) -> None:
         self._found = found
@@ -143,5 +155,6 @@ class SetTipZero:
         observer.reopen()
         observer.log_message(
             f"{self._found} Saved. To undo the click: ikservo calibration undo {arm.model.name}. "
-            f"{self._found.advice}".rstrip()
+            f"{self._found.advice}".rstrip(),
+            "",
         )

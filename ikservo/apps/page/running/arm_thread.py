@@ -57,6 +57,9 @@ _STATE_PERIOD_S = 1.0
 _TELEMETRY_PERIOD_S = 0.1  # of what the control loop has read anyway
 _MAX_MESSAGES = 40
 _CLOSED = StopReason(StopKind.CLOSED, "The view was closed.")
+_PLANNED_SILENCE_S = 2.5
+"""Silence of the page that a planned and checked motion survives: a slow computer has hiccups."""
+
 _SILENCE_TEXT = (
     "The page does not answer; stopped, torque stays on. Switch Live on again to continue."
 )
@@ -176,6 +179,11 @@ class ArmThread:
         """Run one session until it ends, or poll the state once."""
         try:
             self._run_step()
+        except (LatchedStopError, StoppedError) as error:
+            if self._stop_reason is None:
+                self._end_session(StopNotice(error.message, _CHECK_FIRST_TEXT))
+            else:
+                self._take_stop(self._stop_reason)
         except IkservoError as error:
             self._lost = self._lost or isinstance(error, PortLostError)
             self._end_session(self._notice_of_error(error))
@@ -250,7 +258,11 @@ class ArmThread:
         self._reopen_arm()
 
     def _require_heartbeat(self) -> None:
-        if self.lease.is_silent and self._stop_reason is None:
+        """Stop the running job once the page was silent for longer than the job permits."""
+        job, limit_s = self._running_job, self.lease.timeout_s
+        if job is not None and job.is_planned:
+            limit_s = max(limit_s, _PLANNED_SILENCE_S)
+        if self.lease.silence_s() > limit_s and self._stop_reason is None:
             self.request_stop(StopReason(StopKind.CLIENT, _JOB_SILENCE_TEXT))
 
     def _record_history(self) -> None:
@@ -263,14 +275,19 @@ class ArmThread:
         self.snapshot = replace(self.snapshot, refusal=refusal)
         self.log_message(refusal.reason)
 
-    def log_message(self, message: str) -> None:
-        """Append what went wrong, for the user; a repetition only renews its time."""
+    def log_message(self, message: str, level: str = "bad") -> None:
+        """Append a message for the user; a repetition only renews its time.
+
+        Args:
+            message: What happened; an empty one is left out.
+            level: ``bad`` for what went wrong, empty for news.
+        """
         if not message:
             return
         entries = self.snapshot.messages
         if entries and entries[-1].message == message:
             entries = entries[:-1]
-        entry = LogEntry(self._clock.now_s(), message, "bad")
+        entry = LogEntry(self._clock.now_s(), message, level)
         self.snapshot = replace(self.snapshot, messages=(*entries, entry)[-_MAX_MESSAGES:])
 
     def _run_thread(self) -> None:
@@ -286,7 +303,7 @@ class ArmThread:
             self._restart()
         reason = self._stop_reason or self.arm.stop_reason  # by the page, or by another program
         if reason is not None and not self.snapshot.stop_notice:
-            self._end_session(self._notice_of_stop(reason))
+            self._take_stop(reason)
         if self.snapshot.stop_notice:
             self._torque_requests.clear()
             self._waiting_job = None
@@ -344,7 +361,7 @@ class ArmThread:
     def _switch_torque(self, joint: str, on: bool) -> None:
         self.arm.runner.set_joint_torque(joint, on=on)
         self.snapshot = self._update_positions()  # before it is looked for torque that was lost
-        self.log_message(f"Torque of {joint} switched {'on' if on else 'off'} from the page.")
+        self.log_message(f"Torque of {joint} switched {'on' if on else 'off'} from the page.", "")
 
     def _log_lost_torque(self, before: tuple[JointState, ...]) -> None:
         """Log which servos are limp that held at the reading before: nobody asked for that."""
@@ -371,17 +388,29 @@ class ArmThread:
         self.arm.acknowledge()
         self.snapshot = replace(self.snapshot, stop_notice=None)
 
-    def _notice_of_stop(self, reason: StopReason) -> StopNotice:
-        """Return the notice of a stop, with what the servos say now of their torque."""
+    def _take_stop(self, reason: StopReason) -> None:
+        """End everything at a stop; it is latched unless the page has stopped a limp arm.
+
+        By now nothing moves or waits. With torque off there is nothing to check, so a user need
+        not acknowledge anything.
+        """
+        self._torque_requests.clear()
+        is_read = False
         with contextlib.suppress(IkservoError):
-            self.snapshot = self._update_positions()
-        return StopNotice(describe_stop(reason.text, self.snapshot.states), _CHECK_FIRST_TEXT)
+            self.snapshot, is_read = self._update_positions(), True
+        self.snapshot = replace(self.snapshot, stop_count=self.snapshot.stop_count + 1)
+        text = describe_stop(reason.text, self.snapshot.states)
+        is_limp = is_read and not any(state.torque for state in self.snapshot.states)
+        if not is_limp or self._stop_reason is None:
+            self._end_session(StopNotice(text, _CHECK_FIRST_TEXT))
+            return
+        self._stop_reason = None  # before the latch opens: a stop of this moment is kept
+        self.arm.acknowledge()
+        ended = self.command.session_id
+        self.snapshot = replace(self.snapshot, reference=None, ended_session=ended)
+        self.log_message(text, "")
 
     def _notice_of_error(self, error: IkservoError) -> StopNotice:
-        if isinstance(error, (LatchedStopError, StoppedError)):
-            if self._stop_reason is not None:
-                return self._notice_of_stop(self._stop_reason)
-            return StopNotice(error.message, _CHECK_FIRST_TEXT)
         if self._lost and isinstance(error, PortError):
             return StopNotice(error.message, _REOPEN_TEXT)
         message = error.message

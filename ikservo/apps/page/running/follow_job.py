@@ -28,6 +28,8 @@ class FollowLeader:
         refusal: Why the guard refused a posture of the leader last; empty if it did not.
     """
 
+    is_planned = False
+
     def __init__(self, feed: LeaderFeed, speed: str) -> None:
         self.title = f"Follows {feed.name}"
         self.feed, self._speed = feed, speed

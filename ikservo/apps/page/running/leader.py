@@ -72,6 +72,8 @@ class LeadArm:
         follower: Name of the other arm.
     """
 
+    is_planned = False
+
     def __init__(self, feed: LeaderFeed, follower: str) -> None:
         self.title = f"Leads {follower}"
         self._feed, self._clock = feed, feed.clock

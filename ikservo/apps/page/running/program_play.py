@@ -51,6 +51,8 @@ class ProgramPlay:
         state: How far it is; written by the arm thread alone.
     """
 
+    is_planned = True
+
     def __init__(
         self,
         program: Program,

@@ -26,6 +26,7 @@ class RecordArm:
     """
 
     title = "Records the arm"
+    is_planned = False
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder

@@ -50,10 +50,15 @@ export class Actions {
       help.close();
       $("help-button").focus();
     } else {
+      this.onOpen();
       help.show(); // not modal: Stop stays in reach
       $("help-close").focus();
     }
     $("help-button").setAttribute("aria-expanded", help.open);
+  }
+
+  dismiss() {
+    if ($("help").open) this.toggleHelp();
   }
 
   onKey(event) {

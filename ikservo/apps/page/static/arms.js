@@ -33,7 +33,7 @@ export class Arms {
     this.camera = new CameraPicture(() => this.send("show_camera", { arm: this.shown }), chooseCamera);
     this.newArm = new NewArm((kind, fields) => this.send(kind, fields));
     $("arms-toggle").onclick = () => ($("arms").hidden ? this.show() : this.close());
-    $("arms-close").onclick = () => { this.close(); $("arms-toggle").focus(); };
+    $("arms-close").onclick = () => this.closeByHand();
     $("stop-all").onclick = () => this.send("stop_arms", { name: null });
     $("stop").addEventListener("click", () => this.newArm.hasServos && this.send("stop_arms", { name: null }));
     $("arms-form").onsubmit = (event) => {
@@ -51,6 +51,7 @@ export class Arms {
   }
 
   show() {
+    this.onOpen();
     $("arms").hidden = false;
     $("arms-toggle").setAttribute("aria-expanded", "true");
     this.send("find_choices");
@@ -59,6 +60,16 @@ export class Arms {
   close() {
     $("arms").hidden = true;
     $("arms-toggle").setAttribute("aria-expanded", "false");
+  }
+
+  // Without an arm the list is all that the page shows.
+  dismiss() {
+    if (this.shown && !$("arms").hidden) this.closeByHand();
+  }
+
+  closeByHand() {
+    this.close();
+    $("arms-toggle").focus();
   }
 
   // Space and Escape stop all arms where there are several, and the servos of a new one.

@@ -1,8 +1,8 @@
-// The camera's picture beside the arm or behind it, or as its view; what is wrong with it is said below it.
+// The camera's picture beside the drawing or in its place, or as its view; what is wrong with it is said below it.
 
 import { $, setText, updateChoices } from "./elements.js";
 
-const PLACES = { off: "No camera", beside: "Beside", behind: "Behind" };
+const PLACES = { off: "No camera", beside: "Beside", large: "Large" };
 const RETRY_MS = 2000;
 
 export class CameraPicture {

@@ -2,7 +2,7 @@
 
 import { hmac } from "./sha256.js";
 
-const HEARTBEAT_PERIOD_MS = 100; // the server holds the arm after 300 ms of silence
+const HEARTBEAT_PERIOD_MS = 100; // in Live the server holds the arm after 300 ms of silence
 const RECONNECT_DELAY_MS = 1000;
 const FULL = 1013; // it has no room for one more page
 const FINAL = { 4401: "wrong-key", 4404: "none", 4410: "closed" }; // the server's close codes

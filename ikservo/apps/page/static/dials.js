@@ -39,7 +39,7 @@ function markRange({ range, slides }) {
 function proximity({ range, at, near }, positions) {
   if (!range) return "limit";
   const room = Math.min(...positions.flatMap((position) => [position - range[0], range[1] - position]));
-  return room <= at ? "red" : room <= near ? "amber" : "limit";
+  return room < -at ? "red" : room <= near ? "amber" : "limit"; // at its limit nothing is wrong
 }
 
 function trackItems({ joint, marks }, style, pivot, axis, position, projection) {

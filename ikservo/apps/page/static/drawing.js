@@ -44,6 +44,7 @@ const FILLED = new Set(["polygon", "circle"]);
 export class Drawing {
   constructor(canvas, backdropCanvas) {
     this.canvas = canvas;
+    this.ratio = devicePixelRatio;
     this.layers = [{ canvas: backdropCanvas, items: [] }, { canvas, items: [] }];
     for (const layer of this.layers) layer.context = layer.canvas.getContext("2d");
     this.readColours();
@@ -59,8 +60,9 @@ export class Drawing {
     this.layers.forEach((layer) => this.paint(layer));
   }
 
-  fit() {
-    const ratio = devicePixelRatio;
+  // The ratio is that of its pixels to those of the page.
+  fit(ratio = devicePixelRatio) {
+    this.ratio = ratio;
     const [width, height] = [this.canvas.clientWidth, this.canvas.clientHeight].map((side) => Math.round(side * ratio));
     if (this.canvas.width === width && this.canvas.height === height) return;
     for (const layer of this.layers) {
@@ -78,7 +80,7 @@ export class Drawing {
   paint({ canvas, context, items }) {
     context.setTransform(1, 0, 0, 1, 0, 0);
     context.clearRect(0, 0, canvas.width, canvas.height);
-    context.setTransform(devicePixelRatio, 0, 0, devicePixelRatio, 0, 0);
+    context.setTransform(this.ratio, 0, 0, this.ratio, 0, 0);
     context.lineJoin = context.lineCap = "round";
     context.font = this.font;
     for (const item of items) this.paintItem(context, item);

@@ -6,6 +6,7 @@ import { Arms } from "./arms.js";
 import { Connection } from "./connection.js";
 import { Drawing } from "./drawing.js";
 import { $, place, setAttribute, setText, updateChoices } from "./elements.js";
+import { FrameTime } from "./frame_time.js";
 import { Freshness } from "./freshness.js";
 import { Gamepads } from "./gamepad.js";
 import { HandleInput } from "./handle_input.js";
@@ -103,12 +104,15 @@ const arms = new Arms(
 );
 const rendering = new Rendering($("webgl"), options.get("draw"), () => {
   if (armInfo && !viewIsChosen && viewBefore === null && !rendering.wanted) view = rendering.firstView(armInfo.views);
-  sendViewport();
+  frameTime.set(0);
 });
 const stopButton = new StopButton(send, (refusal) => panel.showRefusal(refusal));
 const freshness = new Freshness(() => showOffline("silent"), () => window.ikservo.status && showStatus(window.ikservo.status));
-window.ikservo.rendering = rendering;
+const frameTime = new FrameTime(onDetail);
+Object.assign(window.ikservo, { rendering, frameTime });
 panel.isDrawingTried = () => rendering.isTrying();
+const overlays = [actions, poses, arms]; // each has a list or a text that lies over others
+for (const part of overlays) part.onOpen = () => overlays.forEach((other) => other === part || other.dismiss());
 const calibration = new CalibrationScreens(send);
 const overLink = () => Boolean(window.ikservo.scene?.hover) && window.ikservo.status?.controller === "you";
 const pointerInput = new PointerInput(canvas, send, overLink);
@@ -194,19 +198,31 @@ function setOnline(online) {
   for (const element of document.querySelectorAll("[data-online]")) element.toggleAttribute("inert", !online);
 }
 
+// What is too slow is said, and drawn with less detail from now on.
+function onDetail() {
+  const is3D = Boolean(rendering.drawn());
+  if (is3D && frameTime.level && rendering.giveUpSlow(frameTime.slowMs)) return; // it sets the detail of 2D
+  const text = frameTime.describe(is3D ? "3D" : "The drawing");
+  if (text && text !== $("slow").textContent) panel.note(text);
+  setText($("slow"), text);
+  sendViewport();
+}
+
 function sendViewport() {
   if (!armInfo) return;
-  drawing.fit();
+  drawing.fit(frameTime.pixelRatio);
   const { clientWidth: w, clientHeight: h } = canvas;
   arms.camera.setView(view === "camera");
   $("height-field").hidden = view !== "camera";
   send("viewport", { w, h, dpr: devicePixelRatio, view, webgl: rendering.wantsShapes(view), handles: rendering.wantsHandles(), height_m: height });
-  updateChoices($("views"), armInfo.views, view, (name) => { view = name; viewIsChosen = true; sendViewport(); }, (name) => VIEWS[name]);
+  updateChoices($("views"), armInfo.views, view, (name) => { view = name; viewIsChosen = true; frameTime.set(0); }, (name) => VIEWS[name]);
 }
 
 function onAnimationFrame(now) {
   requestAnimationFrame(onAnimationFrame);
-  const scene = scenes.shift();
+  if (rendering.isTrying()) frameTime.restart(); // it times its own frames, after the shaders are compiled
+  const scene = frameTime.tick(now) ? scenes.shift() : null;
+  if (scene) frameTime.drawn(now);
   if (scene) connection.seen = scene.seq;
   pointerInput.flush();
   handleInput.flush();
@@ -217,8 +233,9 @@ function onAnimationFrame(now) {
 
 function show(scene) {
   connection.confirmDrawn(scene.seq); // before drawing: the server prepares the next one meanwhile
-  scene = { ...scene, bare: document.body.dataset.camera === "behind" && !$("camera").hidden };
-  rendering.show(scene);
+  scene = { ...scene };
+  if (!frameTime.detail.swept) scene.swept = null;
+  rendering.show(scene, frameTime);
   const { backdrop, items, goalAt } = picture.compose(scene);
   drawing.show(backdrop, items);
   canvas.toggleAttribute("data-hover", Boolean(scene.hover));
@@ -261,7 +278,8 @@ function showMission(scene, at) {
   box.style.transform = `translate(${left}px, ${top}px)`;
 }
 
-// Space and Escape stop, wherever the focus is; a button is pressed with Enter.
+// Space and Escape stop, wherever the focus is, and Escape closes what lies over the arm; a button
+// is pressed with Enter.
 addEventListener("keydown", (event) => {
   if (event.key !== " " && event.key !== "Escape") return;
   event.preventDefault();
@@ -270,6 +288,7 @@ addEventListener("keydown", (event) => {
   const by = event.key === " " ? "Space" : event.key;
   stopButton.press(by);
   arms.stopSeveral(by);
+  if (by === "Escape") for (const part of [...overlays, plots]) part.dismiss();
 }, { capture: true });
 // N selects what is behind the thing under the pointer, Shift+N what is in front of it.
 addEventListener("keydown", (event) => {

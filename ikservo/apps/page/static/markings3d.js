@@ -29,10 +29,6 @@ export class Markings {
     this.root.add(...this.table);
   }
 
-  showTable(shown) {
-    for (const part of this.table) part.visible = shown;
-  }
-
   createTable({ centre, floor }) {
     const [x, y] = centre.map((along) => Math.round(along / GRID_M) * GRID_M);
     const half = GRID_M * GRID_LINES;

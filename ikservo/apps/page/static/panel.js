@@ -28,7 +28,7 @@ const SOLVERS = {
   bounded: "bounded", closed_form: "closed form",
 };
 const REFUSAL_MS = 5000;
-const MAX_REFUSALS = 12;
+const MAX_NOTES = 12;
 const formatTitle = (name) => name[0].toUpperCase() + name.slice(1).replaceAll("_", " ");
 
 export class Panel {
@@ -42,7 +42,7 @@ export class Panel {
     this.tool = new Tool(send, refuse);
     this.isDrawingTried = () => false;
     this.offline = null; // what there is to say while the server does not answer
-    this.refusals = []; // for the list of messages
+    this.notes = []; // of the page, for the list of messages
     this.refusal = null; // the last refused command; shown for REFUSAL_MS
     $("acknowledge").onclick = () => send("acknowledge");
     $("go-live").onclick = () => send("set_live", { on: true });
@@ -50,9 +50,15 @@ export class Panel {
     $("take").onclick = () => send("take_control", { on: true });
     $("live").onclick = () => send("set_live", { on: $("live").getAttribute("aria-checked") !== "true" });
     $("calibrate").onclick = () => this.calibrate();
-    // What lies over the drawing is shown below the banner.
-    const setAbove = () => document.body.style.setProperty("--above", `${$("banner").offsetHeight}px`);
-    new ResizeObserver(setAbove).observe($("banner"));
+    // What lies over the drawing is shown one below the other: banner, mode, tools.
+    const parts = { above: $("banner"), mode: document.querySelector(".mode"), tools: document.querySelector(".stage-tools") };
+    const measure = () => {
+      const { style } = document.body;
+      for (const [name, part] of Object.entries(parts)) style.setProperty(`--${name}`, `${part.offsetHeight}px`);
+      style.setProperty("--tools-width", `${parts.tools.offsetWidth}px`);
+    };
+    const observer = new ResizeObserver(measure);
+    for (const part of Object.values(parts)) observer.observe(part);
   }
 
   // The arm goes limp for it: one that holds takes a second press.
@@ -148,11 +154,16 @@ export class Panel {
     this.showBanner();
   }
 
+  // Adds a message of the page itself to the list; a repetition renews it.
+  note(message, hint = "", level = "") {
+    const others = this.notes.filter((note) => note.message !== message);
+    this.notes = [...others, { message, hint, level, at: Date.now() }].slice(-MAX_NOTES);
+    this.showMessages(this.status?.messages ?? []);
+  }
+
   showRefusal(refusal) {
     this.refusal = refusal;
-    const others = this.refusals.filter(({ message }) => message !== refusal.message); // a repetition renews it
-    this.refusals = [...others, { ...refusal, level: "bad", at: Date.now() }].slice(-MAX_REFUSALS);
-    this.showMessages(this.status?.messages ?? []);
+    this.note(refusal.message, refusal.hint, "bad");
     this.showBanner();
     setTimeout(() => {
       if (this.refusal !== refusal) return;
@@ -204,7 +215,7 @@ export class Panel {
   // What the arm and its guard say and what was refused to this page, in the order of time.
   showMessages(messages) {
     const dated = messages.map((entry) => ({ ...entry, at: this.clockStart + 1000 * entry.time_s }));
-    const entries = [...dated, ...this.refusals].sort((a, b) => a.at - b.at);
+    const entries = [...dated, ...this.notes].sort((a, b) => a.at - b.at);
     const fingerprint = JSON.stringify(entries);
     if (fingerprint === this.shownMessages) return;
     this.shownMessages = fingerprint;

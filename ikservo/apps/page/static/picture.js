@@ -55,7 +55,7 @@ export class Picture {
 
   // The items that change with camera, region and planned path only; postures along that are behind the arm.
   composeBackdrop(scene, projection) {
-    const same = ["camera", "region", "region_pose", "bare", "swept"].every((name) => scene[name] === this.shown[name]);
+    const same = ["camera", "region", "region_pose", "swept"].every((name) => scene[name] === this.shown[name]);
     if (same && this.last.backdrop) return this.last.backdrop;
     const swept = (scene.swept ?? []).flatMap((positions) => outlineLinks(this.graph, placeLinks(this.graph, positions), projection));
     return [...backdropItems(this.graph, this.things, scene, projection), ...swept.map(({ link, rings }) => ({ kind: "polygon", style: "swept", rings, link }))];

@@ -1,5 +1,6 @@
 // Plots of what the server keeps of the last ten minutes: nothing is sent while they are closed.
-// When something stops the arm, its last ten seconds are shown until the stop is acknowledged.
+// After a stop they show its last ten seconds until it is acknowledged; they never open by themselves,
+// because then the arm is to be looked at.
 
 import { $, createElement, setText, updateChoices } from "./elements.js";
 import { PlotChart } from "./plot_chart.js";
@@ -18,13 +19,13 @@ export class Plots {
     this.quantities = ["position", "error"];
     this.hidden = new Set(); // joints that are not plotted
     this.span = "60";
-    this.before = null; // what was shown before a stop was shown by itself
+    this.before = null; // what was shown before the stop
     this.stopped = null; // unknown until the first status
     this.hasStop = false;
     this.charts = [];
     this.taken = Promise.resolve(); // the messages so far, one after the other
     $("plots-toggle").onclick = () => (this.open ? this.close() : this.showHere());
-    $("plots-close").onclick = () => { this.close(); $("plots-toggle").focus(); };
+    $("plots-close").onclick = () => this.dismiss();
     $("plots-save").onclick = () => send("save_history", { stopped: this.span === "stop" });
     new ResizeObserver(() => this.fit()).observe($("plots-charts"));
     matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => this.open && this.request());
@@ -38,29 +39,28 @@ export class Plots {
     if (this.open) this.request(); // a new connection or another arm
   }
 
-  // A stop is shown by itself, and what it replaced comes back once it is acknowledged.
+  // A stop is chosen by itself, and what it replaced comes back once it is acknowledged.
   showStatus({ mode }) {
     const stopped = mode === "stopped";
-    if (stopped && this.stopped === false) this.showStop();
+    if (stopped && this.stopped === false) this.chooseStop();
     if (!stopped && this.stopped && this.before) this.restore();
     if (stopped && this.stopped === null) this.hasStop = true;
     this.stopped = stopped;
+    setText($("plots-toggle"), this.before && !this.open ? "Last stop" : "Plots");
   }
 
-  showStop() {
+  chooseStop() {
     this.hasStop = true;
-    this.before ??= { open: this.open, span: this.span, quantities: this.quantities };
+    this.before ??= { span: this.span, quantities: this.quantities };
     this.quantities = OF_A_STOP;
     this.span = "stop";
-    this.show();
+    if (this.open) this.request();
   }
 
   restore() {
-    const { open, span, quantities } = this.before;
+    [this.span, this.quantities] = [this.before.span, this.before.quantities];
     this.before = null;
-    [this.span, this.quantities] = [span, quantities];
-    if (open) this.show();
-    else this.close();
+    if (this.open) this.request();
   }
 
   show() {
@@ -76,12 +76,18 @@ export class Plots {
   }
 
   close() {
-    this.before = null; // closed by hand: it stays closed
-    if (this.span === "stop") this.span = "60";
+    if (this.before) this.restore();
+    else if (this.span === "stop") this.span = "60";
     $("plots").hidden = true;
     $("plots-toggle").setAttribute("aria-expanded", "false");
     this.clear();
     this.send("show_plots", { quantities: [], joints: [] });
+  }
+
+  dismiss() {
+    if (!this.open) return;
+    this.close();
+    $("plots-toggle").focus();
   }
 
   choose(change) {

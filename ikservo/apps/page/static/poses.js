@@ -32,6 +32,7 @@ export class Poses {
   open() {
     $("pose-filter").value = "";
     this.showList();
+    this.onOpen();
     $("pose-dialog").show();
     $("pose-filter").focus();
   }
@@ -39,6 +40,10 @@ export class Poses {
   close() {
     $("pose-dialog").close();
     $("all-poses")?.focus();
+  }
+
+  dismiss() {
+    if ($("pose-dialog").open) this.close();
   }
 
   showList() {

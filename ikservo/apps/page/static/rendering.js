@@ -127,13 +127,14 @@ export class Rendering {
     this.onChange();
   }
 
-  // Shows a scene in 3D, if that is how it is drawn.
-  show(scene) {
+  // Shows a scene in 3D with the detail for which there is time, if that is how it is drawn.
+  show(scene, { pixelRatio, detail }) {
     const on = scene.webgl && this.scene3d !== null && this.isOn();
     this.canvas.hidden = !on;
     $("backdrop").hidden = on;
     if (!on) return;
-    const resized = this.scene3d.fit(this.canvas.clientWidth, this.canvas.clientHeight, devicePixelRatio);
+    this.scene3d.setShadows(detail.shadows);
+    const resized = this.scene3d.fit(this.canvas.clientWidth, this.canvas.clientHeight, pixelRatio);
     if (!resized && isSame(scene, this.shown)) return;
     this.shown = scene;
     this.scene3d.update(scene);
@@ -153,7 +154,14 @@ export class Rendering {
     this.tried = true;
     const timed = times.slice(WARM_UP_FRAMES).sort((a, b) => a - b);
     this.frameMs = timed[Math.floor(timed.length / 2)];
-    if (this.frameMs > BUDGET_MS && this.wanted !== "3d") this.fallBack(`A 3D frame takes ${Math.round(this.frameMs)} ms here`);
+    if (this.frameMs > BUDGET_MS) this.giveUpSlow(Math.round(this.frameMs));
+  }
+
+  // Where nobody has chosen 3D. Returns whether 2D draws from now on.
+  giveUpSlow(ms) {
+    if (this.wanted === "3d") return false;
+    this.fallBack(`A 3D frame takes ${ms} ms here`);
+    return true;
   }
 
   showControls() {

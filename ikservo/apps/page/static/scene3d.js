@@ -41,7 +41,9 @@ export class Scene3D {
     this.arm.tip.add(createTriad(TRIAD_M.tool));
     this.markings = new Markings(graph);
     this.handles = new Handles(this.camera, graph.handles);
-    this.scene.add(this.handles.root, this.arm.root, this.ghost.root, this.sweep.root, this.markings.root, createTriad(TRIAD_M.base), ...createLights(graph));
+    const lights = createLights(graph);
+    this.sun = lights[1];
+    this.scene.add(this.handles.root, this.arm.root, this.ghost.root, this.sweep.root, this.markings.root, createTriad(TRIAD_M.base), ...lights);
     this.setColours();
   }
 
@@ -67,6 +69,10 @@ export class Scene3D {
     return true;
   }
 
+  setShadows(on) {
+    this.sun.castShadow = on;
+  }
+
   // Shows a scene of the server, see ikservo/apps/page/drawing/scene_graph.py.
   update(scene) {
     this.setCamera(scene.camera);
@@ -75,8 +81,7 @@ export class Scene3D {
     this.showGoal(scene);
     this.handles.show((scene.goal === null ? this.arm : this.ghost).tipPosition(), scene.handles);
     this.highlight(scene);
-    this.markings.showRegion(scene.bare ? null : scene.region, scene.region_pose);
-    this.markings.showTable(!scene.bare);
+    this.markings.showRegion(scene.region, scene.region_pose);
     this.markings.markThings([scene.picked, ...(scene.refused_pair ?? [])]);
   }
 

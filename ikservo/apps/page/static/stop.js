@@ -9,6 +9,7 @@ export class StopButton {
     this.send = send;
     this.showRefusal = showRefusal;
     this.sentAt = null;
+    this.count = this.countBefore = 0; // stops that the server has carried out: now, and when one was sent
     $("stop").onclick = () => this.press("button");
   }
 
@@ -16,6 +17,7 @@ export class StopButton {
   press(by) {
     if ($("stop").disabled) return;
     this.send("stop", { by });
+    this.countBefore = this.count;
     const sentAt = (this.sentAt = performance.now());
     setText($("stop-word"), "Stopping …");
     setTimeout(() => this.sentAt === sentAt && this.sayUnconfirmed(), CONFIRM_MS);
@@ -27,10 +29,11 @@ export class StopButton {
     this.showRefusal({ message: "The stop was sent and not confirmed.", hint: "Press it again, or switch off the arm's power." });
   }
 
-  // Called with every status: the server has answered.
-  show({ mode }) {
+  // Called with every status. A stop of a limp arm leaves it in the mode in which it was.
+  show({ mode, stop_count }) {
     $("stop").disabled = false; // whoever sees the arm may stop it
-    if (this.sentAt !== null && mode !== "stopped") return;
+    this.count = stop_count;
+    if (this.sentAt !== null && mode !== "stopped" && stop_count === this.countBefore) return;
     this.sentAt = null;
     setText($("stop-word"), "Stop");
   }

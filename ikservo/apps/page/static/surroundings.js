@@ -12,13 +12,12 @@ const MARGIN_PX = 16;
 const MAX_WIDTH = 0.3; // of the scale bar, of the drawing
 const FACES = [[0, 1, 3, 2], [4, 5, 7, 6], [0, 1, 5, 4], [2, 3, 7, 6], [0, 2, 6, 4], [1, 3, 7, 5]];
 
-// A bare scene is drawn over a camera's picture: a table would hide it, and what is in a plane of the arm is not there. Where
-// the camera is known, the region is that of the table.
-export function backdropItems({ centre, floor }, things, { region, region_pose, bare }, projection) {
+// In a camera's picture the table is seen, and the region is that of the table.
+export function backdropItems({ centre, floor }, things, { region, region_pose }, projection) {
   const { lens } = projection;
   return [
-    ...(floor === null || bare || lens ? [] : floorItems(centre, floor, projection)),
-    ...(region === null || (bare && !lens) ? [] : [regionItem(region, region_pose, projection)]),
+    ...(floor === null || lens ? [] : floorItems(centre, floor, projection)),
+    ...(region === null ? [] : [regionItem(region, region_pose, projection)]),
     ...things.map((thing) => thingItem("keep_out", thing, projection)),
   ];
 }

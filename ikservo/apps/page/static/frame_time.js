@@ -1,0 +1,79 @@
+// Measures how long the page takes to draw a frame, and lowers the detail of what it draws until that
+// is quick enough: a slow page delays heartbeats and presses.
+
+const SLOW_MS = 80; // a frame that takes longer delays what a person does
+const QUICK_MS = 25;
+const FRAMES = 12; // of which the median counts: a single hiccup says nothing
+const HIDDEN_MS = 5000; // a longer one was no frame: the page was hidden, or the computer asleep
+const PATIENCE_MS = 15000; // of quick frames before more detail is tried again
+
+// Each level has less detail than the one before.
+const LEVELS = [
+  { maxRatio: Infinity, shadows: true, swept: true, pause: 0 },
+  { maxRatio: 1, shadows: false, swept: true, pause: 0 },
+  { maxRatio: 0.5, shadows: false, swept: false, pause: 0 },
+  { maxRatio: 0.5, shadows: false, swept: false, pause: 1 }, // as long as the frame before took
+];
+
+export class FrameTime {
+  constructor(onChange) {
+    this.onChange = onChange; // called when the detail has changed
+    this.level = 0;
+    this.patienceMs = PATIENCE_MS;
+    this.medianMs = this.slowMs = 0;
+    this.begunAt = 0; // when the last frame was begun
+    this.restart();
+  }
+
+  get detail() { return LEVELS[this.level]; }
+
+  // Pixels of the drawing for each of the page.
+  get pixelRatio() { return Math.min(devicePixelRatio, this.detail.maxRatio); }
+
+  // What is drawn has become another: what was measured does not count for it.
+  restart() {
+    this.times = [];
+    this.drawnAt = null; // when the last frame was begun, if that was drawn
+    this.quickSince = null;
+  }
+
+  // Called with each animation frame; returns whether it is time to draw the next one.
+  tick(now) {
+    if (this.drawnAt !== null) this.record(now - this.drawnAt, now);
+    const { pause } = this.detail;
+    this.drawnAt = null;
+    return !pause || now - this.begunAt > 2 * pause * this.medianMs;
+  }
+
+  drawn(now) {
+    this.drawnAt = this.begunAt = now;
+  }
+
+  record(ms, now) {
+    if (ms > HIDDEN_MS) return;
+    this.times = [...this.times, ms].slice(-FRAMES);
+    if (this.times.length < FRAMES) return;
+    this.medianMs = [...this.times].sort((a, b) => a - b)[FRAMES / 2];
+    if (this.medianMs > SLOW_MS) {
+      this.slowMs = Math.round(this.medianMs);
+      this.set(Math.min(this.level + 1, LEVELS.length - 1));
+    } else if (this.medianMs > QUICK_MS || !this.level) this.quickSince = null;
+    else if (now - (this.quickSince ??= now) > this.patienceMs) {
+      this.patienceMs *= 2; // it may be quick with less detail only
+      this.set(this.level - 1);
+    }
+  }
+
+  // What to tell of a drawing that was too slow, in a few words; empty if none was.
+  describe(what) {
+    if (!this.level) return "";
+    const isSlowest = this.level === LEVELS.length - 1;
+    return `${what} ${isSlowest ? "takes" : "took"} ${this.slowMs} ms a frame: ${isSlowest ? "this computer is too slow for it" : "drawn more coarsely"}`;
+  }
+
+  set(level) {
+    this.level = level;
+    this.restart();
+    this.onChange();
+  }
+}

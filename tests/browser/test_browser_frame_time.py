@@ -1,0 +1,35 @@
+"""The page measures how long its frames take, and draws less where that is too long."""
+
+import pytest
+
+from tests.browser.page_operator import Operator
+
+pytestmark = pytest.mark.browser
+
+SLOW_FRAMES = """(() => {
+  const burn = () => {
+    const start = performance.now();
+    while (performance.now() - start < window.burnMs);
+    requestAnimationFrame(burn);
+  };
+  window.burnMs = 120;
+  burn();
+})()"""
+WIDTH = "document.getElementById('drawing').width"
+
+
+@pytest.mark.smoke
+def test_slow_page_draws_less_and_says_why(browser, view):
+    context = browser.new_context(viewport={"width": 700, "height": 600}, device_scale_factor=2)
+    operator = Operator(context.new_page(), view)
+    level = "window.ikservo.frameTime.level"
+    fine = operator.page.evaluate(WIDTH)
+    operator.page.evaluate(SLOW_FRAMES)
+    operator.until(f"{level} === 3 && {WIDTH} === {fine / 4}")
+    assert "The drawing takes" in operator.page.inner_text("#log")
+    assert "ms a frame" in operator.page.text_content("#slow")
+    drawn = operator.page.evaluate("window.ikservo.drawn")
+    operator.until(f"window.ikservo.drawn > {drawn + 2}")  # it still draws
+    operator.page.evaluate("window.burnMs = 0; window.ikservo.frameTime.patienceMs = 100")
+    operator.until(f"{level} < 3")
+    context.close()
