@@ -468,8 +468,7 @@ class CollisionError(BlockedError):
         super().__init__(
             cause,
             f"{cause}: {depth_m * 1e3:.1f} mm deep, at {fraction * 100:.0f} % of the path.",
-            "Go by way of another pose, correct the obstacles, or use --no-collision if you see "
-            "that the path is clear.",
+            "Choose another target, go by way of another pose, or correct the obstacles.",
         )
 
 

@@ -31,6 +31,7 @@ def _move_in_python(command: re.Match[str]) -> str:
 
 _REPLACEMENTS = [
     (rf"ikservo move ({_NUMBER} {_NUMBER} {_NUMBER})", _move_in_python),
+    (" --pitch -90", " with stance=ToolOrientation(pitch_rad=-math.pi / 2)"),
     (r"ikservo (relax|where|stop)\b(?! [A-Z<])", r"arm.\1()"),
     (r"then: ikservo net acknowledge --port \S+", "then call arm.acknowledge()"),
     (r"acknowledge the stop\b", "call arm.acknowledge()"),

@@ -24,6 +24,7 @@ from ikservo.control.stop_requests import (
 from ikservo.control.torque_state import TorqueState
 from ikservo.errors import (
     BadValueError,
+    CollisionError,
     IkservoError,
     PortError,
     RefusedError,
@@ -46,6 +47,10 @@ _RELEASED = (
     "Torque is off. Acknowledge first.",
 )
 _STOP_TIMEOUT_S = 1.0
+
+# A limp arm sinks this far past a limit: stops are 2° outside the limits that a calibration finds.
+_MAX_RETURN_RAD = math.radians(5.0)
+_RETURN_HINT = "Nothing was sent. Move it back by hand, or request that motion: ikservo pose home."
 
 _POLL_PERIOD_S = 0.02  # how soon ``state`` in another thread notices that a motion has begun
 
@@ -325,14 +330,36 @@ class MotionRunner:
 
         A limp arm sinks there. Online trajectories must start inside: the guard lets a joint come
         back, and not out again by a single tick.
+
+        Raises:
+            RefusedError: A joint is more than 5° outside at its horn, or something would be touched
+                on the way back.
         """
         lower, upper = self._context.limits()
         check_not_forked(self._process_id)
         measured = self._servos.measure_positions()
         if ((measured >= lower) & (measured <= upper)).all():
             return
-        limits = self._context.planner.motion_limits("slow")
-        self.run(lambda start: JointMove(start, np.clip(start, lower, upper), limits), None, "slow")
+        self._plan_return(measured)  # before torque comes on
+        self.run(self._plan_return, None, "slow")
+
+    def _plan_return(self, start: Vector) -> Trajectory:
+        """Plan the motion from joints (n,) back inside their limits, and check it."""
+        goal = np.clip(start, *self._context.limits())
+        trajectory = JointMove(start, goal, self._context.planner.motion_limits("slow"))
+        turned_rad = np.abs(goal - start) / self._context.units_per_rad()
+        outside = f"{self._servos.names[int(turned_rad.argmax())]} is outside its limits"
+        if turned_rad.max() > _MAX_RETURN_RAD:
+            far = f"{outside} by {math.degrees(turned_rad.max()):.0f}° of its servo"
+            raise RefusedError(f"{far}; only 5° are moved back without a request.", _RETURN_HINT)
+        try:
+            if turned_rad.max() > 0.0:
+                self._context.check_streamed_path(trajectory, "slow")
+        except CollisionError as error:
+            raise RefusedError(
+                f"{outside}, and on the way back {error.cause}.", _RETURN_HINT
+            ) from None
+        return trajectory
 
     def start_position(self) -> Vector:
         """Return where a motion would start (n,), rad or m; a limp arm is measured."""

@@ -29,7 +29,7 @@ from ikservo.planning.motions import Lower, MotionValue
 from ikservo.planning.path_constraint import UNCONSTRAINED
 from ikservo.planning.path_error import PathDeviation, PathRecorder
 from ikservo.planning.reports import JointMoveResult, MoveResult, OnProgress
-from ikservo.settling.settling import SettlingResult, settle
+from ikservo.settling.settling import SettlingResult, lift_to_start, settle
 from ikservo.settling.swings import MotionSwings
 from ikservo.settling.tick_rounding import SettlingTarget, backlash_approach
 
@@ -112,6 +112,9 @@ def _run_motion(
     servos, limits = context.servos, context.planner.motion_limits(plan.speed)
     horn_rad_s = context.model.speed(plan.speed).rad_s
     trajectory = _checked_trajectory(context, plan, servos.reference())
+    if plan.cartesian_s >= plan.duration_s > 0.0:
+        lift_to_start(context, runner.loop, servos.reference(), horn_rad_s)
+        trajectory = _checked_trajectory(context, plan, servos.reference())
     measured = servos.measure_positions()
     target = SettlingTarget(context.chain, context.index, servos.driven_joints, plan, measured)
     started_s = context.now_s()

@@ -38,7 +38,7 @@ from ikservo.model.scene_file import (
 from ikservo.planning.context import ArmContext
 from ikservo.planning.surroundings import Turn
 
-_LARGEST_M = 0.5  # half of a side of what a gripper holds
+_LARGEST_M = 0.5  # half the size of what a gripper holds, in each direction
 _NAME = "The name of the thing"
 _WAIT_S = 0.5  # for a reading to end, not for a motion
 _others_lock = threading.RLock()  # which arms can reach each other is said in both their scenes
@@ -298,8 +298,8 @@ class Scene:
             if name not in self._things:
                 raise UnknownNameError("thing", name, self._things)
             thing, things = self._things[name], dict(self._things)
-            if not isinstance(thing, KeepOutShape) or thing.row[12:15].max() > _LARGEST_M:
-                expected = "one of the scene that a gripper holds"
+            if not isinstance(thing, KeepOutShape) or thing.half_size_m.max() > _LARGEST_M:
+                expected = f"one of the scene, at most {2.0 * _LARGEST_M:g} m long, wide and high"
                 raise BadValueError("The thing to hold", name, expected)
             del things[name]
             self._change(things, {**self._held, name: thing.moved(_inverse(self._tip_pose()))})

@@ -81,7 +81,8 @@ class ClearSpace:
         if self._bends is not None:
             pieces = [_close_postures(a, b) for a, b in itertools.pairwise(path)]
             path = self._bends(np.vstack([path[:1], *pieces]))
-        return self._first_contact(path) == self._no_contact
+        # Without compiled kernels the comparison is a NumPy bool, which OMPL does not take.
+        return bool(self._first_contact(path) == self._no_contact)
 
     def contains(self, postures: Matrix) -> NDArray[np.bool_]:
         """Return for each posture (n, dof) whether it keeps the distances (n,)."""

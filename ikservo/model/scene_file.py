@@ -74,6 +74,11 @@ class KeepOutShape:
         ]
 
     @property
+    def half_size_m(self) -> Vector:
+        """Half its length, width and height (3,), the rounding included."""
+        return self.row[12:15] + self.row[ROUNDING]
+
+    @property
     def low_m(self) -> tuple[float, float, float]:
         """The lowest corner (3,) of the upright box around it."""
         return self._corner(-1.0)

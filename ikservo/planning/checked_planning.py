@@ -6,7 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import replace
-from itertools import chain, islice
+from itertools import chain, islice, product
 from math import radians
 from time import perf_counter
 from typing import Any, Protocol
@@ -53,6 +53,7 @@ from ikservo.planning.path_constraint import UNCONSTRAINED, PathConstraint
 from ikservo.planning.plan_by_kind import plan_motion
 from ikservo.planning.planner import PointGoal
 from ikservo.planning.poses import PoseLibrary
+from ikservo.planning.tool_orientation import KEEP_BEST_EFFORT
 from ikservo.planning.ways_around import BLENDS_RAD, postures_nearby, ways_around
 
 # A gripper's goal leads it by more than this at the horn where it presses on something.
@@ -63,6 +64,9 @@ _PATH_FRACTIONS = (0.8, 0.6, 0.4, 0.2)
 _EXITS, _NEARBY = 3, 300
 # A point is suggested at these fractions of the line from the nearest one back to the tip.
 _STEPS_BACK = (0.0, 0.01, 0.02, 0.05, 0.1, 0.2, 0.4)
+
+# So far above a point at the table another one is tried, metres.
+_STEPS_UP_M = (0.0, 0.03, 0.06, 0.1)
 
 
 class MotionStart(Protocol):
@@ -183,10 +187,14 @@ class PreflightPlanner:
             raise
 
     def _plan_to_point(self, motion: MoveTo) -> MotionPlan:
-        """Plan a motion to a point; where it is out of reach, name a point that is accepted."""
+        """Plan a motion to a point; if that is impossible, name a point that is accepted."""
         try:
             return self._plan_tip(motion)
         except OrientationError:
+            raise
+        except CollisionError as error:
+            if error.pair[1] == "the table":
+                self._describe_table(motion, error)
             raise
         except UnreachableError as error:
             instead_m = self._find_accepted_point(motion, np.array(error.nearest_m))
@@ -195,6 +203,25 @@ class PreflightPlanner:
         if meant:
             better.command_hint = f"Did you mean millimetres? Try: ikservo move {meant}"
         raise better
+
+    def _describe_table(self, motion: MoveTo, error: CollisionError) -> None:
+        """Say in an error that the point is below the table, and which motion is accepted."""
+        x, y, z = finite_vector(motion.position_m, 3, "The target").tolist()
+        table_m = self._model.floor_m or 0.0
+        if z < table_m:
+            below = f"z = {z:.3f} m is below the table (z = {table_m:g} m)"
+            error.command_message = f"{below}: {error.cause}."
+        stances = [motion.stance]
+        if motion.stance == KEEP_BEST_EFFORT:
+            stances.append(replace(motion.stance, pitch_rad=-math.pi / 2))
+        for up_m, stance in product(_STEPS_UP_M, stances):
+            point_m = np.round([x, y, max(z, table_m) + up_m], 4)
+            with suppress(UnreachableError, RefusedError):
+                self._plan_tip(replace(motion, position_m=point_m, stance=stance, straight=True))
+                x, y, z = point_m.tolist()
+                down = "" if stance == motion.stance else " --pitch -90"
+                error.command_hint = f"Try: ikservo move {x:.4f} {y:.4f} {z:.4f}{down}"
+                return
 
     def _find_accepted_point(self, motion: MoveTo, nearest_m: Vector) -> list[float] | None:
         """Find a point (3,) in whole millimetres, from the edge of the workspace to the tip."""

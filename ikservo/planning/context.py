@@ -245,9 +245,12 @@ class ArmContext:
 
     def interpolate_joints(self, start: Vector, goal: Vector) -> Matrix:
         """Compute the straight path (k, n) between joints (n,), dense enough for checks."""
+        return sample_line(start, goal, self.units_per_rad())
+
+    def units_per_rad(self) -> Vector:
+        """Return how far each joint (n,) moves per radian of its servo's horn, rad or m."""
         joints = [self.model.joint(name) for name in self.servos.names]
-        units = np.array([joint.travel_per_turn / math.tau for joint in joints])
-        return sample_line(start, goal, units)
+        return np.array([joint.travel_per_turn / math.tau for joint in joints])
 
     def check_recorded_path(self, start: Vector, recorded: Matrix) -> None:
         """Check the path of the joints to a recorded path (k, n), and along it.

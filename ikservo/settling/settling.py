@@ -283,6 +283,28 @@ def settle_at(
     return _run_settling(loop, context.servos, ticks, limits, horn_rad_s, is_over=is_over).measured
 
 
+def lift_to_start(context: ArmContext, loop: ControlLoop, start: Vector, horn_rad_s: float) -> None:
+    """Bring a sagged arm back to ``start`` (n,), from where the tip will follow a path.
+
+    A limp arm sags as its torque comes on; its goals are at ``start``. A motion of joints may begin
+    with lifting it, a line would begin beside its path.
+
+    Args:
+        context: The arm, in a motion.
+        loop: Runs that motion.
+        start: The joints that its servos hold, rad or m.
+        horn_rad_s: The motion's top speed at the horns.
+    """
+    servos, columns = context.servos, list(context.index.chain)
+    tick = np.array([driven.joint_map.unit_per_tick for driven in servos.driven_joints])
+    sag_ticks = np.abs(servos.measure_positions() - start) / tick
+    if (sag_ticks[columns] <= _RESIDUAL_TICKS).all():
+        return
+    ticks = chain_ticks(context.chain, context.index, servos.driven_joints, start, by_tip=True)
+    limits = context.planner.motion_limits("slow")
+    _run_settling(loop, servos, ticks, limits, horn_rad_s)
+
+
 def _run_settling(
     loop: ControlLoop,
     servos: ServoGroup,

@@ -81,9 +81,25 @@ def test_what_is_no_thing_is_refused_and_changes_nothing(arm, tmp_path):
         '[[half_space]]\nname = "the wall"\npoint_m = [-0.5, 0.0, 0.0]\nnormal = [1, 0, 0]\n'
     )
     arm.scene.load(tmp_path / "scene.toml")
-    with pytest.raises(BadValueError, match="a gripper holds"):
+    with pytest.raises(BadValueError, match="at most 1 m"):
         arm.scene.attach("the wall")
     assert arm.scene.names == ("the can", "the wall")
+
+
+@pytest.mark.parametrize(
+    ("kind", "sizes"),
+    [
+        ("sphere", {"radius_m": 0.52}),
+        ("cylinder", {"radius_m": 0.52, "height_m": 0.1}),
+        ("cylinder", {"radius_m": 0.01, "height_m": 1.04}),
+        ("box", {"size_m": (0.01, 1.04, 0.01)}),
+    ],
+)
+def test_attach_refuses_things_of_every_shape_above_1_m(arm, kind, sizes):
+    arm.scene.add(kind, "the thing", centre_m=(0.3, 0.0, 2.0), **sizes)
+    with pytest.raises(BadValueError, match="at most 1 m"):
+        arm.scene.attach("the thing")
+    assert arm.scene.names == ("the thing",)
 
 
 WALL = {"centre_m": (0.2, 0.0, 0.1), "size_m": (0.3, 0.02, 0.2)}
