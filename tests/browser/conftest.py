@@ -17,7 +17,7 @@ INSTALL = (
 )
 
 
-TIMEOUT_S = 300  # of a test: several waits, each as patient as ``PATIENCE_S``
+TIMEOUT_S = 300  # of a test: several waits, each as long as the ``TIMEOUT_S`` of an operator
 
 
 def pytest_collection_modifyitems(items):

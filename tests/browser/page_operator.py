@@ -19,7 +19,7 @@ from ikservo.model.scene_file import with_scene
 from tests.arm.simulated import line_of, registers, true_joints, true_tip_m, without_zeros
 from tests.oracle import pinocchio_model
 
-PATIENCE_S = 60.0  # a busy machine needs it; who waits for an event returns with the event
+TIMEOUT_S = 60.0  # a busy machine needs it; who waits for an event returns with the event
 REPEAT_S = 4.0  # between two presses: longer than until a page says that the first came too late
 SHOWN = "Boolean(window.ikservo?.scene && window.ikservo.status)"
 LOOK_MS = 40  # between two looks at the servos
@@ -28,9 +28,9 @@ THERE = 4  # looks
 AT_HOME_RAD = 0.012  # more than an arm sags when its torque comes on
 
 
-def attempts(pause, patience_s=PATIENCE_S):
-    """Yield at once, then after each pause, until the patience is over."""
-    end_s = time.monotonic() + patience_s
+def attempts(pause, timeout_s=TIMEOUT_S):
+    """Yield at once, then after each pause, until the time is over."""
+    end_s = time.monotonic() + timeout_s
     while True:
         yield
         if time.monotonic() > end_s:
@@ -38,9 +38,9 @@ def attempts(pause, patience_s=PATIENCE_S):
         pause()
 
 
-def patient(page):
-    """Let Playwright's own waits on a page be as patient as those here."""
-    page.set_default_timeout(1000 * PATIENCE_S)
+def with_long_timeout(page):
+    """Let Playwright's own waits on a page last as long as those here."""
+    page.set_default_timeout(1000 * TIMEOUT_S)
     return page
 
 
@@ -140,7 +140,7 @@ def away_from_home_rad(arm):
 def serve_view(
     arm="so101", port="sim:?pose=home", dead_man_s=5.0, *, scene=None, calibrated=True, **options
 ):
-    """Serve a view; a busy machine makes pages stutter, so the dead man is patient by default."""
+    """Serve a view with a long dead man: a busy machine makes pages stutter."""
     model = load_model(arm) if scene is None else with_scene(load_model(arm), scene)
     places = [ArmAtPort(model, port)]
     view = HoldingView(places, dead_man_s=dead_man_s, calibrated=calibrated, **options)
@@ -155,7 +155,7 @@ class Operator:
         self.page, self.served = page, served
         self.errors = []
         self.before = served.ticks()
-        patient(page)
+        with_long_timeout(page)
         page.on("pageerror", lambda error: self.errors.append(str(error)))
         page.goto((served.urls.watch if watch else served.urls.control) + options)
         self.until(SHOWN)
@@ -172,7 +172,7 @@ class Operator:
         for _ in attempts(self.look_again):
             if self.page.evaluate(words):
                 return self
-        raise AssertionError(f"never in {PATIENCE_S} s: {words}\n{self.status}")
+        raise AssertionError(f"never in {TIMEOUT_S} s: {words}\n{self.status}")
 
     def look_again(self):
         self.page.wait_for_timeout(LOOK_MS)
@@ -186,7 +186,7 @@ class Operator:
 
         The act must be one that may be done twice, such as typing a number.
         """
-        for _ in attempts(act, PATIENCE_S):
+        for _ in attempts(act, TIMEOUT_S):
             for _ in attempts(self.look_again, REPEAT_S):
                 if is_done():
                     return self

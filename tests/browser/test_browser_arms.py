@@ -9,7 +9,7 @@ from ikservo.apps.page.served_arms import ArmAtPort
 from ikservo.model import load_model
 from tests.apps.page.webcam import Webcam
 from tests.arm.simulated import line_of, registers
-from tests.browser.page_operator import HoldingView, Operator, ServedView, patient, until
+from tests.browser.page_operator import HoldingView, Operator, ServedView, until, with_long_timeout
 from tests.browser.test_browser_page import CONTRAST, NAMES, SMALL
 
 pytestmark = pytest.mark.browser
@@ -33,7 +33,7 @@ def opened_panel(*places, **options):
 @pytest.fixture
 def page(browser):
     context = browser.new_context(viewport={"width": 1100, "height": 800})
-    page = patient(context.new_page())
+    page = with_long_timeout(context.new_page())
     yield page
     context.close()
 

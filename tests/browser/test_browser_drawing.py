@@ -27,7 +27,7 @@ from ikservo.model.collision_model import capsules_of
 from ikservo.model.model import KeepOutBox
 from tests.apps.page.planar_arm import planar_model
 from tests.apps.page.view_fixtures import VIEWPORT, graph_of, looked_at, model_of, picker, stage
-from tests.browser.page_operator import patient
+from tests.browser.page_operator import with_long_timeout
 from tests.kinematics.chains import crane, planar
 from tests.oracle import ARMS, tip_from_joints
 
@@ -73,7 +73,7 @@ def serve(route):
 def page(browser):
     """A page with the modules of the package and nothing else."""
     context = browser.new_context()
-    page = patient(context.new_page())
+    page = with_long_timeout(context.new_page())
     page.route(f"{HOST}**", serve)
     page.goto(HOST)
     yield page

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.browser.page_operator import patient
+from tests.browser.page_operator import with_long_timeout
 
 pytestmark = pytest.mark.browser
 FIGURES = Path(__file__).parents[2] / "docs" / "figures"
@@ -17,7 +17,7 @@ NAMES = re.findall(r'<figure class="interactive" data-figure="(\w+)"></figure>',
 def page(browser):
     """The figures alone, in the order of the page."""
     context = browser.new_context(viewport={"width": 700, "height": 900})
-    page = patient(context.new_page())
+    page = with_long_timeout(context.new_page())
     page.route("http://docs.test/**", serve)
     page.goto("http://docs.test/")
     yield page

@@ -4,7 +4,7 @@ import pytest
 
 from servosim.joint import Hand, glide
 from tests.arm.simulated import line_of, registers, true_joints
-from tests.browser.page_operator import Operator, patient, until
+from tests.browser.page_operator import Operator, until, with_long_timeout
 from tests.browser.test_browser_arms import opened_panel
 from tests.browser.test_browser_page import CONTRAST, NAMES, SMALL
 
@@ -22,7 +22,7 @@ def two():
 @pytest.fixture
 def page(browser):
     context = browser.new_context(viewport={"width": 1100, "height": 800})
-    page = patient(context.new_page())
+    page = with_long_timeout(context.new_page())
     yield page
     context.close()
 

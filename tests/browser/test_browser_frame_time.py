@@ -30,6 +30,6 @@ def test_slow_page_draws_less_and_says_why(browser, view):
     assert "ms a frame" in operator.page.text_content("#slow")
     drawn = operator.page.evaluate("window.ikservo.drawn")
     operator.until(f"window.ikservo.drawn > {drawn + 2}")  # it still draws
-    operator.page.evaluate("window.burnMs = 0; window.ikservo.frameTime.patienceMs = 100")
+    operator.page.evaluate("window.burnMs = 0; window.ikservo.frameTime.retryMs = 100")
     operator.until(f"{level} < 3")
     context.close()

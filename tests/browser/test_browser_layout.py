@@ -4,7 +4,7 @@ import itertools
 
 import pytest
 
-from tests.browser.page_operator import Operator, patient
+from tests.browser.page_operator import Operator, with_long_timeout
 
 pytestmark = pytest.mark.browser
 
@@ -101,7 +101,7 @@ def test_a_page_for_which_there_is_no_room_says_so_and_appears_once_there_is(
 ):
     monkeypatch.setattr("ikservo.apps.page.server.server._MAX_CLIENTS", 0)
     context = browser.new_context()
-    page = patient(context.new_page())
+    page = with_long_timeout(context.new_page())
     page.goto(shared.urls.watch)
     page.wait_for_selector("#banner-message:has-text('16 pages watch this arm already')")
     monkeypatch.undo()

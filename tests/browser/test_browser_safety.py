@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from servosim.faults import Fault
-from tests.browser.page_operator import SHOWN, patient
+from tests.browser.page_operator import SHOWN, with_long_timeout
 
 pytestmark = pytest.mark.browser
 
@@ -162,7 +162,7 @@ CONNECT = """(address) => new Promise((say) => {
 def test_a_page_of_another_origin_is_refused(operator, browser):
     address = operator.served.urls.control.partition("/#")[0].replace("http", "ws") + "/live"
     context = browser.new_context()
-    page = patient(context.new_page())
+    page = with_long_timeout(context.new_page())
     page.route("http://evil.example/", lambda route: route.fulfill(body="<p>harmless</p>"))
     page.goto("http://evil.example/")
     assert page.evaluate(CONNECT, address) == "refused"
@@ -171,7 +171,7 @@ def test_a_page_of_another_origin_is_refused(operator, browser):
 
 @pytest.mark.campaign
 def test_the_wrong_key_is_reported(operator):
-    page = patient(operator.page.context.new_page())
+    page = with_long_timeout(operator.page.context.new_page())
     page.goto(operator.served.urls.control.partition("#")[0] + "#token=wrong")
     page.wait_for_selector("#banner:not([hidden])")
     assert "key" in page.inner_text("#banner-message")
@@ -180,7 +180,7 @@ def test_the_wrong_key_is_reported(operator):
 @pytest.mark.campaign
 def test_the_key_leaves_no_trace_in_what_is_sent(browser, view):
     context = browser.new_context()
-    page, seen = patient(context.new_page()), []
+    page, seen = with_long_timeout(context.new_page()), []
 
     def record_frame(frame):
         seen.append(frame)

@@ -7,7 +7,7 @@ import pytest
 from ikservo.apps.page.page_app import ViewApp
 from ikservo.hardware.eeprom import read_backup
 from ikservo.model import load_model
-from tests.browser.page_operator import patient, until
+from tests.browser.page_operator import until, with_long_timeout
 from tests.browser.test_browser_page import CONTRAST, NAMES, SMALL
 
 pytestmark = pytest.mark.browser
@@ -70,7 +70,7 @@ def bench(browser, request, tmp_path, monkeypatch):
         context = browser.new_context(
             viewport={"width": 1100, "height": 720}, accept_downloads=True
         )
-        bench = Bench(app, patient(context.new_page()))
+        bench = Bench(app, with_long_timeout(context.new_page()))
         bench.page.goto(urls.control)
         bench.urls = urls
         yield bench

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.browser.page_operator import Operator, patient, serve_view
+from tests.browser.page_operator import Operator, serve_view, with_long_timeout
 from tests.browser.test_browser_safety import FAR
 
 pytestmark = pytest.mark.browser
@@ -28,7 +28,7 @@ def test_an_arm_is_moved_by_a_page_that_came_by_tls(browser, far_view):
 
 def test_a_browser_that_does_not_know_the_certificate_shows_no_page(browser, far_view):
     context = browser.new_context()
-    page = patient(context.new_page())
+    page = with_long_timeout(context.new_page())
     with pytest.raises(Exception, match="ERR_CERT_AUTHORITY_INVALID"):
         page.goto(far_view.urls.control)
     context.close()

@@ -5,7 +5,7 @@ const SLOW_MS = 80; // a frame that takes longer delays what a person does
 const QUICK_MS = 25;
 const FRAMES = 12; // of which the median counts: a single hiccup says nothing
 const HIDDEN_MS = 5000; // a longer one was no frame: the page was hidden, or the computer asleep
-const PATIENCE_MS = 15000; // of quick frames before more detail is tried again
+const RETRY_MS = 15000; // of quick frames before more detail is tried again
 
 // Each level has less detail than the one before.
 const LEVELS = [
@@ -19,7 +19,7 @@ export class FrameTime {
   constructor(onChange) {
     this.onChange = onChange; // called when the detail has changed
     this.level = 0;
-    this.patienceMs = PATIENCE_MS;
+    this.retryMs = RETRY_MS;
     this.medianMs = this.slowMs = 0;
     this.begunAt = 0; // when the last frame was begun
     this.restart();
@@ -58,8 +58,8 @@ export class FrameTime {
       this.slowMs = Math.round(this.medianMs);
       this.set(Math.min(this.level + 1, LEVELS.length - 1));
     } else if (this.medianMs > QUICK_MS || !this.level) this.quickSince = null;
-    else if (now - (this.quickSince ??= now) > this.patienceMs) {
-      this.patienceMs *= 2; // it may be quick with less detail only
+    else if (now - (this.quickSince ??= now) > this.retryMs) {
+      this.retryMs *= 2; // it may be quick with less detail only
       this.set(this.level - 1);
     }
   }
