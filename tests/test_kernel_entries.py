@@ -11,13 +11,14 @@ import pytest
 from ikservo.apps.page.picking import pick_region, raycast
 from ikservo.apps.page.picking.link_poses import link_poses
 from ikservo.apps.page.picking.picking import Picker
-from ikservo.guard import CollisionChecker, clear_space, way_search, way_search_kernel
+from ikservo.guard import CollisionChecker, clear_space, way_search
 from ikservo.guard.sag import Weight, sag_of
 from ikservo.ik import Solver, solver
 from ikservo.ik.prepare import TargetKind
 from ikservo.kernels import capsule_distances as collision_kernel
 from ikservo.kernels import compiled, search, single, tool_limits
 from ikservo.kernels import free_path as free_path_kernel
+from ikservo.kernels import way_search as way_search_kernel
 from ikservo.kinematics.inertia import LinkMass
 from ikservo.model import load_model
 from ikservo.planning.path_constraint import ConstrainedTool, PathConstraint

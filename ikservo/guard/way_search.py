@@ -1,6 +1,6 @@
 """The search for a way of the joints around what is in their straight way.
 
-The compiled search (``way_search_kernel``) looks at samples. What it finds is shortened, and proven
+The compiled search (`ikservo.kernels.way_search`) looks at samples. What it finds is shortened, and proven
 free before it is returned. A motion whose proof fails goes back: it is taken out of its tree, the
 samples become closer, and the search goes on. One question has one answer: chance begins at the
 same seed each time, and effort is counted in postures, not in seconds.
@@ -96,7 +96,7 @@ class WaySearch:
         columns: Matrix | None = None,
         seed: int = 1,
     ) -> None:
-        from ikservo.guard import way_search_kernel as kernel  # noqa: PLC0415  # as the checker's
+        from ikservo.kernels import way_search as kernel  # noqa: PLC0415  # as the checker's
 
         n, self._kernel = len(start), kernel
         every = np.column_stack([np.arange(n, dtype=np.float64), np.ones(n), np.zeros(n)])
