@@ -31,6 +31,7 @@ def _move_in_python(command: re.Match[str]) -> str:
 
 _REPLACEMENTS = [
     (rf"ikservo move ({_NUMBER} {_NUMBER} {_NUMBER})", _move_in_python),
+    (r"--think ([\d.]+)s", r"think_s=\1"),
     (" --pitch -90", " with stance=ToolOrientation(pitch_rad=-math.pi / 2)"),
     (r"ikservo (relax|where|stop)\b(?! [A-Z<])", r"arm.\1()"),
     (r"then: ikservo net acknowledge --port \S+", "then call arm.acknowledge()"),

@@ -304,7 +304,7 @@ class MotionMethods(Protocol):
         """
         on_progress = options.pop("on_progress", None)
         motion = MoveTo(position_m, **_fields(MoveTo, options))
-        return self.execute_or_start(motion, on_progress, wait=wait)
+        return self._run(motion, on_progress, wait=wait)
 
     @overload
     def move_line(
@@ -328,7 +328,7 @@ class MotionMethods(Protocol):
         """
         on_progress = options.pop("on_progress", None)
         motion = MoveLine(position_m, **_fields(MoveLine, options))
-        return self.execute_or_start(motion, on_progress, wait=wait)
+        return self._run(motion, on_progress, wait=wait)
 
     @overload
     def move_arc(
@@ -370,7 +370,7 @@ class MotionMethods(Protocol):
         """
         on_progress = options.pop("on_progress", None)
         motion = MoveArc(via_m, end_m, **_fields(MoveArc, options))
-        return self.execute_or_start(motion, on_progress, wait=wait)
+        return self._run(motion, on_progress, wait=wait)
 
     @overload
     def move_through(
@@ -394,7 +394,7 @@ class MotionMethods(Protocol):
         """
         on_progress = options.pop("on_progress", None)
         motion = MoveThrough(points_m, **_fields(MoveThrough, options))
-        return self.execute_or_start(motion, on_progress, wait=wait)
+        return self._run(motion, on_progress, wait=wait)
 
     @overload
     def draw(
@@ -428,7 +428,7 @@ class MotionMethods(Protocol):
         """
         on_progress = options.pop("on_progress", None)
         motion = Draw(strokes_m, **_fields(Draw, options))
-        return self.execute_or_start(motion, on_progress, wait=wait)
+        return self._run(motion, on_progress, wait=wait)
 
     @overload
     def move_joints(
@@ -459,7 +459,7 @@ class MotionMethods(Protocol):
         motion = MoveJoints(
             parse_all_positions(positions, self.joint_names), **_fields(MoveJoints, options)
         )
-        return self.execute_or_start(motion, on_progress, wait=wait)
+        return self._run(motion, on_progress, wait=wait)
 
     @overload
     def pose(
@@ -486,7 +486,7 @@ class MotionMethods(Protocol):
         """
         on_progress = options.pop("on_progress", None)
         motion = MovePose(name, **_fields(MovePose, options))
-        return self.execute_or_start(motion, on_progress, wait=wait)
+        return self._run(motion, on_progress, wait=wait)
 
     @overload
     def look_at(
@@ -509,7 +509,7 @@ class MotionMethods(Protocol):
         """
         on_progress = options.pop("on_progress", None)
         motion = LookAt(point_m, **_fields(LookAt, options))
-        return self.execute_or_start(motion, on_progress, wait=wait)
+        return self._run(motion, on_progress, wait=wait)
 
     @overload
     def gripper(
@@ -537,7 +537,7 @@ class MotionMethods(Protocol):
         """
         on_progress = options.pop("on_progress", None)
         motion = _grip(to, _fields(MoveGripper, options))
-        return self.execute_or_start(motion, on_progress, wait=wait)
+        return self._run(motion, on_progress, wait=wait)
 
     @with_options(MoveTo, PointOptions, takes_point=True)
     def plan_to(self, position_m: ArrayLike, **options: Unpack[PointOptions]) -> MotionPlan:
@@ -609,7 +609,7 @@ class MotionMethods(Protocol):
         """
         return member_of_arms(self, name)
 
-    def execute_or_start(
+    def _run(
         self, motion: MotionValue[R], on_progress: OnProgress | None, *, wait: bool
     ) -> R | RunningMotion[R]:
         """Execute a motion, or start it.

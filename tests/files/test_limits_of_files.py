@@ -340,8 +340,6 @@ def test_fitting_needs_no_memory_that_grows_with_the_square_of_the_points():
 
 MULTIPLIED = {
     "replicate": '<worldbody><replicate count="9999999"><geom size="1"/></replicate></worldbody>',
-    "texture": '<asset><texture builtin="flat" width="99999" height="99999"/></asset>',
-    "user data": '<size nuser_geom="999999999"/>',
 }
 
 

@@ -329,15 +329,15 @@ def test_a_long_slide_is_searched_to_its_ends():
 @pytest.mark.parametrize("q0", [[0.0, 1e15], [1e17, 0.0]])
 def test_a_start_at_which_numbers_have_no_fine_steps_is_refused(q0):
     arm = planar(0.3, 0.2)
-    with pytest.raises(BadValueError, match="1e6"):
+    with pytest.raises(BadValueError, match=r"1e6|1e\+12"):
         Solver(arm)(arm.forward([0.1, 0.2]), q0)
-    with pytest.raises(BadValueError, match="1e6"):
+    with pytest.raises(BadValueError, match=r"1e6|1e\+12"):
         solve_batch(arm, [[0.3, 0.1, 0.0]], [q0])
 
 
 def test_a_point_beyond_a_kilometre_is_refused():
     T = np.eye(4)
-    T[0, 3] = 1e160
+    T[0, 3] = 1e10
     with pytest.raises(BadValueError, match="1 km"):
         Solver(planar(0.3, 0.2))(T, [0.0, 0.1])
 

@@ -144,7 +144,7 @@ CHANGES = {
 def test_a_last_digit_changed_in_a_kernel_is_noticed(module, tmp_path):
     for package in ("kernels", "kinematics"):
         shutil.copytree(ROOT / "ikservo" / package, tmp_path / "ikservo" / package)
-    kernel = tmp_path / "ikservo" / "ik" / "kernel" / f"{module}.py"
+    kernel = tmp_path / "ikservo" / "kernels" / f"{module}.py"
     code, (old, new) = kernel.read_text("utf-8"), CHANGES[module]
     assert code.count(old) == 1
     kernel.write_text(code.replace(old, new), "utf-8")
@@ -354,7 +354,7 @@ def test_a_changed_kernel_is_run_as_python_with_a_warning(tmp_path):
     package = Path(compiled.__file__).parents[1]
     copy = tmp_path / "ikservo"
     subprocess.run(["cp", "-r", package, copy], check=True)
-    kernel = copy / "ik" / "kernel" / "descent.py"
+    kernel = copy / "kernels" / "descent.py"
     kernel.write_text(kernel.read_text() + "\n# changed\n")
     done = warning_of(
         "from ikservo.kernels import compiled; print(compiled.is_compiled())", tmp_path

@@ -8,7 +8,6 @@ import itertools
 from functools import cache
 
 import numpy as np
-import typer
 
 from ikservo.cli import app
 from ikservo.model import load_model
@@ -62,6 +61,7 @@ _OWN = {  # where one name means something else
     ("scene", "action"): ["check", "show"],
     ("scene", "file"): ["{folder}/scene.toml"],
     ("net", "action"): ["keys --new"],
+    ("import dataset", "folder"): ["{folder}/set"],
 }
 _NEEDED = {  # options that a command cannot do without
     "arc": ("--via", "{via}"),
@@ -70,9 +70,9 @@ _NEEDED = {  # options that a command cannot do without
     "draw": ("--origin", "{x},{y},{z}", "--lift", "0"),  # planar arms stay in their plane
 }
 _OF_ONE_ACTION = {("servo", "--duration")}  # typed in the line of that action
-_WITHOUT_OPTIONS = ("arms",)  # they belong to `arms new`, which has journeys of its own
+_WITHOUT_OPTIONS = ("arms new",)  # it has journeys of its own
 _WHOLE = {  # arguments that depend on each other: their names and the command line
-    "arms": (("action", "name"), ["list"]),
+    "arms new": (("name",), []),
     "camera": (("action", "file"), ["board {folder}/board.pdf"]),  # check, tip: tests/cli
     "servo": (
         ("action", "words"),
@@ -88,7 +88,7 @@ _WHOLE = {  # arguments that depend on each other: their names and the command l
 @cache
 def commands():
     """Return the name of every command of the program."""
-    return tuple(app.all_commands())
+    return tuple(name for name, each in app.all_commands().items() if each.module)
 
 
 @cache
@@ -132,8 +132,7 @@ def usual_target_m(arm):
 
 
 def _loaded(command):
-    group = typer.main.get_command(app.app)
-    return group.get_command(None, command)
+    return app.load_command(command, app.all_commands()[command])
 
 
 def _values(command, name):

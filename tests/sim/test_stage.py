@@ -94,7 +94,7 @@ def test_every_arm_is_drawn(name):
 def test_without_mujoco_the_board_is_seen_and_a_hint_says_why(monkeypatch):
     monkeypatch.setitem(sys.modules, "servosim.stage", None)
     camera = servosim.open_camera(open_port(), BOARD.opencv())
-    assert "ikservo[physics]" in camera.hint
+    assert "extra physics" in camera.hint
     picture = camera.take()
     assert picture.ndim == 2
     assert len(find_board(BOARD, picture).ids) == 24

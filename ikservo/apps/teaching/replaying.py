@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import KW_ONLY, dataclass, replace
 from os import fspath
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import numpy as np
 
@@ -19,7 +19,7 @@ from ikservo.arm.arm_protocol import OpenArm
 from ikservo.arm.background_motion import RunningMotion
 from ikservo.arm.opening import require_own_port
 from ikservo.arm.own_motion import OwnMotion
-from ikservo.errors import FileFormatError, RefusedError
+from ikservo.errors import BadValueError, FileFormatError, RefusedError
 from ikservo.guard import thin_path
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.motion import JointMove, KinematicLimits, TrajectoryPoint
@@ -240,7 +240,9 @@ def replay(
         RefusedError: It leaves this arm's limits, or something is in the way; nothing moved.
     """
     motion = Replay(path, speed=speed)
-    return arm.execute_or_start(motion, on_progress, wait=wait)
+    if not isinstance(cast("object", wait), bool):
+        raise BadValueError("wait", repr(wait), "True or False")
+    return arm.execute(motion, on_progress) if wait else arm.start(motion, on_progress)
 
 
 def load_replay(

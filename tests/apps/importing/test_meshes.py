@@ -137,7 +137,7 @@ def test_without_trimesh_the_error_says_what_to_install(tmp_path, monkeypatch):
     monkeypatch.setitem(__import__("sys").modules, "trimesh", None)
     with pytest.raises(InputError, match="needs trimesh") as caught:
         mesh_triangles("forearm", mesh_at(path))
-    assert "ikservo[import]" in caught.value.hint
+    assert "[import]" in caught.value.hint
 
 
 def test_a_mesh_too_large_is_refused(tmp_path, monkeypatch):

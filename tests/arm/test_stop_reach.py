@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import pytest
@@ -194,12 +195,14 @@ def test_mark_stops_earlier_programs_not_later_ones():
         assert earlier.communicate("\n")[0] == "True\n"
 
 
-def test_old_marks_are_removed(tmp_path, monkeypatch):
-    stop_marks.leave_mark(arm="so101")
-    monkeypatch.setattr(stop_marks, "_MAX_AGE_S", -1.0)
-    assert not stop_marks.has_mark("/dev/ttyX", "so101")
-    stop_marks.leave_mark()
-    assert len(list((tmp_path / "home" / "run").glob("*.stop"))) == 1
+def test_old_marks_are_removed(monkeypatch):
+    with tempfile.TemporaryDirectory() as home:  # so short that marks are not put elsewhere
+        monkeypatch.setenv("IKSERVO_HOME", home)
+        stop_marks.leave_mark(arm="so101")
+        monkeypatch.setattr(stop_marks, "_MAX_AGE_S", -1.0)
+        assert not stop_marks.has_mark("/dev/ttyX", "so101")
+        stop_marks.leave_mark()
+        assert len(list((Path(home) / "run").glob("*.stop"))) == 1
 
 
 def test_mark_of_time_before_restart_does_not_count(monkeypatch):
