@@ -28,8 +28,19 @@ TREES = {"ikservo": ROOT / "ikservo", "servosim": ROOT / "sim" / "servosim"}
 BESIDE = {"tests": ROOT / "tests", "tools": ROOT / "tools"}
 MAX_DEPTH = 2
 _WORD = re.compile(r"[A-Z]?[a-z]+|[A-Z]+(?![a-z])|\d+")
+# What others inherit from: the base classes of Python and pydantic, and that of apps' motions.
 _OUTSIDE = frozenset(
-    {"Exception", "BaseModel", "StrictModel", "Enum", "IntEnum", "StrEnum", "Protocol", "TypedDict"}
+    {
+        "OwnMotion",
+        "Exception",
+        "BaseModel",
+        "StrictModel",
+        "Enum",
+        "IntEnum",
+        "StrEnum",
+        "Protocol",
+        "TypedDict",
+    }
 )
 _FUNCTIONS = (ast.FunctionDef, ast.AsyncFunctionDef)
 

@@ -18,7 +18,7 @@ from ikservo.guard import StopKind, StopReason
 from ikservo.hardware.transport import abandon_in_forked_children
 from ikservo.serving.control_client import (
     MAX_REQUEST_BYTES,
-    Command,
+    ControlCommand,
     Request,
     decode_request,
     encode_reply,
@@ -144,13 +144,13 @@ def command_handler(service: ArmService) -> RequestHandler:
 
     def handle(request: Request) -> object:
         match request.do:
-            case Command.STOP:
+            case ControlCommand.STOP:
                 return encode_value(service.stop(_STOPPED, _STOPPED_AT_REST))
-            case Command.WHERE:
+            case ControlCommand.WHERE:
                 return encode_value(service.arm.where())
-            case Command.RELAX:
+            case ControlCommand.RELAX:
                 return encode_value(service.relax(_STOPPED, _RELAXED))
-            case Command.WHO:
+            case ControlCommand.WHO:
                 return {"arm": service.arm.model.name, "port": service.arm.port_name}
 
     return handle

@@ -19,7 +19,7 @@ from ikservo.model import Model
 from ikservo.model.load_lag import LoadLag, load_lags
 from ikservo.planning.reports import ArmState, JointMoveResult
 from ikservo.serving.control_client import (
-    Command,
+    ControlCommand,
     StopAllResult,
     StopResult,
     request_stop,
@@ -96,7 +96,7 @@ def query_state(model: Model, port: str | None) -> ArmState | None:
     """
     if find_network(port) is not None:
         return None
-    reply = _request(model, resolve_port(model, port), Command.WHERE, 10.0)
+    reply = _request(model, resolve_port(model, port), ControlCommand.WHERE, 10.0)
     if reply is None:
         return None
     return decode_as(ArmState, reply)
@@ -110,13 +110,13 @@ def request_relax(model: Model, port: str | None) -> JointMoveResult | None:
     """
     if find_network(port) is not None:
         return None
-    reply = _request(model, resolve_port(model, port), Command.RELAX, _RELAX_TIMEOUT_S)
+    reply = _request(model, resolve_port(model, port), ControlCommand.RELAX, _RELAX_TIMEOUT_S)
     if reply is None:
         return None
     return decode_as(JointMoveResult, reply)
 
 
-def _request(model: Model, device: str, command: Command, timeout_s: float) -> JsonValue:
+def _request(model: Model, device: str, command: ControlCommand, timeout_s: float) -> JsonValue:
     return None if is_simulated(device) else send_command(device, command, timeout_s, model.name)
 
 

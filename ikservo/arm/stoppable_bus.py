@@ -10,7 +10,7 @@ from ikservo.control.stop_requests import REQUEST_HINT
 from ikservo.errors import PortBusyError, StoppedError
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.port_names import is_simulated
-from ikservo.serving.control_client import Command, Request, StopResult
+from ikservo.serving.control_client import ControlCommand, Request, StopResult
 from ikservo.serving.stop_marks import forget_marks, has_mark
 
 _EARLY = "Stopped from another terminal before the port was opened."
@@ -90,9 +90,9 @@ class StopListener:
 
     def _handle_alone(self, request: Request) -> object:
         match request.do:
-            case Command.WHO:
+            case ControlCommand.WHO:
                 return {"arm": self._arm, "port": self._bus.port.name}
-            case Command.STOP:
+            case ControlCommand.STOP:
                 self._stop_text = _STOPPED
                 on = (
                     servo for servo in self._bus.servos.values() if self._bus.is_torque_on(servo.id)
@@ -100,7 +100,7 @@ class StopListener:
                 held = tuple(dict.fromkeys(servo.name or str(servo.id) for servo in on))
                 arm = self._arm or "an arm that is being set up"
                 return encode_value(StopResult(arm, self._bus.port.name, bool(held), held, (), ()))
-            case Command.WHERE | Command.RELAX:
+            case ControlCommand.WHERE | ControlCommand.RELAX:
                 raise PortBusyError(
                     self._bus.port.name, "a program that sets up or calibrates servos"
                 )

@@ -35,7 +35,7 @@ MAX_REPLY_BYTES = 65_536
 _KEYS = {"schema", "do", "secret"}
 
 
-class Command(StrEnum):
+class ControlCommand(StrEnum):
     """The commands of other processes."""
 
     STOP = "stop"
@@ -53,7 +53,7 @@ class Request:
         secret: Proves that it is the same user, where the socket has no permissions.
     """
 
-    do: Command
+    do: ControlCommand
     secret: str = ""
 
 
@@ -71,9 +71,9 @@ def decode_request(line: bytes) -> Request:
     row = _decode_line(line, MAX_REQUEST_BYTES)
     if row.keys() != _KEYS or row["schema"] != SCHEMA:
         raise _message_error(f"expected the keys {', '.join(sorted(_KEYS))} of {SCHEMA}")
-    if row["do"] not in list(Command) or not isinstance(row["secret"], str):
-        raise _message_error(f"it can be asked to {', '.join(Command)}")
-    return Request(Command(row["do"]), row["secret"])
+    if row["do"] not in list(ControlCommand) or not isinstance(row["secret"], str):
+        raise _message_error(f"it can be asked to {', '.join(ControlCommand)}")
+    return Request(ControlCommand(row["do"]), row["secret"])
 
 
 def encode_reply(fields: Mapping[str, object]) -> bytes:
@@ -182,7 +182,9 @@ class StopAllResult:
         )
 
 
-def send_command(device: str, command: Command, timeout_s: float = 10.0, arm: str = "") -> Any:  # noqa: ANN401  # any JSON value
+def send_command(
+    device: str, command: ControlCommand, timeout_s: float = 10.0, arm: str = ""
+) -> Any:  # noqa: ANN401  # any JSON value
     """Send a command to the process that has a device open.
 
     Args:
@@ -201,7 +203,7 @@ def send_command(device: str, command: Command, timeout_s: float = 10.0, arm: st
     return own or _request_at(socket_path(device), device, command, timeout_s)
 
 
-def broadcast_command(command: Command, timeout_s: float = 10.0) -> list[Any]:
+def broadcast_command(command: ControlCommand, timeout_s: float = 10.0) -> list[Any]:
     """Send a command to every process of this user that has a device open.
 
     Returns:
@@ -219,7 +221,7 @@ def broadcast_command(command: Command, timeout_s: float = 10.0) -> list[Any]:
     return [reply for reply in replies if reply is not None]
 
 
-def _request_at(path: Path, device: str, command: Command, timeout_s: float) -> object:
+def _request_at(path: Path, device: str, command: ControlCommand, timeout_s: float) -> object:
     try:
         found = connect(path, timeout_s)
         if found is None:
@@ -261,14 +263,14 @@ def request_stop(device: str, arm: str) -> StopResult | None:
         IkservoError: That program cannot.
     """
     leave_mark(device, arm)
-    reply = send_command(device, Command.STOP, BRAKE_TIMEOUT_S + 2.0, arm)
+    reply = send_command(device, ControlCommand.STOP, BRAKE_TIMEOUT_S + 2.0, arm)
     return None if reply is None else StopResult.of(reply)
 
 
 def request_stop_of(arm: str) -> StopAllResult:
     """Stop an arm by name in every program of this user that has it open, or is about to."""
     leave_mark(arm=arm)
-    replies = broadcast_command(Command.WHO, _WHO_TIMEOUT_S)
+    replies = broadcast_command(ControlCommand.WHO, _WHO_TIMEOUT_S)
     ports = {reply["port"] for reply in replies if _is_of(reply, arm)}
     stopped = (request_stop(port, arm) for port in sorted(ports))
     return StopAllResult(tuple(each for each in stopped if each is not None))
@@ -286,7 +288,7 @@ def _is_of(reply: object, arm: str) -> bool:
 def stop_own_programs() -> StopAllResult:
     """Stop every arm whose port a program of this user has open, or is about to open."""
     leave_mark()
-    replies = broadcast_command(Command.STOP, BRAKE_TIMEOUT_S + 2.0)
+    replies = broadcast_command(ControlCommand.STOP, BRAKE_TIMEOUT_S + 2.0)
     return StopAllResult.joined(_read_stop(reply) for reply in replies)
 
 

@@ -8,7 +8,7 @@ import pytest
 from ikservo.errors import InputError
 from ikservo.serving.control_client import (
     MAX_REQUEST_BYTES,
-    Command,
+    ControlCommand,
     Request,
     decode_reply,
     decode_request,
@@ -23,14 +23,14 @@ def line(**changes):
     return json.dumps({**GOOD, **changes}).encode() + b"\n"
 
 
-@pytest.mark.parametrize("errand", Command)
+@pytest.mark.parametrize("errand", ControlCommand)
 def test_a_request_comes_out_as_it_went_in(errand):
     assert decode_request(encode_request(Request(errand, "abc"))) == Request(errand, "abc")
 
 
 def test_a_request_reads_as_this_line():
     line = b'{"schema":"ikservo/owner/1","do":"stop","secret":""}\n'
-    assert encode_request(Request(Command.STOP)) == line
+    assert encode_request(Request(ControlCommand.STOP)) == line
 
 
 @pytest.mark.parametrize(
@@ -76,7 +76,7 @@ def test_an_answer_without_schema_is_none():
 def fuzzed(chance):
     """Return a request with some bytes changed, cut, doubled or thrown in."""
     data = bytearray(
-        encode_request(Request(chance.choice(list(Command)), chance.randbytes(4).hex()))
+        encode_request(Request(chance.choice(list(ControlCommand)), chance.randbytes(4).hex()))
     )
     for _ in range(chance.randrange(1, 6)):
         at = chance.randrange(len(data) + 1)

@@ -14,7 +14,7 @@ import pytest
 from ikservo.arm.control_server import serve
 from ikservo.errors import ExitCode, IkservoError, RefusedError, UnknownNameError
 from ikservo.serving import control_socket
-from ikservo.serving.control_client import Command, send_command
+from ikservo.serving.control_client import ControlCommand, send_command
 from ikservo.serving.control_socket import socket_path
 
 posix = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no Unix sockets")
@@ -64,28 +64,28 @@ def exchange(device, data):
 
 
 def test_an_errand_is_done_and_answered(device, owner):
-    assert send_command(device, Command.STOP) == {"done": "stop"}
+    assert send_command(device, ControlCommand.STOP) == {"done": "stop"}
     assert owner.asked == ["stop"]
 
 
 def test_without_a_listener_there_is_no_response(device, kind):
-    assert send_command(device, Command.STOP) is None
+    assert send_command(device, ControlCommand.STOP) is None
 
 
 def test_after_closing_there_is_no_listener_and_nothing_is_left(device, owner):
     owner.listener.close()
-    assert send_command(device, Command.STOP) is None
+    assert send_command(device, ControlCommand.STOP) is None
     assert not socket_path(device).exists()
 
 
 def test_every_name_of_a_device_leads_to_its_owner(device, owner, tmp_path):
     link = tmp_path / "by-id-arm"
     link.symlink_to(device)
-    assert send_command(str(link), Command.WHERE) == {"done": "where"}
+    assert send_command(str(link), ControlCommand.WHERE) == {"done": "where"}
 
 
 def test_another_device_has_another_owner(device, owner, tmp_path):
-    assert send_command(str(tmp_path / "ttyACM1"), Command.WHERE) is None
+    assert send_command(str(tmp_path / "ttyACM1"), ControlCommand.WHERE) is None
 
 
 def test_only_its_user_can_enter(device, owner):
@@ -123,15 +123,15 @@ def test_an_owner_that_was_killed_leaves_nothing_in_the_way(device, kind):
     left = control_socket.open_socket(socket_path(device))
     left.socket.close()  # as the kernel does for a killed process; its file stays
     assert socket_path(device).exists()
-    assert send_command(device, Command.STOP) is None
+    assert send_command(device, ControlCommand.STOP) is None
     owner = Owner(device)
-    assert send_command(device, Command.STOP) == {"done": "stop"}
+    assert send_command(device, ControlCommand.STOP) == {"done": "stop"}
     owner.listener.close()
 
 
 def test_a_living_owner_is_not_pushed_aside(device, owner):
     assert serve(device, dict) is None
-    assert send_command(device, Command.STOP) == {"done": "stop"}
+    assert send_command(device, ControlCommand.STOP) == {"done": "stop"}
 
 
 def test_a_newer_owners_socket_is_left_alone(device, kind):
@@ -139,7 +139,7 @@ def test_a_newer_owners_socket_is_left_alone(device, kind):
     old.socket.close()
     owner = Owner(device)
     old.close()
-    assert send_command(device, Command.STOP) == {"done": "stop"}
+    assert send_command(device, ControlCommand.STOP) == {"done": "stop"}
     owner.listener.close()
 
 
@@ -147,7 +147,7 @@ def test_a_newer_owners_socket_is_left_alone(device, kind):
 def test_a_malformed_request_is_refused_and_changes_nothing(device, owner, data):
     assert b'"exit_code":2' in exchange(device, data)
     assert owner.asked == []
-    assert send_command(device, Command.WHERE) == {"done": "where"}
+    assert send_command(device, ControlCommand.WHERE) == {"done": "where"}
 
 
 def test_a_request_without_end_is_cut_off(device, owner):
@@ -172,7 +172,7 @@ def test_another_user_is_refused(device, monkeypatch):
     owner = Owner(device)
     monkeypatch.setattr(control_socket, "_peer_user", lambda connection: os.getuid() + 1)
     with pytest.raises(IkservoError, match="belongs to another user") as caught:
-        send_command(device, Command.STOP)
+        send_command(device, ControlCommand.STOP)
     owner.listener.close()
     assert caught.value.exit_code is ExitCode.REFUSED
     assert owner.asked == []
@@ -184,7 +184,7 @@ def test_the_owners_error_reaches_the_one_who_asked(device, kind):
 
     listener = serve(device, refuse)
     with pytest.raises(IkservoError, match="It is locked") as caught:
-        send_command(device, Command.RELAX)
+        send_command(device, ControlCommand.RELAX)
     listener.close()
     assert (caught.value.hint, caught.value.exit_code) == ("Unlock it.", ExitCode.REFUSED)
 
@@ -197,7 +197,7 @@ def test_errors_arrive_as_the_same_class_with_the_same_details(device, kind):
 
     listener = serve(device, refuse)
     with pytest.raises(UnknownNameError) as caught:
-        send_command(device, Command.WHERE)
+        send_command(device, ControlCommand.WHERE)
     listener.close()
     assert str(caught.value) == str(error)
     assert (caught.value.name, list(caught.value.known)) == ("elbow", ["elbow_flex"])
@@ -214,14 +214,14 @@ def test_an_errand_that_stumbles_does_not_end_the_owner(device, kind):
 
     listener = serve(device, stumble)
     with pytest.raises(IkservoError, match="ZeroDivisionError: oops"):
-        send_command(device, Command.WHERE)
-    assert send_command(device, Command.WHERE) == {"done": "at last"}
+        send_command(device, ControlCommand.WHERE)
+    assert send_command(device, ControlCommand.WHERE) == {"done": "at last"}
     listener.close()
 
 
 def test_callers_who_say_nothing_do_not_keep_others_waiting(device, owner):
     idle = [control_socket.connect(socket_path(device), 5.0)[0] for _ in range(10)]
-    assert send_command(device, Command.STOP) == {"done": "stop"}
+    assert send_command(device, ControlCommand.STOP) == {"done": "stop"}
     for connection in idle:
         connection.close()
 
@@ -236,11 +236,11 @@ def test_too_many_callers_are_sent_away_with_the_reason(device, kind):
 
     listener = serve(device, wait)
     with ThreadPoolExecutor(16) as pool:
-        calls = [pool.submit(send_command, device, Command.WHERE, 20.0) for _ in range(16)]
+        calls = [pool.submit(send_command, device, ControlCommand.WHERE, 20.0) for _ in range(16)]
         for _ in calls:
             assert entered.acquire(timeout=20)
         with pytest.raises(IkservoError, match="does not answer"):
-            send_command(device, Command.WHERE)
+            send_command(device, ControlCommand.WHERE)
         leave.set()
         assert [call.result() for call in calls] == [{}] * 16
     listener.close()
@@ -251,7 +251,7 @@ def test_a_home_with_a_long_path_is_no_trouble(device, monkeypatch, tmp_path):
     monkeypatch.setenv("TMPDIR", "/tmp")
     monkeypatch.setattr("tempfile.tempdir", None)
     owner = Owner(device)
-    assert send_command(device, Command.STOP) == {"done": "stop"}
+    assert send_command(device, ControlCommand.STOP) == {"done": "stop"}
     owner.listener.close()
 
 

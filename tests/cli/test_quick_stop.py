@@ -10,7 +10,7 @@ import pytest
 from ikservo.arm.control_server import serve
 from ikservo.arm.result_json import encode_value
 from ikservo.model import load_model
-from ikservo.serving.control_client import Command, StopResult
+from ikservo.serving.control_client import ControlCommand, StopResult
 
 ARM_FILE = str(load_model("so101").path)
 HEAVY = {"numpy", "typer", "click", "pydantic", "rich", "serial", "zenoh", "importlib.metadata"}
@@ -34,7 +34,7 @@ def device(tmp_path, monkeypatch):
 
     def answer(request):
         who = {"arm": "so101", "port": device}
-        return who if request.do is Command.WHO else encode_value(stopped)
+        return who if request.do is ControlCommand.WHO else encode_value(stopped)
 
     server = serve(device, answer)
     yield device
