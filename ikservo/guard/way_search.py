@@ -1,9 +1,9 @@
 """The search for a way of the joints around what is in their straight way.
 
 The compiled search (`ikservo.kernels.way_search`) looks at samples. What it finds is shortened, and
-proven free before it is returned. A motion whose proof fails goes back: it is taken out of its tree, the
-samples become closer, and the search goes on. One question has one answer: chance begins at the
-same seed each time, and effort is counted in postures, not in seconds.
+proven free before it is returned. A motion whose proof fails goes back: it is taken out of its
+tree, the samples become closer, and the search goes on. The same question has the same answer: each
+search begins with the same seed, and its effort is counted in postures, not in seconds.
 """
 
 from __future__ import annotations

@@ -6,7 +6,7 @@ from ikservo.apps.page.messages import page_messages
 from ikservo.arm import StopKind, StopReason, open_arm
 from ikservo.arm.control_server import command_handler
 from ikservo.arm.service import ArmService
-from ikservo.serving.control_client import Command, Request
+from ikservo.serving.control_client import ControlCommand, Request
 from tests.apps.page.view_session import ViewSession
 from tests.arm.simulated import line_of, servo_id
 
@@ -115,7 +115,7 @@ def test_a_stop_from_another_terminal_is_shown_on_an_arm_at_rest(session, on, sa
     if not on:
         session.arm.disable_torque()
     session.arm_thread.step()
-    command_handler(ArmService(session.arm))(Request(Command.STOP))
+    command_handler(ArmService(session.arm))(Request(ControlCommand.STOP))
     session.arm_thread.step()
     status = session.latest_frames()["status"]
     assert status["mode"] == "stopped"
