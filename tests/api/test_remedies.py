@@ -82,7 +82,9 @@ def test_no_text_of_the_api_names_an_option_or_a_command_that_a_method_replaces(
     ours = [
         each
         for each in left
-        if not re.search(r"pip (un)?install|uninstall --yes|arms new|--think ", each[1])
+        if not re.search(
+            r"pip (un)?install|uninstall --yes|--force-reinstall|arms new|--think ", each[1]
+        )
     ]
     assert [each for each in ours if not each[1].endswith("ikservo move ")] == []
 

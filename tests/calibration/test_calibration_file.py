@@ -120,7 +120,7 @@ def test_a_future_format_asks_for_a_newer_ikservo(calibration, path):
     body = body_of(calibration).replace("format = 1", "format = 2")
     error = refusal(path, with_checksum(body))
     assert (error.where, error.found) == ("format", "is 2")
-    assert "upgrade" in error.expected
+    assert "update ikservo" in error.expected
 
 
 # Where the checksum is right, the values are looked at all the same.

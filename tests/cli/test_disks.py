@@ -23,19 +23,20 @@ SIM = "--arm so101 --port sim"
 RECORDING = f"record {{}} --duration 2 {SIM}"
 # Options and arguments that name a file which is read.
 READ = {
-    ("arms", "source"), ("calibrate", "from_script"), ("calibrate", "points"),
+    ("arms new", "source"), ("calibrate", "from_script"), ("calibrate", "points"),
     ("calibrate", "from_pictures"),
     ("calibration", "source"),
     ("arc", "scene"), ("draw", "scene"), ("joints", "scene"), ("look", "scene"),
     ("scene", "file"),
-    ("draw", "file"), ("export", "recordings"), ("import", "from_script"), ("replay", "file"),
+    ("draw", "file"), ("export", "recordings"), ("import lerobot", "from_script"), ("import recording", "file"),
+    ("import dataset", "folder"), ("replay", "file"),
     ("move", "scene"), ("pose", "scene"), ("setup", "restore"), ("test", "points"),
     ("view", "scene"),
 }  # fmt: skip
 # Those that name a file or folder which is written: command lines, and the file that is named in
 # the error. {} is the folder.
 WRITTEN = {
-    ("arms", "folder"): [("arms new two --joint a=z:0.1 --folder {}", "arm.toml")],
+    ("arms new", "folder"): [("arms new two --joint a=z:0.1 --folder {}", "arm.toml")],
     ("calibrate", "save_pictures"): [
         ("calibrate so101 --port sim --camera sim --yes --save-pictures {}/a", "pictures.toml")
     ],
@@ -44,7 +45,7 @@ WRITTEN = {
         ("export csv {source} --to {}/old.csv", "old.csv"),
         ("export dataset {source} --arm so101 --to {}/a", "file-000.parquet"),
     ],
-    ("import", "to"): [
+    ("import dataset", "to"): [
         ("import dataset {dataset} --arm so101 --to {}/a", "data-000.jsonl"),
     ],
     ("net", "folder"): [
@@ -84,9 +85,9 @@ BYTES = 4096
 
 def file_parameters():
     """Yield command and name of each option and argument that is a path."""
-    for name in all_commands():
-        module = import_module(f"ikservo.cli.{'import_' if name == 'import' else name}")
-        for parameter in path_parameters(module.command):
+    for name, each in all_commands().items():
+        command = import_module(each.module).command if each.module else None
+        for parameter in path_parameters(command) if command else ():
             yield name, parameter
 
 
@@ -106,7 +107,7 @@ def test_every_option_with_a_file_is_tried_on_broken_disks_or_only_read():
 # What writes without files/writing.py: folders of sockets, a page in a folder of this process,
 # the null device, and pictures that are drawn into memory.
 WRITERS = {
-    "files/writing.py", "serving/control_socket.py", "apps/page/view_command.py",
+    "files/writing.py", "serving/control_socket.py", "serving/stop_marks.py", "apps/page/view_command.py",
     "cli/entry_point.py", "cli/plots.py",
 }  # fmt: skip
 WRITING_CALLS = {"write_text", "write_bytes", "mkdir", "touch", "savefig", "NamedTemporaryFile"}

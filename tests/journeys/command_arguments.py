@@ -70,9 +70,7 @@ _NEEDED = {  # options that a command cannot do without
     "draw": ("--origin", "{x},{y},{z}", "--lift", "0"),  # planar arms stay in their plane
 }
 _OF_ONE_ACTION = {("servo", "--duration")}  # typed in the line of that action
-_WITHOUT_OPTIONS = ("arms new",)  # it has journeys of its own
 _WHOLE = {  # arguments that depend on each other: their names and the command line
-    "arms new": (("name",), []),
     "camera": (("action", "file"), ["board {folder}/board.pdf"]),  # check, tip: tests/cli
     "servo": (
         ("action", "words"),
@@ -87,8 +85,10 @@ _WHOLE = {  # arguments that depend on each other: their names and the command l
 
 @cache
 def commands():
-    """Return the name of every command of the program."""
-    return tuple(name for name, each in app.all_commands().items() if each.module)
+    """Return the name of every command but `arms new`, which has journeys of its own."""
+    return tuple(
+        name for name, each in app.all_commands().items() if each.module and name != "arms new"
+    )
 
 
 @cache
@@ -105,9 +105,8 @@ def lines_of(command):
     else:
         lines = list(itertools.product(*(_values(command, name) for name in names)))
     options = list(_NEEDED.get(command, ()))
-    if command not in _WITHOUT_OPTIONS:
-        own = (p for p in parameters if not {(command, word) for word in p.opts} & _OF_ONE_ACTION)
-        options += [w for p in own for w in _typed(p) if p.param_type_name == "option"]
+    own = (p for p in parameters if not {(command, word) for word in p.opts} & _OF_ONE_ACTION)
+    options += [w for p in own for w in _typed(p) if p.param_type_name == "option"]
     return [" ".join((command, *line, *options)) for line in lines]
 
 

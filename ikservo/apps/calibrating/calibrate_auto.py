@@ -68,7 +68,7 @@ def calibrate_auto(
             with second_interrupt_lowers(auto.arm):
                 state = operator.run(auto.run())
             narrowed = options.with_user_ranges(auto.partial_limits)
-            _, outcome = operator.run(review(limp_arm, state, narrowed))
+            _, outcome = operator.run(review(limp_arm, state, narrowed, may_have_sagged=True))
             path = limp_arm.save(outcome)
         measured.remove_file()
         if operator.interactive:

@@ -315,6 +315,7 @@ def review(
     base: Calibration | None = None,
     *,
     more: tuple[Choice, ...] = (),
+    may_have_sagged: bool = False,
 ) -> Dialogue[tuple[str, CalibrationResult]]:
     """Tell the result, and ask whether to save it.
 
@@ -324,6 +325,7 @@ def review(
         options: What was chosen beforehand.
         base: The calibration of which some joints are replaced; None if all are new.
         more: Answers besides saving where there are buttons.
+        may_have_sagged: See ``find_shifted_zeros``.
 
     Returns:
         The answer, and what is to be saved.
@@ -343,7 +345,8 @@ def review(
         *rest_pose_violations(limp_arm.model, outcome.calibration),
     ):
         yield Notice(f"  {line}")
-    yield from check_zeros(state, options.pose, limp_arm.model.name)
+    arm = limp_arm.model.name
+    yield from check_zeros(state, options.pose, arm, may_have_sagged=may_have_sagged)
     protect = Choice("protect", "save, and let the servos hold these limits, too")
     answer = yield from confirm_saving(limp_arm, outcome.calibration, (protect, *more))
     write_limits = answer == "protect" or options.write_limits
@@ -380,13 +383,15 @@ def _build_outcome(
     return merge_outcome(base, found) if base else found
 
 
-def check_zeros(state: CalibrationState, pose: str, arm: str) -> Dialogue[None]:
+def check_zeros(
+    state: CalibrationState, pose: str, arm: str, *, may_have_sagged: bool = False
+) -> Dialogue[None]:
     """Ask whether the arm was in its pose if a zero is implausible.
 
     Raises:
         CalibrationError: It was not, or the user may not be asked; nothing was changed.
     """
-    shifted = list(find_shifted_zeros(state))
+    shifted = list(find_shifted_zeros(state, may_have_sagged=may_have_sagged))
     if not shifted:
         return
     for zero in shifted:

@@ -313,8 +313,15 @@ class ShiftedZero:
         )
 
 
-def find_shifted_zeros(state: CalibrationState) -> Iterator[ShiftedZero]:
+def find_shifted_zeros(
+    state: CalibrationState, *, may_have_sagged: bool = False
+) -> Iterator[ShiftedZero]:
     """Yield the measured joints whose zero is implausible, once the sweep has ended.
+
+    Args:
+        state: The calibration at its review.
+        may_have_sagged: Whether nobody held the arm in its pose to the last: then both ends may be
+            off by the same angle, which a hand that moves the joints to their ends would notice.
 
     Raises:
         CalibrationError: A range that was known before does not contain the reference pose.
@@ -326,7 +333,7 @@ def find_shifted_zeros(state: CalibrationState) -> Iterator[ShiftedZero]:
         above = ends[1] - subject.expected.upper.value
         below = subject.expected.lower.value - ends[0]
         shift, unit = (above - below) / 2, subject.joint_map.unit
-        is_same_width = abs(above + below) <= _SAME_WIDTH[unit]
+        is_same_width = may_have_sagged and abs(above + below) <= _SAME_WIDTH[unit]
         if min(max(above, below), abs(shift)) > _MAX_SHIFT[unit] or (
             is_same_width and abs(shift) > _MAX_SHIFT_OF_SAME_WIDTH[unit]
         ):
