@@ -7,7 +7,8 @@ from ikservo.cli.app import all_commands, load_command
 NEEDED = {
     "solve": "0.2 0 0.1", "move": "0.2 0 0.1", "arc": "0.2 0 0.1", "look": "3 4",
     "scene": "check f.toml", "program": "check f.toml", "servo": "list", "bench": "bus",
-    "import dataset": "d", "import lerobot": "my_arm", "import recording": "f.mcap", "export": "csv", "draw": "f.svg", "joints": "elbow_flex=3",
+    "import dataset": "d", "import lerobot": "my_arm", "import recording": "f.mcap",
+    "export": "csv", "draw": "f.svg", "joints": "elbow_flex=3",
     "jog": "elbow_flex", "teach": "rest", "record": "f.jsonl", "replay": "f.jsonl",
     "follow": "leader.toml", "calibration": "show", "camera": "check",
 }  # fmt: skip

@@ -28,7 +28,8 @@ READ = {
     ("calibration", "source"),
     ("arc", "scene"), ("draw", "scene"), ("joints", "scene"), ("look", "scene"),
     ("scene", "file"),
-    ("draw", "file"), ("export", "recordings"), ("import lerobot", "from_script"), ("import recording", "file"),
+    ("draw", "file"), ("export", "recordings"),
+    ("import lerobot", "from_script"), ("import recording", "file"),
     ("import dataset", "folder"), ("replay", "file"),
     ("move", "scene"), ("pose", "scene"), ("setup", "restore"), ("test", "points"),
     ("view", "scene"),
@@ -107,7 +108,8 @@ def test_every_option_with_a_file_is_tried_on_broken_disks_or_only_read():
 # What writes without files/writing.py: folders of sockets, a page in a folder of this process,
 # the null device, and pictures that are drawn into memory.
 WRITERS = {
-    "files/writing.py", "serving/control_socket.py", "serving/stop_marks.py", "apps/page/view_command.py",
+    "files/writing.py", "serving/control_socket.py",
+    "serving/stop_marks.py", "apps/page/view_command.py",
     "cli/entry_point.py", "cli/plots.py",
 }  # fmt: skip
 WRITING_CALLS = {"write_text", "write_bytes", "mkdir", "touch", "savefig", "NamedTemporaryFile"}
