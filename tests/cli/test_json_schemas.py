@@ -56,7 +56,7 @@ def documented():
 
 def printed():
     """Yield the schema and the keys of each JSON object that the sources print."""
-    for path in sorted((ROOT / "cli").glob("*.py")):
+    for path in sorted([*(ROOT / "cli").rglob("*.py"), *(ROOT / "apps").rglob("*.py")]):
         module = ast.parse(path.read_text())
         for node in ast.walk(module):
             name = getattr(getattr(node, "func", None), "id", "")
