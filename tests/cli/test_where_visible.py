@@ -27,7 +27,7 @@ def test_without_the_option_nothing_is_said_of_it(run_cli):
     ("options", "why"),
     [
         ("--visible-from 0.6,0.3", "not a point"),
-        ("--visible-from 1,1,1 --watch", "cannot be combined with --watch"),
+        ("--visible-from 0.5,0.5,0.5 --watch", "cannot be combined with --watch"),
     ],
 )
 def test_what_makes_no_sense_is_a_usage_error(run_cli, options, why):
