@@ -10,6 +10,7 @@ from mcap.reader import make_reader
 from mcap_ros2.decoder import DecoderFactory
 
 import ikservo
+from ikservo.apps.teaching import recorder
 from ikservo.apps.teaching.recorder import RecordSettings, read_recording
 from ikservo.arm import other_process as remote
 from ikservo.arm.control_server import command_handler, serve
@@ -31,7 +32,8 @@ def device(tmp_path, monkeypatch):
     monkeypatch.setenv("IKSERVO_HOME", str(tmp_path / "home"))
     device = tmp_path / "ttyACM0"
     device.touch()
-    monkeypatch.setattr(remote, "resolve_port", lambda model, port: str(device))
+    for module in (remote, recorder):
+        monkeypatch.setattr(module, "resolve_port", lambda model, port: str(device))
     return str(device)
 
 
@@ -197,7 +199,7 @@ def test_an_answer_of_another_version_is_named(device, answer):
 
 def test_an_arm_that_another_program_owns_is_recorded(arm, tmp_path):
     path = tmp_path / "wave.jsonl"
-    report = remote.record_remote(arm.model, None, RecordSettings(path, 0.1))
+    report = recorder.record_other_process(arm.model, None, RecordSettings(path, 0.1))
     recording = read_recording(path)
     assert report.samples == len(recording.times_s) > 2
     assert recording.joints[0][-1] == pytest.approx(0.52, abs=0.02)
@@ -206,7 +208,7 @@ def test_an_arm_that_another_program_owns_is_recorded(arm, tmp_path):
 def test_the_goals_of_another_program_are_recorded_as_mcap(arm, tmp_path):
     path = tmp_path / "wave.mcap"
     arm.hold()
-    remote.record_remote(arm.model, None, RecordSettings(path, 0.1))
+    recorder.record_other_process(arm.model, None, RecordSettings(path, 0.1))
     with path.open("rb") as file:
         rows = make_reader(file, decoder_factories=[DecoderFactory()]).iter_decoded_messages()
         goals = [message for _, channel, _, message in rows if channel.topic == "/ikservo/goal"]
