@@ -11,6 +11,7 @@ import sys
 import pytest
 from hypothesis import settings
 
+from ikservo.serving.stop_marks import forget_marks
 from tests import tiers
 from tests.sampling import leave_others_to_campaign
 
@@ -97,3 +98,9 @@ def own_address():
         except OSError:
             pytest.skip("no network")
         return sending.getsockname()[0]
+
+
+@pytest.fixture(autouse=True)
+def _forget_stops():
+    """Let a stop that an earlier test has asked for not count: all tests are one program."""
+    forget_marks()
