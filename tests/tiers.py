@@ -13,7 +13,7 @@ import pytest
 FULL_FOLDERS = {
     "browser", "docs", "examples", "integrations", "journeys", "portability", "tools",
 }  # fmt: skip
-MOVING_FOLDERS = {"api", "arm", "cli", "guard", "network", "view"}
+MOVING_FOLDERS = {"api", "apps", "arm", "cli", "guard"}
 OTHER_ARM = re.compile(
     r"(?<![a-z0-9])(open_manipulator_x|omx_[fl]|px1[05]0|rx150|rx200|wx200|wx250s|vx250|vx300s"
     r"|so100|planar2|planar3)(?![a-z0-9])"

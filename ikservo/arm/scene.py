@@ -40,7 +40,7 @@ from ikservo.planning.surroundings import Turn
 
 _LARGEST_M = 0.5  # half the size of what a gripper holds, in each direction
 _NAME = "The name of the thing"
-_WAIT_S = 0.5  # for a reading to end, not for a motion
+_WAIT_S = 2.0  # for a reading to end, not for a motion
 _others_lock = threading.RLock()  # which arms can reach each other is said in both their scenes
 
 

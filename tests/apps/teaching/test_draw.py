@@ -54,7 +54,7 @@ def test_without_an_origin_it_begins_where_the_tip_is(run_cli, square):
         ("draw {folder}", 2, "is a folder"),
         ("draw {square} --origin 0.2,0", 2, "is not a point"),
         ("draw {square} --scale 0", 2, "scale of the drawing is 0"),
-        ("draw {square} --scale nan", 2, "scale of the drawing is nan"),
+        ("draw {square} --scale nan", 2, "nan is not a number"),
         ("draw {square} --width -0.1", 2, "scale of the drawing"),
         ("draw {square} --width 0.1 --scale 2", 2, "given twice"),
         ("draw {square} --unit m", 2, "mm in the header"),
