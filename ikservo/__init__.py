@@ -62,7 +62,8 @@ if TYPE_CHECKING:
     )
     from ikservo.files.drawing import Drawing, read_drawing
     from ikservo.files.writing import FileWriteError
-    from ikservo.ik import Posture, Result, Solver, Target, solve, solve_batch
+    from ikservo.ik import Posture, Result, Solver, Target, solve
+    from ikservo.ik.batch import solve_batch
     from ikservo.kinematics import Chain
     from ikservo.model import Model, arm_names, load_model
 
@@ -169,7 +170,7 @@ _HOMES = {
     "open_arm": "arm",
     "read_drawing": "files.drawing",
     "solve": "ik",
-    "solve_batch": "ik",
+    "solve_batch": "ik.batch",
 }
 
 

@@ -12,7 +12,7 @@ from ikservo.apps.page.picking import pick_region, raycast
 from ikservo.apps.page.picking.link_poses import link_poses
 from ikservo.apps.page.picking.picking import Picker
 from ikservo.guard import CollisionChecker, clear_space, way_search
-from ikservo.guard.sag import Weight, sag_of
+from ikservo.guard.sag import GravitySag, Weight
 from ikservo.ik import Solver, solver
 from ikservo.ik.prepare import TargetKind
 from ikservo.kernels import capsule_distances as collision_kernel
@@ -63,7 +63,7 @@ def min_distances(_):
 def gravity_torques_kernel(_):
     masses = [LinkMass(link, 0.3, np.array([0.02, 0.01, -0.03])) for link in ("arm", "hand")]
     free = np.full(4, np.inf)
-    sag_of(every_kind_of_joint(), Weight(masses, np.ones(4), -free, free))(np.zeros((3, 4)))
+    GravitySag(every_kind_of_joint(), Weight(masses, np.ones(4), -free, free))(np.zeros((3, 4)))
 
 
 def first_contact(monkeypatch):

@@ -4,19 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Callable, Generator, Iterator, Sequence
 from contextlib import contextmanager
-from typing import Any, Self, TypeVar
+from typing import TYPE_CHECKING, Any, Self, TypeVar
 
 from ikservo.arguments import OnExit, check_exit
-from ikservo.arm import following, jogging, leader_following
+from ikservo.arm.arm_parts import ImportedMethod
 from ikservo.arm.background_motion import Background
-from ikservo.arm.control_server import command_handler
 from ikservo.arm.motion_methods import MotionMethods, Positions
 from ikservo.arm.motion_runner import MotionRunner
-from ikservo.arm.plan_execution import execute, lower, relax
-from ikservo.arm.run_by_kind import run_motion
-from ikservo.arm.scene import Scene
-from ikservo.arm.service import ArmService
-from ikservo.arm.setpoint_stream import open_stream
 from ikservo.arm.stoppable_bus import StopListener
 from ikservo.clock import Clock
 from ikservo.guard import StopKind, StopReason
@@ -30,6 +24,10 @@ from ikservo.planning.motion_plan import MotionPlan, PoseWithinLimits
 from ikservo.planning.motions import MotionValue, check_motion
 from ikservo.planning.poses import PoseLibrary, teach
 from ikservo.planning.reports import ArmState, JointMoveResult, MoveResult, OnProgress
+
+if TYPE_CHECKING:
+    from ikservo.arm import following, jogging, leader_following, setpoint_stream
+    from ikservo.arm.scene import Scene
 
 R = TypeVar("R")
 
@@ -61,7 +59,6 @@ class Arm(MotionMethods):
         zeros: Where the zeros of its joints come from.
         poses: The poses of its arm file, and the taught ones.
         joint_index: Which column of vectors of all joints (n,) is which.
-        scene: The things around it, and what its gripper holds.
         preflight: Plans its motions, and checks them; for functions of this package.
         background: Runs the motions that the program does not wait for; for functions of this
             package.
@@ -87,7 +84,7 @@ class Arm(MotionMethods):
         self.zeros: ZeroSource = context.zeros
         self.joint_index: JointIndex = context.index
         self.poses = PoseLibrary(context.model, context.serial_number)
-        self.scene = Scene(context, runner)
+        self._scene: Scene | None = None
         self.preflight = PreflightPlanner(context, runner, self.poses)
         self.background = Background(runner, context.servos.stop_request)
         runner.on_overheat = self._lower
@@ -106,6 +103,15 @@ class Arm(MotionMethods):
         """
         self._runner.check_open()
         return self
+
+    @property
+    def scene(self) -> Scene:
+        """The things around the arm, and what its gripper holds."""
+        if self._scene is None:
+            from ikservo.arm.scene import Scene  # noqa: PLC0415  # few programs use it
+
+            self._scene = Scene(self._context, self._runner)
+        return self._scene
 
     @property
     def context(self) -> ArmContext:
@@ -182,6 +188,9 @@ class Arm(MotionMethods):
         listener = self._context.servos.bus.stop_listener
         if not isinstance(listener, StopListener) or not listener.is_served:
             return
+        from ikservo.arm.control_server import command_handler  # noqa: PLC0415
+        from ikservo.arm.service import ArmService  # noqa: PLC0415
+
         self._runner.caches_states = True
         stopped = listener.hand_over(command_handler(ArmService(self)))
         if stopped:
@@ -207,6 +216,8 @@ class Arm(MotionMethods):
             RefusedError: A motion is running, or a stop was not acknowledged; the arm holds.
             BusError: A servo does not answer; the torque of all others is off.
         """
+        from ikservo.arm.plan_execution import relax  # noqa: PLC0415
+
         return relax(self, on_progress)
 
     def disable_torque(self) -> None:
@@ -276,17 +287,28 @@ class Arm(MotionMethods):
     def _execute_plan(
         self, plan: MotionPlan, on_progress: OnProgress | None
     ) -> MoveResult | JointMoveResult:
+        from ikservo.arm.plan_execution import execute  # noqa: PLC0415
+
         return execute(self, plan, on_progress)
 
     def _make(self, motion: MotionValue[R], on_progress: OnProgress | None, own_stops: int) -> R:
+        from ikservo.arm.run_by_kind import run_motion  # noqa: PLC0415
+
         return run_motion(self, motion, on_progress)
 
     # These are functions of an arm, in the modules of what they do.
-    jog = jogging.jog
-    follow = following.follow
-    follow_arm = leader_following.follow_arm
-    follow_goals = following.follow_goals
-    stream = open_stream
+    if TYPE_CHECKING:
+        jog = jogging.jog
+        follow = following.follow
+        follow_arm = leader_following.follow_arm
+        follow_goals = following.follow_goals
+        stream = setpoint_stream.open_stream
+    else:
+        jog = ImportedMethod("ikservo.arm.jogging:jog")
+        follow = ImportedMethod("ikservo.arm.following:follow")
+        follow_arm = ImportedMethod("ikservo.arm.leader_following:follow_arm")
+        follow_goals = ImportedMethod("ikservo.arm.following:follow_goals")
+        stream = ImportedMethod("ikservo.arm.setpoint_stream:open_stream")
 
     def teach(
         self, name: str, until: Callable[[], object] | None = None, *, hold: bool = False
@@ -317,13 +339,18 @@ class Arm(MotionMethods):
         self, joints: Sequence[str], period_s: float, until: Callable[[], bool] | None
     ) -> Generator[Iterator[dict[str, float] | None]]:
         """Yield what measures joints in every period; for ``follow_arm``."""
-        yield leader_following.leader_positions(self._context, joints, period_s, until)
+        from ikservo.arm.leader_following import leader_positions  # noqa: PLC0415
+
+        yield leader_positions(self._context, joints, period_s, until)
 
     def _lower(self) -> None:
+        from ikservo.arm.plan_execution import lower  # noqa: PLC0415
+
         lower(self)
 
     def _leave(self) -> None:
-        self.scene.close()
+        if self._scene is not None:
+            self._scene.close()
         listener = self._context.servos.bus.stop_listener
         if listener is not None:
             listener.close()

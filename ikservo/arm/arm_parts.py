@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Protocol, runtime_checkable
+from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
 
+from ikservo.app_discovery import load_place
 from ikservo.arm.background_motion import Background
 from ikservo.arm.motion_runner import MotionRunner
-from ikservo.arm.scene import Scene
 from ikservo.planning.checked_planning import PreflightPlanner
 from ikservo.planning.context import ArmContext
+
+if TYPE_CHECKING:
+    from ikservo.arm.scene import Scene
 
 
 @runtime_checkable
@@ -42,3 +45,19 @@ class ArmParts(Protocol):
     def background(self) -> Background:
         """What runs those that the program does not wait for."""
         ...
+
+
+class ImportedMethod:
+    """A method in another module, which opening an arm does not import.
+
+    Args:
+        place: ``package.module:name`` of a function that takes the object first.
+    """
+
+    def __init__(self, place: str) -> None:
+        self._place = place
+
+    def __get__(self, owner: object, kind: type) -> Any:  # noqa: ANN401  # its own signature
+        """Return the function, bound to the object if there is one."""
+        function = load_place(self._place)
+        return function if owner is None else function.__get__(owner, kind)

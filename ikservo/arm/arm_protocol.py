@@ -10,14 +10,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from types import TracebackType
-from typing import Protocol, Self
+from typing import TYPE_CHECKING, Protocol, Self
 
 from numpy.typing import ArrayLike
 
-from ikservo.arm.following import FollowResult
-from ikservo.arm.jogging import JogResult, KeepGoing
 from ikservo.arm.motion_methods import MotionMethods, Positions
-from ikservo.arm.target_tracking import CartesianOrJointTarget
 from ikservo.clock import Clock
 from ikservo.ik import Target
 from ikservo.kinematics import Chain, JointIndex
@@ -26,7 +23,18 @@ from ikservo.model import Model
 from ikservo.planning.calibrated_arm import ZeroSource
 from ikservo.planning.motion_plan import PoseWithinLimits
 from ikservo.planning.poses import PoseLibrary
-from ikservo.planning.reports import ArmState, JointMoveResult, MotionProgress, OnProgress
+from ikservo.planning.reports import (
+    ArmState,
+    FollowResult,
+    JogResult,
+    JointMoveResult,
+    MotionProgress,
+    OnProgress,
+)
+
+if TYPE_CHECKING:
+    from ikservo.arm.jogging import KeepGoing
+    from ikservo.arm.target_tracking import CartesianOrJointTarget
 
 
 class GoalStream(Protocol):

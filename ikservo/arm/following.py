@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from itertools import repeat
 from typing import Protocol
 
@@ -17,10 +17,10 @@ from ikservo.control.loop import ControlCycle
 from ikservo.control.streamed_servos import STALL_S
 from ikservo.errors import RefusedError
 from ikservo.guard import DEAD_MAN_TIMEOUT_S, DeadManSwitch
-from ikservo.kinematics.arrays import Vector, freeze_arrays
+from ikservo.kinematics.arrays import Vector
 from ikservo.motion import KinematicLimits, OnlineTrajectory
 from ikservo.planning.context import ArmContext
-from ikservo.planning.reports import OnProgress
+from ikservo.planning.reports import FollowResult, OnProgress
 from ikservo.settling.settling import settle_at
 
 # The first motion after torque comes on is slow until it is as near as this to its goal.
@@ -196,36 +196,6 @@ class _OnlineController:
     def _motion_limits(self, speed: str) -> list[KinematicLimits]:
         limits = self._context.planner.motion_limits(speed)
         return [replace(each, jerk_rad_s3=each.jerk_rad_s3 * self._jerk_factor) for each in limits]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class FollowResult:
-    """How a stream of targets was followed.
-
-    Attributes:
-        setpoints: How many there were.
-        unreached: How many of them were out of reach; the arm went as near as it could.
-        refused: How many the guard refused; the arm kept the one before.
-        reason: Why the last of those was refused.
-        ended: Why it ended: the end of the stream, or a timeout.
-        measured_rad: The joints in the end, corrected, rad or m by name.
-        measured_tip_m: The tip there (3,), metres.
-        duration_s: From the first target to rest, the correction included.
-        warnings: What was warned of meanwhile: heat, or a servo that soon protects itself.
-    """
-
-    setpoints: int
-    unreached: int
-    refused: int
-    reason: str
-    ended: str
-    measured_rad: dict[str, float]
-    measured_tip_m: Vector
-    duration_s: float
-    warnings: tuple[str, ...] = ()
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 class _TargetFollower:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Protocol, cast
 
 import numpy as np
@@ -15,9 +15,10 @@ from ikservo.arm.target_tracking import TargetTracker
 from ikservo.control.loop import ControlCycle
 from ikservo.errors import BadValueError, CollisionError, RefusedError, UnknownNameError
 from ikservo.guard import DeadManSwitch
-from ikservo.kinematics.arrays import Vector, freeze_arrays
+from ikservo.kinematics.arrays import Vector
 from ikservo.motion import KinematicLimits, OnlineTrajectory
 from ikservo.planning.context import ArmContext
+from ikservo.planning.reports import JogResult
 
 JOG_DIRECTIONS = {
     "x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0),
@@ -38,28 +39,6 @@ _MAX_SPEED_FACTOR = 100.0  # of a joint: it goes as fast as its speed class allo
 _DEFAULT_M_S = 0.05
 # The target of the tip is where it will be after this time.
 _AHEAD_S = 0.2
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class JogResult:
-    """How a jog ended.
-
-    Attributes:
-        ended: Why: no longer requested, a limit, or the message of the guard.
-        blocked: Whether it cannot go on in this direction: a limit or the guard ended it.
-        measured_rad: The joints in the end, rad or m by name.
-        measured_tip_m: The tip there (3,), metres.
-        duration_s: How long it took.
-    """
-
-    ended: str
-    measured_rad: dict[str, float]
-    measured_tip_m: Vector
-    duration_s: float
-    blocked: bool = False
-
-    def __post_init__(self) -> None:
-        freeze_arrays(self)
 
 
 class _JogTarget(Protocol):

@@ -6,12 +6,11 @@ from collections.abc import Callable, Iterator, Sequence
 
 from ikservo.arguments import check_callable
 from ikservo.arm.arm_protocol import OpenArm
-from ikservo.arm.following import FollowResult
 from ikservo.clock import Rate, RealClock
 from ikservo.errors import BadValueError, BusError, InputError
 from ikservo.model import Model
 from ikservo.planning.context import ArmContext
-from ikservo.planning.reports import OnProgress
+from ikservo.planning.reports import FollowResult, OnProgress
 
 
 def follow_arm(

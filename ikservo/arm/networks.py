@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import os
 from functools import cache
 from importlib.metadata import entry_points
 from typing import TYPE_CHECKING, Protocol, cast
 
 from ikservo.arguments import parse_port
+from ikservo.hardware.discovery import named_port
 from ikservo.hardware.transport import NETWORK_GROUP
 from ikservo.model import Model
 
@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     from ikservo.arguments import OnExit
     from ikservo.arm.arm_protocol import OpenArm
     from ikservo.serving.control_client import StopAllResult, StopResult
-
-_VARIABLE = "IKSERVO_PORT"
 
 
 class ArmNetwork(Protocol):
@@ -52,7 +50,7 @@ def find_network(port: object) -> tuple[ArmNetwork, str] | None:
     Raises:
         BadValueError: It is no name of a port.
     """
-    address = parse_port(port) or os.environ.get(_VARIABLE, "")
+    address = named_port(parse_port(port))
     network = _load(address.partition(":")[0]) if ":" in address else None
     return None if network is None else (network, address)
 

@@ -6,6 +6,7 @@ import contextlib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,21 +15,20 @@ from ikservo.arguments import OnExit, parse_port
 from ikservo.arm.arm import Arm
 from ikservo.arm.arm_protocol import OpenArm
 from ikservo.arm.motion_runner import MotionRunner
-from ikservo.arm.networks import ArmNetwork, find_network
-from ikservo.arm.scene import arm_sag
 from ikservo.arm.stoppable_bus import stoppable
-from ikservo.calibration.identified_file import load_identified
+from ikservo.calibration.paths import identified_path
 from ikservo.control.feed_forward import FeedForward
 from ikservo.control.goal_compensation import GoalCompensator
 from ikservo.control.servo_group import ServoGroup
-from ikservo.errors import InputError, RefusedError
+from ikservo.errors import BusError, CalibrationError, InputError, RefusedError
 from ikservo.files.writing import FileWriteError
 from ikservo.guard import CollisionChecker, DrivenJoint
+from ikservo.guard.sag import arm_sag
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.diagnostics import detecting_duplicate_ids, explaining_silence
 from ikservo.hardware.discovery import (
     choose_port,
     is_simulator,
+    named_port,
     remember_port,
     simulated_port_url,
 )
@@ -41,11 +41,9 @@ from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix
 from ikservo.model import Model, ModelJoint, ModelServo, load_model
 from ikservo.model.collision_model import collision_body, collision_body_with_gripper
-from ikservo.model.identified_drives import identified_parameters
 from ikservo.model.joint_drive import ArmParameters, nominal_parameters
 from ikservo.model.link_masses import stall_error
 from ikservo.model.load_lag import LoadLag, load_lags
-from ikservo.model.scene_file import KeepOutShape
 from ikservo.planning.calibrated_arm import (
     CalibratedArm,
     ZeroSource,
@@ -54,6 +52,9 @@ from ikservo.planning.calibrated_arm import (
 )
 from ikservo.planning.context import ArmContext
 from ikservo.registers import control_table
+
+if TYPE_CHECKING:
+    from ikservo.arm.networks import ArmNetwork
 
 
 def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> ServoBus:
@@ -161,9 +162,13 @@ def open_arm(
         FileFormatError: The arm's calibration is malformed.
     """
     model = arm if isinstance(arm, Model) else load_model(arm)
-    network_address = find_network(port)
-    if network_address is not None:
-        return _open_remote(model, network_address, on_exit, collisions, uncalibrated)
+    address = named_port(parse_port(port))
+    if ":" in address and not is_simulator(address):
+        from ikservo.arm.networks import find_network  # noqa: PLC0415  # slow, seldom needed
+
+        network_address = find_network(address)
+        if network_address is not None:
+            return _open_remote(model, network_address, on_exit, collisions, uncalibrated)
     return open_own_arm(
         model, port, on_exit=on_exit, collisions=collisions, uncalibrated=uncalibrated
     )
@@ -185,13 +190,7 @@ def open_own_arm(
     bus = open_bus(model, port)
     opened_port = bus.port
     try:
-        with detecting_duplicate_ids(bus):
-            with explaining_silence(bus):
-                check_servo_models(bus)
-            remember_port(model.name, opened_port.name)
-            bus.load_return_delays()
-            own = load_calibration_for(bus, model, uncalibrated=uncalibrated)
-            _back_up_eeproms(bus, model, own)
+        own = _read_calibrated_arm(bus, model, uncalibrated=uncalibrated)
         driven_joints = _make_limits(own, model)
         shadows = {joint.name: [servo.id for servo in joint.shadows] for joint in model.joints}
         gripper = model.gripper.joint if model.gripper else None
@@ -207,6 +206,26 @@ def open_own_arm(
     except BaseException:
         bus.close()
         raise
+
+
+def _read_calibrated_arm(bus: ServoBus, model: Model, *, uncalibrated: bool) -> CalibratedArm:
+    """Check the servos on a bus and load their calibration; explain what fails."""
+    try:
+        check_servo_models(bus)
+        remember_port(model.name, bus.port.name)
+        bus.load_return_delays()
+        own = load_calibration_for(bus, model, uncalibrated=uncalibrated)
+        _back_up_eeproms(bus, model, own)
+    except (BusError, CalibrationError) as error:
+        from ikservo.hardware.diagnostics import raise_explained  # noqa: PLC0415  # a failure only
+
+        raise_explained(bus, error)
+        raise
+    if bus.port.health.degraded:
+        from ikservo.hardware.diagnostics import raise_on_duplicate_ids  # noqa: PLC0415
+
+        raise_on_duplicate_ids(bus)
+    return own
 
 
 def require_own_port(arm: OpenArm) -> Arm:
@@ -230,13 +249,15 @@ def _open_remote(
     collisions: bool,
     uncalibrated: bool,
 ) -> OpenArm:
-    network, address = network_address
     if uncalibrated or not collisions:
         option = "--uncalibrated" if uncalibrated else "--no-collision"
         raise InputError(
             f"{option} is not possible for an arm on another machine.",
             f"Give it to the program beside the arm: ikservo serve ... {option}",
         )
+    from ikservo.model.scene_file import KeepOutShape  # noqa: PLC0415  # only for this check
+
+    network, address = network_address
     if any(isinstance(each, KeepOutShape) for each in model.keep_out):
         raise InputError(
             "A scene cannot be given for an arm on another machine.",
@@ -315,10 +336,13 @@ def _make_compensator(
 
 
 def _arm_parameters(model: Model, chain: Chain, serial_number: str) -> ArmParameters | None:
-    identified = load_identified(model.name, serial_number)
-    if identified is None:
+    identified = identified_path(model.name, serial_number)
+    if not identified.exists():
         return nominal_parameters(model, chain)
-    return identified_parameters(model, chain, identified)
+    from ikservo.calibration.identified_file import read_identified  # noqa: PLC0415
+    from ikservo.model.identified_drives import identified_parameters  # noqa: PLC0415
+
+    return identified_parameters(model, chain, read_identified(identified))
 
 
 def make_collision_filter(model: Model) -> Callable[[Matrix], NDArray[np.bool_]]:

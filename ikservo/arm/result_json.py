@@ -19,12 +19,12 @@ from pydantic import (
     create_model,
 )
 
-from ikservo.arm.following import FollowResult
-from ikservo.arm.jogging import JogResult
 from ikservo.errors import IkservoError
 from ikservo.planning.reports import (
     ArmState,
+    FollowResult,
     GraspResult,
+    JogResult,
     JointMoveResult,
     MotionProgress,
     MoveResult,

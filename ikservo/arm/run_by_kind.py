@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 from ikservo.arm.arm_parts import ArmParts
-from ikservo.arm.gripper import plan_gripper, run_gripper
 from ikservo.arm.own_motion import OwnMotion
 from ikservo.arm.plan_execution import plan_and_execute
 from ikservo.kinematics.arrays import Vector
@@ -23,6 +22,8 @@ def run_motion(arm: ArmParts, motion: MotionValue[R], on_progress: OnProgress | 
     """Make a motion from where the arm holds, and return its result; see ``Arm.execute``."""
     match cast("MotionValue[Any]", motion):
         case MoveGripper() as gripper:
+            from ikservo.arm.gripper import run_gripper  # noqa: PLC0415
+
             with arm.runner.undisturbed():
                 result: object = run_gripper(arm, gripper, on_progress)
         case OwnMotion() as own:
@@ -53,6 +54,8 @@ def end_of_motion(
         case Wait():
             return start
         case MoveGripper():
+            from ikservo.arm.gripper import plan_gripper  # noqa: PLC0415
+
             return plan_gripper(context, motion, start)
         case OwnMotion() as own:
             return own.end(context, start)

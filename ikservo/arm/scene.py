@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import threading
-from collections.abc import Generator, Sequence
+from collections.abc import Generator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -16,15 +16,10 @@ from ikservo.arguments import parse_name
 from ikservo.arm.motion_runner import MotionRunner
 from ikservo.arm.other_arm import OtherArm
 from ikservo.errors import BadValueError, RefusedError, UnknownNameError
-from ikservo.guard import Weight, sag_of
-from ikservo.guard.sag import GravitySag
+from ikservo.guard.sag import arm_sag
 from ikservo.kinematics.arrays import Matrix, bounded_vector, finite_vector
-from ikservo.kinematics.collision_body import CollisionBody
-from ikservo.kinematics.inertia import LinkMass
 from ikservo.kinematics.se3 import make_pose, rotation_rpy
-from ikservo.model import Model
 from ikservo.model.collision_model import collision_body_with_gripper
-from ikservo.model.link_masses import joint_compliances, link_masses
 from ikservo.model.model import Obstacle
 from ikservo.model.scene_file import (
     FURTHEST_BASE_M,
@@ -400,18 +395,3 @@ def _pose_of_base(at_m: ArrayLike, rpy_deg: ArrayLike) -> Matrix:
 
 def _inverse(T: Matrix) -> Matrix:
     return make_pose(-T[:3, :3].T @ T[:3, 3], T[:3, :3].T)
-
-
-def arm_sag(model: Model, body: CollisionBody, held: Sequence[KeepOutShape] = ()) -> GravitySag:
-    """Return how far an arm with its gripper yields to its weight.
-
-    Args:
-        model: The arm.
-        body: Its links, and what it holds.
-        held: What it holds: together as heavy as what its servos are to lift at most.
-    """
-    chain = body.chain
-    masses = link_masses(model, chain)
-    masses += [LinkMass(each.name, model.payload_kg / len(held), each.row[9:12]) for each in held]
-    compliances = joint_compliances(model, chain)
-    return sag_of(body, Weight(masses, compliances, chain.lower_rad, chain.upper_rad))

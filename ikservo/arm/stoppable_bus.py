@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import threading
+from typing import TYPE_CHECKING
 
-from ikservo.arm.control_server import ControlServer, RequestHandler, serve
-from ikservo.arm.result_json import encode_value
 from ikservo.control.stop_requests import REQUEST_HINT
 from ikservo.errors import PortBusyError, StoppedError
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.port_names import is_simulated
-from ikservo.serving.control_client import ControlCommand, Request, StopResult
-from ikservo.serving.stop_marks import forget_marks, has_mark
+
+if TYPE_CHECKING:
+    from ikservo.arm.control_server import ControlServer, RequestHandler
+    from ikservo.serving.control_client import Request
 
 _EARLY = "Stopped from another terminal before the port was opened."
 _STOPPED = "Stopped from another terminal."
@@ -45,6 +46,9 @@ class StopListener:
         self._turn = threading.Lock()
         self._server: ControlServer | None = None
         if not is_simulated(bus.port.name):
+            from ikservo.arm.control_server import serve  # noqa: PLC0415  # only for real ports
+            from ikservo.serving.stop_marks import has_mark  # noqa: PLC0415
+
             self._server = serve(bus.port.name, self._handle, arm)
             if has_mark(bus.port.name, arm):
                 self._stop_text = _EARLY
@@ -80,6 +84,8 @@ class StopListener:
             self._server.close()
             self._server = None
             if not self._stop_text:  # else what is opened next has to know
+                from ikservo.serving.stop_marks import forget_marks  # noqa: PLC0415
+
                 forget_marks()
 
     def _handle(self, request: Request) -> object:
@@ -89,6 +95,9 @@ class StopListener:
         return self._arm_handler(request)
 
     def _handle_alone(self, request: Request) -> object:
+        from ikservo.arm.result_json import encode_value  # noqa: PLC0415
+        from ikservo.serving.control_client import ControlCommand, StopResult  # noqa: PLC0415
+
         match request.do:
             case ControlCommand.WHO:
                 return {"arm": self._arm, "port": self._bus.port.name}

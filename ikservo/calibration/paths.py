@@ -6,7 +6,7 @@ import re
 from datetime import datetime
 from pathlib import Path
 
-from ikservo.files.folders import config_dir
+from ikservo.files.reading import config_dir
 
 _UNSAFE_CHARS = re.compile(r"[^A-Za-z0-9]+")
 _MAX_NAME_CHARS = 64

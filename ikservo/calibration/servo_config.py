@@ -9,7 +9,7 @@ from ikservo.calibration.homing import MAX_X_OFFSET
 from ikservo.calibration.records import CalibratedServo, Calibration
 from ikservo.errors import CalibrationError
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.scan import firmware_version
+from ikservo.hardware.eeprom import firmware_version
 from ikservo.registers import (
     ControlTable,
     Family,

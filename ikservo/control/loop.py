@@ -7,7 +7,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import median
 
-from ikservo.control.real_time import steady_timing
 from ikservo.control.servo_group import ServoGroup
 from ikservo.control.streamed_servos import STALL_S
 from ikservo.errors import RefusedError
@@ -276,6 +275,8 @@ class ControlLoop:
             RefusedError: The guard stopped it, or a joint does not follow; the arm holds.
             PortLostError: The port is gone.
         """
+        from ikservo.control.real_time import steady_timing  # noqa: PLC0415
+
         streaming = self._servos.streaming(speed_rad_s, profile_rad_s)
         with streaming, steady_timing(self._servos.clock):
             return self._run_loop(trajectory, on_cycle, compensated)

@@ -177,3 +177,13 @@ def quote(text: str) -> str:
     """Return the text in quotes, cut short, with control characters spelled out."""
     short = text if len(text) <= _MAX_QUOTED_CHARS else f"{text[: _MAX_QUOTED_CHARS - 1]}…"
     return f'"{short}"' if short.isprintable() else ascii(short)
+
+
+def config_dir() -> Path:
+    """Return the folder of the user's own files: ``IKSERVO_HOME``, or the system's default."""
+    own = os.environ.get("IKSERVO_HOME")
+    if own:
+        return Path(own)
+    from platformdirs import user_config_path  # noqa: PLC0415  # only where it is needed
+
+    return user_config_path("ikservo", appauthor=False)

@@ -5,18 +5,21 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from ikservo.errors import CollisionError
-from ikservo.guard.clear_space import ClearSpace
 from ikservo.guard.sag import GravitySag, Sag
 from ikservo.kinematics.arrays import Matrix, Vector, finite_vectors
 from ikservo.kinematics.capsules import Capsule
 from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.packed import LINK, RADIUS, SHAPE_WIDTH
 from ikservo.model.model import Obstacle
+
+if TYPE_CHECKING:
+    from ikservo.guard.clear_space import ClearSpace
 
 MAX_SAMPLE_STEP_RAD = 0.05
 """No joint moves further than this between two samples of a path checked for collisions."""
@@ -249,6 +252,8 @@ class CollisionChecker:
         sampled_m = np.minimum(sampled_m, np.maximum(nearest_m, 0.0))
         allowed_m, sampled_m = (self._allowed_of_capsules(each) for each in (near_m, sampled_m))
         sag = self.sag if isinstance(self.sag, GravitySag) and load > 0.0 else None
+        from ikservo.guard.clear_space import ClearSpace  # noqa: PLC0415  # only where asked
+
         return ClearSpace(
             self.body, self.shapes, self.floor_m, allowed_m, sag, load, self.bends, sampled_m
         )

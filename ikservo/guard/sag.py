@@ -8,12 +8,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ikservo.kinematics.arrays import Matrix, Vector, freeze_arrays
 from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.inertia import GRAVITY_M_S2, LinkMass
+from ikservo.model.link_masses import joint_compliances, link_masses
+from ikservo.model.model import Model
+
+if TYPE_CHECKING:
+    from ikservo.model.scene_file import KeepOutShape
 
 Sag = Callable[[Matrix], Matrix]
 """Returns how far gravity moves the joints (n, dof) from goals (n, dof), rad or m."""
@@ -71,6 +77,16 @@ class GravitySag:
         return np.clip(q + torque * yields, np.minimum(lower, q), np.maximum(upper, q)) - q
 
 
-def sag_of(body: CollisionBody, weight: Weight) -> GravitySag:
-    """Return the sag of an arm's joints."""
-    return GravitySag(body, weight)
+def arm_sag(model: Model, body: CollisionBody, held: Sequence[KeepOutShape] = ()) -> GravitySag:
+    """Return how far an arm with its gripper yields to its weight.
+
+    Args:
+        model: The arm.
+        body: Its links, and what it holds.
+        held: What it holds: together as heavy as what its servos are to lift at most.
+    """
+    chain = body.chain
+    masses = link_masses(model, chain)
+    masses += [LinkMass(each.name, model.payload_kg / len(held), each.row[9:12]) for each in held]
+    compliances = joint_compliances(model, chain)
+    return GravitySag(body, Weight(masses, compliances, chain.lower_rad, chain.upper_rad))

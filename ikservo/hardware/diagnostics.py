@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import contextlib
-from collections.abc import Collection, Generator, Iterable, Iterator, Sequence
+from collections.abc import Collection, Iterable, Iterator, Sequence
 
 from ikservo.errors import (
     BadReplyError,
-    BusError,
-    CalibrationError,
+    IkservoError,
     PortError,
     PortLostError,
     ServoSilentError,
@@ -28,24 +26,36 @@ _SAMPLES = 24  # pings of an id that is checked more closely
 _ODD_FAULTS = 8  # minimum number of them that two servos spoil, and that a bad line does not
 
 
-@contextlib.contextmanager
-def detecting_duplicate_ids(bus: ServoBus) -> Generator[None]:
-    """Run requests; on failure report ids that two servos have.
+def raise_explained(bus: ServoBus, error: IkservoError) -> None:
+    """Raise what explains a failed request, if anything does; only pings and reads are sent.
 
-    Two servos with one id damage or double each other's replies, or contradict the arm file.
-    On a healthy line nothing is sent in addition.
+    Two servos with one id damage or double each other's replies, or contradict the arm file. Where
+    servos are silent, others may be on the line; looking for them takes up to two seconds.
+
+    Args:
+        bus: The bus.
+        error: Why the request failed.
 
     Raises:
         BadReplyError: More than one servo replies at an id; names all such.
+        ServoSilentError: Servos are silent, and others were found; names them.
         PortLostError: The port is lost.
     """
-    try:
-        yield
-    except (BusError, CalibrationError):
-        raise_on_duplicate_ids(bus)
-        raise
-    if bus.port.health.degraded:
-        raise_on_duplicate_ids(bus)
+    raise_on_duplicate_ids(bus)
+    if not isinstance(error, ServoSilentError):
+        return
+    silent = [s for i, s in bus.servos.items() if bus.statistics[i].lost_in_a_row]
+    found = find_unexpected_servos(bus.port, silent, bus.servos)
+    if found:
+        listed = "; ".join(map(str, found))
+        verb = "does" if len(silent) == 1 else "do"
+        raise ServoSilentError(
+            f"{verb} not answer at {bus.port.baudrate} baud; there is {listed}",
+            _format_hint(found, silent, bus.port.baudrate),
+            servo=error.servo,
+            servo_id=error.servo_id,
+            port=error.port,
+        ) from error
 
 
 def raise_on_duplicate_ids(bus: ServoBus) -> None:
@@ -97,35 +107,6 @@ def _is_duplicate_id(port: Port, framing: Framing, servo_id: int, *, echoes: boo
 _NO_REPLY = 251  # an unused id: only an adapter that echoes returns something for it
 _NEW_IDS = (1,)  # as delivered
 _MAX_FOUND = 3  # servos checked closely; more would not change the message
-
-
-@contextlib.contextmanager
-def explaining_silence(bus: ServoBus) -> Generator[None]:
-    """Run requests; where servos are silent, report the servos found on the line instead.
-
-    Only pings and reads are sent. It takes up to two seconds, and only after a failure.
-
-    Raises:
-        ServoSilentError: The original one, with the servos found instead.
-        PortLostError: The port is lost.
-    """
-    try:
-        yield
-    except ServoSilentError as error:
-        silent = [s for i, s in bus.servos.items() if bus.statistics[i].lost_in_a_row]
-        found = find_unexpected_servos(bus.port, silent, bus.servos)
-        if not found:
-            raise
-        listed = "; ".join(map(str, found))
-        verb = "does" if len(silent) == 1 else "do"
-        at = f"{verb} not answer at {bus.port.baudrate} baud"
-        raise ServoSilentError(
-            f"{at}; there is {listed}",
-            _format_hint(found, silent, bus.port.baudrate),
-            servo=error.servo,
-            servo_id=error.servo_id,
-            port=error.port,
-        ) from error
 
 
 def find_unexpected_servos(

@@ -1,39 +1,14 @@
-"""List and choose serial ports, and scan one for servos."""
+"""List and choose serial ports."""
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from pathlib import Path
 
 from ikservo.errors import InputError, NoPortError
-from ikservo.hardware.port import open_port
 from ikservo.hardware.port_names import remember_serial_number, remembered_serial_number
-from ikservo.hardware.scan import FoundServo, OnScanStep, ScanProgress, candidate_baud_rates, scan
-from ikservo.hardware.serial_ports import (
-    AdapterEvent,
-    SerialAdapter,
-    find_adapter,
-    list_adapters,
-    watch_adapters,
-)
-
-__all__ = [
-    "AdapterEvent",
-    "FoundServo",
-    "OnScanStep",
-    "ScanProgress",
-    "SerialAdapter",
-    "candidate_baud_rates",
-    "choose_port",
-    "is_simulator",
-    "list_adapters",
-    "list_ports",
-    "remember_port",
-    "scan_port",
-    "simulated_port_url",
-    "watch_adapters",
-]
+from ikservo.hardware.serial_ports import SerialAdapter, find_adapter, list_adapters
 
 _VARIABLE = "IKSERVO_PORT"
 _SIMULATED = "sim"
@@ -42,6 +17,11 @@ _SIMULATED = "sim"
 def list_ports() -> list[str]:
     """List the serial ports with a USB adapter behind them, by device name."""
     return [adapter.device for adapter in list_adapters()]
+
+
+def named_port(name: str | None) -> str:
+    """Return the port that the user names, here or in ``IKSERVO_PORT``; empty if none."""
+    return name or os.environ.get(_VARIABLE, "")
 
 
 def choose_port(name: str | None, arm: str = "") -> str:
@@ -57,7 +37,7 @@ def choose_port(name: str | None, arm: str = "") -> str:
     Raises:
         NoPortError: There is none or more than one to choose.
     """
-    named = name or os.environ.get(_VARIABLE)
+    named = named_port(name)
     if named:
         return named
     found = list_adapters()
@@ -101,28 +81,6 @@ def simulated_port_url(name: str, arm_file: Path | None) -> str:
             "Use --port sim, or sim:?seed=3, and name the arm with --arm.",
         )
     return f"{_SIMULATED}:{arm_file.resolve()}{'?' if options else ''}{options}"
-
-
-def scan_port(
-    name: str,
-    rates: Sequence[int],
-    *,
-    all_rates: bool = False,
-    on_step: OnScanStep | None = None,
-) -> list[FoundServo]:
-    """Open a port, return the servos that reply on it, and close it.
-
-    Args:
-        name: The port.
-        rates: Baud rates, tried in this order.
-        all_rates: Continue after the first rate at which servos reply.
-        on_step: Called with the progress.
-
-    Raises:
-        PortError: It cannot be opened, or is lost.
-    """
-    with open_port(name, rates[0]) as port:
-        return scan(port, rates, all_rates=all_rates, on_step=on_step)
 
 
 def _find_remembered_adapter(arm: str, found: Iterable[SerialAdapter]) -> SerialAdapter | None:

@@ -22,8 +22,7 @@ from pathlib import Path
 from typing import cast
 
 from ikservo.errors import FileFormatError, RegisterAccessError, ServoRejectedError
-from ikservo.files.folders import config_dir
-from ikservo.files.reading import MAX_BYTES, parse_toml, read_text
+from ikservo.files.reading import MAX_BYTES, config_dir, parse_toml, read_text
 from ikservo.files.writing import write_atomic
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.register_batches import RegisterRef, resolve_register
@@ -303,3 +302,17 @@ def _fits(register: Register, number: int) -> bool:
     """Check whether a register can hold a number; servos may hold more than may be written."""
     lower, upper = register.codec.span(register.size)
     return lower <= number <= upper
+
+
+def firmware_version(bus: ServoBus, servo_id: int) -> str:
+    """Return a servo's firmware version as its vendor writes it.
+
+    Raises:
+        BusError: It does not reply.
+    """
+    registers = bus.servos[servo_id].table.registers
+    names = [name for name in _FIRMWARE if name in registers]
+    return ".".join(f"{bus.read(servo_id, registers[name], raw=True)}" for name in names)
+
+
+_FIRMWARE = ("firmware_major", "firmware_minor", "firmware_version")

@@ -24,7 +24,6 @@ from ikservo.files.reading import require_file
 from ikservo.files.writing import FileWriteError
 from ikservo.hardware.transport import Transport
 
-_VARIABLE = "IKSERVO_PACKETS"
 _SECTION, _INTERFACE, _PACKET = 0x0A0D0D0A, 1, 6
 _BYTE_ORDER_MAGIC, _LINK_USER0 = 0x1A2B3C4D, 147
 _OPTION_NAME, _OPTION_RESOLUTION, _OPTION_FLAGS = 2, 9, 2
@@ -52,20 +51,18 @@ class LoggedBytes:
     opening: int
 
 
-def recorded_transport(transport: Transport, name: str) -> Transport:
-    """Return a transport whose bytes are recorded, if the user asks for it; the same otherwise.
+def recorded_transport(transport: Transport, path: str, name: str) -> Transport:
+    """Return a transport whose bytes are recorded.
 
     Args:
         transport: Carries the bytes.
-        name: Of the port.
+        path: The file that they are appended to.
+        name: The name of the port.
 
     Raises:
         FileFormatError: The file exists and is no regular one.
         FileWriteError: The file cannot be written.
     """
-    path = os.environ.get(_VARIABLE)
-    if not path:
-        return transport
     return cast("Transport", _RecordedTransport(transport, Path(path), name))
 
 

@@ -15,7 +15,6 @@ from weakref import WeakKeyDictionary
 
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import PortError, PortLostError
-from ikservo.hardware.packet_log import recorded_transport
 from ikservo.hardware.pending import AdaptiveTimeout, ByteRateCheck, LineHealth, PendingReplies
 from ikservo.hardware.transport import Transport, abandon_in_forked_children, open_transport
 
@@ -30,6 +29,7 @@ _REAL_S = (0.002, 0.040)
 _VIRTUAL_S = (0.001, 0.020)
 
 
+_PACKETS_VARIABLE = "IKSERVO_PACKETS"
 _BUSY_WAIT_S = 0.000_15  # wake up so much earlier: the kernel wakes us late, and clocks differ
 _MIN_SLEEP_S = 0.000_15  # shorter sleeps cost more than they save
 
@@ -420,8 +420,13 @@ def open_port(name: str, baud_rate: int, arm: str = "", servo_ids: Collection[in
 
 def _open_line(name: str, baud_rate: int) -> Transport:
     transport = open_transport(name, baud_rate)
+    packets_path = os.environ.get(_PACKETS_VARIABLE)
+    if not packets_path:
+        return transport
+    from ikservo.hardware.packet_log import recorded_transport  # noqa: PLC0415  # seldom wanted
+
     try:
-        return recorded_transport(transport, name)
+        return recorded_transport(transport, packets_path, name)
     except BaseException:
         transport.close()
         raise

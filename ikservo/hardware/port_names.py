@@ -18,7 +18,7 @@ from typing import cast
 
 from ikservo.clock import Clock, RealClock
 from ikservo.errors import PortError, PortLostError
-from ikservo.files.folders import config_dir
+from ikservo.files.reading import config_dir
 from ikservo.files.writing import write_atomic
 from ikservo.hardware.port import Port
 from ikservo.hardware.serial_ports import find_adapter, list_adapters

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from ikservo.errors import BadReplyError, BusError, PortError, PortLostError
 from ikservo.hardware.bus import ServoBus
+from ikservo.hardware.eeprom import firmware_version
 from ikservo.hardware.packets import Status
 from ikservo.hardware.ping_sweep import FRAMINGS, Framing, ping_ids
-from ikservo.hardware.port import Port
+from ikservo.hardware.port import Port, open_port
 from ikservo.hardware.requester import make_driver
 from ikservo.hardware.servo import ServoSpec
 from ikservo.registers import MODELS, ControlTable, Family, RegisterName, control_table_for_number
@@ -77,20 +78,6 @@ def identify(
     if damaged >= _DUPLICATE_REPLIES or len(replies) >= _MAX_RETRIES + _DUPLICATE_REPLIES:
         return replace(found, shares_id=True)
     return _with_details(port, _identify_model(port, framing, found, replies[0].data))
-
-
-def firmware_version(bus: ServoBus, servo_id: int) -> str:
-    """Return a servo's firmware version as its vendor writes it.
-
-    Raises:
-        BusError: It does not reply.
-    """
-    registers = bus.servos[servo_id].table.registers
-    names = [name for name in _FIRMWARE if name in registers]
-    return ".".join(f"{bus.read(servo_id, registers[name], raw=True)}" for name in names)
-
-
-_FIRMWARE = ("firmware_major", "firmware_minor", "firmware_version")
 
 
 def _identify_model(port: Port, framing: Framing, found: FoundServo, data: bytes) -> FoundServo:
@@ -293,3 +280,25 @@ def _scan_framing(port: Port, framing: Framing, on_step: OnScanStep | None) -> I
         found = identify(port, framing, servo_id, echoes=pings.echoes)
         if found:
             yield found
+
+
+def scan_port(
+    name: str,
+    rates: Sequence[int],
+    *,
+    all_rates: bool = False,
+    on_step: OnScanStep | None = None,
+) -> list[FoundServo]:
+    """Open a port, return the servos that reply on it, and close it.
+
+    Args:
+        name: The port.
+        rates: Baud rates, tried in this order.
+        all_rates: Continue after the first rate at which servos reply.
+        on_step: Called with the progress.
+
+    Raises:
+        PortError: It cannot be opened, or is lost.
+    """
+    with open_port(name, rates[0]) as port:
+        return scan(port, rates, all_rates=all_rates, on_step=on_step)

@@ -16,7 +16,6 @@ from ikservo.ik.problem import Target
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Matrix, Vector
 
-MAX_DROOP_STEPS = 12
 _SAME_M, _SAME_RAD = 1e-8, 1e-7
 _STEADY_M, _STEADY_RAD = 1e-4, 1e-3  # what is left counts as reached
 
@@ -31,7 +30,10 @@ class Droop:
 
     Attributes:
         is_steady: Whether the droop has hardly changed with the last joints.
+        max_steps: How often targets are raised before a solution counts as not reached.
     """
+
+    max_steps = 12
 
     def __init__(self, chain: Chain, frame: str | None, offset_m: ArrayLike | None) -> None:
         self._chain, self._point = chain, (frame, offset_m)

@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from typing import Literal, NamedTuple
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
-from ikservo.ik.planar import DirectionInterval
 from ikservo.ik.problem import Target, Tolerance
 from ikservo.kinematics import (
     Chain,
@@ -19,6 +18,9 @@ from ikservo.kinematics import (
     nearest_singularity,
 )
 from ikservo.kinematics.arrays import Matrix, Vector, read_only
+
+if TYPE_CHECKING:
+    from ikservo.ik.planar import DirectionInterval
 
 NOT_LIMITED = "link lengths or number of joints"
 """What limits the reach of an arm where no joint limit does."""

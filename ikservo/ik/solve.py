@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
-from functools import lru_cache
+from functools import cache, lru_cache
+from importlib import import_module
 from typing import cast
 
 import numpy as np
@@ -13,14 +14,8 @@ from numpy.typing import ArrayLike
 from ikservo.errors import UnknownNameError
 from ikservo.ik.arm_chain import ArmLike, chain_and_start
 from ikservo.ik.bounded import bounded
-from ikservo.ik.ccd import ccd
-from ikservo.ik.closed_form import closed_form
-from ikservo.ik.closed_form_structure import recognise_structure
-from ikservo.ik.droop import MAX_DROOP_STEPS, Droop
-from ikservo.ik.jacobian_methods import pseudo_inverse, transpose
-from ikservo.ik.other_solutions import nearest_solution, solution_set
 from ikservo.ik.problem import DEFAULT_RESTARTS, Options, Posture, Target, Tolerance
-from ikservo.ik.result import Result, SolvedProblem, is_closer
+from ikservo.ik.result import Result, SolutionSet, SolvedProblem, is_closer
 from ikservo.kernels.layout import MAX_ANGLE_RAD
 from ikservo.kinematics import Chain
 from ikservo.kinematics.arrays import Vector, bounded_vector
@@ -28,12 +23,14 @@ from ikservo.kinematics.arrays import Vector, bounded_vector
 Method = Callable[[Chain, Target, Vector, Options], Result]
 """Chain, target, start (dof,) anywhere, options: a result inside the limits."""
 
-METHODS: Mapping[str, Method] = {
-    "bounded": bounded,
-    "closed_form": closed_form,
-    "pseudo_inverse": pseudo_inverse,
-    "transpose": transpose,
-    "ccd": ccd,
+METHODS = ("bounded", "closed_form", "pseudo_inverse", "transpose", "ccd")
+"""The names of the methods; the modules of all but the first are imported when they are used."""
+
+_MODULES = {
+    "closed_form": "closed_form",
+    "pseudo_inverse": "jacobian_methods",
+    "transpose": "jacobian_methods",
+    "ccd": "ccd",
 }
 
 
@@ -47,14 +44,19 @@ def auto(chain: Chain, target: Target, q0: Vector, options: Options) -> Result:
     """
     found = bounded(chain, target, q0, options)
     if found.reached and options.posture is not None and not options.track:
-        leaning = pseudo_inverse(chain, target, found.q, options)
+        leaning = get_method("pseudo_inverse")(chain, target, found.q, options)
         return leaning if leaning.reached else found
     alone = options.track or options.restarts == 1
-    if found.reached and options.nearest and not alone:
-        return nearest_solution(chain, target, q0, options, found)
-    if found.reached or alone or recognise_structure(chain, target.frame) is None:
+    if alone:
         return found
-    formula = closed_form(chain, target, q0, options)
+    from ikservo.ik.closed_form_structure import recognise_structure  # noqa: PLC0415
+    from ikservo.ik.other_solutions import nearest_solution  # noqa: PLC0415
+
+    if found.reached and options.nearest:
+        return nearest_solution(chain, target, q0, options, found)
+    if found.reached or recognise_structure(chain, target.frame) is None:
+        return found
+    formula = get_method("closed_form")(chain, target, q0, options)
     return formula if is_closer(formula, found, options.tolerance) else found
 
 
@@ -66,9 +68,16 @@ def get_method(name: str) -> Method:
     """
     if name == "auto":
         return auto
+    if name == "bounded":
+        return bounded
     if str(name) not in METHODS:
         raise UnknownNameError("method", name, ("auto", *METHODS))
-    return METHODS[name]
+    return _import_method(name)
+
+
+@cache
+def _import_method(name: str) -> Method:
+    return getattr(import_module(f"ikservo.ik.{_MODULES[name]}"), name)
 
 
 def solve(
@@ -148,15 +157,23 @@ def solve(
     result = run(rigid, target, start, options)
     if chain.link_joints is not None:
         target, result = _aim_higher(chain, target, options, run, result)
-    return result.attach_question(SolvedProblem(rigid, target, solution_set))
+    return result.attach_question(SolvedProblem(rigid, target, _find_solutions))
+
+
+def _find_solutions(chain: Chain, target: Target, q: Vector) -> SolutionSet:
+    from ikservo.ik.other_solutions import solution_set  # noqa: PLC0415
+
+    return solution_set(chain, target, q)
 
 
 def _aim_higher(
     chain: Chain, target: Target, options: Options, run: Method, result: Result
 ) -> tuple[Target, Result]:
     """Return the target that a rigid arm would have to be given, and the solution for it."""
+    from ikservo.ik.droop import Droop  # noqa: PLC0415  # of few arms
+
     droop, aimed, asked = Droop(chain, target.frame, target.offset_m), target, options
-    for _ in range(MAX_DROOP_STEPS):
+    for _ in range(droop.max_steps):
         if not droop.follow(result.q):
             break
         aimed = droop.raised(target)

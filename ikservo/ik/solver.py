@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from typing import NoReturn, cast
+from typing import TYPE_CHECKING, NoReturn, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 from ikservo.errors import BadValueError
 from ikservo.ik.arm_chain import ArmLike, chain_and_start
 from ikservo.ik.bounded import unpack_result
-from ikservo.ik.droop import MAX_DROOP_STEPS, Droop
 from ikservo.ik.prepare import (
     HOMOGENEOUS_ROW,
     PackedProblem,
@@ -38,6 +37,9 @@ from ikservo.kernels.layout import (
 )
 from ikservo.kinematics import finite_array, finite_vector
 from ikservo.kinematics.arrays import Vector
+
+if TYPE_CHECKING:
+    from ikservo.ik.droop import Droop
 
 PoseKernel = Callable[[ArrayLike, ArrayLike], int]
 """Pose (4, 4) and start (dof,): see ``kernel.single``."""
@@ -130,7 +132,11 @@ class Solver:
         offset = None if offset_m is None else check_position(offset_m, "offset_m")
         axis = self._axis if self._kind is TargetKind.DIRECTION else None
         ready = pack_problem(chain.rigid, frame, offset, axis, options.restarts)
-        self._droop = None if chain.link_joints is None else Droop(chain, frame, offset_m)
+        self._droop: Droop | None = None
+        if chain.link_joints is not None:
+            from ikservo.ik.droop import Droop  # noqa: PLC0415  # of few arms
+
+            self._droop = Droop(chain, frame, offset_m)
         self._idle, self._worker = (
             ready.idle[self._kind],
             SolverBuffers(chain.dof, options.restarts),
@@ -211,7 +217,7 @@ class Solver:
         pose, q = finite_array(T, (4, 4), "T_world_tool"), finite_vector(q0, self.chain.dof, "q0")
         self._droop.follow(q)
         reached = False
-        for _ in range(MAX_DROOP_STEPS):
+        for _ in range(self._droop.max_steps):
             q, reached = self._run_kernel(solve, self._droop.raised_pose(pose), q, out)
             if not self._droop.follow(q):
                 break

@@ -1,11 +1,6 @@
 """Forward kinematics, Jacobians, dynamics, and geometry of links: pure functions on arrays."""
 
 from ikservo.kinematics.arrays import finite_array, finite_vector, finite_vectors
-from ikservo.kinematics.base_parameters import (
-    BaseParameters,
-    base_parameters,
-    independent_columns,
-)
 from ikservo.kinematics.chain import Chain, joint_torques
 from ikservo.kinematics.conditioning import (
     Conditioning,
@@ -22,7 +17,6 @@ from ikservo.kinematics.joints import ChainJoint, Joint, JointType, Mimic
 from ikservo.kinematics.packed import pack_chain
 
 __all__ = [
-    "BaseParameters",
     "Chain",
     "ChainJoint",
     "Conditioning",
@@ -33,13 +27,11 @@ __all__ = [
     "LinkMass",
     "Mimic",
     "Singularity",
-    "base_parameters",
     "conditioning",
     "distance_to_limits",
     "finite_array",
     "finite_vector",
     "finite_vectors",
-    "independent_columns",
     "joint_torques",
     "manipulability",
     "nearest_singularity",

@@ -1,7 +1,6 @@
 """Trajectories in time: pure functions, and the loop timer of the stream."""
 
 from ikservo.clock import Rate
-from ikservo.motion.arc import ArcPath, arc_about_axis, arc_through_points
 from ikservo.motion.cartesian import CartesianTrajectory, straight_lines
 from ikservo.motion.online import OnlineTrajectory
 from ikservo.motion.path import BlendedPath, ToolPath
@@ -16,7 +15,6 @@ from ikservo.motion.trajectory import (
 )
 
 __all__ = [
-    "ArcPath",
     "BlendedPath",
     "CartesianTrajectory",
     "ConcatenatedTrajectory",
@@ -30,8 +28,6 @@ __all__ = [
     "ToolPath",
     "Trajectory",
     "TrajectoryPoint",
-    "arc_about_axis",
-    "arc_through_points",
     "stop_trajectory",
     "straight_lines",
 ]

@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -20,7 +21,6 @@ from ikservo.calibration.servo_config import (
     read_servo_config,
     register_mismatches,
 )
-from ikservo.calibration.transaction import recover
 from ikservo.control.feedback import read_register
 from ikservo.errors import CalibrationError
 from ikservo.hardware.bus import ServoBus
@@ -28,11 +28,13 @@ from ikservo.hardware.port_names import is_simulated, serial_number_of
 from ikservo.hardware.serial_ports import is_pseudo_terminal
 from ikservo.kinematics import Chain, Dynamics
 from ikservo.kinematics.arrays import Vector
-from ikservo.kinematics.bending import Bending
-from ikservo.kinematics.geometric_errors import GeometricErrors, apply_geometric_errors
 from ikservo.model import Model, ModelJoint, load_model
 from ikservo.model.link_masses import link_masses
 from ikservo.registers import MODELS, RegisterName, control_table_for_number
+
+if TYPE_CHECKING:
+    from ikservo.kinematics.bending import Bending
+    from ikservo.kinematics.geometric_errors import GeometricErrors
 
 MAX_UNCALIBRATED_STEP_RAD = math.radians(10.0)
 """How far an uncalibrated joint may be moved at once, as its horn turns."""
@@ -216,15 +218,17 @@ def own_chain(model: Model, calibration: Calibration) -> Chain:
     """Return the chain of an arm with the links, the base and the bending of its calibration."""
     filed, chain = calibration.geometry, model.chain
     if filed is not None:
+        from ikservo.kinematics.geometric_errors import apply_geometric_errors  # noqa: PLC0415
+
         chain = apply_geometric_errors(chain, geometric_errors_of(filed))
     return bent_chain(model, chain, calibration)
 
 
 def bent_chain(model: Model, chain: Chain, calibration: Calibration) -> Chain:
     """Return a chain of an arm that gives way as its calibration says; the same if it is rigid."""
-    bending = known_bending(model, chain, calibration)
-    if not (bending.compliance.any() or bending.half_play.any()):
+    if not any(joint.compliance or joint.play_deg for joint in calibration.joints):
         return chain
+    bending = known_bending(model, chain, calibration)
     return replace(chain, link_joints=bending.link_joints)
 
 
@@ -233,6 +237,8 @@ def known_bending(model: Model, chain: Chain, calibration: Calibration | None) -
     found = [calibration and calibration.joint(name) for name in chain.names]
     compliance = np.array([joint.compliance if joint else 0.0 for joint in found])
     half_play = np.radians([joint.play_deg / 2.0 if joint else 0.0 for joint in found])
+    from ikservo.kinematics.bending import Bending  # noqa: PLC0415  # of few arms
+
     dynamics = Dynamics.from_masses(chain, link_masses(model, chain))
     return Bending(dynamics, compliance, half_play)
 
@@ -255,7 +261,11 @@ def load_calibration_for(
     if is_simulated(bus.port.name):
         return CalibratedArm(bus, model, ZeroSource.SIMULATED, None)
     serial = serial_number_of(bus.port.name)
-    recover(bus, journal_path(model.name, serial))
+    journal = journal_path(model.name, serial)
+    if journal.exists():
+        from ikservo.calibration.transaction import recover  # noqa: PLC0415  # after a crash
+
+        recover(bus, journal)
     calibration = load_calibration(model.name, serial)
     if calibration is None:
         served = is_pseudo_terminal(bus.port.name)
@@ -289,6 +299,8 @@ def check_servo_models(bus: ServoBus) -> None:
 
 def geometric_errors_of(filed: CalibratedGeometry) -> GeometricErrors:
     """Return how an arm's links and base differ from its description, in SI units."""
+    from ikservo.kinematics.geometric_errors import GeometricErrors  # noqa: PLC0415
+
     return GeometricErrors(
         base_m=np.array(filed.base_moved_mm) / 1000.0,
         base_rad=np.radians(filed.base_turned_deg),

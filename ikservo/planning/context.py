@@ -11,7 +11,7 @@ import numpy as np
 from ikservo.control.loop import ControlCycle, OnCycle
 from ikservo.control.servo_group import ServoGroup
 from ikservo.errors import CollisionError, RefusedError
-from ikservo.guard import CollisionChecker, nearest_free_posture, sample_line, sample_path
+from ikservo.guard import CollisionChecker, sample_line, sample_path
 from ikservo.hardware.port import Port
 from ikservo.hardware.port_names import serial_number_of
 from ikservo.ik import Solver
@@ -189,6 +189,8 @@ class ArmContext:
             self.index.body_joints(self.index.with_chain(joints, self.index.chain_joints(limit)))
             for limit in self.limits()
         )
+        from ikservo.guard.contact_release import nearest_free_posture  # noqa: PLC0415
+
         q = nearest_free_posture(checker, self.index.body_joints(joints), lower, upper)
         return None if q is None else self.index.with_chain(joints, q[: self.chain.dof])
 

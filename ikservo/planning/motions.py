@@ -34,7 +34,7 @@ from ikservo.errors import BadValueError, InputError, UnknownNameError, format_p
 from ikservo.ik import Posture
 from ikservo.ik.problem import check_position
 from ikservo.kinematics.arrays import Vector, finite_vector, finite_vectors
-from ikservo.motion import ToolPath, arc_about_axis, arc_through_points, straight_lines
+from ikservo.motion import ToolPath, straight_lines
 from ikservo.planning.path_constraint import UNCONSTRAINED, PathConstraint
 from ikservo.planning.reports import GraspResult, JointMoveResult, MoveResult
 from ikservo.planning.tool_orientation import KEEP_BEST_EFFORT, ToolOrientation, check_orientation
@@ -284,6 +284,8 @@ class MoveArc(MotionValue[MoveResult]):
 
     def path_from(self, tip_m: Vector) -> ToolPath:
         """Return the path from where the tip (3,) [m] is."""
+        from ikservo.motion.arc import arc_about_axis, arc_through_points  # noqa: PLC0415
+
         if self.center_m is not None:
             return arc_about_axis(tip_m, self.center_m, self.normal, self.angle_rad)
         via_m, end_m = cast("Any", self.via_m), cast("Any", self.end_m)

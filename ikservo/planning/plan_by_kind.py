@@ -6,7 +6,6 @@ from ikservo.kinematics.arrays import Vector
 from ikservo.planning.motion_plan import MotionPlan
 from ikservo.planning.motions import Draw, LookAt, MoveJoints, MoveThrough, MoveTo, TipMotion
 from ikservo.planning.planner import Planner
-from ikservo.planning.strokes import plan_drawing
 
 
 def plan_motion(
@@ -33,6 +32,8 @@ def plan_motion(
             points_m, blend_m = list(motion.points_m), motion.blend_m
             return planner.plan_waypoints(start, points_m, speed, blend_m, motion.stance)
         case Draw():
+            from ikservo.planning.strokes import plan_drawing  # noqa: PLC0415  # of few programs
+
             return plan_drawing(planner, motion, start, speed)
         case LookAt():
             return planner.plan_to_look(start, motion.point_m, speed)

@@ -17,7 +17,7 @@ from ikservo.errors import (
     UnreachableError,
 )
 from ikservo.guard import MAX_TRAVEL_RAD, sample_path
-from ikservo.ik import Result, Target, solve_sight
+from ikservo.ik import Result, Target
 from ikservo.kinematics import Chain, JointIndex
 from ikservo.kinematics.arrays import Matrix, Vector
 from ikservo.kinematics.inertia import GRAVITY_M_S2
@@ -342,6 +342,8 @@ class Planner:
         Raises:
             AimError: No joints inside the limits were found that point there.
         """
+        from ikservo.ik.sight import solve_sight  # noqa: PLC0415  # few motions aim
+
         now = self._index.chain_joints(start)
         sight = solve_sight(self._chain, point_m, now, self._tool.approach_axis)
         if not sight.reached:

@@ -24,8 +24,7 @@ from pydantic import Field, ValidationError
 from ikservo.arguments import check_callable
 from ikservo.calibration.paths import calibration_path
 from ikservo.errors import BadValueError, FileFormatError, UnknownNameError
-from ikservo.files.folders import config_dir
-from ikservo.files.reading import read_toml
+from ikservo.files.reading import config_dir, read_toml
 from ikservo.files.validation import StrictModel, first_issue, validation_issues
 from ikservo.files.writing import write_atomic
 from ikservo.model import Model

@@ -299,3 +299,55 @@ def describe_torque(states: Sequence[JointState]) -> str:
     if len(limp) == len(states):
         return "torque is off, the arm is limp"
     return f"the torque of {', '.join(limp)} is off"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FollowResult:
+    """How a stream of targets was followed.
+
+    Attributes:
+        setpoints: How many there were.
+        unreached: How many of them were out of reach; the arm went as near as it could.
+        refused: How many the guard refused; the arm kept the one before.
+        reason: Why the last of those was refused.
+        ended: Why it ended: the end of the stream, or a timeout.
+        measured_rad: The joints in the end, corrected, rad or m by name.
+        measured_tip_m: The tip there (3,), metres.
+        duration_s: From the first target to rest, the correction included.
+        warnings: What was warned of meanwhile: heat, or a servo that soon protects itself.
+    """
+
+    setpoints: int
+    unreached: int
+    refused: int
+    reason: str
+    ended: str
+    measured_rad: dict[str, float]
+    measured_tip_m: Vector
+    duration_s: float
+    warnings: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JogResult:
+    """How a jog ended.
+
+    Attributes:
+        ended: Why: no longer requested, a limit, or the message of the guard.
+        blocked: Whether it cannot go on in this direction: a limit or the guard ended it.
+        measured_rad: The joints in the end, rad or m by name.
+        measured_tip_m: The tip there (3,), metres.
+        duration_s: How long it took.
+    """
+
+    ended: str
+    measured_rad: dict[str, float]
+    measured_tip_m: Vector
+    duration_s: float
+    blocked: bool = False
+
+    def __post_init__(self) -> None:
+        freeze_arrays(self)

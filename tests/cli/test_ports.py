@@ -5,7 +5,7 @@ import json
 import pytest
 
 from ikservo.errors import NoPortError
-from ikservo.files.folders import config_dir
+from ikservo.files.reading import config_dir
 from ikservo.hardware.discovery import choose_port, remember_port
 from tests.cli.fixtures_ports import PortInfo, set_ports
 

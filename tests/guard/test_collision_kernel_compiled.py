@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from ikservo.guard import CollisionChecker
-from ikservo.guard.sag import Weight, sag_of
+from ikservo.guard.sag import GravitySag, Weight
 from ikservo.kernels import capsule_distances as collision_kernel
 from ikservo.kernels.compiled import uncompiled
 from ikservo.kinematics.inertia import LinkMass
@@ -30,7 +30,7 @@ def test_torques_of_gravity_are_the_same_both_ways(monkeypatch):
     shape, dof = every_kind_of_joint(), 4
     masses = [LinkMass(link, 0.3, np.array([0.02, 0.01, -0.03])) for link in ("arm", "hand")]
     free = np.full(dof, np.inf)
-    sag = sag_of(shape, Weight(masses, np.ones(dof), -free, free))
+    sag = GravitySag(shape, Weight(masses, np.ones(dof), -free, free))
     sag(np.random.default_rng(1).uniform(-2.0, 2.0, (20, dof)))
     assert len(calls) == 1
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from ikservo.guard import CollisionChecker
-from ikservo.guard.sag import Weight, sag_of
+from ikservo.guard.sag import GravitySag, Weight
 from ikservo.kernels import capsule_distances as collision_kernel
 from ikservo.kernels.capsule_distances import distances_fit, torques_fit
 from ikservo.kinematics.dynamics import Dynamics
@@ -144,6 +144,6 @@ def test_torques_of_gravity_are_those_of_the_dynamics():
     for links in (["hand"], ["column", "rail", "arm", "finger", "hand"]):
         masses = [LinkMass(link, mass, random.uniform(-0.1, 0.1, 3)) for mass, link in
                   enumerate(links, start=1)]  # fmt: skip
-        pulled = sag_of(BODY, Weight(masses, np.ones(DOF), -free, free))(q)
+        pulled = GravitySag(BODY, Weight(masses, np.ones(DOF), -free, free))(q)
         held = Dynamics.from_masses(BODY.chain, masses).gravity_torques(q)
         np.testing.assert_allclose(pulled, -held, atol=1e-10)

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from ikservo.ik import Target, solve, solve_batch
+from ikservo.ik import Target, solve
+from ikservo.ik.batch import solve_batch
 from ikservo.model import load_model
 
 TOOL_AXES = {"so100": (0, -1, 0), "so101": (0, 0, 1), "koch": (0, 0, 1)}

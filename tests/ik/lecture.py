@@ -5,8 +5,9 @@ from functools import cache
 import numpy as np
 from hypothesis import strategies as st
 
-from ikservo.ik import METHODS, Options, Target
+from ikservo.ik import Options, Target
 from ikservo.ik.jacobian_methods import ResidualFunction
+from ikservo.ik.solve import get_method
 from ikservo.kinematics import Chain, JointType, Mimic
 from ikservo.model import load_model
 from tests.kinematics.chains import crane, joint, planar
@@ -72,7 +73,7 @@ def target_at(T, kind="position", away=(0.0, 0.0, 0.0)):
 
 def walk(method, chain, target, q0, **options):
     """Return the result with its trace."""
-    return METHODS[method](chain, target, np.asarray(q0, float), Options(trace=True, **options))
+    return get_method(method)(chain, target, np.asarray(q0, float), Options(trace=True, **options))
 
 
 def costs(chain, target, trace):

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from ikservo.errors import BadValueError, UnknownNameError
-from ikservo.ik import Options, Posture, Solver, Target, Tolerance, solve, solve_batch
+from ikservo.ik import Options, Posture, Solver, Target, Tolerance, solve
+from ikservo.ik.batch import solve_batch
 from ikservo.model import load_model
 from tests.kinematics.chains import planar
 

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from ikservo.errors import BadValueError, UnknownNameError
-from ikservo.ik import Options, Solver, Target, solve, solve_batch
+from ikservo.ik import Options, Solver, Target, solve
+from ikservo.ik.batch import solve_batch
 from ikservo.kinematics import Chain, JointType
 from ikservo.model import load_model
 from tests.ik.campaigns import (

@@ -8,7 +8,8 @@ import pytest
 
 from ikservo import arm_names, load_model
 from ikservo.errors import BadValueError, UnknownNameError
-from ikservo.ik import METHODS, Options, Target, solve
+from ikservo.ik import Options, Target, solve
+from ikservo.ik.bounded import bounded
 from ikservo.ik.closed_form import analytic_seeds, direction_intervals, solutions
 from ikservo.ik.closed_form_structure import recognise_structure
 from ikservo.kinematics import Chain, JointType
@@ -310,7 +311,7 @@ def agrees(name, kind, q, q0):
     matter = slice(0, 4) if (name, kind) == ("so100", "direction") else slice(None)
     if determined(name, kind):
         complete = any(apart(q[matter], other[matter]) < 1e-6 for other in found)
-    by_search = METHODS["bounded"](arm, target, q0, Options())
+    by_search = bounded(arm, target, q0, Options())
     if not by_search.reached or name in NEARLY:
         return valid and complete
     same = solutions(arm, target_of(arm, by_search.q, kind), by_search.q)

@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from ikservo.ik import Solver, Target, solve, solve_sight
+from ikservo.ik import Solver, Target, solve
+from ikservo.ik.sight import solve_sight
 from tests.kinematics.test_bending import bent_chain, random_joints
 
 

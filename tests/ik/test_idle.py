@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from ikservo.ik import METHODS, Solver, Target, solve, solve_batch
+from ikservo.ik import METHODS, Solver, Target, solve
+from ikservo.ik.batch import solve_batch
 from ikservo.ik.prepare import IdleJoint
 from ikservo.kinematics.se3 import make_pose
 from ikservo.model import load_model

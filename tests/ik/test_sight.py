@@ -10,7 +10,7 @@ import pytest
 
 import ikservo
 from ikservo.errors import BadValueError
-from ikservo.ik import solve_sight
+from ikservo.ik.sight import solve_sight
 from ikservo.model.tool import tool_frame
 
 EXAMPLES = Path(__file__).parents[2] / "examples" / "arms"

@@ -5,8 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from ikservo.ik import Solver, Target, solution_set, solve
+from ikservo.ik import Solver, Target, solve
 from ikservo.ik.closed_form import solutions
+from ikservo.ik.other_solutions import solution_set
 from ikservo.kinematics.se3 import make_pose
 from ikservo.model import load_model
 from tests.ik.lecture import pantograph

@@ -7,7 +7,7 @@ import pinocchio
 import pytest
 
 import ikservo
-from ikservo.guard.sag import Weight, sag_of
+from ikservo.guard.sag import GravitySag, Weight
 from ikservo.kinematics.collision_body import CollisionBody
 from ikservo.kinematics.inertia import LinkMass
 from ikservo.model.link_masses import joint_compliances, link_masses
@@ -22,7 +22,7 @@ from tests.oracle import ARMS, CONFIGS
 def torques(shape, masses, q):
     """Return the torques of gravity (n, dof): the sag of joints that yield 1 rad for each N m."""
     free = np.full(shape.chain.dof, np.inf)
-    return sag_of(shape, Weight(masses, np.ones(shape.chain.dof), -free, free))(np.array(q))
+    return GravitySag(shape, Weight(masses, np.ones(shape.chain.dof), -free, free))(np.array(q))
 
 
 def sagging(model):
@@ -31,7 +31,7 @@ def sagging(model):
     weight = Weight(
         link_masses(model, chain), joint_compliances(model, chain), chain.lower_rad, chain.upper_rad
     )
-    return sag_of(shape, weight)
+    return GravitySag(shape, weight)
 
 
 @pytest.mark.parametrize("name", ARMS)

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 
 from ikservo.errors import BadValueError, CartesianPathError
 from ikservo.model import load_model
-from ikservo.motion import CartesianTrajectory, KinematicLimits, arc_about_axis, arc_through_points
+from ikservo.motion import CartesianTrajectory, KinematicLimits
+from ikservo.motion.arc import arc_about_axis, arc_through_points
 from tests.motion.laws import assert_inside, assert_keeps_paces, assert_smooth, sampled
 
 X, Y = np.array([1.0, 0.0, 0.0]), np.array([0.0, 1.0, 0.0])

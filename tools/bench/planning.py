@@ -34,7 +34,8 @@ from planning_peers import find_by_ompl, find_by_sscbirrt
 
 from ikservo.arm.opening import open_own_arm
 from ikservo.errors import RefusedError
-from ikservo.guard import ClearSpace, CollisionChecker, KeepOutBox
+from ikservo.guard import CollisionChecker, KeepOutBox
+from ikservo.guard.clear_space import ClearSpace
 from ikservo.guard.way_search import WaySearch, path_length
 from ikservo.kinematics import JointIndex
 from ikservo.kinematics.collision_body import CollisionBody

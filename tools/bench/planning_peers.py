@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from ikservo.guard import ClearSpace
+from ikservo.guard.clear_space import ClearSpace
 
 Array = NDArray[np.float64]
 

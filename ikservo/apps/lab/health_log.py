@@ -21,8 +21,7 @@ from pydantic import Field, ValidationError
 from ikservo.apps.lab.identification import Identification
 from ikservo.calibration.records import Name
 from ikservo.errors import FileFormatError
-from ikservo.files.folders import config_dir
-from ikservo.files.reading import read_text
+from ikservo.files.reading import config_dir, read_text
 from ikservo.files.validation import StrictModel, first_issue, validation_issues
 from ikservo.files.writing import exclusive_access, write_atomic
 from ikservo.hardware.bus import ServoBus

@@ -11,8 +11,8 @@ from ikservo.apps.page.messages.page_messages import BadMessageError
 from ikservo.apps.page.served_arms import ArmAtPort
 from ikservo.calibration.paths import calibration_path, calibrations_of
 from ikservo.errors import IkservoError
-from ikservo.hardware.discovery import SerialAdapter, list_adapters
 from ikservo.hardware.port_names import remembered_serial_number
+from ikservo.hardware.serial_ports import SerialAdapter, list_adapters
 from ikservo.model import Model, arm_names, load_model
 
 _SIMULATED = "sim"

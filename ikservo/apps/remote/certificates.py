@@ -15,7 +15,7 @@ from ikservo.apps.remote import key_expressions as keys
 from ikservo.apps.remote.address import Endpoint, check_host
 from ikservo.apps.remote.zenoh_session import Certificate
 from ikservo.errors import BadValueError, IkservoError, InputError
-from ikservo.files.folders import config_dir
+from ikservo.files.reading import config_dir
 from ikservo.files.writing import write_all_atomic
 from ikservo.remedies import install_command
 

@@ -30,8 +30,7 @@ from ikservo.arm import (
     ZeroSource,
 )
 from ikservo.arm.background_motion import Background
-from ikservo.arm.following import FollowResult
-from ikservo.arm.jogging import JogResult, KeepGoing
+from ikservo.arm.jogging import KeepGoing
 from ikservo.arm.leader_following import follow_arm, published_positions
 from ikservo.arm.motion_methods import MotionMethods
 from ikservo.arm.target_tracking import CartesianOrJointTarget, parse_target
@@ -44,7 +43,7 @@ from ikservo.model import Model
 from ikservo.planning.motion_plan import PoseWithinLimits
 from ikservo.planning.motions import MotionValue, check_motion, motion_fields
 from ikservo.planning.poses import PoseLibrary
-from ikservo.planning.reports import OnProgress
+from ikservo.planning.reports import FollowResult, JogResult, OnProgress
 
 R = TypeVar("R")
 

@@ -7,7 +7,6 @@ from typing import Annotated
 import typer
 
 from ikservo.arm import OpenArm, open_arm
-from ikservo.arm.following import FollowResult
 from ikservo.cli.completion import complete_arms
 from ikservo.cli.direction_prompt import check_directions_once
 from ikservo.cli.option_groups import Without
@@ -17,6 +16,7 @@ from ikservo.cli.session import confirm_motion, open_from_options, warn_uncompil
 from ikservo.cli.terminal import format_port, print_status
 from ikservo.errors import format_point
 from ikservo.model import load_model
+from ikservo.planning.reports import FollowResult
 
 Leader = Annotated[
     str,

@@ -15,7 +15,7 @@ from ikservo.apps.workbench.line_quality import MeteredTransport
 from ikservo.arm.opening import resolve_port, servo_specs
 from ikservo.errors import BusError
 from ikservo.hardware.bus import ServoBus
-from ikservo.hardware.diagnostics import detecting_duplicate_ids
+from ikservo.hardware.diagnostics import raise_on_duplicate_ids
 from ikservo.hardware.port import Port
 from ikservo.hardware.transport import Transport, open_transport
 from ikservo.model import Model
@@ -97,8 +97,13 @@ def benchmark_bus(
     meter = MeteredTransport(open_transport(name, model.baud_rate))
     opened_port = Port(cast("Transport", meter), name, model.baud_rate)
     with ServoBus(opened_port, servo_specs(model)) as bus:
-        with detecting_duplicate_ids(bus):
+        try:
             bus.load_return_delays()
+        except BusError:
+            raise_on_duplicate_ids(bus)
+            raise
+        if bus.port.health.degraded:
+            raise_on_duplicate_ids(bus)
         bench = _Benchmark(bus, meter, [joint.servo.id for joint in model.joints])
         return [
             bench.measure(what, names, cycles, on_cycle or _ignore_progress)

@@ -11,7 +11,7 @@ from ikservo.arm.opening import resolve_port, servo_specs
 from ikservo.calibration.calibration_file import read_calibration, ways_out
 from ikservo.calibration.paths import calibrations_of, journals_of
 from ikservo.errors import BusError, FileFormatError, PortError
-from ikservo.files.folders import config_dir
+from ikservo.files.reading import config_dir
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.diagnostics import DUPLICATE_ID_HINT, find_duplicate_ids
 from ikservo.hardware.discovery import choose_port, simulated_port_url

@@ -15,12 +15,12 @@ from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.eeprom import (
     RegisterDifference,
     eeprom_registers,
+    firmware_version,
     register_differences,
     update_eeprom,
 )
 from ikservo.hardware.port_names import serial_number_of
 from ikservo.hardware.register_batches import RegisterRef
-from ikservo.hardware.scan import firmware_version
 from ikservo.hardware.servo import ServoSpec
 from ikservo.model import Model, ModelServo
 from ikservo.model.model import HealthLimits

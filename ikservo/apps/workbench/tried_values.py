@@ -14,8 +14,7 @@ from pathlib import Path
 from pydantic import TypeAdapter, ValidationError
 
 from ikservo.errors import FileFormatError
-from ikservo.files.folders import config_dir
-from ikservo.files.reading import read_text
+from ikservo.files.reading import config_dir, read_text
 from ikservo.files.writing import remove_durably, write_atomic
 from ikservo.hardware.bus import ServoBus
 from ikservo.hardware.discovery import is_simulator

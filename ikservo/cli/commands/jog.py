@@ -12,7 +12,7 @@ from typing import Annotated
 import typer
 
 from ikservo.arm import OpenArm
-from ikservo.arm.jogging import JOG_DIRECTIONS, NO_LONGER_REQUESTED, JogResult, KeepGoing
+from ikservo.arm.jogging import JOG_DIRECTIONS, NO_LONGER_REQUESTED, KeepGoing
 from ikservo.cli.completion import complete_jogs
 from ikservo.cli.direction_prompt import check_directions_once
 from ikservo.cli.option_groups import Without
@@ -27,6 +27,7 @@ from ikservo.cli.terminal import (
     read_keys,
 )
 from ikservo.errors import InputError, format_point
+from ikservo.planning.reports import JogResult
 
 _HOLD_S = 0.6  # a held key repeats only after up to half a second
 

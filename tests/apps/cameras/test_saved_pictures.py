@@ -8,7 +8,7 @@ from ikservo.apps.cameras.camera_calibration import CameraCalibration
 from ikservo.apps.cameras.picture_folder import PictureFolder, PictureIndex
 from ikservo.calibration.calibration_file import read_calibration
 from ikservo.calibration.paths import calibration_path
-from ikservo.files.folders import config_dir
+from ikservo.files.reading import config_dir
 from tests.apps.cameras.test_camera_by_hand import Person
 from tests.calibration.mounted_arms import load_model
 from tests.cli.fixtures_mounted_arm import PORT, SERIAL

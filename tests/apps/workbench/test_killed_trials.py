@@ -13,7 +13,7 @@ from ikservo.apps.workbench.servo_tuning import keeping_gains
 from ikservo.apps.workbench.servo_workbench import ServoLine, plan_writes, write_registers
 from ikservo.apps.workbench.tried_values import note_former, restore_former, tried_differences
 from ikservo.errors import FileFormatError
-from ikservo.files.folders import config_dir
+from ikservo.files.reading import config_dir
 from ikservo.hardware import ServoBus, ServoSpec
 from ikservo.hardware.port import open_port
 from ikservo.registers import MODELS

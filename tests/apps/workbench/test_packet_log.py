@@ -32,7 +32,9 @@ def recorded_bus(model, *faults):
     transport = make_transport(dict.fromkeys((1, 7), model))
     for fault in faults:
         transport.line.faults.add(fault)
-    port = Port(recorded_transport(transport, "bench"), "bench", BAUD)
+    port = Port(
+        recorded_transport(transport, os.environ["IKSERVO_PACKETS"], "bench"), "bench", BAUD
+    )
     return ServoBus(port, [ServoSpec(i, control_table(model)) for i in (1, 7)]), transport
 
 
@@ -86,10 +88,16 @@ def test_faults_of_the_line_are_named(path, kind):
     assert [p for p in packets if not p.sent and p.servo_id == 1 and not p.error]
 
 
-def test_without_the_variable_nothing_is_between_port_and_line(monkeypatch):
+def test_without_the_variable_nothing_is_recorded(monkeypatch):
+    def record(*_):
+        raise AssertionError("the packets are recorded")
+
     monkeypatch.delenv("IKSERVO_PACKETS", raising=False)
-    transport = make_transport({1: "STS3215"})
-    assert recorded_transport(transport, "bench") is transport
+    monkeypatch.setattr("ikservo.hardware.packet_log.recorded_transport", record)
+    monkeypatch.setattr(
+        "ikservo.hardware.port.open_transport", lambda *_: make_transport({1: "STS3215"})
+    )
+    open_port("bench", BAUD).close()
 
 
 def test_several_openings_share_a_file(path):
@@ -116,10 +124,10 @@ def test_a_full_disk_ends_the_recording_and_not_the_motion(path, monkeypatch):
     assert len(list(read_packet_log(path))) >= 2
 
 
-def test_a_file_that_cannot_be_written_is_one_error_before_anything(tmp_path, monkeypatch):
-    monkeypatch.setenv("IKSERVO_PACKETS", str(tmp_path / "none" / "log.pcapng"))
+def test_a_file_that_cannot_be_written_is_one_error_before_anything(tmp_path):
+    path = str(tmp_path / "none" / "log.pcapng")
     with pytest.raises(FileWriteError, match="cannot be written"):
-        recorded_transport(make_transport({1: "STS3215"}), "bench")
+        recorded_transport(make_transport({1: "STS3215"}), path, "bench")
 
 
 def test_a_recording_that_is_refused_leaves_no_port_open(tmp_path, monkeypatch):
@@ -139,9 +147,8 @@ def test_what_is_no_regular_file_is_refused_and_not_waited_for(tmp_path, monkeyp
         monkeypatch.chdir(tmp_path)  # the path of a socket has at most 107 bytes
         server.bind("socket")
         for name in (tmp_path, tmp_path / "fifo", "socket", os.devnull):
-            monkeypatch.setenv("IKSERVO_PACKETS", str(name))
             with pytest.raises(FileFormatError, match=r"is a folder|is not a regular file"):
-                recorded_transport(make_transport({1: "STS3215"}), "bench")
+                recorded_transport(make_transport({1: "STS3215"}), str(name), "bench")
 
 
 def test_every_truncated_file_ends_early_and_no_damaged_one_hangs(path):

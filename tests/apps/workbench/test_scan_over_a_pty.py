@@ -5,7 +5,7 @@ import time
 
 import pytest
 
-from ikservo.hardware.discovery import scan_port
+from ikservo.hardware.scan import scan_port
 from tests.cli.test_over_a_pty import served
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="Windows has no ptys")

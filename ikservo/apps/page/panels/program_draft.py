@@ -16,7 +16,7 @@ from ikservo.apps.teaching.program import (
     write_program,
 )
 from ikservo.errors import BadValueError, InputError, UnknownNameError
-from ikservo.files.folders import config_dir
+from ikservo.files.reading import config_dir
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,7 +17,7 @@ from cryptography.hazmat.primitives.asymmetric import ec
 from cryptography.x509.oid import NameOID
 
 from ikservo.errors import IkservoError, InputError
-from ikservo.files.folders import config_dir
+from ikservo.files.reading import config_dir
 from ikservo.files.writing import write_atomic
 
 _FILE_NAME = "view-certificate.pem"
