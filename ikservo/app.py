@@ -43,7 +43,7 @@ class App:
         arm_values: Attributes of an open arm, by the place of a function that makes one of it.
         motions: Kinds of motions, by the place of the class: steps of programs, too.
         networks: Schemes of addresses, by the place of an ``ArmNetwork``.
-        parts: What commands of other apps look up by a name such as ``calibrate --camera``.
+        parts: Objects that commands of other apps look up by a name such as ``calibrate --camera``.
     """
 
     name: str

@@ -118,9 +118,9 @@ class IkservoError(Exception):
     """Base of all errors of ikservo.
 
     Attributes:
-        command_message: What happened, in terms of the command line, one line.
-        command_hint: What to do now, in terms of the command line; may be empty.
-        python_hint: What a program has to do now, where the command line has no such mistake.
+        command_message: The event, in terms of the command line, one line.
+        command_hint: The remedy, in terms of the command line; may be empty.
+        python_hint: The remedy for a program, if the command line has no such mistake.
         exit_code: The exit code of the command line.
     """
 
@@ -234,8 +234,8 @@ class BusError(IkservoError):
         servo: Joint name and id, for example ``elbow_flex (id 3)``.
         servo_id: The id alone, if one servo is concerned.
         port: The port's name.
-        request: What was requested of the servo.
-        found: What happened instead.
+        request: The request to the servo.
+        found: The event that happened instead.
         sent: The bytes of the request, for bug reports.
         received: The bytes that came back.
     """
@@ -364,7 +364,7 @@ class CartesianPathError(UnreachableError):
 
     Attributes:
         along_m: The distance along the path at which it fails.
-        shape: What the path is, such as line or arc.
+        shape: The kind of path, such as line or arc.
     """
 
     def __init__(
@@ -447,7 +447,7 @@ class BlockedError(RefusedError):
     """A path cannot be taken, though another one perhaps can; nothing was sent.
 
     Attributes:
-        cause: What is in the way, without the place on the path.
+        cause: The obstacle, without the place on the path.
     """
 
     def __init__(self, cause: str, message: str, hint: str) -> None:
@@ -476,7 +476,7 @@ class ConstraintError(BlockedError):
     """The tool would break a constraint on its path; nothing was sent.
 
     Attributes:
-        beyond: By how much, rad or m.
+        beyond: The excess, rad or m.
     """
 
     def __init__(self, what: str, most: float, beyond: float, unit: str, fraction: float) -> None:

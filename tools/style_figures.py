@@ -6,6 +6,7 @@ The check fails on a class name that is defined twice in a package, on a class t
 through more than two classes of the project, and on a private word in a name of any kind, in tests
 and tools, too: words that mean something else in robotics, control, serial protocols or the web,
 or nothing at all. The words of ``tools/odd_words.txt`` may not stand in docstrings and strings.
+The description of an argument or attribute may not begin with "Of", "What" or the like.
 The structure may not exceed the bounds of ``pyproject.toml`` (`structure.py`).
 """
 
@@ -184,6 +185,24 @@ def odd_words(tree: Tree, words: frozenset[str]) -> list[str]:
     ]
 
 
+# A description begins with the noun that it describes, see the guide for contributors.
+_VAGUE_BEGINNING = re.compile(
+    r"^ +[\w, ]+: (?:Of|As|As of|By|By so|What|With which|In which|How|Where|Which)\b(?! [^ ]+\()",
+    re.MULTILINE,
+)
+
+
+def vague_descriptions(tree: Tree) -> list[str]:
+    """Return ``file: line`` of each argument or attribute whose description begins vaguely."""
+    return [
+        f"{path.relative_to(ROOT)}: {found[0].strip()}"
+        for path, module in tree.modules.items()
+        for node in ast.walk(module)
+        if isinstance(node, (ast.Module, ast.ClassDef, *_FUNCTIONS))
+        for found in _VAGUE_BEGINNING.finditer(ast.get_docstring(node, clean=False) or "")
+    ]
+
+
 def return_fraction(tree: Tree) -> float:
     """Return the fraction of the functions' docstrings that begin with ``Return``."""
     texts = [text for each in tree.functions if (text := ast.get_docstring(each.node))]
@@ -254,6 +273,7 @@ def drift(tree: Tree) -> list[str]:
     return [
         *(f"class {name} is defined in {_listed(paths)}" for name, paths in twice),
         *(f"class {name} inherits through more than {MAX_DEPTH}" for name in too_deep(tree)),
+        *(f"vague beginning in {place}" for place in vague_descriptions(tree)),
         *(f"odd word in {place}" for place in odd_words(tree, _words("odd_words.txt"))),
     ]
 

@@ -49,27 +49,27 @@ class Arm(MotionMethods):
     ``record`` and ``replay``, and the attribute ``camera``.
 
     Args:
-        context: What the arm is made of.
+        context: The parts of the arm.
         runner: Runs its motions.
-        on_exit: What ``close`` does with torque: ``hold`` or ``relax``.
+        on_exit: The torque after ``close``: ``hold`` or ``relax``.
 
     Attributes:
         model: The arm's model.
         chain: Base to tool, inside this arm's limits in whole ticks.
-        zeros: Where the zeros of its joints come from.
+        zeros: The source of the zeros of its joints.
         poses: The poses of its arm file, and the taught ones.
-        joint_index: Which column of vectors of all joints (n,) is which.
+        joint_index: The columns of the joints in vectors of all joints (n,).
         preflight: Plans its motions, and checks them; for functions of this package.
         background: Runs the motions that the program does not wait for; for functions of this
             package.
 
     Raises:
-        CalibrationError: By every motion where the arm is not calibrated, small steps of single
-            joints aside; nothing has moved.
-        RefusedError: By every motion where something is in the way, and nothing has moved; or
-            where the guard stopped it, and the arm holds.
-        StoppedError: By every motion that ``stop``, called here or by another process, has ended;
-            the arm holds.
+        CalibrationError: Every motion of an arm that is not calibrated, except small steps of
+            single joints; nothing has moved.
+        RefusedError: Every motion with something in its way; nothing has moved. Or the guard
+            stopped the motion, and the arm holds.
+        StoppedError: Every motion that ``stop``, called here or by another process, has ended; the
+            arm holds.
         KeyboardInterrupt: Ctrl-C; the arm was braked and holds.
     """
 

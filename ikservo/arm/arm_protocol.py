@@ -41,8 +41,8 @@ class GoalStream(Protocol):
     """Takes setpoints in a ``with`` block; see ``Arm.stream``.
 
     Attributes:
-        unreached: How many setpoints were out of reach; the arm went as near as it could.
-        refused: How many the guard refused; the arm kept the one before.
+        unreached: The number of setpoints that were out of reach; the arm went as near as it could.
+        refused: The number that the guard refused; the arm kept the one before.
         reason: Why the last of those was refused.
         kept: The goal (n,) that the arm kept then, rad or m; None before, or where the arm is on
             another machine.
@@ -91,9 +91,9 @@ class OpenArm(MotionMethods, Protocol):
     Attributes:
         model: The arm's model.
         chain: Base to tool, inside this arm's limits in whole ticks.
-        zeros: Where the zeros of its joints come from.
+        zeros: The source of the zeros of its joints.
         poses: The poses of its arm file, and the taught ones.
-        joint_index: Which column of vectors of all joints (n,) is which.
+        joint_index: The columns of the joints in vectors of all joints (n,).
     """
 
     model: Model

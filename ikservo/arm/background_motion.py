@@ -262,7 +262,7 @@ class Background:
             kwargs: Its arguments.
 
         Raises:
-            RefusedError: As for ``turn``.
+            RefusedError: The errors of ``turn``.
         """
         self._check_no_stream()
         return self._start_thread(partial(work, *args, **kwargs), self._stop_request.count)

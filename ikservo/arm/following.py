@@ -56,10 +56,11 @@ def follow_goals(
         arm: The arm.
         source: Gives the goals.
         speed: The speed class.
-        jerk_factor: Of the jerk of the speed class; above 1 short ways take less time, at the
-            same largest speed and acceleration.
-        settle_after_s: How long the arm has to stand at its goal until the joints are corrected
-            by what they measure, as at the end of a motion; another goal ends that.
+        jerk_factor: The factor of the jerk of the speed class; above 1 short motions take less
+            time, at the same largest speed and acceleration.
+        settle_after_s: The time that the arm has to stand at its goal until the joints are
+            corrected by their measured positions, as at the end of a motion; another goal ends
+            that.
         by_tip: Returns whether the goal is one of the tip; see ``settle_at``.
 
     Returns:

@@ -181,7 +181,7 @@ def plan_gripper(context: ArmContext, motion: MoveGripper, start: Vector) -> Vec
     """Compute all joints (n,) after a motion of the gripper from ``start`` (n,); nothing moves.
 
     Raises:
-        IkservoError: As ``run_gripper``.
+        IkservoError: The errors of ``run_gripper``.
     """
     gripper = _require_gripper(context)
     goal = _goal_position(context, gripper, motion)

@@ -65,7 +65,7 @@ def open_bus(model: Model, port: str | None = None, *, retries: int = 2) -> Serv
     Args:
         model: The arm.
         port: See ``choose_port``.
-        retries: How often a request is repeated whose reply is lost.
+        retries: The number of repetitions of a request whose reply is lost.
 
     Raises:
         InputError: The model names no servos.
@@ -144,8 +144,8 @@ def open_arm(
         arm: A name in the catalogue, a path to an arm file, or a loaded model.
         port: A serial port, ``sim`` for the simulated bus, ``zenoh:NAME@HOST`` for an arm that
             another machine serves, or None for the only adapter.
-        on_exit: What ``close`` does: ``hold`` leaves torque as it is, ``relax`` lowers the arm
-            to its rest pose and releases it.
+        on_exit: The way in which ``close`` leaves the arm: ``hold`` leaves torque as it is,
+            ``relax`` lowers the arm to its rest pose and releases it.
         collisions: Whether paths of the body are checked before it moves: the arm against itself,
             the table and the boxes of its arm file.
         uncalibrated: Whether the user accepts the arm file's zeros, so that an arm without a

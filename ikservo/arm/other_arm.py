@@ -25,12 +25,12 @@ class OtherArm:
 
     Attributes:
         name: For messages.
-        context: What it is made of.
+        context: The parts of the arm.
         runner: Its motions.
         T_base_other: Its base frame (4, 4) in that of this arm.
-        turn: Which of the two moves.
-        left: Where it was when it was closed, as ``things`` returns it; None while it is open, or
-            if that could not be measured.
+        turn: The turns of the two arms: one moves at a time.
+        left: Its things when it was closed, as ``things`` returns them; None while it is open, or
+            if they could not be measured.
     """
 
     name: str

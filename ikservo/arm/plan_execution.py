@@ -48,8 +48,8 @@ class ExecutedMotion:
 
     Attributes:
         plan: The plan, made again where a limp arm has sunk since.
-        settled: Where the motion ended.
-        path_error: How far the tip was from its path; None where there was none.
+        settled: The joints at the end of the motion.
+        path_error: The distance of the tip from its path; None if there was none.
         swung: The joints that swung on the way, and by how much.
     """
 

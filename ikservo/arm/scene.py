@@ -220,7 +220,8 @@ class Scene:
             name: For messages; no other thing or link has it.
             at_m: The origin of its base frame (3,) in that of this arm.
             rpy_deg: Roll, pitch and yaw of its base frame (3,) in that of this arm.
-            own_name: What this arm is called in the scene of the other one; as its model if None.
+            own_name: The name of this arm in the scene of the other one; the name of its model if
+                None.
 
         Raises:
             BadValueError: The name is taken, the place is none or that of this arm, or it is no

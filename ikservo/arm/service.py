@@ -35,7 +35,7 @@ class ArmDescription:
     """What an arm is, as another program has to know it besides its model.
 
     Attributes:
-        version: Of ikservo.
+        version: The version of ikservo.
         arm: The arm's name.
         port: The port it is on.
         zeros: The name of the ``ZeroSource`` of its joints.
@@ -78,12 +78,12 @@ class ArmService:
 
     Args:
         arm: The arm.
-        clock: Of the lease.
+        clock: The clock of the lease.
         on_lost: Called where a running motion is ended because its operator is gone.
 
     Attributes:
-        arm: As given.
-        clock: As given.
+        arm: The arm that was given.
+        clock: The clock that was given.
         lease: Who controls the arm.
     """
 

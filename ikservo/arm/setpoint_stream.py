@@ -128,8 +128,8 @@ class SetpointStream:
     """Takes setpoints in a ``with`` block; see ``Arm.stream``.
 
     Attributes:
-        unreached: How many setpoints were out of reach; the arm went as near as it could.
-        refused: How many the guard refused; the arm kept the one before.
+        unreached: The number of setpoints that were out of reach; the arm went as near as it could.
+        refused: The number that the guard refused; the arm kept the one before.
         reason: Why the last of those was refused.
         kept: The goal (n,) that the arm kept then, rad or m; None before.
     """

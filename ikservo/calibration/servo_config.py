@@ -160,7 +160,7 @@ class RegisterMismatch:
     Attributes:
         joint: The servo's joint.
         servo_id: Its id.
-        register: By name; ``model`` for the servo itself.
+        register: The name of the register; ``model`` for the servo itself.
         expected: The value in the file.
         found: The value in the servo.
     """

@@ -49,7 +49,7 @@ class Journal(StrictModel):
         path: The calibration file.
         old_text: Its old content; empty if there was none.
         new_text: Its new content.
-        changes: By servo, in the order of writing.
+        changes: The changes by servo, in the order of writing.
         temporary: Whether the new numbers serve a search of end stops only, and are never kept.
     """
 

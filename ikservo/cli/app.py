@@ -52,7 +52,7 @@ class LazyCommandGroup(TyperGroup):
     """Imports the module of a command when that command is run.
 
     Attributes:
-        prefix: What the names of its commands begin with: "" or such as "import ".
+        prefix: The beginning of the names of its commands: "" or such as "import ".
     """
 
     prefix = ""

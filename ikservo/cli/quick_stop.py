@@ -60,7 +60,7 @@ def _stop_one(arm: str, port: str) -> StopAllResult:
 
     Args:
         arm: Its name; empty where it is not known.
-        port: As given; empty where it was not.
+        port: The port that was given; empty if none was.
     """
     remote = offered_part("stop")
     if remote is not None and port.startswith(f"{remote.scheme}:"):

@@ -77,7 +77,7 @@ class Operator:
         Raises:
             InputError: There is no script, and no user; names the options to use instead.
             CalibrationError: An answer of the script is not possible.
-            IkservoError: As the dialogue raises.
+            IkservoError: The errors that the dialogue raises.
         """
         answer: str | None = None
         with closing(dialogue), closing(_RequestScreen(self)) as screen:

@@ -33,13 +33,13 @@ class FeedForward:
     """Computes by how much the goals of an arm's joints lead its reference; pure.
 
     Args:
-        parameters: Of the arm; joints without a drive have no offset.
-        columns: Where the chain's joints are among all joints.
+        parameters: The parameters of the arm; joints without a drive have no offset.
+        columns: The columns of the chain's joints among all joints.
 
     Attributes:
         parameters: The parameters of the arm.
-        columns: Where the chain's joints are among all joints.
-        dry_lag: By how much dry friction makes each joint (dof,) lag its goal, rad or m.
+        columns: The columns of the chain's joints among all joints.
+        dry_lag: The lag of each joint (dof,) behind its goal by dry friction, rad or m.
     """
 
     def __init__(self, parameters: ArmParameters, columns: Sequence[int]) -> None:
@@ -70,7 +70,7 @@ class FeedForward:
         0 where a motor is not known.
 
         Args:
-            positions: Of all joints (n,), rad or m.
+            positions: The positions of all joints (n,), rad or m.
         """
         links = self.parameters.dynamics.inertia_matrix(positions[self._columns])
         inertia = np.diagonal(links) + self._armature
@@ -80,7 +80,7 @@ class FeedForward:
         """Compute how surely weight keeps the gears of each joint on one flank (dof,), 0 to 1.
 
         Args:
-            positions: Of all joints (n,), rad or m.
+            positions: The positions of all joints (n,), rad or m.
         """
         return np.clip(self.weight(positions) / _PRESSING - 1.0, 0.0, 1.0)
 
@@ -88,7 +88,7 @@ class FeedForward:
         """Compute the weight of the links on each joint (dof,), as a multiple of its dry friction.
 
         Args:
-            positions: Of all joints (n,), rad or m.
+            positions: The positions of all joints (n,), rad or m.
         """
         weight = np.abs(self.parameters.dynamics.gravity_torques(positions[self._columns]))
         return weight / self._dry_friction
@@ -104,8 +104,10 @@ class FeedForward:
 
         Args:
             point: The reference: positions, velocities and accelerations (n,) of all joints.
-            direction: Of the friction (n,), -1 to 1: which way each joint moves, 0 at rest.
-            held_s: How long a goal is held until the next one: in the mean it is half as old.
+            direction: The direction of the friction (n,), -1 to 1: the direction in which each
+                joint moves, 0 at rest.
+            held_s: The time for which a goal is held until the next one: its mean age is half of
+                that.
             unmodelled: Load of the joints (..., n) besides the links', as the lag, rad or m, that
                 it would cause without friction; none if None.
 

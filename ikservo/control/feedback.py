@@ -187,12 +187,13 @@ class JointState:
         position_rad: Measured; metres for a prismatic joint.
         lower_rad: Lower limit, same unit.
         upper_rad: Upper limit.
-        limit_from: Where the limits come from.
-        load_percent: Of the stall torque or, where the servo measures it, of the maximum current.
+        limit_from: The source of the limits.
+        load_percent: The load as a percentage of the stall torque or, if the servo measures it, of
+            the maximum current.
         torque: Whether torque is on.
         alarms: The servo's alarms.
-        current_a: Of the motor, where the servo measures it; a Feetech's without a sign. While
-            the arm moves it may be older than the rest.
+        current_a: The current of the motor, if the servo measures it; a Feetech's has no sign.
+            While the arm moves it may be older than the rest.
         goal_rad: The goal that was last sent, same unit as the position; None without torque.
     """
 

@@ -53,8 +53,8 @@ class GoalCompensator:
 
     Args:
         driven_joints: The joints, each with its servo, limits and speed.
-        columns: Where the joints of the chain are among them.
-        feed_forward: Of the chain's joints; None where masses or motors are not known.
+        columns: The columns of the chain's joints among them.
+        feed_forward: The feed-forward of the chain's joints; None if masses or motors are unknown.
     """
 
     def __init__(
@@ -112,10 +112,11 @@ class GoalCompensator:
         """Begin a motion at a reference (n,) that the servos hold with some goals (n,).
 
         Args:
-            reference: Where the joints are.
-            goals: What their servos hold.
-            cycle_time_s: How long a goal is held until the next one; as long as before if None.
-            measured: Where they were measured; the reference if None.
+            reference: The reference of the joints.
+            goals: The goals that their servos hold.
+            cycle_time_s: The time for which a goal is held until the next one; None: the same as
+                before.
+            measured: The measured positions; the reference if None.
         """
         self._held_s = self._held_s if cycle_time_s is None else cycle_time_s
         self._reference_range, self._goal_range = (
@@ -138,7 +139,7 @@ class GoalCompensator:
         Called in each cycle before that, with the goals of the reference at its start in between.
 
         Args:
-            ahead: By how much the reference moves at first (n,), rad or m.
+            ahead: The first displacement of the reference (n,), rad or m.
             measured: The joints (n,).
             elapsed_s: Since the last cycle.
         """
@@ -163,7 +164,7 @@ class GoalCompensator:
         """Compute the lowest and the highest offset (n,) with which friction keeps joints at rest.
 
         Args:
-            positions: Where they are (n,), rad or m.
+            positions: The measured positions (n,), rad or m.
         """
         at_rest = TrajectoryPoint.at_rest(positions)
         low, high = (self._modelled(at_rest, side) for side in (-1.0, 1.0))
@@ -182,7 +183,7 @@ class GoalCompensator:
             point: The reference (n,), by the time of the motion.
             elapsed_s: Since the last call, by the clock.
             rate: Seconds of the motion per second of the clock.
-            ease: How fast offsets change (n,), 0 to 1: they wait for joints that lag.
+            ease: The rate at which offsets change (n,), 0 to 1: they wait for joints that lag.
         """
         elapsed_s = min(elapsed_s, _MAX_STEP_S)
         self._rate += (rate - self._rate) * min(elapsed_s / _RATE_FILTER_S, 1.0)
@@ -221,9 +222,9 @@ class GoalCompensator:
             measured: The joints.
             since_s: From the last goals to the measurement.
             elapsed_s: From one measurement to the next.
-            fresh: Which joints (n,) replied.
-            grow: How fast feedback may move goals (n,) further away, 0 to 1: not at all where they
-                were cut. Nor does it where a joint's goal is at a limit.
+            fresh: Whether each joint (n,) replied.
+            grow: The rate at which feedback may move goals (n,) further away, 0 to 1: not at all
+                for goals that were cut, or that are at a limit.
         """
         if self._waits:  # what is off before a motion has begun is not learned
             return
@@ -287,7 +288,7 @@ class GoalCompensator:
         """Compute the share of its friction (n,), signed, that each resting joint presses against.
 
         Args:
-            offset: Of the goals in force.
+            offset: The offset of the goals in force.
         """
         lowest, highest = (self._modelled(self._last, side) for side in (-1.0, 1.0))
         middle, half = 0.5 * (lowest + highest), 0.5 * (highest - lowest)

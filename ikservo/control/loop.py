@@ -127,10 +127,12 @@ class ControlCycle:
     """The goals and measurements of one control cycle.
 
     Attributes:
-        time_s: Of the trajectory, not of the clock.
-        duration_s: Of the whole motion; infinite for one that continues until it is ended.
+        time_s: The time of the trajectory, not of the clock.
+        duration_s: The duration of the whole motion; infinite for one that continues until it is
+            ended.
         goals: The servos' goals (n,), rad or m.
-        reference: Where the joints should be (n,); goals lead it by what load and friction take.
+        reference: The reference of the joints (n,); goals lead it by the effect of load and
+            friction.
         measured: The joints (n,); the last known position of a joint in ``lost``.
         lost: Joints whose reply is missing.
     """
@@ -160,7 +162,7 @@ class SetpointSampler:
         trajectory: The motion of the joints.
 
     Attributes:
-        time_s: Of the trajectory.
+        time_s: The time of the trajectory.
     """
 
     def __init__(self, trajectory: Trajectory) -> None:
@@ -260,8 +262,7 @@ class ControlLoop:
             on_cycle: Called in each control cycle.
             speed_rad_s: The top speed of the motion at the horns, to which the servos are limited;
                 the arm's maximum if None.
-            profile_rad_s: With which speed the servos turn to each goal; that of the motion if
-                None.
+            profile_rad_s: The profile speed of the servos; None: the speed of the motion.
             compensated: Whether the trajectory is where the joints should be; else it is the goals
                 of their servos, and starts at these.
 

@@ -23,14 +23,15 @@ class Preload:
     7 mm beside their lines at first, and swung.
 
     Args:
-        sides: Which way each joint (n,) will move: -1 or 1; 0 for those that are left.
-        start: Where they rest (n,), rad or m.
+        sides: The direction in which each joint (n,) will move: -1 or 1; 0 for joints that are left
+            alone.
+        start: The joints at rest (n,), rad or m.
         per_horn_rad: Motion of each joint for one radian of its horn (n,), rad or m.
         tick: Motion of each joint for one tick (n,).
 
     Attributes:
         joints: The joints (n,) that are preloaded.
-        lead: By how much goals lead (n,), rad or m, besides friction.
+        lead: The lead of the goals (n,), rad or m, besides friction.
     """
 
     def __init__(self, sides: Vector, start: Vector, per_horn_rad: Vector, tick: Vector) -> None:
@@ -45,7 +46,7 @@ class Preload:
 
         Args:
             measured: The joints (n,), rad or m.
-            direction: Of their friction so far, -1 to 1.
+            direction: The direction of their friction so far, -1 to 1.
             elapsed_s: Since the last cycle.
         """
         self._for_s += elapsed_s

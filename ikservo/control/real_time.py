@@ -39,7 +39,7 @@ def steady_timing(clock: Clock) -> Generator[None]:
     In virtual time nothing is changed.
 
     Args:
-        clock: Of the loop.
+        clock: The clock of the loop.
     """
     if not isinstance(clock, RealClock):
         yield

@@ -124,7 +124,7 @@ class ServoGroup(StreamedServos):
         """Switch one joint's torque on as ``enable`` does for all, the others being as they are.
 
         Raises:
-            ServoAlarmError, RefusedError, ServoRejectedError: As ``enable``.
+            ServoAlarmError, RefusedError, ServoRejectedError: The errors of ``enable``.
         """
         driven = self.driven_joints[self.names.index(joint)]
         self.torque.enabling(was_on=False)  # the next motion is slow, and enables the others

@@ -21,7 +21,7 @@ def prepare_servos(
     A watchdog that trips meanwhile resets the limits.
 
     Args:
-        limits: Of the servos.
+        limits: The limits of the servos.
         health_poller: Reads their telemetry; None before torque was ever switched on.
         clock: The bus's clock.
         horn_rad_s: The top speed of the motion.

@@ -15,7 +15,7 @@ class StillnessDetector:
 
     Attributes:
         window_s: For how long nothing may move.
-        tolerance: By how much positions may vary at rest.
+        tolerance: The variation of positions that counts as rest.
         readings: Times and positions within the window, and the last ones before it.
     """
 

@@ -53,7 +53,7 @@ class StopRequest:
     ``requested`` marks the code that belongs to a request, ``check_request`` ends it.
 
     Attributes:
-        times: How often a stop was requested since the last one was acknowledged.
+        times: The number of stop requests since the last one was acknowledged.
         acknowledged: Whether the stop was acknowledged before its motion has ended.
         signal: The signal that requested first; 0 where none did.
     """
@@ -181,7 +181,7 @@ class StopRequest:
         """Raise where a stop was requested.
 
         Args:
-            hint: What to do next; the usual hint if empty.
+            hint: The next step for the user; the usual hint if empty.
 
         Raises:
             StoppedError: It was; carries the reason.
@@ -249,7 +249,7 @@ def exit_exception(number: int, text: str) -> BaseException:
 
     Args:
         number: The signal; 0 where the program raised ``KeyboardInterrupt`` itself.
-        text: What was done with the arm.
+        text: The effect on the arm.
     """
     if number in (0, signal.SIGINT):
         return KeyboardInterrupt(text)

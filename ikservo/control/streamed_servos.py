@@ -64,8 +64,8 @@ class StreamedServos:
         names: The joints, in the order of the vectors.
         stop_request: Requests that the running motion ends.
         torque: Whether the servos hold, and whether a control loop runs.
-        restarts: How often in this motion the servos' watchdogs stopped them, because the program
-            was delayed, and they were started again.
+        restarts: The number of times in this motion that the servos' watchdogs stopped them,
+            because the program was delayed, and they were started again.
         overload: Predicts when a servo protects itself, and relaxes a joint that presses before.
         warnings: The last warnings for the user, the oldest first.
         warn: Called with each of them; ignores them by default.
@@ -166,7 +166,7 @@ class StreamedServos:
 
         Args:
             point: The reference (n,), rad or m.
-            advance_s: By how much its motion was advanced since the last one.
+            advance_s: The time by which its motion was advanced since the last cycle.
             now_s: The clock's time for which it was computed.
         """
         elapsed_s = now_s - self._reference_s
@@ -245,8 +245,7 @@ class StreamedServos:
 
         Args:
             speed_rad_s: The top speed of the motion at the horns; the driven_joints' if None.
-            profile_rad_s: With which speed the servos turn to each goal; that of the motion if
-                None.
+            profile_rad_s: The profile speed of the servos; None: the speed of the motion.
 
         Raises:
             BusError: A servo does not answer.
@@ -371,7 +370,7 @@ class StreamedServos:
         Args:
             positions: The goals.
             now_s: The clock's time for which they were computed.
-            reference: Where the joints should be (n,); where they were held if None.
+            reference: The reference of the joints (n,); None: the positions that were held.
 
         Returns:
             Whether they were sent uncut.

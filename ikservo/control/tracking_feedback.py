@@ -87,7 +87,7 @@ class TrackingFeedback:
 
         Args:
             inertia_s2: The inertia of each joint over its stiffness (n,), s²; 0: not known.
-            pressed: How surely weight keeps its gears on one flank (n,), 0 to 1.
+            pressed: The certainty that weight keeps its gears on one flank (n,), 0 to 1.
         """
         low, high = (end + _PRESSED_PROPORTIONAL * pressed for end in _PROPORTIONAL_RANGE)
         stiffer = np.square(_SWING_RAD_S + _PRESSED_RAD_S * pressed) * inertia_s2 - 1.0
@@ -112,10 +112,10 @@ class TrackingFeedback:
             error: Reference minus joint.
             left: Errors within this (n,), to both sides, are left.
             elapsed_s: Since the last one.
-            fresh: Which joints (n,) were read; the others have no error that is known.
-            grow: How fast the parts of each goal (n,) may move it further away, 0 to 1.
-            slope: By how much goals (n,) move for each rad of the integral.
-            direction: Where joints (n,) move to, -1 to 1; 0 for those at rest.
+            fresh: Whether each joint (n,) was read; the errors of the others are unknown.
+            grow: The rate at which the parts of each goal (n,) may move it further away, 0 to 1.
+            slope: The displacement of goals (n,) per rad of the integral.
+            direction: The direction in which joints (n,) move, -1 to 1; 0 for those at rest.
         """
         self._age_s = self._age_s + elapsed_s
         turned = self._turns.update(error, elapsed_s, fresh=fresh)

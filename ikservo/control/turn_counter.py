@@ -17,7 +17,7 @@ class TurnCounter:
 
     Attributes:
         count: The turns of each joint (n,) in quick succession.
-        width: How far the error (n,) went between the last two turns, rad or m.
+        width: The width of the error (n,) between the last two turns, rad or m.
     """
 
     def __init__(self, least: Vector, within_s: float) -> None:
@@ -39,9 +39,9 @@ class TurnCounter:
         """Take the errors (n,) of one cycle; return which have just turned round.
 
         Args:
-            error: Of the joints, rad or m.
+            error: The error of the joints, rad or m.
             elapsed_s: Since the last one.
-            fresh: Which joints (n,) were read.
+            fresh: Whether each joint (n,) was read.
         """
         self._since_s = self._since_s + elapsed_s
         beyond = np.where(self._grows, error - self._extreme, self._extreme - error)

@@ -47,7 +47,7 @@ class Drawing:
 
     Attributes:
         strokes_m: The points (k, 3) of each, metres; x forward and y left, as in the base frame.
-        ignored: What is in the file and is not drawn.
+        ignored: The parts of the file that are not drawn.
     """
 
     strokes_m: tuple[Matrix, ...]

@@ -31,7 +31,7 @@ class FileWriteError(IkservoError, OSError):
         path: The file.
         why: The system's error text.
         changed: Whether the file is written, but its folder could not be synced.
-        kept: What there is of it instead of the old content; empty where that is unchanged.
+        kept: The content that is left of it instead of the old one; empty if that is unchanged.
     """
 
     def __init__(self, path: Path, why: str, *, changed: bool = False, kept: str = "") -> None:

@@ -32,7 +32,7 @@ class ClearSpace:
         floor_m: The height of the table; minus infinity for none.
         allowed_m: The distances (2, pairs) to keep, of the capsules themselves; below, those of the
             arm that sags.
-        sag: How the arm yields to gravity; None where that is not looked at.
+        sag: The sag of the arm under gravity; None if it is not considered.
         load: Multiple of gravity under which it does.
         bends: Returns where the links are (n, dof) from where the joints' sensors are; None for an
             arm that does not give way behind them.
@@ -40,7 +40,7 @@ class ClearSpace:
             ``allowed_m`` if None.
 
     Attributes:
-        sampled: What such searches give to the kernel.
+        sampled: The arrays that such searches give to the kernel.
     """
 
     def __init__(

@@ -43,7 +43,7 @@ def sample_path(
 
     Args:
         positions_at: The joints (n,) at a time.
-        duration_s: How long the path takes; both its ends are sampled.
+        duration_s: The duration of the path; both its ends are sampled.
         top_speed_rad_s: The maximum speed of any joint.
     """
     times_s = np.linspace(0.0, duration_s, _sample_count(duration_s * top_speed_rad_s))
@@ -54,8 +54,8 @@ def sample_line(start: Vector, goal: Vector, unit_per_rad: Vector | float = 1.0)
     """Sample joints (k, n) on the straight line from a start to a goal, both included.
 
     Args:
-        start: Where it begins (n,), rad or m.
-        goal: Where it ends (n,).
+        start: The start (n,), rad or m.
+        goal: The end (n,).
         unit_per_rad: Joint motion for a radian of its servo's horn: 1 rad, or metres.
     """
     distance_rad = float(np.abs((goal - start) / unit_per_rad).max())
@@ -114,8 +114,8 @@ class CollisionChecker:
             checked at their position.
         floor_m: Height of the table in the base frame; None for none.
         boxes: Further keep-out volumes.
-        sag: How far gravity pulls the joints from their goals in motion: paths are checked with
-            and without it. None for an arm that does not yield.
+        sag: The sag of the joints from their goals in motion: paths are checked with and without
+            it. None for an arm that does not yield.
 
     Attributes:
         pairs: The checked pairs: a link, and another link or the name of a thing.
@@ -123,9 +123,9 @@ class CollisionChecker:
         shapes: The things (k, 17) but the table; see ``kinematics.packed``.
         floor_m: The height of the table; minus infinity for none.
         things: The names of the things but the table.
-        overlap_m: By how much each pair may overlap (pairs,).
-        watched: Which pairs are looked at (pairs,).
-        sag: How far gravity pulls the joints; None for an arm that does not yield.
+        overlap_m: The allowed overlap of each pair (pairs,).
+        watched: Whether each pair (pairs,) is checked.
+        sag: The sag of the joints; None for an arm that does not yield.
         bends: Returns where the links are (n, dof) from where the joints' sensors are; None for an
             arm that does not give way behind them.
     """

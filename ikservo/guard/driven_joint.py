@@ -27,9 +27,9 @@ class DrivenJoint:
         joint_map: The conversion of ticks and positions.
         limits: The calibrated range, each end with its source.
         speed: The maximum speed of goals, rad/s or m/s.
-        stall_error: How far short of a goal friction may keep the joint, rad or m.
-        lifting_lag_rad: How far behind its goal the horn is while it lifts arm and payload, rad.
-        sag_rad: How far behind its goal the weight of arm and payload keeps the horn, rad.
+        stall_error: The distance from a goal at which friction may keep the joint, rad or m.
+        lifting_lag_rad: The lag of the horn behind its goal while it lifts arm and payload, rad.
+        sag_rad: The lag of the horn behind its goal by the weight of arm and payload at rest, rad.
     """
 
     joint_map: JointMap

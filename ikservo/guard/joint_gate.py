@@ -77,7 +77,7 @@ class JointGate:
         """Update the measured position.
 
         Args:
-            tick: Where the joint is.
+            tick: The position of the joint.
             time_s: When it was measured, by the gate's clock.
         """
         self.measured, self._measured_s = tick, time_s

@@ -51,7 +51,7 @@ class TrackingMonitor:
         """Return a monitor of joints whose goals keep the gate's maximum lead.
 
         Args:
-            limits: Of the joints, in the order of the vectors (n,).
+            limits: The limits of the joints, in the order of the vectors (n,).
             speeds: Maximum speeds of the motion by joint, rad/s or m/s, as for `Gate.set_speeds`.
         """
         speeds = speeds or {}
@@ -123,7 +123,7 @@ class DeadManSwitch:
     """Checks whether the last command of a client is too old to move on.
 
     Args:
-        timeout_s: How long one command is valid.
+        timeout_s: The time for which one command is valid.
     """
 
     def __init__(self, timeout_s: float = DEAD_MAN_TIMEOUT_S) -> None:

@@ -49,7 +49,7 @@ class _Pressing:
     """What is known of one joint.
 
     Attributes:
-        tick: Where it has been since ``still_s``, within the tolerance.
+        tick: The position since ``still_s``, within the tolerance.
         output: The share of the output for its last goal.
         load: The last reading of the load as a share of the output, signed.
         since_s: Since when it presses beyond the limit; NaN where it does not.
@@ -81,7 +81,7 @@ class OverloadMonitor:
         driven_joints: The joints.
 
     Attributes:
-        rules: By joint; a joint without one is not watched.
+        rules: The rules by joint; a joint without one is not watched.
         relaxes: Whether goals of joints that press are drawn back before the protection acts.
     """
 
@@ -127,10 +127,10 @@ class OverloadMonitor:
         """Take the goals in force and the measured ticks; return new warnings.
 
         Args:
-            goals: By joint; joints without a goal are left out.
-            ticks: Of the joints that replied.
+            goals: The goals by joint; joints without a goal are left out.
+            ticks: The ticks of the joints that replied.
             time_s: The time of the goals.
-            references: Where the joints should be; the goals if None.
+            references: The reference of the joints; None: the goals.
         """
         references = references or goals
         self._time_s = time_s
@@ -179,7 +179,7 @@ class OverloadMonitor:
 
         Args:
             goals: In force, by joint.
-            ticks: As measured.
+            ticks: The measured ticks.
         """
         drawn: dict[str, int] = {}
         for name in self.rules:

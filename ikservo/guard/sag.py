@@ -30,7 +30,7 @@ class Weight:
     """Masses of the links and compliance of the joints.
 
     Attributes:
-        masses: Of the links.
+        masses: The masses of the links.
         yields: Compliance of each joint (dof,), rad for each N m (m for each N).
         lower: The lower end stop of each joint (dof,), rad or m; -inf if there is none.
         upper: The upper end stop of each joint (dof,); inf if there is none.
@@ -83,7 +83,7 @@ def arm_sag(model: Model, body: CollisionBody, held: Sequence[KeepOutShape] = ()
     Args:
         model: The arm.
         body: Its links, and what it holds.
-        held: What it holds: together as heavy as what its servos are to lift at most.
+        held: The things that it holds: together as heavy as the largest payload of its servos.
     """
     chain = body.chain
     masses = link_masses(model, chain)

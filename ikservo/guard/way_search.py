@@ -69,14 +69,14 @@ class WaySearch:
     Args:
         space: The space that is free.
         start: The first posture (n,).
-        goals: Where they may end (m, n).
+        goals: The possible ends (m, n).
         lower: The lowest positions (n,), finite.
         upper: The highest positions (n,).
-        body: How the joints of the body follow from a posture (dof, 3): the column, or -1; its
-            unit; the position of a joint without a column. None if a posture has all of them.
-        tool: What a tool keeps to on the way; None if it is free.
+        body: The joints of the body by a posture (dof, 3): the column, or -1; its unit; the
+            position of a joint without a column. None if a posture has all of them.
+        tool: The constraint of the tool on the way; None if it is free.
         columns: The column and unit of each joint of the tool's chain (dof of the chain, 2).
-        seed: Where chance begins.
+        seed: The seed of the random numbers.
 
     Attributes:
         has_ended: Whether nothing more will be found: a way was, or there is no free end, or the
@@ -123,7 +123,7 @@ class WaySearch:
         """Go on until a way is found that is proven free.
 
         Args:
-            most: How many postures are looked at.
+            most: The largest number of postures that are looked at.
             is_over: Whether the search is to end without a way; asked often.
 
         Returns:

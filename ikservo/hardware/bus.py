@@ -48,12 +48,12 @@ class ServoBus(RegisterAccess):
     Args:
         port: The port.
         servos: The expected servos, in the order of the cable.
-        retries: How often a request is repeated after a lost reply.
+        retries: The number of repetitions of a request after a lost reply.
         fast: Whether fast sync read is tried where the family supports it.
 
     Attributes:
         port: The port.
-        servos: By id.
+        servos: The servos by id.
     """
 
     def __init__(
@@ -253,8 +253,9 @@ class ServoBus(RegisterAccess):
         """Reconnect after the adapter was unplugged and plugged in again; nothing moves.
 
         Args:
-            serial_number: Of the adapter, from ``serial_number_of`` before the loss.
-            within_s: How long to wait for it.
+            serial_number: The serial number of the adapter, from ``serial_number_of`` before the
+                loss.
+            within_s: The time to wait for it.
 
         Raises:
             PortLostError: It did not come back in time.

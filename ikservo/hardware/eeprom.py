@@ -35,7 +35,7 @@ class RegisterDifference:
     """A register that does not hold what it should.
 
     Attributes:
-        register: Which.
+        register: The register.
         found: The raw number it holds.
         expected: The raw number it should hold.
     """

@@ -40,7 +40,7 @@ class ReplyFault:
     Attributes:
         servo_id: The receiver of the request.
         kind: Silent, garbled or refused.
-        found: What happened, as a predicate of the servo's name: "does not answer".
+        found: The event, as a predicate of the servo's name: "does not answer".
         alarm_bits: Alarms reported by a refusing servo.
         sent: The request.
         received: Everything that was received.
@@ -162,7 +162,7 @@ class PacketCodec(Protocol):
         This is the fast path for a healthy line; ``scan`` handles everything else.
 
         Args:
-            data: As many bytes as the replies have.
+            data: The bytes, as many as the replies have.
             sizes: Bytes of data of each reply, by servo id in the order of the replies.
         """
         ...

@@ -28,7 +28,7 @@ class LineHealth:
     """Health of the line: healthy after a number of clean requests; any anomaly resets it.
 
     Args:
-        clean_requests: How many clean requests it takes until the line is healthy.
+        clean_requests: The number of clean requests until the line counts as healthy.
 
     Attributes:
         suspect: The line is not known to be healthy: static registers are read twice.
@@ -169,8 +169,8 @@ class PendingReplies:
         Args:
             servo_ids: The servos that will reply.
             size: Bytes of data in the reply.
-            request: What is requested; a second copy of the reply to the same request does no harm
-                on a healthy line.
+            request: The request; a second copy of the reply to the same request does no harm on a
+                healthy line.
             now_s: The current time.
             health: The health of the line: on a suspect line replies may be doubled for longer, on
                 a degraded line even the same request must have another reply length.
@@ -204,7 +204,7 @@ class PendingReplies:
             servo_ids: The servos that will reply.
             span: The required range.
             now_s: The current time.
-            health: As in ``is_ambiguous``.
+            health: The health of the line, see ``is_ambiguous``.
             size_of: Data bytes of the reply to a window of so many bytes.
 
         Returns:

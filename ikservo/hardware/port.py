@@ -246,13 +246,13 @@ class Port(SdkPort):
 
     Attributes:
         transport: Carries the bytes; only the port reads and writes it.
-        name: As given by the user.
+        name: The name that the user gave.
         clock: The transport's own virtual clock, or the machine's.
         lock: Held during a request and its reply (F17, D14).
         sent: The bytes of the latest request.
         echoes: Whether the adapter echoes; None while that is unknown.
-        reply_timeout: How long to wait beyond the wire time.
-        byte_rate: How soon a reply can come at the earliest.
+        reply_timeout: The time to wait beyond the wire time.
+        byte_rate: The rate that determines how soon a reply can come.
         health: Whether the line has repeated or damaged packets.
         pending: The replies that may still come.
         is_using: The SDKs' own busy flag; ``exchange`` always clears it (F8, D9).

@@ -90,8 +90,8 @@ def reconnect(port: Port, serial_number: str, within_s: float, clock: Clock | No
     Args:
         port: The port that was lost.
         serial_number: From ``serial_number_of``, before the loss.
-        within_s: How long to wait for it.
-        clock: By which to wait; the real one if None.
+        within_s: The time to wait for it.
+        clock: The clock of the wait; the real one if None.
 
     Raises:
         PortLostError: It did not come back in time.

@@ -41,7 +41,7 @@ class RegisterAccess:
     Args:
         port: The port.
         servos: The expected servos, in the order of the cable.
-        retries: How often a request is repeated after a lost reply.
+        retries: The number of repetitions of a request after a lost reply.
         fast: Whether fast sync read is tried where the family supports it.
     """
 

@@ -25,7 +25,7 @@ def contiguous_runs(registers: Iterable[Register], gap: int = 0) -> list[list[Re
     """Return the registers in runs, each of which one read covers.
 
     Args:
-        registers: Of one servo.
+        registers: The registers of one servo.
         gap: Maximum number of unused bytes between two of a run. Static registers and others are
             not combined then, for static ones are read twice on a bad line.
     """

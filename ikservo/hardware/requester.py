@@ -142,7 +142,7 @@ class Requester:
 
     Attributes:
         port: The port.
-        retries: How often a repeatable request is repeated.
+        retries: The number of repetitions of a repeatable request.
         statistics: The reply statistics of each servo.
         alarms: The alarms in the latest reply of each.
     """

@@ -214,7 +214,7 @@ def open_error(name: str, baud_rate: int, error: Exception) -> PortError:
     """Explain by an error why a port did not open, and what to do.
 
     Args:
-        name: As given by the user.
+        name: The name that the user gave.
         baud_rate: The requested rate.
         error: The error of the system or of pyserial.
     """

@@ -79,7 +79,7 @@ class FileDescriptorPort:
     """The bytes of one port; opening, rates and closing stay with pyserial.
 
     Attributes:
-        timeout: How long ``read`` waits, seconds.
+        timeout: The time that ``read`` waits, seconds.
     """
 
     def __init__(self, port: _PosixSerial) -> None:

@@ -81,8 +81,9 @@ def solve_batch(
         targets: Points (m, 3) in metres, or poses T_world_tool (m, 4, 4).
         q0s: Starts (m, dof), or one for all (dof,). If None, as for ``solve``:
             ``initial_joints()`` of a model, the middle of the ranges of a chain.
-        workers: How many threads; as many as there are cores if None.
-        kind: What of the poses counts, ``position``, ``direction`` or ``pose``; ``pose`` if None.
+        workers: The number of threads; as many as there are cores if None.
+        kind: The part of the poses that counts, ``position``, ``direction`` or ``pose``; ``pose``
+            if None.
         tool_axis: The axis (3,) in the frame's coordinates for ``direction``.
         frame: The link to move there; the tip if None.
         offset_m: The point (3,) of that link, metres; its origin if None.

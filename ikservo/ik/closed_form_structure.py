@@ -91,7 +91,7 @@ class ArmStructure:
         wrist: The joints behind them.
         centre: The point (3,) where the axes of a wrist of two or three joints meet, or None.
         tool: Pose (4, 4) of the frame while all joints are zero.
-        deviation: How far axes are from parallel [rad] or from meeting [m].
+        deviation: The deviation of axes from being parallel [rad] or from meeting [m].
         yaw_back: Rotates points of the base back by the yaw.
         roll: Rotates points by the wrist's first joint.
         orient: The last three rotations, if they meet in the centre.

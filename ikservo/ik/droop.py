@@ -30,7 +30,8 @@ class Droop:
 
     Attributes:
         is_steady: Whether the droop has hardly changed with the last joints.
-        max_steps: How often targets are raised before a solution counts as not reached.
+        max_steps: The number of times that targets are raised before a solution counts as not
+            reached.
     """
 
     max_steps = 12

@@ -48,7 +48,7 @@ def solution_set(
         chain: The arm.
         target: The target.
         q: Joints (dof,) inside the limits.
-        tolerance: How close counts as met.
+        tolerance: The error that counts as met.
     """
     task, tolerance = ResidualFunction(chain, target), tolerance or Tolerance()
     current = task.linearise(q)

@@ -325,7 +325,7 @@ def nearest_planar_angles(
         links: The links while all angles are zero.
         limits: Lower and upper limit of each angle.
         m: A point out of reach, from the first joint.
-        start: Of equivalent angles the one nearest to it is preferred.
+        start: The angle that the result should be near, among equivalent ones.
     """
     candidates = (
         within_limits(angles, limits, start)

@@ -219,7 +219,7 @@ class Options:
     """The options of every method.
 
     Attributes:
-        tolerance: How close counts as reached.
+        tolerance: The error that counts as reached.
         restarts: Maximum number of starting points, the given one first; the Jacobian
             methods use only that.
         max_iterations: Maximum steps from one start; None for the method's own.

@@ -49,8 +49,8 @@ class SolutionSet:
     Attributes:
         kind: ``none`` found, the only ``one``, one of ``several``, one of a continuous
             ``family``, or ``unknown`` if this is one and others are not known.
-        count: How many solutions, or branches of a family; None where that is not known.
-        freedom: How many parameters the family has; 0 without.
+        count: The number of solutions, or branches of a family; None if it is unknown.
+        freedom: The number of parameters of the family; 0 without.
         directions: The directions that the last of three links may have in a family.
     """
 

@@ -99,8 +99,8 @@ class Solver:
 
     Args:
         chain: The arm, or its model, its name, or the path of its file.
-        kind: What of the pose counts: its position, also the direction of the tool axis, or all of
-            it.
+        kind: The part of the pose that counts: its position, also the direction of the tool axis,
+            or all of it.
         tool_axis: The axis (3,) in the frame's coordinates for "direction".
         frame: The link to move there; the tip if None.
         offset_m: The point (3,) of that link, metres; its origin if None.

@@ -130,7 +130,7 @@ def workspace(
         chain: The arm.
         T_world_plane: The frame (4, 4) in whose plane w = 0 to cut; None for the whole volume.
         cell_m: Edge of the cells; 5 mm for a slice and 25 mm for a volume if None.
-        samples: How many joint vectors to try first.
+        samples: The number of joint vectors to try first.
         clear: From joint vectors (n, dof) to whether each is allowed (n,), for example because
             it is free of collisions; all are if None.
 

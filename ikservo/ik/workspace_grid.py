@@ -27,7 +27,7 @@ class VoxelGrid:
     Attributes:
         T_world_grid: The frame (4, 4) of the cubes.
         first_m: The outer corner (3,) of cell (0, 0, 0) in that frame, metres.
-        shape: How many cells along u, v and w.
+        shape: The number of cells along u, v and w.
         cell_m: The edge of a cell.
     """
 

@@ -103,14 +103,14 @@ def solve_pose(
     """Solve for one pose; see ``solve_all`` for the first nine arrays, here with one row a problem.
 
     Args:
-        arm: As there, and so on until ``results``.
+        arm: See there, and so on until ``results``.
         problems: (1, PROBLEM_SIZE), filled.
-        settings: As there.
+        settings: See there.
         starts: (1, dof), filled.
-        seeds: As there.
-        work: As there.
-        scores: As there.
-        trace: As there.
+        seeds: See there.
+        work: See there.
+        scores: See there.
+        trace: See there.
         results: (1, 2 dof + RESULT_TAIL), filled.
         axis: The tool axis (3,) that a direction is compared with, in the tool's frame.
         idle: Joints that do not move the tool (k, IDLE_WIDTH): column, lower and upper limit. They

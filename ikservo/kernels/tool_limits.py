@@ -78,7 +78,7 @@ def project_tool(
         work: The work array.
         target: A point (3,) for the tip.
         aims: Whether the tip is to be there.
-        joints: Where to begin (n,); at the end the joints that were found.
+        joints: The joints (n,) at which it begins; at the end the joints that were found.
 
     Returns:
         Whether they keep them.

@@ -64,7 +64,8 @@ def bounded_vector(values: ArrayLike, size: int, most: float, what: str, expecte
     """Return ``values`` as (size,) floats of magnitudes up to ``most``.
 
     Raises:
-        BadValueError: As of ``finite_array``, or a number is larger: they are not as expected.
+        BadValueError: The errors of ``finite_array``, or a number is larger: they are not as
+            expected.
     """
     array, is_short = array_of_shape(values, (size,), what), size <= _FEW
     if is_short and math.hypot(*array.tolist()) <= most:  # false for NaN, too

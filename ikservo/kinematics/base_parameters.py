@@ -94,7 +94,7 @@ def base_parameters(
         acceleration_rad_s2: Largest acceleration; m/s² for prismatic joints. With no speed and
             no acceleration the result is what postures at rest can tell.
         tolerance: See ``independent_columns``.
-        seed: Of the random numbers; other motions give the same columns.
+        seed: The seed of the random numbers; other motions give the same columns.
 
     Raises:
         BadValueError: A speed, acceleration or tolerance is below zero or not finite.

@@ -29,8 +29,8 @@ class Bending:
     """Compliance and play behind the sensors of a chain's joints.
 
     Attributes:
-        dynamics: Of the chain that does not bend, with the masses of its links.
-        compliance: Of each joint (dof,), rad for each N m (m for each N).
+        dynamics: The dynamics of the chain that does not bend, with the masses of its links.
+        compliance: The compliance of each joint (dof,), rad per N m (m per N).
         half_play: Half the play of each joint (dof,), rad (m).
     """
 

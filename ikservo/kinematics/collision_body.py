@@ -27,7 +27,7 @@ class LinkTravelBounds:
 
     Args:
         chain: The arm; its limits bound the slides between.
-        capsules: Of all links.
+        capsules: The capsules of all links.
     """
 
     def __init__(self, chain: Chain, capsules: Sequence[Capsule]) -> None:
@@ -148,9 +148,10 @@ class CollisionBody:
         The thing touches that link, and those that one joint moves against it, by nature.
 
         Args:
-            name: Of the thing, unlike any link's.
+            name: The name of the thing, unlike any link's.
             link: The link.
-            capsules: Of the thing, in coordinates of the link, with its name as their link.
+            capsules: The capsules of the thing, in coordinates of the link, with its name as their
+                link.
         """
         body = CollisionBody(self._chain.with_frame(name, link), [*self._capsules, *capsules])
         overlaps = dict(zip(self.pairs, self._overlap_m.tolist(), strict=True))

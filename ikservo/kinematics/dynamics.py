@@ -83,7 +83,7 @@ class Dynamics:
 
         Args:
             chain: The joints.
-            masses: Of its links, in any order; those of one link add up.
+            masses: The masses of its links, in any order; those of one link add up.
             gravity_m_s2: (3,) in the base frame, downwards. An arm that is mounted on a wall or
                 under a ceiling has another one than (0, 0, -9.81).
 

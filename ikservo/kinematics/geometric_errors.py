@@ -79,7 +79,7 @@ def calibration_jacobian(
     """Compute the tips of a corrected chain and their Jacobian for joints, base and origins.
 
     Args:
-        chain: As described.
+        chain: The chain of the description.
         q: Joint vectors (n, dof).
         geometry: The errors of the arm.
         origins: The joints whose origins count, see ``identifiable_origins``.

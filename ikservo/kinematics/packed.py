@@ -150,7 +150,7 @@ class PackedBody:
         capsules: A row for each (capsules, 8).
         pairs: The names of the pairs.
         rows: Two capsules and their pair (m, 3).
-        overlap_m: By how much each pair may overlap (pairs,).
+        overlap_m: The allowed overlap of each pair (pairs,).
         reach_m: Maximum motion of a point of each link's capsules (links, dof) for each unit of
             a joint, m/rad or m/m.
         pair_reach_m: Maximum approach of each pair (pairs, dof), in the same way.

@@ -63,9 +63,9 @@ class Choice:
 
     Attributes:
         answer: Its word, as in a script.
-        label: What it does, in a few words; empty if it need not be offered.
+        label: A few words on its effect; empty if it need not be offered.
         key: The key that gives it on a terminal; empty if there is none.
-        wait_s: How long nothing must have changed before a script gives it; None if not yet.
+        wait_s: The time without a change after which a script gives it; None if not yet.
         joints: The joints of which one is named after the word; empty if none is.
         joint: The joint that the key stands for; empty if there is none now.
     """
@@ -109,7 +109,7 @@ class Question:
         text: The question.
         unasked: The answer if nobody can be asked.
         stage: The part of the dialogue that it belongs to.
-        label: What ``accept`` does, in a few words.
+        label: A few words on the effect of ``accept``.
         more: Further answers where there are buttons.
     """
 
@@ -148,8 +148,8 @@ class HandRequest:
 
     Attributes:
         stage: The part of the dialogue that it belongs to.
-        step: Where the dialogue is: ``Step 2 of 9``.
-        text: What is to be done.
+        step: The progress of the dialogue: ``Step 2 of 9``.
+        text: The task of the user.
         at_s: The time of the reading.
         choices: The possible answers; the first is given where there is no script and no user.
         progress: Values that differ once the user has done something.

@@ -43,7 +43,7 @@ class DirectionCheck:
 
     Attributes:
         joint: Its name.
-        travel: How far it moves, rad or m, signed.
+        travel: The displacement, rad or m, signed.
         direction: For the user: ``so that the tool goes to the left``.
     """
 

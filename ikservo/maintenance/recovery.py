@@ -27,7 +27,7 @@ class RecoveryResult:
         servo: The servo.
         before: Its alarms before.
         after: Its alarms afterwards.
-        action: What was done, for the user.
+        action: The action, for the user.
         torque: Whether its torque is on; None where it does not reply.
     """
 

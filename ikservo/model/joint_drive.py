@@ -49,7 +49,7 @@ class JointDrive:
         """Compute the dry friction of the moving joint, N m.
 
         Args:
-            speed_rad_s: How fast it moves; the sign does not matter.
+            speed_rad_s: The speed; its sign does not matter.
             load_nm: Load of the gears: the difference of the motor's and the outer torque.
         """
         gears = self.friction

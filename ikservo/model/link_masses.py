@@ -56,7 +56,7 @@ def stall_error(joint: ModelJoint, supply_v: float | None) -> float:
 
     Args:
         joint: The joint; servos that drive it together share its friction and its stiffness.
-        supply_v: Of its servos, as in the arm file.
+        supply_v: The supply of its servos, as in the arm file.
     """
     torque = find_servo_torque(joint.servo.model, supply_v)
     per_horn_rad = joint.travel_per_turn / tau

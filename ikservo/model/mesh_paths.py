@@ -19,7 +19,7 @@ def resolve_mesh_path(filename: str, urdf: Path, folder: Path) -> Path | None:
     nothing outside is read.
 
     Args:
-        filename: As in the URDF.
+        filename: The name in the URDF.
         urdf: The URDF file.
         folder: The model's folder, which contains the URDF.
     """

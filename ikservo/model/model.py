@@ -30,8 +30,8 @@ class Gripper:
 
     Attributes:
         joint: Its name.
-        closed: Where the jaws meet, rad or m; the end of its range on that side.
-        open: Where they are furthest apart.
+        closed: The position at which the jaws meet, rad or m; the end of its range on that side.
+        open: The position at which they are furthest apart.
         widths: Pairs of a position [rad or m] and the distance of the jaws there [m], by position;
             linear between. Empty if not measured.
     """
@@ -117,8 +117,7 @@ class ModelJoint:
         limits: The range the arm file's URDF gives.
         joint_map: The conversion of ticks and positions, as in the arm file.
         travel_per_turn: Maximum joint motion for a revolution of the horn: rad, or metres.
-        backlash: How far the joint can be moved by hand while its servo holds, rad or m; 0 if
-            not measured.
+        backlash: The play that a hand feels while the servo holds, rad or m; 0 if not measured.
         shadows: Servos that drive the same joint together with the first.
         zero_from: ``vendor`` where the maker fixes the zero, ``nominal`` where each arm differs.
     """
@@ -204,18 +203,19 @@ class Model:
         chain: From the base to the tool, inside the arm file's limits.
         joints: Every joint with a servo, base to tip, gripper last; empty for a plain URDF.
         poses: Joint positions by pose and joint, rad or m.
-        speeds: By name: slow, normal, fast.
+        speeds: The speed classes by name: slow, normal, fast.
         family: The protocol family of its servos; None for a plain URDF.
-        baud_rate: Of its bus, bits a second.
-        supply_v: Of its servos that are sold for several voltages; None where none is said.
+        baud_rate: The rate of its bus, bit/s.
+        supply_v: The supply of its servos that are sold for several voltages; None if the file does
+            not say it.
         path: The file it was loaded from.
         floor_m: Height of the table in the base frame; None if not given.
         keep_out: Further obstacles.
         health: The health limits of its servos.
         auto_unsafe: Why it must not search for its own stops; empty if it may.
         gripper: The gripper; None if it has none.
-        base_frame: How the base frame differs from the convention of the catalogue, and why; empty
-            where it does not: x forward, y left, z up, origin on the first axis at the mounting
+        base_frame: The reason why the base frame differs from the convention of the catalogue;
+            empty if it does not: x forward, y left, z up, origin on the first axis at the mounting
             surface.
         payload_kg: The heaviest payload at the tool that its servos are to lift.
     """

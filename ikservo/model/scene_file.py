@@ -106,8 +106,8 @@ class PlacedArm:
         name: For messages; in the page that of the open arm.
         at_m: The origin of its base frame (3,) in that of the arm whose scene it is, metres.
         rpy_deg: Roll, pitch and yaw (3,) of its base frame there, degrees.
-        arm: Which arm it is, by its name in the catalogue or its file; ``name`` if empty.
-        port: Where it is connected; empty if that is not said.
+        arm: The arm, by its name in the catalogue or its file; ``name`` if empty.
+        port: The port of the arm; empty if it is not given.
     """
 
     name: str

@@ -19,7 +19,7 @@ class GearFriction:
 
     Attributes:
         coulomb_nm: Friction of the unloaded gears.
-        slow_nm: What a slow shaft has besides.
+        slow_nm: The additional torque of a slow shaft.
         slow_rad_s: Velocity at which that has fallen to 37 %.
         load: Friction for each N m of load.
         slow_load: Friction for each N m of load that a slow shaft has besides.
@@ -65,7 +65,7 @@ class ServoTorque:
         full_duty_nm: Torque of the blocked motor for the whole duty, before friction.
         damping_nm_s: Torque that back-EMF and viscous friction take for each rad/s.
         armature_kg_m2: Inertia of rotor and gears.
-        friction: Of the gears.
+        friction: The friction of the gears.
         startup_duty: Duty that the firmware adds in the direction of an error, less that of its
             dead zone at ``p_gain``.
         sustained_duty: Duty with which a blocked servo may press for long, with some distance from
@@ -190,7 +190,8 @@ def find_servo_torque(model: str, supply_v: float | None) -> ServoTorque | None:
 
     Args:
         model: The servo's.
-        supply_v: As the arm file says; None, and one without figures of its own, is the usual one.
+        supply_v: The supply in the arm file; None, or one without figures of its own, stands for
+            the usual one.
     """
     return SERVO_TORQUES.get((model, supply_v)) or SERVO_TORQUES.get((model, None))
 
@@ -207,7 +208,7 @@ def nominal_supply_v(model: str, supply_v: float | None) -> float:
 
     Args:
         model: The servo's.
-        supply_v: As the arm file says, or None.
+        supply_v: The supply in the arm file, or None.
     """
     if supply_v is not None and (model, supply_v) in SERVO_TORQUES:
         return supply_v

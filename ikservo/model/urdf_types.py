@@ -45,7 +45,7 @@ class UrdfJoint:
 
     Attributes:
         name: Unique in the file.
-        kind: How it moves.
+        kind: The kind of motion.
         parent: Name of its parent link.
         child: Name of its child link.
         xyz_m: Origin of the child frame in the parent frame.
@@ -56,7 +56,7 @@ class UrdfJoint:
         effort: N·m or N; +inf where the file gives none, or a negative one.
         velocity: rad/s or m/s; +inf where the file gives none, or a negative one.
         mimic: The joint it follows, if any.
-        line: Where the element starts in the file, from 1.
+        line: The line at which the element starts in the file, from 1.
     """
 
     name: str
@@ -107,7 +107,7 @@ class Mesh:
     """A reference to a mesh; the reader never opens it.
 
     Attributes:
-        filename: As in the file.
+        filename: The name in the file.
         path: The resolved file if it is under the model's own folder, else None.
         scale: Factor along each axis.
         xyz_m: Origin in the link frame.
@@ -145,7 +145,7 @@ class UrdfLink:
         inertia_kg_m2: ixx, ixy, ixz, iyy, iyz, izz about the centre of mass.
         collisions: Shapes to keep clear of.
         visuals: Shapes to draw.
-        line: Where the element starts in the file, from 1.
+        line: The line at which the element starts in the file, from 1.
         colours: Red, green and blue of each visual shape, 0 to 1, or None where the file gives
             none; empty where it has no colours.
     """

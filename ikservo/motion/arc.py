@@ -23,14 +23,14 @@ class ArcPath:
 
     Args:
         center_m: The centre (3,), metres.
-        start_m: Where it starts (3,), metres.
+        start_m: The start (3,), metres.
         normal: The unit vector (3,) about which it turns, perpendicular to the radius.
-        angle_rad: How far it turns; negative for the other way round.
+        angle_rad: The angle of the arc; negative for the other way round.
 
     Attributes:
         radius_m: The radius.
         length: The length of the arc, metres.
-        shape: What it is called in a message.
+        shape: The name of the path in a message.
     """
 
     shape = "arc"
@@ -64,9 +64,9 @@ def arc_through_points(
     """Compute the arc from a start (3,) through a point to an end, metres.
 
     Args:
-        start_m: Where it starts (3,).
+        start_m: The start (3,).
         via_m: The point that it passes (3,).
-        end_m: Where it ends (3,); with ``full_circle`` passed, too.
+        end_m: The end (3,); with ``full_circle`` a point that is passed, too.
         full_circle: Whether it goes on to its start.
 
     Raises:

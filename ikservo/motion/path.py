@@ -40,7 +40,7 @@ class ToolPath(Protocol):
     """A path of the tip (3,) in metres, which the joints have to follow.
 
     Attributes:
-        shape: What it is called in a message.
+        shape: The name of the path in a message.
     """
 
     shape: str
@@ -85,7 +85,7 @@ class BlendedPath:
         BadValueError: A blend is not positive.
 
     Attributes:
-        shape: What it is called in a message.
+        shape: The name of the path in a message.
     """
 
     shape = "line"

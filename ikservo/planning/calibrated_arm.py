@@ -157,7 +157,7 @@ class CalibratedArm:
     """The joints of the arm on a bus, with this arm's zeros and ranges.
 
     Attributes:
-        zeros: Where its zeros come from.
+        zeros: The source of its zeros.
         calibration: Its calibration file, or None.
     """
 

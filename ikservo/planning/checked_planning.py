@@ -368,7 +368,7 @@ class PreflightPlanner:
 
         Args:
             motion: The motion.
-            start: Where it begins (n,).
+            start: The start (n,).
             direct: Its direct plan; made here if None.
 
         Raises:
@@ -525,7 +525,7 @@ class PreflightPlanner:
         Args:
             plan: The plan.
             requested: The speed class that was asked for.
-            within: What the tool keeps to.
+            within: The constraint of the tool.
 
         Raises:
             RefusedError: Something would be touched, or a constraint broken.

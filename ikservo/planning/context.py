@@ -39,10 +39,10 @@ class ArmContext:
         servos: Its servos.
         port: The serial port they are on.
         planner: Plans motions; reads no servo.
-        surroundings: What is around it.
-        zeros: Where the zeros of its joints come from.
-        index: Which column of a vector of all joints (n,) is which.
-        serial_number: Of the USB adapter; empty where there is none.
+        surroundings: The surroundings of the arm.
+        zeros: The source of the zeros of its joints.
+        index: The columns of the joints in a vector of all joints (n,).
+        serial_number: The serial number of the USB adapter; empty if there is none.
     """
 
     model: Model

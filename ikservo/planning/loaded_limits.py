@@ -49,8 +49,8 @@ def goal_leads(parameters: ArmParameters, joints: Matrix, directions: Matrix) ->
     Args:
         parameters: Masses and drives of the arm.
         joints: Positions (k, dof).
-        directions: Where the joints move (k, dof), as multiples of friction: 1 and -1 for what
-            their model has, 0 for none.
+        directions: The directions of the joints (k, dof), as multiples of friction: 1 and -1 for
+            the friction of their model, 0 for none.
     """
     torques = parameters.dynamics.gravity_torques(joints)
     leads = [

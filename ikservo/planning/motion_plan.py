@@ -30,7 +30,7 @@ class NearLimit:
     Attributes:
         joint: Its name.
         side: ``lower`` or ``upper``.
-        margin: How far inside the limit it stays, rad or m.
+        margin: The distance that it keeps from the limit, rad or m.
         unit: ``rad`` or ``m``.
     """
 
@@ -45,12 +45,12 @@ class MotionPlan:
     """A motion that could start now.
 
     Attributes:
-        start: Where all joints would begin (n,), rad or m.
-        goal: Where all joints would end (n,).
+        start: The joints (n,) at the start, rad or m.
+        goal: The joints (n,) at the end.
         trajectory: All joints over time; what was checked is what is streamed.
-        tip_m: Where the goal puts the tip (3,), metres.
+        tip_m: The tip (3,) at the goal, metres.
         path_m: The length of the tip's path.
-        duration_s: How long it takes.
+        duration_s: The duration of the motion.
         speed: slow, normal or fast.
         time_limiting_joints: The joints that set the time, at their top speed or
             acceleration.
@@ -65,14 +65,14 @@ class MotionPlan:
         cartesian_s: For how long it does, up to the end of the trajectory.
         tool_speed: The speed of the tip along them; None where none was requested.
         via_pose: The retract pose in between; empty where the path is direct.
-        around: What would touch what on the straight path, which this one goes around; else empty.
-        kept: What the tool keeps to all the way, and how much of it is used, described.
+        around: The contact on the straight path that this one goes around; empty if there is none.
+        kept: The constraint of the tool, and how much of it is used, described.
         clearance_m: The least distance of the body on the path to itself, the table and the boxes;
             infinite where paths are not checked.
-        planning_s: How long it took to plan.
+        planning_s: The time that planning took.
         names: The joints, in the order of ``start`` and ``goal``.
         units: ``rad`` or ``m`` for each joint.
-        motion: What was requested.
+        motion: The requested motion.
         requested: The goals of the joints that were requested, rad or m by name; empty for a
             motion of the tip.
         clamped: The joints that stop at a limit short of the requested pose, described.
@@ -297,7 +297,7 @@ class PoseWithinLimits:
     """A pose clamped to the limits of an arm.
 
     Attributes:
-        positions: By joint, rad or m.
+        positions: The positions by joint, rad or m.
         changed: The joints that stop at a limit short of the pose, described.
     """
 
@@ -316,7 +316,7 @@ def clamp_positions(
     A clamped joint stays as far inside its limit as friction may keep it short of a goal there.
 
     Args:
-        positions: By joint, rad or m; joints that are not named keep theirs.
+        positions: The positions by joint, rad or m; joints that are not named keep theirs.
         driven_joints: The joints, in the order of ``start``.
         start: The present joints (n,). One that is beyond its limit need not come inside.
         max_rad: A joint further beyond, at the horn, is left there for the guard to refuse.

@@ -190,7 +190,7 @@ class MoveTo(MotionValue[MoveResult]):
             well as it can.
         straight: Whether the joints move straight or not at all; else they go around what is in
             the way.
-        within: What the tool keeps to all the way.
+        within: The constraint of the tool all the way.
         think_s: Time after which the search for a way around things gives up, s.
     """
 
@@ -215,9 +215,9 @@ class MoveLine(MotionValue[MoveResult]):
         tool_speed_m_s: The speed of the tip, constant but for the ramps at both ends, as far as
             the joints and the speed class (0.1, 0.25 or 0.5 m/s) allow; the plan's ``tool_speed``
             says what is reached. None: the fastest.
-        speed: As of ``MoveTo``.
-        stance: As of ``MoveTo``.
-        within: As of ``MoveTo``.
+        speed: See ``MoveTo``.
+        stance: See ``MoveTo``.
+        within: See ``MoveTo``.
     """
 
     position_m: TargetPoint
@@ -246,11 +246,11 @@ class MoveArc(MotionValue[MoveResult]):
         center_m: The centre (3,) [m] of a circle about which the tip goes, instead of a via point
             and an end.
         normal: The direction (3,) of that circle's axis, against which it is counter-clockwise.
-        angle_rad: How far the tip goes about it, negative for clockwise.
-        tool_speed_m_s: As of ``MoveLine``.
-        speed: As of ``MoveTo``.
-        stance: As of ``MoveTo``.
-        within: As of ``MoveTo``.
+        angle_rad: The angle of the tip about it, negative for clockwise.
+        tool_speed_m_s: See ``MoveLine``.
+        speed: See ``MoveTo``.
+        stance: See ``MoveTo``.
+        within: See ``MoveTo``.
 
     Raises:
         BadValueError: Neither a via point with an end nor a centre is given, or both.
@@ -307,10 +307,10 @@ class MoveThrough(MotionValue[MoveResult]):
         points_m: The points (k, 3), metres, base frame.
         blend_m: Within which distance the tip passes each point but the last.
         line: Whether the tip moves on straight lines, else the joints do.
-        tool_speed_m_s: As of ``MoveLine``, on lines only.
-        speed: As of ``MoveTo``.
-        stance: As of ``MoveTo``, at the last point.
-        within: As of ``MoveTo``.
+        tool_speed_m_s: See ``MoveLine``; on lines only.
+        speed: See ``MoveTo``.
+        stance: See ``MoveTo``; at the last point.
+        within: See ``MoveTo``.
     """
 
     points_m: Annotated[Iterable[ArrayLike], _parse_targets]
@@ -350,12 +350,12 @@ class Draw(MotionValue[MoveResult]):
 
     Attributes:
         strokes_m: The points (k, 3) of each stroke, metres, base frame.
-        lift_m: How far above a stroke the tip goes before the first, between two and after the
+        lift_m: The height of the tip above a stroke before the first, between two and after the
             last.
-        tool_speed_m_s: As of ``MoveLine``, along a stroke.
-        speed: As of ``MoveTo``.
-        stance: As of ``MoveTo``.
-        within: As of ``MoveTo``.
+        tool_speed_m_s: See ``MoveLine``; along a stroke.
+        speed: See ``MoveTo``.
+        stance: See ``MoveTo``.
+        within: See ``MoveTo``.
     """
 
     strokes_m: Annotated[Iterable[ArrayLike], _parse_strokes]
@@ -387,10 +387,10 @@ class MoveJoints(MotionValue[JointMoveResult]):
 
     Attributes:
         positions: The goals by joint, rad or m.
-        speed: As of ``MoveTo``.
-        straight: As of ``MoveTo``; where joints of the chain stay, they always move straight.
-        within: As of ``MoveTo``.
-        think_s: As of ``MoveTo``.
+        speed: See ``MoveTo``.
+        straight: See ``MoveTo``; if joints of the chain stay, they always move straight.
+        within: See ``MoveTo``.
+        think_s: See ``MoveTo``.
     """
 
     positions: Annotated[Mapping[str, float], parse_joint_positions]
@@ -415,11 +415,11 @@ class MovePose(MotionValue[JointMoveResult]):
     """The joints move to a pose, clamped to the limits.
 
     Attributes:
-        name: Of a pose of the arm file, or of a taught one.
-        speed: As of ``MoveTo``.
-        straight: As of ``MoveTo``.
-        within: As of ``MoveTo``.
-        think_s: As of ``MoveTo``.
+        name: The name of a pose of the arm file, or of a taught one.
+        speed: See ``MoveTo``.
+        straight: See ``MoveTo``.
+        within: See ``MoveTo``.
+        think_s: See ``MoveTo``.
     """
 
     name: Annotated[str, _parse_name]
@@ -444,7 +444,7 @@ class LookAt(MotionValue[JointMoveResult]):
 
     Attributes:
         point_m: The point (3,), metres, base frame.
-        speed: As of ``MoveTo``.
+        speed: See ``MoveTo``.
     """
 
     point_m: Annotated[ArrayLike, _target("The point to look at")]

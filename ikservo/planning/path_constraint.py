@@ -33,8 +33,8 @@ class PathConstraint:
     """What the tool keeps to from the start of a motion to its end; nothing by default.
 
     Attributes:
-        upright_rad: How far that tilts which points up in the gripper at the start, such as a cup:
-            its angle to the vertical. Turning about the vertical is free.
+        upright_rad: The largest tilt of the axis that points up in the gripper at the start, such
+            as a cup's: its angle to the vertical. Turning about the vertical is free.
         axis: A direction (3,), base frame, that the tool axis stays near.
         axis_rad: The largest angle between both.
         low_m: The lowest corner (3,) of a box that the tip stays in.
@@ -124,7 +124,7 @@ class ConstrainedTool:
     """How far the tool of an arm is from breaking a constraint.
 
     Args:
-        constraint: What it keeps to.
+        constraint: The constraint.
         chain: The arm.
         approach_axis: The tool axis (3,) in the coordinates of the tip.
         start: The joints (dof,) from which it is kept.
@@ -206,8 +206,8 @@ class ConstrainedTool:
         """Find joints (dof,) nearby that are well inside of the limits.
 
         Args:
-            joints: Where to begin (dof,).
-            target_m: Where the tip is then (3,); anywhere if None.
+            joints: The joints (dof,) at which it begins.
+            target_m: The tip (3,) at that time; None if it may be anywhere.
 
         Returns:
             None where there are none.

@@ -14,7 +14,7 @@ def plan_motion(
     """Plan a motion from the joints ``start`` (n,) [rad or m], collisions not looked at.
 
     Args:
-        planner: Of the arm.
+        planner: The planner of the arm.
         motion: The motion.
         start: All joints.
         speed: The speed class, which may be slower than the motion's own.

@@ -83,8 +83,8 @@ class PointGoal:
     Attributes:
         joints: All joints (n,), rad or m.
         target: The point.
-        solved: How the tool is oriented there.
-        stance: How it was to be.
+        solved: The orientation of the tool there.
+        stance: The wanted stance.
     """
 
     joints: Vector
@@ -152,7 +152,7 @@ class Planner:
         See ``plan_path``.
 
         Raises:
-            BadValueError: As of ``plan_path``.
+            BadValueError: The errors of ``plan_path``.
         """
         path = straight_lines(self.path_start(start), points_m, blend_m)
         return self.plan_path(start, path, speed, stance, tool_speed_m_s)
@@ -249,7 +249,7 @@ class Planner:
             start: All joints.
             points: The points, the last one being the goal.
             speed: slow, normal or fast.
-            blend: How far before a point the straight path is left, rad or m.
+            blend: The distance before a point at which the straight path is left, rad or m.
         """
         trajectory = JointWaypointTrajectory(start, points, self.motion_limits(speed), blend)
         return self._make_plan(start, trajectory, speed)

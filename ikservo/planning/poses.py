@@ -51,7 +51,7 @@ class PoseLibrary:
 
     Args:
         model: The arm.
-        usb_serial_number: Of its adapter; empty where there is none.
+        usb_serial_number: The serial number of its adapter; empty if there is none.
     """
 
     def __init__(self, model: Model, usb_serial_number: str) -> None:

@@ -27,7 +27,7 @@ class ArmState:
     Attributes:
         tip_m: The tip (3,), metres, base frame.
         joints: Base to tip, gripper last.
-        orientation: Of the tool, R_base_tip (3, 3); NaN where it is not known.
+        orientation: The orientation of the tool, R_base_tip (3, 3); NaN if it is unknown.
     """
 
     tip_m: Vector
@@ -117,11 +117,12 @@ class MotionProgress:
 
     Attributes:
         elapsed_s: Time of the motion; behind the clock where it was slowed down.
-        duration_s: Of the whole motion; infinite for one that continues until it is ended.
+        duration_s: The duration of the whole motion; infinite for one that continues until it is
+            ended.
         tip_m: The measured tip (3,), metres, base frame.
         joints_rad: The measured joints (n,), rad or m; without a reply, as last measured.
-        setpoints_rad: Where they should be (n,); the servos' goals lead it by what load and
-            friction take.
+        setpoints_rad: The setpoints of the joints (n,); the servos' goals lead it by the effect of
+            load and friction.
         names: The joints, in the order of the arrays.
     """
 
@@ -162,9 +163,9 @@ class MoveResult:
         settling_s: From there until every joint had settled.
         orientation_requested: Whether an orientation of the tool was requested.
         orientation_change_rad: The angle between the tool's orientations at start and end.
-        path_error_rms_m: Of the measured tip to the commanded path, root of the mean square over
-            the control cycles; lagging along the path is no error. None where the tip followed no
-            Cartesian path.
+        path_error_rms_m: The distance of the measured tip from the commanded path, root mean square
+            over the control cycles; a lag along the path is not an error. None if the tip followed
+            no Cartesian path.
         path_error_max_m: The largest in a control cycle.
     """
 
@@ -236,7 +237,7 @@ class GraspResult:
         width_m: The distance between the jaws; None where the arm file has no widths.
         load_percent: The servo's load: of its torque or current.
         force: The fraction of its torque that it may use.
-        duration_s: How long it took.
+        duration_s: The duration of the motion.
     """
 
     grasped: bool
@@ -260,9 +261,10 @@ class ReplayResult:
     """How a recording was played back.
 
     Attributes:
-        samples: How many samples it has.
-        duration_s: How long the replay took.
-        slowdown: How many times slower than recorded, because it was faster than the limits.
+        samples: The number of its samples.
+        duration_s: The duration of the replay.
+        slowdown: The factor by which it was slower than recorded, because the recording exceeded
+            the limits.
         error_rad: The largest error of a joint at the last sample, rad or m.
         measured_rad: The joints in the end, rad or m by name.
         measured_tip_m: The tip there (3,), metres.
@@ -306,15 +308,15 @@ class FollowResult:
     """How a stream of targets was followed.
 
     Attributes:
-        setpoints: How many there were.
-        unreached: How many of them were out of reach; the arm went as near as it could.
-        refused: How many the guard refused; the arm kept the one before.
+        setpoints: The number of targets.
+        unreached: The number of targets that were out of reach; the arm went as near as it could.
+        refused: The number that the guard refused; the arm kept the one before.
         reason: Why the last of those was refused.
         ended: Why it ended: the end of the stream, or a timeout.
         measured_rad: The joints in the end, corrected, rad or m by name.
         measured_tip_m: The tip there (3,), metres.
         duration_s: From the first target to rest, the correction included.
-        warnings: What was warned of meanwhile: heat, or a servo that soon protects itself.
+        warnings: The warnings during the motion: heat, or a servo that soon protects itself.
     """
 
     setpoints: int
@@ -340,7 +342,7 @@ class JogResult:
         blocked: Whether it cannot go on in this direction: a limit or the guard ended it.
         measured_rad: The joints in the end, rad or m by name.
         measured_tip_m: The tip there (3,), metres.
-        duration_s: How long it took.
+        duration_s: The duration of the jog.
     """
 
     ended: str

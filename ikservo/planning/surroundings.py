@@ -32,7 +32,7 @@ class Turn:
         """Let an arm move in the block.
 
         Args:
-            arm: Which of the two.
+            arm: One of the two arms.
             other: The name of the other one.
 
         Raises:

@@ -49,12 +49,13 @@ class ToolOrientation:
     Attributes:
         pitch_rad: The angle of the tool axis above the horizontal: -π/2 is straight down.
         roll_rad: The rotation about the tool axis, clockwise from behind the tool; 0 is level.
-        direction: Where the tool axis points (3,), base frame, any length.
+        direction: The direction of the tool axis (3,), base frame, any length.
         keep: Whether the orientation of the start is kept in the base frame, all of it.
         posture: Preferred joint positions instead, where the point leaves freedom (lecture L10).
         orientation: The whole orientation R_base_tip (3, 3). An arm with fewer than six joints
             has it at few points only.
-        within_rad: How far the tool may be from the pitch, roll, direction or orientation.
+        within_rad: The largest deviation of the tool from the pitch, roll, direction or
+            orientation.
 
     Raises:
         BadValueError: They contradict each other, or are no finite numbers.

@@ -26,7 +26,7 @@ class ToolSpeed:
         top_m_s: The highest that the motion has.
         slowest_m_s: The lowest between the first and the last instant at the requested speed; the
             highest where that is never reached.
-        limited_by: What keeps the tool from being as fast as requested all the way.
+        limited_by: The limit that keeps the tool from being as fast as requested all the way.
     """
 
     requested_m_s: float

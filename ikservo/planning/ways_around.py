@@ -40,9 +40,9 @@ def ways_around(
     Args:
         context: The arm, whose paths are checked.
         start: All joints (n,), touching nothing.
-        goals: Where the motion may end (m, n).
+        goals: The possible ends (m, n).
         load_factor: Multiple of gravity while the arm brakes.
-        tool: What the tool keeps to on the way.
+        tool: The constraint of the tool on the way.
         is_over: Whether the search is to end; asked often.
 
     Yields:

@@ -100,10 +100,10 @@ class ControlTable:
     """The control table of one servo model; never instantiated.
 
     Attributes:
-        model_name: As on the case and in arm.toml.
+        model_name: The name on the case and in arm.toml.
         number: Value of the servo's model register.
         family: The protocol family.
-        byte_order: Of 16- and 32-bit values on the line.
+        byte_order: The byte order of 16- and 32-bit values on the line.
         ticks_per_turn: Counts of the present position in a full revolution of the horn; not an
             integer if the sensor covers less than a revolution.
         baud_rates: Code in the baud rate register to bits a second.

@@ -42,7 +42,7 @@ class RosMessage:
     """A message, encoded.
 
     Attributes:
-        topic: Where it belongs.
+        topic: The topic of the message.
         time_ns: When it was true, nanoseconds since 1970.
         data: CDR.
     """

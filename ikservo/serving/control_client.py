@@ -190,7 +190,7 @@ def send_command(
     Args:
         device: The port, by any of its names.
         command: The command.
-        timeout_s: How long the reply may take; relaxing is slow.
+        timeout_s: The time that the reply may take; relaxing is slow.
         arm: The arm's name, which counts where the process has two arms at the device.
 
     Returns:

@@ -46,12 +46,12 @@ class ArmLease:
     that are older than the dead-man timeout, repeated, or overtaken by later ones are dropped.
 
     Args:
-        clock: Of the server.
-        timeout_s: How long a message counts, and a motion goes on without another.
+        clock: The clock of the server.
+        timeout_s: The time for which a message counts, and a motion goes on without another.
 
     Attributes:
         timeout_s: See above.
-        dropped: How many setpoints were dropped.
+        dropped: The number of setpoints that were dropped.
     """
 
     def __init__(self, clock: Clock, timeout_s: float = DEAD_MAN_TIMEOUT_S) -> None:

@@ -49,7 +49,7 @@ class SaturationReason:
     """Why the goal of a joint goes no further.
 
     Attributes:
-        kind: What limits it.
+        kind: The kind of limit.
         text: The same for the user, with the limit that binds and its source.
     """
 
@@ -71,8 +71,8 @@ class GoalIntegrator:
     Args:
         driven: The joint with its servo and limits.
         goal: The goal, ticks.
-        target: Where the joint should be, ticks; None where it only has to come to rest.
-        acceleration: How fast the goal's speed may change, ticks/s².
+        target: The target of the joint, ticks; None if it only has to come to rest.
+        acceleration: The largest change of the goal's speed, ticks/s².
         stuck: Between which leads over the joint friction is expected to keep it, ticks: through
             them the goal goes fast. Twice the same number where that is not known.
 

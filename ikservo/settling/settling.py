@@ -41,7 +41,7 @@ class SettlingTrajectory:
     Args:
         driven_joints: The joints, each with its servo, limits and speed.
         goals: Their goals (n,), ticks.
-        targets: Where the joints should be, ticks; None for one that keeps its goal.
+        targets: The targets of the joints, ticks; None for one that keeps its goal.
         limits: The kinematic limits of each.
         stuck: The lowest and the highest leads of goals (n,) with which friction keeps the joints.
         is_reached: Whether the arm is where it should be with its joints as measured (n,), though
@@ -193,8 +193,8 @@ class SettlingResult:
     Attributes:
         measured: The joints (n,), rad or m.
         residuals: The joints that did not arrive, by how much and why.
-        motion_s: How long the motion took up to its planned end, with the preload before it.
-        settling_s: How long settling took after that.
+        motion_s: The duration of the motion up to its planned end, with the preload before it.
+        settling_s: The duration of settling after that.
         unsettled: The joints that still move by more than the play of gears explains.
     """
 
@@ -232,7 +232,7 @@ def settle(
         target: The ticks at which the joints should be.
         limits: The kinematic limits of each joint.
         speed_rad_s: The motion's top speed at the horns.
-        motion_s: How long the motion took.
+        motion_s: The duration of the motion.
         below: Goals (n,) to which joints with known backlash go first, see ``backlash_approach``.
 
     Raises:

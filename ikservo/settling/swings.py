@@ -32,8 +32,8 @@ class SwingDamper:
     """Counts how often a joint turns round, and softens its servo by its goals while it swings.
 
     Attributes:
-        ticks: How far the joint went between the last two times that it turned round.
-        rests: How often a swing came to rest.
+        ticks: The distance between the last two turns of the joint.
+        rests: The number of swings that came to rest.
         steady_s: For how long the joint has not been corrected.
     """
 

@@ -178,7 +178,7 @@ def compensate(chain: Chain, target_m: Vector, q: Vector, held: Collection[str])
     Args:
         chain: Base to tool.
         target_m: The target of the tip (3,), metres.
-        q: Where the joints are (dof,), rad or m.
+        q: The joints (dof,), rad or m.
         held: Names of the joints that stay.
 
     Returns:
@@ -309,8 +309,8 @@ def backlash_approach(
     Args:
         goals: The servos' goals at the end of a motion (n,), rad or m.
         moved: Whether each joint took part in it (n,).
-        backlash: Of each joint (n,) and what friction keeps it from its goal, both ways together,
-            rad or m; 0 where backlash is not known.
+        backlash: The backlash of each joint (n,) and the friction that keeps it from its goal, both
+            ways together, rad or m; 0 if backlash is unknown.
         driven_joints: Each of them.
 
     Returns:

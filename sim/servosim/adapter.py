@@ -106,7 +106,8 @@ class AdapterOptions:
     Attributes:
         echo: Whether the host receives its own bytes: adapters without echo cancellation.
         usb_frame_s: Packets travel only at multiples of this time (1 ms at full speed); 0 = none.
-        latency_s: How long an unfilled packet waits in the chip (FTDI: 16 ms unless set); 0 = none.
+        latency_s: Time that an unfilled packet waits in the chip (FTDI: 16 ms unless set); 0 =
+            none.
     """
 
     echo: bool = False

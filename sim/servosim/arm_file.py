@@ -19,7 +19,7 @@ class ServoEntry:
 
     Attributes:
         id: On the bus.
-        model: As in the datasheet.
+        model: The model in the datasheet.
         sign: Direction of growing ticks in the joint's coordinate.
         zero_tick: Reported tick at joint zero.
         transmission: Between its horn and the joint.
@@ -58,7 +58,7 @@ class SimulatedArmFile:
         poses: Joint coordinates [rad or m] by pose and joint.
         floor_m: Height of the table in the base frame.
         tip: The link whose origin is the arm's tip; empty where the file names none.
-        base: How the base of the URDF stands, see `base_pose`; empty for as it is.
+        base: The pose of the URDF's base, see `base_pose`; empty for the one in the file.
     """
 
     path: Path

@@ -32,7 +32,7 @@ class BenchServo:
 
     Attributes:
         id: On the bus.
-        model: As in the datasheet.
+        model: The model in the datasheet.
         baud: Its baud rate; None for the common one.
     """
 
@@ -57,7 +57,7 @@ def make_arm_world(
     Args:
         arm: The arm.
         pose: The start pose.
-        seed: Of one arm of the family (`family.FAMILY`); None for the nominal arm.
+        seed: The seed of one arm of the family (`family.FAMILY`); None for the nominal arm.
         physics: True for bodies and contacts from MuJoCo, with the masses of the URDF.
         backlash_deg: Backlash of every servo's gears; None for that of the arm.
         specimen: Masses, payload and motors that differ from those of the files.
@@ -137,7 +137,7 @@ def make_bench_world(
     Args:
         servos: The servos.
         baud: The rate of those without their own; None for the factory default.
-        seed: Of their tolerances.
+        seed: The seed of their tolerances.
         protocol: 1 or 2 for Dynamixel X servos; None for the factory default.
 
     Raises:

@@ -40,12 +40,13 @@ class SimulatedView:
     """A camera, and how a board is fixed to the tip.
 
     Attributes:
-        from_tip_m: Where the camera stands, from where the tip is at first (3,), base frame. A
-            calibration holds for an arm that starts in the same pose.
-        aside_m: How far the board is from the tip, towards the camera.
-        tilt_rad: By how much it is tilted away from the camera at first.
-        focal_px: Of the lens.
-        off_centre_px: Where its axis meets the picture, from the picture's centre, right and down.
+        from_tip_m: The camera, seen from the first place of the tip (3,), base frame. A calibration
+            holds for an arm that starts in the same pose.
+        aside_m: The distance of the board from the tip, towards the camera.
+        tilt_rad: The first tilt of the board away from the camera.
+        focal_px: The focal length of the lens.
+        off_centre_px: The point where its axis meets the picture, from the picture's centre, right
+            and down.
         distortion: k1 and k2.
         size: Width and height of the pictures.
         noise: Standard deviation of each pixel, of 255.
@@ -76,8 +77,9 @@ class SimulatedCamera:
     Args:
         world: The arm.
         board: The board; nobody sees it if the arm's surroundings have none.
-        view: Where camera and board are; the board faces the camera as the arm was placed.
-        seed: Of the noise.
+        view: The places of camera and board; the board faces the camera in the first pose of the
+            arm.
+        seed: The seed of the noise.
 
     Attributes:
         hint: Why the pictures show no more than the board; empty if they do.

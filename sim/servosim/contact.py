@@ -101,10 +101,10 @@ class Contacts:
         """Compute the torques (forces) on the driven joints, with those of contacts.
 
         Args:
-            positions: Of the driven joints [rad or m].
+            positions: The positions of the driven joints [rad or m].
             velocities: Velocities of the driven joints [rad/s or m/s].
             mass: Mass matrix of the arm with its motors (n, n).
-            free: Which joints no servo holds (n,); only these give way and are pushed.
+            free: The joints that no servo holds (n,); only these give way and are pushed.
             loads: The other torques (forces) (n,): contacts bear them, however light the joints.
             interval_s: Until the next evaluation.
         """

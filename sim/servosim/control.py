@@ -179,7 +179,7 @@ class DriveCommand:
 
     Attributes:
         torque_on: False opens the bridge: the shaft can be moved by hand.
-        mode: What is controlled.
+        mode: The controlled quantity.
         goal_rad: Goal of POSITION and CURRENT_POSITION.
         goal_velocity_rad_s: Goal of VELOCITY.
         goal_pwm: Goal of PWM, -1..1.

@@ -29,12 +29,13 @@ class Tip:
 
     Args:
         joints: The arm's moving joints, as in its URDF.
-        driven: Which position moves each of them.
+        driven: The position that moves each of them.
         tree: Their frames.
         parent: Index of the moving joint behind which the link is fixed, -1 at the base.
         T_joint_link: The link's frame in that joint's (4, 4).
         limits: Lower and upper limit of each position [rad or m].
-        link_positions: Where links are that give way to gravity, for positions at the sensors.
+        link_positions: The positions of links that give way to gravity, for positions at the
+            sensors.
     """
 
     def __init__(
@@ -202,7 +203,7 @@ class RigidArm:
         joint_names: The joints that servos move; others rest at zero, or at the nearest limit.
         specimen: Masses that differ from the URDF's, and a payload.
         tip: The link that holds the payload; empty where there is none.
-        base: How the base stands, see `base_pose`.
+        base: The pose of the base, see `base_pose`.
 
     Raises:
         ArmFileError: The file is no usable URDF, or lacks one of the joints or the tip.

@@ -26,7 +26,7 @@ class AccessRules:
         current_mode: Returns the effective operating mode.
 
     Attributes:
-        first_data: Where indirect data begin; below it no address is indirect.
+        first_data: The first address of indirect data; below it no address is indirect.
     """
 
     def __init__(

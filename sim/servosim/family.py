@@ -38,7 +38,7 @@ class FamilyMember:
     """One arm of the family; the same seed gives the same arm.
 
     Attributes:
-        seed: Of the arm.
+        seed: The seed of the arm.
     """
 
     seed: int

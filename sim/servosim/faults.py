@@ -44,11 +44,11 @@ class Fault:
         for_s: Its duration.
         count: At most so often (faults of replies and instructions).
         probability: Chance each time (faults of replies and instructions).
-        delay_s: Of a late reply.
-        bytes: Of garbage, or left of a short reply.
+        delay_s: The delay of a late reply.
+        bytes: The length of the garbage, or of what is left of a short reply.
         bits: Flipped in a reply, or set in an alarm.
-        volts: Of a wrong supply.
-        celsius: Of an overheated servo.
+        volts: The wrong supply.
+        celsius: The temperature of an overheated servo.
         grip: Fraction of the torque that slipping gears transmit.
     """
 

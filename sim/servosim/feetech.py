@@ -177,9 +177,9 @@ class Feetech(Servo):
         make_series: Makes the part of its series.
         table: Its control table.
         motor: The physics behind it.
-        shaft: Where reported positions have their zero.
+        shaft: The zero of reported positions.
         delivered: Registers that differ from the table's defaults.
-        seed: Of its chance.
+        seed: The seed of its random numbers.
     """
 
     protocol = BusProtocol.FEETECH

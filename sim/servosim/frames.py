@@ -17,7 +17,7 @@ class Frame:
     Attributes:
         id: The addressed servo, or the servo that replies.
         instruction: The instruction byte; in a protocol 1 status, the error byte.
-        params: What follows the instruction, stuffing removed, without the checksum.
+        params: The bytes after the instruction, without stuffing and checksum.
         end: Bytes of the feed that completed the frame, counted from that feed's start.
         raw: The frame as it came.
     """

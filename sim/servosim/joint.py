@@ -161,7 +161,7 @@ class Hand:
         force: Its force in the last step; positive forward.
         time_s: Since the grasp.
         resting: Its force in the next step if the joint rests.
-        damping: By how much that is less for each rad/s (m/s).
+        damping: The decrease of that for each rad/s (m/s).
     """
 
     path: Path
@@ -177,8 +177,8 @@ class Hand:
 
         Args:
             dt_s: Time that passes [s].
-            position: Of the joint.
-            inertia: Of the joint with its motors.
+            position: The position of the joint.
+            inertia: The inertia of the joint with its motors.
         """
         self.time_s += dt_s
         goal, goal_velocity = self.path(self.time_s)
@@ -302,10 +302,11 @@ class SimulatedJoint:
         """Set the servos to a state of the joint.
 
         Args:
-            position: Of the joint.
-            velocity: Of the joint.
-            lash: How far it is ahead of the middle of the play; None: as before.
-            rotor_velocity: Of the rotors, in the joint's unit; None: that of the joint.
+            position: The position of the joint.
+            velocity: The velocity of the joint.
+            lash: The distance to the middle of the play; None: as before.
+            rotor_velocity: The velocity of the rotors, in the joint's unit; None: that of the
+                joint.
         """
         horn_rad = self.transmission.horn_rad(position)
         slope = self.transmission.slope(horn_rad)

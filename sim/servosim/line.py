@@ -101,7 +101,7 @@ class LineOptions:
         wire_time: Whether bytes take time at all.
         gap_s: A pause between bytes after which a servo gives up an unfinished frame.
         noise: Chance of each byte to have one bit flipped.
-        seed: Of all chance on the line.
+        seed: The seed of all random events on the line.
         adapter: The host's adapter.
     """
 

@@ -146,11 +146,11 @@ class Motor:
         torque_nm: Torque of the motor at the shaft, before friction.
         current_a: Signed current of the winding.
         pwm: Signed duty of the bridge, -1..1.
-        lash_rad: How far the output is ahead of the middle of the play.
+        lash_rad: The angle of the output ahead of the middle of the play.
         moving: Whether the shaft is faster than the drive's threshold or the profile runs.
         heat: The thermal model of the servo.
-        lower_stop_rad: Where a hard stop holds the shaft.
-        upper_stop_rad: Where a hard stop holds the shaft on the other side.
+        lower_stop_rad: The position of a hard stop of the shaft.
+        upper_stop_rad: The position of the hard stop on the other side.
         load_inertia_kg_m2: Inertia of the load on the output.
         carried: Another body integrates the motion and sets it by `set_state`; a step only
             computes the torque.
@@ -316,7 +316,7 @@ class Motor:
             dt_s: Time that passes [s].
             pressed_nm: Torque of the motor that reaches the gears [N m].
             load_nm: External torque, as far as it is known, with that of accelerations [N m].
-            held_nm_s: By how much a speed of the output makes that torque smaller [N m s].
+            held_nm_s: The decrease of that torque with the speed of the output [N m s].
         """
         if self.stuck:
             self._alone_rad_s, self._behind_rad_s, self._ahead_rad_s = 0.0, -math.inf, math.inf

@@ -38,7 +38,7 @@ class MujocoBody:
         joint_names: The joints that servos move.
         motors: The motors on each joint, for their friction and inertia.
         floor_m: Height of the floor in the base frame; None for no floor.
-        stop_margins: How far past its limits the stops of each joint are [rad or m].
+        stop_margins: The distance of the stops of each joint from its limits [rad or m].
         cubes: Cubes on the floor, which the arm can push and grip.
 
     Raises:

@@ -114,7 +114,7 @@ class ServoTable:
 
     Attributes:
         model: The model's name.
-        family: Which servos it behaves like.
+        family: The servos that it behaves like.
         number: The model number in its memory.
         firmware: The firmware version that the defaults belong to.
         registers: Rows in the order of their addresses.

@@ -43,8 +43,7 @@ class Specimen:
         mass_scales: Further factor of what hangs on a joint, up to the next ones, by joint.
         payload_kg: A point mass at the tip.
         motors: Figures of the servos of a joint, by joint, with the keys of ``read_specimen``.
-        compliances: How far what hangs on a joint gives way behind the sensor, by joint: rad for
-            each N m, m for each N.
+        compliances: The compliance behind the sensor of each joint, by name: rad per N m, m per N.
     """
 
     mass_scale: float = 1.0
@@ -86,8 +85,8 @@ class Specimen:
         """Return moving joints with the masses of this specimen.
 
         Args:
-            joints: As in the URDF, parents first. What hangs on one without a scale of its own (the
-                jaws) has that of its parent.
+            joints: The joints in the order of the URDF, parents first. A body on a joint without a
+                scale of its own (the jaws) has that of its parent.
             tip: The moving joint behind which the tip is, and the tip's frame in its frame.
 
         Raises:

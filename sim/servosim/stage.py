@@ -35,7 +35,7 @@ class StageCamera:
 
     Attributes:
         T_base_camera: Its pose (4, 4): x to the right, y down, z ahead.
-        focal_px: Of its lens.
+        focal_px: The focal length of its lens.
         size: Width and height of its pictures.
     """
 
@@ -50,7 +50,7 @@ class MountedBoard:
 
     Attributes:
         half_m: Half its sides (2,).
-        tip_m: Where the tip is (3,) in the board's frame: what holds it begins there.
+        tip_m: The tip (3,) in the board's frame, where the holder of the board begins.
     """
 
     half_m: Matrix
@@ -90,8 +90,8 @@ class Stage:
         """Draw a picture.
 
         Args:
-            positions: Of the arm's joints, by name [rad or m].
-            poses: Where the cubes are, then the board if there is one (4, 4), base frame. The
+            positions: The positions of the arm's joints, by name [rad or m].
+            poses: The poses of the cubes, then of the board if there is one (4, 4), base frame. The
                 board's pattern is on the side of its -z.
 
         Returns:

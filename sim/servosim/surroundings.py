@@ -26,7 +26,7 @@ class Cube:
     """A wooden cube that stands on the table at first.
 
     Attributes:
-        colour: Of ``COLOURS``; no other cube has it.
+        colour: One of ``COLOURS``; no other cube has it.
         x_m: Its middle, base frame.
         y_m: The same, to the left.
     """

@@ -178,16 +178,16 @@ class _Model:
         volts_max: Highest setting, and the upper limit as delivered.
         volts_low: The lower limit as delivered.
         current: Greatest current, in its unit; None without a sensor.
-        heat_limit: Of the temperature.
+        heat_limit: The temperature limit.
         velocity: Limit as delivered.
         velocity_i: Gain, as are the next four.
         velocity_p: P gain of the velocity.
         position_d: D gain of the position.
         position_i: I gain of the position.
         position_p: P gain of the position.
-        shutdown: As delivered.
-        pwm_slope: As delivered; only the small ones of 330 have it.
-        port_mode: As delivered; only those of 540 have external ports.
+        shutdown: The value at delivery.
+        pwm_slope: The value at delivery; only the small ones of 330 have it.
+        port_mode: The value at delivery; only those of 540 have external ports.
         shafts: Those with two lack the startup configuration, and the backup.
     """
 

@@ -19,9 +19,9 @@ class ServoAudit:
 
     Attributes:
         id: At the time of the report.
-        model: Of the servo.
+        model: The model of the servo.
         goals: Goal positions written.
-        goals_outside_limits: Of these, outside the servo's own position limits.
+        goals_outside_limits: The number of these outside the servo's own position limits.
         largest_goal_step: Between two goals that followed each other.
         largest_goal_distance: From a goal to the present position when it was written.
         eeprom_writes: Registers of the EEPROM that were written permanently.

@@ -149,7 +149,7 @@ class MovingJoint:
         mimic: Joint that it copies, its own name when none.
         multiplier: `q = multiplier * q_mimic + offset`.
         offset: See multiplier.
-        body: What hangs on it, up to the next moving joints.
+        body: The body that hangs on it, up to the next moving joints.
     """
 
     name: str

@@ -227,7 +227,7 @@ class World:
 
         Args:
             point_m: In the base frame.
-            speed: Of the fastest joint [rad/s]; a tenth of it in m/s on sliding joints.
+            speed: The speed of the fastest joint [rad/s]; a tenth of it in m/s on sliding joints.
             limit: The greatest force on each joint: N m, or N on a sliding joint.
 
         Raises:

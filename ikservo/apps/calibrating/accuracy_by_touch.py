@@ -40,7 +40,7 @@ def measure_by_touch(
         model: The arm.
         port: See ``open_torque_off``.
         points: A file of points; None for the printed sheet.
-        times: How often each is touched.
+        times: The number of touches of each point.
         operator: Who answers.
 
     Raises:

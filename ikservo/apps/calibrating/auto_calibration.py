@@ -50,8 +50,8 @@ class ContactResult:
     """What stopped a joint.
 
     Attributes:
-        position: Where it stopped, rad or m.
-        contact: What stopped it; ``ContactState.MOVING`` where it reached its goal.
+        position: The position at which it stopped, rad or m.
+        contact: The obstacle that stopped it; ``ContactState.MOVING`` if it reached its goal.
     """
 
     position: float
@@ -73,9 +73,10 @@ def probe_end_stop(
         context: The arm with the limits of the search, torque on.
         runner: Runs the motion.
         bus: Its servos.
-        joint: Which.
+        joint: The joint.
         end: Its goal, rad or m: past the stop that is searched.
-        fraction: Of its torque that the servo may use, 0 to 1; all of it again afterwards.
+        fraction: The fraction of its torque that the servo may use, 0 to 1; the whole torque again
+            afterwards.
         on_positions: Called with the measured joints (n,) in every control cycle.
 
     Raises:
@@ -175,7 +176,7 @@ class RangeEnd:
 
     Attributes:
         joint: The joint.
-        start: Where the search starts: the middle of its range.
+        start: The position from which the search starts: the middle of its range.
         expected: Its position in the arm file.
         past: The goal of the search, beyond it.
     """
@@ -240,8 +241,8 @@ def unreached(subject: JointUnderCalibration, lower: float | str, upper: float |
 
     Args:
         subject: The joint.
-        lower: Where its lower stop was found, rad or m, or why it was not searched.
-        upper: Where its upper stop was found, or why it was not searched.
+        lower: The position of its lower stop, rad or m, or the reason why it was not searched.
+        upper: The position of its upper stop, or the reason why it was not searched.
     """
     text, expected = subject.joint_map.format, subject.expected
     ends = ((lower, expected.lower.value), (upper, expected.upper.value))

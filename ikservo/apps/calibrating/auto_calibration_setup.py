@@ -227,8 +227,8 @@ class PosturePlanner:
 
         Args:
             column: The joint's column in the chain's vectors.
-            start: Where it starts, rad or m.
-            end: Where its stop is expected, and a little beyond.
+            start: The start, rad or m.
+            end: A position a little beyond the expected stop.
             present: The present posture (dof,).
 
         Returns:
@@ -329,8 +329,8 @@ class _JointSearch:
 
     Attributes:
         column: The joint's column in the chain's vectors.
-        start: Where it starts.
-        end: Where it ends.
+        start: The start.
+        end: The end.
     """
 
     column: int

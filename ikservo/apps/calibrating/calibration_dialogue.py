@@ -117,7 +117,7 @@ def calibrate_by_hand(
 
     Args:
         limp_arm: The arm, torque off.
-        options: What was chosen beforehand.
+        options: The choices that were made beforehand.
         base: The calibration of which some joints are replaced; None if all are new.
 
     Raises:
@@ -173,7 +173,7 @@ def record_ranges(
 
     Args:
         limp_arm: The arm, torque off.
-        state: Where the calibration is.
+        state: The state of the calibration.
         pose: The named reference pose.
         stages: The stages to run.
         refused: Why the answer that ended these stages last was refused; None if it was not.
@@ -322,7 +322,7 @@ def review(
     Args:
         limp_arm: The arm.
         state: The calibration at its review.
-        options: What was chosen beforehand.
+        options: The choices that were made beforehand.
         base: The calibration of which some joints are replaced; None if all are new.
         more: Answers besides saving where there are buttons.
         may_have_sagged: See ``find_shifted_zeros``.
@@ -413,7 +413,7 @@ def confirm_saving(
 
     Args:
         limp_arm: The arm.
-        calibration: What would be saved.
+        calibration: The calibration that would be saved.
         more: Answers besides ``accept`` where there are buttons.
 
     Raises:

@@ -64,8 +64,8 @@ class TorqueOffArm:
         model: The arm file's model.
         bus: The servos' bus.
         facts: The configuration of every servo as read, by id.
-        serial_number: Of the USB adapter; empty where it has none.
-        settled: How an interrupted write was recovered; empty where there was none.
+        serial_number: The serial number of the USB adapter; empty if it has none.
+        settled: The way in which an interrupted write was recovered; empty if there was none.
     """
 
     def __init__(self, model: Model, bus: ServoBus, *, settled: bool = True) -> None:

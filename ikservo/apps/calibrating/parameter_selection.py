@@ -35,8 +35,8 @@ class CalibrationEstimate:
 
     Attributes:
         fit: The arm fitted to all touches but outliers.
-        cross_validation_rms_m: By extent, the root mean square error on touches that were
-            left out of the fit.
+        cross_validation_rms_m: The root mean square error on touches that were left out of the fit,
+            by extent.
         deviation_m: Deviation of the tip over the joints' ranges: one standard deviation, its
             median and its 95th percentile over postures.
     """

@@ -102,7 +102,7 @@ class EndStopDetector:
 
     Attributes:
         max_load_percent: The load limit of its servo.
-        min_lag_rad: How far it must be behind its goal.
+        min_lag_rad: The lag behind its goal from which it counts as blocked.
         contact: The state of the joint.
         since_s: When it last moved; infinity before the first sample.
         at_rad: Its position then.

@@ -41,7 +41,7 @@ class TouchOffSession:
     Attributes:
         loose: Its servos.
         calibration: Its calibration file.
-        chain: As in the arm file, without the corrections of an earlier touch-off.
+        chain: The chain of the arm file, without the corrections of an earlier touch-off.
         present: With the corrections of an earlier touch-off.
         maps: From ticks to positions, of the chain's joints.
 

@@ -42,7 +42,7 @@ class TouchTarget:
     """A point to touch with the tip.
 
     Attributes:
-        name: As on the sheet: ``B3``; ``B3 block`` on top of a block there.
+        name: The name on the sheet: ``B3``; ``B3 block`` on top of a block there.
         position_m: Its position (3,), metres, base frame; None if not measured.
     """
 
@@ -69,7 +69,8 @@ def place_sheet(
         model: The arm; straight ahead is the direction of its tool in the pose ``home``.
         edge_m: From the arm's base frame straight ahead to the near edge; None for where the
             middle of the sheet is beneath that tool.
-        block_m: How high a block is that the tip is put on at every other cross, if there is one.
+        block_m: The height of the block that the tip is put on at every other cross, if there is
+            one.
 
     Returns:
         The distance of the near edge [m], and the places in the order in which to touch them.
@@ -100,7 +101,7 @@ class TouchOffState:
         places: The remaining targets, in order.
         touches: The recorded touches.
         stillness: The readings of the last half second.
-        ticks: Of the last touch, by servo id; empty before the first.
+        ticks: The ticks of the last touch, by servo id; empty before the first.
         found: The result of the touches, once they are evaluated.
         before: The state before the last input.
     """

@@ -34,7 +34,7 @@ class SeenPoint:
     """What a pixel sees first.
 
     Attributes:
-        point_m: Where (3,), metres, base frame.
+        point_m: The point (3,), metres, base frame.
         thing: The thing of the scene; None for the table.
     """
 
@@ -55,8 +55,8 @@ class ArmCamera:
 
     Args:
         context: The arm.
-        scene: What stands around it.
-        name: Of the camera; see ``known_camera``.
+        scene: The scene around the arm.
+        name: The name of the camera; see ``known_camera``.
     """
 
     def __init__(self, context: ArmContext, scene: Scene, name: str = "") -> None:
@@ -120,8 +120,8 @@ class ArmCamera:
         Args:
             u: To the right, pixels.
             v: Down, pixels.
-            height_m: Of the plane above the table, metres; the table is that of the arm file, or
-                z = 0.
+            height_m: The height of the plane above the table, metres; the table is that of the arm
+                file, or z = 0.
 
         Returns:
             The point (3,), metres, base frame.
@@ -185,8 +185,8 @@ def known_camera(
 
     Args:
         context: The arm.
-        name: Of the camera; empty for the one without a name, or the only one.
-        source: Where no name is given, the one with this source is preferred; None for none.
+        name: The name of the camera; empty for the one without a name, or the only one.
+        source: The preferred source if no name is given; None for none.
 
     Raises:
         CalibrationError: The arm has no calibrated camera.

@@ -46,7 +46,7 @@ class Board:
         columns: Squares in a row.
         rows: Rows of them.
         square_m: The side of a square, metres.
-        family: Of the markers: ``4x4``, ``5x5``, ``6x6`` or ``7x7`` bits.
+        family: The size of the markers: ``4x4``, ``5x5``, ``6x6`` or ``7x7`` bits.
     """
 
     columns: int

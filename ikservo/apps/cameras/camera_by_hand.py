@@ -39,11 +39,11 @@ class HandCalibration:
     Args:
         arm: The arm; its torque is off.
         camera: The camera; it stands still.
-        board: What is fixed to the gripper.
-        count: How many pictures to use.
+        board: The board on the gripper.
+        count: The number of pictures to use.
         report: Takes a line on each picture, and on why none is used.
-        extents: What may be estimated, of ``HAND_EXTENTS``.
-        folder: Where the pictures are kept, too; None for nowhere.
+        extents: The parameters that may be estimated, a part of ``HAND_EXTENTS``.
+        folder: The folder in which the pictures are kept, too; None to keep none.
     """
 
     def __init__(

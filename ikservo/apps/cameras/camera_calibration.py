@@ -71,16 +71,16 @@ class CameraResult:
     """What the pictures say.
 
     Attributes:
-        estimate: Of camera, board and arm.
-        intrinsics: Of the camera.
-        board: What was on the gripper.
+        estimate: The estimate of camera, board and arm.
+        intrinsics: The intrinsics of the camera.
+        board: The board on the gripper.
         pictures: In how many the board was seen.
         missed: In how many it was not.
         duration_s: From the first picture to the last, by the arm's clock.
-        carried: Which share of its weight the arm carried itself while somebody held it; None if
-            nobody did, or it is not known how its links give way.
-        sag_m: Where that is not known: how far the tip would sag, root mean square, where the arm
-            carries itself in these postures and gives way by ``PRINTED_COMPLIANCE``. Else None.
+        carried: The fraction of its weight that the arm carried itself while somebody held it; None
+            if nobody did, or if the compliance of its links is unknown.
+        sag_m: If that is unknown: the sag of the tip, root mean square, of an arm that carries
+            itself in these postures with ``PRINTED_COMPLIANCE``. Otherwise None.
     """
 
     estimate: CameraEstimate
@@ -107,7 +107,7 @@ class ArmBefore:
 
     Attributes:
         model: The arm file's model.
-        calibration: With which its joints are measured; None for a simulated arm.
+        calibration: The calibration with which its joints are measured; None for a simulated arm.
     """
 
     model: Model
@@ -160,8 +160,8 @@ class BoardPictures:
 
     Args:
         arm: The arm.
-        board: What is fixed to the gripper.
-        folder: Where the pictures are kept, too; None for nowhere.
+        board: The board on the gripper.
+        folder: The folder in which the pictures are kept, too; None to keep none.
     """
 
     def __init__(self, arm: ArmBefore, board: Board, folder: PictureFolder | None = None) -> None:
@@ -212,7 +212,7 @@ class BoardPictures:
         Args:
             missed: In how many pictures the board was not seen.
             duration_s: From the first picture to the last.
-            extents: What may be estimated.
+            extents: The parameters that may be estimated.
             by_hand: Whether somebody held the arm. How much of its weight bent it is that share,
                 of some, with which pictures that are left out are predicted best.
 
@@ -260,11 +260,11 @@ class CameraCalibration:
     Args:
         arm: The arm, where the board is before the camera and about in the middle of the picture.
         camera: The camera; it stands still.
-        board: What is fixed to the gripper.
-        count: How many pictures to take.
+        board: The board on the gripper.
+        count: The number of pictures to take.
         report: Takes a line on each picture.
-        extents: What may be estimated.
-        folder: Where the pictures are kept, too; None for nowhere.
+        extents: The parameters that may be estimated.
+        folder: The folder in which the pictures are kept, too; None to keep none.
     """
 
     def __init__(

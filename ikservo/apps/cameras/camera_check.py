@@ -30,7 +30,7 @@ class BoardPlace:
 
     Args:
         camera: The camera.
-        known: What is known of it besides.
+        known: Other facts that are known about it.
 
     Raises:
         CalibrationError: It was calibrated without saying where the board was.
@@ -77,8 +77,8 @@ def check_camera(
         arm: The arm before the camera.
         source: The camera.
         now: The time of the check.
-        within_mm: How far off the board may be seen; as far as the calibration is wrong if None.
-        name: Of the camera; see ``known_camera``.
+        within_mm: The largest error of the board; None: the error of the calibration.
+        name: The name of the camera; see ``known_camera``.
 
     Raises:
         UnknownNameError: The arm has no camera of that name.
@@ -132,7 +132,7 @@ def compare_place(
 
     Args:
         model: The camera where it was calibrated.
-        place: Where the board is.
+        place: The place of the board.
         T_base_tip: The pose of the tip (4, 4).
         view: The board in a picture.
         now: The time of the picture.

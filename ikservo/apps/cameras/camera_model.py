@@ -30,7 +30,7 @@ class CameraModel:
     """A camera that stands still before an arm.
 
     Attributes:
-        lens: How it projects.
+        lens: The projection of its lens.
         T_base_camera: Its pose (4, 4): x to the right in the picture, y down, z ahead.
     """
 

@@ -20,8 +20,8 @@ def open_source(source: str, transport: object, board: Board) -> PictureSource:
 
     Args:
         source: Its number, device or address; ``sim`` for the one before a simulated arm.
-        transport: Of the arm's port.
-        board: What is before a simulated camera.
+        transport: The transport of the arm's port.
+        board: The board in front of a simulated camera.
 
     Raises:
         InputError: OpenCV is not installed, or there is no such camera.

@@ -41,8 +41,10 @@ class LensTerms:
 
     Attributes:
         at: The numbers (6,) with which the board's pose was computed.
-        by_lens: How that pose changes with them (6, 6): rows are metres and rad, camera frame.
-        slope: Of half the squared error of the corners by them (6,), the pose always the best one.
+        by_lens: The derivative of that pose by these parameters (6, 6): rows are metres and rad,
+            camera frame.
+        slope: The derivative of half the squared error of the corners by these parameters (6,),
+            with the best pose for each.
         information: The second derivative (6, 6).
         noise: The covariance (6, 6) of that pose by the noise of the corners, as ``by_lens``.
     """
@@ -64,8 +66,8 @@ class BoardSample:
     Attributes:
         q: The measured joints (dof,), rad or m.
         T_camera_board: The board's pose (4, 4); its origin is best in the middle of the board.
-        name: Of the picture.
-        lens: Of the camera; None where its lens is known.
+        name: The name of the picture.
+        lens: The lens of the camera; None if its lens is known.
     """
 
     q: Vector
@@ -174,18 +176,18 @@ class CameraFit:
 
     Attributes:
         bending: The arm that gives way.
-        extent: What was estimated.
+        extent: The parameters that were estimated.
         T_camera_base: The pose (4, 4) of the arm's base.
         T_tip_board: The pose (4, 4) of the board on the tip.
-        scale: By which share the board is further away than it looks: it was printed larger than it
-            is said to be.
+        scale: The relative excess of the board's distance, because it was printed larger than
+            stated.
         lens: The numbers (6,) of the lens, as in ``LensTerms``; zeros where it is known.
-        zeros: What is added to the measured joints (dof,), rad or m.
+        zeros: The offsets of the measured joints (dof,), rad or m.
         sigma: Standard deviations: across the ray and along it [m], tilt and turn [rad].
-        kept: Which samples (n,) are no outliers.
-        covariance: Of the six numbers of each pose, the scale, the lens, zeros, compliances and
-            half plays.
-        asked: Which of these were to be estimated.
+        kept: Whether each sample (n,) is not an outlier.
+        covariance: The covariance of the six numbers of each pose, the scale, the lens, zeros,
+            compliances and half plays.
+        asked: Whether each of these was to be estimated.
         free: Those of them that the samples determine; the others are as they were.
     """
 
@@ -259,7 +261,8 @@ class CameraEstimate:
     Attributes:
         fit: The chosen fit, of all samples but outliers.
         arm_fit: That of everything but the play.
-        left_out_m: By extent: across the ray, root mean square over samples left out one by one.
+        left_out_m: The error across the ray by extent, root mean square over samples left out one
+            by one.
     """
 
     fit: CameraFit
@@ -296,7 +299,7 @@ def estimate_camera(
         known: The arm as it is known, with its masses; what it carries besides, the board too, adds
             to them.
         samples: At least six, in postures that differ.
-        extents: What may be estimated, `Extent.CAMERA` among it.
+        extents: The parameters that may be estimated, `Extent.CAMERA` among them.
 
     Raises:
         CalibrationError: Too few samples, or they contradict each other.
@@ -327,7 +330,7 @@ def fit_camera(
     Args:
         known: The arm as it is known.
         samples: The samples (n), three or more.
-        extent: What is estimated.
+        extent: The parameters that are estimated.
         outliers_of: The fit whose outliers are left out; they are looked for if None.
 
     Raises:
@@ -354,7 +357,7 @@ def picture_information(fit: CameraFit, samples: Sequence[BoardSample]) -> tuple
     """Compute what pictures say of all that can be estimated but the play.
 
     Args:
-        fit: What is known.
+        fit: The present knowledge of camera and arm.
         samples: Boards (n) where they are expected.
 
     Returns:

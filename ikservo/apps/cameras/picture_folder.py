@@ -57,8 +57,8 @@ class PictureFolder:
 
     Args:
         path: The folder.
-        index: What the pictures will show.
-        calibration: With which the joints are measured; None for a simulated arm.
+        index: The description of the pictures to come.
+        calibration: The calibration with which the joints are measured; None for a simulated arm.
 
     Raises:
         InputError: The folder has something in it.
@@ -109,9 +109,9 @@ class SavedPictures:
     """A folder of pictures, as it was read.
 
     Attributes:
-        folder: Where the pictures are.
-        index: What they show.
-        calibration: With which the joints were measured; None for a simulated arm.
+        folder: The folder of the pictures.
+        index: The description of the pictures.
+        calibration: The calibration with which the joints were measured; None for a simulated arm.
     """
 
     folder: Path

@@ -33,7 +33,7 @@ class PictureSource(Protocol):
     """Takes pictures.
 
     Attributes:
-        hint: What somebody who looks at them should know; empty for nothing.
+        hint: A hint for people who look at them; empty for none.
     """
 
     hint: str
@@ -131,7 +131,7 @@ class BoardView:
 
     Attributes:
         ids: Their numbers (k,).
-        pixels: Where they are (k, 2).
+        pixels: Their pixels (k, 2).
         size: Width and height of the picture.
     """
 
@@ -235,7 +235,7 @@ def lens_terms(
         intrinsics: Near which.
         T: The pose in the camera.
         corners_m: In the board.
-        view: Where they were seen; exactly where they are expected if None.
+        view: The place where they were seen; None: exactly where they are expected.
     """
     import cv2  # noqa: PLC0415  # of the extra `camera`
 

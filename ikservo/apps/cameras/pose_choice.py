@@ -57,11 +57,11 @@ def choose_postures(
 
     Args:
         board: On the gripper.
-        fit: What is known.
-        intrinsics: Of the camera, as far as they are known.
+        fit: The present knowledge of camera and arm.
+        intrinsics: The intrinsics of the camera, as far as they are known.
         candidates: Postures to choose from (n, dof).
         done: Postures of the pictures that there are (m, dof).
-        count: How many to choose.
+        count: The number of postures to choose.
 
     Returns:
         Indices of candidates.

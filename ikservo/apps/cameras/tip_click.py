@@ -48,15 +48,15 @@ class TipZero:
 
     Attributes:
         joint: The last one.
-        shift_rad: By how much it is further than it measured.
-        off_m: How far the last click is from the tip then, across the line of sight.
-        px_per_deg: By how many pixels a degree of the joint moves the tip there.
-        others_deg: By how much each click, the last ones last, says that it is further still.
-        counts: Which of these count: one that is too far from two or more others does not.
+        shift_rad: The angle by which the joint is further than it measured.
+        off_m: The distance of the last click from the tip then, across the line of sight.
+        px_per_deg: The pixels by which the tip moves there per degree of the joint.
+        others_deg: The remaining angle according to each click, the latest ones last.
+        counts: Whether each of these counts: one that is too far from two or more others does not.
         are_apart: Whether there are two, too far apart for their errors.
         error_deg: The standard error of the zero.
-        error_m: By which the tip is then uncertain.
-        advice: Where to click next; empty where that is not worth it.
+        error_m: The remaining uncertainty of the tip.
+        advice: Advice where to click next; empty if another click is not worth it.
         before: The calibration by which it was found.
         calibration: The same with that zero, and the clicks.
     """
@@ -109,9 +109,9 @@ def find_tip_zero(
 
     Args:
         arm: The arm before the camera, at rest.
-        pixels: Where the tip was clicked (u, v), once or more often.
+        pixels: The pixels (u, v) at which the tip was clicked, one or more.
         written: The time of the calibration with that zero.
-        name: Of the camera; see ``known_camera``.
+        name: The name of the camera; see ``known_camera``.
         joints: All joints (n,) of the resting arm; measured if None.
 
     Raises:

@@ -52,7 +52,7 @@ class ImportOptions:
         base: The link from which on the tree is used.
         tips: The links of the tools; one arm is made for each.
         gripper: The joint of the jaws; empty for none.
-        base_frame: How the base frame is turned and shifted, in words.
+        base_frame: The rotation and shift of the base frame, in words.
         limits: Ranges by joint, degrees or millimetres.
         servos: Servos by joint.
         servo_model: The model of servos that are not named.
@@ -83,7 +83,7 @@ def build_drafts(
     Args:
         description: The tree.
         name: The name of the arm; several get the names of their tips behind it.
-        options: What the user decided.
+        options: The decisions of the user.
 
     Raises:
         UnknownNameError: A link, joint or servo model that there is not.

@@ -22,7 +22,7 @@ def check_collada(path: Path, place: str, data: bytes, max_elements: int) -> Non
         path: The origin of the data, for the messages.
         place: Whose shape it is, for the messages.
         data: The file.
-        max_elements: How many triangles and elements there may be in the whole scene.
+        max_elements: The largest number of triangles and elements in the whole scene.
 
     Raises:
         FileFormatError: It is too large, contains itself or is no plain XML.

@@ -30,7 +30,7 @@ class Description:
         path: The file.
         urdf: Its links and joints.
         packages: The packages that were found.
-        notes: What was changed to make it a tree of joints that servos can drive.
+        notes: The changes that made it a tree of joints that servos can drive.
     """
 
     path: Path

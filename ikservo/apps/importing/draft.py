@@ -67,13 +67,13 @@ class ArmDraft:
         tip: The link of the tool.
         joints: Base to tip, the jaws last.
         baud: Bits a second on the bus.
-        supply_v: Of servos that are sold for several voltages; None where that is not known.
+        supply_v: The supply of servos that are sold for several voltages; None if it is unknown.
         floor_m: Height of the table in the base frame.
         poses: Joint positions [rad or m] by pose and joint.
         pictures: The content of each mesh file by its name.
-        fits: How meshes became capsules.
-        decisions: What was decided, one sentence each.
-        dropped: What of the description is not in the arm, one sentence each.
+        fits: The capsules that were fitted to meshes.
+        decisions: The decisions, one sentence each.
+        dropped: The parts of the description that the arm lacks, one sentence each.
         read_files: The description and the folders that were read.
     """
 

@@ -63,8 +63,8 @@ class MeshFit:
 
     Attributes:
         capsules: In the coordinates of the mesh.
-        excess_m: How far the farthest point of their common surface is from the mesh.
-        allowed_m: How far it should be.
+        excess_m: The distance of the farthest point of their common surface from the mesh.
+        allowed_m: The largest distance that it should have.
     """
 
     capsules: tuple[FittedCapsule, ...]

@@ -43,7 +43,7 @@ def load_draft(draft: ArmDraft, folder: Path | None = None) -> Model:
 
     Args:
         draft: The arm.
-        folder: Where its two files are written; a temporary folder if None.
+        folder: The folder of its two files; a temporary folder if None.
 
     Raises:
         FileFormatError: It cannot be loaded.

@@ -26,7 +26,7 @@ class PackageFolders:
     Attributes:
         path: The description.
         given: Folders by package, of the user.
-        folder: What the user named is in it; its files may be read.
+        folder: The folder that contains what the user named; its files may be read.
         used: Folders by package, as found so far.
         outside: Names of meshes that were refused: they are outside of every folder.
     """

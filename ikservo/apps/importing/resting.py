@@ -25,8 +25,9 @@ class RestingPlace:
     """Where an arm comes to rest.
 
     Attributes:
-        positions: By joint, rad or m; a little above, where the guard would find a contact.
-        sank_s: How long it took.
+        positions: Positions by joint, rad or m; a little above the place where the guard would find
+            a contact.
+        sank_s: The time that it took.
         gap_m: The smallest distance of its body there, as the guard measures it; negative where
             its shapes overlap.
         pair: The two things that are so near; empty where nothing is checked.

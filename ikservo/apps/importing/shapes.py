@@ -51,10 +51,10 @@ class ContactFit:
     Attributes:
         link: Its link.
         name: The mesh, as in the description.
-        triangles: How many it has.
-        capsules: How many contain it.
-        excess_m: How far their surface is from it at most.
-        allowed_m: How far it should be at most.
+        triangles: The number of its triangles.
+        capsules: The number of capsules that contain it.
+        excess_m: The largest distance of their surface from it.
+        allowed_m: The largest distance that it should have.
     """
 
     link: str
@@ -80,9 +80,9 @@ class ShapeConversion:
 
     Attributes:
         urdf: The tree of simple shapes; its meshes are files of ``pictures``.
-        fits: How each mesh became capsules.
+        fits: The capsules that were fitted to each mesh.
         pictures: The content of each mesh file, by its name in the arm's folder.
-        notes: What was dropped.
+        notes: The parts that were dropped.
         corners_m: Outermost points (n, 3) of each link's meshes and boxes, link coordinates.
     """
 

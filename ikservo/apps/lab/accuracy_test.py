@@ -48,8 +48,8 @@ class TestSettings:
     Attributes:
         cycles: Cycles of poses and directions.
         path_cycles: Cycles of each path at each speed.
-        drift_s: How long drift is measured, by the port's clock.
-        parts: Which of ``PARTS``.
+        drift_s: The time for which drift is measured, by the port's clock.
+        parts: The parts to measure, out of ``PARTS``.
 
     Raises:
         BadValueError: A number is too small.
@@ -135,10 +135,10 @@ class PathResult:
 
     Attributes:
         shape: line or circle.
-        speed_percent: Of the highest speed.
+        speed_percent: The percentage of the highest speed.
         tool_speed_m_s: The commanded speed of the tip.
         points_m: Points (m, 3) of the commanded path.
-        attained_m: Where each cycle crossed the planes there (m, 3).
+        attained_m: The points at which each cycle crossed the planes there (m, 3).
     """
 
     shape: str
@@ -197,12 +197,12 @@ class AccuracyTest:
 
     Args:
         arm: The arm, opened; moved at the speed class ``fast``.
-        settings: How much is measured.
+        settings: The extent of the measurements.
         on_step: Called after each cycle.
 
     Attributes:
         on_step: Called after each cycle.
-        cube: Where it is measured.
+        cube: The cube in which they are made.
         top_speed_m_s: 100 % speed of the tip: what the joints allow on each path. 0 until known.
         poses: Pose accuracy and repeatability.
         directions: Multi-directional pose accuracy variation.

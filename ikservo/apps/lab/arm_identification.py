@@ -55,7 +55,7 @@ class IdentificationRun:
 
     Attributes:
         arm: The arm.
-        dynamics: By its file.
+        dynamics: The dynamics of its file.
         excitation: The tour; starts and ends in the pose `START_POSE`.
     """
 

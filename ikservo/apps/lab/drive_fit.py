@@ -55,8 +55,8 @@ class JointPrior:
     """What is known of a joint's drive before: of its servos' models.
 
     Attributes:
-        servo: Of one of its servos.
-        servos: How many drive it.
+        servo: The model of one of its servos.
+        servos: The number of servos that drive it.
         nominal_v: The supply of these figures.
         per_horn_rad: Motion of the joint for each rad of the horns.
         full_duty_share: Standard deviation of the torque of the whole duty, as a share of it.
@@ -98,7 +98,7 @@ class Winding:
     Attributes:
         ohm: R.
         kt: Its torque constant, N m/A.
-        covariance: Of the errors of the two (2, 2).
+        covariance: The covariance of the errors of the two (2, 2).
     """
 
     ohm: float
@@ -117,7 +117,7 @@ class MotorConstants:
     """Motors of all servos of a joint together, at the joint.
 
     Attributes:
-        windings: Of each servo.
+        windings: The windings of each servo.
         nominal_v: The supply of the whole duty.
         per_horn_rad: Motion of the joint for each rad of the horns.
     """
@@ -153,9 +153,9 @@ class LoopFit:
         duty_per_rad_error: Its standard error.
         share_before: Its standard deviation before, as a share of it.
         startup_duty: Duty that is added in the direction of the error.
-        delay_s: By which the duty seems to be that of an earlier position: d.
-        noise: By how much the duty of a window differs from that, rms: what the D gain does with
-            the steps of the goals and of the position.
+        delay_s: The age of the position to which the duty seems to belong: d.
+        noise: The deviation of the duty from that within a window, rms: the response of the D gain
+            to the steps of goals and position.
     """
 
     duty_per_rad: float
@@ -170,8 +170,8 @@ def fit_motors(windows: SteadyWindows, prior: JointPrior) -> MotorConstants | No
     """Fit the motors of a joint; None where one of its servos does not measure its current.
 
     Args:
-        windows: Of the joint; its currents have a direction.
-        prior: Of its servos.
+        windows: The windows of the joint; its currents have a direction.
+        prior: The prior of its servos.
     """
     found = [_winding(windows, k, prior) for k in range(prior.servos)]
     fits = [each for each in found if each is not None]
@@ -244,7 +244,7 @@ def mean_duties(windows: SteadyWindows, loops: Sequence[LoopFit]) -> SteadyWindo
     goal to goal. Where that makes the duties noisy, those that follow from the leads are taken.
 
     Args:
-        windows: As read.
+        windows: The windows that were read.
         loops: The loop of each joint.
     """
     duty = windows.duty.copy()
@@ -267,8 +267,8 @@ def sign_currents(recording: DriveRecording, priors: Sequence[JointPrior]) -> Dr
     than the joint, but its rotor has inertia.
 
     Args:
-        recording: As read.
-        priors: What is known of each joint's servos.
+        recording: The recording that was read.
+        priors: The priors of each joint's servos.
     """
     current, volts = recording.current_a.copy(), recording.duty * recording.voltage_v
     speeds = smooth_samples(np.gradient(recording.position, recording.time_s, axis=0))
@@ -318,11 +318,11 @@ def fit_backlash(
     that they were fitted to needs currents like those of a swing.
 
     Args:
-        recording: Of the motion; its currents have a direction.
+        recording: The recording of the motion; its currents have a direction.
         joint: The joint.
         gravity: Its gravity torque in each sample (m,), as far as known: one that keeps its sign
             keeps the gears on one side.
-        motors: Of its servos.
+        motors: The motors of its servos.
     """
     swings = _swings(recording, joint)
     if len(swings) < _MIN_SWINGS:

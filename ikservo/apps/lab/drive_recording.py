@@ -25,8 +25,8 @@ class DriveRecording:
 
     Attributes:
         time_s: When the servos were read (m,).
-        leg: Which part of the motion each sample is of (m,).
-        speed: Of the reference (m, dof), rad/s or m/s.
+        leg: The part of the motion to which each sample belongs (m,).
+        speed: The speed of the reference (m, dof), rad/s or m/s.
         goal: Goals (m, dof), rad or m.
         position: Measured with the duty (m, dof), rad or m.
         duty: Share of the whole duty (m, dof, most), -1 to 1, positive towards larger positions.
@@ -60,7 +60,7 @@ class SteadyWindows:
         joint: The joint's index.
         leg: The part of the motion.
         q: All joints of the chain (k, dof).
-        speed: Of the joint, rad/s.
+        speed: The speed of the joint, rad/s.
         lead: Goal less position, rad.
         goal_age_s: See `DriveRecording`.
         duty: Share of the whole duty of each servo of the joint (k, most).

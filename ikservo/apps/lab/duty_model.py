@@ -69,7 +69,7 @@ class DutyModel:
         windows: Steady motion.
         gravity: Gravity torques of each window's own joint (k, bodies + 1): of each body, and of a
             payload of 1 kg.
-        prior: What is known before.
+        prior: The prior.
         back_emf_nm_s: Back-EMF of each joint (dof,); infinite where all damping counts as back-EMF.
         nominal_v: Supply of each joint's servos (dof,).
         square_per_nm: Friction for the square of the load of each joint's gears (dof,).
@@ -97,8 +97,8 @@ class DutyModel:
         Args:
             windows: Steady motion.
             gravity: Gravity torques at each window's posture (k, dof, bodies + 1).
-            joints: What is known of each joint's servos.
-            prior: What is known of the parameters; None for what follows from ``joints``.
+            joints: The priors of each joint's servos.
+            prior: The prior of the parameters; None to derive it from ``joints``.
         """
         own = gravity[np.arange(len(windows.joint)), windows.joint]
         return cls(

@@ -53,9 +53,9 @@ class TourOptions:
     """How long a tour is.
 
     Attributes:
-        postures: How many postures it has.
-        slow_postures: How many of them are visited again, more slowly.
-        swings: How often each joint by itself then swings where gravity hardly loads it: that shows
+        postures: The number of its postures.
+        slow_postures: The number of these that are visited again, more slowly.
+        swings: The number of swings of each joint alone, where gravity hardly loads it; they reveal
             its backlash.
     """
 
@@ -138,9 +138,9 @@ def plan_excitation(
 
     Args:
         context: The arm.
-        dynamics: Of its chain.
-        start: Where the tour starts and ends (n,), rad or m.
-        options: How long the tour is.
+        dynamics: The dynamics of its chain.
+        start: The joints (n,) at which the tour starts and ends, rad or m.
+        options: The length of the tour.
 
     Raises:
         RefusedError: There is no free way from there to any posture.
@@ -211,8 +211,9 @@ class _FreeSpace:
 
     Attributes:
         context: The arm.
-        dynamics: Of its chain.
-        clearance_m: What the body must keep; links beside each other may always be this near.
+        dynamics: The dynamics of its chain.
+        clearance_m: The distance that the body must keep; links beside each other may always be
+            this near.
         limits: The kinematic limits of all joints.
         max_torque: Gravity torque of each joint (dof,) that its servo holds without being taken
             for one that does not follow.

@@ -97,12 +97,13 @@ class Identification:
     Attributes:
         joints: The joints of the chain.
         bodies: Their bodies.
-        estimates: By name: ``JOINT.PARAMETER`` for `JOINT_PARAMETERS`, ``stiffness_nm_rad`` and
-            ``backlash_rad``, all servos of the joint together, at the joint; ``BODY.mass_scale``;
-            and ``payload_kg``. What was not measured at all is left out.
-        motors: Of the joints whose servos measure their current.
-        validation: By joint. Where identified parameters predict no better, the joint's estimates
-            are the values of the tables.
+        estimates: The estimates by name: ``JOINT.PARAMETER`` for `JOINT_PARAMETERS`,
+            ``stiffness_nm_rad`` and ``backlash_rad``, all servos of the joint together, at the
+            joint; ``BODY.mass_scale``; and ``payload_kg``. Parameters that were not measured at all
+            are left out.
+        motors: The motors of the joints whose servos measure their current.
+        validation: The validation by joint. If identified parameters predict no better, the joint's
+            estimates are the values of the tables.
     """
 
     joints: tuple[str, ...]
@@ -146,9 +147,9 @@ def identify(
     """Identify the parameters that explain a recording best.
 
     Args:
-        dynamics: Of the chain, by the arm file.
-        priors: What is known of each joint's servos.
-        recording: Of slow motion.
+        dynamics: The dynamics of the chain, by the arm file.
+        priors: The priors of each joint's servos.
+        recording: A recording of slow motion.
 
     Raises:
         CalibrationError: A joint has not moved enough.
@@ -193,9 +194,9 @@ def identify_payload(
     """Identify the mass at the tip.
 
     Args:
-        dynamics: Of the chain, by the arm file.
-        priors: What is known of each joint's servos.
-        recording: Of slow motion with the payload.
+        dynamics: The dynamics of the chain, by the arm file.
+        priors: The priors of each joint's servos.
+        recording: A recording of slow motion with the payload.
         known: The arm without a payload, identified before; None where it was not.
 
     Raises:

@@ -24,7 +24,7 @@ class ArmChoices:
 
     Attributes:
         models: The arms by name.
-        ports: What to say of each port, by its name.
+        ports: The remark on each port, by its name.
         own: The user's own arms: arm, adapter and port, which is empty while it is unplugged.
     """
 

@@ -101,7 +101,7 @@ class ArmList:
 
     Args:
         arms: The arms.
-        choices: What else there is.
+        choices: The other choices.
         clock: Limits the rate of frames.
         downloads: Hands out the addresses of the cameras' pictures.
         new_arm: Makes the folder of a new arm.

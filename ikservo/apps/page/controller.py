@@ -58,7 +58,7 @@ class SessionController:
     Args:
         arm_thread: Owns the arm.
         clock: The time of the page.
-        downloads: Where files are offered; a place of its own if None.
+        downloads: The place that offers files; a new one if None.
         find_arm: Finds another arm of the page, to be followed.
         cameras: The cameras that the arm may show; None for none.
         add_other_arm: Makes another arm of the page an obstacle to this one.
@@ -181,7 +181,7 @@ class SessionController:
         """Brake and hold until acknowledged.
 
         Args:
-            by: By whom, as the beginning of a sentence.
+            by: The actor, as the beginning of a sentence.
         """
         self._forget_targets()
         self._arm_thread.post(replace(self._arm_thread.command, live=False, goal=None))

@@ -173,8 +173,8 @@ def status_frame(
     Args:
         arm_thread: Has the snapshot.
         interaction: Input of the client in control.
-        step: Which step of a solver trace is shown.
-        controller: Which page has control: ``you``, ``other`` or ``none``.
+        step: The step of a solver trace that is shown.
+        controller: The page in control: ``you``, ``other`` or ``none``.
         now_s: The time, which dates what was measured.
         posture: Rows about the posture of the arm.
         fallback: Why Live has ended, until the user has answered.

@@ -87,7 +87,7 @@ class ViewApp:
         insecure: Serve other machines by plain HTTP instead of TLS.
         collisions: See ``open_arm``.
         uncalibrated: See ``open_arm``.
-        dead_man_s: How long the arm follows without a heartbeat of the page.
+        dead_man_s: The time for which the arm follows without a heartbeat of the page.
         cameras: See ``PageCameras``.
         camera_name: See ``PageCameras``.
         servos: Instead of arms: the port of the servos that the page works on, and their arm.

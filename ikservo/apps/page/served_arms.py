@@ -52,7 +52,7 @@ class ArmAtPort:
     Attributes:
         model: The arm.
         port: Its port; None for the one that is remembered, or the only one.
-        other_arms: Where other arms stand that are opened with it, by their names on the page.
+        other_arms: The bases of other arms that are opened with it, by their names on the page.
     """
 
     model: Model
@@ -68,7 +68,7 @@ class ViewSettings:
         open_arm: Opens an arm at a port.
         clock: The time of heartbeats.
         downloads: Takes the files that pages ask for.
-        dead_man_s: How long an arm follows without a heartbeat of its page.
+        dead_man_s: The time for which an arm follows without a heartbeat of its page.
         cameras: The cameras of the page; None for no camera.
     """
 
@@ -100,9 +100,9 @@ class ServedArm:
     Args:
         name: Unique among the arms of the page.
         place: The arm and its port.
-        settings: What all arms have in common.
+        settings: The settings that all arms share.
         find_arm: Finds another arm of the page, to be followed.
-        before: What was around it when it was closed, if it was open before.
+        before: The things around it when it was closed, if it was open before.
 
     Attributes:
         state: Whether it is open; written by the thread that opens it, then by the server's.
@@ -199,7 +199,7 @@ class ServedArm:
 
         Raises:
             InputError: No other arm of that name is open, or it moves.
-            RefusedError: Where it is cannot be measured.
+            RefusedError: Its place cannot be measured.
         """
         other = self._find_arm(name)
         if other is None or other is self.arm_thread:
@@ -300,7 +300,7 @@ class ServedArms:
     """Opens, stops and closes the arms of one page; only the server's thread may call it.
 
     Args:
-        settings: What all arms have in common.
+        settings: The settings that all arms share.
     """
 
     def __init__(self, settings: ViewSettings) -> None:
@@ -330,8 +330,8 @@ class ServedArms:
         """Open arms and wait for them; those that cannot be opened stay in the list.
 
         Raises:
-            IkservoError: Of the first of them, if none could be opened, or not all of those of
-                which it is said where they stand; or one of these cannot be an obstacle.
+            IkservoError: The error of the first of them, if none could be opened, or not all of
+                those whose place is given; or one of these cannot be an obstacle.
         """
         failed: list[IkservoError] = []
         added = [self._add(place) for place in places]
@@ -384,7 +384,7 @@ class ServedArms:
 
         Args:
             name: The arm; None for every open one.
-            by: By whom, as the beginning of a sentence.
+            by: The actor, as the beginning of a sentence.
         """
         for arm in self.all():
             if arm.is_open and name in (None, arm.name):

@@ -56,7 +56,7 @@ class ArmAddress:
 
     Attributes:
         name: The name under which it is served.
-        endpoint: Where it is served.
+        endpoint: The endpoint at which it is served.
     """
 
     name: str

@@ -62,11 +62,11 @@ class ArmServer:
         session: The session; the caller closes it after the server.
         arm: The arm; the caller closes it after the server.
         name: The name under which it is served.
-        rate_hz: How many states a second are published while somebody subscribes.
-        clock: Of the lease.
+        rate_hz: The number of states per second that are published while somebody subscribes.
+        clock: The clock of the lease.
 
     Attributes:
-        service: What clients may do.
+        service: The service that clients use.
         lease: Who controls the arm.
     """
 

@@ -56,7 +56,7 @@ class PendingCall:
     """A request whose answer is still to come.
 
     Args:
-        address: Of the arm, for messages.
+        address: The address of the arm, for messages.
         on_lease_lost: Called where the answer is that this program does not control the arm.
     """
 
@@ -108,8 +108,8 @@ class Connection:
     """A connection to one served arm; closed by ``close``.
 
     Args:
-        address: Of the arm.
-        certificate: Of this end; None on this machine.
+        address: The address of the arm.
+        certificate: The certificate of this end; None on this machine.
 
     Raises:
         PortError: Nothing listens there, or no arm of that name is served.

@@ -25,12 +25,12 @@ class FleetArm:
     Attributes:
         host: The machine.
         name: The name under which it is served there; empty where the machine is not reached.
-        arm: What it is.
+        arm: The kind of arm.
         state: ``moving``, ``holds``, ``limp``, ``stopped``, or ``unreachable``.
         operator: Who controls it; empty where nobody does.
         stopped_for: Why it was stopped; empty where it is not stopped.
-        temperature_c: Of its hottest servo.
-        alarms: Of its servos.
+        temperature_c: The temperature of its hottest servo.
+        alarms: The alarms of its servos.
         latency_s: From the request to the answer, which includes reading its servos.
         error: Why the machine cannot be reached.
     """

@@ -118,7 +118,8 @@ class RemoteStopRequest(StopRequest):
         connection: To that machine.
 
     Attributes:
-        count_here: How often this program has stopped the arm, cancelled motions aside.
+        count_here: The number of times that this program has stopped the arm, cancelled motions not
+            counted.
     """
 
     def __init__(self, connection: Connection) -> None:

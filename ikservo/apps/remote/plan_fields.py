@@ -35,8 +35,8 @@ class PathSamples:
 
     Attributes:
         step_s: Between two samples.
-        positions: Of all joints (k, n), rad or m.
-        velocities: Of all joints (k, n).
+        positions: The positions of all joints (k, n), rad or m.
+        velocities: The velocities of all joints (k, n).
     """
 
     step_s: float
@@ -145,8 +145,8 @@ def plan_from_fields(
     """Read the plan that a server keeps, with a path that is fetched when needed.
 
     Args:
-        fields: What ``PlanRegistry.add`` returned there.
-        motion: What was planned.
+        fields: The fields that ``PlanRegistry.add`` returned there.
+        motion: The motion that was planned.
         fetch: Returns the samples of a plan by its id.
 
     Raises:

@@ -59,7 +59,7 @@ class RemoteArm(MotionMethods):
     Args:
         model: The arm, as this machine describes it.
         connection: To the process beside it; closed with the arm.
-        on_exit: What ``close`` does with torque: ``hold`` or ``relax``.
+        on_exit: The torque after ``close``: ``hold`` or ``relax``.
 
     Raises:
         InputError: The arm that is served there has other joints than the model.

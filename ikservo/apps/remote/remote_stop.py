@@ -81,7 +81,7 @@ def stop_machine(host: Endpoint, name: str = "*") -> StopAllResult:
     """Stop the arms of a machine; ask again where one has not confirmed it.
 
     Args:
-        host: Where they are served.
+        host: The host that serves them.
         name: Under which name; every arm of that machine if not given.
 
     Returns:
@@ -105,8 +105,8 @@ class _MachineStop:
 
     Args:
         host: The machine.
-        name: Of its arm, or ``*``.
-        certificate: Of this machine.
+        name: The name of its arm, or ``*``.
+        certificate: The certificate of this machine.
     """
 
     def __init__(self, host: Endpoint, name: str, certificate: Certificate | None) -> None:

@@ -26,9 +26,9 @@ class RemoteStream:
     """Takes setpoints in a ``with`` block; see ``Arm.stream`` and ``SetpointStream``.
 
     Attributes:
-        sent: How many setpoints were sent.
-        unreached: How many were out of reach; known at the end of the block.
-        refused: How many the guard refused; known at the end of the block.
+        sent: The number of setpoints that were sent.
+        unreached: The number that were out of reach; known at the end of the block.
+        refused: The number that the guard refused; known at the end of the block.
         reason: Why the last of those was refused.
         kept: None: the goal that the arm kept is known on its machine only.
     """

@@ -39,11 +39,11 @@ class ServiceRequest(_NetworkMessage):
 
     Attributes:
         lease: The lease of control that it is made under; empty where none is needed.
-        number: Of this request under the lease, growing; 0 without a lease.
+        number: The number of this request under the lease, growing; 0 without a lease.
         sent_s: When it was sent, by the clock of the server.
-        stop_count: How often the arm had been stopped when the motion was requested, which may be
-            long before it was sent; what it is at the arrival if None.
-        arguments: Of the service.
+        stop_count: The number of stops of the arm when the motion was requested, which may be long
+            before it was sent; None: the number at the arrival.
+        arguments: The arguments of the service.
     """
 
     schema_: Literal["ikservo/net/1"] = Field(SCHEMA, alias="schema")
@@ -110,7 +110,7 @@ class Setpoint(_NetworkMessage):
 
     Attributes:
         lease: The operator's lease of control.
-        number: Of this message under the lease, growing.
+        number: The number of this message under the lease, growing.
         sent_s: When it was sent, by the clock of the server.
         wanted: Whether a jog, or the stream of goals, continues; None for no news of that.
         positions: The goal: joint positions by name, rad or m.

@@ -37,7 +37,7 @@ class Certificate:
 
     Attributes:
         authority: The certificate of the authority that both ends trust.
-        certificate: Of this end.
+        certificate: The certificate of this end.
         key: Its private key.
     """
 
@@ -54,7 +54,7 @@ def open_server(
 
     Args:
         listen: The endpoint.
-        certificate: Of the server; needed for TLS.
+        certificate: The certificate of the server; needed for TLS.
         access: Zenoh's access control; needed for TLS.
 
     Raises:

@@ -48,7 +48,7 @@ class Dataset:
     """The metadata of a data set, and its episodes.
 
     Attributes:
-        folder: Where it is.
+        folder: The folder of the data set.
         robot_type: LeRobot's type of the robot that it is of.
         fps: Frames a second.
         joints: The joints whose values it has, without ``.pos``.

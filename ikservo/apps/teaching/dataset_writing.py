@@ -39,11 +39,11 @@ def write_dataset(
     Each is sampled at ``fps``. An action is where the joints are in the next frame.
 
     Args:
-        folder: Where it is made; must not exist, or be empty.
+        folder: The folder of the data set; must not exist, or be empty.
         model: The arm of all recordings.
         recordings: At least one.
         fps: Frames a second; those of the first recording if None.
-        task: What the episodes show, in a sentence.
+        task: The task of the episodes, in a sentence.
 
     Raises:
         InputError: pyarrow is not installed, or the folder is not empty.

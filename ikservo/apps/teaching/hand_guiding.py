@@ -44,7 +44,7 @@ class HandGuiding:
 
     Args:
         context: The arm.
-        feed_forward: Of its masses and servos.
+        feed_forward: The feed-forward of its masses and servos.
         goals: Those in force (n,), rad or m.
     """
 
@@ -134,7 +134,7 @@ def _require_gravity(context: ArmContext) -> FeedForward:
     """Return the arm's feed-forward, at the gains in force.
 
     Raises:
-        RefusedError: What gravity needs is not known.
+        RefusedError: The torque that gravity needs is unknown.
     """
     found = context.servos.compensator.feed_forward
     if found is None:

@@ -82,10 +82,10 @@ class RecordedArm:
     """What is recorded besides samples.
 
     Attributes:
-        header: What the columns are.
+        header: The description of the columns.
         model: The arm.
         chain: Its own chain, calibrated.
-        zeros: Where the zeros of its joints come from.
+        zeros: The source of the zeros of its joints.
         calibration: Its calibration file; empty where there is none.
     """
 
@@ -245,7 +245,7 @@ class RosRecordingWriter:
         sinks: Take the messages.
 
     Attributes:
-        samples: How many were written.
+        samples: The number of samples that were written.
     """
 
     def __init__(self, arm: RecordedArm, urdf: str, sinks: Iterable[MessageSink]) -> None:

@@ -32,7 +32,7 @@ class StepCheck:
     """What the check of a program says of one step.
 
     Attributes:
-        number: Of the step, from 1.
+        number: The number of the step, from 1.
         step: The step.
         error: Why it cannot be made; None where it can.
     """
@@ -47,10 +47,10 @@ class StepResult:
     """A step that was made.
 
     Attributes:
-        number: Of the step, from 1.
-        repetition: Of the program, from 1.
+        number: The number of the step, from 1.
+        repetition: The repetition of the program, from 1.
         step: The step.
-        report: Of its motion; None for a wait.
+        report: The report of its motion; None for a wait.
     """
 
     number: int

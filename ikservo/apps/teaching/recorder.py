@@ -124,9 +124,9 @@ def describe_arm(
         model: The arm.
         chain: Its own chain, calibrated.
         period_s: Between two samples.
-        zeros: Where the zeros of its joints come from.
-        serial_number: Of its adapter, by which its calibration is found on this machine; empty for
-            an adapter without one, None where the arm is on another machine.
+        zeros: The source of the zeros of its joints.
+        serial_number: The serial number of its adapter, by which its calibration is found on this
+            machine; empty for an adapter without one, None if the arm is on another machine.
 
     Raises:
         BadValueError: The period is out of its range.
@@ -156,12 +156,12 @@ def record_open_arm(
         arm: The arm; it may be on another machine.
         path: A new file: a header, then one line of JSON for each sample; or, where it ends
             in ``.mcap``, messages of ROS 2, with goals, link poses and health.
-        duration_s: How long; for as long as ``until`` says if None.
+        duration_s: The duration; None: as long as ``until`` says.
         until: Called at each sample; ends the recording by returning True.
         period_s: Between two samples.
         overwrite: Whether an existing file may be replaced.
-        foxglove_port: Where the same messages are served to Foxglove, on this machine; None
-            for nowhere.
+        foxglove_port: The port on this machine that serves the same messages to Foxglove; None for
+            none.
 
     Raises:
         BadValueError: The file exists, or a number is out of its range.

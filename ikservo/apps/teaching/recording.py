@@ -58,7 +58,7 @@ class Recording:
     """A recording that was read from a file.
 
     Attributes:
-        header: What its columns are.
+        header: The description of its columns.
         times_s: When each sample was taken (k,), increasing.
         joints: The joints then (k, n), rad or m.
         first_line: The line of the first sample; None where the file has no lines.
@@ -136,7 +136,7 @@ class RecordingWriter:
 
     Args:
         path: A new file.
-        header: What its columns are.
+        header: The description of its columns.
         overwrite: Whether an existing file may be replaced.
 
     Raises:
@@ -208,7 +208,7 @@ class RecordingFile:
         overwrite: Whether an existing file may be replaced.
 
     Attributes:
-        file: Where to write; unbuffered.
+        file: The file that is written; unbuffered.
 
     Raises:
         InputError: The file exists and ``overwrite`` is false.

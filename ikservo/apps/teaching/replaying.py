@@ -50,7 +50,7 @@ class RecordedTrajectory:
         upper: The upper limits (n,).
 
     Attributes:
-        slowdown: How many times slower than recorded it is, at least 1.
+        slowdown: The factor by which it is slower than recorded, at least 1.
     """
 
     def __init__(
@@ -217,7 +217,7 @@ class Replay(OwnMotion[ReplayResult]):
         """Compute the joints (n,) after a replay from ``start`` (n,); nothing moves.
 
         Raises:
-            IkservoError: As `run`.
+            IkservoError: The errors of `run`.
         """
         _, trajectory = _load(context, self, start)
         return trajectory.state(trajectory.duration_s).position
@@ -251,7 +251,8 @@ def load_replay(
     """Read a recording, and what ``replay`` would play after its first pose; nothing moves.
 
     Raises:
-        FileFormatError, RefusedError, CalibrationError: As ``replay``; the arm is not here.
+        FileFormatError, RefusedError, CalibrationError: The errors of ``replay``; the arm is not
+            here.
     """
     motion, own = Replay(fspath(parse_path(path)), speed=speed), require_own_port(arm)
     return _load(own.context, motion, own.runner.start_position())

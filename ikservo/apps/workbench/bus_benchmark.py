@@ -40,12 +40,12 @@ class BusTiming:
     """How long cycles of one kind took.
 
     Attributes:
-        what: What a cycle does.
+        what: The work of a cycle.
         cycles_s: Each cycle's duration, ascending, seconds.
         host_s: The host's own part of it, median, seconds.
         wire_s: The time of the bytes and return delays of one cycle, seconds.
-        sent_bytes: Of one cycle.
-        received_bytes: Of one cycle.
+        sent_bytes: The bytes that one cycle sends.
+        received_bytes: The bytes that one cycle receives.
         lost: Replies that did not come.
     """
 
@@ -85,7 +85,7 @@ def benchmark_bus(
     Args:
         model: The arm.
         port: See ``choose_port``.
-        cycles: Of each kind.
+        cycles: The number of cycles of each kind.
         on_cycle: Called with what is measured and the number of cycles done.
 
     Raises:

@@ -28,7 +28,7 @@ class ConfiguredServo:
 
     Attributes:
         servo: Its id, table and joint.
-        found: As it was before.
+        found: The settings before.
         written: Descriptions of what was changed; empty where nothing was.
     """
 
@@ -82,8 +82,8 @@ def configure_servo(
     Args:
         line: The port, see ``open_line``.
         model: The arm.
-        settings: What the servo is to hold.
-        wait_s: How long to wait until it is plugged in.
+        settings: The settings that the servo is to have.
+        wait_s: The time to wait until it is plugged in.
 
     Raises:
         PortError: The port is lost.

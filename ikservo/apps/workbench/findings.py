@@ -28,9 +28,9 @@ class Finding:
 
     Attributes:
         level: Its severity.
-        topic: What was checked, one word.
+        topic: The subject of the check, one word.
         text: The result.
-        fix: What to do about it; may have several lines.
+        fix: The remedy; may have several lines.
     """
 
     level: Severity

@@ -21,7 +21,7 @@ class DecodedPacket:
         sent: Whether it is an instruction; a reply otherwise.
         servo_id: The servo; 254 for all; None where the bytes are no packet.
         meaning: The packet in words.
-        error: What is wrong with it; empty for a good one.
+        error: The error of the packet; empty for a good one.
         data: Its bytes.
     """
 
@@ -67,7 +67,7 @@ def decode_packets(
     """Decode the packets of a recording, in order.
 
     Args:
-        logged: What ports sent and received.
+        logged: The bytes that ports sent and received.
         tables: The control table of each servo by id, for the names of registers; those of other
             ids are addresses.
     """

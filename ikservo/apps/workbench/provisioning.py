@@ -248,9 +248,9 @@ def wait_for_servo(
 
     Args:
         port: The port.
-        table: What is expected; its protocol is tried most often.
+        table: The table of the expected servo; its protocol is tried most often.
         rate: A rate to try besides those of a new servo.
-        wait_s: How long to wait.
+        wait_s: The time to wait.
 
     Raises:
         ServoSilentError: No servo came, or several stayed.

@@ -28,7 +28,8 @@ class Sample:
 
     Attributes:
         time_s: Since the first sample.
-        values: By id and register, in the register's unit; a servo that did not reply is missing.
+        values: The values by id and register, in the register's unit; a servo that did not reply is
+            missing.
     """
 
     time_s: float

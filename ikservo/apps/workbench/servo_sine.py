@@ -33,8 +33,8 @@ class FrequencyPoint:
 
     Attributes:
         frequency_hz: The frequency.
-        amplitude_ratio: Of the joint to its goal.
-        phase_lag_rad: Of the joint behind its goal.
+        amplitude_ratio: The ratio of the joint's amplitude to that of its goal.
+        phase_lag_rad: The phase lag of the joint behind its goal.
     """
 
     frequency_hz: float
@@ -47,7 +47,7 @@ class SineMotion:
 
     Args:
         start: The joints (n,).
-        column: Which of them moves.
+        column: The column of the joint that moves.
         amplitude_rad: To both sides.
         from_hz: The lowest frequency.
         to_hz: The highest; the same for one frequency.
@@ -99,8 +99,8 @@ class SineResponse:
     """A joint on a sine, without corrections by ikservo.
 
     Attributes:
-        time_s: Of the motion (m,).
-        goal_rad: Of the servo (m,).
+        time_s: The times of the motion (m,).
+        goal_rad: The goals of the servo (m,).
         position_rad: Measured (m,).
         sine: The motion.
     """

@@ -40,7 +40,7 @@ class StepResponse:
 
     Attributes:
         time_s: Since the start (m,).
-        goal_rad: Of the servo (m,).
+        goal_rad: The goals of the servo (m,).
         position_rad: Measured (m,).
         ends_s: When the two motions ended.
     """
@@ -156,7 +156,7 @@ def measure_response(arm: Arm, joint: str, step_rad: float) -> StepResponse:
     Args:
         arm: The arm; its other joints hold.
         joint: A joint that turns.
-        step_rad: How far; the other way where there is no room.
+        step_rad: The step; it goes the other way if there is no room.
 
     Raises:
         BadValueError: The step is smaller than 1°.
@@ -392,13 +392,13 @@ def try_steps(
 
     Args:
         arm: The arm.
-        servo: Of the joint.
+        servo: The servo of the joint.
         given: Gains to try; none if empty.
         step_rad: See ``measure_response``.
         suggest: Whether to search better gains.
 
     Raises:
-        IkservoError: As ``measure_response``; the present gains are in force again.
+        IkservoError: The errors of ``measure_response``; the present gains are in force again.
     """
 
     def try_one(gains: Mapping[Register, int]) -> Trial:

@@ -116,7 +116,7 @@ def open_servos(
         on_step: Called with the progress of a search.
 
     Raises:
-        InputError: What replies is of no known model, or several servos share an id.
+        InputError: A servo of an unknown model replies, or several servos share an id.
         ServoSilentError: No servo replies.
         PortError: No port, or it cannot be opened.
     """

@@ -226,7 +226,7 @@ class _GrabbedPoint:
         offset_m: The point (3,) in that link's coordinates.
         depth_m: Depth [m] of the plane parallel to the screen in which it is dragged.
         offset_px: From the pixel of the point to the pointer's (2,).
-        surface: Where the tip is dragged instead of in that plane.
+        surface: The surface on which the tip is dragged instead of that plane.
     """
 
     camera: Camera
@@ -250,7 +250,7 @@ class MovedThing:
 
     Attributes:
         name: Its name.
-        shift_m: How far it was moved (3,), base frame.
+        shift_m: The displacement (3,), base frame.
         is_dropped: Whether the pointer was lifted.
     """
 

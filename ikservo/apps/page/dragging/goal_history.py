@@ -49,8 +49,8 @@ class GoalHistory:
 
         Args:
             before: The target so far.
-            kind: What changes it; a repetition within 0.7 s belongs to the same gesture. Empty
-                for what is always a gesture of its own.
+            kind: The input that changes it; a repetition within 0.7 s belongs to the same gesture.
+                Empty for an input that is always a gesture of its own.
             now_s: The time.
         """
         continued = bool(kind) and kind == self._last_kind

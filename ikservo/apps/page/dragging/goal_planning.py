@@ -49,7 +49,7 @@ class PlanRequest:
     Args:
         arm: The arm.
         goal: All joints (n,), the array of the preview.
-        start: Where the motion would start (n,).
+        start: The start of the motion (n,).
         speed: The speed class.
         is_chosen: Whether the goal is chosen; during a drag only its straight path is looked at.
         marker: The target of the tip to which the goal was found, if there is one.

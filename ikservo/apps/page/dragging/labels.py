@@ -189,7 +189,7 @@ def candidate_rows(options: Sequence[PickCandidate | None], chosen: int) -> list
     """Return a row for each thing under the pointer: name, hit point, depth behind the first.
 
     Args:
-        options: As ``Drag.candidates_under`` returns them; None is the plane for the tip.
+        options: The options that ``Drag.candidates_under`` returns; None is the plane for the tip.
         chosen: Index of the selected one.
     """
     first_m = min((found.hit.depth_m for found in options if found is not None), default=0.0)

@@ -37,7 +37,7 @@ class LogEntry:
 
     Attributes:
         time_s: When, by the clock of the page.
-        message: What happened.
+        message: The event.
         level: ``bad`` for what went wrong, empty for news.
     """
 
@@ -53,7 +53,8 @@ class GoalRefusal:
     Attributes:
         goal: Goal of all joints (n,), the array that was refused.
         reason: Why, in one sentence.
-        pair: What would touch: a link, and another link or a thing; empty where nothing would.
+        pair: The pair that would touch: a link, and another link or a thing; empty if nothing
+            would.
     """
 
     goal: Vector
@@ -66,8 +67,8 @@ class StopNotice:
     """Why the arm holds until a user acknowledges it, as the command line formats it.
 
     Attributes:
-        message: What happened.
-        hint: What to do now.
+        message: The event.
+        hint: The remedy.
     """
 
     message: str
@@ -79,10 +80,10 @@ class CalibrationView:
     """A running calibration.
 
     Attributes:
-        item: What is asked or requested.
+        item: The question or request.
         request: The last request, with its reading; None while torque is still on.
-        lines: What was told since the last answer.
-        number: Which screen it is, from 1; an answer names the one that it was given on.
+        lines: The lines since the last answer.
+        number: The number of the screen, from 1; an answer names the screen that it was given on.
     """
 
     item: HandRequest | Question
@@ -97,9 +98,9 @@ class ArmSnapshot:
 
     Attributes:
         measured: Measured joint positions (n,), rad or m.
-        start: Where a motion would start (n,).
+        start: The start of a motion (n,).
         read_s: When they were measured.
-        reference: Where the joints should be (n,); None while no session runs.
+        reference: The reference of the joints (n,); None while no session runs.
         states: Telemetry of the servos, a little older.
         stop_notice: Why the arm holds; None if it is not stopped.
         stop_count: Number of stops that were carried out; confirms them to the page.
@@ -107,7 +108,7 @@ class ArmSnapshot:
         refusal: The goal that was refused last in a session; None if there is none.
         messages: Messages for the user, the oldest first.
         calibration: The running calibration, if any.
-        activity: What the arm does by itself; empty if nothing.
+        activity: The activity of the arm by itself; empty if there is none.
     """
 
     measured: Vector

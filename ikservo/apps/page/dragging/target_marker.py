@@ -21,8 +21,8 @@ class TargetMarker:
         reached: Whether these are the same.
         binding: The active limits.
         frame: The link that was grabbed; None for the tip.
-        stance: How the tool is to be there; None where that, or the link, is not the tool's.
-        turn_error_rad: How far the tool is from the orientation that was wanted of it; 0 if none.
+        stance: The wanted stance of the tool; None if it, or the link, is not the tool's.
+        turn_error_rad: The angle between the tool and its wanted orientation; 0 if none.
     """
 
     target_m: Vector

@@ -92,7 +92,7 @@ class SceneGraph:
         """Return the fields of a scene: joint positions of arm and goal, camera, marks.
 
         Args:
-            state: What is shown.
+            state: The state to show.
             handles: Whether the tool has handles: their axes (3, 3) in the base frame.
         """
         others = state.other_joints if state.goal_other_joints is None else state.goal_other_joints

@@ -32,8 +32,8 @@ class SceneState:
         grabbed: The link that is being dragged.
         behind: Whether the hovered link was selected behind others: its outline is drawn on top.
         picked: The object of the scene under the pointer.
-        refused_pair: What the goal would touch, if the guard refuses it; may be empty. None for a
-            goal that is not refused.
+        refused_pair: The pair that the goal would touch, if the guard refuses it; may be empty.
+            None for a goal that is not refused.
         other_joints: Positions of joints that are not in the chain, such as the gripper's.
         goal_other_joints: Their goals; None where they stay.
     """

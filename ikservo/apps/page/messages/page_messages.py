@@ -46,7 +46,7 @@ class SetViewport(PageMessage):
 
     Attributes:
         handles: Whether WebGL draws handles at the tool.
-        height_m: How far above the table a click in a camera's picture is.
+        height_m: The height above the table of a click in a camera's picture.
     """
 
     kind: Literal["viewport"]
@@ -81,8 +81,8 @@ class DragTool(PageMessage):
     """A drag of the tool's handles in the 3D scene, in the base frame since it began.
 
     Attributes:
-        shift: How far the tool was moved (3,), metres.
-        turn: How far it was turned: a rotation vector (3,), rad.
+        shift: The displacement of the tool (3,), metres.
+        turn: The rotation of the tool as a rotation vector (3,), rad.
     """
 
     kind: Literal["drag_tool"]

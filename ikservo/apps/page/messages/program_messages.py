@@ -23,11 +23,10 @@ class AddStep(PageMessage):
     Attributes:
         what: The arm's present joints, the joints of the target that is shown, a named pose, a
             recording, the gripper, or a wait.
-        path: How the present pose or the target is reached: by the joints, or with the tip on a
-            line.
+        path: The way to the present pose or the target: by the joints, or with the tip on a line.
         pose: The name of a named pose.
         recording: The name of a recording in the folder of the programs.
-        wait_s: Of a wait.
+        wait_s: The duration of a wait.
         after: The step before it; None to append it.
     """
 

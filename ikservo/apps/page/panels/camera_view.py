@@ -41,11 +41,11 @@ class CameraView:
         arm: The arm before it.
         video: Its pictures.
         clock: Tells when to look whether it has moved.
-        name: Of the camera; the one with the source of the pictures if empty.
+        name: The name of the camera; the one with the source of the pictures if empty.
 
     Attributes:
         tip_shows: The joint whose zero a click on the tip would show; None if there is none.
-        tip_clicks: How many have been made.
+        tip_clicks: The number of clicks.
 
     Raises:
         CalibrationError: The arm has no calibrated camera, or was calibrated with another one.
@@ -120,7 +120,7 @@ class CameraView:
         """Find the zero with which the tip is where it was clicked.
 
         Args:
-            camera: Of the drawing.
+            camera: The camera of the drawing.
             px: The pixel (2,) of the drawing.
             snapshot: The arm.
 

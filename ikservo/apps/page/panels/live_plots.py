@@ -23,7 +23,7 @@ class _Plot:
 
     Attributes:
         channels: The chosen channels.
-        span_s: How much of the past is shown.
+        span_s: The length of the past that is shown.
         stopped: Whether the seconds before the last stop are shown instead of the present.
         sent_s: Time of the last sample that was sent.
         due_s: When the next frame is due.

@@ -75,7 +75,7 @@ class NewArmPanel:
     """Runs one dialogue at a time and has what the page shows of it.
 
     Args:
-        folder: Where the arms' folders are made.
+        folder: The folder in which the arms' folders are made.
         is_local: Whether the page is served to this machine only. A page elsewhere gets no arm
             made: it would have files of this machine read, and written.
     """

@@ -23,9 +23,9 @@ class PageCameras:
 
     Args:
         clock: Tells how old pictures are.
-        sources: What ``VideoSource`` reads, and ``sim``.
-        name: Of the camera of each arm; empty for none. Without sources it is read from where the
-            arm was calibrated with it.
+        sources: The sources that ``VideoSource`` reads, and ``sim``.
+        name: The name of the camera of each arm; empty for none. Without sources it is read from
+            the camera with which the arm was calibrated.
 
     Raises:
         InputError: There is no such device or file.
@@ -66,7 +66,7 @@ class PageCameras:
         Args:
             arm: The arm.
             exits: Closes a simulated camera, which stands before this arm alone.
-            source: Of the pictures; the one that it shows at first if None.
+            source: The source of the pictures; the one that it shows at first if None.
 
         Raises:
             CalibrationError: The arm has no calibrated camera, and one is named.
@@ -125,15 +125,15 @@ class ArmCameras:
     """The cameras that one arm of a page may show, and the one that it does.
 
     Args:
-        cameras: Of the page.
+        cameras: The cameras of the page.
         arm: The arm.
         exits: Closes what it opens.
 
     Attributes:
         video: The pictures that are shown; None for none.
-        name: Of that camera; see ``CameraView``.
+        name: The name of that camera; see ``CameraView``.
         choices: See ``PageCameras.choices``.
-        chosen: Which of them it is; empty for none.
+        chosen: The chosen one; empty for none.
 
     Raises:
         IkservoError: See ``PageCameras.open_before``.

@@ -66,13 +66,13 @@ class ProgramDraft:
 
     Args:
         arm: The arm's name.
-        folder: Where programs are kept.
+        folder: The folder of the programs.
 
     Attributes:
         steps: The steps in their order.
-        speed: Of steps without a speed of their own.
-        repeat: How often all steps are made.
-        name: Of its file; empty before it was saved or loaded.
+        speed: The speed of steps without a speed of their own.
+        repeat: The number of repetitions of all steps.
+        name: The name of its file; empty before it was saved or loaded.
         changed: Whether it differs from its file.
         revision: Changes with every edit.
     """

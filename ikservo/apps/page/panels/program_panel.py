@@ -29,7 +29,7 @@ class ProgramPanel:
 
     Args:
         arm_thread: Owns the arm.
-        folder: Where programs are kept.
+        folder: The folder of the programs.
     """
 
     def __init__(self, arm_thread: ArmThread, folder: ProgramFolder | None = None) -> None:

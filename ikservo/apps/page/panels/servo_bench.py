@@ -70,7 +70,7 @@ class WorkOnServo(PageMessage):
         text: The backup to restore.
         address: The new id and baud rate.
         gains: The raw numbers to try, by register.
-        step_deg: How far the joint moves with them.
+        step_deg: The motion of the joint with them.
     """
 
     kind: Literal["work_on_servo"]

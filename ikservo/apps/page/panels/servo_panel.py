@@ -79,7 +79,7 @@ class ServoPanel:
             text: A raw integer, or a number with a unit.
 
         Raises:
-            InputError: As for ``read``; or the register is written in another way.
+            InputError: The errors of ``read``; or the register is written in another way.
         """
         if not _is_written_here(name):
             hint = _ELSEWHERE.get(name, "Move the joint by its slider.")
@@ -146,7 +146,7 @@ def write_values(line: ServoLine, servo: ServoSpec, values: Mapping[Register, in
     """Write registers after the checks of ``plan_writes``; return what has changed, in words.
 
     Raises:
-        IkservoError: As ``plan_writes`` and ``write_registers``.
+        IkservoError: The errors of ``plan_writes`` and ``write_registers``.
     """
     changes = plan_writes(line, servo, values)
     write_registers(line, servo, changes)
@@ -158,7 +158,7 @@ def write_limp(line: ServoLine, servo: ServoSpec, values: Mapping[Register, int]
 
     Raises:
         InputError: It holds.
-        IkservoError: As ``write_values``.
+        IkservoError: The errors of ``write_values``.
     """
     if holds_torque(line, servo):
         raise InputError(
@@ -176,7 +176,7 @@ def table_frame(
     Args:
         line: The servos.
         servo: The servo.
-        note: What is said besides.
+        note: An additional remark.
         is_written: Whether the page writes a register of this name.
 
     Raises:

@@ -41,12 +41,12 @@ def try_on_joint(
         arm: The arm.
         joint: The joint.
         gains: Raw numbers by register; those that are in force already count as not given.
-        step_deg: How far the joint moves.
+        step_deg: The motion of the joint.
         suggest: Whether to search better gains.
 
     Raises:
         InputError: Nothing else is to be tried, or the joint does not turn.
-        IkservoError: As every motion; the present gains are in force again.
+        IkservoError: The errors of every motion; the present gains are in force again.
     """
     servo = find_turning_servo(arm, joint)
     bus = arm.context.servos.bus

@@ -45,7 +45,7 @@ class ThingsPanel:
 
     Args:
         arm: The arm.
-        downloads: Where the scene file is offered.
+        downloads: The place that offers the scene file.
         find_arm: Finds another arm of the page.
         add_other_arm: Makes another arm of the page an obstacle to this one.
     """
@@ -85,7 +85,7 @@ class ThingsPanel:
         """Add, change or remove a thing, while nothing moves.
 
         Args:
-            message: What to do.
+            message: The remedy.
             joints: Measured joints (n,); a new thing is put where the arm is not.
 
         Raises:

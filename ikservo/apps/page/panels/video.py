@@ -58,10 +58,10 @@ class VideoSource:
         open_source: Opens the source.
 
     Attributes:
-        source: As given.
+        source: The source that was given.
         newest: The last picture (h, w) or (h, w, 3); None before any.
         before: The transport of the arm that a simulated camera stands before; None for others.
-        hint: What to know of the pictures; empty for nothing.
+        hint: A hint on the pictures; empty for none.
 
     Raises:
         InputError: There is no such device or file.

@@ -22,7 +22,7 @@ class LensCamera(Camera):
     Attributes:
         model: The camera.
         zoom: CSS pixels for one of the picture.
-        left_top_px: Where the picture begins (2,), CSS pixels.
+        left_top_px: The top left corner of the picture (2,), CSS pixels.
     """
 
     model: CameraModel

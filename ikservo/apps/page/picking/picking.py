@@ -59,7 +59,7 @@ class Picker:
         shapes: The primitives (n, ROW_WIDTH) of each link, link coordinates; see ``bvh``.
 
     Attributes:
-        tested: How many shapes the last search tested.
+        tested: The number of shapes that the last search tested.
     """
 
     def __init__(self, shapes: Mapping[str, Matrix]) -> None:
@@ -222,7 +222,7 @@ class PointerContext:
             arm. The first is the one that moves.
         plane_m: A point (3,) of the plane for clicks on nothing; that of the tip if None.
         other_joints: Positions of joints that are not in the chain to the tip.
-        surface: Where clicks on nothing go instead, in the picture of a calibrated camera.
+        surface: The surface for clicks on nothing in the picture of a calibrated camera.
     """
 
     camera: Camera

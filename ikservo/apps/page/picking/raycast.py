@@ -82,7 +82,7 @@ def raycast(
     """Find the first shape of every link on every ray, down the trees of boxes.
 
     Args:
-        origins: Where the rays start (k, 3), world.
+        origins: The starts of the rays (k, 3), world.
         directions: Unit vectors (k, 3), world.
         rotations: R_world_link of each link (links, 9), row by row.
         link_origins: Origins of the links (links, 3), world.

@@ -59,7 +59,7 @@ class LinkVisibility:
     Attributes:
         link: Its name.
         visible_fraction: Visible fraction of its projected area, 0 to 1, accurate to about 0.05.
-        hidden_by: What occludes the rest, largest occluder first.
+        hidden_by: The occluders of the rest, largest occluder first.
     """
 
     link: str

@@ -53,7 +53,7 @@ class ArmJob(Protocol):
     """Runs in the arm thread.
 
     Attributes:
-        title: What the arm does, in a few words.
+        title: The activity of the arm, in a few words.
         is_planned: Whether all that moves was planned and checked before it begins. Only such a
             job goes on through a hiccup of the page; one that follows live goals does not.
     """

@@ -79,11 +79,11 @@ class ArmThread:
     Args:
         open_arm: Opens the arm, also again after its port was lost.
         clock: The time of heartbeats; safe to read from any thread.
-        dead_man_s: How long a command is valid without a heartbeat.
+        dead_man_s: The time for which a command is valid without a heartbeat.
         calibration: Runs calibrations; None if there are none.
 
     Attributes:
-        lease: Which page is in control, and when it was heard last.
+        lease: The page in control, and the time when it was heard last.
         arm: The arm; other threads may use only what does not change while it is open. It is
             replaced after a calibration, and after its port was lost.
         snapshot: Written by this thread alone.
@@ -279,7 +279,7 @@ class ArmThread:
         """Append a message for the user; a repetition only renews its time.
 
         Args:
-            message: What happened; an empty one is left out.
+            message: The event; an empty one is left out.
             level: ``bad`` for what went wrong, empty for news.
         """
         if not message:

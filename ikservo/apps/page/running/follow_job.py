@@ -24,7 +24,7 @@ class FollowLeader:
         speed: The speed class.
 
     Attributes:
-        lag: How far the arm is behind.
+        lag: The lag of the arm.
         refusal: Why the guard refused a posture of the leader last; empty if it did not.
     """
 

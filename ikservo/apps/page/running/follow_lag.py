@@ -27,7 +27,7 @@ class FollowLag:
             while the leader is still.
         arm_s: To the same motion of the follower's joints; None while the leader is still.
         error: The largest distance of a joint from the leader's now, rad or m.
-        joint: Which joint that is.
+        joint: The joint with that lag.
     """
 
     goal_s: float | None

@@ -38,7 +38,7 @@ class Channel:
         quantity: One of ``QUANTITIES``. ``goal`` is where the trajectory has the joint, which the
             servo's own goal leads; ``error`` is goal minus position; ``losses`` counts the
             requests without a usable reply.
-        unit: As shown.
+        unit: The unit that is shown.
         joint: Empty for a quantity of the line.
     """
 
@@ -55,7 +55,7 @@ class HistorySlice:
         channels: The columns.
         times_s: Times (k,), increasing.
         values: Values (k, columns) in the channels' units, NaN where nothing was measured.
-        reason: What stopped the arm at its end; empty for a recording of the present.
+        reason: The reason why the arm stopped at its end; empty for a recording of the present.
     """
 
     channels: tuple[Channel, ...]
@@ -78,7 +78,7 @@ class History:
     Args:
         joints: The names of the joints.
         prismatic: Whether each is prismatic: shown in millimetres instead of degrees.
-        duration_s: How long samples are kept at least.
+        duration_s: The least time for which samples are kept.
         period_s: The shortest time between two of them.
 
     Attributes:

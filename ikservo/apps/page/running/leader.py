@@ -21,7 +21,7 @@ class LeaderFeed:
         name: The leader's, for messages; also an attribute.
         joint_names: Its joints that the follower has, too; also an attribute.
         clock: The time of samples, for both threads.
-        dead_man_s: How long a sample is valid.
+        dead_man_s: The time for which a sample is valid.
 
     Attributes:
         newest: The last sample: when it was measured and positions by joint, rad or m.
@@ -68,7 +68,7 @@ class LeadArm:
     """Publishes the joints while another arm follows (``ArmJob``); moves nothing.
 
     Args:
-        feed: Where they are published.
+        feed: The feed in which they are published.
         follower: Name of the other arm.
     """
 

@@ -25,7 +25,7 @@ class LimpPicture:
 
     Args:
         joint_maps: The map of each joint, as before the calibration.
-        measured: Where the joints were shown then (n,), rad or m.
+        measured: The joints (n,) that were shown then, rad or m.
     """
 
     def __init__(self, joint_maps: Sequence[JointMap], measured: Vector) -> None:

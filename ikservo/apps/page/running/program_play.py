@@ -23,9 +23,9 @@ class PlayState:
     """How far a program is.
 
     Attributes:
-        phase: What happens; ``bad`` after a check that found a step that cannot be made.
+        phase: The present phase; ``bad`` after a check that found a step that cannot be made.
         step: Number of the step that is checked or made, or with which to go on; None before.
-        repetition: Of the whole program, from 1.
+        repetition: The repetition of the whole program, from 1.
         reason: Why it was stopped there.
         problems: Why steps cannot be made, by their numbers; ``step`` is the first of them.
     """
@@ -48,7 +48,7 @@ class ProgramPlay:
         action: ``check`` only, ``play`` to the end, or make one ``step``.
 
     Attributes:
-        state: How far it is; written by the arm thread alone.
+        state: Its progress; written by the arm thread alone.
     """
 
     is_planned = True

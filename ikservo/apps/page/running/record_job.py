@@ -19,7 +19,7 @@ class RecordArm:
     """Records the joints until it is finished (``ArmJob``); torque stays as it is.
 
     Args:
-        folder: Where to write the file, under a name that is not taken.
+        folder: The folder of the file, whose name is not taken.
 
     Attributes:
         path: The file once it is complete; None before.

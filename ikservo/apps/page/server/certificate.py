@@ -58,7 +58,7 @@ def load_or_make_certificate(address: str, folder: Path | None = None) -> PageCe
 
     Args:
         address: The IP address at which the page is served; one of the names of a new one.
-        folder: Where it is kept; the user's own folder if None.
+        folder: The folder of the certificate; the user's own folder if None.
 
     Raises:
         CertificateError: The kept one is damaged, expired, or readable by others.

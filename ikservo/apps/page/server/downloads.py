@@ -21,9 +21,9 @@ class Download:
     """A file to be made when it is fetched.
 
     Attributes:
-        name: Of the file; empty for what the page shows itself.
+        name: The name of the file; empty for a file that the page shows itself.
         make: Returns it in parts; parts of text are made in a thread of their own.
-        media_type: What it is.
+        media_type: The media type.
     """
 
     name: str

@@ -149,13 +149,13 @@ class Client:
 
     Attributes:
         number: Identifies it.
-        permission: What its key permits.
+        permission: The permission of its key.
         view: Its viewpoint.
         lease: The lease of control that it was given last; empty if none.
         viewport: Size of its drawing; None until it was received.
         webgl: Whether it draws in 3D.
         handles: Whether it draws handles at the tool, too.
-        height_m: How far above the table a click in a camera's picture is.
+        height_m: The height above the table of a click in a camera's picture.
         sent: The last frame of each kind, so that nothing is sent twice.
         sent_s: When the last frame of each kind was sent.
         outbox: Replies that only this page gets.

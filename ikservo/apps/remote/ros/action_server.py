@@ -90,7 +90,7 @@ class ActionServer:
 
     Args:
         node: The node.
-        name: Of the action, with a leading slash.
+        name: The name of the action, with a leading slash.
         kind: Its type, as in ``control_msgs/action/FollowJointTrajectory``.
         executor: Executes goals.
     """

@@ -59,9 +59,9 @@ class RosBridge:
     Args:
         session: A Zenoh session with a router; the caller closes it after the bridge.
         arm: The arm; the caller closes it after the bridge.
-        domain: Of ROS 2.
-        namespace: In which all names are; empty for none.
-        rate_hz: How many joint states are published a second.
+        domain: The domain of ROS 2.
+        namespace: The namespace of all names; empty for none.
+        rate_hz: The number of joint states per second that are published.
         speed: The speed class of all motions.
         warn: Called with what was refused, and why.
     """

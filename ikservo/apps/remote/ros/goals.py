@@ -126,7 +126,7 @@ def trajectory_goal(
 
     Args:
         message: The message, with at least one point.
-        present: Where the joints are, rad or m.
+        present: The present joints, rad or m.
         limits: The lower and upper limit of each joint.
         now_s: When it begins.
 
@@ -194,7 +194,7 @@ class TwistGoal:
     """The tool moves with the velocity that was last said, until nothing was said for 0.3 s.
 
     Args:
-        T: Where it starts, T_base_tip (4, 4).
+        T: The pose at which it starts, T_base_tip (4, 4).
         now_s: When.
     """
 

@@ -68,7 +68,7 @@ class NodeName:
     """A node of the graph.
 
     Attributes:
-        domain: Of ROS 2.
+        domain: The domain of ROS 2.
         session: The id of its Zenoh session.
         namespace: With a leading slash; empty for none.
         name: Its own name.
